@@ -40,11 +40,9 @@ from fit.spectra import Excess, derivatives
 from fit.telemetry import (
     Telemetry,
     Writer,
-    another_stretch,
     check_channels,
     inertial_period,
-    read_stretch,
-    samples,
+    open_run,
 )
 
 Array = NDArray[np.float64]
@@ -198,7 +196,7 @@ class _Product:
     Attributes
     ----------
     head : Telemetry
-        Its first samples.
+        As it is read.
     n_samples, n_outputs : int
         Number of samples of the file and of Delta g.
     fs : float
@@ -206,12 +204,12 @@ class _Product:
     """
 
     def __init__(self, path: Path, results: Results) -> None:
-        self.head = read_stretch(path, 0, 2)
-        check_channels(read_stretch(path, 0, None))
+        self.head = open_run(path)
+        check_channels(self.head)
         taps, factor = derivatives.low_pass(self.head.fs)
         # the first output needs so many samples beyond its own, on both sides together
         self._reach = taps.size - 1 + 2 * derivatives.HALF * factor
-        self._factor, self.n_samples = factor, samples(path)
+        self._factor, self.n_samples = factor, self.head.size
         if self.n_samples <= self._reach:
             raise InputError(f"{path}: {self.n_samples} samples, expected more than {self._reach}")
         self.n_outputs = (self.n_samples - 1 - self._reach) // factor + 1
@@ -295,7 +293,7 @@ class _Product:
             end = min(begin + step, n)
             start, stop = max(0, begin - margin), min(n, end + margin)
             sample_stop = factor * (stop - 1) + self._reach + 1 if stop < n else None
-            run = another_stretch(self.head, factor * start, sample_stop)
+            run = self.head.part(slice(factor * start, sample_stop))
             yield run, slice(begin - start, end - start)
 
     def _rotation(self) -> Rotation | None:

@@ -12,25 +12,6 @@ class InputError(CalibrationError):
     """The input is wrong; the message names the file, the place in it and what was expected (exit 2)."""
 
 
-class StorageError(InputError):
-    """A dataset is kept in a way that is not read.
-
-    Attributes
-    ----------
-    place, reason, expected : str
-        File and dataset, what its storage is, and what is read instead.
-    is_filtered : bool
-        Whether the fault is in its chunks or their filters.
-    """
-
-    def __init__(self, place: str, reason: str, expected: str, *, is_filtered: bool = False) -> None:
-        super().__init__(place, reason, expected)  # as it is unpickled, where another process raised it
-        self.place, self.reason, self.expected, self.is_filtered = place, reason, expected, is_filtered
-
-    def __str__(self) -> str:
-        return f"{self.place}: {self.reason}, expected {self.expected}"
-
-
 class FitError(CalibrationError):
     """The input is sound but no trustworthy estimate came out of it (exit 1)."""
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from fit.errors import InputError
 from fit.results import Results, telemetry_of
-from fit.telemetry import guard, read_stretch, reader, samples, utc
+from fit.telemetry import open_run, sandbox, utc, validate
 
 
 @dataclass(frozen=True)
@@ -70,8 +70,8 @@ def source(results: Results, file: Path | None) -> Source:
         paths = telemetry_of(results, file) if file else []
     except InputError:  # it was moved; the results can be compared all the same
         paths = []
-    refusals = list(guard.refusals(reader.look, paths))
-    readable = list(compress(paths, (refused is None for refused in refusals)))
+    rejections = sandbox.rejections(validate, paths)
+    readable = list(compress(paths, (rejection is None for rejection in rejections)))
     recordings = tuple(map(_recording, readable))
     stated = {recording.run for recording in recordings}  # a carried-over joint fit is of other runs
     data_source = Source(results, recordings, complete=bool(paths) and len(readable) == len(paths))
@@ -79,14 +79,14 @@ def source(results: Results, file: Path | None) -> Source:
 
 
 def _recording(path: Path) -> Recording:
-    head = read_stretch(path, 0, 2)
-    begin = utc(head.t0).timestamp() + float(head.time[0])
-    seed = head.attributes.get("seed")
+    run = open_run(path)
+    begin = utc(run.t0).timestamp() + float(run.time[0])
+    seed = run.attributes.get("seed")
     return Recording(
         path.resolve(),
-        head.run,
+        run.run,
         begin,
-        begin + samples(path) / head.fs,
+        begin + run.duration,
         seed if isinstance(seed, int) else None,
     )
 

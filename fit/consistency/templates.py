@@ -50,7 +50,7 @@ class RunSeries:
         if name not in telemetry.channels:
             return None
         taps, factor = derivatives.low_pass(telemetry.fs)
-        return derivatives.preprocess(telemetry.row(name), telemetry.fs, taps, factor)[0]
+        return derivatives.preprocess(telemetry.channels[name], telemetry.fs, taps, factor)[0]
 
     def effect(self, name: str, series: Array) -> Array:
         """Return what a series added to a channel, shape (N,), adds to Delta g, shape (M,)."""

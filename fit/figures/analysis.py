@@ -127,7 +127,7 @@ def analysed(
 
     The spectrum of Delta g leaves out what was `masked`, begin and end [s], unless that is half of a stretch.
     """
-    start = float(telemetry.instants(slice(1))[0])
+    start = float(telemetry.time[0])
     fast, slow, signal, asd = _Averaged(FAST), _Averaged(SLOW), _Averaged(FAST), _Mean()
     terms, fs, begin, driven = dict[str, _Mean](), telemetry.fs, start, telemetry.kind != "noise"
     missing: list[NDArray[np.bool_]] = []

@@ -70,7 +70,7 @@ def responses(run: Telemetry) -> Chart:
 
 def _hourly(run: Telemetry, name: str) -> tuple[Array, Array]:
     """Return hours since the start of a run, and a channel, as they are drawn."""
-    time, values = envelope(run.row("time"), run.row(name))
+    time, values = envelope(run.time, run.channels[name])
     return (time - time[0]) / 3600, values
 
 

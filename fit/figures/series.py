@@ -6,19 +6,19 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from fit.telemetry import PIECE, Row, pieces
+from fit.telemetry import PIECE, pieces
 
 Array = NDArray[np.float64]
 
 _BUCKETS = 500  # per curve
 
 
-def envelope(time: Row, values: Row) -> tuple[Array, Array]:
+def envelope(time: Array, values: Array) -> tuple[Array, Array]:
     """Return a curve of at most 2 * 500 points that covers the same ink: extremes of every bucket.
 
     Parameters
     ----------
-    time, values : Row, shape (N,)
+    time, values : ndarray, shape (N,)
         Missing samples (NaN) are passed over; a bucket of nothing else stays a gap.
     """
     if values.size <= 2 * _BUCKETS:

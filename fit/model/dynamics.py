@@ -33,7 +33,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fit.spectra import derivatives
-from fit.telemetry import MAX_MISSING, Telemetry, TimeAxis, axis_part
+from fit.telemetry import MAX_MISSING, Telemetry
 
 Array = NDArray[np.float64]
 
@@ -197,7 +197,7 @@ def beyond(telemetry: Telemetry, f_max: float) -> Channels:
 
 
 def _channels(telemetry: Telemetry, taps: Array, factor: int, motion: bool) -> Channels:
-    kept, own = {}, ((name, telemetry.row(name)) for name in CHANNELS)
+    kept, own = {}, ((name, telemetry.channels[name]) for name in CHANNELS)
     touched = gone = np.zeros(1, dtype=bool)
     # one by one: as archived, all of them fill the memory
     for name, raw in chain(own, means(telemetry) if motion else ()):
@@ -205,7 +205,7 @@ def _channels(telemetry: Telemetry, taps: Array, factor: int, motion: bool) -> C
         touched, gone = touched | masked, gone | missing
     return Channels(
         fs=telemetry.fs / factor,
-        time=telemetry.instants(slice(taps.size // 2, None, factor))[: touched.size],
+        time=telemetry.time[taps.size // 2 :: factor][: touched.size],
         **{name: kept.pop(name) for name in CHANNELS},
         means=kept,
         valid=~touched,
@@ -241,9 +241,6 @@ class Columns:
     valid: NDArray[np.bool_]
 
 
-Channels.time = Columns.time = TimeAxis()  # type: ignore[assignment]
-
-
 def columns(run: Channels, tau: tuple[float, float]) -> Columns:
     """Differentiate and delay."""
     return blank(run, tau, np.concatenate(list(parts(run, tau)), axis=1))
@@ -252,8 +249,8 @@ def columns(run: Channels, tau: tuple[float, float]) -> Columns:
 def blank(run: Channels, tau: tuple[float, float], values: Array | None = None) -> Columns:
     """Return the columns without their values, shape (N, 0), unless these are given."""
     valid, names = ~derivatives.dilate_mask(~run.valid), (*COLUMNS, *run.parameters[len(PARAMETERS) :])
-    time, values = axis_part(run, _INNER), np.empty((valid.size, 0)) if values is None else values
-    return Columns(tau, names, run.fs, time, values, valid)  # type: ignore[arg-type]  # see TimeAxis
+    time, values = run.time[_INNER], np.empty((valid.size, 0)) if values is None else values
+    return Columns(tau, names, run.fs, time, values, valid)
 
 
 def parts(run: Channels, tau: tuple[float, float]) -> Iterator[Array]:

@@ -195,7 +195,7 @@ def motion(telemetry: Telemetry, found: Sources, reference: Array | None = None)
     pointing = [terms(x) for x in attitude(telemetry, found, reference).T]
     return Motion(
         fs=fs,
-        time=telemetry.instants(slice(taps.size // 2 + derivatives.HALF * factor, None, factor))[: N.size],
+        time=telemetry.time[taps.size // 2 + derivatives.HALF * factor :: factor][: N.size],
         dOmega=np.stack(dOmega, axis=1),
         angle=np.stack(angles, axis=1),
         swing=np.stack(swing, axis=1),

@@ -32,7 +32,7 @@ def at_limit(f_x: Array, limit: float) -> NDArray[np.bool_]:
 
 def limited(run: Telemetry, name: str) -> NDArray[np.intp]:
     """Return first sample and end of every stretch where a command is at its limit, shape (G, 2)."""
-    f_x, limit = run.row(name), limit_of(run, name)
+    f_x, limit = run.channels[name], limit_of(run, name)
     return derivatives.chunked_true_runs(at_limit(f_x[piece], limit) for piece in pieces(f_x.size))
 
 
@@ -45,11 +45,11 @@ def check_authority(run: Telemetry) -> Iterator[str]:
     """Yield what contradicts the authority of a run."""
     for j in (1, 2):
         yield from _implausible_stiffness(run, j)
-        f_x, limit = run.row(f"f_x_{j}")[:], limit_of(run, f"f_x_{j}")
+        f_x, limit = run.channels[f"f_x_{j}"], limit_of(run, f"f_x_{j}")
         if np.isnan(f_x).all():
             continue
         index = int(np.nanargmax(np.abs(f_x)))
-        largest, when = abs(float(f_x[index])), f"{run.instants(slice(index, index + 1))[0]:.0f} s"
+        largest, when = abs(float(f_x[index])), f"{run.time[index]:.0f} s"
         tolerance = TOLERANCE if run.fs > 0.99 * FULL_RATE else RINGING
         if limit == 0 and largest > LEAK:
             yield f"{run.path}: f_x_{j} is {largest:.3g} m s-2 at {when}, but attribute F_max_{j} is 0"

@@ -32,7 +32,6 @@ from fit.quality.matched_filter import WIDTHS, MatchedFilter
 from fit.quality.matching_pursuit import matching_pursuit
 from fit.quality.whitened_templates import WhitenedTemplates
 from fit.spectra import NoiseModel, Spectrum, derivatives, fit_noise
-from fit.telemetry import axis_part
 from fit.warnings import FitWarning, TimeSpan
 from fit.whitening import Experiment, Glitch, Run, whitened_run
 
@@ -262,7 +261,7 @@ class GlitchSearch:
             whitened_run.stacked(U @ self._c),
         )
         return WhitenedTemplates(
-            time=axis_part(self.run.channels, transformed),
+            time=self.run.channels.time[transformed],
             fs=self.run.channels.fs,
             f=terms.f,
             S=S,
@@ -286,7 +285,7 @@ class GlitchSearch:
             return FitWarning(TOO_MANY, (), message)
         masks, end = (
             sorted(self.run.masks[len(self._original.masks) :]),
-            float(self.run.telemetry.instants(slice(-1, None))[0]),
+            float(self.run.telemetry.time[-1]),
         )
         subtracted = merge_spans([(max(a, 0.0), min(b, end)) for a, b in (g.span for g in self._shapes)])
         parts = [describe_spans(s, what) for s, what in ((masks, "masked"), (subtracted, FITTED_ALONG)) if s]

@@ -12,7 +12,7 @@ import scipy
 from numpy.typing import NDArray
 
 from fit.spectra import derivatives
-from fit.telemetry import Row, Telemetry
+from fit.telemetry import Telemetry
 
 Array = NDArray[np.float64]
 
@@ -45,12 +45,12 @@ class SampleFault:
     is_repetition: bool = False
 
 
-def jumps(x: Row, fs: float, step: float = 0.0) -> Iterator[SampleFault]:
+def jumps(x: Array, fs: float, step: float = 0.0) -> Iterator[SampleFault]:
     """Yield the largest jump or wild sample of a read-out, if neither noise nor a force explains it.
 
     Parameters
     ----------
-    x : Row
+    x : ndarray, shape (N,)
         The read-out.
     fs : float
         Its sample rate [Hz].
@@ -136,5 +136,5 @@ def _is_isolated(sizes: Array, at: int, half: int) -> bool:
 def command_jumps(run: Telemetry) -> Iterator[str]:
     """Yield jumps and wild samples of commands, which are only faults where the equation fails."""
     for name in ("f_x_1", "f_x_2"):
-        for fault in jumps(run.row(name), run.fs):
+        for fault in jumps(run.channels[name], run.fs):
             yield f"{run.path}: {name} {fault.text} s-2 at {fault.begin:.7g} s"

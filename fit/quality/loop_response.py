@@ -104,7 +104,7 @@ def slow_response(run: Run) -> SlowResponse | None:
         return None
     fs = run.telemetry.fs
     taps, factor = derivatives.low_pass(fs)
-    guidance, masked, _ = derivatives.preprocess(run.telemetry.row("guidance_o_1"), fs, taps, factor)
+    guidance, masked, _ = derivatives.preprocess(run.telemetry.channels["guidance_o_1"], fs, taps, factor)
     if np.ptp(guidance) <= 1e-9 * np.max(np.abs(guidance)):
         return None
     pair = np.stack([guidance, run.channels.o_1], axis=1)

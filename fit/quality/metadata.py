@@ -249,7 +249,7 @@ def _injected_channel(noise: Sequence[Run], run: Telemetry) -> str:
     """Return the channel of a run that shows injections, by itself or beside noise runs; or nothing."""
     taps, factor = derivatives.low_pass(run.fs)
     for name in (name for name in ("guidance_o_1", "guidance_o_12") if name in run.channels):
-        x = derivatives.preprocess(run.row(name), run.fs, taps, factor)[0]
+        x = derivatives.preprocess(run.channels[name], run.fs, taps, factor)[0]
         if np.ptp(x) > 0 and _spectral_lines(x, run.fs / factor)[2].any():
             return name
     own = dynamics.channels(run, motion=False)

@@ -12,7 +12,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from fit.telemetry import Row, pieces
+from fit.telemetry import pieces
 
 Array = NDArray[np.float64]
 
@@ -74,7 +74,7 @@ class Resolution:
         return self.largest < FIXED * float(self.steps[0])
 
 
-def estimate_resolution(x: Row) -> Resolution | None:
+def estimate_resolution(x: Array) -> Resolution | None:
     """Return the resolution of a channel; None if its values are as fine as double precision."""
     every = -(-x.size // VALUES)
     values = np.concatenate([x[piece][-piece.start % every :: every] for piece in pieces(x.size)])

@@ -73,7 +73,7 @@ def roundings(run: Telemetry, noise: Telemetry | None) -> Iterator[Rounding]:
     noise : Telemetry, optional
         The other run of the experiment: the noise is that of the quieter one.
     """
-    resolutions = {name: estimate_resolution(run.row(name)) for name in dynamics.CHANNELS}
+    resolutions = {name: estimate_resolution(run.channels[name]) for name in dynamics.CHANNELS}
     rounded = {n: found for n, found in resolutions.items() if found and not _is_driven(run, n, found)}
     spectra = [_spectra(each) for each in (run, noise) if each is not None] if rounded else []
     for name, resolution in rounded.items():
@@ -83,7 +83,7 @@ def roundings(run: Telemetry, noise: Telemetry | None) -> Iterator[Rounding]:
         own = "o_1" if name == "o_1" else "force"  # o_1 is compared with its own noise: it but drives
         least = np.min([np.interp(f, *each[own]) for each in spectra], axis=0)
         share = float(np.max(power / np.maximum(least, 1e-300)))
-        x = run.row(name)[:]
+        x = run.channels[name]
         mean, deviation = float(np.nanmean(x)), float(np.nanstd(x))
         coarse = share > (COARSE_MOTION if name == "o_1" else COARSE) or deviation < resolution.largest
         yield Rounding(share, coarse, _said(run, name, resolution, share, mean, deviation))
@@ -91,7 +91,7 @@ def roundings(run: Telemetry, noise: Telemetry | None) -> Iterator[Rounding]:
 
 def _is_driven(run: Telemetry, name: str, resolution: Resolution) -> bool:
     """Tell whether a command has few values because nothing but what is injected drives it."""
-    return resolution.few and name not in samples.READ_OUTS and not samples.is_fed_back(run.row(name))
+    return resolution.few and name not in samples.READ_OUTS and not samples.is_fed_back(run.channels[name])
 
 
 def _said(
@@ -110,7 +110,7 @@ def _said(
 def _rounding(run: Telemetry, name: str, resolution: Resolution) -> tuple[Array, Array]:
     """Return frequencies [Hz] of the fitted band, and the PSD of the rounding of a channel there."""
     f = np.geomspace(LEAST, derivatives.F_MAX, 64)
-    x = run.row(name)
+    x = run.channels[name]
     every = -(-x.size // VALUES)
     square = np.nanmean(resolution.at(x[:][::every]) ** 2)
     same = sum(np.count_nonzero(np.diff(x[piece]) == 0) for piece in pieces(x.size, overlap=1))
@@ -122,7 +122,7 @@ def _spectra(run: Telemetry) -> dict[str, tuple[Array, Array]]:
     """Return the PSD, without lines, of the second derivative of o_1 and of the force."""
     taps, factor = derivatives.low_pass(run.fs)
     o_1, o_12, f_x_1, f_x_2 = (
-        derivatives.preprocess(run.row(name), run.fs, taps, factor)[0]
+        derivatives.preprocess(run.channels[name], run.fs, taps, factor)[0]
         for name in ("o_1", "o_12", "f_x_1", "f_x_2")
     )
     fs = run.fs / factor

@@ -21,7 +21,7 @@ from fit.quality import authority, straight
 from fit.quality.jumps import SampleFault, jumps
 from fit.quality.resolution import Resolution, chance_of_equality, estimate_resolution
 from fit.spectra import derivatives
-from fit.telemetry import Row, Telemetry
+from fit.telemetry import Telemetry
 
 Array = NDArray[np.float64]
 
@@ -89,7 +89,7 @@ class Channel:
         return [SampleFault(text, 0.0, self.x.size / self.fs)]
 
 
-def is_noisy(x: Row) -> bool:
+def is_noisy(x: Array) -> bool:
     """Return whether a channel changes nearly always, as noise makes it."""
     samples = x[:]
     return int(np.count_nonzero(samples[1:] == samples[:-1])) < 0.5 * (samples.size - 1)
@@ -184,12 +184,12 @@ CHECKS: Mapping[str, Callable[[Channel], list[SampleFault]]] = {
 }
 
 
-def channel_faults(x: Row, fs: float, resolution: Resolution | None) -> list[SampleFault]:
+def channel_faults(x: Array, fs: float, resolution: Resolution | None) -> list[SampleFault]:
     """Return where a channel that should be noise is constant, on a straight line or repeated.
 
     Parameters
     ----------
-    x : Row
+    x : ndarray, shape (N,)
         The channel.
     fs : float
         Its sample rate [Hz].
@@ -232,7 +232,7 @@ def interpolated_channels(run: Telemetry) -> Iterator[str]:
     Rounding puts samples on the line between their neighbours here and there, hardly ever all of a comb.
     """
     for name in dynamics.CHANNELS:
-        if period := _comb_period(run.row(name)[:COMB_SAMPLES]):
+        if period := _comb_period(run.channels[name][:COMB_SAMPLES]):
             comb = f"one sample in every {period} lies on the line between its neighbours"
             yield f"{run.path}: {name} is interpolated: {comb}"
 
@@ -258,7 +258,7 @@ def _comb_period(x: Array) -> int:
 def check_samples(sysid: Telemetry, noise: Telemetry | None) -> Iterator[str]:
     """Yield the faults of the samples of an experiment and of its noise run."""
     commands = [name for name in dynamics.CHANNELS if name not in READ_OUTS]
-    fed_back = {name for name in commands if noise is not None and is_fed_back(noise.row(name))}
+    fed_back = {name for name in commands if noise is not None and is_fed_back(noise.channels[name])}
     for run in (sysid, noise):
         if run is not None:
             faults = {name: _faults_of(run, fed_back, name) for name in dynamics.CHANNELS}
@@ -269,7 +269,7 @@ def check_samples(sysid: Telemetry, noise: Telemetry | None) -> Iterator[str]:
                     yield f"{run.path}: {name} {fault.text} at {fault.begin:.7g} s"
 
 
-def is_fed_back(x: Row) -> bool:
+def is_fed_back(x: Array) -> bool:
     """Return whether a loop feeds a command: it changes all the time, if only by the steps of its numbers."""
     if is_noisy(x):
         return True
@@ -286,7 +286,7 @@ def is_fed_back(x: Row) -> bool:
 def _faults_of(run: Telemetry, fed_back: Container[str], name: str) -> list[SampleFault]:
     if name not in READ_OUTS and name not in fed_back:
         return []
-    x = run.row(name)
+    x = run.channels[name]
     if name in fed_back and authority.limited(run, name).size:
         # is masked, and no fault of the archive
         x = np.where(authority.at_limit(x[:], authority.limit_of(run, name)), np.nan, x[:])

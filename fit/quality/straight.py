@@ -6,7 +6,7 @@ from numpy.typing import NDArray
 
 from fit.quality.resolution import Resolution
 from fit.spectra import derivatives
-from fit.telemetry import Row, pieces
+from fit.telemetry import pieces
 
 Array = NDArray[np.float64]
 
@@ -22,7 +22,7 @@ FINENESS = 64  # of such a stretch, to which its ends are known
 TOGETHER = 2**17  # samples that are in memory at a time
 
 
-def stretches(x: Row, resolution: Resolution) -> NDArray[np.intp]:
+def stretches(x: Array, resolution: Resolution) -> NDArray[np.intp]:
     """Return the stretches that are on a straight line to a step, and are longer than rounding makes them.
 
     Where a channel moves by less than a step from sample to sample, many short windows are straight. If a
@@ -51,7 +51,7 @@ def stretches(x: Row, resolution: Resolution) -> NDArray[np.intp]:
     return longest[np.argsort(longest[:, 0])]
 
 
-def _bends(x: Row, resolution: Resolution, at: slice) -> Array:
+def _bends(x: Array, resolution: Resolution, at: slice) -> Array:
     """Return the sizes of second differences in steps, those of the largest of three values."""
     part = x[at.start : at.stop + 2]
     steps = resolution.at(part)
@@ -59,7 +59,7 @@ def _bends(x: Row, resolution: Resolution, at: slice) -> Array:
 
 
 def _shares(
-    x: Row,
+    x: Array,
     resolution: Resolution,
     size: int,
     candidates: NDArray[np.intp],
@@ -69,7 +69,7 @@ def _shares(
 
     Parameters
     ----------
-    x : Row
+    x : ndarray, shape (N,)
         The channel.
     resolution : Resolution
         Of its numbers.
@@ -123,7 +123,7 @@ def _on_line(windows: Array, resolution: Resolution) -> NDArray[np.bool_]:
     return np.asarray(np.all(np.abs(windows - line) <= most, axis=1))
 
 
-def _lines_within(x: Row, parts: NDArray[np.intp], resolution: Resolution, least: int) -> NDArray[np.intp]:
+def _lines_within(x: Array, parts: NDArray[np.intp], resolution: Resolution, least: int) -> NDArray[np.intp]:
     """Return the stretches within parts of which every `least` samples in a row are on a line."""
     lines = [
         begin + _lines(x[begin:end], resolution, least)

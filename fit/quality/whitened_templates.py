@@ -15,7 +15,7 @@ import scipy
 from numpy.typing import NDArray
 
 from fit.spectra import windowing
-from fit.telemetry import Row, pieces
+from fit.telemetry import pieces
 from fit.whitening import Glitch, glitch_templates
 
 Array = NDArray[np.float64]
@@ -30,7 +30,7 @@ class WhitenedTemplates:
 
     Attributes
     ----------
-    time : Row, shape (n,)
+    time : ndarray, shape (n,)
         Instants [s] of the samples that are transformed.
     fs : float
         Sample rate [Hz].
@@ -50,7 +50,7 @@ class WhitenedTemplates:
         Number of runs of the campaign that are searched.
     """
 
-    time: Row
+    time: Array
     fs: float
     f: Array
     S: Array

@@ -14,7 +14,7 @@ from pathlib import Path
 from fit.errors import InputError, shown
 from fit.files import documents, is_file
 from fit.results.results import Results, load
-from fit.telemetry import guard, reader
+from fit.telemetry import sandbox, validate
 
 RESULTS, TELEMETRY = "results.json", "telemetry"
 _MAP = "lpf-map/"
@@ -174,8 +174,8 @@ def _check_alone(folder: Path, hdf5_files: Sequence[Path], files: Sequence[Path]
     strangers = [
         path for path in hdf5_files if path.resolve() not in known and not any(map(path.match, _PRODUCTS))
     ]
-    refusals = guard.refusals(reader.look, strangers)
-    telemetry = [path.name for path, refused in zip(strangers, refusals, strict=False) if refused is None]
+    rejections = sandbox.rejections(validate, strangers)
+    telemetry = [path.name for path, reason in zip(strangers, rejections, strict=False) if reason is None]
     if telemetry:
         raise InputError(
             f"{folder}: has telemetry ({', '.join(telemetry)}) beside that of its results ({files[0]}"

@@ -14,7 +14,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from fit import requirements
-from fit.telemetry import PIECE, Row, pieces
+from fit.telemetry import PIECE, pieces
 
 Array = NDArray[np.float64]
 
@@ -168,19 +168,19 @@ def decimate(x: Array, taps: Array, factor: int) -> Array:
     return filtered
 
 
-def decimate_channel(x: Row, taps: Array, factor: int) -> Array:
+def decimate_channel(x: Array, taps: Array, factor: int) -> Array:
     """Filter and decimate a channel as `decimate` does, missing samples set to zero."""
     chunks = [decimate(np.nan_to_num(x[at]), taps, factor) for at in _chunks(x, taps, factor)]
     return np.concatenate([np.empty(0), *chunks])
 
 
-def _chunks(x: Row, taps: Array, factor: int) -> Iterator[slice]:
+def _chunks(x: Array, taps: Array, factor: int) -> Iterator[slice]:
     """Yield slices of a channel that can be decimated separately, with the same result."""
     return pieces(x.size, taps.size - 1, PIECE // factor * factor)
 
 
 def preprocess(
-    x: Row, fs: float, taps: Array, factor: int
+    x: Array, fs: float, taps: Array, factor: int
 ) -> tuple[Array, NDArray[np.bool_], NDArray[np.bool_]]:
     """Interpolate the gaps of a channel, shape (N,), filter and decimate it.
 

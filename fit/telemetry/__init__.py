@@ -1,26 +1,23 @@
 """Telemetry: the contract of its files, their reader and writer, and archives that a map turns into them.
 
 A run is a `Telemetry`. A channel is read from the file when it is used. Another process tries files from
-elsewhere first, since they may crash a library (`guard`).
+elsewhere first, since they may crash a library (`sandbox`).
 """
 
-from fit.telemetry.axis import TimeAxis, axis_part
 from fit.telemetry.contract import CHANNELS, SCHEMA, TOWARDS_1, TOWARDS_2, XAxis, utc
-from fit.telemetry.datasets import MAX_MISSING
-from fit.telemetry.pieces import PIECE, Row, pieces
+from fit.telemetry.pieces import PIECE, pieces
 from fit.telemetry.reader import (
     Telemetry,
-    another_stretch,
     check_channels,
     common_x_axis,
     inertial_period,
+    open_run,
     read_all,
-    read_stretch,
     read_truth,
     root_attributes,
-    samples,
+    validate,
 )
-from fit.telemetry.storage import check_storage
+from fit.telemetry.validation import MAX_MISSING, check_storage
 from fit.telemetry.writer import Writer
 
 __all__ = [
@@ -30,26 +27,21 @@ __all__ = [
     "SCHEMA",
     "TOWARDS_1",
     "TOWARDS_2",
-    "Row",
     "Telemetry",
-    "TimeAxis",
     "Writer",
     "XAxis",
-    "another_stretch",
-    "axis_part",
     "check_channels",
     "check_storage",
     "common_x_axis",
     "conversion",
     "drafts",
-    "guard",
     "inertial_period",
+    "open_run",
     "pieces",
     "read_all",
-    "read_stretch",
     "read_truth",
-    "reader",
     "root_attributes",
-    "samples",
+    "sandbox",
     "utc",
+    "validate",
 ]

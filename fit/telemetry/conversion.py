@@ -16,13 +16,13 @@ from numpy.typing import NDArray
 
 from fit.errors import InputError
 from fit.files import refuse_links
-from fit.telemetry import grid, guard, stamps
-from fit.telemetry.archives import is_text, look
+from fit.telemetry import grid, sandbox, stamps
+from fit.telemetry.archives import is_text, validate
 from fit.telemetry.contract import REQUIRED, SCHEMA, check_root
-from fit.telemetry.datasets import MAX_SAMPLES, check_missing, check_values
 from fit.telemetry.maps import Map, Place, attributes_of, load, places_of_run
 from fit.telemetry.markers import Extreme, replace_markers
 from fit.telemetry.sources import ArchiveColumn, Archives, describe, read_blocks
+from fit.telemetry.validation import MAX_SAMPLES, check_missing, check_values
 from fit.telemetry.writer import Writer
 
 Array = NDArray[np.float64]
@@ -71,7 +71,7 @@ def convert(paths: Sequence[Path], folder: Path, *, any_gaps: bool) -> list[Path
             twin = places.setdefault(source.run, place)
             if twin is not place:
                 raise InputError(f"{place}.run: {source.run!r} is also that of {twin}, expected unique names")
-    _guard(
+    _check_tables(
         place
         for p, mapping in maps.items()
         for i in range(len(mapping.runs))
@@ -92,7 +92,7 @@ def convert(paths: Sequence[Path], folder: Path, *, any_gaps: bool) -> list[Path
     return [file for path in dict.fromkeys(paths) for file in runs.get(path, [path])]
 
 
-def _guard(places: Iterable[Place]) -> None:
+def _check_tables(places: Iterable[Place]) -> None:
     """Have another process look at all tables first; of each file it takes one at a time."""
     tables: dict[Path, list[str | int | None]] = {}
     for place in dict.fromkeys(places):
@@ -100,7 +100,7 @@ def _guard(places: Iterable[Place]) -> None:
             tables.setdefault(place.archive, []).append(place.table)
     for n in range(max(map(len, tables.values()), default=0)):
         some = {path: of_file[n] for path, of_file in tables.items() if n < len(of_file)}
-        guard.check(look, list(some), some)
+        sandbox.check(validate, list(some), some)
 
 
 def _converted(folder: Path) -> list[Path]:

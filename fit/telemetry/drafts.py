@@ -8,8 +8,8 @@ from typing import Any
 
 import tomli_w
 
-from fit.telemetry import guard, stamps
-from fit.telemetry.archives import is_text, look, opened
+from fit.telemetry import sandbox, stamps
+from fit.telemetry.archives import is_text, opened, validate
 from fit.telemetry.archives.table import Column, Table, split_unit
 from fit.telemetry.contract import ATTRIBUTES, CHANNELS, REQUIRED
 from fit.telemetry.maps import Map
@@ -72,7 +72,7 @@ def draft(name: str, archives: Sequence[Path], folder: Path) -> str:
         If an archive cannot be read.
     """
     binary = [path for path in archives if not is_text(path)]
-    guard.check(look, binary, dict.fromkeys(binary))
+    sandbox.check(validate, binary, dict.fromkeys(binary))
     known = [_read(path) for path in archives]
     head = _HEAD.format(name=name, stem=Path(name).stem, blank=BLANK)
     if not known:

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from fit.errors import InputError
 from fit.telemetry.contract import utc
-from fit.telemetry.datasets import check_time
 from fit.telemetry.stamps import Stamps
+from fit.telemetry.validation import check_time
 
 Array = NDArray[np.float64]
 
@@ -39,9 +39,9 @@ def fit_grid(place: str, stamps: Stamps, fs: float | None) -> tuple[Array, float
             if _is_rounded(seconds - even, stamps.resolution, rate):
                 return even, rate
         else:
-            return (np.asarray(time[:]) if stamps.t0 is None else even), rate
+            return (np.asarray(time) if stamps.t0 is None else even), rate
     _check_resolution(place, stamps, 0.5 / rates[0])
-    return np.asarray(check_time(place, seconds, rates[0], resolution=stamps.resolution)[:]), rates[0]
+    return np.asarray(check_time(place, seconds, rates[0], resolution=stamps.resolution)), rates[0]
 
 
 def _refuse_absent_rows(place: str, seconds: Array) -> None:

@@ -3,7 +3,7 @@
 An instrument does not give the same number to the last digit again and again, far outside of all others.
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -34,16 +34,13 @@ _READ_OUTS = ("o_", "grs_")  # channels with noise in every sample
 _SET_POINTS = "guidance_"  # channels that stay at the numbers that an operator chooses
 
 
-def check_markers(
-    place: str, channel: str, chunks: Iterable[Array], fs: float, *, is_complete: bool = False
-) -> None:
+def check_markers(place: str, channel: str, values: Array, fs: float, *, is_complete: bool = False) -> None:
     """Refuse a channel of telemetry in which a number seems to mark missing samples; InputError names it.
 
-    A channel that is complete states that no number does; its parts are read all the same.
+    A channel that is complete states that no number does.
     """
     extreme = Extreme()
-    for values in chunks:
-        extreme.add(values)
+    extreme.add(values)
     if not is_complete and extreme.is_marker(channel):
         raise InputError(f"{place}: {extreme.describe(fs)} expected NaN for each")
 

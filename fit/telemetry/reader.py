@@ -4,8 +4,7 @@ Sample n holds the read-outs at ``time[n]`` and the commands computed from them 
 """
 
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import closing
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from importlib import import_module
@@ -19,26 +18,22 @@ from numpy.typing import NDArray
 from fit.display import Displayed
 from fit.errors import InputError, shown
 from fit.files import key
-from fit.parallel import parallel_map, update_progress
-from fit.telemetry import axis, guard
+from fit.parallel import parallel_map
+from fit.telemetry import sandbox
+from fit.telemetry.channels import LazyChannels, check_schema, open_file
 from fit.telemetry.contract import REQUIRED, SCHEMA, TOWARDS_1, TOWARDS_2, Root, XAxis, check_root, utc, whole
-from fit.telemetry.datasets import (
+from fit.telemetry.markers import check_markers
+from fit.telemetry.validation import (
     channel_names,
     channel_units,
     check_missing,
     complete_channels,
-    lying,
     plain,
     read_time,
 )
-from fit.telemetry.markers import check_markers
-from fit.telemetry.pieces import Row, pieces
-from fit.telemetry.rows import OnDemand, check_schema, opened
 
 if TYPE_CHECKING:
     import xarray
-
-_BLOCK = 2**20  # samples
 
 
 @dataclass(frozen=True, repr=False)
@@ -64,7 +59,7 @@ class Telemetry(Displayed):
     m_tm : float
         Mass of a test mass [kg].
     time : ndarray, shape (N,)
-        Seconds since `t0`, uniform; made whenever it is asked for.
+        Seconds since `t0`, uniform.
     channels : mapping of str to ndarray, each of shape (N,)
         Every channel of the file, known or not, in the unit of `units`; a missing sample is NaN. Those of a
         file are read whenever one is asked for: a campaign of weeks does not fit into memory.
@@ -97,32 +92,19 @@ class Telemetry(Displayed):
     @property
     def size(self) -> int:
         """Number of samples N."""
-        return axis.size(self)
-
-    def instants(self, index: slice) -> NDArray[np.float64]:
-        """Return a part of `time`, without the rest of it."""
-        return axis.part(self, index)
-
-    def row(self, name: str) -> Row:
-        """Return one of the `channels`, or the ``time``, of which parts can be had without the rest."""
-        if name == "time":
-            return axis.row(self)
-        return self.channels.row(name) if isinstance(self.channels, OnDemand) else self.channels[name]
+        return self.time.size
 
     def select(self, names: Iterable[str]) -> "Telemetry":
-        """Return the run with these channels only, in memory; long ones stay in the file."""
-        time: Any = axis.row(self)
-        channels: Any = {name: self.row(name) for name in names}
-        return replace(self, time=time, channels=channels)
+        """Return the run with these channels only, in memory."""
+        return replace(self, channels={name: self.channels[name] for name in names})
 
     def part(self, index: slice) -> "Telemetry":
         """Return some of the samples as a run."""
-        if isinstance(self.channels, OnDemand):
-            channels: Mapping[str, Any] = self.channels.part(index)
+        if isinstance(self.channels, LazyChannels):
+            channels: Mapping[str, NDArray[np.float64]] = self.channels.part(index)
         else:
             channels = {name: values[index] for name, values in self.channels.items()}
-        fields: dict[str, Any] = {"time": axis.axis_part(self, index), "channels": channels}
-        return replace(self, **fields)
+        return replace(self, time=self.time[index], channels=channels)
 
     @property
     def duration(self) -> float:
@@ -166,7 +148,31 @@ class Telemetry(Displayed):
         return dataset
 
 
-Telemetry.time = axis.TimeAxis()  # type: ignore[assignment]
+def open_run(path: Path) -> Telemetry:
+    """Return the run of a file; the values of a channel are checked when it is asked for.
+
+    Raises
+    ------
+    InputError
+        As `read`.
+    """
+    with open_file(path) as file:
+        if product := _product(file):
+            raise InputError(f"{path}: is {product}, expected telemetry; name the files of telemetry alone")
+        attributes = {name: plain(value) for name, value in file.attrs.items()}
+        check_schema(path, attributes.pop("schema", None))
+        root = check_root(str(path), attributes)
+        time = read_time(file, path, root.fs)
+        units = channel_units(file, path, time.size)
+        return Telemetry(
+            path=path,
+            **root.model_dump(include=set(Root.model_fields)),
+            time=time,
+            channels=LazyChannels(path, units, range(time.size), root.fs),
+            units=units,
+            attributes=dict(root.model_extra or {}),
+            long_names=channel_names(file, units),
+        )
 
 
 def read(path: Path, *, trusted: bool = False) -> Telemetry:
@@ -177,68 +183,30 @@ def read(path: Path, *, trusted: bool = False) -> Telemetry:
     InputError
         If the file breaks the contract; the message names the file, the place and what was expected.
     """
-    telemetry = read_stretch(path, 0, None)
-    lacking = {name for name in REQUIRED if any(np.isnan(x).any() for x in _chunks(telemetry, name))}
-    flags = {name: np.isnan(telemetry.channels[name]) for name in REQUIRED if name in lacking}
-    check_missing({f"{path}: channel {name}": missing for name, missing in flags.items()}, telemetry.fs)
+    telemetry = open_run(path)
+    missing = {f"{path}: channel {name}": np.isnan(telemetry.channels[name]) for name in REQUIRED}
+    check_missing(missing, telemetry.fs)
     if not trusted:
         check_channels(telemetry)
     return telemetry
 
 
 def check_channels(telemetry: Telemetry) -> None:
-    """Read all channels part by part, so that their values are not refused in the middle of a fit.
+    """Read all channels, so that their values are not refused in the middle of a fit.
 
     Raises
     ------
     InputError
         If a value breaks the contract, or seems to mark missing samples.
     """
-    with opened(telemetry.path) as file:
+    with open_file(telemetry.path) as file:
         complete = complete_channels(file, telemetry.units)
-    for name in telemetry.channels:
+    for name, values in telemetry.channels.items():
         place = f"{telemetry.path}: channel {key(name)}"
-        check_markers(place, name, _chunks(telemetry, name), telemetry.fs, is_complete=name in complete)
+        check_markers(place, name, values, telemetry.fs, is_complete=name in complete)
 
 
-def _chunks(telemetry: Telemetry, name: str) -> Iterator[NDArray[np.float64]]:
-    row = telemetry.row(name)
-    return (row[piece] for piece in pieces(row.size))
-
-
-def read_stretch(path: Path, start: int, stop: int | None) -> Telemetry:
-    """Read samples `start` to `stop` of a file; the values of a channel are checked when it is asked for.
-
-    Raises
-    ------
-    InputError
-        As `read`.
-    """
-    with opened(path) as file:
-        return _read(file, path, slice(start, stop))
-
-
-def another_stretch(telemetry: Telemetry, start: int, stop: int | None) -> Telemetry:
-    """Return samples `start` to `stop` of the file of a run; all but its time axis is as it was read before.
-
-    Raises
-    ------
-    InputError
-        As `read`.
-    """
-    part = slice(start, stop)
-    with opened(telemetry.path) as file:
-        time = read_time(file, telemetry.path, telemetry.fs, part)
-        of_file = telemetry.channels
-        channels = (
-            of_file.stretch(part)
-            if isinstance(of_file, OnDemand)
-            else OnDemand(telemetry.path, lying(file, telemetry.units), part, telemetry.fs)
-        )
-        return replace(telemetry, time=time, channels=channels)  # type: ignore[arg-type]  # see TimeAxis
-
-
-def look(path: Path) -> None:
+def validate(path: Path) -> None:
     """Read what the library of HDF5 has to interpret: everything but plain rows of numbers.
 
     Raises
@@ -246,23 +214,12 @@ def look(path: Path) -> None:
     InputError
         If it cannot be read.
     """
-    with opened(path) as file:
-        names = ("time", *_read(file, path, slice(0, 2)).channels)
-        for dataset in (file[name] for name in names):
-            for start in range(0, dataset.size if dataset.chunks else 0, _BLOCK):
-                dataset[start : start + _BLOCK]
+    telemetry = open_run(path)
+    with open_file(path) as file:
+        for name in telemetry.channels:
+            if file[name].chunks:
+                file[name][()]
     read_truth(path)
-
-
-def check(paths: Sequence[Path]) -> None:
-    """Have another process look at files first; InputError for the first that is at fault."""
-    guard.check(look, paths)
-
-
-def samples(path: Path) -> int:
-    """Return the number of samples of a file that `read_stretch` accepts; raise `InputError` as it does."""
-    with opened(path) as file:
-        return int(file["time"].shape[0])
 
 
 def read_all(paths: Sequence[Path], *, trusted: bool = False) -> list[Telemetry]:
@@ -273,16 +230,18 @@ def read_all(paths: Sequence[Path], *, trusted: bool = False) -> list[Telemetry]
     paths : sequence of Path
         Files, each once.
     trusted : bool
-        Written by this program just now: no other process need try them first, and values are checked
-        when they are read.
+        Written by this program just now: they are not tried in a sandbox, and values are checked when they
+        are read.
 
     Raises
     ------
     InputError
         If a file is missing or breaks the contract, or two files share a run name.
     """
+    if not trusted:
+        sandbox.check(validate, paths)
     runs: dict[str, Telemetry] = {}
-    for telemetry in parallel_map(partial(read, trusted=True), paths) if trusted else _tried(paths):
+    for telemetry in parallel_map(partial(read, trusted=trusted), paths):
         twin = runs.setdefault(telemetry.run, telemetry)
         if twin is not telemetry:
             raise InputError(
@@ -290,14 +249,6 @@ def read_all(paths: Sequence[Path], *, trusted: bool = False) -> list[Telemetry]
                 "expected unique names"
             )
     return sorted(runs.values(), key=lambda t: (utc(t.t0), t.run))
-
-
-def _tried(paths: Sequence[Path]) -> Iterator[Telemetry]:
-    """Read files while another process tries the next."""
-    with closing(guard.passed(look, paths)) as sound:
-        for n, path in enumerate(sound, 1):
-            yield read(path)
-            update_progress(n / len(paths))
 
 
 def inertial_period(telemetry: Telemetry) -> str:
@@ -346,7 +297,7 @@ def read_truth(path: Path) -> dict[str, float]:
     InputError
         If the file cannot be read.
     """
-    with opened(path) as file:
+    with open_file(path) as file:
         inside = isinstance(file.get("truth", getlink=True), h5py.HardLink)  # a link might lead elsewhere
         group = file["truth"] if inside else None
         if not isinstance(group, h5py.Group):
@@ -366,25 +317,6 @@ def root_attributes(path: Path) -> dict[str, Any] | None:
             return dict(file.attrs)
     except Exception:  # whatever HDF5 and NumPy make of a file that is damaged
         return None
-
-
-def _read(file: h5py.File, path: Path, part: slice) -> Telemetry:
-    if product := _product(file):
-        raise InputError(f"{path}: is {product}, expected telemetry; name the files of telemetry alone")
-    attributes = {name: plain(value) for name, value in file.attrs.items()}
-    check_schema(path, attributes.pop("schema", None))
-    root = check_root(str(path), attributes)
-    time = read_time(file, path, root.fs, part)
-    units = channel_units(file, path, file["time"].shape[0])
-    return Telemetry(
-        path=path,
-        **root.model_dump(include=set(Root.model_fields)),
-        time=time,  # type: ignore[arg-type]  # see TimeAxis
-        channels=OnDemand(path, lying(file, units), part, root.fs),
-        units=units,
-        attributes=dict(root.model_extra or {}),
-        long_names=channel_names(file, units),
-    )
 
 
 def _product(file: h5py.File) -> str:

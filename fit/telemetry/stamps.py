@@ -18,8 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fit.errors import InputError, quote
-from fit.telemetry.datasets import check_finite
 from fit.telemetry.maps import SECONDS, Format, Scale
+from fit.telemetry.validation import check_finite
 
 if TYPE_CHECKING:
     from astropy.time import Time

@@ -16,7 +16,7 @@ import scipy
 from numpy.typing import NDArray
 
 from fit.spectra import Spectrum, derivatives
-from fit.telemetry import Row, pieces
+from fit.telemetry import pieces
 
 Array = NDArray[np.float64]
 
@@ -87,12 +87,12 @@ class Glitch:
         shape = replace(self.shape.lengthened(other), tau=self.shape.tau * float(np.exp(longer)))
         return Glitch(shape, self.begin + late * self.shape.tau)
 
-    def series(self, time: Row, fs: float) -> Array:
+    def series(self, time: Array, fs: float) -> Array:
         """Return it at the evenly spaced instants `time` [s], shape (N,), no higher than about 1."""
         return np.asarray(series([self], time, fs)[0])
 
 
-def series(glitches: Sequence[Glitch], time: Row, fs: float) -> Array:
+def series(glitches: Sequence[Glitch], time: Array, fs: float) -> Array:
     """Return glitches at the evenly spaced instants `time` [s], shape (number of glitches, N)."""
     sizes = [_padded(glitch, time.size, fs) for glitch in glitches]
     together, first = np.empty((len(glitches), time.size)), float(time[:1][0])

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from fit.deltag import write_delta_g
 from fit.results import load, results_beside, results_file, sound_joint
-from fit.telemetry import reader
+from fit.telemetry import open_run, sandbox, validate
 from lpfcosim.cli.common import check_folder
 from lpfcosim.cli.console import Console
 from lpfcosim.cli.fit import default_folder, telemetry
@@ -25,9 +25,9 @@ def deltag(paths: Sequence[Path], calibration: Path | None, out: Path | None, co
         console.note(f"calibration: {file}")
     inputs = telemetry(console, paths, directory, any_gaps=True)
     with console.stage("reading"):
-        reader.check(inputs)
+        sandbox.check(validate, inputs)
         for path in inputs:
-            reader.samples(path)  # nothing is written where one is missing
+            open_run(path)  # nothing is written where one is missing
     outputs = {f"{path.stem}-deltag.h5": path for path in inputs}
     for path in inputs:
         if outputs[f"{path.stem}-deltag.h5"] is not path:

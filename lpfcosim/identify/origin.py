@@ -113,7 +113,7 @@ def run_of(plan: Campaign, telemetry: Telemetry) -> Run:
 
 def start_sample(run: Run, telemetry: Telemetry) -> int:
     """Return at which sample of a run, at the rate of its loop, a telemetry begins."""
-    since = (utc(telemetry.t0) - utc(run.t0)).total_seconds() + float(telemetry.instants(slice(1))[0])
+    since = (utc(telemetry.t0) - utc(run.t0)).total_seconds() + float(telemetry.time[0])
     return round(since * run.fs)
 
 

@@ -18,7 +18,7 @@ from pathlib import Path
 
 import fit.errors
 import lpfcosim.errors
-from fit.telemetry.guard import Look, refusals
+from fit.telemetry.sandbox import Validator, rejections
 
 LONGEST = 2000  # letters of a sentence
 PATIENCE = 60  # s for a case; what takes longer hangs
@@ -229,22 +229,22 @@ def raw_archive(path: Path, entries: list[tuple[str, bytes]], **fields: int) -> 
     return path
 
 
-def all_refusals(look: Look, files: list[Path], *more: dict[Path, None]) -> dict[Path, str | None]:
+def all_refusals(validate: Validator, files: list[Path], *more: dict[Path, None]) -> dict[Path, str | None]:
     """Look at many files, with as few processes as they leave."""
     found: dict[Path, str | None] = {}
     while files:
-        said = list(refusals(look, files, *more))
+        said = rejections(validate, files, *more)
         found.update(zip(files, said, strict=False))
         files = files[len(said) :]
     return found
 
 
 def try_all(
-    made: dict[Path, str], reader: Callable[[Path], object], look: Look, *more: dict[Path, None]
+    made: dict[Path, str], reader: Callable[[Path], object], validate: Validator, *more: dict[Path, None]
 ) -> dict[str, int]:
     """Try files in the other process, and those it gets through in this one; count what becomes of them."""
     counts = {"sound": 0, "refused": 0, "ended the process": 0}
-    for path, said in all_refusals(look, list(made), *more).items():
+    for path, said in all_refusals(validate, list(made), *more).items():
         if said is None:
             said = survives(lambda path=path: reader(path), path, made[path])
         else:

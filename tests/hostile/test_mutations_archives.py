@@ -11,9 +11,9 @@ import scipy
 from astropy.io import fits as astropy
 from matio.utils import MatlabOpaque
 
-from fit.telemetry import guard as probe
-from fit.telemetry.archives import look as look_at_table
+from fit.telemetry import sandbox
 from fit.telemetry.archives import opened
+from fit.telemetry.archives import validate as validate_table
 from tests.fit.telemetry.columns import pandas_file
 from tests.hostile.mutations import damaged, survives, try_all
 
@@ -113,7 +113,7 @@ def read_table(path):
 
 
 def test_damaged_archives(tmp_path, cases, monkeypatch):
-    monkeypatch.setattr(probe, "PATIENCE", 20.0)
+    monkeypatch.setattr(sandbox, "PATIENCE", 20.0)
     writers = {
         ".mat": [matlab, matlab_7_3, matlab_objects("v7"), matlab_objects("v7.3")],
         ".fits": [fits, ascii_fits],
@@ -137,16 +137,16 @@ def test_damaged_archives(tmp_path, cases, monkeypatch):
         path = tmp_path / f"{n}{suffix}"
         path.write_bytes(damaged(rng.choice(sources[suffix]), rng))
         made[path] = f"archive {n}"
-    counts = try_all(made, read_table, look_at_table, dict.fromkeys(made))
+    counts = try_all(made, read_table, validate_table, dict.fromkeys(made))
     assert min(counts["sound"], counts["refused"]) > 0
 
 
 def test_a_bomb_of_an_archive(tmp_path, monkeypatch):
-    monkeypatch.setattr(probe, "MEMORY", 2 * GIGA)
+    monkeypatch.setattr(sandbox, "MEMORY", 2 * GIGA)
     path = tmp_path / "a.fits.gz"
-    monkeypatch.setattr(probe, "PATIENCE", 3.0)
+    monkeypatch.setattr(sandbox, "PATIENCE", 3.0)
     path.write_bytes(
         gzip.compress(fits(tmp_path / "c.fits").read_bytes()) + 400 * gzip.compress(bytes(2**24))
     )
     assert path.stat().st_size < 2**25
-    survives(lambda: probe.check(look_at_table, [path], {path: None}), path, "bomb")
+    survives(lambda: sandbox.check(validate_table, [path], {path: None}), path, "bomb")

@@ -17,7 +17,7 @@ from fit.pipeline import calibrate
 from fit.report import page as report
 from fit.sampling import emcee_sampling
 from fit.sampling.posterior import Posterior
-from fit.telemetry import guard as probe
+from fit.telemetry import sandbox
 from fit.telemetry.writer import Writer
 from lpfcosim.cli import montecarlo as cli_montecarlo
 from lpfcosim.running import folder as folders
@@ -86,7 +86,7 @@ def rebuild(folder):
 
 @pytest.mark.slow
 def test_results(copied, cases, monkeypatch):
-    monkeypatch.setattr(probe, "check", lambda *_: None)  # the telemetry is sound
+    monkeypatch.setattr(sandbox, "check", lambda *_: None)  # the telemetry is sound
     good = (copied / "results.json").read_text()
     for n in range(cases(0.01, 25)):
         rng = random.Random(n)
@@ -169,7 +169,7 @@ def test_logs_of_campaigns(tmp_path, cases):
 @pytest.mark.slow
 def test_chains(copied, cases, monkeypatch):
     """Chains of another length, kind or place of their numbers, and damaged ones."""
-    monkeypatch.setattr(probe, "PATIENCE", 20.0)
+    monkeypatch.setattr(sandbox, "PATIENCE", 20.0)
     monkeypatch.setattr(emcee_sampling, "CHECK_INTERVAL", 10)
     results, runs = refit.load(copied)
     posterior = Posterior(refit.refit(results, runs, copied / "results.json"))

@@ -13,10 +13,10 @@ import pytest
 
 from fit.errors import InputError
 from fit.pipeline import calibrate
-from fit.telemetry import guard as probe
 from fit.telemetry import reader as telemetry
+from fit.telemetry import sandbox
 from fit.telemetry.contract import REQUIRED
-from fit.telemetry.guard import refusals
+from fit.telemetry.sandbox import rejections
 from tests.hostile.mutations import NUMBERS, TEXTS, damaged, survives, try_all
 from tests.oracles.contract_file import write_contract_file
 from tests.oracles.synthetic import World, pair
@@ -86,7 +86,7 @@ def use_packed(source):
 
 
 def test_damaged_telemetry(tmp_path, cases, monkeypatch):
-    monkeypatch.setattr(probe, "PATIENCE", 20.0)
+    monkeypatch.setattr(sandbox, "PATIENCE", 20.0)
     sources = [
         write_contract_file(tmp_path / "plain.source", samples=N, truth={"lambda_1": 1.07}).read_bytes(),
         packed(tmp_path / "packed.source").read_bytes(),
@@ -100,7 +100,7 @@ def test_damaged_telemetry(tmp_path, cases, monkeypatch):
             path = tmp_path / f"{n}.h5"
             path.write_bytes(damaged(sources[n % 3], random.Random(n)))
             made[path] = f"telemetry {n}"
-        counts = try_all(made, lambda path: readers[int(path.stem) % 3](path), telemetry.look)
+        counts = try_all(made, lambda path: readers[int(path.stem) % 3](path), telemetry.validate)
         assert min(counts["sound"], counts["refused"]) > 0
         for path in made:
             path.unlink()
@@ -206,7 +206,7 @@ def test_hostile_telemetry(file, fault):
 
 def test_memory_is_bounded(file, monkeypatch):
     """Were the bomb unpacked, it would take 6 GB; the process that tries may have one."""
-    monkeypatch.setattr(probe, "MEMORY", GIGA)
+    monkeypatch.setattr(sandbox, "MEMORY", GIGA)
     with h5py.File(file, "a") as h5:
         bomb(h5)
     assert file.stat().st_size < 10 * 2**20
@@ -253,17 +253,17 @@ def test_hostile_attributes(tmp_path, cases):
 def test_the_process_says_which_file_and_how(tmp_path, monkeypatch, file):
     """A library that crashes or hangs is told with the file it did so at; those before it count."""
     (tmp_path / "fragile.py").write_text(
-        "import os, time\ndef look(path):\n"
+        "import os, time\ndef validate(path):\n"
         "    os.abort() if 'crash' in path.name else time.sleep(60 if 'hang' in path.name else 0)\n"
     )
     monkeypatch.syspath_prepend(tmp_path)
     monkeypatch.setenv("PYTHONPATH", str(tmp_path))
     fragile = import_module("fragile")
-    monkeypatch.setattr(probe, "PATIENCE", 5.0)
-    for name, words in (("crash.h5", "ends by SIGABRT"), ("hang.h5", "is not done with in 5 s")):
+    monkeypatch.setattr(sandbox, "PATIENCE", 5.0)
+    for name, words in (("crash.h5", "ends by SIGABRT"), ("hang.h5", "takes longer than 5 s")):
         (tmp_path / name).write_bytes(b"")
         with pytest.raises(InputError, match=rf"{name}: damaged: .*{words}"):
-            probe.check(fragile.look, [file, tmp_path / name])
+            sandbox.check(fragile.validate, [file, tmp_path / name])
 
 
 def spoilt(run, rng):
@@ -309,10 +309,10 @@ def test_calibrations_of_hostile_numbers(cases):
 
 
 def test_own_files_are_not_tried(file, monkeypatch):
-    monkeypatch.setattr(probe, "refusals", lambda *_: pytest.fail("tried"))
+    monkeypatch.setattr(sandbox, "rejections", lambda *_: pytest.fail("tried"))
     assert telemetry.read_all([file], trusted=True)
 
 
 def test_json_of_the_other_process_is_one_line_a_file(file):
-    assert [*refusals(telemetry.look, [file, file])] == [None, None]
-    assert json.dumps({"refused": None}).endswith("}")
+    assert rejections(telemetry.validate, [file, file]) == [None, None]
+    assert json.dumps({"rejection": None}).endswith("}")

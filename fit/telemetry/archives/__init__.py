@@ -14,7 +14,7 @@ from fit.files import is_file
 from fit.telemetry.archives import fits, hdf5, matlab, numpy, text
 from fit.telemetry.archives.table import FAILURES, Column, Table, read_error
 
-__all__ = ["Column", "Table", "is_text", "look", "opened"]
+__all__ = ["Column", "Table", "is_text", "opened", "validate"]
 
 _Reader = Callable[[Path, str | int | None], AbstractContextManager[Table]]
 _READERS: tuple[tuple[str, tuple[str, ...], _Reader], ...] = (
@@ -58,7 +58,7 @@ def opened(path: Path, table: str | int | None) -> Iterator[Table]:
         yield archive
 
 
-def look(path: Path, table: str | int | None) -> None:
+def validate(path: Path, table: str | int | None) -> None:
     """Read all columns of a table; InputError as `opened`."""
     with opened(path, table) as archive:
         rows: dict[int, list[str]] = {}

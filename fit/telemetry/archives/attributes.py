@@ -7,7 +7,7 @@ import numpy as np
 
 from fit.telemetry.archives.arrays import Series
 from fit.telemetry.archives.table import Column, clean_unit
-from fit.telemetry.datasets import plain
+from fit.telemetry.validation import plain
 
 _UNITS = ("units", "unit", "Units", "Unit", "UNITS", "UNIT")
 _MISSING = ("_FillValue", "missing_value")

@@ -8,12 +8,10 @@ from typing import Any
 import h5py
 import numpy as np
 
-from fit.errors import StorageError
 from fit.telemetry.archives import arrays
 from fit.telemetry.archives.arrays import Series
 from fit.telemetry.archives.table import Column
-from fit.telemetry.datasets import plain
-from fit.telemetry.storage import check_storage
+from fit.telemetry.validation import plain, storage_fault
 
 _NAMES = ("UNICODE", "BINUNICODE", "SHORT_BINUNICODE", "INT", "BININT", "BININT1", "BININT2")
 #: What a group raises that has the attributes of pandas, but not what pandas writes.
@@ -26,22 +24,19 @@ def series_of(name: str, group: h5py.Group) -> dict[str, Series] | None:
     Times are texts; what pandas pickled is not read.
     """
     kind = str(plain(group.attrs.get("pandas_type", "")))
+    read = {"frame": _frame, "series": _series}.get(kind)
+    if kind.endswith("_table") and isinstance(group.get("table"), h5py.Dataset):
+        read = _table
+    if read is None:
+        return None
     try:
-        columns = {"frame": _frame, "series": _series}.get(kind, _none)(group)
-        if kind.endswith("_table") and isinstance(group.get("table"), h5py.Dataset):
-            columns = _table(group)
-    except StorageError as error:
-        reason = f"a data frame of pandas in {error.reason}, expected {error.expected}"
-        return {name: Series(Column(None, reason=reason), source=name)}
+        datasets = [item for item in group.values() if isinstance(item, h5py.Dataset)]
+        if fault := next(filter(None, map(storage_fault, datasets)), ""):
+            return {name: Series(Column(None, reason=f"a data frame of pandas in {fault}"), source=name)}
+        columns = read(group)
     except _MISFITS:
         return None
-    if columns is None:
-        return None
     return {f"{name}.{column}": replace(values, source=name) for column, values in columns.items()}
-
-
-def _none(group: h5py.Group) -> None:
-    """Return nothing: this group is no data frame."""
 
 
 def _frame(group: h5py.Group) -> dict[str, Series]:
@@ -66,7 +61,6 @@ def _series(group: h5py.Group) -> dict[str, Series]:
 
 def _table(group: h5py.Group) -> dict[str, Series]:
     table = group["table"]
-    check_storage(table, "")
     columns: dict[str, Series] = {}
     for field in table.dtype.names:
         values = arrays.field(table, field)
@@ -100,8 +94,6 @@ def _column(values: Any, kind: object) -> Series:
 
 def _is_stored(values: Any) -> bool:
     """Return whether values are numbers or texts that lie in the file."""
-    if isinstance(values, h5py.Dataset):
-        check_storage(values, "")
     return values.dtype.kind in "iufbS"
 
 

@@ -6,13 +6,12 @@ from pathlib import Path
 
 import h5py
 
-from fit.errors import InputError, StorageError
+from fit.errors import InputError
 from fit.telemetry.archives import dataframes, matlab73, netcdf, objects
 from fit.telemetry.archives.arrays import Arrays, Series, select_table, series_of
 from fit.telemetry.archives.attributes import decode, unit_of
 from fit.telemetry.archives.table import Column, Table
-from fit.telemetry.datasets import plain
-from fit.telemetry.storage import check_storage
+from fit.telemetry.validation import plain, storage_fault
 
 SUFFIXES = (".h5", ".hdf5", ".hdf", ".he5", ".nc", ".nc4")
 _CACHE = 2**26  # bytes of unpacked chunks, so that rows of a matrix are not unpacked for each of its columns
@@ -73,11 +72,8 @@ def _of_dataset(name: str, dataset: h5py.Dataset) -> dict[str, Series]:
     matlab = plain(dataset.attrs.get("MATLAB_class"))
     if dataset.shape is None or "MATLAB_empty" in dataset.attrs or not dataset.size:
         return {name: Series(Column(None, reason="empty"), source=name)}
-    try:
-        check_storage(dataset, "")
-    except StorageError as error:
-        reason = f"{error.reason} ({error.expected} are read)" if error.is_filtered else error.reason
-        return {name: Series(Column(None, reason=reason), source=name)}
+    if fault := storage_fault(dataset):
+        return {name: Series(Column(None, reason=fault), source=name)}
     if matlab == "char":
         return {name: matlab73.letters(dataset, name)}
     if matlab is None and matlab73.is_member(dataset):

@@ -6,11 +6,9 @@ from typing import Any
 
 import h5py
 
-from fit.errors import InputError
 from fit.telemetry.archives.arrays import Series, series_of
 from fit.telemetry.archives.table import Column
-from fit.telemetry.datasets import plain
-from fit.telemetry.storage import check_storage
+from fit.telemetry.validation import plain, storage_fault
 
 _OBJECT = 3  # of the attribute MATLAB_object_decode
 _MOST_CELLS = 100  # of numbers
@@ -88,11 +86,7 @@ def _is_text(cell: Any) -> bool:
 def _are_numbers(cell: Any) -> bool:
     if not isinstance(cell, h5py.Dataset) or not cell.size or "MATLAB_empty" in cell.attrs or _is_text(cell):
         return False
-    try:
-        check_storage(cell, "")
-    except InputError:
-        return False
-    return True
+    return not storage_fault(cell)
 
 
 def _texts(file: h5py.File, references: list[h5py.Reference], part: slice) -> list[str]:

@@ -8,7 +8,7 @@ import pytest
 import xarray
 from scipy.io import netcdf_file
 
-from fit.errors import InputError, StorageError
+from fit.errors import InputError
 from fit.telemetry.archives import opened
 from tests.fit.telemetry.columns import (
     NAN,
@@ -99,8 +99,8 @@ def test_what_in_hdf5_is_no_column(tmp_path):
         "lists": "objects",
         "nothing": "empty",
         "other": "a link",
-        "other filter": "chunks of 10 values through the filters [6] (at most 16777216 through each of gzip, "
-        "lzf, shuffle and fletcher32 at most once are read)",
+        "other filter": "chunks of 10 values through the filters [6], where at most 16777216 values through "
+        "each of gzip, lzf, shuffle and fletcher32 at most once are read",
         "reference": "objects",
         "scalar": "a single value",
         "text": "text",
@@ -169,7 +169,7 @@ def test_data_frames_that_are_compressed_otherwise_are_named(tmp_path):
         file.create_dataset("fixed/block1_values", data=values, chunks=(10, 2), scaleoffset=3)
         file["fixed/block1_values"].attrs["transposed"] = np.uint8(1)
     found = message(tmp_path / "a.h5", "fixed.t")
-    reason = "a data frame of pandas in chunks of 20 values through the filters [6], expected at most"
+    reason = "a data frame of pandas in chunks of 20 values through the filters [6], where at most"
     assert found.startswith(f'column "fixed.t": fixed is {reason}')
 
 
@@ -265,10 +265,3 @@ def test_missing_samples_of_records(tmp_path, name):
         "one.x": [7],
         "one.xyz[2]": [11],
     }
-
-
-def test_a_fault_of_storage_comes_whole_from_another_process():
-    fault = StorageError("a.h5: x", "chunks of 10 values", "fewer", is_filtered=True)
-    copied = pickle.loads(pickle.dumps(fault))
-    assert str(copied) == str(fault) == "a.h5: x: chunks of 10 values, expected fewer"
-    assert copied.is_filtered

@@ -5,7 +5,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from fit.errors import InputError
-from fit.telemetry import reader
 from fit.telemetry.reader import read, read_all, read_truth
 from tests.oracles.contract_file import UNITS, write_contract_file
 
@@ -431,14 +430,3 @@ def test_a_chunk_that_was_never_written_is_no_zeros(tmp_path):
         InputError, match=rf"channel o_1: declared but only {N - N // 4} values of {N} written"
     ):
         read(path)
-
-
-def test_files_are_read_while_the_other_process_tries_the_next(tmp_path, monkeypatch):
-    """What is wrong with a file is told once all before it were read, whichever process finds it."""
-    good, bad = (write_contract_file(tmp_path / f"{name}.h5", samples=N) for name in ("A1", "A2"))
-    bad.write_bytes(b"no telemetry")
-    seen = []
-    monkeypatch.setattr(reader, "read", lambda path, **_: seen.append(path) or read(path))
-    with pytest.raises(InputError, match=r"A2\.h5: not HDF5"):
-        reader.read_all([good, bad, tmp_path / "none.h5"])
-    assert seen == [good]

@@ -1,14 +1,11 @@
-"""The datasets of a telemetry file, checked against the contract while they are read.
+"""Checks of a telemetry file against the contract: how its datasets are stored, time axis, units, samples.
 
 Every function raises `fit.errors.InputError`; its message names the file, the place and what was expected.
 """
 
 import math
-from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
-from functools import partial
+from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import BinaryIO
 
 import h5py
 import numpy as np
@@ -17,16 +14,18 @@ from numpy.typing import NDArray
 from fit.errors import InputError, shown
 from fit.files import key
 from fit.telemetry.contract import REQUIRED, expected_unit
-from fit.telemetry.pieces import PIECE, Row, pieces
-from fit.telemetry.storage import check_storage
 from fit.units import same_unit
+
+Array = NDArray[np.float64]
 
 MAX_MEMBERS = 10_000  # of a file
 MAX_SAMPLES = 2**28  # 310 days at 10 Hz; a file that declares more is damaged
 LARGEST = 1e6  # in SI, of any channel; squares and products of such values keep their digits
 MAX_MISSING = 0.01  # share of the samples that may be missing in the channels a calibration needs
 MAX_GAP = 600.0  # s
-
+MAX_CHUNK = 2**24  # values that are unpacked at a time
+#: What may stand between a chunk and the file: these are safe with whatever they are given.
+_FILTERS = {h5py.h5z.FILTER_DEFLATE, h5py.h5z.FILTER_SHUFFLE, h5py.h5z.FILTER_FLETCHER32, h5py.h5z.FILTER_LZF}
 
 #: Attributes that make something else of values, and with which value they do not.
 _PACKING: Mapping[str, object] = {"scale_factor": 1, "add_offset": 0, "_Unsigned": "false"}
@@ -42,8 +41,8 @@ def plain(value: object) -> object:
     return value.item() if isinstance(value, np.generic) else value
 
 
-def read_time(file: h5py.File, path: Path, fs: float, part: slice) -> Row:
-    """Return a part of the time axis [s], checked to be uniform with steps of 1/fs."""
+def read_time(file: h5py.File, path: Path, fs: float) -> Array:
+    """Return the time axis [s], checked to be uniform with steps of 1/fs."""
     dataset = _local_dataset(file, path, "time", "time")
     if dataset is None:
         raise InputError(f"{path}: time: missing, expected the seconds since t0")
@@ -52,24 +51,20 @@ def read_time(file: h5py.File, path: Path, fs: float, part: slice) -> Row:
         raise InputError(f"{path}: time: units {shown(units)}, expected 's'")
     _check_size(dataset, path, "time", None)
     _check_plain(dataset, f"{path}: time")
-    values = partial(_values, dataset, path)
-    time = Stored(values, range(*part.indices(dataset.size))) if in_parts(dataset) else values(part)
-    return check_time(f"{path}: time", time, fs, part.start or 0)
+    return check_time(f"{path}: time", np.asarray(dataset[()], dtype=np.float64), fs)
 
 
-def check_time(place: str, time: Row, fs: float, start: int = 0, resolution: float = 0.0) -> Row:
+def check_time(place: str, time: Array, fs: float, resolution: float = 0.0) -> Array:
     """Return a time axis [s] with steps of 1/fs, exact where single precision has rounded it.
 
     Parameters
     ----------
     place : str
         File and dataset, for messages.
-    time : Row
+    time : ndarray, shape (N,)
         As it is stored.
     fs : float
         Sample rate [Hz].
-    start : int
-        Number of the first sample.
     resolution : float
         What the last digit of the times stands for [s]; a message is about a larger fault, if there is one.
 
@@ -78,31 +73,29 @@ def check_time(place: str, time: Row, fs: float, start: int = 0, resolution: flo
     InputError
         If it is not uniform, or rounding leaves samples that cannot be told apart.
     """
-    check_finite(place, time, start)
+    check_finite(place, time)
     # A jitter of a thousandth of a sample, and a clock right to 1e-6, leave every estimate where it is.
-    steps = (np.diff(time[piece]) for piece in pieces(time.size, overlap=1))
-    extremes = np.array([(step.min(), step.max()) for step in steps])
-    if np.any(np.abs(extremes * fs - 1) > 1e-3):
-        time = time[:]
+    steps = np.diff(time)
+    jitter = np.abs(steps * fs - 1)
+    if jitter.max() > 1e-3:
         if (exact := _exact(place, time, fs)) is not None:
             return exact
-        if np.ptp(extremes) * fs <= 2e-3:
-            raise InputError(f"{place}: steps of {time[1] - time[0]:g} s, expected 1/fs = {1 / fs:g} s")
-        jitter = np.abs(np.diff(time) * fs - 1)
+        if np.ptp(steps) * fs <= 2e-3:
+            raise InputError(f"{place}: steps of {steps[0]:g} s, expected 1/fs = {1 / fs:g} s")
         single = float(np.spacing(np.float32(np.abs(time).max()))) if _is_single(time) else 0.0
         rounded = fs * max(single, resolution)
         n = int(np.argmax(jitter > (1e-3 + rounded if jitter.max() > 1e-3 + rounded else 1e-3)))
         raise InputError(
-            f"{place}: from {time[n]:.10g} s to {time[n + 1]:.10g} s at sample {start + n + 1}, "
+            f"{place}: from {time[n]:.10g} s to {time[n + 1]:.10g} s at sample {n + 1}, "
             f"expected uniform steps of 1/fs = {1 / fs:g} s"
         )
-    span, duration = (time.size - 1) / fs, float(time[-1:][0] - time[:1][0])
+    span, duration = (time.size - 1) / fs, float(time[-1] - time[0])
     if abs(duration - span) > 1e-6 * span + 1e-3 / fs:
         raise InputError(f"{place}: spans {duration:.10g} s, expected (N-1)/fs = {span:.10g} s")
     return time
 
 
-def _exact(place: str, time: NDArray[np.float64], fs: float) -> NDArray[np.float64] | None:
+def _exact(place: str, time: Array, fs: float) -> Array | None:
     """Return the uniform time axis [s] that single precision rounds to this one; None if there is none."""
     if not _is_single(time):
         return None
@@ -119,15 +112,15 @@ def _exact(place: str, time: NDArray[np.float64], fs: float) -> NDArray[np.float
     return np.asarray(exact, dtype=np.float64)
 
 
-def _is_single(x: NDArray[np.float64]) -> bool:
+def _is_single(x: Array) -> bool:
     return bool(np.array_equal(x.astype(np.float32), x))
 
 
-def check_finite(place: str, values: Row, start: int = 0) -> None:
-    """Refuse a value that is missing or infinite; the first one has number `start`."""
-    if not all(np.isfinite(values[piece]).all() for piece in pieces(values.size)):
-        n = int(np.argmin(np.isfinite(values[:])))
-        raise InputError(f"{place}: {values[:][n]} at sample {start + n}, expected a finite value")
+def check_finite(place: str, values: Array) -> None:
+    """Refuse a value that is missing or infinite."""
+    if not (finite := np.isfinite(values)).all():
+        n = int(np.argmin(finite))
+        raise InputError(f"{place}: {values[n]} at sample {n}, expected a finite value")
 
 
 def channel_units(file: h5py.File, path: Path, size: int) -> dict[str, str]:
@@ -172,104 +165,16 @@ def complete_channels(file: h5py.File, channels: Iterable[str]) -> set[str]:
     return {name for name, value in stated.items() if isinstance(value, float) and math.isnan(value)}
 
 
-def read_channel(file: h5py.File, path: Path, name: str, part: slice, fs: float) -> NDArray[np.float64]:
+def read_channel(file: h5py.File, path: Path, name: str, part: slice, fs: float) -> Array:
     """Return a part of a channel; a missing sample is NaN, an infinite one is refused."""
-    dataset = file[name]
-    return _checked(_values(dataset, path, part), _fills(dataset), path, name, part, fs)
-
-
-@dataclass(frozen=True)
-class Plain:
-    """A channel that lies in its file as it is, in one piece: it can be read without HDF5.
-
-    Attributes
-    ----------
-    begin, size : int
-        Its first byte, and its number of samples.
-    fills : mapping of str to object
-        Attributes by which a number stands for missing samples.
-    """
-
-    begin: int
-    size: int
-    fills: Mapping[str, object]
-
-    def read(self, file: BinaryIO, path: Path, name: str, part: slice, fs: float) -> NDArray[np.float64]:
-        """Return a part as `read_channel` does."""
-        return _checked(_stored(file, path, self.begin, self.size, part), self.fills, path, name, part, fs)
-
-
-def lying(file: h5py.File, channels: Iterable[str]) -> dict[str, Plain | None]:
-    """Return where channels lie in their file; None where HDF5 has to make one of what lies there."""
-    plain_layouts = dict[str, Plain | None]()
-    for name in channels:
-        dataset = file[name]
-        begin = _begin(dataset)
-        plain_layouts[name] = None if begin is None else Plain(begin, dataset.size, _fills(dataset))
-    return plain_layouts
-
-
-def _checked(
-    values: NDArray[np.float64], fills: Mapping[str, object], path: Path, name: str, part: slice, fs: float
-) -> NDArray[np.float64]:
-    place, start = f"{path}: channel {key(name)}", part.start or 0
-    _check_missing_value(fills, values, place, start)
+    dataset, place, start = file[name], f"{path}: channel {key(name)}", part.start or 0
+    values = np.asarray(dataset[part], dtype=np.float64)
+    _check_missing_value(dataset, values, place, start)
     check_values(place, values, fs, start, known=expected_unit(name) is not None)
     return values
 
 
-class Stored:
-    """So many samples of a dataset that are read when they are asked for, a `Row`."""
-
-    def __init__(self, read: Callable[[slice], NDArray[np.float64]], samples: range) -> None:
-        self._read, self._there = read, samples
-
-    @property
-    def size(self) -> int:
-        """Number of samples."""
-        return len(self._there)
-
-    def __getitem__(self, index: slice) -> NDArray[np.float64]:
-        """Read some of them."""
-        some = self._there[index]
-        return self._read(slice(some.start, some.stop))
-
-
-def in_parts(dataset: h5py.Dataset) -> bool:
-    """Tell whether parts of a dataset can be read without unpacking the rest of it time and again."""
-    return dataset.chunks is None or math.prod(dataset.chunks) <= PIECE
-
-
-def _values(dataset: h5py.Dataset, path: Path, part: slice) -> NDArray[np.float64]:
-    """Return a part of a dataset, without gaps.
-
-    HDF5 serves one thread at a time. What lies in the file as it is, in one piece, is read without it.
-    """
-    begin = _begin(dataset)
-    if begin is None:
-        return np.asarray(dataset[part], dtype=np.float64)
-    with path.open("rb") as file:
-        return _stored(file, path, begin, dataset.size, part)
-
-
-def _begin(dataset: h5py.Dataset) -> int | None:
-    """Return the first byte of what lies in the file as it is, in one piece, else None."""
-    begin: int | None = dataset.id.get_offset()
-    return begin if dataset.dtype == np.dtype("=f8") else None
-
-
-def _stored(file: BinaryIO, path: Path, begin: int, size: int, part: slice) -> NDArray[np.float64]:
-    start, end, _ = part.indices(size)
-    count = max(end - start, 0)
-    values = np.fromfile(file, dtype=np.float64, count=count, offset=begin + 8 * start)
-    if values.size < count:
-        raise OSError(f"{path} ends before its datasets")
-    return values
-
-
-def check_values(
-    place: str, values: NDArray[np.float64], fs: float, start: int = 0, *, known: bool = True
-) -> None:
+def check_values(place: str, values: Array, fs: float, start: int = 0, *, known: bool = True) -> None:
     """Refuse an infinite value, or in a known channel one beyond `LARGEST`; the first has number `start`."""
     low, high = (-LARGEST, LARGEST) if known else (-np.finfo(float).max, np.finfo(float).max)
     if low <= values.min(initial=0.0) and values.max(initial=0.0) <= high:  # false where samples are missing
@@ -326,6 +231,41 @@ def _check_size(dataset: h5py.Dataset, path: Path, place: str, size: int | None)
     check_storage(dataset, f"{path}: {place}")
 
 
+def check_storage(dataset: h5py.Dataset, place: str) -> None:
+    """Refuse a dataset that is not stored safely, see `storage_fault`."""
+    if fault := storage_fault(dataset):
+        raise InputError(f"{place}: {fault}, expected its {dataset.size or 0} values in this file")
+
+
+def storage_fault(dataset: h5py.Dataset) -> str:
+    """Say what is wrong with the storage of a dataset: in other files, not written whole, behind filters.
+
+    What was left out reads as zeros, and a few bytes that stand for a chunk can stand for gigabytes. Empty if
+    nothing is.
+    """
+    if dataset.is_virtual or dataset.external:
+        return "kept in other files"
+    size = dataset.size or 0
+    stored_bytes = dataset.id.get_storage_size()
+    if stored_bytes > dataset.file.id.get_filesize():
+        return f"declares {stored_bytes} bytes, more than the file has"
+    properties = dataset.id.get_create_plist()
+    filters = [properties.get_filter(i)[0] for i in range(properties.get_nfilters())]
+    if dataset.chunks is None:
+        written = stored_bytes // dataset.dtype.itemsize
+    else:
+        chunk = math.prod(dataset.chunks)
+        if chunk > MAX_CHUNK or len(set(filters)) < len(filters) or not _FILTERS.issuperset(filters):
+            return (
+                f"chunks of {chunk} values through the filters {filters}, where at most {MAX_CHUNK} values "
+                "through each of gzip, lzf, shuffle and fletcher32 at most once are read"
+            )
+        written = dataset.id.get_num_chunks() * chunk
+    if written < size:
+        return f"declared but {f'only {written} values of {size}' if written else 'never'} written"
+    return ""
+
+
 def _check_plain(dataset: h5py.Dataset, place: str) -> None:
     """Refuse values that some readers would scale or leave out and others would not.
 
@@ -339,19 +279,12 @@ def _check_plain(dataset: h5py.Dataset, place: str) -> None:
             )
 
 
-def _fills(dataset: h5py.Dataset) -> Mapping[str, object]:
-    """Return the attributes by which something else than NaN stands for missing samples."""
-    fill_values = {name: plain(dataset.attrs[name]) for name in _MISSING if name in dataset.attrs}
-    return {
-        name: fill for name, fill in fill_values.items() if not (isinstance(fill, float) and math.isnan(fill))
-    }
-
-
-def _check_missing_value(
-    fills: Mapping[str, object], values: NDArray[np.float64], place: str, start: int
-) -> None:
-    """Refuse a number that stands for missing samples, if there are any."""
-    for name, fill in fills.items():
+def _check_missing_value(dataset: h5py.Dataset, values: Array, place: str, start: int) -> None:
+    """Refuse an attribute by which a number stands for missing samples, if there are any."""
+    for name in _MISSING:
+        fill = plain(dataset.attrs.get(name, np.nan))
+        if isinstance(fill, float) and math.isnan(fill):
+            continue
         hit = np.isin(values, np.asarray(fill, dtype=np.float64)) if isinstance(fill, float | int) else True
         if np.any(hit):
             raise InputError(

@@ -1,0 +1,107 @@
+"""Channels that are read from their file whenever they are asked for, and how a telemetry file is opened."""
+
+import shlex
+from collections.abc import Collection, Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+
+import h5py
+import numpy as np
+from numpy.typing import NDArray
+
+from fit.errors import InputError, shown
+from fit.telemetry.contract import SCHEMA
+from fit.telemetry.validation import read_channel
+
+_NO_ARCHIVES = ("", ".h5", ".json", ".toml")  # suffixes
+
+
+class LazyChannels(Mapping[str, NDArray[np.float64]]):
+    """Some samples of the channels of a file: a campaign of weeks does not fit into memory.
+
+    A file that is written again in the meantime is refused, since parts of two would look like one.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    names : collection of str
+        The channels.
+    samples : range
+        Numbers of the samples, of which the file has all.
+    fs : float
+        Sample rate [Hz].
+    """
+
+    def __init__(self, path: Path, names: Collection[str], samples: range, fs: float) -> None:
+        self._path, self._names, self._samples, self._fs = path, names, samples, fs
+        self._state = _state(path)
+
+    def __getitem__(self, name: str) -> NDArray[np.float64]:
+        if name not in self._names:
+            raise KeyError(name)
+        with open_file(self._path) as file:
+            if _state(self._path) != self._state:
+                raise InputError(
+                    f"{self._path}: was written again meanwhile, expected the file as it was first"
+                )
+            samples = slice(self._samples.start, self._samples.stop)
+            return read_channel(file, self._path, name, samples, self._fs)
+
+    def __contains__(self, name: object) -> bool:
+        return name in self._names
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._names)
+
+    def __len__(self) -> int:
+        return len(self._names)
+
+    def part(self, index: slice) -> "LazyChannels":
+        """Return some of the samples of all channels."""
+        channels = LazyChannels(self._path, self._names, self._samples[index], self._fs)
+        channels._state = self._state
+        return channels
+
+
+def _state(path: Path) -> tuple[int, int, int]:
+    """Return inode, size and time of writing of a file."""
+    status = path.stat()
+    return status.st_ino, status.st_size, status.st_mtime_ns
+
+
+@contextmanager
+def open_file(path: Path) -> Iterator[h5py.File]:
+    """Open a telemetry file.
+
+    Raises
+    ------
+    InputError
+        If it is none, or damaged where it is read.
+    """
+    if not path.is_file():
+        known = "is a folder" if path.is_dir() else "no such file"
+        raise InputError(f"{path}: {known}, expected telemetry of schema {SCHEMA!r}")
+    try:
+        with h5py.File(path, "r") as file:
+            yield file
+    except PermissionError:
+        raise InputError(f"{path}: cannot be read (permission denied), expected telemetry") from None
+    except (OSError, RuntimeError, KeyError, ValueError, TypeError, AttributeError, MemoryError) as error:
+        is_hdf5 = h5py.is_hdf5(path)
+        fault = "truncated or damaged" if is_hdf5 else "not HDF5"
+        advice = "" if is_hdf5 or path.suffix in _NO_ARCHIVES else _map_advice(path)
+        raise InputError(f"{path}: {fault}, expected an HDF5 file of schema {SCHEMA!r}{advice}") from error
+
+
+def check_schema(path: Path, schema: object) -> None:
+    """Refuse a file of another schema, or of none, which may be an archive."""
+    if schema is None:
+        raise InputError(f"{path}: attribute schema: missing, expected {SCHEMA!r}{_map_advice(path)}")
+    if schema != SCHEMA:
+        raise InputError(f"{path}: attribute schema: {shown(schema)}, expected {SCHEMA!r}")
+
+
+def _map_advice(path: Path) -> str:
+    """Return what to do with an archive that is no telemetry, as the end of a message."""
+    return f"; for another archive write a map: lpfcosim new --map {shlex.quote(str(path))}"

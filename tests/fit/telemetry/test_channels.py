@@ -1,0 +1,54 @@
+"""Channels are read when they are asked for, from the file as it was first."""
+
+import h5py
+import numpy as np
+import pytest
+
+from fit.errors import InputError
+from fit.telemetry.reader import open_run, read
+from tests.oracles.contract_file import write_contract_file
+
+N = 200
+
+
+@pytest.mark.parametrize(
+    "form", [{}, {"dtype": ">f8"}, {"dtype": "f4"}, {"chunks": (64,), "compression": "gzip"}]
+)
+def test_samples_are_the_same_however_they_lie_in_the_file(tmp_path, form):
+    path, x = write_contract_file(tmp_path / "plain.h5", samples=N), np.arange(N) / 8
+    with h5py.File(path) as plain, h5py.File(tmp_path / "other.h5", "w", userblock_size=512) as other:
+        other.attrs.update(plain.attrs)
+        for name in plain:
+            plain.copy(name, other)
+        del other["o_1"]
+        other.create_dataset("o_1", data=x, **form).attrs["units"] = "m"
+    found = read(tmp_path / "other.h5")
+    np.testing.assert_array_equal(found.channels["o_1"], x)
+    np.testing.assert_array_equal(found.time, read(path).time)
+
+
+@pytest.mark.parametrize("chunks", [None, (64,)])
+@pytest.mark.parametrize("how", ["replaced", "in place"])
+def test_parts_are_those_of_the_file_unless_it_is_written_again(tmp_path, chunks, how):
+    """Half of a run from before and half from now would look like one."""
+    path, x = write_contract_file(tmp_path / "A1.h5", samples=N), np.arange(N) / 8
+    with h5py.File(path, "a") as file:
+        del file["o_1"]
+        file.create_dataset("o_1", data=x, chunks=chunks).attrs["units"] = "m"
+    run = open_run(path)
+    part = run.part(slice(20, 170)).part(slice(10, None))
+    assert np.array_equal(run.channels["o_1"], x)
+    assert np.array_equal(part.channels["o_1"], x[30:170])
+    assert np.array_equal(part.time, np.arange(30, 170) / 10)
+    assert part.size == 140
+    if how == "in place":
+        with h5py.File(path, "a") as file:
+            file["o_1"][3] = 0.5
+    else:
+        write_contract_file(tmp_path / "other.h5", samples=N).replace(path)
+    for channels in (run.channels, part.channels, run.part(slice(5, 20)).channels):
+        with pytest.raises(InputError, match=r"A1\.h5: was written again meanwhile"):
+            channels["o_1"]
+    path.unlink()
+    with pytest.raises(InputError, match=r"A1\.h5: no such file"):
+        run.channels["o_1"]
