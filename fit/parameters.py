@@ -176,8 +176,8 @@ def cross_talk_parameter(name: str) -> Parameter:
         If `name` is none of ``b_1`` to ``b_6``, ``e_phi`` and ``e_eta``.
     """
     width, unit, mean, order = _CROSS_TALK[name]
-    what = f"mean {mean}" + (" acceleration" if order else "")
-    description = f"cross-talk of the test masses' {what} into Delta g"
+    quantity = f"mean {mean}" + (" acceleration" if order else "")
+    description = f"cross-talk of the test masses' {quantity} into Delta g"
     letter, index = name.split("_")
     symbols = (f"{letter}<sub>{index}</sub>", rf"{letter}_{{\rm {index}}}")
     equation = "bump" if letter == "b" else "deltagfull2"
@@ -188,10 +188,10 @@ def misalignments(period: str) -> tuple[Parameter, ...]:
     """Return delta_phi and delta_eta, with their flight values if the inertial period was flown."""
     flown = period in _MISALIGNMENTS
     flight = _MISALIGNMENTS.get(period, ((0.0, 0.0), (0.0, 0.0)))
-    about = (("delta_phi", "δ<sub>φ</sub>", "z"), ("delta_eta", "δ<sub>η</sub>", "y"))
+    angles = (("delta_phi", "δ<sub>φ</sub>", "z"), ("delta_eta", "δ<sub>η</sub>", "y"))
     return tuple(
         Parameter(name, *both, "rad", 1e-3, "gomegafinal", html, name, f"misalignment about {axis}", flown)
-        for (name, html, axis), both in zip(about, flight, strict=True)
+        for (name, html, axis), both in zip(angles, flight, strict=True)
     )
 
 
@@ -251,8 +251,8 @@ def experiment_parameters(
     of_epoch = joint_parameter(f"delta_ifo_{epoch}")
     leakage = replace(of_epoch, name="delta_ifo", html="δ<sub>ifo</sub>", latex=r"\delta_{\rm ifo}")
     lambda_1, lambda_2, C_1, C_2 = _DYNAMICS[:4]
-    found = (lambda_2, C_2, stiffness_2, difference, leakage, lambda_1, C_1)
-    return {p.name: p for p in found}
+    parameters = (lambda_2, C_2, stiffness_2, difference, leakage, lambda_1, C_1)
+    return {p.name: p for p in parameters}
 
 
 # What the geometry says beforehand of the stiffness. The paper gives what eqs alphax and alphaphi come to,

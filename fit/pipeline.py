@@ -155,7 +155,7 @@ class _Together:
 def _dynamics(telemetries: Sequence[Telemetry], chosen: Settings) -> Results:
     """Fit the experiments, each on its own and jointly, and the cross-talk that was fitted along."""
     progress_stage(0.1)
-    recorded = [experiment.up_to(chosen.f_max) for experiment in pair(telemetries)]
+    recorded = [experiment.limit_band(chosen.f_max) for experiment in pair(telemetries)]
     if not recorded:
         raise InputError(
             f"{_paths(telemetries)}: no run of kind 'sysid', expected at least one to calibrate with, "
@@ -252,7 +252,7 @@ def _together(
         constrained = chosen.model_copy(update={"parameters": parameters, "scatter": list(outcome.scatter)})
         try:
             outcome = replace(
-                fit_joint(agreed.experiments, constrained, single_fits), by_data=outcome.by_data
+                fit_joint(agreed.experiments, constrained, single_fits), data_driven=outcome.data_driven
             )
         except FitError as error:
             names = ", ".join(parameters)

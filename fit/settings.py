@@ -128,7 +128,7 @@ class Settings(Table):
         return {**self.model_dump(), "parameters": parameters}
 
 
-def refuse_narrow_band(settings: Settings, command: str, where: str) -> None:
+def refuse_narrow_band(settings: Settings, command: str, context: str) -> None:
     """Refuse a fitted band that ends below 0.1 Hz, for a command that takes the whole band.
 
     Raises
@@ -137,17 +137,17 @@ def refuse_narrow_band(settings: Settings, command: str, where: str) -> None:
         If it does.
     """
     if settings.f_max < HIGHEST:
-        raise InputError(f"{where}.f_max: {settings.f_max:g}, expected {HIGHEST:g} for {command}")
+        raise InputError(f"{context}.f_max: {settings.f_max:g}, expected {HIGHEST:g} for {command}")
 
 
-def settings(chosen: Mapping[str, object] | None = None, where: str = "[fit]") -> Settings:
+def settings(table: Mapping[str, object] | None = None, context: str = "[fit]") -> Settings:
     """Return the settings with what is chosen on top of the default.
 
     Parameters
     ----------
-    chosen : mapping, optional
+    table : mapping, optional
         A table ``[fit]``, in part or whole.
-    where : str
+    context : str
         The place it was found at, for messages.
 
     Raises
@@ -156,30 +156,30 @@ def settings(chosen: Mapping[str, object] | None = None, where: str = "[fit]") -
         If a key or a value is not known.
     """
     default = documents.toml(Path(__file__).with_name("default.toml"), "settings")["fit"]
-    chosen = dict(chosen or {})
-    shared, known = chosen.pop("shared", {}), default.pop("shared")
+    table = dict(table or {})
+    shared, known = table.pop("shared", {}), default.pop("shared")
     if not isinstance(shared, Mapping):
-        raise InputError(f"{where}.shared: {quote(shared)}, expected a table of parameters")
+        raise InputError(f"{context}.shared: {quote(shared)}, expected a table of parameters")
     for name in shared:
         if name not in known:
-            raise InputError(f"{where}.shared.{key(name)}: unknown key{closest_match(name, known)}")
+            raise InputError(f"{context}.shared.{key(name)}: unknown key{closest_match(name, known)}")
     try:
-        found = Settings.model_validate({**default, **chosen, "shared": {**known, **shared}})
+        result = Settings.model_validate({**default, **table, "shared": {**known, **shared}})
     except ValidationError as error:
-        raise InputError(f"{where}.{validation_messages(error)}") from error
-    if found.estimator == "flscov" and found.f_max < HIGHEST:
-        raise InputError(f'{where}.f_max: {found.f_max:g} with estimator = "flscov", expected {HIGHEST:g}')
-    if len(set(found.scatter)) < len(found.scatter):
-        raise InputError(f"{where}.scatter: {', '.join(found.scatter)}: expected each parameter once")
-    if "auto" in found.scatter and len(found.scatter) > 1:
-        raise InputError(f'{where}.scatter: {", ".join(found.scatter)}: expected "auto" alone')
-    for name in found.scatter:
-        if found.shared.get(name, "campaign") != "campaign":
+        raise InputError(f"{context}.{validation_messages(error)}") from error
+    if result.estimator == "flscov" and result.f_max < HIGHEST:
+        raise InputError(f'{context}.f_max: {result.f_max:g} with estimator = "flscov", expected {HIGHEST:g}')
+    if len(set(result.scatter)) < len(result.scatter):
+        raise InputError(f"{context}.scatter: {', '.join(result.scatter)}: expected each parameter once")
+    if "auto" in result.scatter and len(result.scatter) > 1:
+        raise InputError(f'{context}.scatter: {", ".join(result.scatter)}: expected "auto" alone')
+    for name in result.scatter:
+        if result.shared.get(name, "campaign") != "campaign":
             raise InputError(
-                f"{where}.scatter: {name} has a value for each {found.shared[name]} already, "
+                f"{context}.scatter: {name} has a value for each {result.shared[name]} already, "
                 'expected shared = "campaign"'
             )
-    return found
+    return result
 
 
 def read(path: Path) -> Settings:

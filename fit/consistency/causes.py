@@ -43,7 +43,7 @@ class Case:
         Its number there.
     experiments : tuple of Experiment
         All of them, in the order of the test.
-    blocks : tuple of whitened_run.WhitenedRun
+    whitened_runs : tuple of whitened_run.WhitenedRun
         As they were weighed.
     sharing : Sharing
         What they share.
@@ -54,7 +54,7 @@ class Case:
     test: ConsistencyTest
     at: int
     experiments: tuple[Experiment, ...]
-    blocks: tuple[whitened_run.WhitenedRun, ...]
+    whitened_runs: tuple[whitened_run.WhitenedRun, ...]
     sharing: Sharing
     outcome: IRLSResult
 
@@ -86,7 +86,7 @@ class Case:
     @cached_property
     def expected(self) -> Array:
         """Parameters of the run as the others have them, shape (Q,)."""
-        return np.asarray(self.score.run_theta + self.score.equation.share @ self._moved)
+        return np.asarray(self.score.run_theta + self.score.equation.parameter_map @ self._moved)
 
     @cached_property
     def _moved(self) -> Array:
@@ -171,7 +171,7 @@ def exchanged(case: Case, i: int) -> Cause | None:
 def _candidates(case: Case) -> Iterator[Candidate]:
     """Try all causes; where the run does not follow the equation, only those that make it follow."""
     experiment, tau = case.experiments[case.at], dynamics.delays(case.expected)
-    for cause, other in lags.scores(experiment, case.blocks[case.at], case.outcome, tau):
+    for cause, other in lags.scores(experiment, case.whitened_runs[case.at], case.outcome, tau):
         if other.noise_level == 1:
             yield Candidate((cause,), _left(case, {case.at: other}))
     if case.score.noise_level == 1:
@@ -248,9 +248,9 @@ def _otherwise(case: Case, runs: Mapping[int, Telemetry]) -> ChiSquare:
             case.sharing.matrix(t, experiment.parameters, case.names)
             for t in (experiment.sysid.telemetry, run)
         )
-        share = score.equation.share.copy()
+        share = score.equation.parameter_map.copy()
         share[: len(after)] += after - before  # what gains do within the run comes after
-        scores[i] = score.with_equation(replace(score.equation, share=share))
+        scores[i] = score.with_equation(replace(score.equation, parameter_map=share))
     return _left(case, scores)
 
 

@@ -182,11 +182,11 @@ class ConsistencyTest:
         """Where the blocks of the runs lie in a projection, and the effect of the noise models on them."""
         index = np.arange(self.residual.size**2).reshape(self.residual.size, -1)
         where = np.concatenate([index[rows, rows].ravel() for rows in self.rows])
-        blocks = [
-            whitened_run.rooted(run.knot_covariance) @ run.knot_effects.reshape(-1, run.residual.size**2)
+        whitened_runs = [
+            whitened_run.matrix_sqrt(run.knot_covariance) @ run.knot_effects.reshape(-1, run.residual.size**2)
             for run in self.runs
         ]
-        return where, scipy.sparse.csr_array(scipy.sparse.block_diag(blocks))
+        return where, scipy.sparse.csr_array(scipy.sparse.block_diag(whitened_runs))
 
     def _chi_square(self, projection: Array) -> ChiSquare:
         """Return the sum of squares in the range of a projection, shape (N, N)."""
@@ -201,7 +201,7 @@ class ConsistencyTest:
 def consistency_test(
     experiments: Sequence[Experiment],
     joint: IRLSResult,
-    blocks: Sequence[whitened_run.WhitenedRun] | None = None,
+    whitened_runs: Sequence[whitened_run.WhitenedRun] | None = None,
 ) -> ConsistencyTest:
     """Return the test of experiments about the estimate of a joint fit.
 
@@ -214,17 +214,17 @@ def consistency_test(
         In the joint fit or not.
     joint : IRLSResult
         The joint fit.
-    blocks : sequence of WhitenedRun, optional
+    whitened_runs : sequence of WhitenedRun, optional
         The whitened runs; by default those of the joint fit.
     """
     theta, parameters = joint.solution.theta, joint.parameters
     runs = tuple(
         run_score(e.name, block, run_estimate(e.name, block), theta)
-        for e, block in zip(experiments, blocks or joint.blocks, strict=True)
+        for e, block in zip(experiments, whitened_runs or joint.whitened_runs, strict=True)
     )
     widths = {
         i: joint.scatter[name][0]
-        for effect in joint.departing
+        for effect in joint.random_effects
         for i in effect.members
         for name in joint.scatter
         if parameters[i].name.startswith(f"d{name}_")

@@ -126,7 +126,7 @@ def fit_consistent_runs(
         joint, unsettled = together, ()
     assert joint is not None  # without any run that settles, the fit of all or its error
     if settings.scatter == ["auto"] and selection.scatter:
-        joint = replace(joint, by_data=True)
+        joint = replace(joint, data_driven=True)
     contradicting = _contradicting(usable, selection, joint, single_fits, settings)
     consistent = selection.experiments
     test = consistency_test(consistent, joint)
@@ -221,10 +221,12 @@ def single_fit_test(
 
     def score(e: Experiment, block: WhitenedRun) -> RunScore:
         share = sharing.matrix(e.sysid.telemetry, e.parameters, names)
-        own = replace(block, share=share)
+        own = replace(block, parameter_map=share)
         return run_score(e.name, own, run_estimate(e.name, own), theta)
 
-    fits = [(e, fit.blocks[0]) for e in experiments if isinstance(fit := single_fits[e.name], IRLSResult)]
+    fits = [
+        (e, fit.whitened_runs[0]) for e in experiments if isinstance(fit := single_fits[e.name], IRLSResult)
+    ]
     runs = tuple(parallel_map(lambda one: score(*one), fits))
     test = ConsistencyTest(runs, width, np.zeros((0, theta.size)), np.zeros(0))
     for _ in range(2):  # coefficients are nearly linear in the parameters
@@ -245,13 +247,13 @@ def _contradicting(
     if not outliers:
         return ()
     sharing, names = Sharing(settings.shared), [p.name for p in joint.parameters]
-    blocks = [
-        replace(fit.blocks[0], share=sharing.matrix(e.sysid.telemetry, e.parameters, names))
+    whitened_runs = [
+        replace(fit.whitened_runs[0], parameter_map=sharing.matrix(e.sysid.telemetry, e.parameters, names))
         for e in outliers
         if isinstance(fit := single_fits[e.name], IRLSResult)
     ]
-    court = Court((*selection.experiments, *outliers), (*joint.blocks, *blocks), joint, sharing)
-    test = consistency_test(court.experiments, joint, court.blocks)
+    court = Court((*selection.experiments, *outliers), (*joint.whitened_runs, *whitened_runs), joint, sharing)
+    test = consistency_test(court.experiments, joint, court.whitened_runs)
     first = len(selection.experiments)
     return of_odd(test, range(first, first + len(outliers)), court)
 
@@ -315,7 +317,7 @@ def _joint_with_unsettled(
         return joint
     if fit_quality.suspects({"": joint}):
         return None
-    loses = np.count_nonzero(joint.lost) > np.count_nonzero(without.lost)
+    loses = np.count_nonzero(joint.undetermined) > np.count_nonzero(without.undetermined)
     contradicted = is_contradicted(consistency_test(together, joint), _groups(together))
     return None if loses or contradicted else joint
 
@@ -384,7 +386,7 @@ def _majority(left_out: Sequence[Exclusion], experiments: Sequence[Experiment]) 
 def _leverage(test: ConsistencyTest, joint: IRLSResult) -> list[FitWarning]:
     """Return warnings of what rests on a single run."""
     warnings = []
-    for run, growth in leverage(test, joint.lost).items():
+    for run, growth in leverage(test, joint.undetermined).items():
         names = tuple(joint.parameters[k].name for k in growth if k < joint.shared)
         if names:
             verb = "rests" if len(names) == 1 else "rest"

@@ -121,8 +121,8 @@ def explained(
         # stretches say less than what was observed
         causes = tuple(cause for cause in causes if cause.kind != "stretches")
         single = alone.get(exclusion.experiment)
-        if not causes and isinstance(single, IRLSResult) and not agreed.outcome.departing:
-            causes = _of_parameters(experiment, single.blocks[0], agreed, sharing)
+        if not causes and isinstance(single, IRLSResult) and not agreed.outcome.random_effects:
+            causes = _of_parameters(experiment, single.whitened_runs[0], agreed, sharing)
         if not causes and exclusion.tells == "misfit":
             return replace(exclusion, reason="; ".join([exclusion.reason, *_odd_by_itself(experiment)]))
         return replace(exclusion, causes=causes)
@@ -168,9 +168,12 @@ def _of_parameters(
     if not share.any(axis=1).all():
         return ()
     court = Court(
-        (*agreed.experiments, experiment), (*outcome.blocks, replace(block, share=share)), outcome, sharing
+        (*agreed.experiments, experiment),
+        (*outcome.whitened_runs, replace(block, parameter_map=share)),
+        outcome,
+        sharing,
     )
-    test, last = consistency_test(court.experiments, outcome, court.blocks), len(agreed.experiments)
+    test, last = consistency_test(court.experiments, outcome, court.whitened_runs), len(agreed.experiments)
     if test.of_runs([last]).p > ALARM and test.runs[last].noise_level == 1:
         return ()
     return named(court.case(test, last))
@@ -181,7 +184,7 @@ class Court:
     """Experiments that do not agree, their blocks, the joint fit they were part of, and what they share."""
 
     experiments: tuple[Experiment, ...]
-    blocks: tuple[whitened_run.WhitenedRun, ...]
+    whitened_runs: tuple[whitened_run.WhitenedRun, ...]
     outcome: IRLSResult
     sharing: Sharing
 
@@ -192,7 +195,7 @@ class Court:
             test=test.without(tuple(gone)),
             at=kept.index(i),
             experiments=tuple(self.experiments[k] for k in kept),
-            blocks=tuple(self.blocks[k] for k in kept),
+            whitened_runs=tuple(self.whitened_runs[k] for k in kept),
             sharing=self.sharing,
             outcome=self.outcome,
         )
@@ -231,8 +234,8 @@ def _apart(case: Case) -> str:
     best, said = 0.0, ""
     units = {p.name: p.unit for p in experiment_parameters(case.run.authority, 1).values()}
     for k, name in enumerate(dynamics.PARAMETERS):
-        row = score.equation.share[k] * rest.width
-        of_rest = score.run_theta[k] + float(score.equation.share[k] @ moved)
+        row = score.equation.parameter_map[k] * rest.width
+        of_rest = score.run_theta[k] + float(score.equation.parameter_map[k] @ moved)
         sigma = float(np.sqrt(row @ covariance @ row))
         pull = abs(alone[k] - of_rest) / np.hypot(sigmas[k], sigma)
         if np.isfinite(pull) and pull > best:

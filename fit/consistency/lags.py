@@ -37,7 +37,7 @@ def scores(
         if not np.any(getattr(run.channels, name)):
             continue
         for late, told in _lags(run.telemetry.fs):
-            shifted = run.earlier(name, late)
+            shifted = run.advance(name, late)
             terms = shifted.spectra(tau)
             columns, _ = whitened_run.whiten(terms, block.noise.expected(terms.f))
             words = f"{name} is {'late' if late > 0 else 'early'} by {told}"

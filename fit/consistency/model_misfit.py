@@ -206,13 +206,13 @@ def run_misfit(
     tau = initial_fit.initial_fit(run).tau
     terms, columns = run.spectra(tau), run.columns(tau)
     S = constancy.noise_psd(experiment).expected(terms.f)
-    U = whitened_run.stacked(whitened_run.whiten(terms, S)[0])
+    U = whitened_run.as_real(whitened_run.whiten(terms, S)[0])
     fit = ScoreTest(U[:, 0], np.empty((len(U), 0))).test(U[:, 1:])
     w, series = terms.window, RunSeries(run, columns, np.array([1.0, *-fit.amounts]), largest_force)
     added = [template.effect(series) for template in templates]
     values = np.stack([np.zeros(len(columns.values)) if x is None else x for x in added], axis=1)
     whitened = whitened_run.whiten(run.transformed(values, columns), S)[0]
-    effects, test = whitened_run.stacked(whitened), ScoreTest(U[:, 0], U[:, 1:])
+    effects, test = whitened_run.as_real(whitened), ScoreTest(U[:, 0], U[:, 1:])
     rms = max(1.0, float(np.sqrt(np.mean(test.residual**2))))  # beyond noise, the delays are less precise
     return RunMisfit(
         experiment=experiment,

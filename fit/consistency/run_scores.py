@@ -62,17 +62,17 @@ class RunScore:
     @cached_property
     def run_jacobian(self) -> Array:
         """Derivatives of `residual` by the Q parameters of the run, shape (N, Q)."""
-        return np.asarray(self.estimate.root @ self.equation.of_run(self.theta)[1:])
+        return np.asarray(self.estimate.root @ self.equation.run_gradient(self.theta)[1:])
 
     @property
     def jacobian(self) -> Array:
         """Derivatives of `residual` by the fitted parameters, shape (N, P)."""
-        return np.asarray(self.run_jacobian @ self.equation.share)
+        return np.asarray(self.run_jacobian @ self.equation.parameter_map)
 
     @property
     def run_theta(self) -> Array:
         """Parameters of the run, shape (Q,)."""
-        return np.asarray(self.equation.share @ self.theta)
+        return np.asarray(self.equation.parameter_map @ self.theta)
 
     def with_equation(self, equation: whitened_run.WhitenedRun) -> "RunScore":
         """Return the same data with another equation."""

@@ -19,7 +19,9 @@ Array = NDArray[np.float64]
 SENSITIVITY = 1e-3  # inverse sigma, of itself and relative to the most sensitive run, from which a run counts
 P_SCATTER = 1e-3  # where there is none sigmas get a little wider; missed, it makes them far too small
 FEWEST = 3  # runs that must be sensitive to a deviation
-GAIN, DELAY = (next(kind for kind in departures.KINDS if kind.name == name) for name in ("gain", "delay"))
+GAIN, DELAY = (
+    next(kind for kind in departures.RANDOM_EFFECTS if kind.name == name) for name in ("gain", "delay")
+)
 CANDIDATES = ((GAIN,), (DELAY,), (GAIN, DELAY))
 
 
@@ -41,7 +43,7 @@ class Scatter:
         What is left of T.
     """
 
-    kinds: tuple[departures.Kind, ...]
+    kinds: tuple[departures.RandomEffect, ...]
     widths: tuple[float, ...]
     log_likelihood: float
     p: float
@@ -68,7 +70,7 @@ def estimate_scatter(test: ConsistencyTest, names: Sequence[str]) -> Scatter | N
     return max(estimates, key=lambda e: e.log_likelihood - len(e.kinds), default=None)
 
 
-def _estimate(test: ConsistencyTest, kinds: Sequence[departures.Kind]) -> Scatter | None:
+def _estimate(test: ConsistencyTest, kinds: Sequence[departures.RandomEffect]) -> Scatter | None:
     columns = []
     for kind in kinds:
         Z = test.residual_maker @ _deviations(test, kind)
@@ -83,7 +85,7 @@ def _estimate(test: ConsistencyTest, kinds: Sequence[departures.Kind]) -> Scatte
     return Scatter(tuple(kinds), found.widths, found.log_likelihood, found.p, rest)
 
 
-def _deviations(test: ConsistencyTest, kind: departures.Kind) -> Array:
+def _deviations(test: ConsistencyTest, kind: departures.RandomEffect) -> Array:
     """Return the effect of unit deviations of every run, test mass by test mass, in flight values."""
     columns = []
     for name, unit in zip(kind.parameters, kind.units, strict=True):

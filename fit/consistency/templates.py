@@ -57,7 +57,7 @@ class RunSeries:
         channels, columns = self.run.channels, self.columns
         if name.startswith("f_x"):
             j = int(name[-1]) - 1
-            force = dynamics.force(self.run.altered({name: series}).channels, j, columns.tau)
+            force = dynamics.force(self.run.with_channels({name: series}).channels, j, columns.tau)
             return np.asarray(force @ self.coefficients[dynamics.FORCES[j]])
         c = dict(zip(columns.names, self.coefficients.tolist(), strict=True))
         curvature = derivatives.derivative(series, channels.fs, 2)

@@ -54,7 +54,7 @@ class Remedy:
 
 
 @dataclass(frozen=True)
-class Left:
+class ResidualSpectrum:
     """What is left of a run beside what the others say.
 
     Attributes
@@ -131,7 +131,7 @@ class Trial:
         self._of_all = dict(zip(names, theta.tolist(), strict=True))
         self.expected = share @ theta
         P = share @ covariance @ share.T
-        self._root = whitened_run.rooted(P).T
+        self._root = whitened_run.matrix_sqrt(P).T
         self.tau = dynamics.delays(self.expected)
         self.noise: NoiseModel = noise_model(experiment, self.expected, P, None)
 
@@ -154,7 +154,7 @@ class Trial:
         """The run without a remedy."""
         return self._seen(Remedy())
 
-    def with_remedy(self, remedy: Remedy) -> Left:
+    def with_remedy(self, remedy: Remedy) -> ResidualSpectrum:
         """Return what is left with a remedy."""
         return self._seen(remedy).left
 
@@ -206,14 +206,14 @@ class Trial:
         """Return accelerations, shape (M, E), as whitened columns, shape (2 B, E)."""
         terms = self.as_it_is.terms
         found = self.sysid.transformed(series, terms)
-        return whitened_run.stacked(whitened_run.whiten(found, self.as_it_is.S)[0])
+        return whitened_run.as_real(whitened_run.whiten(found, self.as_it_is.S)[0])
 
     def _seen(self, remedy: Remedy) -> "_Seen":
         run = self.sysid
         if remedy.channels:
-            run = run.altered(remedy.channels)
+            run = run.with_channels(remedy.channels)
         if remedy.without:
-            run = run.without(remedy.without)
+            run = run.mask(remedy.without)
         terms = run.columns(self.tau)
         values = terms.values
         if remedy.acceleration is not None:
@@ -221,7 +221,7 @@ class Trial:
             values[:, 0] -= remedy.acceleration
         found = run.transformed(values, terms)
         S = self.noise.expected(found.f)
-        U = whitened_run.stacked(whitened_run.whiten(found, S)[0])
+        U = whitened_run.as_real(whitened_run.whiten(found, S)[0])
         level = remedy.factor if 1 / LEVEL < abs(remedy.factor) < LEVEL else 1.0
         c, gradient = (
             of(self.expected, self.tau) / level for of in (dynamics.coefficients, dynamics.gradient)
@@ -293,7 +293,7 @@ class _Seen:
         return 2 * len(self.S) * round(BLOCK * self.terms.fs) / self.found.window.size
 
     @cached_property
-    def left(self) -> Left:
+    def left(self) -> ResidualSpectrum:
         """What that comes to."""
         kept = [k for k in range(1, self.U.shape[1]) if np.any(self.U[:, k])]
         A = self.U[:, kept] / np.linalg.norm(self.U[:, kept], axis=0)
@@ -304,9 +304,9 @@ class _Seen:
         level = max(1.0, float(np.median(self.blocks)))
         worst = float(self.blocks.max()) / level * self.freedom
         even = float(scipy.special.chdtrc(self.freedom, worst)) * self.blocks.size > UNEVEN
-        return Left(float(self.rest @ self.rest), free, len(self.U), u.shape[1], even)
+        return ResidualSpectrum(float(self.rest @ self.rest), free, len(self.U), u.shape[1], even)
 
 
 def of_bins(x: Array) -> NDArray[np.complex128]:
-    """Return a column as `linear.stacked` has it as complex numbers, shape (B,)."""
+    """Return a column as `linear.as_real` has it as complex numbers, shape (B,)."""
     return np.ascontiguousarray(x).view(np.complex128)

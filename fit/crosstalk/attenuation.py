@@ -94,12 +94,12 @@ def expected_shift(
     """
     theta = outcome.solution.theta
     width = np.array([p.prior_sigma for p in outcome.parameters])
-    prior = outcome.held.rows
+    prior = outcome.conditional_prior.rows
     H, H_n = prior.T @ prior, np.zeros((theta.size, theta.size))
     clean = np.array([p.name in corrected for p in outcome.parameters])
     for w, floor in zip(runs, floors, strict=True):
-        terms, to_run = w.terms, w.block.share
-        H += whitened_run.information([whitened_run.block(terms, w.noise, to_run)], theta)
+        terms, to_run = w.terms, w.block.parameter_map
+        H += whitened_run.information([whitened_run.whiten_run(terms, w.noise, to_run)], theta)
         weight = 2 / w.S
         for mean, S_n in floor.items():
             rows = np.zeros((terms.f.size, len(to_run)))

@@ -84,8 +84,8 @@ def cross_talk(
             ],
         )
         shifts = {names[p.name]: shift[i] for i, p in enumerate(outcome.parameters) if p.name in names}
-        drifts = drift.measured(outcome, experiments, names, epoch)
-        fits[str(epoch)] = drift.held(attenuation.inflate_sigma(fit, shifts), drifts)
+        drifts = drift.cross_talk_drift(outcome, experiments, names, epoch)
+        fits[str(epoch)] = drift.inflate_sigma(attenuation.inflate_sigma(fit, shifts), drifts)
     return fits
 
 
@@ -95,7 +95,7 @@ def subtraction(
     """Return the coefficients of eq. bump by alignment epoch that subtract best: those of least squares."""
     fitted = [p.name for p in outcome.parameters]
     values = dict(zip(fitted, outcome.solution.theta.tolist(), strict=True))
-    undetermined = dict(zip(fitted, outcome.lost, strict=True))
+    undetermined = dict(zip(fitted, outcome.undetermined, strict=True))
     return {
         str(epoch): {b: values[name] for name, b in names.items() if not undetermined[name]}
         for epoch, names in _names(experiments, sharing)[0].items()
@@ -149,7 +149,8 @@ def _attenuated(
     sigma = outcome.solution.sigma
     biased = {}
     for i, p in enumerate(outcome.parameters):
-        if p.name in names and not outcome.lost[i] and not abs(shift[i]) < attenuation.REPORTED * sigma[i]:
+        is_small = abs(shift[i]) < attenuation.REPORTED * sigma[i]
+        if p.name in names and not outcome.undetermined[i] and not is_small:
             value = float(outcome.solution.theta[i])
             free = f"{value:.4g} instead of {value - shift[i]:.4g} {p.unit}".removesuffix(" 1")
             biased[names[p.name]] = (
@@ -175,7 +176,7 @@ def _corrected(outcome: IRLSResult, iv: IVResult, names: Mapping[str, str]) -> l
     cost_of = {
         names[p.name]: float(cost[i])
         for i, p in enumerate(outcome.parameters)
-        if p.name in names and p.name in iv.names and not outcome.lost[i]
+        if p.name in names and p.name in iv.names and not outcome.undetermined[i]
     }
     if not cost_of:
         return []

@@ -45,7 +45,14 @@ from fit.settings import ParameterSettings
 from fit.spectra import NoiseModel, Spectrum, windowing
 from fit.telemetry import Telemetry, common_x_axis, inertial_period
 from fit.warnings import FitWarning
-from fit.whitening import Left, check_left, glitch_templates, smooth_noise, weights, whitened_run
+from fit.whitening import (
+    ResidualSpectrum,
+    check_coverage,
+    fit_residual_noise,
+    glitch_templates,
+    weights,
+    whitened_run,
+)
 
 Array = NDArray[np.float64]
 
@@ -112,7 +119,7 @@ def fit_period(
         parameters={n: Estimate(float(x), float(s), "rad", fixed=fixed or None) for n, x, s, fixed in angles},
         covariance=covariance,
         chi2=solution.chi2,
-        dof=sum(block.size for block in outcome.blocks) - len(NAMES),
+        dof=sum(block.size for block in outcome.whitened_runs) - len(NAMES),
         converged=outcome.converged,
         warnings=(
             *_warnings([(w.name, warning) for w in weighings for warning in w.warnings]),
@@ -182,7 +189,7 @@ def _columns(run: Telemetry, sources: rotation.Sources, of_run: Dynamics) -> _Co
     columns[:, CENTRIFUGAL] = inertial.g_Omega(rate.rate(motion, slow, rate.Integral(motion.fs)), d)
     valid = motion.valid
     del motion
-    columns[:, CENTRIFUGAL + 1 :] = inertial.euler(rotation.apart(run, sources), d)
+    columns[:, CENTRIFUGAL + 1 :] = inertial.euler(rotation.half_difference(run, sources), d)
     channels = dynamics.channels(run, motion=False)
     terms = dynamics.columns(channels, dynamics.delays(of_run.theta))
     columns[:, 0] = terms.values @ dynamics.coefficients(of_run.theta, terms.tau) + columns[:, CENTRIFUGAL]
@@ -211,7 +218,7 @@ class _Turning:
         What is lacking.
     """
 
-    settled = True
+    converged = True
 
     def __init__(self, run: Telemetry, joint: Fit) -> None:
         sources = rotation.sources(run)
@@ -221,7 +228,7 @@ class _Turning:
         terms = columns.terms
         glitches = long_noise.find_glitches(terms.values[:, :CENTRIFUGAL], terms.valid, terms.time, BAND)
         spectra = windowing.transform(terms.values, terms.valid, terms.fs, band=BAND)
-        check_left(run, spectra.window, "missing samples in read-outs, torques or angles")
+        check_coverage(run, spectra.window, "missing samples in read-outs, torques or angles")
         window, fs = windowing.resample_window(spectra.window, terms.fs, PER_CYCLE * BAND[1])
         templates = glitch_templates.columns_with_derivatives(
             glitches or (), terms.time[0] + np.arange(window.size) / fs, fs
@@ -247,8 +254,8 @@ class _Turning:
         c, share = np.array([1.0, *theta]), np.eye(theta.size)
         gradient = np.eye(c.size, theta.size, k=-1), covariance
         if self._model is None:
-            self._model = smooth_noise(Left(self._terms, c, gradient), None)
-        self._model = smooth_noise(Left(self._terms, c, gradient), self._model)
+            self._model = fit_residual_noise(ResidualSpectrum(self._terms, c, gradient), None)
+        self._model = fit_residual_noise(ResidualSpectrum(self._terms, c, gradient), self._model)
         terms = self._terms
         U, _fraction = whitened_run.whiten(terms, self._model.expected(terms.f))
         even, fitted = weights("gaussian", terms.f, np.ones(terms.f.size)), U[:, : c.size]
@@ -257,10 +264,10 @@ class _Turning:
         return _Rotation(*placed, uncertain=uncertain, disagreement=disagreement)
 
 
-def weak_priors(blocks: Sequence[whitened_run.WhitenedRun], theta: Array, _: Array) -> PriorSet:
+def weak_priors(whitened_runs: Sequence[whitened_run.WhitenedRun], theta: Array, _: Array) -> PriorSet:
     """Return the weak priors of all but the angles, about zero."""
     nuisance = [*PARAMETERS, centrifugal.EXCESS][len(NAMES) : theta.size]
-    H = whitened_run.information(blocks, theta)
+    H = whitened_run.information(whitened_runs, theta)
     H[range(len(NAMES), theta.size), range(len(NAMES), theta.size)] += 1 / _widths(nuisance) ** 2
     scale = np.sqrt(np.diag(H))
     if not np.all(scale > 0) or np.linalg.cond(H / np.outer(scale, scale)) > 1e12:

@@ -45,8 +45,8 @@ def fitted_runs(outcome: IRLSResult, experiments: Sequence[Experiment]) -> list[
     """Return the sysid runs as of the last iteration."""
     theta, covariance = outcome.solution.theta, outcome.solution.covariance
     runs = []
-    for experiment, block in zip(experiments, outcome.blocks, strict=True):
-        of_run, share = block.share @ theta, block.share
+    for experiment, block in zip(experiments, outcome.whitened_runs, strict=True):
+        of_run, share = block.parameter_map @ theta, block.parameter_map
         noise = noise_model(experiment, of_run, share @ covariance @ share.T, None)
         terms = experiment.sysid.spectra(dynamics.delays(of_run))
         runs.append(FittedRun(experiment, terms, noise, block))

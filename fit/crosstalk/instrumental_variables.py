@@ -96,7 +96,7 @@ def noisy_regressor(w: FittedRun, name: str, theta: Array) -> NoisyRegressor | N
     power = np.abs(w.terms.columns[:, indices[0] + 1]) ** 2
     smooth = fit_noise(f, power, np.ones(f.size)).leave_one_out(f, power)
     T, noise_power = _causal(f).conj(), 2 * white / w.S
-    acceleration, position = w.block.share[list(indices)] @ theta
+    acceleration, position = w.block.parameter_map[list(indices)] @ theta
     force = (acceleration - position / omega2)[:, None]
     shapes = force * np.minimum(white / smooth, 1.0)[:, None] * T
     filters = np.column_stack([np.ones(f.size), -1 / omega2, shapes])
@@ -298,11 +298,11 @@ def _epoch(w: FittedRun) -> int:
 
 def _is_shifted(outcome: IRLSResult, w: FittedRun, name: str, shifts: Container[str]) -> bool:
     """Tell whether a coefficient of a mean is off; none is, if that of its acceleration is lost."""
-    rows = w.block.share[[w.experiment.parameters.index(b) for b in COEFFICIENTS_OF[name]]]
+    rows = w.block.parameter_map[[w.experiment.parameters.index(b) for b in COEFFICIENTS_OF[name]]]
     parameters_of_mean = [
         p.name for p, used in zip(outcome.parameters, np.any(rows, axis=0).tolist(), strict=True) if used
     ]
-    return not outcome.lost[rows[0] != 0].any() and any(
+    return not outcome.undetermined[rows[0] != 0].any() and any(
         parameter in shifts for parameter in parameters_of_mean
     )
 
@@ -315,7 +315,7 @@ def _moment_equations(
 ) -> MomentEquations:
     """Return the equations of a run for those of its means that have a label among `labels`."""
     means = [mean for mean in means_of_run.values() if mean and mean.label in labels]
-    theta, K, P = w.block.share @ outcome.solution.theta, *w.block.share.shape
+    theta, K, P = w.block.parameter_map @ outcome.solution.theta, *w.block.parameter_map.shape
     U, _ = whitened_run.whiten(w.terms, w.S)
     regressors: Spectrum = U @ dynamics.gradient(theta, w.terms.tau)
     weights = w.block.weights.fit
@@ -328,7 +328,7 @@ def _moment_equations(
         for mean in means
     ]
     to_run = np.zeros((K + LOOP_ORDER * len(means), P + LOOP_ORDER * len(labels)))
-    to_run[:K, :P] = w.block.share
+    to_run[:K, :P] = w.block.parameter_map
     for i, mean in enumerate(means):
         column = P + LOOP_ORDER * labels.index(mean.label)
         to_run[K + i * LOOP_ORDER : K + (i + 1) * LOOP_ORDER, column : column + LOOP_ORDER] = np.eye(
@@ -351,8 +351,8 @@ def _noise_dominated(outcome: IRLSResult, runs: Sequence[MomentEquations]) -> se
     """Return the means whose noise is nearly all that the data say in some direction."""
     P = outcome.solution.theta.size
     width = np.array([p.prior_sigma for p in outcome.parameters])
-    prior = outcome.held.rows
-    H = whitened_run.information(outcome.blocks, outcome.solution.theta) + prior.T @ prior
+    prior = outcome.conditional_prior.rows
+    H = whitened_run.information(outcome.whitened_runs, outcome.solution.theta) + prior.T @ prior
     root = np.linalg.inv(np.linalg.cholesky(H * np.outer(width, width))) * width
     noise_of_label: dict[tuple[int, str], Array] = {}
     for run in runs:
@@ -368,7 +368,7 @@ def _noise_dominated(outcome: IRLSResult, runs: Sequence[MomentEquations]) -> se
 
 def _solution(outcome: IRLSResult, runs: Sequence[MomentEquations]) -> whitened_run.Solution:
     """Solve the moments of all runs for what changes least squares."""
-    theta, prior = outcome.solution.theta, outcome.held
+    theta, prior = outcome.solution.theta, outcome.conditional_prior
     extra = runs[0].map.shape[1] - theta.size
     rows = np.zeros((len(prior.rows) + extra, theta.size + extra))
     rows[: len(prior.rows), : theta.size] = prior.rows

@@ -56,7 +56,9 @@ def experiments(
     ]
     fit_settings = settings(chosen, f"{path}: provenance.settings")
     prepared = []
-    for one in mask_experiments([e.up_to(fit_settings.f_max) for e in recorded], fit_settings, ()).values():
+    for one in mask_experiments(
+        [e.limit_band(fit_settings.f_max) for e in recorded], fit_settings, ()
+    ).values():
         if isinstance(one, InputError):
             raise one
         prepared.append(one.experiment)
@@ -97,7 +99,7 @@ def least_squares(prepared: Sequence[Experiment], settings_of_fit: Settings) -> 
         return outcome
     # the scatter of gains is chosen without constraints, which may be wrong
     constrained = settings_of_fit.model_copy(update={"scatter": list(outcome.scatter)})
-    return replace(fit_joint(prepared, constrained), by_data=outcome.by_data)
+    return replace(fit_joint(prepared, constrained), data_driven=outcome.data_driven)
 
 
 @one_blas_thread

@@ -61,11 +61,11 @@ def bias_corrected(outcome: IRLSResult, correlation: Array) -> tuple[Array, Arra
     solution = outcome.solution
     width = np.array([p.prior_sigma for p in outcome.parameters])
     noise, happens = np.zeros((2, width.size, width.size))
-    for block in cast(Sequence[NoisyRotation], outcome.blocks):
+    for block in cast(Sequence[NoisyRotation], outcome.whitened_runs):
         of_run = block.torque_noise(solution.theta)
         noise[:ANGLES, :ANGLES] += of_run[0]
         happens[:ANGLES, :ANGLES] += of_run[1]
-    H = whitened_run.information(outcome.blocks, solution.theta)
+    H = whitened_run.information(outcome.whitened_runs, solution.theta)
     H += outcome.prior.rows.T @ outcome.prior.rows
     theta, covariance, drowned = freed(solution.theta, solution.covariance, H, noise, happens, width)
     covariance = covariance + calibration_covariance(outcome, correlation)
@@ -113,10 +113,12 @@ def freed(
 
 def calibration_covariance(outcome: IRLSResult, correlation: Array) -> Array:
     """Return the covariance that the errors of the calibration make, shape (P, P)."""
-    blocks, theta = outcome.blocks, outcome.solution.theta
+    whitened_runs, theta = outcome.whitened_runs, outcome.solution.theta
     width = np.array([p.prior_sigma for p in outcome.parameters])
-    inverse = whitened_run.curvature_covariance(whitened_run.information(blocks, theta), outcome.prior, width)
+    inverse = whitened_run.curvature_covariance(
+        whitened_run.information(whitened_runs, theta), outcome.prior, width
+    )
     # One calibration serves all runs, so its errors add up; that of delta_ifo counts for nothing here.
-    moments = [block.calibration_moments() for block in cast(Sequence[NoisyRotation], blocks)]
+    moments = [block.calibration_moments() for block in cast(Sequence[NoisyRotation], whitened_runs)]
     shift = inverse @ np.sum(moments, axis=0)
     return np.asarray(shift @ correlation @ shift.T)

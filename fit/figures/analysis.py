@@ -61,7 +61,7 @@ def split(telemetry: Telemetry, parameters: Mapping[str, float]) -> Terms:
     parameters : mapping
         Those of `fit.model.dynamics.residual`.
     """
-    run = dynamics.beyond(telemetry, HIGHEST)
+    run = dynamics.wideband_channels(telemetry, HIGHEST)
     theta = np.array([parameters.get(name, 0.0) for name in run.parameters])
     inner = slice(derivatives.HALF, -derivatives.HALF)
     time, n = run.time[inner], run.time[inner].size

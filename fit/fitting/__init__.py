@@ -10,7 +10,7 @@ from fit.fitting.irls import HARMLESS, MAX_ITERATIONS, TOLERANCE, Convergence, I
 from fit.fitting.joint_fit import constraints_of, fit_experiment, fit_joint
 from fit.fitting.joint_model import Prior, delta_chi2, free_directions, lmfit_symbol
 from fit.fitting.nonstationary_noise import NonstationaryRun, SegmentVariances
-from fit.fitting.normal import inflations
+from fit.fitting.normal import variance_factors
 from fit.fitting.priors import PriorSet, weak_priors
 from fit.fitting.problem import FREE, Problem
 from fit.fitting.random_effects import estimate_widths
@@ -43,7 +43,6 @@ __all__ = [
     "flscov",
     "free_directions",
     "hierarchy",
-    "inflations",
     "irls",
     "iterate",
     "lmfit_symbol",
@@ -56,5 +55,6 @@ __all__ = [
     "score_whitening",
     "sums",
     "user_params",
+    "variance_factors",
     "weak_priors",
 ]

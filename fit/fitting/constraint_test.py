@@ -173,7 +173,7 @@ def refit_unconstrained(outcome: IRLSResult, declared: Collection[str] | None = 
     for i, setting in problem.settings.items():
         if not problem.constrained[i]:
             continue
-        bound = "" if outcome.lost[i] else bounds.get(i, "")
+        bound = "" if outcome.undetermined[i] else bounds.get(i, "")
         is_tested = not names[i].startswith(ATTENUATED)
         tested.append(
             TestedConstraint(
@@ -191,7 +191,7 @@ def refit_unconstrained(outcome: IRLSResult, declared: Collection[str] | None = 
     dependent = [
         i
         for i in range(outcome.shared)
-        if not problem.constrained[i] and not outcome.lost[i] and abs(shifts[i]) > SHIFT_SIGMA
+        if not problem.constrained[i] and not outcome.undetermined[i] and abs(shifts[i]) > SHIFT_SIGMA
     ]
     return ConstraintTest(
         tuple(tested),

@@ -45,7 +45,7 @@ _NODES = (
 
 
 def check(
-    settings: Mapping[str, ParameterSettings], names: Iterable[str], where: str, *, has_fmus: bool = False
+    settings: Mapping[str, ParameterSettings], names: Iterable[str], context: str, *, has_fmus: bool = False
 ) -> None:
     """Refuse constraints of parameters that are not fitted, and ties that cannot be followed.
 
@@ -55,7 +55,7 @@ def check(
         By parameter.
     names : iterable of str
         Parameters that are fitted.
-    where : str
+    context : str
         The place of the constraints, for messages.
     has_fmus : bool
         Whether `names` include those of FMUs; otherwise constraints of such parameters are not checked.
@@ -70,17 +70,21 @@ def check(
         settings = {n: s for n, s in settings.items() if models(f"{n} {s.expr or ''}") <= {*known}}
     for name, constraint in settings.items():
         if name not in known:
-            raise InputError(f"{where}.{name}: no parameter of this fit{closest_match(name, known)}")
-        for other in symbols(constraint.expr, f"{where}.{name}.expr", known) if constraint.expr else ():
-            if other not in (*known, *FUNCTIONS):
-                names_known = closest_match(other, [*known, *FUNCTIONS])
-                raise InputError(f"{where}.{name}.expr: {other}: no parameter of this fit{names_known}")
-    ties = {name: symbols(c.expr, where, known) for name, c in settings.items() if c.expr}
+            raise InputError(f"{context}.{name}: no parameter of this fit{closest_match(name, known)}")
+        for dependency in (
+            symbols(constraint.expr, f"{context}.{name}.expr", known) if constraint.expr else ()
+        ):
+            if dependency not in (*known, *FUNCTIONS):
+                names_known = closest_match(dependency, [*known, *FUNCTIONS])
+                raise InputError(
+                    f"{context}.{name}.expr: {dependency}: no parameter of this fit{names_known}"
+                )
+    ties = {name: symbols(c.expr, context, known) for name, c in settings.items() if c.expr}
     try:
         tuple(TopologicalSorter(ties).static_order())
     except CycleError as error:
         circle = " -> ".join(error.args[1])
-        raise InputError(f"{where}: {circle}: a circle of ties, expected one that ends") from None
+        raise InputError(f"{context}: {circle}: a circle of ties, expected one that ends") from None
 
 
 def models(text: str) -> set[str]:
@@ -88,14 +92,14 @@ def models(text: str) -> set[str]:
     return set(_MODEL.findall(text))
 
 
-def symbols(expr: str, where: str, names: Collection[str] = ()) -> set[str]:
+def symbols(expr: str, context: str, names: Collection[str] = ()) -> set[str]:
     """Return the names in an expression.
 
     Parameters
     ----------
     expr : str
         The expression.
-    where : str
+    context : str
         Its place, for messages.
     names : collection of str
         Parameters, among them those of FMUs, whose names have a dot.
@@ -120,7 +124,7 @@ def symbols(expr: str, where: str, names: Collection[str] = ()) -> set[str]:
         or not all(type(number) in (int, float) for number in numbers)
     ):
         raise InputError(
-            f"{where}: {expr!r}, expected an expression of numbers and parameters such as 'alpha_phi_2' or "
+            f"{context}: {expr!r}, expected an expression of numbers and parameters such as 'alpha_phi_2' or "
             f"'0.5 * C_2' (functions: {', '.join(FUNCTIONS[1:])})"
         )
     return {by_symbol.get(node.id, node.id) for node in nodes if isinstance(node, ast.Name)}

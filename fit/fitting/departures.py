@@ -33,7 +33,7 @@ Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class Kind:
+class RandomEffect:
     """One way to depart.
 
     Attributes
@@ -57,14 +57,14 @@ class Kind:
 GAINS = ("lambda_1", "lambda_2")
 DELAYS = {"lambda_1": "C_1", "lambda_2": "C_2"}  # C = lambda tau, by its gain
 #: The scales are a choice: in flight lambda_2 scattered by 0.005, and C had sigmas of 0.02.
-KINDS = (
-    Kind("gain", GAINS, GAINS, 0.005),
-    Kind("delay", ("C_1", "C_2"), ("C_1", "C_2"), 0.02),
+RANDOM_EFFECTS = (
+    RandomEffect("gain", GAINS, GAINS, 0.005),
+    RandomEffect("delay", ("C_1", "C_2"), ("C_1", "C_2"), 0.02),
 )
 
 
 def parameters(
-    names: Sequence[str], experiments: Sequence[str], first: int
+    names: Sequence[str], experiments: Sequence[str], start: int
 ) -> tuple[list[Parameter], list[ScaleParameter]]:
     """Return the departures of every experiment from what is named, and the widths that they share.
 
@@ -72,12 +72,12 @@ def parameters(
     ----------
     names, experiments : sequence of str
         What departs, and where.
-    first : int
+    start : int
         Where the first of the departures stands among the parameters of the fit.
     """
-    found: list[Parameter] = []
+    deviations: list[Parameter] = []
     widths: list[ScaleParameter] = []
-    for kind in KINDS:
+    for kind in RANDOM_EFFECTS:
         members: list[int] = []
         units: list[float] = []
         for name, unit in zip(kind.parameters, kind.units, strict=True):
@@ -86,63 +86,63 @@ def parameters(
             flight = FLIGHT[unit]
             free = 2 * FREE * kind.scale * flight.value  # wider than what holds it: never indeterminable
             departure = replace(flight, value=0.0, prior_sigma=free, equation="")
-            members += range(first + len(found), first + len(found) + len(experiments))
+            members += range(start + len(deviations), start + len(deviations) + len(experiments))
             units += [flight.value] * len(experiments)
-            found += [replace(departure, name=f"d{name}_{experiment}") for experiment in experiments]
+            deviations += [replace(departure, name=f"d{name}_{experiment}") for experiment in experiments]
         if members:
             widths.append(ScaleParameter(kind.name, tuple(members), np.array(units), kind.scale))
-    return found, widths
+    return deviations, widths
 
 
-def share(plain: Array, names: Sequence[str], experiment: int, experiments: int) -> Array:
+def extend_map(parameter_map: Array, names: Sequence[str], experiment: int, experiments: int) -> Array:
     """Return the map to the parameters of a run, shape (K, P), with the departures of `parameters` beside.
 
     Parameters
     ----------
-    plain : ndarray, shape (K, P)
+    root_level : ndarray, shape (K, P)
         Without.
     names : sequence of str
         What departs.
     experiment, experiments : int
         Number of the run, and how many there are.
     """
-    others = len(plain) - len(dynamics.PARAMETERS)  # of cross-talk, which does not depart
-    own = entering((*dynamics.PARAMETERS, *[""] * others), names, experiment, experiments)
-    return np.hstack([plain, own])
+    n_cross_talk = len(parameter_map) - len(dynamics.PARAMETERS)  # of cross-talk, which does not depart
+    deviations = deviation_map((*dynamics.PARAMETERS, *[""] * n_cross_talk), names, experiment, experiments)
+    return np.hstack([parameter_map, deviations])
 
 
-def entering(
+def deviation_map(
     of_run: Sequence[str],
     names: Sequence[str],
     experiment: int,
     experiments: int,
-    following: Sequence[str] = tuple(DELAYS.values()),
+    delays: Sequence[str] = tuple(DELAYS.values()),
 ) -> Array:
     """Return the map from the D departures of all experiments to the K parameters of a run, shape (K, D).
 
     Parameters
     ----------
-    of_run : sequence of str
+    run_gradient : sequence of str
         The parameters of the run, `names` among them.
     names : sequence of str
         What departs.
     experiment, experiments : int
         Number of the run, and how many there are.
-    following : sequence of str
+    delays : sequence of str
         The parameters C that are to be told that their gain departs.
     """
-    ordered = [name for kind in KINDS for name in kind.parameters if name in names]
-    own = np.zeros((len(of_run), len(ordered) * experiments))
+    ordered = [name for kind in RANDOM_EFFECTS for name in kind.parameters if name in names]
+    columns = np.zeros((len(of_run), len(ordered) * experiments))
     for i, name in enumerate(ordered):
         column = i * experiments + experiment
-        own[of_run.index(name), column] = 1.0
+        columns[of_run.index(name), column] = 1.0
         delay = DELAYS.get(name, "")
-        if delay in following:
-            own[of_run.index(delay), column] = FLIGHT[delay].value / FLIGHT[name].value
-    return own
+        if delay in delays:
+            columns[of_run.index(delay), column] = FLIGHT[delay].value / FLIGHT[name].value
+    return columns
 
 
-def integrated(outcome: IRLSResult) -> IRLSResult:
+def marginalise_widths(outcome: IRLSResult) -> IRLSResult:
     """Return the outcome of a fit with departures, their widths integrated over.
 
     Raises
@@ -150,26 +150,28 @@ def integrated(outcome: IRLSResult) -> IRLSResult:
     FitError
         If the data leave a direction free.
     """
-    theta, blocks = outcome.solution.theta, outcome.blocks
-    inflations = normal.inflations(blocks, theta)
-    members = [i for width in outcome.departing for i in width.members]
-    joined = normal.about_zero(normal.joined(blocks, outcome.prior, theta, inflations), members)
-    found = hierarchy.integrate(joined, outcome.departing)
-    _, _, covariance = hierarchy.given(joined, outcome.departing, found.log_widths)
-    determined = round(float(np.trace(covariance @ joined.H)))
-    left = [block.plain @ block.coefficients(found.mean) for block in blocks]
-    solution = whitened_run.Solution(
-        found.mean,
-        found.covariance,
-        float(np.sum(np.concatenate(left) ** 2)),
-        sum(block.size for block in blocks) - determined,
+    theta, whitened_runs = outcome.solution.theta, outcome.whitened_runs
+    variance_factors = normal.variance_factors(whitened_runs, theta)
+    members = [i for width in outcome.random_effects for i in width.members]
+    joined = normal.recentre(
+        normal.joint_normal_equations(whitened_runs, outcome.prior, theta, variance_factors), members
     )
-    told = {}
-    for width, value, sigma in zip(outcome.departing, found.widths, found.sigmas, strict=True):
+    posterior = hierarchy.marginalise(joined, outcome.random_effects)
+    _, _, covariance = hierarchy.conditional(joined, outcome.random_effects, posterior.log_widths)
+    determined = round(float(np.trace(covariance @ joined.H)))
+    residuals = [block.root_level @ block.coefficients(posterior.mean) for block in whitened_runs]
+    solution = whitened_run.Solution(
+        posterior.mean,
+        posterior.covariance,
+        float(np.sum(np.concatenate(residuals) ** 2)),
+        sum(block.size for block in whitened_runs) - determined,
+    )
+    scatter = {}
+    for width, value, sigma in zip(outcome.random_effects, posterior.widths, posterior.sigmas, strict=True):
         for unit, name in dict(zip(width.units, _names(outcome, width), strict=True)).items():
-            told[name] = (float(value * unit), float(sigma * unit))
-    log_widths = tuple(zip(found.log_widths.tolist(), found.log_sigmas.tolist(), strict=True))
-    outcome = replace(outcome, solution=solution, scatter=told, log_widths=log_widths)
+            scatter[name] = (float(value * unit), float(sigma * unit))
+    log_widths = tuple(zip(posterior.log_widths.tolist(), posterior.log_sigmas.tolist(), strict=True))
+    outcome = replace(outcome, solution=solution, scatter=scatter, log_widths=log_widths)
     return replace(outcome, result=_within_widths(outcome))
 
 
@@ -179,7 +181,7 @@ def _within_widths(outcome: IRLSResult) -> MinimizerResult | None:
         return None
     params = outcome.result.params.copy()
     ordered = list(params.values())
-    for width, (log_width, _) in zip(outcome.departing, outcome.log_widths, strict=True):
+    for width, (log_width, _) in zip(outcome.random_effects, outcome.log_widths, strict=True):
         sigmas = np.exp(log_width) * np.abs(width.units)
         for i, sigma in zip(width.members, sigmas.tolist(), strict=True):
             ordered[i].user_data = Prior(0.0, sigma)
@@ -188,6 +190,6 @@ def _within_widths(outcome: IRLSResult) -> MinimizerResult | None:
 
 def _names(outcome: IRLSResult, width: ScaleParameter) -> list[str]:
     """Return what each of the departures of a width departs from."""
-    kind = next(kind for kind in KINDS if kind.name == width.name)
+    kind = next(kind for kind in RANDOM_EFFECTS if kind.name == width.name)
     names = [outcome.parameters[i].name for i in width.members]
     return [next(p for p in kind.parameters if name.startswith(f"d{p}_")) for name in names]

@@ -40,7 +40,7 @@ class Drift:
     variance: float
 
 
-def measured(
+def cross_talk_drift(
     outcome: IRLSResult, experiments: Sequence[Experiment], names: Mapping[str, str], epoch: int
 ) -> dict[str, Drift]:
     """Measure the drift of the coefficients of an epoch; those that show none are not in what is returned.
@@ -56,69 +56,77 @@ def measured(
     epoch : int
         Theirs.
     """
-    theta, blocks, held = outcome.solution.theta, outcome.blocks, outcome.held
-    at = {own: i for i, p in enumerate(outcome.parameters) if (own := names.get(p.name, "")) in DRIFTING}
+    theta, whitened_runs, prior = outcome.solution.theta, outcome.whitened_runs, outcome.conditional_prior
+    positions = {
+        coefficient: i
+        for i, p in enumerate(outcome.parameters)
+        if (coefficient := names.get(p.name, "")) in DRIFTING
+    }
     of_epoch = [m for m, e in enumerate(experiments) if e.sysid.telemetry.alignment_epoch == epoch]
     # every experiment of the epoch that has a coefficient gets one of its own in the place of that they share
-    each = {
-        name: [m for m in of_epoch if blocks[m].share[:, i].any()]
-        for name, i in at.items()
-        if not outcome.lost[i]
+    runs_by_name = {
+        name: [m for m in of_epoch if whitened_runs[m].parameter_map[:, i].any()]
+        for name, i in positions.items()
+        if not outcome.undetermined[i]
     }
-    each = {name: runs for name, runs in each.items() if len(runs) > 1}
-    if not each:
+    runs_by_name = {name: runs for name, runs in runs_by_name.items() if len(runs) > 1}
+    if not runs_by_name:
         return {}
-    kept = np.delete(np.arange(theta.size), [at[name] for name in each])
-    places = [(m, name) for name, runs in each.items() for m in runs]
-    size = kept.size + len(places)
+    retained = np.delete(np.arange(theta.size), [positions[name] for name in runs_by_name])
+    places = [(m, name) for name, runs in runs_by_name.items() for m in runs]
+    size = retained.size + len(places)
     H, b = np.zeros((size, size)), np.zeros(size)
-    H[: kept.size, : kept.size] = held.rows[:, kept].T @ held.rows[:, kept]
-    b[: kept.size] = -held.rows[:, kept].T @ (held.rows @ (theta - held.centre))
-    said = normal.of_runs(blocks, theta, normal.inflations(blocks, theta))
-    for m, (block, run) in enumerate(zip(blocks, said, strict=True)):
-        to_run = np.zeros((len(block.share), size))
-        to_run[:, : kept.size] = block.share[:, kept]
-        for column, (of, name) in enumerate(places, start=kept.size):
-            if of == m:
-                to_run[:, column] = block.share[:, at[name]]
+    H[: retained.size, : retained.size] = prior.rows[:, retained].T @ prior.rows[:, retained]
+    b[: retained.size] = -prior.rows[:, retained].T @ (prior.rows @ (theta - prior.centre))
+    equations = normal.normal_equations_by_run(
+        whitened_runs, theta, normal.variance_factors(whitened_runs, theta)
+    )
+    for m, (block, run) in enumerate(zip(whitened_runs, equations, strict=True)):
+        to_run = np.zeros((len(block.parameter_map), size))
+        to_run[:, : retained.size] = block.parameter_map[:, retained]
+        for column, (member, name) in enumerate(places, start=retained.size):
+            if member == m:
+                to_run[:, column] = block.parameter_map[:, positions[name]]
         H += to_run.T @ run.H @ to_run
         b += to_run.T @ run.b
     covariance = normal.inverse(H)
-    change, found = covariance @ b, {}
-    for name in each:
-        rows = [kept.size + k for k, (_, of) in enumerate(places) if of == name]
-        drift = between(change[rows], covariance[np.ix_(rows, rows)])
+    change, drifts = covariance @ b, {}
+    for name in runs_by_name:
+        rows = [retained.size + k for k, (_, member) in enumerate(places) if member == name]
+        drift = estimate_drift(change[rows], covariance[np.ix_(rows, rows)])
         if drift:
-            found[name] = drift
-    return found
+            drifts[name] = drift
+    return drifts
 
 
-def between(values: Array, covariance: Array) -> Drift | None:
+def estimate_drift(values: Array, covariance: Array) -> Drift | None:
     """Return by how much values differ beyond their covariance, shape (M, M); None where chance may do it."""
-    found = heterogeneity(values, covariance)
-    if found.p > p_limit("consistency", len(DRIFTING)):
+    result = heterogeneity(values, covariance)
+    if result.p > p_limit("consistency", len(DRIFTING)):
         return None
     weights = np.linalg.solve(covariance, np.ones(values.size))
     weights /= weights.sum()
-    return Drift(found.width, found.width**2 * float(weights @ weights))
+    return Drift(result.width, result.width**2 * float(weights @ weights))
 
 
-def held(fit: Fit, drifts: Mapping[str, Drift]) -> Fit:
+def inflate_sigma(fit: Fit, drifts: Mapping[str, Drift]) -> Fit:
     """Return the cross-talk of an epoch with sigmas that hold the drift, and say so."""
     names = list(fit.parameters)
-    told = {name: drift for name, drift in drifts.items() if name in names}
-    if not told:
+    reported = {name: drift for name, drift in drifts.items() if name in names}
+    if not reported:
         return fit
-    more = np.array([told[name].variance if name in told else 0.0 for name in names])
-    covariance = fit.covariance + np.diag(more)
+    variances = np.array([reported[name].variance if name in reported else 0.0 for name in names])
+    covariance = fit.covariance + np.diag(variances)
     parameters = {
         name: replace(e, sigma=float(np.sqrt(e.sigma**2 + of_drift)))
-        for (name, e), of_drift in zip(fit.parameters.items(), more.tolist(), strict=True)
+        for (name, e), of_drift in zip(fit.parameters.items(), variances.tolist(), strict=True)
     }
-    by = ", ".join(f"{name} ({drift.width:.2g} {fit.parameters[name].unit})" for name, drift in told.items())
+    widths = ", ".join(
+        f"{name} ({drift.width:.2g} {fit.parameters[name].unit})" for name, drift in reported.items()
+    )
     message = (
-        f"these differ between the experiments of the epoch, by so much beyond noise: {by}; their sigmas are "
+        f"these differ between the experiments of the epoch, beyond noise by: {widths}; their sigmas are "
         "those of the mean over such experiments"
     )
-    warning = FitWarning("cross_talk_drift", tuple(told), message)
+    warning = FitWarning("cross_talk_drift", tuple(reported), message)
     return replace(fit, parameters=parameters, covariance=covariance, warnings=(*fit.warnings, warning))

@@ -27,8 +27,8 @@ from fit.whitening import Weights, WhitenedRun, whitened_run
 
 Array = NDArray[np.float64]
 
-STRETCHES, OVERLAP = 10, 0.661
-FIRST, STRIDE = 4, 4
+SEGMENTS, OVERLAP = 10, 0.661
+FIRST_BIN, STRIDE = 4, 4
 TOLERANCE = 1e-6  # relative change of the summed weights
 NODES = 200  # of the integrals
 
@@ -40,17 +40,17 @@ def transform(terms: Columns) -> tuple[Array, Spectrum]:
     """
     w, starts = _stretches(len(terms.values))
     n = w.size
-    bins = slice(FIRST, math.floor(min(derivatives.F_MAX, terms.fs / 10) * n / terms.fs) + 1, STRIDE)
+    bins = slice(FIRST_BIN, math.floor(min(derivatives.F_MAX, terms.fs / 10) * n / terms.fs) + 1, STRIDE)
     scale = math.sqrt(2 / (terms.fs * float(w @ w)))
-    found = [scipy.fft.rfft(w[:, None] * terms.values[a : a + n], axis=0)[bins] * scale for a in starts]
-    return np.arange(n // 2 + 1)[bins] * terms.fs / n, np.stack(found)
+    spectra = [scipy.fft.rfft(w[:, None] * terms.values[a : a + n], axis=0)[bins] * scale for a in starts]
+    return np.arange(n // 2 + 1)[bins] * terms.fs / n, np.stack(spectra)
 
 
 def _stretches(N: int) -> tuple[Array, NDArray[np.int64]]:
     """Return the window of the stretches of a run of N samples, and where they begin, shape (10,)."""
-    n = math.floor(N / (1 + (STRETCHES - 1) * (1 - OVERLAP)))
+    n = math.floor(N / (1 + (SEGMENTS - 1) * (1 - OVERLAP)))
     w = np.asarray(scipy.signal.windows.blackmanharris(n, sym=False), dtype=np.float64)
-    return w, np.minimum(np.arange(STRETCHES) * round(n * (1 - OVERLAP)), N - n)
+    return w, np.minimum(np.arange(SEGMENTS) * round(n * (1 - OVERLAP)), N - n)
 
 
 def block(terms: Columns, share: Array, c: Array | None) -> tuple[WhitenedRun, float]:
@@ -70,17 +70,19 @@ def block(terms: Columns, share: Array, c: Array | None) -> tuple[WhitenedRun, f
     return WhitenedRun(terms.tau, U, Weights(one, one, one), None, share), float(np.sum(S))
 
 
-def expected(terms: Columns, told: Callable[[Array], tuple[Array, Array]], share: Array) -> WhitenedRun:
+def expected(
+    terms: Columns, noise_functions: Callable[[Array], tuple[Array, Array]], share: Array
+) -> WhitenedRun:
     """Return the run that `block` is expected to make of noise, its estimates as scattered as they will be.
 
     Parameters
     ----------
     terms : Columns
         The K columns of the run without noise.
-    told : callable
+    noise_functions : callable
         From frequencies [Hz], shape (B,), to the cross powers of the noise in the columns, shape (B, K, K),
         and the PSD of the residual, shape (B,).
-    share : ndarray, shape (K - 1, P)
+    parameter_map : ndarray, shape (K - 1, P)
         See `WhitenedRun`.
 
     Returns
@@ -90,13 +92,13 @@ def expected(terms: Columns, told: Callable[[Array], tuple[Array, Array]], share
         noise in the columns along each of them.
     """
     f, columns = transform(terms)
-    power, S = told(f)
+    power, S = noise_functions(f)
     w, starts = _stretches(len(terms.values))
     values, vectors = _modes(w, starts)
-    turned = np.exp(-2j * np.pi * np.outer(starts, f) / terms.fs)  # one time for all stretches
+    phases = np.exp(-2j * np.pi * np.outer(starts, f) / terms.fs)  # one time for all stretches
     U = columns * np.sqrt(2 / S)[:, None]
-    rows = np.einsum("sk,sb,sbp->kbp", vectors, turned, U, optimize=True)
-    jitter = whitened_run.rooted(np.sum(power * (2 / S)[:, None, None], axis=0))
+    rows = np.einsum("sk,sb,sbp->kbp", vectors, phases, U, optimize=True)
+    jitter = whitened_run.matrix_sqrt(np.sum(power * (2 / S)[:, None, None], axis=0))
     rows = np.concatenate([rows, np.sqrt(values)[:, None, None] * jitter], axis=1)
     fit, curvature, score = (np.repeat(factor, rows.shape[1]) for factor in _expected_weights(values))
     even = Weights(fit, curvature, score)
@@ -120,5 +122,5 @@ def _expected_weights(values: Array) -> tuple[Array, Array, Array]:
     all_of_them = np.prod(shrunk, axis=0) * chance
     inverse = float(np.sum(all_of_them))  # E[1 / r^H r]
     share = values * (shrunk @ (t * all_of_them))  # E[|r_k|^2 / (r^H r)^2]
-    even = np.full(values.size, STRETCHES * inverse)
-    return even, even - STRETCHES * share, STRETCHES**2 * share
+    even = np.full(values.size, SEGMENTS * inverse)
+    return even, even - SEGMENTS * share, SEGMENTS**2 * share

@@ -24,13 +24,13 @@ Array = NDArray[np.float64]
 
 LARGEST, SMALLEST = 100.0, 1e-6  # widths, in scales of their prior, between which the grid lies
 STEP = 0.25  # in the logarithm, by which the ends of the grid are looked for
-BEYOND = 16.0  # by which the logarithm of the density has fallen there
+MAX_DROP = 16.0  # by which the logarithm of the density has fallen there
 NEGLIGIBLE = 1e-8  # share of the density at the most likely widths, from which a point does not count
 POINTS = (81, 31, 15, 9)  # of the grid along each axis, by the number of widths
 
 
 @dataclass(frozen=True)
-class Normal:
+class NormalEquations:
     """What data and priors say of parameters theta, the widths of their departures left out.
 
     Attributes
@@ -38,14 +38,14 @@ class Normal:
     H : ndarray, shape (P, P)
         Information.
     b : ndarray, shape (P,)
-        Score at `at`: the logarithm of the density is ``b' x - x' H x / 2`` for ``x = theta - at``.
-    at : ndarray, shape (P,)
+        Score at `origin`: the logarithm of the density is ``b' x - x' H x / 2`` for ``x = theta - at``.
+    origin : ndarray, shape (P,)
         A point, zero where departures stand.
     """
 
     H: Array
     b: Array
-    at: Array
+    origin: Array
 
 
 @dataclass(frozen=True)
@@ -76,7 +76,7 @@ class ScaleParameter:
 
 
 @dataclass(frozen=True)
-class Mixture:
+class WidthPosterior:
     """The posterior of parameters and widths.
 
     Attributes
@@ -104,7 +104,9 @@ def n_shared(widths: Sequence[ScaleParameter], n_parameters: int) -> int:
     return min((min(width.members) for width in widths), default=n_parameters)
 
 
-def given(normal: Normal, widths: Sequence[ScaleParameter], log_widths: Array) -> tuple[float, Array, Array]:
+def conditional(
+    normal: NormalEquations, widths: Sequence[ScaleParameter], log_widths: Array
+) -> tuple[float, Array, Array]:
     """Return what is known given the widths.
 
     Parameters
@@ -144,10 +146,10 @@ def given(normal: Normal, widths: Sequence[ScaleParameter], log_widths: Array) -
     density = -float(np.sum(np.log(np.diag(root)))) + float(y @ y) / 2
     density += float(sum(w.log_prior(x) for w, x in zip(widths, log_widths, strict=True)))
     to_theta = scale[:, None] * inverse.T
-    return density, normal.at + to_theta @ y, to_theta @ to_theta.T
+    return density, normal.origin + to_theta @ y, to_theta @ to_theta.T
 
 
-def integrate(normal: Normal, widths: Sequence[ScaleParameter]) -> Mixture:
+def marginalise(normal: NormalEquations, widths: Sequence[ScaleParameter]) -> WidthPosterior:
     """Return the posterior of parameters and widths.
 
     Raises
@@ -156,18 +158,20 @@ def integrate(normal: Normal, widths: Sequence[ScaleParameter]) -> Mixture:
         If a direction stays free, or no most likely widths are found.
     """
     points = np.array(list(product(*_axes(normal, widths))))
-    density = np.array([given(normal, widths, point)[0] for point in points])
+    density = np.array([conditional(normal, widths, point)[0] for point in points])
     weight = np.exp(density - density.max())
     weight[weight < NEGLIGIBLE] = 0.0
     weight /= weight.sum()
-    mean, square = np.zeros(normal.at.size), np.zeros_like(normal.H)
+    mean, square = np.zeros(normal.origin.size), np.zeros_like(normal.H)
     for point, w in zip(points[weight > 0], weight[weight > 0], strict=True):
-        _, own, covariance = given(normal, widths, point)
-        mean += w * (own - normal.at)
-        square += w * (covariance + np.outer(own - normal.at, own - normal.at))
+        _, conditional_mean, covariance = conditional(normal, widths, point)
+        mean += w * (conditional_mean - normal.origin)
+        square += w * (
+            covariance + np.outer(conditional_mean - normal.origin, conditional_mean - normal.origin)
+        )
     s, x = weight @ np.exp(points), weight @ points
-    return Mixture(
-        normal.at + mean,
+    return WidthPosterior(
+        normal.origin + mean,
         square - np.outer(mean, mean),
         s,
         np.sqrt(weight @ np.exp(2 * points) - s**2),
@@ -176,11 +180,11 @@ def integrate(normal: Normal, widths: Sequence[ScaleParameter]) -> Mixture:
     )
 
 
-def _axes(normal: Normal, widths: Sequence[ScaleParameter]) -> list[Array]:
+def _axes(normal: NormalEquations, widths: Sequence[ScaleParameter]) -> list[Array]:
     """Return for each width the logarithms that the grid has, about the most likely ones."""
 
     def density(log_widths: Array) -> float:
-        return given(normal, widths, log_widths)[0]
+        return conditional(normal, widths, log_widths)[0]
 
     scales = np.log([w.scale for w in widths])
     low, high = scales + np.log(SMALLEST), scales + np.log(LARGEST)
@@ -188,15 +192,15 @@ def _axes(normal: Normal, widths: Sequence[ScaleParameter]) -> list[Array]:
     def cost(x: Array) -> float:
         return -density(np.clip(x, low, high))
 
-    found = scipy.optimize.minimize(cost, scales, method="Nelder-Mead", options={"xatol": 1e-3})
-    peak = np.clip(found.x, low, high)
+    optimum = scipy.optimize.minimize(cost, scales, method="Nelder-Mead", options={"xatol": 1e-3})
+    peak = np.clip(optimum.x, low, high)
     top, axes = density(peak), []
     for i in range(len(widths)):
         ends = []
         for step, end in ((-STEP, low[i]), (STEP, high[i])):
-            at = peak.copy()
-            while step * (end - at[i]) > 0 and density(at) > top - BEYOND:
-                at[i] += step
-            ends.append(at[i])
+            point = peak.copy()
+            while step * (end - point[i]) > 0 and density(point) > top - MAX_DROP:
+                point[i] += step
+            ends.append(point[i])
         axes.append(np.linspace(ends[0], ends[1], POINTS[len(widths) - 1]))
     return axes

@@ -37,7 +37,7 @@ MAX_ITERATIONS = 30
 TOLERANCE = 1e-3  # sigma, least move that counts
 HARMLESS = 0.05  # sigma, move that is tolerated after MAX_ITERATIONS, and told
 FASTER = 0.8  # of the iterations that are left, about, when one is done
-SETTLED = 6  # iterations after which the set of indeterminable parameters stays
+FIXED_SET = 6  # iterations after which the set of indeterminable parameters stays
 
 
 @dataclass(frozen=True)
@@ -46,11 +46,11 @@ class Convergence:
 
     Attributes
     ----------
-    most : int
+    max_iterations : int
         Iterations.
     tolerance : float
         Least move [sigma] that counts.
-    harmless : float
+    max_move : float
         Move [sigma] that is tolerated in the last of them, and told.
     warm_up : int
         Iteration up to which nothing ends.
@@ -58,9 +58,9 @@ class Convergence:
         What does not converge, for messages.
     """
 
-    most: int
+    max_iterations: int
     tolerance: float
-    harmless: float
+    max_move: float
     warm_up: int = WARM_UP
     moving: str = "parameters still move"
 
@@ -75,13 +75,13 @@ class IRLSResult:
         The P parameters.
     solution : whitened_run.Solution
         The estimate.
-    lost : ndarray of bool, shape (P,)
+    undetermined : ndarray of bool, shape (P,)
         True for indeterminable parameters.
     directions : ndarray, shape (K, P)
         See `null_space`.
     converged : bool
         Whether the last move was within TOLERANCE.
-    blocks : tuple of whitened_run.WhitenedRun
+    whitened_runs : tuple of whitened_run.WhitenedRun
         The data as they were weighed last.
     prior : whitened_run.Prior
         What was known beside them.
@@ -93,9 +93,9 @@ class IRLSResult:
         Its parameters, as lmfit has them.
     scatter : mapping of str to tuple of float
         ScaleParameter, and its sigma, by which a parameter scatters between experiments.
-    departing : tuple of ScaleParameter
+    random_effects : tuple of ScaleParameter
         The widths, and which parameters depart by them.
-    by_data : bool
+    data_driven : bool
         Whether the data chose what departs, not the settings.
     log_widths : tuple of tuple of float
         Mean and standard deviation of the logarithm of each of the widths.
@@ -103,23 +103,23 @@ class IRLSResult:
 
     parameters: tuple[Parameter, ...]
     solution: whitened_run.Solution
-    lost: NDArray[np.bool_]
+    undetermined: NDArray[np.bool_]
     directions: Array
     converged: bool
-    blocks: tuple[whitened_run.WhitenedRun, ...]
+    whitened_runs: tuple[whitened_run.WhitenedRun, ...]
     prior: whitened_run.Prior
     model: JointModel | None = None
     result: MinimizerResult | None = None
     problem: Problem | None = None
     scatter: Mapping[str, tuple[float, float]] = field(default_factory=dict)
-    departing: tuple[ScaleParameter, ...] = ()
-    by_data: bool = False
+    random_effects: tuple[ScaleParameter, ...] = ()
+    data_driven: bool = False
     log_widths: tuple[tuple[float, float], ...] = ()
 
     @property
     def shared(self) -> int:
         """Number of the parameters that are no departures; they come first."""
-        return n_shared(self.departing, len(self.parameters))
+        return n_shared(self.random_effects, len(self.parameters))
 
     @property
     def solved(self) -> SolvedModel | None:
@@ -134,13 +134,15 @@ class IRLSResult:
         return self.problem is not None and i in self.problem.settings and not self.problem.settings[i].vary
 
     @property
-    def held(self) -> whitened_run.Prior:
+    def conditional_prior(self) -> whitened_run.Prior:
         """The prior, and departures within their likeliest widths: without, they and what is common blur."""
         rows = [self.prior.rows]
-        for width, (log_width, _) in zip(self.departing, self.log_widths, strict=True):
-            own = np.zeros((len(width.members), len(self.parameters)))
-            own[range(len(own)), list(width.members)] = 1 / (np.exp(log_width) * width.units)
-            rows.append(own)
+        for width, (log_width, _) in zip(self.random_effects, self.log_widths, strict=True):
+            rows_of_width = np.zeros((len(width.members), len(self.parameters)))
+            rows_of_width[range(len(rows_of_width)), list(width.members)] = 1 / (
+                np.exp(log_width) * width.units
+            )
+            rows.append(rows_of_width)
         return whitened_run.Prior(self.prior.centre, np.concatenate(rows))
 
 
@@ -150,7 +152,7 @@ def reweight(
     parameters: Sequence[Parameter],
     *,
     estimator: Estimator = "gaussian",
-    departing: Sequence[ScaleParameter] = (),
+    random_effects: Sequence[ScaleParameter] = (),
     initial: Mapping[str, whitened_run.WhitenedRun] | None = None,
     settings: Mapping[str, ParameterSettings] | None = None,
 ) -> IRLSResult:
@@ -166,7 +168,7 @@ def reweight(
         The P parameters; the iteration starts at their flight values.
     estimator : str
         ``flscov``, or the likelihood of the residual, see `fit.whitening.likelihoods`.
-    departing : sequence of ScaleParameter
+    random_effects : sequence of ScaleParameter
         Departures of experiments, held so weakly here that the data tell them.
     initial : mapping of str to whitened_run.WhitenedRun, optional
         Experiments, by name, as another fit has weighed them: where the iteration begins.
@@ -185,7 +187,7 @@ def reweight(
     ]
 
     try:
-        return iterate(weighings, parameters, departing=departing, settings=settings)
+        return iterate(weighings, parameters, random_effects=random_effects, settings=settings)
     except FitError as error:
         names = ", ".join(experiment.name for experiment in experiments)
         raise FitError(f"{names}: {error}") from error
@@ -196,8 +198,8 @@ def iterate(
     parameters: Sequence[Parameter],
     priors: Callable[[Sequence[whitened_run.WhitenedRun], Array, Array], PriorSet] | None = None,
     convergence: Convergence | None = None,
-    departing: Sequence[ScaleParameter] = (),
-    admitted: Callable[[Array, Array], Array] = lambda _, to: to,
+    random_effects: Sequence[ScaleParameter] = (),
+    limit_step: Callable[[Array, Array], Array] = lambda _, target: target,
     settings: Mapping[str, ParameterSettings] | None = None,
 ) -> IRLSResult:
     """Iterate weights, delays and parameters; every fit and the forecast go through here.
@@ -212,9 +214,9 @@ def iterate(
         See `weak_priors`, the default about the values of `parameters`.
     convergence : Convergence, optional
         When to stop.
-    departing : sequence of ScaleParameter
+    random_effects : sequence of ScaleParameter
         Departures of experiments, see `reweight`.
-    admitted : callable
+    limit_step : callable
         Returns how far to go from an estimate towards the next one.
     settings : mapping of str to ParameterSettings, optional
         What the user says of parameters, by name.
@@ -226,39 +228,38 @@ def iterate(
     """
     convergence = convergence or Convergence(MAX_ITERATIONS, TOLERANCE, HARMLESS)
     priors = priors or partial(weak_priors, parameters)
-    problem = Problem(parameters, departing, settings)
+    problem = Problem(parameters, random_effects, settings)
     theta, covariance = problem.start(), np.zeros((len(parameters), len(parameters)))
     step, move_before = 1.0, np.zeros(theta.size)
-    for iteration in range(convergence.most):
+    for iteration in range(convergence.max_iterations):
         with progress_range(1 - FASTER**iteration, 1 - FASTER ** (iteration + 1)):
-            blocks, estimates = _weighed(weighings, theta, covariance, iteration)
-        if iteration < SETTLED:
-            known = priors(blocks, theta, problem.known(theta))
-        determined = ~known.lost
+            whitened_runs, estimates = _weighed(weighings, theta, covariance, iteration)
+        if iteration < FIXED_SET:
+            known = priors(whitened_runs, theta, problem.known(theta))
+        determined = ~known.undetermined
         model = JointModel(estimates)
         result = model.fit(problem.params(theta, known.priors))
         estimate, covariance = parameter_values(result.params), problem.covariance(model, result.params)
         move = (estimate - theta) / np.sqrt(np.diag(covariance))
-        moved = float(np.max(np.abs(move[determined]), initial=0.0))
-        settled = moved < convergence.tolerance and all(w.settled for w in weighings)
-        ended = settled or (iteration == convergence.most - 1 and moved < convergence.harmless)
+        largest = float(np.max(np.abs(move[determined]), initial=0.0))
+        converged = largest < convergence.tolerance and all(w.converged for w in weighings)
+        ended = converged or (iteration == convergence.max_iterations - 1 and largest < convergence.max_move)
         if ended and iteration > convergence.warm_up:
-            solution = _solution(blocks, model, result, covariance)
+            solution = _solution(whitened_runs, model, result, covariance)
             prior = problem.prior(result.params, known)
-            state = (known.lost, known.directions, settled, blocks, prior, model, result)
-            return IRLSResult(tuple(parameters), solution, *state, problem, departing=tuple(departing))
+            state = (known.undetermined, known.directions, converged, whitened_runs, prior, model, result)
+            return IRLSResult(tuple(parameters), solution, *state, problem, {}, tuple(random_effects))
         swings = float(move[determined] @ move_before[determined]) < 0  # against the weights
-        step, move_before = step / 2 if iteration >= SETTLED and swings else step, move
-        theta = admitted(theta, theta + step * (estimate - theta))
+        step, move_before = step / 2 if iteration >= FIXED_SET and swings else step, move
+        theta = limit_step(theta, theta + step * (estimate - theta))
     raise _unsettled(convergence, parameters, np.where(determined, np.abs(move), 0.0))
 
 
 def _unsettled(convergence: Convergence, parameters: Sequence[Parameter], move: Array) -> FitError:
     """Return the error of an iteration whose last step moved the parameters by `move` [sigma], shape (P,)."""
-    most = parameters[int(np.argmax(move))].name
-    return FitError(
-        f"{convergence.moving} by {move.max():.2g} sigma after {convergence.most} iterations, {most} most"
-    )
+    name = parameters[int(np.argmax(move))].name
+    n = convergence.max_iterations
+    return FitError(f"{convergence.moving} by {move.max():.2g} sigma after {n} iterations, {name} most")
 
 
 def _weighed(
@@ -271,27 +272,30 @@ def _weighed(
         block = weighing.block(theta, covariance, iteration)
         return block, run_estimate(weighing.name, block, psd_error=single)
 
-    blocks, estimates = zip(*parallel_map(weighed, weighings), strict=True)
-    return blocks, estimates
+    whitened_runs, estimates = zip(*parallel_map(weighed, weighings), strict=True)
+    return whitened_runs, estimates
 
 
 def _solution(
-    blocks: Sequence[whitened_run.WhitenedRun], model: JointModel, result: MinimizerResult, covariance: Array
+    whitened_runs: Sequence[whitened_run.WhitenedRun],
+    model: JointModel,
+    result: MinimizerResult,
+    covariance: Array,
 ) -> whitened_run.Solution:
     """Return the estimate with chi^2 and degrees of freedom of all data."""
     theta = parameter_values(result.params)
-    residuals = [block.plain @ block.coefficients(theta) for block in blocks]
+    residuals = [block.root_level @ block.coefficients(theta) for block in whitened_runs]
     determined = round(float(np.trace(covariance @ model.information(result.params))))
-    dof = sum(block.size for block in blocks) - determined
+    dof = sum(block.size for block in whitened_runs) - determined
     return whitened_run.Solution(theta, covariance, float(np.sum(np.concatenate(residuals) ** 2)), dof)
 
 
-def refit(outcome: IRLSResult, blocks: Sequence[whitened_run.WhitenedRun]) -> IRLSResult:
+def refit(outcome: IRLSResult, whitened_runs: Sequence[whitened_run.WhitenedRun]) -> IRLSResult:
     """Return the outcome with its runs weighed anew, all else known being what it was."""
     assert outcome.model and outcome.result and outcome.problem
-    named = zip(outcome.model.runs, blocks, strict=True)
-    single = len(blocks) == 1
+    named = zip(outcome.model.runs, whitened_runs, strict=True)
+    single = len(whitened_runs) == 1
     model = JointModel([run_estimate(run.name, block, psd_error=single) for run, block in named])
     result = model.fit(outcome.result.params)
-    solution = _solution(blocks, model, result, outcome.problem.covariance(model, result.params))
-    return replace(outcome, solution=solution, blocks=tuple(blocks), model=model, result=result)
+    solution = _solution(whitened_runs, model, result, outcome.problem.covariance(model, result.params))
+    return replace(outcome, solution=solution, whitened_runs=tuple(whitened_runs), model=model, result=result)

@@ -18,7 +18,7 @@ OF_EPOCH = ("delta_ifo", *dynamics.CROSS_TALK)  # parameters whose names in the 
 def fit_experiment(
     experiment: Experiment,
     estimator: Estimator = "gaussian",
-    alone: IRLSResult | FitError | None = None,
+    initial_fit: IRLSResult | FitError | None = None,
     settings: Mapping[str, ParameterSettings] | None = None,
 ) -> IRLSResult:
     """Fit one experiment on its own.
@@ -29,7 +29,7 @@ def fit_experiment(
         The runs.
     estimator : str
         See `irls.reweight`.
-    alone : IRLSResult or FitError, optional
+    initial_fit : IRLSResult or FitError, optional
         What it yields otherwise, as for `fit_joint`.
     settings : mapping of str to ParameterSettings, optional
         Constraints of joint parameters; they hold for those that an experiment has by itself.
@@ -41,10 +41,10 @@ def fit_experiment(
     """
     run = experiment.sysid.telemetry
     cross_talk = experiment.parameters[len(dynamics.PARAMETERS) :]
-    own = experiment_parameters(run.authority, run.alignment_epoch)
-    parameters = [*own.values(), *map(cross_talk_parameter, cross_talk)]
+    flight = experiment_parameters(run.authority, run.alignment_epoch)
+    parameters = [*flight.values(), *map(cross_talk_parameter, cross_talk)]
     share = np.array([[float(name == p.name) for p in parameters] for name in experiment.parameters])
-    initial = _weighed({experiment.name: alone})
+    initial = _weighed({experiment.name: initial_fit})
     of_run = constraints_of(experiment, settings or {})
     return reweight([experiment], [share], parameters, estimator=estimator, initial=initial, settings=of_run)
 
@@ -53,15 +53,15 @@ def constraints_of(
     experiment: Experiment, settings: Mapping[str, ParameterSettings]
 ) -> dict[str, ParameterSettings]:
     """Return the constraints of joint parameters that an experiment has by itself, by its own names."""
-    epoch, own = experiment.sysid.telemetry.alignment_epoch, experiment.parameters
-    names = {f"{name}_{epoch}" if name in OF_EPOCH else name: name for name in own}
+    epoch, run_names = experiment.sysid.telemetry.alignment_epoch, experiment.parameters
+    names = {f"{name}_{epoch}" if name in OF_EPOCH else name: name for name in run_names}
     return constraints.of_fit(settings, names)
 
 
 def fit_joint(
     experiments: Sequence[Experiment],
     settings: Settings,
-    alone: Mapping[str, IRLSResult | FitError] | None = None,
+    single_fits: Mapping[str, IRLSResult | FitError] | None = None,
 ) -> IRLSResult:
     """Fit all experiments together, what they share as the settings say (eq. deltagjointfit).
 
@@ -71,7 +71,7 @@ def fit_joint(
         To be fitted.
     settings : Settings
         With ``scatter = "auto"`` nothing scatters here, see `fit.consistency`.
-    alone : mapping of str to IRLSResult or FitError, optional
+    single_fits : mapping of str to IRLSResult or FitError, optional
         What experiments yield by themselves: the iteration begins with them as they were weighed there.
 
     Raises
@@ -81,7 +81,7 @@ def fit_joint(
     FitError
         If no trustworthy estimate comes out.
     """
-    initial = _weighed(alone or {})
+    initial = _weighed(single_fits or {})
     if settings.scatter == ["auto"]:
         return _fitted(experiments, settings, (), initial)
     if settings.scatter and len(experiments) < 2:
@@ -89,32 +89,32 @@ def fit_joint(
     return _fitted(experiments, settings, settings.scatter, initial)
 
 
-def _weighed(alone: Mapping[str, IRLSResult | FitError | None]) -> dict[str, whitened_run.WhitenedRun]:
-    return {name: own.blocks[0] for name, own in alone.items() if isinstance(own, IRLSResult)}
+def _weighed(fits: Mapping[str, IRLSResult | FitError | None]) -> dict[str, whitened_run.WhitenedRun]:
+    return {name: fit.whitened_runs[0] for name, fit in fits.items() if isinstance(fit, IRLSResult)}
 
 
 def _fitted(
     experiments: Sequence[Experiment],
     settings: Settings,
-    departing: Sequence[str],
+    scattering: Sequence[str],
     initial: Mapping[str, whitened_run.WhitenedRun],
 ) -> IRLSResult:
     """Fit all experiments together, with departures from what is named."""
     sharing, N = Sharing(settings.shared), len(experiments)
     parameters = sharing.parameters([(e.sysid.telemetry, e.parameters) for e in experiments])
     names = [p.name for p in parameters]
-    more, widths = departures.parameters(departing, [e.name for e in experiments], len(names))
+    deviations, widths = departures.parameters(scattering, [e.name for e in experiments], len(names))
     shares = [
-        departures.share(sharing.matrix(e.sysid.telemetry, e.parameters, names), departing, n, N)
+        departures.extend_map(sharing.matrix(e.sysid.telemetry, e.parameters, names), scattering, n, N)
         for n, e in enumerate(experiments)
     ]
     outcome = reweight(
         experiments,
         shares,
-        [*parameters, *more],
+        [*parameters, *deviations],
         estimator=settings.estimator,
-        departing=widths,
+        random_effects=widths,
         initial=initial,
         settings=constraints.of_fit(settings.parameters, dict(zip(names, names, strict=True))),
     )
-    return departures.integrated(outcome) if widths else outcome
+    return departures.marginalise_widths(outcome) if widths else outcome

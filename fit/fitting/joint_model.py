@@ -139,7 +139,7 @@ class JointModel:
         J = np.concatenate([np.empty((0, theta.size)), *(run.jacobian(theta) for run in self.runs)])
         return np.asarray(J.T @ J)
 
-    def without(self, *names: str) -> JointModel:
+    def exclude(self, *names: str) -> JointModel:
         """Return the problem without some of the runs."""
         return JointModel([run for run in self.runs if run.name not in names])
 
@@ -171,7 +171,7 @@ class SolvedModel:
         """Return the fit with other settings of its parameters."""
         return self._fit(self.model, params)
 
-    def without(self, *runs: str) -> MinimizerResult:
+    def exclude(self, *runs: str) -> MinimizerResult:
         """Return the fit without some of the experiments.
 
         Raises
@@ -183,16 +183,18 @@ class SolvedModel:
         for name in runs:
             if name not in names:
                 raise InputError(f"{name}: no experiment of this fit{closest_match(name, names)}")
-        return self._fit(self.model.without(*runs), self.result.params)
+        return self._fit(self.model.exclude(*runs), self.result.params)
 
     def _fit(self, model: JointModel, params: lmfit.Parameters) -> MinimizerResult:
         """Fit with weak priors of what is not determined."""
-        trial, widths = params.copy(), np.array([prior.sigma for prior in self.weak])
-        J = model.gradient(trial)
-        for p, prior, lost in zip(trial.values(), self.weak, null_space(J.T @ J, widths)[0], strict=True):
-            if lost and p.vary and not p.expr and p.user_data is None:
+        constrained, widths = params.copy(), np.array([prior.sigma for prior in self.weak])
+        J = model.gradient(constrained)
+        for p, prior, undetermined in zip(
+            constrained.values(), self.weak, null_space(J.T @ J, widths)[0], strict=True
+        ):
+            if undetermined and p.vary and not p.expr and p.user_data is None:
                 p.user_data = prior
-        return model.fit(trial)
+        return model.fit(constrained)
 
 
 def parameter_values(params: lmfit.Parameters) -> Array:
@@ -212,26 +214,28 @@ def free_directions(params: lmfit.Parameters) -> Array:
     tied = [i for i, name in enumerate(names) if params[name].expr]
     if not tied:
         return free
-    trial = params.copy()
+    shifted = params.copy()
     for column, name in enumerate(varying):
-        p, at, step = trial[name], params[name].value, STEP * (abs(params[name].value) or 1.0)
+        p, value_at_fit, step = shifted[name], params[name].value, STEP * (abs(params[name].value) or 1.0)
         ends = []
-        for value in (max(at - step, p.min), min(at + step, p.max)):
+        for value in (max(value_at_fit - step, p.min), min(value_at_fit + step, p.max)):
             p.value = value
-            ends.append(parameter_values(trial)[tied])
-        free[tied, column] = (ends[1] - ends[0]) / (min(at + step, p.max) - max(at - step, p.min))
-        p.value = at
+            ends.append(parameter_values(shifted)[tied])
+        free[tied, column] = (ends[1] - ends[0]) / (
+            min(value_at_fit + step, p.max) - max(value_at_fit - step, p.min)
+        )
+        p.value = value_at_fit
     return free
 
 
 def off_bounds(params: lmfit.Parameters) -> lmfit.Parameters:
     """Return parameters off their bounds, where the gradient vanishes that lmfit sees."""
     bounded = [p.name for p in params.values() if p.vary and not p.expr and np.isfinite([p.min, p.max]).any()]
-    moved = params.copy() if bounded else params
-    for p in (moved[name] for name in bounded):
+    interior = params.copy() if bounded else params
+    for p in (interior[name] for name in bounded):
         span = p.max - p.min if np.isfinite(p.max - p.min) else abs(p.value) or 1.0
         p.value = min(max(p.value, p.min + INTERIOR * span), p.max - INTERIOR * span)
-    return moved
+    return interior
 
 
 def delta_chi2(best: MinimizerResult, new: MinimizerResult) -> float:

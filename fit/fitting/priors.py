@@ -22,29 +22,29 @@ class PriorSet:
     ----------
     priors : mapping of int to Prior
         Of single parameters, by their place.
-    lost : ndarray of bool, shape (P,)
+    undetermined : ndarray of bool, shape (P,)
         True for indeterminable parameters.
     directions : ndarray, shape (K, P)
         See `null_space`.
     """
 
     priors: Mapping[int, Prior]
-    lost: NDArray[np.bool_]
+    undetermined: NDArray[np.bool_]
     directions: Array
 
     def rows(self, known: Mapping[int, Prior]) -> whitened_run.Prior:
         """Return all of it as rows of chi^2, with other priors `known` of single parameters."""
-        centre, priors = np.zeros(self.lost.size), {**self.priors, **known}
+        centre, priors = np.zeros(self.undetermined.size), {**self.priors, **known}
         for i, prior in priors.items():
             centre[i] = prior.mean
-        return whitened_run.Prior(centre, prior_rows(priors, self.lost.size))
+        return whitened_run.Prior(centre, prior_rows(priors, self.undetermined.size))
 
 
 def weak_priors(
     parameters: Sequence[Parameter],
-    blocks: Sequence[whitened_run.WhitenedRun],
+    whitened_runs: Sequence[whitened_run.WhitenedRun],
     theta: Array,
-    more: Array,
+    known_rows: Array,
 ) -> PriorSet:
     """Return the weak priors of whatever the data do not determine.
 
@@ -52,17 +52,19 @@ def weak_priors(
     ----------
     parameters : sequence of Parameter
         The P parameters.
-    blocks : sequence of whitened_run.WhitenedRun
+    whitened_runs : sequence of whitened_run.WhitenedRun
         The data.
     theta : ndarray, shape (P,)
         The estimate.
-    more : ndarray, shape (N, P)
+    known_rows : ndarray, shape (N, P)
         What is known beside the data, as rows of chi^2.
     """
     width = np.array([p.prior_sigma for p in parameters])
-    lost, directions = null_space(whitened_run.information(blocks, theta) + more.T @ more, width)
-    priors = {i: Prior(p.value, p.prior_sigma) for i, p in enumerate(parameters) if lost[i]}
-    return PriorSet(priors, lost, directions)
+    undetermined, directions = null_space(
+        whitened_run.information(whitened_runs, theta) + known_rows.T @ known_rows, width
+    )
+    priors = {i: Prior(p.value, p.prior_sigma) for i, p in enumerate(parameters) if undetermined[i]}
+    return PriorSet(priors, undetermined, directions)
 
 
 def prior_rows(priors: Mapping[int, Prior], size: int) -> Array:

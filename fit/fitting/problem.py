@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 FREE = 10.0  # scales of the prior of a width, within which departures are held while weights settle
-FAR = 30.0  # widths of the weak prior, from the flight value within which a fit starts
+MAX_START_SHIFT = 30.0  # widths of the weak prior, from the flight value within which a fit starts
 
 
 class Problem:
@@ -33,7 +33,7 @@ class Problem:
     ----------
     parameters : sequence of Parameter
         The parameters.
-    departing : sequence of ScaleParameter
+    random_effects : sequence of ScaleParameter
         Departures of experiments among them, held so weakly that the data tell them.
     settings : mapping of str to ParameterSettings
         What the user says of them, by name.
@@ -49,14 +49,16 @@ class Problem:
     def __init__(
         self,
         parameters: Sequence[Parameter],
-        departing: Sequence[ScaleParameter] = (),
+        random_effects: Sequence[ScaleParameter] = (),
         settings: Mapping[str, ParameterSettings] | None = None,
     ) -> None:
         by_name = settings or {}
         self._names = lmfit_names(p.name for p in parameters)
         self._flight = np.array([p.value for p in parameters])
         self._widths = np.array([p.prior_sigma for p in parameters])
-        self._departures = {i: prior for width in departing for i, prior in _free_departures(width).items()}
+        self._departures = {
+            i: prior for width in random_effects for i, prior in _free_departures(width).items()
+        }
         self.settings = {i: by_name[p.name] for i, p in enumerate(parameters) if p.name in by_name}
         self._priors = {
             i: Prior(*constraint.prior) for i, constraint in self.settings.items() if constraint.prior
@@ -73,14 +75,14 @@ class Problem:
                 theta = parameter_values(params)
         except (ArithmeticError, ValueError, TypeError, RuntimeError) as error:
             raise InputError(f"fit.parameters: {self._ties()}: no number where the fit starts") from error
-        far = np.abs(theta - self._flight) / self._widths
+        shift = np.abs(theta - self._flight) / self._widths
         for i, constraint in self.settings.items():
-            if not far[i] < FAR:
-                low, high = (self._flight[i] + side * FAR * self._widths[i] for side in (-1, 1))
-                given = constraint.expr or theta[i]
+            if not shift[i] < MAX_START_SHIFT:
+                low, high = (self._flight[i] + side * MAX_START_SHIFT * self._widths[i] for side in (-1, 1))
+                source = constraint.expr or theta[i]
                 raise InputError(
-                    f"fit.parameters.{self._names[i]}: {given} leads to {theta[i]:.6g} where the fit starts, "
-                    f"expected {low:.3g} to {high:.3g}"
+                    f"fit.parameters.{self._names[i]}: {source} leads to {theta[i]:.6g} where the fit "
+                    f"starts, expected {low:.3g} to {high:.3g}"
                 )
         return theta
 

@@ -69,8 +69,10 @@ def estimate_widths(z: Array, kinds: Sequence[Array]) -> WidthEstimate:
 
         start = max(LOG_WIDTHS, key=lambda x: explained(x)[1])
         bounds = (start - 0.25, start + 0.25)
-        best = scipy.optimize.minimize_scalar(lambda x: -explained(x)[1], bounds=bounds, method="bounded").x
-        return float(best), explained(best)[1], explained(best)[0]
+        optimum = scipy.optimize.minimize_scalar(
+            lambda x: -explained(x)[1], bounds=bounds, method="bounded"
+        ).x
+        return float(optimum), explained(optimum)[1], explained(optimum)[0]
 
     ratios: tuple[float, ...] = ()
     if len(kinds) > 1:
@@ -79,9 +81,9 @@ def estimate_widths(z: Array, kinds: Sequence[Array]) -> WidthEstimate:
         def cost(logs: Any) -> float:
             return -at_ratios(np.ravel(logs).tolist())[1]
 
-        first = np.array(start[1:]) - start[0]
-        found = scipy.optimize.minimize(cost, first, method="Nelder-Mead", tol=0.02)
-        ratios = tuple(found.x.tolist())
+        initial = np.array(start[1:]) - start[0]
+        ratio_fit = scipy.optimize.minimize(cost, initial, method="Nelder-Mead", tol=0.02)
+        ratios = tuple(ratio_fit.x.tolist())
     log_width, log_likelihood, chi2 = at_ratios(ratios)
     if log_likelihood <= 0:
         return WidthEstimate((0.0,) * len(kinds), 0.0, 0.0)

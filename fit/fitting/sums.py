@@ -13,7 +13,7 @@ from fit.telemetry import Telemetry
 KNOWN = 0.1  # of the width of its weak prior that the sigma of a sum may have: the prior is 1 % of it
 
 
-def known_sum(outcome: IRLSResult, factors: Mapping[str, float]) -> tuple[float, float] | None:
+def linear_combination(outcome: IRLSResult, factors: Mapping[str, float]) -> tuple[float, float] | None:
     """Return a sum of parameters of a fit, ``factors`` times each, and its sigma; None if the data leave it.
 
     Weak priors hold what is lost, so that the covariance is that of all parameters.
@@ -31,5 +31,5 @@ def known_sum(outcome: IRLSResult, factors: Mapping[str, float]) -> tuple[float,
 def stiffnesses(outcome: IRLSResult, runs: Sequence[Telemetry]) -> tuple[Stiffness, ...]:
     """Return what a joint fit says of omega2_j at the authorities of its runs (eq. stiff_model)."""
     settings = dict.fromkeys((j, *run.authority[j - 1]) for j in (1, 2) for run in runs)
-    found = [(setting, known_sum(outcome, stiffness_terms(*setting))) for setting in settings]
-    return tuple(Stiffness(*setting, *known) for setting, known in found if known)
+    combinations = [(setting, linear_combination(outcome, stiffness_terms(*setting))) for setting in settings]
+    return tuple(Stiffness(*setting, *combination) for setting, combination in combinations if combination)

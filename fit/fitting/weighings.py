@@ -28,7 +28,7 @@ class Weighing(Protocol):
         """Of the experiment."""
 
     @property
-    def settled(self) -> bool:
+    def converged(self) -> bool:
         """Whether the weights themselves have come to rest."""
 
     def block(self, theta: Array, covariance: Array, iteration: int) -> whitened_run.WhitenedRun:
@@ -36,7 +36,7 @@ class Weighing(Protocol):
 
 
 def weighing(
-    experiment: Experiment, share: Array, estimator: Estimator, begun: whitened_run.WhitenedRun | None
+    experiment: Experiment, share: Array, estimator: Estimator, initial: whitened_run.WhitenedRun | None
 ) -> Weighing:
     """Return what weighs the sysid run of an experiment.
 
@@ -44,16 +44,16 @@ def weighing(
     ----------
     experiment : Experiment
         The runs.
-    share : ndarray, shape (K, P)
+    parameter_map : ndarray, shape (K, P)
         See `linear.WhitenedRun`.
     estimator : str
         ``flscov``, or the likelihood of the residual, see `fit.whitening.likelihoods`.
-    begun : whitened_run.WhitenedRun or None
+    initial : whitened_run.WhitenedRun or None
         The run as another fit has weighed it, which is where the iteration begins.
     """
     if estimator == "flscov":
         return _Flscov(experiment, share)
-    return _Smooth(experiment, share, "marginalised" if experiment.marginalised else estimator, begun)
+    return _Smooth(experiment, share, "marginalised" if experiment.marginalised else estimator, initial)
 
 
 class _Smooth:
@@ -64,49 +64,49 @@ class _Smooth:
         experiment: Experiment,
         share: Array,
         likelihood: Likelihood,
-        begun: whitened_run.WhitenedRun | None,
+        initial: whitened_run.WhitenedRun | None,
     ) -> None:
         self._experiment, self._share, self._likelihood = experiment, share, likelihood
         self.name = experiment.name
-        self._begun = begun
-        self._model = begun.noise if begun else None
-        self._moved: Array | None = None
-        self.settled = True
+        self._initial = initial
+        self._model = initial.noise if initial else None
+        self._change: Array | None = None
+        self.converged = True
 
     def block(self, theta: Array, covariance: Array, iteration: int) -> whitened_run.WhitenedRun:
-        if self._begun and iteration == 0:
-            return replace(self._begun, share=self._share)
+        if self._initial and iteration == 0:
+            return replace(self._initial, parameter_map=self._share)
         share, of_run, run = self._share, self._share @ theta, self._experiment.sysid
         model = noise_model(self._experiment, of_run, share @ covariance @ share.T, self._model)
-        self._model = self._hastened(model) if iteration >= LATE else model
+        self._model = self._accelerated(model) if iteration >= LATE else model
         tau = dynamics.delays(of_run)
         terms = run.spectra(tau, self._model)
         if self._experiment.readout_excess:
             terms = readout_excess_noise.use_injections_only(terms)
         # before the signal is subtracted, no residual can tell an outlier
         c = dynamics.coefficients(of_run, terms.tau) if iteration > WARM_UP else None
-        block = whitened_run.block(terms, self._model, share, likelihood=self._likelihood, c=c)
+        block = whitened_run.whiten_run(terms, self._model, share, likelihood=self._likelihood, c=c)
         variances = self._experiment.segment_variances
         return nonstationary_noise.with_segment_variances(block, variances) if variances else block
 
-    def _hastened(self, model: NoiseModel) -> NoiseModel:
+    def _accelerated(self, model: NoiseModel) -> NoiseModel:
         """Return a model of the noise, or where it goes if it creeps.
 
         What constant and ramp leave of the lowest bins depends on their weights, and these on what is left.
         """
-        before, last = self._model, self._moved
-        if before is None or not np.array_equal(before.knots, model.knots):
-            self._moved = None
+        previous, last_change = self._model, self._change
+        if previous is None or not np.array_equal(previous.knots, model.knots):
+            self._change = None
             return model
-        self._moved = moved = model.values - before.values
-        if last is None or last.size != moved.size:
+        self._change = change = model.values - previous.values
+        if last_change is None or last_change.size != change.size:
             return model
-        along, size = float(moved @ last), float(last @ last)
-        if not (CREEPING * size < along < size and along > ALIGNED * np.sqrt(size * float(moved @ moved))):
+        along, size = float(change @ last_change), float(last_change @ last_change)
+        if not (CREEPING * size < along < size and along > ALIGNED * np.sqrt(size * float(change @ change))):
             return model
-        self._moved = None  # what follows a leap tells nothing of the pace
-        leap = min(along / (size - along), FARTHEST / float(np.abs(moved).max()))  # a geometric series
-        return replace(model, values=model.values + leap * moved)
+        self._change = None  # what follows a leap tells nothing of the pace
+        leap = min(along / (size - along), FARTHEST / float(np.abs(change).max()))  # a geometric series
+        return replace(model, values=model.values + leap * change)
 
 
 class _Flscov:
@@ -116,13 +116,13 @@ class _Flscov:
         self._experiment, self._share = experiment, share
         self.name = experiment.name
         self._total = 0.0
-        self.settled = False
+        self.converged = False
 
     def block(self, theta: Array, _: Array, iteration: int) -> whitened_run.WhitenedRun:
         of_run = self._share @ theta
         terms = self._experiment.sysid.columns(dynamics.delays(of_run))
         c = dynamics.coefficients(of_run, terms.tau) if iteration else None
         block, total = flscov.block(terms, self._share, c)
-        self.settled = abs(total - self._total) < flscov.TOLERANCE * total
+        self.converged = abs(total - self._total) < flscov.TOLERANCE * total
         self._total = total
         return block

@@ -33,7 +33,9 @@ Spectrum = NDArray[np.complex128]
 RATE = 1.0  # Hz, far above the band
 LARGEST = 1.0  # rad, from which on a sigma tells nothing of an angle
 #: When an expected fit ends: a move of a thousandth of a sigma.
-RULE = Convergence(most=50, tolerance=1e-3, harmless=1e-3, warm_up=-1, moving="expected angles still move")
+RULE = Convergence(
+    max_iterations=50, tolerance=1e-3, max_move=1e-3, warm_up=-1, moving="expected angles still move"
+)
 _FITTED = slice(1, 1 + len(euler_fit.PARAMETERS))  # columns, behind that of Delta g
 _DIFFERENCE = slice(_FITTED.stop, _FITTED.stop + len(rotation.AXES))
 _UNCERTAIN = slice(_DIFFERENCE.stop, None)
@@ -197,7 +199,7 @@ class _ExpectedWeighing:
         self._power = power
         self._of_bins = self._spline(power)
 
-    settled = True
+    converged = True
 
     def block(self, theta: Array, _: Array, __: int) -> "_ExpectedRotation":
         """Return the run at the estimate theta, shape (P,), as `euler_fit` whitens it."""
@@ -215,8 +217,8 @@ class _ExpectedWeighing:
             columns=np.zeros((0, c.size), np.complex128),
             weights=none,
             window=None,
-            share=np.eye(theta.size),
-            sums=(whitened_run.triangle(whitened_run.rooted(H)), H, H * self._spread),
+            parameter_map=np.eye(theta.size),
+            sums=(whitened_run.qr_factor(whitened_run.matrix_sqrt(H)), H, H * self._spread),
             bins=self.bins,
             difference=difference,
             uncertain=products[_FITTED, _UNCERTAIN],

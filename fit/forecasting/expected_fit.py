@@ -59,7 +59,9 @@ MAX_RESIDUAL = (
     0.3  # root of the chi^2 of what a move leaves in a run, below which its weights stay as they are
 )
 #: What moves less than 0.01 sigma moves no sigma.
-RULE = Convergence(most=40, tolerance=0.01, harmless=0.01, warm_up=-1, moving="the expected fit still moves")
+RULE = Convergence(
+    max_iterations=40, tolerance=0.01, max_move=0.01, warm_up=-1, moving="the expected fit still moves"
+)
 
 
 class NoneTakesPartError(InputError):
@@ -154,10 +156,10 @@ def share_parameters(
     Parameters
     ----------
     weighings : sequence of ExpectedWeighing
-        The experiments; their `share` is set.
+        The experiments; their `parameter_map` is set.
     settings : Settings
         Of the fit.
-    departing : sequence of str
+    random_effects : sequence of str
         Parameters that depart from experiment to experiment.
     """
     sharing, N = Sharing(settings.shared), len(weighings)
@@ -165,7 +167,7 @@ def share_parameters(
     parameters = sharing.parameters(runs)
     names = [p.name for p in parameters]
     for n, (w, run) in enumerate(zip(weighings, runs, strict=True)):
-        w.share = departures.share(sharing.matrix(*run, names), departing, n, N)
+        w.parameter_map = departures.extend_map(sharing.matrix(*run, names), departing, n, N)
     return parameters
 
 
@@ -209,7 +211,7 @@ def _departing(settings: Settings, scatter: Mapping[str, float], N: int) -> dict
 
     A width that N departures tell is not known well; given its mean square, the sigmas are those to expect.
     """
-    scales = {name: kind.scale for kind in departures.KINDS for name in kind.parameters}
+    scales = {name: kind.scale for kind in departures.RANDOM_EFFECTS for name in kind.parameters}
     auto = settings.scatter == ["auto"]
     departing = [
         name for name in dynamics.PARAMETERS if (scatter.get(name) if auto else name in settings.scatter)
@@ -221,7 +223,7 @@ def _departing(settings: Settings, scatter: Mapping[str, float], N: int) -> dict
 
 
 def _of_kind(kind: str, departing: Iterable[str]) -> list[str]:
-    (members,) = (k for k in departures.KINDS if k.name == kind)
+    (members,) = (k for k in departures.RANDOM_EFFECTS if k.name == kind)
     return [name for name in departing if name in members.parameters]
 
 
@@ -256,15 +258,15 @@ class ExpectedWeighing:
         What it is made of.
     experiment : Experiment
         The experiment, without its samples.
-    share : ndarray, shape (K, P)
+    parameter_map : ndarray, shape (K, P)
         See `WhitenedRun`; to be set once the parameters of the joint fit are known.
     """
 
-    settled = True
+    converged = True
 
     def __init__(self, plan: PlannedExperiment, settings: Settings) -> None:
         self.plan = plan
-        experiment = plan.make().up_to(settings.f_max)
+        experiment = plan.make().limit_band(settings.f_max)
         run, sharing = experiment.sysid.telemetry, Sharing(settings.shared)
         parameters = sharing.parameters([(run, experiment.parameters)])
         self._f_max = settings.f_max
@@ -272,22 +274,22 @@ class ExpectedWeighing:
         self._likelihood: Likelihood = "gaussian" if settings.estimator == "flscov" else settings.estimator
         if experiment.sysid.telemetry.experiment in settings.levels:
             self._likelihood = "marginalised"
-        self.share = sharing.matrix(run, experiment.parameters, [p.name for p in parameters])
-        self._theta = self.share @ [plan.truth.get(p.name, p.value) for p in parameters]
+        self.parameter_map = sharing.matrix(run, experiment.parameters, [p.name for p in parameters])
+        self._theta = self.parameter_map @ [plan.truth.get(p.name, p.value) for p in parameters]
         if divide([experiment], settings.model_copy(update={"exclude": []}))[0]:  # it is long enough
             self._sums = compress(self._expected(experiment.sysid, self._theta))
         self.name = experiment.name
         self.experiment = Experiment(
-            experiment.sysid.emptied(), experiment.noise and experiment.noise.emptied()
+            experiment.sysid.without_samples(), experiment.noise and experiment.noise.without_samples()
         )
 
     def block(self, theta: Array, _: Array, __: int) -> CompressedRun:
         """As that of `weighings.Weighing`."""
-        of_run, sums = self.share @ theta, self._sums
+        of_run, sums = self.parameter_map @ theta, self._sums
         c, previous = (dynamics.coefficients(x, sums.tau) for x in (of_run, self._theta))
         if np.linalg.norm(sums.R @ (c - previous)) > MAX_RESIDUAL:
             self._theta = of_run
-            run = self.plan.make().sysid.up_to(self._f_max)
+            run = self.plan.make().sysid.limit_band(self._f_max)
             self._sums = compress(self._expected(run, of_run))
         return self.sums
 
@@ -299,7 +301,7 @@ class ExpectedWeighing:
     @property
     def sums(self) -> CompressedRun:
         """The sums of the run over its bins."""
-        return replace(self._sums, share=self.share)
+        return replace(self._sums, parameter_map=self.parameter_map)
 
     def expected_weights(self, f: Array) -> Weights:
         """Return the weights of bins at the frequencies f, shape (B,), that its likelihood expects."""

@@ -26,8 +26,8 @@ class ExpectedRun(whitened_run.WhitenedRun):
     @cached_property
     def R(self) -> Array:
         """As that of `WhitenedRun`."""
-        rows = whitened_run.rooted(self.jitter * np.mean(self.weights.fit))
-        return whitened_run.triangle(np.concatenate([super().R, rows]))
+        rows = whitened_run.matrix_sqrt(self.jitter * np.mean(self.weights.fit))
+        return whitened_run.qr_factor(np.concatenate([super().R, rows]))
 
     @cached_property
     def H(self) -> Array:
@@ -90,4 +90,4 @@ def compress(block: whitened_run.WhitenedRun) -> CompressedRun:
     """Return what is left of a run without its bins."""
     columns, even = np.zeros((0, len(block.R)), np.complex128), weights("gaussian", np.zeros(0), np.zeros(0))
     sums, bins = (block.R, block.H, block.M), len(block.columns)
-    return CompressedRun(block.tau, columns, even, None, block.share, sums=sums, bins=bins)
+    return CompressedRun(block.tau, columns, even, None, block.parameter_map, sums=sums, bins=bins)

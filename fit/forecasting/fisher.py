@@ -137,7 +137,7 @@ def fisher_information(plan: Sequence[PlannedExperiment], settings: Settings) ->
         names=tuple(parameters[i].name for i in varying),
         widths=np.array([parameters[i].prior_sigma for i in varying]),
         prior=np.diag(1 / prior_sigma[varying] ** 2),
-        experiments=tuple(_information(w, w.share @ free) for w in weighings),
+        experiments=tuple(_information(w, w.parameter_map @ free) for w in weighings),
     )
 
 
@@ -169,7 +169,7 @@ def _likelihood_settings(settings: Settings) -> Settings:
 
 
 def _information(weighing: ExpectedWeighing, share: Array) -> ExperimentInformation:
-    """Return the information of an experiment; `share` maps the P joint parameters to those of the run."""
+    """Return the information of an experiment; `share` maps the P joint parameters to its own."""
     run, sums = weighing.experiment.sysid, weighing.sums
     theta = weighing.theta
     f, _, residual = weighing.noise(run, sums.tau, theta)

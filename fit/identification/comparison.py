@@ -296,7 +296,7 @@ def replay_commands(
     error = series.at_loop_rate(telemetry, "o_12") - series.at_loop_rate(telemetry, "guidance_o_12")
     replayed = loop.command(telemetry, theta, error)
     recorded = series.at_loop_rate(telemetry, "f_x_2") - loop.direct(telemetry)
-    grid = series.reduced_grid(telemetry, run.without(run.patches).channels)
+    grid = series.reduced_grid(telemetry, run.mask(run.patches).channels)
     rms = _rms(recorded, telemetry, grid)
     fmu_names = [name for name in theta if "." in name]  # the others are not the controller's
     varied_commands = [

@@ -112,9 +112,9 @@ def _constrained(
 
 def _integrated(outcome: irls.IRLSResult, settings: Settings) -> irls.IRLSResult:
     """Return the outcome with the widths of departures, if there are any, integrated over."""
-    if not outcome.departing:
+    if not outcome.random_effects:
         return outcome
-    return replace(departures.integrated(outcome), by_data=settings.scatter == ["auto"])
+    return replace(departures.marginalise_widths(outcome), data_driven=settings.scatter == ["auto"])
 
 
 def _provenance_entries(
@@ -166,7 +166,7 @@ def _loop_context(
     settings: Settings,
 ) -> comparison.LoopContext:
     """Return what the loop has beside the estimates."""
-    runs = [e.sysid.telemetry for e in experiments] if not outcome.departing else []
+    runs = [e.sysid.telemetry for e in experiments] if not outcome.random_effects else []
     return comparison.LoopContext(fixed_values, runs, Sharing(settings.shared))
 
 

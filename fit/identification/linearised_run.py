@@ -12,7 +12,15 @@ from fit.identification import series
 from fit.identification.loop import FORCE_1, THRUST, Loop
 from fit.model import dynamics
 from fit.spectra import NoiseModel, Spectra, windowing
-from fit.whitening import Experiment, Left, Likelihood, Run, smooth_noise, weights, whitened_run
+from fit.whitening import (
+    Experiment,
+    Likelihood,
+    ResidualSpectrum,
+    Run,
+    fit_residual_noise,
+    weights,
+    whitened_run,
+)
 
 Array = NDArray[np.float64]
 
@@ -39,11 +47,11 @@ class LinearisedRun(NonstationaryRun):
     def coefficients(self, theta: Array) -> Array:
         """As those of `linear.WhitenedRun`."""
         shift = theta - (self.expansion_point if theta.ndim == 1 else self.expansion_point[:, None])
-        return np.concatenate([np.ones_like(theta[:1]), self.share @ shift])
+        return np.concatenate([np.ones_like(theta[:1]), self.parameter_map @ shift])
 
     def of_run(self, _: Array, /) -> Array:
         """As those of `linear.WhitenedRun`."""
-        return np.eye(len(self.share) + 1, len(self.share), k=-1)
+        return np.eye(len(self.parameter_map) + 1, len(self.parameter_map), k=-1)
 
 
 @dataclass(frozen=True)
@@ -85,7 +93,7 @@ class MeasuredInputs:
         self._grid = series.reduced_grid(run.telemetry, run.channels)
         self._impulse = series.impulse(force_1.size, IMPULSE)
         self._motion_response = self._force_response = self._initial_transient = np.empty(0)
-        self._nuisance = [self._grid.steps, *run.beside(self._grid.time, self._grid.fs)]
+        self._nuisance = [self._grid.steps, *run.nuisance_columns(self._grid.time, self._grid.fs)]
 
     def measured_derivatives(self, names: Sequence[str]) -> Array:
         """Return the derivatives of the residual by parameters of the equation, shape (names, N).
@@ -177,7 +185,7 @@ class SimulatedExperiment:
         The first of the K parameters of the experiment, those of the loop.
     measured_names : sequence of str
         The others, see `MeasuredInputs.measured_derivatives`; those of `dynamics.PARAMETERS` first.
-    share : ndarray, shape (K, P)
+    parameter_map : ndarray, shape (K, P)
         Map from the P joint parameters to all of them.
     scales : tuple of ndarray, each of shape (len(names),)
         Natural scales of those of the loop, and bounds.
@@ -185,7 +193,7 @@ class SimulatedExperiment:
         What the residual is taken to be like.
     """
 
-    settled = True
+    converged = True
 
     def __init__(
         self,
@@ -267,9 +275,9 @@ class SimulatedExperiment:
             columns=U,
             weights=weights(self._likelihood, terms.f, u),
             window=terms.window,
-            share=self._share,
+            parameter_map=self._share,
             noise=self._model,
-            taken=terms.nuisance.shape[1],
+            n_projected=terms.nuisance.shape[1],
             f=terms.f,
             names=(*self._names, *(name for name in self._measured_names if name in dynamics.PARAMETERS)),
             expansion_point=theta,
@@ -280,11 +288,13 @@ class SimulatedExperiment:
         try:
             size = len(self._share)
             fit_gradient = (np.eye(size + 1, size, k=-1), self._share @ covariance @ self._share.T)
-            residual_spectrum = Left(terms, np.eye(1 + size)[0], fit_gradient)
+            residual_spectrum = ResidualSpectrum(terms, np.eye(1 + size)[0], fit_gradient)
             if not self._noise:
-                return smooth_noise(residual_spectrum, self._model)
-            return smooth_noise(
-                Left(self._noise.transformed([residuals[1]]), np.ones(1)), self._model, residual_spectrum
+                return fit_residual_noise(residual_spectrum, self._model)
+            return fit_residual_noise(
+                ResidualSpectrum(self._noise.transformed([residuals[1]]), np.ones(1)),
+                self._model,
+                residual_spectrum,
             )
         except FitError as error:
             run = (self._noise or self._sysid).telemetry.run

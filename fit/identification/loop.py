@@ -129,7 +129,7 @@ def joint_parameters(
     return parameters
 
 
-def share(free: Sequence[FreeParameter], run: Telemetry, names: Sequence[str]) -> Array:
+def parameter_map(free: Sequence[FreeParameter], run: Telemetry, names: Sequence[str]) -> Array:
     """Return the map from the P joint parameters `names` to the K of a run, shape (K, P)."""
     return np.array(
         [[float(free_parameter.parameter(run).name == name) for name in names] for free_parameter in free]

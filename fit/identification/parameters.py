@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fit.fitting import constraints, departures, hierarchy, lmfit_symbol, user_params
-from fit.identification.loop import FreeParameter, joint_parameters, share
+from fit.identification.loop import FreeParameter, joint_parameters, parameter_map
 from fit.model import Sharing, dynamics
 from fit.parameters import Parameter
 from fit.results import Results
@@ -36,12 +36,12 @@ class ExperimentView:
     ----------
     measured_names : tuple of str
         Its parameters after those of the loop, see `Imposed.measured_names`.
-    share : ndarray, shape (K, P)
+    parameter_map : ndarray, shape (K, P)
         Map from the P joint parameters to its K.
     """
 
     measured_names: tuple[str, ...]
-    share: Array
+    parameter_map: Array
 
 
 @dataclass(frozen=True)
@@ -60,7 +60,7 @@ class JointParameters:
         The parameters of the loop, by the names that it knows.
     scales : tuple of ndarray, each of shape (len(names),)
         Their natural scales, and bounds.
-    departing : tuple of ScaleParameter
+    random_effects : tuple of ScaleParameter
         The widths of departures.
     views : tuple of View
         One for each experiment.
@@ -71,13 +71,13 @@ class JointParameters:
     settings: dict[str, ParameterSettings]
     names: tuple[str, ...]
     scales: tuple[Array, Array, Array]
-    departing: tuple[hierarchy.ScaleParameter, ...]
+    random_effects: tuple[hierarchy.ScaleParameter, ...]
     views: tuple[ExperimentView, ...]
 
     @property
     def shared(self) -> int:
         """Number of the parameters that are no departures; they come first."""
-        return hierarchy.n_shared(self.departing, len(self.parameters))
+        return hierarchy.n_shared(self.random_effects, len(self.parameters))
 
     def named(self, theta: Array) -> dict[str, float]:
         """Return the joint parameters theta, shape (P,), by name, departures left out."""
@@ -85,7 +85,7 @@ class JointParameters:
 
     def run_parameters(self, k: int, theta: Array) -> dict[str, float]:
         """Return the parameters of the loop in the k-th experiment by name."""
-        return dict(zip(self.names, (self.views[k].share @ theta).tolist(), strict=False))
+        return dict(zip(self.names, (self.views[k].parameter_map @ theta).tolist(), strict=False))
 
 
 def joint(
@@ -124,7 +124,7 @@ def joint(
     views = []
     for n, e in enumerate(experiments):
         cross_talk = [p for p in coupled if p.name in e.parameters]
-        shared_map = share((*free, *cross_talk), runs[n], list(parameters))
+        shared_map = parameter_map((*free, *cross_talk), runs[n], list(parameters))
         names = [p.name for p in free], [p.name for p in cross_talk]
         views.append(_view(shared_map, *names, departing, n, len(experiments)))
     return JointParameters(
@@ -139,7 +139,7 @@ def joint(
             np.array([p.parameter(runs[0]).prior_sigma for p in free]),
             *np.array([p.bounds for p in free]).T,
         ),
-        departing=tuple(widths),
+        random_effects=tuple(widths),
         views=tuple(views),
     )
 
@@ -255,10 +255,10 @@ def _view(
     # a gain of the loop that departs takes its delay along where the loop has that delay itself
     delays = [d for gain, d in departures.DELAYS.items() if d in loop_names or gain in departing_names]
     run_parameters = [*loop_names, *departing_names, *cross_talk]
-    share = np.zeros((len(run_parameters), shared_map.shape[1]))
-    share[[run_parameters.index(name) for name in (*loop_names, *cross_talk)]] = shared_map
-    departure_map = departures.entering(run_parameters, departing, n, N, delays)
-    return ExperimentView(tuple(run_parameters[len(loop_names) :]), np.hstack([share, departure_map]))
+    parameter_map = np.zeros((len(run_parameters), shared_map.shape[1]))
+    parameter_map[[run_parameters.index(name) for name in (*loop_names, *cross_talk)]] = shared_map
+    departure_map = departures.deviation_map(run_parameters, departing, n, N, delays)
+    return ExperimentView(tuple(run_parameters[len(loop_names) :]), np.hstack([parameter_map, departure_map]))
 
 
 def run_dynamics(experiment: Experiment, calibrated: Results, settings: Settings) -> Array:

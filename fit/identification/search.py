@@ -52,7 +52,7 @@ class Search:
         self.joint = joint
         self.halved_steps: list[str] = []
         self._undetermined = np.zeros(len(joint.parameters), dtype=bool)
-        self._start = Problem(joint.parameters, joint.departing, joint.settings).start()
+        self._start = Problem(joint.parameters, joint.random_effects, joint.settings).start()
         self._widths = np.array([p.prior_sigma for p in joint.parameters])
         self.weighings = [
             SimulatedExperiment(
@@ -61,7 +61,7 @@ class Search:
                 InvertedLoop(references[k], joint.run_parameters(k, self._start)),
                 joint.names,
                 joint.views[k].measured_names,
-                joint.views[k].share,
+                joint.views[k].parameter_map,
                 joint.scales,
                 "marginalised" if levels[k] else likelihood,
             )
@@ -99,8 +99,8 @@ class Search:
                 self.weighings,
                 joint.parameters,
                 self.priors,
-                departing=joint.departing,
-                admitted=self.admitted,
+                random_effects=joint.random_effects,
+                limit_step=self.limit_step,
                 settings=joint.settings,
             )
         except FitError as error:
@@ -113,7 +113,7 @@ class Search:
         theta, covariance = outcome.solution.theta, outcome.solution.covariance
         mismatches = {}
         for k, (experiment, view) in enumerate(zip(experiments, self.joint.views, strict=True)):
-            sigmas = np.sqrt(np.diag(view.share @ covariance @ view.share.T)).tolist()
+            sigmas = np.sqrt(np.diag(view.parameter_map @ covariance @ view.parameter_map.T)).tolist()
             run_parameters = dict(zip(self.joint.names, sigmas, strict=False))
             mismatch = comparison.replay_commands(
                 experiment.sysid, loop, self.joint.run_parameters(k, theta), run_parameters
@@ -123,10 +123,10 @@ class Search:
         return mismatches
 
     def priors(
-        self, blocks: Sequence[whitened_run.WhitenedRun], theta: Array, other_knowledge: Array
+        self, whitened_runs: Sequence[whitened_run.WhitenedRun], theta: Array, other_knowledge: Array
     ) -> priors.PriorSet:
         """Return weak priors of parameters that the data and other rows of chi^2 do not determine."""
-        H = whitened_run.information(blocks, theta) + other_knowledge.T @ other_knowledge
+        H = whitened_run.information(whitened_runs, theta) + other_knowledge.T @ other_knowledge
         undetermined, directions = null_space.null_space(H, self._widths)
         undetermined |= self._dependent(H, undetermined)
         self._undetermined = undetermined
@@ -143,7 +143,7 @@ class Search:
             np.sum(covariance[:, undetermined] ** 2, axis=1) > DEPENDENT_VARIANCE * np.diag(covariance)
         )
 
-    def admitted(self, theta: Array, target: Array) -> Array:
+    def limit_step(self, theta: Array, target: Array) -> Array:
         """Return the next estimate, shape (P,), with loops that can be simulated.
 
         Of a step that cannot be, what the data do not tell goes back to its start first: it strays. Then only

@@ -47,14 +47,16 @@ def dynamics_of(run: Telemetry, joint: Fit) -> Dynamics:
     """
     names = joint_names([run.alignment_epoch])
     known = [name for name in names if name in joint.parameters]
-    held = [name for name in names if name not in joint.parameters]
-    values = {name: 0.0 if name.startswith("delta_ifo") else joint_parameter(name).value for name in held}
+    uncalibrated = [name for name in names if name not in joint.parameters]
+    values = {
+        name: 0.0 if name.startswith("delta_ifo") else joint_parameter(name).value for name in uncalibrated
+    }
     values |= joint.values
     order = list(joint.parameters)
     covariance = np.diag([joint_parameter(name).prior_sigma ** 2 for name in names])
-    at = [names.index(name) for name in known]
-    among = [order.index(name) for name in known]
-    covariance[np.ix_(at, at)] = joint.covariance[np.ix_(among, among)]
+    rows = [names.index(name) for name in known]
+    columns = [order.index(name) for name in known]
+    covariance[np.ix_(rows, rows)] = joint.covariance[np.ix_(columns, columns)]
     sigma = np.sqrt(np.diag(covariance))
     sharing = Sharing(settings().shared)
     of_run = sharing.matrix(run, dynamics.PARAMETERS, names)
@@ -62,15 +64,15 @@ def dynamics_of(run: Telemetry, joint: Fit) -> Dynamics:
         theta=of_run @ [values[name] for name in names],
         share=of_run * sigma,
         correlation=covariance / np.outer(sigma, sigma),
-        warnings=_warnings(held),
+        warnings=_warnings(uncalibrated),
     )
 
 
-def _warnings(held: Sequence[str]) -> tuple[FitWarning, ...]:
-    if not held:
+def _warnings(names: Sequence[str]) -> tuple[FitWarning, ...]:
+    if not names:
         return ()
     message = (
-        f"the calibration does not determine {', '.join(held)}; held at the flight value (delta_ifo: zero), "
+        f"the calibration does not determine {', '.join(names)}; held at the flight value (delta_ifo: zero), "
         "with the width of the weak prior in the sigmas"
     )
-    return (FitWarning("not_calibrated", tuple(held), message),)
+    return (FitWarning("not_calibrated", tuple(names), message),)

@@ -132,13 +132,13 @@ def means(telemetry: Telemetry) -> Iterator[tuple[str, Array]]:
     What is constant tells nothing, nor what misses many samples. A torque without the angle about the same
     axis is left out too: its column would try to stand for what is missing of eq. bump.
     """
-    found = set[str]()
-    for name, parts in MEANS.items():
+    available = set[str]()
+    for name, channels_of_mean in MEANS.items():
         turned = name.removeprefix("N_")
-        if parts.keys() <= telemetry.channels.keys() and (turned == name or turned in found):
-            mean = summed(telemetry, parts)
+        if channels_of_mean.keys() <= telemetry.channels.keys() and (turned == name or turned in available):
+            mean = summed(telemetry, channels_of_mean)
             if np.mean(np.isnan(mean)) <= MAX_MISSING and np.nanmin(mean) < np.nanmax(mean):
-                found.add(name)
+                available.add(name)
                 yield name, mean
 
 
@@ -191,23 +191,23 @@ def channels(telemetry: Telemetry, *, motion: bool = True) -> Channels:
     return _channels(telemetry, *derivatives.low_pass(telemetry.fs), motion=motion)
 
 
-def beyond(telemetry: Telemetry, f_max: float) -> Channels:
+def wideband_channels(telemetry: Telemetry, f_max: float) -> Channels:
     """Return what the equation needs up to `f_max` [Hz] beyond the fitted band, there right to 0.3 %."""
     return _channels(telemetry, *derivatives.low_pass(telemetry.fs, f_max, 3 * f_max), motion=True)
 
 
 def _channels(telemetry: Telemetry, taps: Array, factor: int, motion: bool) -> Channels:
-    kept, own = {}, ((name, telemetry.channels[name]) for name in CHANNELS)
+    series, raw_channels = {}, ((name, telemetry.channels[name]) for name in CHANNELS)
     touched = gone = np.zeros(1, dtype=bool)
     # one by one: as archived, all of them fill the memory
-    for name, raw in chain(own, means(telemetry) if motion else ()):
-        kept[name], masked, missing = derivatives.preprocess(raw, telemetry.fs, taps, factor)
+    for name, raw in chain(raw_channels, means(telemetry) if motion else ()):
+        series[name], masked, missing = derivatives.preprocess(raw, telemetry.fs, taps, factor)
         touched, gone = touched | masked, gone | missing
     return Channels(
         fs=telemetry.fs / factor,
         time=telemetry.time[taps.size // 2 :: factor][: touched.size],
-        **{name: kept.pop(name) for name in CHANNELS},
-        means=kept,
+        **{name: series.pop(name) for name in CHANNELS},
+        means=series,
         valid=~touched,
         missing=int(np.count_nonzero(gone)),
     )
@@ -243,7 +243,7 @@ class Columns:
 
 def columns(run: Channels, tau: tuple[float, float]) -> Columns:
     """Differentiate and delay."""
-    return blank(run, tau, np.concatenate(list(parts(run, tau)), axis=1))
+    return blank(run, tau, np.concatenate(list(column_groups(run, tau)), axis=1))
 
 
 def blank(run: Channels, tau: tuple[float, float], values: Array | None = None) -> Columns:
@@ -253,24 +253,24 @@ def blank(run: Channels, tau: tuple[float, float], values: Array | None = None) 
     return Columns(tau, names, run.fs, time, values, valid)
 
 
-def parts(run: Channels, tau: tuple[float, float]) -> Iterator[Array]:
+def column_groups(run: Channels, tau: tuple[float, float]) -> Iterator[Array]:
     """Yield the columns in their order, shape (N, G), some at a time: of weeks, all fill the memory."""
     yield derivatives.derivative(run.o_12, run.fs, 2)[:, None]
     yield from (force(run, j, tau) for j in (1, 0))
     yield from (run.o_12[_INNER, None], run.o_1[_INNER, None])
     yield derivatives.derivative(run.o_1, run.fs, 2)[:, None]
-    yield from (_moved(run.means, name, run.fs)[:, None] for name in run.parameters[len(PARAMETERS) :])
+    yield from (_derived(run.means, name, run.fs)[:, None] for name in run.parameters[len(PARAMETERS) :])
 
 
 def force(run: Channels, j: int, tau: tuple[float, float]) -> Array:
     """Return the columns `FORCES[j]` of one command, shape (N, 2)."""
     curve, x = (LOOP_PERIOD * run.fs) ** 2 / 24, (run.f_x_1, run.f_x_2)[j]
-    still, first, second = (derivatives.stencil(tau[j] * run.fs, order) for order in (0, 1, 2))
+    value, slope, curvature = (derivatives.stencil(tau[j] * run.fs, order) for order in (0, 1, 2))
     # mean over a hold, f + h^2/24 f'': the force that acts is weaker than the command by sinc(f h)
-    return derivatives.apply_stencils(np.stack([still + curve * second, run.fs * first]), x).T
+    return derivatives.apply_stencils(np.stack([value + curve * curvature, run.fs * slope]), x).T
 
 
-def _moved(series: Mapping[str, Array], name: str, fs: float) -> Array:
+def _derived(series: Mapping[str, Array], name: str, fs: float) -> Array:
     """Return the column of one of the `CROSS_TALK` from decimated means."""
     mean, order = CROSS_TALK[name]
     return derivatives.derivative(series[mean], fs, order) if order else series[mean][_INNER]
@@ -315,19 +315,19 @@ def gradient(theta: Array, tau: tuple[float, float]) -> Array:
     return d
 
 
-def terms(found: Columns, theta: Array, of: Sequence[Term] = TERMS) -> dict[str, Array]:
+def terms(columns: Columns, theta: Array, selection: Sequence[Term] = TERMS) -> dict[str, Array]:
     """Return terms of Delta g as they add up, signs included, each of shape (N,) [m s^-2], by name.
 
-    Those `of` whose columns the run has none are zero; theta, shape (P,), are its parameters.
+    Those `selection` whose columns the run has none are zero; theta, shape (P,), are its parameters.
     """
-    weights = coefficients(theta, found.tau)
-    at = {term.name: [i for i, name in enumerate(found.names) if name in term.columns] for term in of}
-    return {name: _combined(found.values[:, i], weights[i]) for name, i in at.items()}
+    weights = coefficients(theta, columns.tau)
+    indices = {t.name: [i for i, name in enumerate(columns.names) if name in t.columns] for t in selection}
+    return {name: _combined(columns.values[:, i], weights[i]) for name, i in indices.items()}
 
 
-def total(found: Columns, theta: Array) -> Array:
+def total(columns: Columns, theta: Array) -> Array:
     """Return the sum of all terms of Delta g (eqs deltagjointfit and bump), shape (N,) [m s^-2]."""
-    return _combined(found.values, coefficients(theta, found.tau))
+    return _combined(columns.values, coefficients(theta, columns.tau))
 
 
 def residual(telemetry: Telemetry, parameters: Mapping[str, float]) -> tuple[Array, Array]:
@@ -350,8 +350,8 @@ def residual(telemetry: Telemetry, parameters: Mapping[str, float]) -> tuple[Arr
     """
     run = channels(telemetry)
     theta = np.array([parameters.get(name, 0.0) for name in run.parameters])
-    found = columns(run, delays(theta))
-    return found.time, np.where(found.valid, total(found, theta), np.nan)
+    terms_of_run = columns(run, delays(theta))
+    return terms_of_run.time, np.where(terms_of_run.valid, total(terms_of_run, theta), np.nan)
 
 
 def delta_g_SC(telemetry: Telemetry, cross_talk: Mapping[str, float]) -> tuple[Array, NDArray[np.bool_]]:
@@ -373,15 +373,15 @@ def delta_g_SC(telemetry: Telemetry, cross_talk: Mapping[str, float]) -> tuple[A
     """
     taps, factor = derivatives.low_pass(telemetry.fs)
     names = [name for name in CROSS_TALK if cross_talk.get(name)]
-    wanted = {CROSS_TALK[name][0] for name in names}
+    bases = {CROSS_TALK[name][0] for name in names}
     fs = telemetry.fs
-    found = {m: derivatives.preprocess(summed(telemetry, MEANS[m]), fs, taps, factor) for m in wanted}
-    series = {mean: x for mean, (x, *_) in found.items()}
+    processed = {m: derivatives.preprocess(summed(telemetry, MEANS[m]), fs, taps, factor) for m in bases}
+    series = {mean: x for mean, (x, *_) in processed.items()}
     size = (telemetry.size - taps.size) // factor + 1 - 2 * derivatives.HALF
     values, valid = np.zeros(size), np.ones(size, dtype=bool)
     for name in names:
-        values += cross_talk[name] * _moved(series, name, telemetry.fs / factor)
-    for _, masked, _ in found.values():
+        values += cross_talk[name] * _derived(series, name, telemetry.fs / factor)
+    for _, masked, _ in processed.values():
         valid &= ~derivatives.dilate_mask(masked)
     return values, valid
 

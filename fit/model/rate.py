@@ -92,20 +92,22 @@ def slow_rate(path: Path, stretches: Iterable[Motion], start: float, end: float)
     step = (end - start) / pieces
     knots = start + step * np.arange(-DEGREE, pieces + DEGREE + 1)
     size = pieces + DEGREE
-    normal, right, seen = np.zeros((size, size)), np.zeros((size, 4)), 0
+    normal, right, n_pointed = np.zeros((size, size)), np.zeros((size, 4)), 0
     means: list[Array] = []
     for stretch in stretches:
         if not means:
-            once, twice = Integral(stretch.fs), Integral(stretch.fs)
-        both = np.concatenate([stretch.attitude, twice(once(stretch.dOmega))], axis=1)
+            first_integral, second_integral = Integral(stretch.fs), Integral(stretch.fs)
+        both = np.concatenate([stretch.attitude, second_integral(first_integral(stretch.dOmega))], axis=1)
         means.append(_means(stretch, both))
         if stretch.pointed.any():
             basis: Any = scipy.interpolate.BSpline.design_matrix(stretch.time[stretch.pointed], knots, DEGREE)
             normal += (basis.T @ basis).toarray()
             right += basis.T @ both[stretch.pointed]
-            seen += int(stretch.pointed.sum())
-    if seen < size:
-        raise InputError(f"{path}: star tracker (ast_*): {seen} samples that are not missing, expected more")
+            n_pointed += int(stretch.pointed.sum())
+    if n_pointed < size:
+        raise InputError(
+            f"{path}: star tracker (ast_*): {n_pointed} samples that are not missing, expected more"
+        )
     third = np.diff(np.eye(size), 3, axis=0)
     stiff = STIFF * np.trace(normal) * third.T @ third
     spline = scipy.interpolate.BSpline(knots, np.linalg.solve(normal + stiff, right), DEGREE)
@@ -119,9 +121,9 @@ def slow_rate(path: Path, stretches: Iterable[Motion], start: float, end: float)
 def _means(stretch: Motion, series: Array) -> Array:
     """Return time and series averaged over `MEAN`, without what misses samples of the star tracker."""
     n = round(MEAN * stretch.fs)
-    kept = slice(series.shape[0] // n * n)
-    columns = np.column_stack([stretch.time[kept], series[kept]])
-    whole = stretch.pointed[kept].reshape(-1, n).all(axis=1)
+    whole_bins = slice(series.shape[0] // n * n)
+    columns = np.column_stack([stretch.time[whole_bins], series[whole_bins]])
+    whole = stretch.pointed[whole_bins].reshape(-1, n).all(axis=1)
     return np.asarray(columns.reshape(-1, n, columns.shape[1]).mean(axis=1)[whole])
 
 

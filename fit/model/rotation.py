@@ -68,18 +68,20 @@ def sources(telemetry: Telemetry) -> Sources | None:
     InputError
         If an attribute is no number, or an inertia is not positive.
     """
-    there = telemetry.channels.keys()
+    available = telemetry.channels.keys()
     masses, angles, warnings = {}, {}, []
     for axis in AXES:
-        driven = tuple(j for j in (1, 2) if f"N_{axis}_{j}" in there)
+        driven = tuple(j for j in (1, 2) if f"N_{axis}_{j}" in available)
         if not driven:
             return None
-        seen = tuple(j for j in driven if {f"o_{axis}_1", *([f"o_{axis}_12"] if j == 2 else [])} <= there)
-        masses[axis], angles[axis] = seen or driven, bool(seen)
-        if not seen:
-            warnings.append(_no_angle(axis))
+        measured = tuple(
+            j for j in driven if {f"o_{axis}_1", *([f"o_{axis}_12"] if j == 2 else [])} <= available
+        )
+        masses[axis], angles[axis] = measured or driven, bool(measured)
+        if not measured:
+            warnings.append(_no_angle_warning(axis))
         if len(masses[axis]) == 1:
-            warnings.append(_alone(axis, *masses[axis]))
+            warnings.append(_one_mass_warning(axis, *masses[axis]))
     default = telemetry.m_tm * SIDE**2 / 6
     inertia = {axis: _number(telemetry, INERTIA[axis], default, positive=True) for axis in AXES}
     omega2 = {axis: _number(telemetry, f"omega2_{axis}", 0.0) for axis in AXES}
@@ -92,7 +94,7 @@ def sources(telemetry: Telemetry) -> Sources | None:
         warnings.append(FitWarning("no_torsional_stiffness", _deltas(*unknown), message))
     quaternion = tuple(f"ast_q_{i}" for i in (1, 2, 3, 4))
     choices = (tuple(f"ast_{axis}" for axis in AXES), quaternion)
-    star_tracker = next((names for names in choices if set(names) <= there), ())
+    star_tracker = next((names for names in choices if set(names) <= available), ())
     if not star_tracker:
         message = (
             "without star tracker the mean rate is unknown and counts as zero; of the "
@@ -107,7 +109,7 @@ def _deltas(*names: str) -> tuple[str, ...]:
     return tuple(f"delta_{name.split('_')[1]}" for name in names)
 
 
-def _no_angle(axis: str) -> FitWarning:
+def _no_angle_warning(axis: str) -> FitWarning:
     message = (
         f"without o_{axis}_1 the torque alone stands for dOmega_{axis}, which overshoots "
         f"near the bandwidth of the suspension: delta_{axis} comes out at about 0.8 of its value if that is "
@@ -116,7 +118,7 @@ def _no_angle(axis: str) -> FitWarning:
     return FitWarning("no_wavefront_angle", (f"delta_{axis}",), message)
 
 
-def _alone(axis: str, j: int) -> FitWarning:
+def _one_mass_warning(axis: str, j: int) -> FitWarning:
     message = (
         f"dOmega_{axis} comes from test mass {j} alone, and nothing tells its torque noise, which attenuates "
         f"delta_{axis}: noise of 1.5e-12 rad s-2 Hz-0.5 by 0.2 %, of 1e-11 by up to 16 %"
@@ -164,13 +166,13 @@ class Motion:
     attitude: Array
     pointed: Flags
 
-    def part(self, keep: slice) -> "Motion":
+    def part(self, samples: slice) -> "Motion":
         """Return some of the samples."""
-        arrays = {name: value[keep] for name, value in vars(self).items() if name != "fs"}
+        arrays = {name: value[samples] for name, value in vars(self).items() if name != "fs"}
         return Motion(self.fs, **arrays)
 
 
-def motion(telemetry: Telemetry, found: Sources, reference: Array | None = None) -> Motion:
+def motion(telemetry: Telemetry, sources: Sources, reference: Array | None = None) -> Motion:
     """Low-pass and decimate the channels and form dOmega; `reference` is that of `attitude`."""
     taps, factor = derivatives.low_pass(telemetry.fs)
     fs = telemetry.fs / factor
@@ -180,32 +182,32 @@ def motion(telemetry: Telemetry, found: Sources, reference: Array | None = None)
         inner = x[derivatives.HALF : -derivatives.HALF]
         return inner, derivatives.derivative(x, fs, 2), derivatives.dilate_mask(masked)
 
-    dOmega, angles, swing, lost = [], [], [], []
+    dOmega, angles, swing, masked_axes = [], [], [], []
     for axis in AXES:
-        torques = [telemetry.channels[f"N_{axis}_{j}"] for j in found.masses[axis]]
+        torques = [telemetry.channels[f"N_{axis}_{j}"] for j in sources.masses[axis]]
         N, _, masked = terms(np.mean(torques, axis=0))
-        term, angle, second = N / found.inertia[axis], np.zeros_like(N), np.zeros_like(N)
-        if found.angles[axis]:
-            angle, second, unseen = terms(_mean_angle(telemetry, axis, found.masses[axis]))
-            term, masked = term - found.omega2[axis] * angle - second, masked | unseen
+        term, angle, second = N / sources.inertia[axis], np.zeros_like(N), np.zeros_like(N)
+        if sources.angles[axis]:
+            angle, second, unseen = terms(_mean_angle(telemetry, axis, sources.masses[axis]))
+            term, masked = term - sources.omega2[axis] * angle - second, masked | unseen
         dOmega.append(term)
         angles.append(angle)
         swing.append(second)
-        lost.append(masked)
-    pointing = [terms(x) for x in attitude(telemetry, found, reference).T]
+        masked_axes.append(masked)
+    pointing = [terms(x) for x in attitude(telemetry, sources, reference).T]
     return Motion(
         fs=fs,
         time=telemetry.time[taps.size // 2 + derivatives.HALF * factor :: factor][: N.size],
         dOmega=np.stack(dOmega, axis=1),
         angle=np.stack(angles, axis=1),
         swing=np.stack(swing, axis=1),
-        valid=~np.any(lost, axis=0),
+        valid=~np.any(masked_axes, axis=0),
         attitude=np.stack([angle for angle, _, _ in pointing], axis=1),
         pointed=~np.any([masked for _, _, masked in pointing], axis=0),
     )
 
 
-def apart(telemetry: Telemetry, found: Sources) -> Array:
+def half_difference(telemetry: Telemetry, sources: Sources) -> Array:
     """Return half of what the two test masses disagree on dOmega, at the times of `motion`, shape (N, 2).
 
     Both turn with the spacecraft, so that rotation cancels. What is left [rad s^-2] is what errs in each by
@@ -216,15 +218,15 @@ def apart(telemetry: Telemetry, found: Sources) -> Array:
     halves = []
     for axis in AXES:
         x = np.zeros(telemetry.size)
-        both = found.masses[axis] == (1, 2)
+        both = sources.masses[axis] == (1, 2)
         if both:
             x = (telemetry.channels[f"N_{axis}_1"] - telemetry.channels[f"N_{axis}_2"]) / 2
         torque = derivatives.preprocess(x, telemetry.fs, taps, factor)[0]
-        half = torque[derivatives.HALF : -derivatives.HALF] / found.inertia[axis]
-        if both and found.angles[axis]:
+        half = torque[derivatives.HALF : -derivatives.HALF] / sources.inertia[axis]
+        if both and sources.angles[axis]:
             turned = -telemetry.channels[f"o_{axis}_12"] / 2
             angle = derivatives.preprocess(turned, telemetry.fs, taps, factor)[0]
-            half = half - found.omega2[axis] * angle[derivatives.HALF : -derivatives.HALF]
+            half = half - sources.omega2[axis] * angle[derivatives.HALF : -derivatives.HALF]
             half -= derivatives.derivative(angle, telemetry.fs / factor, 2)
         halves.append(half)
     return np.stack(halves, axis=1)
@@ -238,24 +240,24 @@ def _mean_angle(telemetry: Telemetry, axis: str, masses: Sequence[int]) -> Array
     return angle
 
 
-def attitude(telemetry: Telemetry, found: Sources, reference: Array | None = None) -> Array:
+def attitude(telemetry: Telemetry, sources: Sources, reference: Array | None = None) -> Array:
     """Return the attitude about the two `AXES` [rad] at the rate of the file, shape (N, 2).
 
     A quaternion (scalar last) is taken relative to `reference`, by default its own first sample, as a
     rotation vector in body axes: its derivative is Omega as long as the axis of rotation keeps its direction.
     """
-    if not found.star_tracker:
+    if not sources.star_tracker:
         return np.zeros((telemetry.size, len(AXES)))
-    columns = np.stack([telemetry.channels[name] for name in found.star_tracker], axis=1)
-    if len(found.star_tracker) == len(AXES):
+    columns = np.stack([telemetry.channels[name] for name in sources.star_tracker], axis=1)
+    if len(sources.star_tracker) == len(AXES):
         return columns
     angles = np.full((len(columns), len(AXES)), np.nan)
-    there = np.isfinite(columns).all(axis=1)
-    if there.any():
-        first = first_quaternion(telemetry) if reference is None else reference
+    present = np.isfinite(columns).all(axis=1)
+    if present.any():
+        initial = first_quaternion(telemetry) if reference is None else reference
         from_quat = scipy.spatial.transform.Rotation.from_quat
-        turned = from_quat(np.asarray(first)).inv() * from_quat(columns[there])
-        angles[there] = turned.as_rotvec()[:, [2, 1]]  # about z and y
+        turned = from_quat(np.asarray(initial)).inv() * from_quat(columns[present])
+        angles[present] = turned.as_rotvec()[:, [2, 1]]  # about z and y
     return angles
 
 
@@ -275,5 +277,5 @@ def first_quaternion(telemetry: Telemetry) -> Array | None:
             f"{telemetry.path}: channels ast_q_1 to ast_q_4: norm {norm[wrong[0]]:g} at sample {wrong[0]}, "
             "expected 1"
         )
-    there = np.flatnonzero(np.isfinite(norm))
-    return np.asarray(columns[there[0]]) if there.size else None
+    present = np.flatnonzero(np.isfinite(norm))
+    return np.asarray(columns[present[0]]) if present.size else None

@@ -37,25 +37,25 @@ class Sharing:
         runs : sequence of tuple
             Each run, and the names of its parameters (`dynamics.run_parameters`).
         """
-        found: dict[str, Parameter] = {}
+        parameters: dict[str, Parameter] = {}
         ordered = sorted(runs, key=lambda item: item[0].alignment_epoch)
         for base in self.groups:
-            for run, own in ordered if self.groups[base] == "alignment_epoch" else runs:
-                if base not in dynamics.CROSS_TALK or base in own:
-                    found.setdefault(self.name(base, run), self._parameter(base, run))
-        return list(found.values())
+            for run, names in ordered if self.groups[base] == "alignment_epoch" else runs:
+                if base not in dynamics.CROSS_TALK or base in names:
+                    parameters.setdefault(self.name(base, run), self._parameter(base, run))
+        return list(parameters.values())
 
-    def matrix(self, run: Telemetry, own: Sequence[str], names: Sequence[str]) -> NDArray[np.float64]:
-        """Return the map from the P joint parameters `names` to the K of a run, `own`, shape (K, P)."""
+    def matrix(self, run: Telemetry, run_names: Sequence[str], names: Sequence[str]) -> NDArray[np.float64]:
+        """Return the map from the P joint parameters `names` to the K of a run, `run_names`, shape (K, P)."""
         omega2_1, omega2_2 = (stiffness_terms(j, *run.authority[j - 1]) for j in (1, 2))
-        made_of = {
+        components = {
             "omega2_2": omega2_2,
             # eq. deltastiff_model
             "domega2_12": omega2_2 | {base: -factor for base, factor in omega2_1.items()},
         }
         rows = [
-            {self.name(base, run): factor for base, factor in made_of.get(name, {name: 1.0}).items()}
-            for name in own
+            {self.name(base, run): factor for base, factor in components.get(name, {name: 1.0}).items()}
+            for name in run_names
         ]
         return np.array([[row.get(name, 0.0) for name in names] for row in rows])
 

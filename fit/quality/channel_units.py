@@ -90,7 +90,7 @@ def free_fit(run: Run) -> FreeFit:
     """Fit the columns of a run by least squares, weighted by the PSD that Delta g had in flight."""
     initial = initial_fit(run)
     spectra = run.spectra(initial.tau)
-    rows = whitened_run.stacked(whitened_run.whiten(spectra, flight_psd(spectra.f))[0])
+    rows = whitened_run.as_real(whitened_run.whiten(spectra, flight_psd(spectra.f))[0])
     residual = rows @ initial.c
     power = float(residual @ residual) / max(len(rows) - rows.shape[1] + 1, 1)
     prior = np.zeros(rows.shape[1])
@@ -98,7 +98,7 @@ def free_fit(run: Run) -> FreeFit:
     used = np.flatnonzero(np.any(rows[:, 1:], axis=0)) + 1
     columns = np.vstack([rows, prior])[:, [0, *used]]
     scale = np.linalg.norm(columns, axis=0)
-    R = whitened_run.triangle(columns / scale)
+    R = whitened_run.qr_factor(columns / scale)
     inverse = np.linalg.pinv(R[:, 1:])
     c, sigma = np.zeros(rows.shape[1]), np.zeros(rows.shape[1])
     c[0] = 1.0

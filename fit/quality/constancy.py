@@ -18,7 +18,7 @@ from fit.parameters import DELAYS, experiment_parameters
 from fit.quality import culprits
 from fit.quality.initial_fit import initial_fit, lstsq_coefficients
 from fit.spectra import NoiseModel, fit_noise, windowing
-from fit.whitening import Experiment, Left, Run, smooth_noise, whitened_run
+from fit.whitening import Experiment, ResidualSpectrum, Run, fit_residual_noise, whitened_run
 
 Array = NDArray[np.float64]
 
@@ -134,7 +134,7 @@ def _blocks(run: Run, noise: NoiseModel, tau: tuple[float, float]) -> _Blocks:
         fs *= n / terms.window.size
     names = (*dynamics.COLUMNS, *run.channels.parameters[len(dynamics.PARAMETERS) :])
     kept = [k for k in range(len(names)) if k == 0 or U[:, k].any()]
-    columns = whitened_run.stacked(U[:, kept])
+    columns = whitened_run.as_real(U[:, kept])
     columns[:, 1:] = np.linalg.qr(columns[:, 1:] / np.linalg.norm(columns[:, 1:], axis=0))[0]
     series = windowing.inverse_transform(columns.T.view(np.complex128).T, terms.first, n)
     size = max(round(BLOCK * fs), -(-n // MOST_BLOCKS))
@@ -155,11 +155,11 @@ def noise_psd(experiment: Experiment) -> NoiseModel:
     run = experiment.noise or experiment.sysid
     terms = run.spectra(DELAYS)
     if experiment.noise:
-        return smooth_noise(Left(terms, _of_flight(run)), None)
+        return fit_residual_noise(ResidualSpectrum(terms, _of_flight(run)), None)
     c = lstsq_coefficients(whitened_run.whiten(terms, np.ones(terms.f.size))[0])
-    model = fit_noise(terms.f, *Left(terms, c).power(None))
+    model = fit_noise(terms.f, *ResidualSpectrum(terms, c).power(None))
     c = lstsq_coefficients(whitened_run.whiten(terms, model(terms.f))[0])
-    return fit_noise(terms.f, *Left(terms, c).power(model))
+    return fit_noise(terms.f, *ResidualSpectrum(terms, c).power(model))
 
 
 def _of_flight(run: Run) -> Array:

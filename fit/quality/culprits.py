@@ -42,7 +42,7 @@ class _Search:
         found, terms = run.columns(tau), run.spectra(tau)
         self.run, self.terms, self.time, fs = run, terms, found.time, found.fs
         self.S = S.expected(terms.f)
-        U = whitened_run.stacked(whitened_run.whiten(terms, self.S)[0])
+        U = whitened_run.as_real(whitened_run.whiten(terms, self.S)[0])
         norms = np.linalg.norm(U, axis=0)
         kept = [k for k in range(1, U.shape[1]) if norms[k] > 0]
         self.Q = np.linalg.qr(U[:, kept] / norms[kept])[0]

@@ -79,7 +79,7 @@ def report(
     sigma = solution.sigma
     if not np.all(np.isfinite(sigma) & (sigma > 0)):
         raise FitError("a sigma is not a positive number")
-    kept = [i for i, p in enumerate(outcome.parameters) if p.name in names and not outcome.lost[i]]
+    kept = [i for i, p in enumerate(outcome.parameters) if p.name in names and not outcome.undetermined[i]]
     return Fit(
         parameters={
             names[outcome.parameters[i].name]: Estimate(
@@ -95,7 +95,7 @@ def report(
         dof=solution.dof,
         converged=outcome.converged,
         warnings=tuple(warnings),
-        masked_samples=sum(run.masked for e in experiments for run in (e.sysid, e.noise) if run),
+        masked_samples=sum(run.n_masked for e in experiments for run in (e.sysid, e.noise) if run),
     )
 
 
@@ -108,10 +108,10 @@ def indeterminable(
     told: set[str] = set()
     width = np.array([p.prior_sigma for p in parameters])
     mine = np.array([p.name in reported for p in outcome.parameters])
-    for direction in (*outcome.directions, *np.eye(width.size)[outcome.lost]):
+    for direction in (*outcome.directions, *np.eye(width.size)[outcome.undetermined]):
         part = np.abs(direction) > NEGLIGIBLE
-        names = tuple(parameters[i].name for i in np.flatnonzero(part & outcome.lost))
-        if set(names) <= told or not (part & outcome.lost & mine).any():
+        names = tuple(parameters[i].name for i in np.flatnonzero(part & outcome.undetermined))
+        if set(names) <= told or not (part & outcome.undetermined & mine).any():
             continue
         told |= set(names)
         natural = direction * width / width[np.argmax(np.abs(direction))]
@@ -122,7 +122,7 @@ def indeterminable(
         )
         what = names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]} apart"
         message = f"the data do not determine {what}: {_reason(names, runs)}; held at {held}"
-        pair = [int(i) for i in np.flatnonzero(part & outcome.lost)]
+        pair = [int(i) for i in np.flatnonzero(part & outcome.undetermined)]
         if len(pair) == 2:
             message += _other_direction(outcome, pair, natural)
         combination = {parameters[i].name: float(natural[i]) for i in np.flatnonzero(part)}
@@ -134,7 +134,7 @@ def _other_direction(outcome: IRLSResult, pair: Sequence[int], blind: Array) -> 
     """Say what is known of two parameters that cannot be told apart; nothing if nothing is."""
     first, second = (outcome.parameters[i] for i in pair)
     factor = -float(blind[pair[0]] / blind[pair[1]])
-    known = sums.known_sum(outcome, {first.name: 1.0, second.name: factor})
+    known = sums.linear_combination(outcome, {first.name: 1.0, second.name: factor})
     if known is None:
         return ""
     return (
@@ -169,7 +169,7 @@ def _reason(names: Sequence[str], runs: Sequence[Telemetry]) -> str:
 
 def scattered(outcome: IRLSResult) -> list[FitWarning]:
     """Say by how much parameters differ between the experiments."""
-    chosen = ", as the data ask for" if outcome.by_data else ""
+    chosen = ", as the data ask for" if outcome.data_driven else ""
     found = []
     for name, (width, sigma) in outcome.scatter.items():
         seen = "scatters" if width > SEEN * sigma else "may scatter"
@@ -214,7 +214,7 @@ def doubts(outcome: IRLSResult, experiments: Sequence[Experiment]) -> list[FitWa
 
 def acausal(outcome: IRLSResult) -> list[FitWarning]:
     """Doubt a joint fit in which commands act before they are given: some time is wrong in every run."""
-    at = {p.name: i for i, p in enumerate(outcome.parameters) if not outcome.lost[i]}
+    at = {p.name: i for i, p in enumerate(outcome.parameters) if not outcome.undetermined[i]}
     found: dict[str, str] = {}
     for j in (1, 2):
         if {f"lambda_{j}", f"C_{j}"} <= at.keys():

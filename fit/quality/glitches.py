@@ -214,7 +214,7 @@ class GlitchSearch:
         self.has_glitches = True
         time = self.run.channels.time
         stretches = [(float(time[a]), float(time[b - 1])) for a, b in derivatives.true_runs(self._flags)]
-        masked = self._original.without(stretches)
+        masked = self._original.mask(stretches)
         self.gave_up = (
             masked.weight < (1 - MAX_MASKED) * self._original.weight or len(self._shapes) > MAX_SHAPES
         )
@@ -222,10 +222,10 @@ class GlitchSearch:
             self.run = self._original
         else:
             brief = [(begin, end) for begin, end in stretches if end - begin <= MAX_SEGMENT]
-            patched = self._original.patched(brief)
+            patched = self._original.mask_by_impulses(brief)
             impulses = patched.impulses(time, self.run.channels.fs)
             if impulses is not None and impulses.size <= MAX_IMPULSES:
-                masked = patched.without([stretch for stretch in stretches if stretch not in brief])
+                masked = patched.mask([stretch for stretch in stretches if stretch not in brief])
             self.run = masked.with_glitches(self._shapes)
         return True
 
@@ -257,8 +257,8 @@ class GlitchSearch:
         nuisance = np.asfortranarray(np.concatenate(projected, axis=1))
         nuisance /= np.linalg.norm(nuisance, axis=0)
         Q, residual = (
-            whitened_run.orthonormal(whitened_run.stacked(nuisance)),
-            whitened_run.stacked(U @ self._c),
+            whitened_run.orthonormal(whitened_run.as_real(nuisance)),
+            whitened_run.as_real(U @ self._c),
         )
         return WhitenedTemplates(
             time=self.run.channels.time[transformed],

@@ -98,10 +98,10 @@ def flight_psd(f: NDArray[np.float64]) -> NDArray[np.float64]:
 
 def lstsq_coefficients(U: Spectrum) -> NDArray[np.float64]:
     """Return the least-squares coefficients of whitened columns, shape (P,), the first of them 1."""
-    rows = whitened_run.stacked(U)
+    rows = whitened_run.as_real(U)
     norms = np.linalg.norm(rows, axis=0)
     scale = np.where(norms > 0, norms, 1.0)
-    R = whitened_run.triangle(rows / scale)  # as good as the rows, and far smaller
+    R = whitened_run.qr_factor(rows / scale)  # as good as the rows, and far smaller
     rounding = len(rows) * np.finfo(np.float64).eps
     c = np.linalg.lstsq(R[:, 1:], -R[:, 0] * scale[0], rcond=rounding)[0] / scale[1:]
     return np.array([1.0, *c])

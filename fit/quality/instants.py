@@ -84,7 +84,7 @@ class Stretch:
 def whitened(terms: Spectra, S: Array, known: Array, columns: Array) -> Array:
     """Return what columns, shape (C, N), have besides what is free in any case, see `Stretch`: (2 B, C)."""
     found = windowing.windowed_spectra(columns.T, terms.window, _rate(terms), terms.bins)
-    E = whitened_run.stacked(whitened_run.whiten(replace(terms, columns=found), S)[0])
+    E = whitened_run.as_real(whitened_run.whiten(replace(terms, columns=found), S)[0])
     return np.asarray(E - known @ (known.T @ E))
 
 

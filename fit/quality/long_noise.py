@@ -95,10 +95,10 @@ def _templates(
     S = model.expected(np.maximum(f, band[0])) if model else np.asarray(1 + (1e-3 / f) ** 2)
     S = np.where(f < band[0], BURIED * S, S)
     U, _ = whitened_run.whiten(terms, S)
-    nuisance = whitened_run.stacked(np.hstack([terms.nuisance * np.sqrt(2 / S)[:, None], U[:, 1:]]))
+    nuisance = whitened_run.as_real(np.hstack([terms.nuisance * np.sqrt(2 / S)[:, None], U[:, 1:]]))
     norms = np.linalg.norm(nuisance, axis=0)
     Q = np.linalg.qr(nuisance[:, norms > 0] / norms[norms > 0])[0]
-    residual = whitened_run.stacked(U[:, 0])
+    residual = whitened_run.as_real(U[:, 0])
     return WhitenedTemplates(
         time=time[: terms.window.size],
         fs=fs,

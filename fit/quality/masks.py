@@ -45,7 +45,7 @@ def without_saturation(run: Run) -> tuple[Run, tuple[FitWarning, ...]]:
     for begin, end in np.concatenate(list(limited.values())):
         saturated[begin:end] = True
     stretches = _stretches(telemetry, saturated)
-    masked = run.without(stretches)
+    masked = run.mask(stretches)
     channels = " and ".join(
         f"{name} in {int(np.diff(of).sum())} samples "
         f"(F_max_{name[-1]}/m_tm = {authority.limit_of(telemetry, name):.3g} m s-2)"

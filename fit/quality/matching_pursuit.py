@@ -111,7 +111,7 @@ def refine(view: WhitenedTemplates, glitch: Glitch) -> tuple[Glitch, float]:
     """
     shortest, longest = (np.log(tau / glitch.shape.tau) for tau in glitch_templates.bounds(view.duration))
     least = glitch_templates.MIN_RATIO.get(glitch.shape.kind, -1.0)
-    bounds = [(None, None), (shortest, longest), (least - glitch.shape.other, 1.0 - glitch.shape.other)]
+    bounds = [(None, None), (shortest, longest), (least - glitch.shape.ratio, 1.0 - glitch.shape.ratio)]
 
     step = glitch_templates.STEP
 

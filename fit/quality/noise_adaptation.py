@@ -107,7 +107,7 @@ def adapt_to_levels(
 
 def _residual(experiment: Experiment, result: IRLSResult | FitError) -> noise_tests.WhitenedResidual | None:
     """Return the residual of a fit that was weighed by a PSD."""
-    if not isinstance(result, IRLSResult) or result.blocks[0].noise is None:
+    if not isinstance(result, IRLSResult) or result.whitened_runs[0].noise is None:
         return None
     return noise_tests.whitened_residual(experiment, result)
 
@@ -171,7 +171,7 @@ def segment_variances(
     experiment: Experiment, result: IRLSResult, index: int = 0, n_runs: int = 1
 ) -> SegmentVariances:
     """Return the bands in which the variance of a run of a fit changes within the run, and how."""
-    run = result.blocks[index]
+    run = result.whitened_runs[index]
     if run.noise is None or run.window is None:
         return ()
     table = noise_tests.variance_table(noise_tests.whitened_residual(experiment, result, index))
@@ -194,15 +194,15 @@ def with_segment_variances(
     result: IRLSResult, experiments: Sequence[Experiment]
 ) -> tuple[IRLSResult, list[FitWarning]]:
     """Let the covariance of a fit of `NonstationaryRun` allow for noise that changes within runs."""
-    runs, warnings = list(result.blocks), []
-    for k, (experiment, run) in enumerate(zip(experiments, result.blocks, strict=True)):
+    runs, warnings = list(result.whitened_runs), []
+    for k, (experiment, run) in enumerate(zip(experiments, result.whitened_runs, strict=True)):
         if variances := segment_variances(experiment, result, k, len(experiments)):
             assert isinstance(run, NonstationaryRun)
             runs[k] = replace(run, segment_variances=variances)
             warnings.append(nonstationary_warning(experiment.name, variances))
-    if warnings and not result.departing:
+    if warnings and not result.random_effects:
         return irls.refit(result, runs), warnings
-    return replace(result, blocks=tuple(runs)), warnings
+    return replace(result, whitened_runs=tuple(runs)), warnings
 
 
 def misfits(experiments: Sequence[Experiment], result: IRLSResult) -> list[FitWarning]:

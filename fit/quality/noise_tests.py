@@ -191,12 +191,14 @@ def whitened_residual(experiment: Experiment, result: IRLSResult, index: int = 0
     FitError
         If the run was not weighed by a PSD, and its noise has none.
     """
-    run, theta, covariance = result.blocks[index], result.solution.theta, result.solution.covariance
+    run, theta, covariance = result.whitened_runs[index], result.solution.theta, result.solution.covariance
     if run.noise is None or run.window is None:  # flscov weighs a run by its own periodogram
-        noise = noise_model(experiment, run.share @ theta, run.share @ covariance @ run.share.T, None)
-        run = whitened_run.block(experiment.sysid.spectra(run.tau), noise, run.share)
+        noise = noise_model(
+            experiment, run.parameter_map @ theta, run.parameter_map @ covariance @ run.parameter_map.T, None
+        )
+        run = whitened_run.whiten_run(experiment.sysid.spectra(run.tau), noise, run.parameter_map)
     assert run.noise is not None and run.window is not None and run.f is not None
-    rows = run.gradient(theta).T @ whitened_run.stacked(run.columns).T
+    rows = run.gradient(theta).T @ whitened_run.as_real(run.columns).T
     absorbed = ((covariance @ rows) * rows).sum(axis=0).reshape(-1, 2).sum(axis=1) / 2
     z = run.columns @ run.coefficients(theta)
     if experiment.noise is None:  # a PSD that has followed this residual makes it neither larger nor smaller
@@ -209,8 +211,8 @@ def whitened_residual(experiment: Experiment, result: IRLSResult, index: int = 0
         experiment.noise is not None,
         np.clip(1 - absorbed, 0.05, 1),
         run.weights.fit,
-        run.first,
-        run.taken,
+        run.first_bin,
+        run.n_projected,
     )
 
 
@@ -241,8 +243,8 @@ def chi2_ratio(result: IRLSResult, *indices: int) -> tuple[float, float]:
 
     Marginalised levels of the noise are applied.
     """
-    runs = [result.blocks[k] for k in indices or range(len(result.blocks))]
-    residuals = [run.plain @ run.coefficients(result.solution.theta) for run in runs]
+    runs = [result.whitened_runs[k] for k in indices or range(len(result.whitened_runs))]
+    residuals = [run.root_level @ run.coefficients(result.solution.theta) for run in runs]
     ratio = sum(float(r @ r) for r in residuals) / sum(run.size for run in runs)
     if not indices:
         ratio = result.solution.chi2 / result.solution.dof
@@ -327,7 +329,7 @@ def diagnose(experiment: Experiment, result: IRLSResult) -> Diagnostics:
         If the noise has no PSD.
     """
     residual = whitened_residual(experiment, result)
-    return diagnostics(residual, int(np.count_nonzero(~result.lost)) + residual.n_projected)
+    return diagnostics(residual, int(np.count_nonzero(~result.undetermined)) + residual.n_projected)
 
 
 def diagnostics(residual: WhitenedResidual, n_absorbed: int) -> Diagnostics:

@@ -82,7 +82,7 @@ def _shares(
 
     Returns
     -------
-    share : ndarray, shape (S,)
+    parameter_map : ndarray, shape (S,)
         Where too few windows are left to show it, one, or zero if there are many lines: lines with corners
         in between are interpolated, rounding makes one curve.
     """

@@ -96,7 +96,7 @@ class WhitenedTemplates:
     def _columns(self, glitches: Sequence[Glitch]) -> tuple[Array, NDArray[np.bool_]]:
         """Return normalised columns, shape (G, 2 B), and which of them the projection leaves."""
         n, whole = self.window.size, np.empty((len(glitches), 2 * self.f.size))
-        for some in pieces(len(glitches), length=max(1, glitch_templates.TOGETHER // n)):
+        for some in pieces(len(glitches), length=max(1, glitch_templates.MAX_TRANSFORM // n)):
             series = glitch_templates.series(glitches[some], self.time, self.fs)
             spectra = windowing.lowest_bins(series, self.window, self.f.size + 1)[:, 1:]
             del series  # before there are others

@@ -90,5 +90,5 @@ class SolvedModel(Protocol):
     def refit(self, params: "Parameters") -> "MinimizerResult":
         """Return the fit with other settings of its parameters."""
 
-    def without(self, *runs: str) -> "MinimizerResult":
+    def exclude(self, *runs: str) -> "MinimizerResult":
         """Return the fit without some of the experiments."""

@@ -117,7 +117,7 @@ class Fit(Displayed):
 
     def without(self, *runs: str) -> "MinimizerResult":
         """Fit the compressed runs again without some of the experiments, which takes milliseconds."""
-        return self._solved.without(*runs)
+        return self._solved.exclude(*runs)
 
     @property
     def _solved(self) -> SolvedModel:

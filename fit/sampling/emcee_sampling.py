@@ -324,7 +324,7 @@ def summary(chain: Chain, result: IRLSResult, truths: Mapping[str, float]) -> di
     truths : mapping of str to float
         The simulated values, as far as they are known.
     """
-    theta, sigma, undetermined = result.solution.theta, result.solution.sigma, result.lost
+    theta, sigma, undetermined = result.solution.theta, result.solution.sigma, result.undetermined
     samples = chain.theta.reshape(-1, chain.theta.shape[2])
     parameters = {
         result.parameters[i].name: _compared(samples[:, i], theta[i], sigma[i], chain.tau[i], chain.ess[i])
@@ -343,7 +343,7 @@ def summary(chain: Chain, result: IRLSResult, truths: Mapping[str, float]) -> di
         "constraints": constraint_test.descriptions(result),
         "widths": {
             width.name: {"mean": float(x.mean()), "sigma": float(x.std())}
-            for width, x in zip(result.departing, widths.T, strict=True)
+            for width, x in zip(result.random_effects, widths.T, strict=True)
         },
         "indeterminable": [
             p.name for p, no in zip(result.parameters[: result.shared], undetermined, strict=False) if no

@@ -25,7 +25,7 @@ import scipy
 from numpy.typing import NDArray
 
 from fit.errors import FitError
-from fit.fitting import IRLSResult, Prior, RunEstimate, ScaleParameter, constraints, inflations
+from fit.fitting import IRLSResult, Prior, RunEstimate, ScaleParameter, constraints, variance_factors
 from fit.whitening import NU, whitened_run
 
 if TYPE_CHECKING:
@@ -67,7 +67,7 @@ class Posterior:
         shared, params = result.shared, result.result.params
         names = [p.name for p in result.parameters[:shared]]
         log_widths = np.array(result.log_widths).reshape(-1, 2)
-        self._widths = result.departing
+        self._widths = result.random_effects
         self._shared, self._size = shared, len(result.parameters)
         self._constraints = _Constraints(params, shared)
         varying = self._constraints.varying
@@ -86,10 +86,10 @@ class Posterior:
             ) from error
         self.root = scipy.linalg.block_diag(root, np.diag(log_widths[:, 1]))
         theta = result.solution.theta
-        inflation = inflations(result.blocks, theta)
+        inflation = variance_factors(result.whitened_runs, theta)
         self._runs = [
             _Run(block, _likelihood(block, estimate, k), self._widths, theta)
-            for block, estimate, k in zip(result.blocks, result.model.runs, inflation, strict=False)
+            for block, estimate, k in zip(result.whitened_runs, result.model.runs, inflation, strict=False)
         ]
 
     def theta(self, z: Array) -> Array:
@@ -283,7 +283,7 @@ class _Run:
             (member, i, unit)
             for i, width in enumerate(widths)
             for member, unit in zip(width.members, width.units, strict=True)
-            if block.share[:, member].any()
+            if block.parameter_map[:, member].any()
         ]
         self._of_width = np.array([i for _, i, _ in departures], dtype=int)
         self._units = np.array([unit for _, _, unit in departures])

@@ -37,15 +37,15 @@ TEMPLATES = (
     ("double_exponential", -1.0),
 )
 MIN_RATIO = {"bipolar": 0.02}  # q; -1 where nothing is said
-LASTS = 4.0  # tau after the begin until which a glitch is said to last
-GONE = 25.0  # tau after the begin, from where on less than 1e-9 of its height is left
+SPAN_TAU = 4.0  # tau after the begin until which a glitch is said to last
+REACH_TAU = 25.0  # tau after the begin, from where on less than 1e-9 of its height is left
 BLUR = 3.0  # periods of the highest frequency of the band, over which the low-pass spreads an instant
 STEP = 1e-3  # of begin in tau, of the logarithm of tau, of the other time: for derivatives
 PER_DECADE = 3  # of tau: the ratio falls by 2 % at most between two
 SHORTEST = 30.0  # s, tau; what is shorter is masked
 LONGEST = 10800.0  # s, tau
-SHARE = 0.25  # of a run, that tau may take: what is longer passes for a drift
-TOGETHER = 2**19  # samples in transforms that are made at once: of all of them, the memory would be full
+MAX_DURATION_FRACTION = 0.25  # of a run, that tau may take: what is longer passes for a drift
+MAX_TRANSFORM = 2**19  # samples in transforms that are made at once: of all of them, the memory would be full
 _PART = 4  # of columns, the same
 
 
@@ -55,16 +55,18 @@ class Shape:
 
     kind: str
     tau: float
-    other: float = 0.0
+    ratio: float = 0.0
 
     def transform(self, f: Array) -> Spectrum:
         """Return the transform of the shape that begins at zero, at the frequencies f [Hz], shape (B,)."""
         s = np.asarray(2j * np.pi * self.tau * f, dtype=np.complex128)
-        return np.asarray(KINDS[self.kind](s, self.other), dtype=np.complex128)
+        return np.asarray(KINDS[self.kind](s, self.ratio), dtype=np.complex128)
 
-    def lengthened(self, by: float) -> "Shape":
+    def lengthened(self, increment: float) -> "Shape":
         """Return the shape whose other time is longer by so much, in tau, as far as that goes."""
-        return replace(self, other=float(np.clip(self.other + by, MIN_RATIO.get(self.kind, -1.0), 1.0)))
+        return replace(
+            self, ratio=float(np.clip(self.ratio + increment, MIN_RATIO.get(self.kind, -1.0), 1.0))
+        )
 
 
 @dataclass(frozen=True)
@@ -77,14 +79,14 @@ class Glitch:
     @property
     def span(self) -> tuple[float, float]:
         """Begin and end [s] of where it is notable."""
-        reach, q = LASTS * self.shape.tau, self.shape.other
-        before, after = (1.0, q) if self.shape.kind == "reversed" else (-q, 1.0)
-        return self.begin - reach * max(before, 0.0), self.begin + reach * max(after, 0.0)
+        reach, q = SPAN_TAU * self.shape.tau, self.shape.ratio
+        rise, decay = (1.0, q) if self.shape.kind == "reversed" else (-q, 1.0)
+        return self.begin - reach * max(rise, 0.0), self.begin + reach * max(decay, 0.0)
 
-    def shifted(self, by: Array) -> "Glitch":
+    def shifted(self, steps: Array) -> "Glitch":
         """Return the glitch that begins later and takes longer, by (begin / tau, log tau, other / tau)."""
-        late, longer, other = by.tolist()
-        shape = replace(self.shape.lengthened(other), tau=self.shape.tau * float(np.exp(longer)))
+        late, longer, d_ratio = steps.tolist()
+        shape = replace(self.shape.lengthened(d_ratio), tau=self.shape.tau * float(np.exp(longer)))
         return Glitch(shape, self.begin + late * self.shape.tau)
 
     def series(self, time: Array, fs: float) -> Array:
@@ -95,39 +97,39 @@ class Glitch:
 def series(glitches: Sequence[Glitch], time: Array, fs: float) -> Array:
     """Return glitches at the evenly spaced instants `time` [s], shape (number of glitches, N)."""
     sizes = [_padded(glitch, time.size, fs) for glitch in glitches]
-    together, first = np.empty((len(glitches), time.size)), float(time[:1][0])
+    values, start = np.empty((len(glitches), time.size)), float(time[:1][0])
     for n in set(sizes):  # transforms of one length go faster together
-        which = [i for i, size in enumerate(sizes) if size == n]
-        for some in (which[at] for at in pieces(len(which), length=max(1, TOGETHER // n))):
+        selected = [i for i, size in enumerate(sizes) if size == n]
+        for some in (selected[part] for part in pieces(len(selected), length=max(1, MAX_TRANSFORM // n))):
             spectra = np.zeros((len(some), n // 2 + 1), dtype=np.complex128)
             for spectrum, i in zip(spectra, some, strict=True):
-                _fill(spectrum, glitches[i], n, first, fs)
+                _fill(spectrum, glitches[i], n, start, fs)
             of_some = scipy.fft.irfft(spectra, n)
             del spectra  # they are as large
-            together[some] = of_some[:, : time.size]
-    return together
+            values[some] = of_some[:, : time.size]
+    return values
 
 
 def reach(glitch: Glitch, fs: float) -> tuple[float, float]:
     """Return begin and end [s] beyond which less than 1e-9 of the height of a glitch is left."""
-    first, last = glitch.span
-    beside = BLUR / min(derivatives.F_MAX, fs / 10)
+    start, end = glitch.span
+    margin = BLUR / min(derivatives.F_MAX, fs / 10)
     return (
-        glitch.begin - (glitch.begin - first) * (GONE / LASTS) - beside,
-        glitch.begin + (last - glitch.begin) * (GONE / LASTS) + beside,
+        glitch.begin - (glitch.begin - start) * (REACH_TAU / SPAN_TAU) - margin,
+        glitch.begin + (end - glitch.begin) * (REACH_TAU / SPAN_TAU) + margin,
     )
 
 
 def _padded(glitch: Glitch, size: int, fs: float) -> int:
     """Return how many samples it takes to make so many of a glitch."""
-    return int(scipy.fft.next_fast_len(size + int(2 * LASTS * glitch.shape.tau * fs), real=True))
+    return int(scipy.fft.next_fast_len(size + int(2 * SPAN_TAU * glitch.shape.tau * fs), real=True))
 
 
-def _fill(spectrum: Spectrum, glitch: Glitch, n: int, first: float, fs: float) -> None:
-    """Fill in the transform of a glitch at n instants from `first` [s] on."""
+def _fill(spectrum: Spectrum, glitch: Glitch, n: int, start: float, fs: float) -> None:
+    """Fill in the transform of a glitch at n instants from `start` [s] on."""
     f, smooth = _low_pass(n, fs)
     filled = spectrum[: f.size]
-    np.exp(2j * np.pi * (first - glitch.begin) * f, out=filled)
+    np.exp(2j * np.pi * (start - glitch.begin) * f, out=filled)
     filled *= glitch.shape.transform(f)
     filled *= smooth * (fs * glitch.shape.tau)
 
@@ -137,8 +139,8 @@ def _low_pass(n: int, fs: float) -> tuple[Array, Array]:
     """Return the frequencies [Hz] of the transform of n samples up to where nothing is left, and what is."""
     f = scipy.fft.rfftfreq(n, 1 / fs)
     smooth = np.exp(-np.square(np.square(f / (2 * min(derivatives.F_MAX, fs / 10)))))
-    kept = int(np.count_nonzero(smooth))
-    f, smooth = f[:kept], smooth[:kept]
+    n_nonzero = int(np.count_nonzero(smooth))
+    f, smooth = f[:n_nonzero], smooth[:n_nonzero]
     for shared in (f, smooth):
         shared.setflags(write=False)  # others get the same ones
     return f, smooth
@@ -146,7 +148,7 @@ def _low_pass(n: int, fs: float) -> tuple[Array, Array]:
 
 def bounds(duration: float) -> tuple[float, float]:
     """Return the least and the largest tau [s] to look for in a run that lasts so many seconds."""
-    return SHORTEST, max(SHORTEST, min(LONGEST, SHARE * duration))
+    return SHORTEST, max(SHORTEST, min(LONGEST, MAX_DURATION_FRACTION * duration))
 
 
 def bank(duration: float) -> list[Shape]:
@@ -173,11 +175,11 @@ def columns_with_derivatives(glitches: Sequence[Glitch], time: Array, fs: float)
     for glitch in glitches:  # one by one: in long runs all of them fill the memory
         changes = steps(glitch)
         for some in pieces(changes.size, length=_PART):
-            moved = [glitch.shifted(step) for step in np.diag(changes)[some]]
-            templates = series([glitch, *moved], time, fs)
+            shifted = [glitch.shifted(step) for step in np.diag(changes)[some]]
+            templates = series([glitch, *shifted], time, fs)
             yield ((templates[1:] - templates[0]) / changes[some, None]).T
 
 
 def steps(glitch: Glitch) -> Array:
     """Return small changes of begin, tau and other time, shape (3,), see `Glitch.shifted`."""
-    return np.array([STEP, STEP, -STEP if glitch.shape.other > 1 - STEP else STEP])
+    return np.array([STEP, STEP, -STEP if glitch.shape.ratio > 1 - STEP else STEP])

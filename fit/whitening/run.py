@@ -17,13 +17,13 @@ from fit.whitening.glitch_templates import Glitch
 
 Array = NDArray[np.float64]
 
-LEAST = 0.3  # share of a run that gaps and their flanks must leave
+MIN_COVERAGE = 0.3  # share of a run that gaps and their flanks must leave
 # s: from a delay no farther off, what the expansion leaves out is 1e-9 of the command; 1e-5 where nothing is
 # injected, and commands are hardly more than the noise they follow
-CLOSE, CLOSE_ENOUGH = 5e-4, 0.3
+MAX_DELAY_SHIFT, MAX_DELAY_SHIFT_NOISE = 5e-4, 0.3
 # of the noise in every bin, for each test mass: an expansion that leaves out no more is good enough as well;
 # estimates move by some 1e-4 sigma times the root of the number of bins that come near it
-UNHEARD = 1e-4
+MAX_EXPANSION_ERROR = 1e-4
 
 
 class Run:
@@ -61,7 +61,7 @@ class Run:
         self._first: Spectra | None = None
         self._last: Spectra | None = None
 
-    def up_to(self, f_max: float) -> "Run":
+    def limit_band(self, f_max: float) -> "Run":
         """Return the run with another end of the fitted band [Hz], `derivatives.F_MAX` at most."""
         run = copy(self)
         run.f_max = f_max
@@ -73,7 +73,7 @@ class Run:
         """Ends of the fitted band [Hz]; None for all of it."""
         return None if self.f_max >= derivatives.F_MAX else (0.0, self.f_max)
 
-    def without(self, stretches: Sequence[tuple[float, float]]) -> "Run":
+    def mask(self, stretches: Sequence[tuple[float, float]]) -> "Run":
         """Return the run with these stretches [s] masked besides what is masked already."""
         run, time, valid = copy(self), self.channels.time, self.channels.valid.copy()
         for begin, end in stretches:
@@ -83,35 +83,37 @@ class Run:
         run._forget()
         return run
 
-    def emptied(self) -> "Run":
+    def without_samples(self) -> "Run":
         """Return the run without its samples: every channel is as long, and its largest value throughout."""
 
         def even(x: Array) -> Array:
             return np.broadcast_to(np.max(np.abs(x)), x.shape)  # one number, however long
 
-        run, told, kept = copy(self), self.telemetry, self.channels
+        run, telemetry, channels = copy(self), self.telemetry, self.channels
         run.telemetry = replace(
-            told, time=even(told.time), channels={name: even(x) for name, x in told.channels.items()}
+            telemetry,
+            time=even(telemetry.time),
+            channels={name: even(x) for name, x in telemetry.channels.items()},
         )
         run.channels = replace(
-            kept,
-            time=even(kept.time),
-            o_1=even(kept.o_1),
-            o_12=even(kept.o_12),
-            f_x_1=even(kept.f_x_1),
-            f_x_2=even(kept.f_x_2),
-            means={name: even(x) for name, x in kept.means.items()},
-            valid=np.broadcast_to(np.True_, kept.valid.shape),
+            channels,
+            time=even(channels.time),
+            o_1=even(channels.o_1),
+            o_12=even(channels.o_12),
+            f_x_1=even(channels.f_x_1),
+            f_x_2=even(channels.f_x_2),
+            means={name: even(x) for name, x in channels.means.items()},
+            valid=np.broadcast_to(np.True_, channels.valid.shape),
         )
         run._forget()
         return run
 
-    def earlier(self, channel: str, by: float) -> "Run":
+    def advance(self, channel: str, seconds: float) -> "Run":
         """Return the run with one of the `dynamics.CHANNELS` earlier [s], its ends continued."""
         padded = np.pad(getattr(self.channels, channel), derivatives.HALF, mode="edge")
-        return self.altered({channel: derivatives.derivative(padded, self.channels.fs, 0, -by)})
+        return self.with_channels({channel: derivatives.derivative(padded, self.channels.fs, 0, -seconds)})
 
-    def altered(self, channels: Mapping[str, Array]) -> "Run":
+    def with_channels(self, channels: Mapping[str, Array]) -> "Run":
         """Return the run with other series, shape (N,), in some of the `dynamics.CHANNELS`."""
         run, changed = copy(self), dict[str, Any](channels)
         run.channels = replace(self.channels, **changed)
@@ -134,13 +136,13 @@ class Run:
         run._forget()
         return run
 
-    def beside(self, time: Array, fs: float) -> Iterator[Array]:
+    def nuisance_columns(self, time: Array, fs: float) -> Iterator[Array]:
         """Yield what is taken out at the instants `time` [s], shape (N, G), some at a time."""
         return (glitch_templates.columns_with_derivatives if self.free_shapes else glitch_templates.columns)(
             self.glitches, time, fs
         )
 
-    def patched(self, stretches: Sequence[tuple[float, float]]) -> "Run":
+    def mask_by_impulses(self, stretches: Sequence[tuple[float, float]]) -> "Run":
         """Return the run with these stretches [s] masked by patches besides what is masked already."""
         run = copy(self)
         run.masks, run.patches = (*self.masks, *stretches), (*self.patches, *stretches)
@@ -155,10 +157,10 @@ class Run:
         self._first = self._last = None
 
     @property
-    def masked(self) -> int:
+    def n_masked(self) -> int:
         """Number of samples of the file that are missing or masked."""
-        lost = sum(end - begin for begin, end in self.masks)
-        return self.channels.missing + round(lost * self.telemetry.fs)
+        duration = sum(end - begin for begin, end in self.masks)
+        return self.channels.missing + round(duration * self.telemetry.fs)
 
     @property
     def weight(self) -> float:
@@ -180,51 +182,53 @@ class Run:
         InputError
             If missing samples leave too little of the run.
         """
-        last = self._last
+        spectra = self._last
         if self._first and tau == self._first.tau:  # where every fit begins
-            last = self._first
-        elif last is None:
-            last = self.transformed(dynamics.parts(self.channels, tau), dynamics.blank(self.channels, tau))
-            check_left(self.telemetry, last.window, f"{self.channels.missing} missing samples")
-            self._first = last
+            spectra = self._first
+        elif spectra is None:
+            spectra = self.transformed(
+                dynamics.column_groups(self.channels, tau), dynamics.blank(self.channels, tau)
+            )
+            check_coverage(self.telemetry, spectra.window, f"{self.channels.missing} missing samples")
+            self._first = spectra
         else:
-            for j in self._far(last, tau, noise):  # of what does not move, the transforms stay
-                columns, of_force = last.columns.copy(order="F"), dynamics.force(self.channels, j, tau)
-                fs, bins = self.channels.fs, last.bins
-                columns[:, dynamics.FORCES[j]] = windowing.windowed_spectra(of_force, last.window, fs, bins)
-                moved = (tau[0], last.tau[1]) if j == 0 else (last.tau[0], tau[1])
-                last = replace(last, columns=columns, tau=moved)
-        self._last = last
-        return last
+            for j in self._far_masses(spectra, tau, noise):  # of what does not move, the transforms stay
+                columns, of_force = spectra.columns.copy(order="F"), dynamics.force(self.channels, j, tau)
+                fs, bins = self.channels.fs, spectra.bins
+                columns[:, dynamics.FORCES[j]] = windowing.windowed_spectra(
+                    of_force, spectra.window, fs, bins
+                )
+                expanded = (tau[0], spectra.tau[1]) if j == 0 else (spectra.tau[0], tau[1])
+                spectra = replace(spectra, columns=columns, tau=expanded)
+        self._last = spectra
+        return spectra
 
-    def _far(self, last: Spectra, tau: tuple[float, float], noise: NoiseModel | None) -> list[int]:
+    def _far_masses(self, spectra: Spectra, tau: tuple[float, float], noise: NoiseModel | None) -> list[int]:
         """Return for which test masses, 0 and 1, spectra are too far from the delays `tau`."""
-        close = CLOSE_ENOUGH if self.telemetry.kind == "noise" else CLOSE
-        far = [j for j in (0, 1) if abs(tau[j] - last.tau[j]) > close]
-        if not (far and noise):
-            return far
-        unheard = UNHEARD * np.sqrt(noise(last.f)) / (2 * np.pi * last.f) ** 2
-        sizes = {j: np.abs(last.columns[:, dynamics.FORCES[j].start]) for j in far}
-        return [j for j in far if np.any(sizes[j] * ((tau[j] - last.tau[j]) ** 2 / 2) > unheard)]
+        close = MAX_DELAY_SHIFT_NOISE if self.telemetry.kind == "noise" else MAX_DELAY_SHIFT
+        candidates = [j for j in (0, 1) if abs(tau[j] - spectra.tau[j]) > close]
+        if not (candidates and noise):
+            return candidates
+        unheard = MAX_EXPANSION_ERROR * np.sqrt(noise(spectra.f)) / (2 * np.pi * spectra.f) ** 2
+        sizes = {j: np.abs(spectra.columns[:, dynamics.FORCES[j].start]) for j in candidates}
+        return [j for j in candidates if np.any(sizes[j] * ((tau[j] - spectra.tau[j]) ** 2 / 2) > unheard)]
 
     def transformed(self, values: Array | Iterable[Array], terms: dynamics.Columns) -> Spectra:
         """Return the spectra of columns, shape (M, P) or in parts, that lie beside `terms`."""
         if known := self._first:  # window, and what is projected out, are those of the run
             columns = windowing.windowed_spectra(values, known.window, terms.fs, known.bins)
             return replace(known, columns=columns, tau=terms.tau)
-        beside = self.beside(terms.time, terms.fs)
+        nuisance_columns = self.nuisance_columns(terms.time, terms.fs)
         impulses = self.impulses(terms.time, terms.fs)
-        return windowing.transform(values, terms.valid, terms.fs, terms.tau, beside, impulses, self.band)
+        return windowing.transform(
+            values, terms.valid, terms.fs, terms.tau, nuisance_columns, impulses, self.band
+        )
 
 
-def _apart(tau: tuple[float, float], other: tuple[float, float]) -> float:
-    return max(abs(a - b) for a, b in zip(tau, other, strict=True))
-
-
-def check_left(run: Telemetry, window: Array, missing: str) -> None:
+def check_coverage(run: Telemetry, window: Array, missing: str) -> None:
     """Refuse a run of whose window, shape (N,), too little is left by what is missing."""
-    if np.mean(window**2) < LEAST:
+    if np.mean(window**2) < MIN_COVERAGE:
         raise InputError(
             f"{run.path}: {missing} lie so widely scattered that masking leaves less than "
-            f"{100 * LEAST:g} % of the run, expected longer stretches"
+            f"{100 * MIN_COVERAGE:g} % of the run, expected longer stretches"
         )

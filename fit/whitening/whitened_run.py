@@ -40,13 +40,13 @@ class WhitenedRun:
         Of the bins.
     window : ndarray, shape (N,), or None
         The window of the run, which makes neighbouring bins one noise; None to take bins as independent.
-    share : ndarray, shape (K - 1, P)
+    parameter_map : ndarray, shape (K - 1, P)
         Linear map from the fitted parameters to those of the run.
-    first : int
+    first_bin : int
         Number of its first bin in the transform of the whole run.
     noise : NoiseModel or None
         By which it was whitened; None where its own residual has told.
-    taken : int
+    n_projected : int
         Real numbers that have been projected out of every column.
     f : ndarray, shape (B,), or None
         Their frequencies [Hz] where it was whitened by a PSD.
@@ -58,24 +58,24 @@ class WhitenedRun:
     columns: Spectrum
     weights: Weights
     window: Array | None
-    share: Array
-    first: int = 1
+    parameter_map: Array
+    first_bin: int = 1
     noise: NoiseModel | None = None
-    taken: int = 2
+    n_projected: int = 2
     f: Array | None = None
     names: Sequence[str] = dynamics.PARAMETERS
 
     def coefficients(self, theta: Array) -> Array:
         """Return the coefficients of the columns, shape (K, ...), for theta, shape (P, ...)."""
-        return dynamics.coefficients(self.share @ theta, self.tau)
+        return dynamics.coefficients(self.parameter_map @ theta, self.tau)
 
-    def of_run(self, theta: Array, /) -> Array:
+    def run_gradient(self, theta: Array, /) -> Array:
         """Return the derivatives of `coefficients` by the parameters of the run, shape (K, K - 1)."""
-        return dynamics.gradient(self.share @ theta, self.tau)
+        return dynamics.gradient(self.parameter_map @ theta, self.tau)
 
     def gradient(self, theta: Array) -> Array:
         """Return the derivatives of `coefficients` by theta, shape (K, P)."""
-        return np.asarray(self.of_run(theta) @ self.share)
+        return np.asarray(self.run_gradient(theta) @ self.parameter_map)
 
     def without_data(self) -> Self:
         """Return the equation of the run alone, for `coefficients` and `gradient`."""
@@ -92,7 +92,7 @@ class WhitenedRun:
     @property
     def size(self) -> int:
         """Number of real data, what was projected out taken off."""
-        return 2 * len(self.columns) - self.taken
+        return 2 * len(self.columns) - self.n_projected
 
     @cached_property
     def R(self) -> Array:
@@ -100,7 +100,7 @@ class WhitenedRun:
         return self._root(self.weights.fit)
 
     @cached_property
-    def plain(self) -> Array:
+    def root_level(self) -> Array:
         """As `R`, all bins alike but for the level of the noise."""
         level = np.ones(len(self.columns)) if self.weights.level is None else self.weights.level
         return self.R if np.array_equal(self.weights.fit, level) else self._root(level)
@@ -108,8 +108,8 @@ class WhitenedRun:
     @cached_property
     def H(self) -> Array:
         """Curvature of half the weighted sum, shape (K, K)."""
-        same = np.array_equal(self.weights.curvature, self.weights.fit)
-        root = self.R if same else self._root(self.weights.curvature)
+        is_fit = np.array_equal(self.weights.curvature, self.weights.fit)
+        root = self.R if is_fit else self._root(self.weights.curvature)
         return np.asarray(root.T @ root)
 
     @cached_property
@@ -120,11 +120,11 @@ class WhitenedRun:
             return np.asarray(root.T @ root)
         # The window makes neighbouring bins one noise: the scores' covariance is not the information. In the
         # time domain the whitened noise is white, times w, so that the covariance is a plain sum.
-        z, w2 = windowing.product_series(self._weighed(self.weights.score), self.first, self.window)
-        found = np.zeros((z.shape[1], z.shape[1]))
-        for at in pieces(w2.size):
-            found += z[at].T @ (z[at] * w2[at, None])
-        return np.asarray((found + found.T) / 2)
+        z, w2 = windowing.product_series(self._weighed(self.weights.score), self.first_bin, self.window)
+        total = np.zeros((z.shape[1], z.shape[1]))
+        for part in pieces(w2.size):
+            total += z[part].T @ (z[part] * w2[part, None])
+        return np.asarray((total + total.T) / 2)
 
     @cached_property
     def psd_scores(self) -> Array:
@@ -151,11 +151,11 @@ class WhitenedRun:
         return np.concatenate([[1.0], c])
 
     def root(self, bins: slice) -> Array:
-        """Return the same as `plain` for some of the bins."""
-        return np.asarray(np.linalg.qr(stacked(self.columns[bins]), mode="r"))
+        """Return the same as `root_level` for some of the bins."""
+        return np.asarray(np.linalg.qr(as_real(self.columns[bins]), mode="r"))
 
     def _root(self, factors: Array) -> Array:
-        return triangle(stacked(self._weighed(factors)))
+        return qr_factor(as_real(self._weighed(factors)))
 
     def _weighed(self, factors: Array) -> Spectrum:
         return self.columns if np.all(factors == 1) else self.columns * np.sqrt(factors)[:, None]
@@ -173,7 +173,7 @@ class LinearRun(WhitenedRun):
         return np.eye(theta.size + 1, theta.size, k=-1)
 
 
-def whiten(spectra: Spectra, S: Array, first: int | None = None) -> tuple[Spectrum, Array]:
+def whiten(spectra: Spectra, S: Array, n_bins: int | None = None) -> tuple[Spectrum, Array]:
     """Scale to unit variance of real and imaginary part each and project constant, ramp and glitches out.
 
     Sums of products of such columns are the products (a | b) of eq. inprod. Not all bins need be given.
@@ -182,23 +182,23 @@ def whiten(spectra: Spectra, S: Array, first: int | None = None) -> tuple[Spectr
     -------
     columns : ndarray of complex, shape (B, P)
         Whitened columns.
-    left : ndarray, shape (B,)
+    fraction : ndarray, shape (B,)
         The fraction of the power that the projection leaves, from 0 to 1.
     """
     scale, Q = np.repeat(np.sqrt(2 / S), 2), project_out(spectra, S)
-    columns, given = stacked(spectra.columns).T, slice(None if first is None else 2 * first)
-    scaled = scale[given]
-    U = columns[:, given] * scaled  # one row for each column, as they lie
-    taken = U @ Q if first is None else columns @ (Q * scale[:, None])
-    for at in pieces(U.shape[1]):
-        U[:, at] -= taken @ Q[at].T
-    of_bins = Q[given].reshape(U.shape[1] // 2, -1)
+    columns, rows = as_real(spectra.columns).T, slice(None if n_bins is None else 2 * n_bins)
+    scaled = scale[rows]
+    U = columns[:, rows] * scaled  # one row for each column, as they lie
+    n_projected = U @ Q if n_bins is None else columns @ (Q * scale[:, None])
+    for part in pieces(U.shape[1]):
+        U[:, part] -= n_projected @ Q[part].T
+    of_bins = Q[rows].reshape(U.shape[1] // 2, -1)
     return U.view(np.complex128).T, np.asarray(1 - np.einsum("bi,bi->b", of_bins, of_bins) / 2, np.float64)
 
 
 def project_out(spectra: Spectra, S: Array) -> Array:
     """Return orthonormal columns, shape (2 B, G), that span what `whiten` projects out."""
-    return orthonormal((stacked(spectra.nuisance).T * np.repeat(np.sqrt(2 / S), 2)).T)
+    return orthonormal((as_real(spectra.nuisance).T * np.repeat(np.sqrt(2 / S), 2)).T)
 
 
 def orthonormal(rows: Array) -> Array:
@@ -207,17 +207,17 @@ def orthonormal(rows: Array) -> Array:
     return np.asarray(lapack.dorgqr(factors, tau, overwrite_a=True)[0])
 
 
-def triangle(rows: Array) -> Array:
+def qr_factor(rows: Array) -> Array:
     """Return the triangle R of the QR factors of rows, shape (M, K)."""
     return np.asarray(np.triu(lapack.dgeqrf(rows)[0][: rows.shape[1]]))
 
 
-def stacked(x: Spectrum) -> Array:
+def as_real(x: Spectrum) -> Array:
     """Return real and imaginary part of every bin in turn, shape (2 B, ...); no copy of `Spectra`."""
     return np.ascontiguousarray(x.T).view(np.float64).T
 
 
-def rooted(squares: Array) -> Array:
+def matrix_sqrt(squares: Array) -> Array:
     """Return K rows whose products sum up to a covariance, shape (K, K), however its columns are scaled."""
     scale = np.sqrt(np.diag(squares))
     scale[scale == 0] = 1.0  # a column without noise
@@ -225,10 +225,10 @@ def rooted(squares: Array) -> Array:
     return np.asarray((vectors * np.sqrt(np.maximum(values, 0))).T * scale)
 
 
-def block(
+def whiten_run(
     spectra: Spectra,
     noise: NoiseModel,
-    share: Array,
+    parameter_map: Array,
     *,
     likelihood: Likelihood = "gaussian",
     c: Array | None = None,
@@ -241,7 +241,7 @@ def block(
         The run.
     noise : NoiseModel
         Of its noise.
-    share : ndarray, shape (K - 1, P)
+    parameter_map : ndarray, shape (K - 1, P)
         See `WhitenedRun`.
     likelihood : str
         What the residual is taken to be like.
@@ -250,8 +250,17 @@ def block(
     """
     U, _ = whiten(spectra, noise.expected(spectra.f))
     u = np.full(len(U), 2.0) if c is None else np.abs(U @ c) ** 2
-    of_bins, taken = weights(likelihood, spectra.f, u), spectra.nuisance.shape[1]
-    return WhitenedRun(spectra.tau, U, of_bins, spectra.window, share, noise=noise, taken=taken, f=spectra.f)
+    of_bins, n_projected = weights(likelihood, spectra.f, u), spectra.nuisance.shape[1]
+    return WhitenedRun(
+        spectra.tau,
+        U,
+        of_bins,
+        spectra.window,
+        parameter_map,
+        noise=noise,
+        n_projected=n_projected,
+        f=spectra.f,
+    )
 
 
 def information(blocks: Sequence[WhitenedRun], theta: Array) -> Array:

@@ -26,8 +26,8 @@ from fit.quality.heterogeneity import paule_mandel
 from fit.results.results import Fit, Results, load
 from fit.settings import settings
 from fit.telemetry.reader import Telemetry, inertial_period, read_all
+from fit.whitening import Experiment
 from fit.whitening.run import Run
-from fit.whitening.runs import Experiment
 from lpfcosim.campaign import loading
 from lpfcosim.cli.planned import planned
 from tests import ROOT

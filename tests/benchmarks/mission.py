@@ -18,7 +18,7 @@ from fit.quality import glitches
 from fit.results.folders import telemetry_files
 from fit.settings import settings
 from fit.telemetry import reader as telemetry
-from fit.whitening.runs import pair
+from fit.whitening import pair
 
 
 def seconds(work: Callable[[], object]) -> float:

@@ -152,12 +152,14 @@ class Posterior:
 
 #: What the fit of this process integrated last. It publishes mean and covariance, the ranks want all of it.
 _heard: list[Posterior] = []
-_integrate = hierarchy.integrate
+_integrate = hierarchy.marginalise
 
 
-def _overheard(normal: hierarchy.Normal, widths: Sequence[hierarchy.ScaleParameter]) -> hierarchy.Mixture:
+def _overheard(
+    normal: hierarchy.NormalEquations, widths: Sequence[hierarchy.ScaleParameter]
+) -> hierarchy.WidthPosterior:
     points = np.array(list(product(*hierarchy._axes(normal, widths))))
-    each = [hierarchy.given(normal, widths, point) for point in points]
+    each = [hierarchy.conditional(normal, widths, point) for point in points]
     density = np.array([one[0] for one in each])
     weights = np.exp(density - density.max())
     sigmas = np.array([np.sqrt(np.diag(one[2])) for one in each])
@@ -167,7 +169,7 @@ def _overheard(normal: hierarchy.Normal, widths: Sequence[hierarchy.ScaleParamet
 
 def trial(number: int, *, plain: bool) -> Line:
     """Draw a campaign and fit it; the ranks of the truths, or what went wrong."""
-    hierarchy.integrate = _overheard
+    hierarchy.marginalise = _overheard
     campaign = drawn(number, plain=plain)
     line: Line = {"number": number, "widths": campaign.widths, "fit": _kept(campaign, {})}
     if not plain and number % RIGID == 0:

@@ -17,17 +17,17 @@ SCALE = np.array([2e4, 2e4, 1e3, 1e3, 1.0, 1.0, 1.0])  # 1 / sigma of the coeffi
 class Linear:
     """The equation of a run whose coefficients are linear in its parameters."""
 
-    share: np.ndarray
+    parameter_map: np.ndarray
     names: tuple[str, ...] = PARAMETERS
 
     def coefficients(self, theta):
-        return np.concatenate([[1.0], SCALE * (self.share @ theta)])
+        return np.concatenate([[1.0], SCALE * (self.parameter_map @ theta)])
 
-    def of_run(self, theta):
+    def run_gradient(self, theta):
         return np.eye(K + 1, K, k=-1) * SCALE
 
     def gradient(self, theta):
-        return self.of_run(theta) @ self.share
+        return self.run_gradient(theta) @ self.parameter_map
 
 
 def shifted(run, offset):

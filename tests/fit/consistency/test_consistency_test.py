@@ -9,7 +9,7 @@ from scipy.stats import chi2, kstest
 from fit.consistency.consistency_test import ChiSquare, ConsistencyTest, consistency_test
 from fit.fitting.joint_fit import fit_joint
 from fit.settings import settings
-from fit.whitening.runs import pair
+from fit.whitening import pair
 from tests.fit.consistency.runs import SCALE, K, P, consistency
 from tests.oracles import synthetic
 from tests.oracles.synthetic import World

@@ -14,7 +14,7 @@ from fit.consistency.trial import Trial
 from fit.fitting.joint_fit import fit_joint
 from fit.model.sharing import Sharing
 from fit.settings import settings
-from fit.whitening.runs import pair as paired
+from fit.whitening import pair as paired
 from tests.oracles.synthetic import World, pair
 
 N = 21600

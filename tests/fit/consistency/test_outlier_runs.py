@@ -45,9 +45,11 @@ def test_group_counts_as_one_reason():
 def test_of_two_runs_that_may_equally_well_be_bad_both_are_left_out():
     # these two alone determine the first parameter
     test = consistency(1, 7)
-    shares = [run.equation.share * (np.arange(P) > 0 if i > 1 else 1.0) for i, run in enumerate(test.runs)]
+    shares = [
+        run.equation.parameter_map * (np.arange(P) > 0 if i > 1 else 1.0) for i, run in enumerate(test.runs)
+    ]
     runs = [
-        run.with_equation(replace(run.equation, share=share))
+        run.with_equation(replace(run.equation, parameter_map=share))
         for run, share in zip(test.runs, shares, strict=True)
     ]
     estimate = runs[0].estimate
@@ -80,7 +82,11 @@ def test_noise_is_neither_contradiction_nor_scatter():
 def test_what_one_run_determines_rests_on_it():
     test = consistency(6, 5)
     runs = tuple(
-        run.with_equation(replace(run.equation, share=run.equation.share * (np.arange(P) > 0))) if i else run
+        run.with_equation(
+            replace(run.equation, parameter_map=run.equation.parameter_map * (np.arange(P) > 0))
+        )
+        if i
+        else run
         for i, run in enumerate(test.runs)
     )
     growth = leverage(replace(test, runs=runs), np.zeros(P, dtype=bool))

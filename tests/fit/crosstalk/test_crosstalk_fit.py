@@ -16,9 +16,9 @@ from fit.pipeline import calibrate
 from fit.quality.fit_quality import as_fit
 from fit.settings import settings
 from fit.spectra import derivatives
+from fit.whitening import Experiment
 from fit.whitening.glitch_templates import Glitch, Shape
 from fit.whitening.run import Run
-from fit.whitening.runs import Experiment
 from tests.oracles.bump_synthetic import READ, TRUTH, Motion, blind, jitter, pair, run
 from tests.oracles.synthetic import World, of_run
 

@@ -8,8 +8,8 @@ import pytest
 from fit.consistency import fit_consistent_runs
 from fit.fitting.joint_fit import fit_experiment, fit_joint
 from fit.settings import settings
+from fit.whitening import Experiment
 from fit.whitening.run import Run
-from fit.whitening.runs import Experiment
 from tests.oracles.synthetic import World, pair
 
 SETS = (("A", 1), ("B", 1), ("C", 2), ("D", 2), ("B", 2), ("A", 2))
@@ -30,7 +30,9 @@ def experiments(factor=lambda n: 1.0, worlds=None, **options):
 
 
 def pulls(outcome, truth):
-    found = zip(outcome.parameters, outcome.solution.theta, outcome.solution.sigma, outcome.lost, strict=True)
+    found = zip(
+        outcome.parameters, outcome.solution.theta, outcome.solution.sigma, outcome.undetermined, strict=True
+    )
     return {p.name: (x - truth[p.name]) / s for p, x, s, lost in found if p.equation and not lost}
 
 
@@ -49,7 +51,7 @@ def test_on_clean_data_nothing_departs(clean):
     auto, _ = consistent(experiments())
     assert auto.scatter == {}
     move = (auto.solution.theta - clean.solution.theta) / clean.solution.sigma
-    assert np.abs(move[~clean.lost]).max() < 2e-3
+    assert np.abs(move[~clean.undetermined]).max() < 2e-3
     assert auto.solution.sigma == pytest.approx(clean.solution.sigma, rel=1e-4)
 
 
@@ -58,7 +60,7 @@ def test_gains_that_scatter_are_let_scatter():
     gains = 1 + 0.003 * rng.standard_normal(len(SETS))
     late = [World(lambda_2=1.0776 * g, C_2=0.186 * g) for g in gains]  # as late as ever
     found, left_out = consistent(experiments(worlds=late))
-    assert found.by_data
+    assert found.data_driven
     assert not left_out
     assert set(found.scatter) == {"lambda_1", "lambda_2"}
     value, sigma = found.scatter["lambda_2"]

@@ -10,8 +10,8 @@ from fit.fitting import drift
 from fit.fitting.joint_fit import fit_joint
 from fit.model.sharing import Sharing
 from fit.settings import settings
+from fit.whitening import Experiment
 from fit.whitening.run import Run
-from fit.whitening.runs import Experiment
 from tests.oracles.bump_synthetic import TRUTH, Motion, pair
 from tests.oracles.synthetic import World
 
@@ -54,7 +54,7 @@ def test_the_width_beyond_noise_is_that_put_in():
     variances = []
     for _ in range(400):
         values = 10 * rng.standard_normal(6) + np.sqrt(np.diag(noise)) * rng.standard_normal(6)
-        found = drift.between(values, noise)
+        found = drift.estimate_drift(values, noise)
         variances.append(found.width**2 if found else 0.0)
         if found:  # of values that differ by far more than noise, weighed by noise
             w = 1 / np.diag(noise) / np.sum(1 / np.diag(noise))
@@ -67,4 +67,4 @@ def test_noise_is_no_drift():
     rng = np.random.default_rng(1)
     covariance = 0.5 + np.diag([1.0, 2.0, 3.0, 1.0])
     drawn = rng.multivariate_normal(np.zeros(4), covariance, size=1000)
-    assert sum(drift.between(values, covariance) is not None for values in drawn) < 2
+    assert sum(drift.estimate_drift(values, covariance) is not None for values in drawn) < 2

@@ -11,8 +11,8 @@ from fit.figures.charts import ASD, TIME, Curve, Span, limits
 from fit.quality import glitches
 from fit.report.experiments import drawings
 from fit.warnings import FitWarning, TimeSpan, masked_spans
+from fit.whitening import Experiment
 from fit.whitening.run import Run
-from fit.whitening.runs import Experiment
 from tests.oracles.synthetic import World, of_run, pair, telemetry, without
 
 TRUTH = of_run(World(), "A")

@@ -32,7 +32,7 @@ class Data:
         return np.eye(self.R.shape[1] - 1)
 
     @property
-    def plain(self):
+    def root_level(self):
         return self.R
 
     @property
@@ -52,10 +52,10 @@ class Data:
     def coefficients(self, theta):
         return np.concatenate([np.ones_like(theta[:1]), -theta])
 
-    def of_run(self, _theta):
+    def run_gradient(self, _theta):
         return -np.eye(self.R.shape[1], self.R.shape[1] - 1, k=-1)
 
-    gradient = of_run
+    gradient = run_gradient
 
     def without_data(self):
         return self
@@ -78,7 +78,7 @@ def bounded_fit(names, low, high, start=1.0, scales=1.0):
     X, y, _ = linear_data(names)
     scales = np.broadcast_to(scales, len(names))
     data = Data(np.column_stack([y, X / scales]))
-    weighing = SimpleNamespace(name="A", settled=True, block=lambda *_: data)
+    weighing = SimpleNamespace(name="A", converged=True, block=lambda *_: data)
     values = np.clip(start, low, high) * scales
     parameters = [
         Parameter(name, value, 100.0 * scale, "1", 100.0 * scale, "", name, name, name, False)

@@ -5,7 +5,7 @@ import pytest
 from scipy.stats import halfcauchy
 
 from fit.errors import FitError
-from fit.fitting.hierarchy import Normal, ScaleParameter, given, integrate
+from fit.fitting.hierarchy import NormalEquations, ScaleParameter, conditional, marginalise
 
 WEAK = 10.0  # sigma of the prior of what does not depart
 
@@ -27,7 +27,7 @@ def case(request):
     y = design @ truth + 0.7 * rng.standard_normal(40)
     at = np.concatenate([[1.0, 1.0], np.zeros(12)])
     weak = np.diag(np.concatenate([np.ones(2), np.zeros(12)])) / WEAK**2
-    normal = Normal(design.T @ design + weak, design.T @ (y - design @ at) - weak @ at, at)
+    normal = NormalEquations(design.T @ design + weak, design.T @ (y - design @ at) - weak @ at, at)
     return normal, widths, design, y
 
 
@@ -46,7 +46,7 @@ def dense(design, y, widths, values):
 def test_given_the_widths_everything_is_normal(case):
     normal, widths, design, y = case
     at = [np.array([0.3, 0.9])[: len(widths)], np.array([1.5, 0.1])[: len(widths)]]
-    ours = [given(normal, widths, np.log(values)) for values in at]
+    ours = [conditional(normal, widths, np.log(values)) for values in at]
     oracle = [dense(design, y, widths, values) for values in at]
     for (_, mean, covariance), (_, expected, of_mean) in zip(ours, oracle, strict=True):
         assert mean == pytest.approx(expected, abs=1e-9)
@@ -64,7 +64,7 @@ def test_given_the_widths_everything_is_normal(case):
 
 def test_the_posterior_is_the_sum_over_all_widths(case):
     normal, widths, design, y = case
-    found = integrate(normal, widths)
+    found = marginalise(normal, widths)
     t, of_t = np.polynomial.legendre.leggauss(60 if len(widths) == 1 else 36)
     t, of_t = (t + 1) / 2, of_t / 2  # w = t / (1 - t), so that all widths lie between 0 and 1
     grid = np.stack(np.meshgrid(*[t / (1 - t)] * len(widths)), axis=-1).reshape(-1, len(widths))
@@ -92,19 +92,19 @@ def test_the_grid_finds_widths_far_from_their_prior():
     rng = np.random.default_rng(0)
     d = 3.0 * rng.standard_normal(40)
     width = ScaleParameter("w", tuple(range(40)), np.ones(40), 0.1)
-    found = integrate(Normal(1e8 * np.eye(40), 1e8 * d, np.zeros(40)), [width])
+    found = marginalise(NormalEquations(1e8 * np.eye(40), 1e8 * d, np.zeros(40)), [width])
     assert found.widths[0] == pytest.approx(np.sqrt(np.mean(d**2)), rel=0.03)
     assert found.sigmas[0] == pytest.approx(found.widths[0] / np.sqrt(80), rel=0.1)
 
 
 def test_where_the_data_say_nothing_the_width_is_that_of_the_prior():
     width = ScaleParameter("w", (0,), np.ones(1), 0.1)
-    normal = Normal(np.diag([1e-12]), np.zeros(1), np.zeros(1))
-    assert integrate(normal, [width]).log_widths[0] == pytest.approx(np.log(0.1), abs=0.05)
+    normal = NormalEquations(np.diag([1e-12]), np.zeros(1), np.zeros(1))
+    assert marginalise(normal, [width]).log_widths[0] == pytest.approx(np.log(0.1), abs=0.05)
 
 
 def test_a_free_direction_is_told():
     width = ScaleParameter("w", (2,), np.ones(1), 0.1)
     H = np.array([[1.0, 1.0, 0.0], [1.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
     with pytest.raises(FitError, match="direction free"):
-        integrate(Normal(H, np.zeros(3), np.zeros(3)), [width])
+        marginalise(NormalEquations(H, np.zeros(3), np.zeros(3)), [width])

@@ -52,7 +52,7 @@ def test_sigma_accounts_for_the_window(taper, ratio, changed):
     changed(windowing, "TAPER", taper)
     columns = np.random.default_rng(3).standard_normal((20000, 8))
     run = windowing.transform(columns, np.ones(20000, bool), 1.0, (0.1, 0.1))
-    block = whitened_run.block(run, flat(2.0), np.eye(7))
+    block = whitened_run.whiten_run(run, flat(2.0), np.eye(7))
     naive = np.linalg.inv(block.R.T @ block.R)
     true = naive @ block.M @ naive
     measured = np.sqrt(np.diag(true) / np.diag(naive)).mean()
@@ -62,7 +62,7 @@ def test_sigma_accounts_for_the_window(taper, ratio, changed):
 def test_compression_keeps_chi2():
     columns = np.random.default_rng(4).standard_normal((5000, 8))
     run = windowing.transform(columns, np.ones(5000, bool), 1.0)
-    block = whitened_run.block(run, flat(2.0), np.eye(7))
+    block = whitened_run.whiten_run(run, flat(2.0), np.eye(7))
     c = np.arange(8.0)
     whitened, _ = whitened_run.whiten(run, np.full(run.f.size, 2.0))
     assert np.sum((block.R @ c) ** 2) == pytest.approx(np.sum(np.abs(whitened @ c) ** 2))
@@ -75,7 +75,9 @@ def test_constant_and_ramp_are_invisible():
     columns = np.random.default_rng(5).standard_normal((n, 8))
     drift = columns + np.linspace(3, 70, n)[:, None]
     blocks = [
-        whitened_run.block(windowing.transform(x, np.ones(n, bool), 1.0, (0.1, 0.1)), flat(2.0), np.eye(7))
+        whitened_run.whiten_run(
+            windowing.transform(x, np.ones(n, bool), 1.0, (0.1, 0.1)), flat(2.0), np.eye(7)
+        )
         for x in (columns, drift)
     ]
     assert np.allclose(blocks[0].R.T @ blocks[0].R, blocks[1].R.T @ blocks[1].R, atol=1e-6)

@@ -173,12 +173,12 @@ def test_a_bound_holds_wherever_the_fit_starts(two_runs):
 
 
 def test_without_a_run_the_other_one_is_left(two_runs):
-    found = solved(two_runs).without("A")
+    found = solved(two_runs).exclude("A")
     np.testing.assert_allclose(parameter_values(found.params), C_B, rtol=1e-8)
     assert found.chisqr == pytest.approx(0, abs=1e-12)
     with pytest.raises(InputError, match="no experiment of this fit"):
-        solved(two_runs).without("D")
-    nothing = solved(two_runs).without("A", "B").params  # is left but the weak priors
+        solved(two_runs).exclude("D")
+    nothing = solved(two_runs).exclude("A", "B").params  # is left but the weak priors
     assert [(p.value, p.stderr) for p in nothing.values()] == [pytest.approx((0.0, 100.0))] * 2
 
 

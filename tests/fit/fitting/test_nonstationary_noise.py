@@ -9,10 +9,9 @@ from fit.fitting.joint_fit import fit_experiment
 from fit.fitting.nonstationary_noise import with_segment_variances
 from fit.quality.noise_adaptation import segment_variances
 from fit.spectra import windowing
-from fit.whitening import whitened_run
+from fit.whitening import Experiment, whitened_run
 from fit.whitening.likelihoods import weights
 from fit.whitening.run import Run
-from fit.whitening.runs import Experiment
 from tests.oracles.synthetic import World, telemetry
 
 
@@ -81,4 +80,4 @@ def test_the_sigma_follows_the_noise_where_the_signal_is():
     steps = segment_variances(e, plain)
     told = fit_experiment(replace(e, segment_variances=steps))
     assert told.solution.theta == pytest.approx(plain.solution.theta, rel=1e-9)
-    assert not np.allclose(told.blocks[0].M, plain.blocks[0].M, rtol=0.05)
+    assert not np.allclose(told.whitened_runs[0].M, plain.whitened_runs[0].M, rtol=0.05)

@@ -12,8 +12,8 @@ from fit.pipeline import calibrate
 from fit.quality.noise_adaptation import adapt_to_readout_excess
 from fit.quality.noise_tests import readout_excess
 from fit.settings import settings
+from fit.whitening import Experiment
 from fit.whitening.run import Run
-from fit.whitening.runs import Experiment
 from tests.oracles import thirteen
 
 TRUTH = thirteen.TRUTH["delta_ifo_4"]

@@ -16,9 +16,8 @@ from fit.model.dynamics import Columns
 from fit.parameters import joint_names
 from fit.pipeline import calibrate
 from fit.settings import settings
-from fit.whitening import likelihoods
+from fit.whitening import Experiment, likelihoods
 from fit.whitening.run import Run
-from fit.whitening.runs import Experiment
 from lpfcosim.campaign import loading
 from lpfcosim.cli.planned import planned
 from lpfcosim.plant import planning
@@ -278,7 +277,7 @@ def test_it_ends_where_it_would_wherever_it_starts(quickstart):
 
 def test_hardly_anything_is_kept_of_a_run(quickstart):
     made = planned(loading.load(quickstart))[0].make()
-    left = made.sysid.emptied()
+    left = made.sysid.without_samples()
     arrays = [left.telemetry.time, *left.telemetry.channels.values(), left.channels.o_1, left.channels.valid]
     assert all(array.strides == (0,) for array in arrays)  # one number, however long
     assert left.telemetry.duration == made.sysid.telemetry.duration

@@ -16,7 +16,7 @@ from fit.quality import noise_adaptation
 from fit.settings import settings
 from fit.telemetry.reader import Telemetry
 from fit.warnings import FitWarning
-from fit.whitening.runs import pair
+from fit.whitening import pair
 from lpfcosim.plant import planning
 from lpfcosim.running import telemetry
 from lpfcosim.spacecraft import Noise, Sine, Truth

@@ -34,19 +34,19 @@ def test_a_gain_departs_with_the_delay_of_its_force(sought, departing, along, en
     expected[: len(sought), : len(sought)] = np.eye(len(sought))
     for name, value in entries.items():
         expected[of_run.index(name), -1] = value  # the departure of the second experiment
-    np.testing.assert_array_equal(found.share, expected)
+    np.testing.assert_array_equal(found.parameter_map, expected)
 
 
 def test_a_delay_that_departs_beside_a_gain_of_the_loop_counts_once():
     found = view(("lambda_2",), ["lambda_2", "C_2"])
     assert found.measured_names == ("C_2",)
-    np.testing.assert_array_equal(found.share, [[1, 0, 1, 0, 0], [0, 0, 0, 0, 1]])
+    np.testing.assert_array_equal(found.parameter_map, [[1, 0, 1, 0, 0], [0, 0, 0, 0, 1]])
 
 
 def test_the_map_of_the_fit_is_the_same():
     plain = np.arange(16.0).reshape(8, 2)
     names = ("lambda_1", "C_2")
-    found = departures.share(plain, names, 0, 2)
+    found = departures.extend_map(plain, names, 0, 2)
     assert found.shape == (8, 6)
     np.testing.assert_array_equal(found[:, :2], plain)
     more = found[:, 2:]

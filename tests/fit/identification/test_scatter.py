@@ -10,7 +10,7 @@ from fit.identification.identify import identify
 from fit.identification.loop import FreeParameter
 from fit.settings import settings
 from fit.telemetry.reader import Telemetry
-from fit.whitening.runs import pair
+from fit.whitening import pair
 from lpfcosim.running import telemetry
 from lpfcosim.spacecraft import Noise, Sine, Truth
 from lpfcosim.worlds import world_of

@@ -12,7 +12,7 @@ from fit.quality import metadata
 from fit.quality.masks import mask_experiments
 from fit.quality.metadata import ScreeningReport
 from fit.settings import settings
-from fit.whitening.runs import pair
+from fit.whitening import pair
 from tests.oracles import synthetic, thirteen
 from tests.oracles.synthetic import World
 

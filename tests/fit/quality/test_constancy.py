@@ -9,8 +9,8 @@ import pytest
 
 from fit.pipeline import calibrate
 from fit.quality import constancy, glitches
+from fit.whitening import Experiment
 from fit.whitening.run import Run
-from fit.whitening.runs import Experiment
 from tests.oracles import thirteen
 from tests.oracles.synthetic import World
 from tests.oracles.synthetic import pair as open_loop

@@ -12,8 +12,8 @@ from fit.pipeline import calibrate
 from fit.quality import glitches, injections
 from fit.quality.masks import mask_experiments
 from fit.settings import settings
+from fit.whitening import Experiment
 from fit.whitening.run import Run
-from fit.whitening.runs import Experiment
 from lpfcosim.campaign import loading
 from lpfcosim.spacecraft.run import Noise, Pulse
 from lpfcosim.worlds import along_x_plant
@@ -97,7 +97,7 @@ def test_missing_samples_are_no_glitches():
     after, warnings = search(before)
     assert both(after) == both(before)
     assert not warnings
-    assert (after.sysid.masked, after.noise.masked) == (131, 100)
+    assert (after.sysid.n_masked, after.noise.n_masked) == (131, 100)
 
 
 def test_without_noise_nothing_stands_out():
@@ -124,7 +124,7 @@ def simulated(quickstart):
 
 def estimate(outcome):
     theta, sigma = outcome.solution.theta, np.sqrt(np.diag(outcome.solution.covariance))
-    return theta[~outcome.lost], sigma[~outcome.lost]
+    return theta[~outcome.undetermined], sigma[~outcome.undetermined]
 
 
 def test_twenty_glitches_in_a_campaign_move_nothing(simulated):
@@ -205,7 +205,7 @@ def test_at_the_edges_and_beside_gaps(simulated):
     found = after.sysid.masks
     assert any(begin < 7950 < end for begin, end in found)
     assert any(begin < 15015 < end for begin, end in found)
-    assert after.sysid.masked == 600 + round(sum(10 * (end - begin) for begin, end in found))
+    assert after.sysid.n_masked == 600 + round(sum(10 * (end - begin) for begin, end in found))
     assert f"{len(found)} glitches masked" in warning.message
     theta, sigma = estimate(fit_experiment(clean))
     assert np.all(np.abs(estimate(fit_experiment(after))[0] - theta) < sigma)
@@ -216,7 +216,7 @@ def test_too_much_is_told_and_left(simulated):
     before = experiment([simulated("A", *storm), simulated("A-noise")])
     after, (warning,) = search(before)
     assert after.sysid.masks == ()
-    assert after.sysid.masked == 0
+    assert after.sysid.n_masked == 0
     assert warning.code == glitches.TOO_MANY
     assert "nothing is masked" in warning.message
 
@@ -249,10 +249,10 @@ def test_what_is_full_of_glitches_stays_out_of_the_joint_fit(simulated):
 
 def test_masks_leave_the_channels_as_they_are():
     run = Run(pair(World())[0])
-    masked = run.without([(100.0, 109.0), (5000.0, 5001.0)])
+    masked = run.mask([(100.0, 109.0), (5000.0, 5001.0)])
     assert masked.channels.o_12 is run.channels.o_12
     assert np.count_nonzero(~masked.channels.valid) == 12
-    assert masked.masked == 10
+    assert masked.n_masked == 10
     assert run.channels.valid.all()
     near = masked.spectra((0.1, 0.1))
     assert not near.window[80:110].any()  # the stencils reach 10 s

@@ -61,7 +61,7 @@ def test_gains_are_those_of_trial(fs, gap, stretch):
     terms = windowing.transform(np.stack([x[0], *known], axis=1), valid, fs, nuisance=[glitch[:, None]])
     assert terms.window.size == N
     S = Density(terms)
-    U = whitened_run.stacked(whitened_run.whiten(terms, S.density)[0])
+    U = whitened_run.as_real(whitened_run.whiten(terms, S.density)[0])
     Q = np.linalg.qr(U[:, 1:])[0]
     found = Stretch(terms, S.density, Q, U[:, 0] - Q @ (Q.T @ U[:, 0]), slice(*stretch)).gains(x[1:])
     first, last = stretch

@@ -9,9 +9,8 @@ from fit.fitting.joint_fit import fit_experiment, fit_joint
 from fit.model import dynamics
 from fit.quality import glitches
 from fit.settings import settings
-from fit.whitening import glitch_templates, whitened_run
+from fit.whitening import Experiment, glitch_templates, noise_model, whitened_run
 from fit.whitening.run import Run
-from fit.whitening.runs import Experiment, noise_model
 from tests.fit.quality.test_glitches import search
 from tests.oracles import thirteen
 from tests.oracles.glitches import Glitch, draw, struck
@@ -27,7 +26,7 @@ def experiment(name, found=NONE, seed=0):
 
 def shifts(outcome, clean):
     """Return by how many sigma of a clean fit its parameters moved."""
-    told = ~clean.lost
+    told = ~clean.undetermined
     return ((outcome.solution.theta - clean.solution.theta) / clean.solution.sigma)[told]
 
 
@@ -37,7 +36,7 @@ def stiffness(run, noise):
     model = noise_model(Experiment(run, noise), theta, np.zeros((theta.size, theta.size)), None)
     terms = run.spectra(dynamics.delays(theta))
     U, _ = whitened_run.whiten(terms, model.expected(terms.f))
-    X = whitened_run.stacked(U @ dynamics.gradient(theta, terms.tau))[:, [1, 4]]
+    X = whitened_run.as_real(U @ dynamics.gradient(theta, terms.tau))[:, [1, 4]]
     return float(np.sqrt(np.linalg.inv(X.T @ X)[1, 1]))
 
 
@@ -55,7 +54,7 @@ def test_long_glitches_are_taken_out_and_cost_nothing():
     assert np.max(np.abs(shifts(before, clean))) > 3  # something was at stake
     assert np.max(np.abs(shifts(found, clean))) < 0.5
     assert found.solution.chi2 / found.solution.dof == pytest.approx(1, abs=0.1)
-    whole, left = (sum(b.size for b in outcome.blocks) for outcome in (before, found))
+    whole, left = (sum(b.size for b in outcome.whitened_runs) for outcome in (before, found))
     assert whole - left == 4 * len(after.sysid.glitches) > 0
 
 
@@ -66,7 +65,7 @@ def test_the_answer_of_the_loop_to_a_glitch_tells_less_stiffness_than_a_known_sh
     )
     shaken = Run(struck(thirteen.made("A1", "noise"), [strong]))
     after, _ = search(Experiment(shaken, noise))
-    known = Run(shaken.telemetry).without(after.sysid.masks).with_glitches(after.sysid.glitches)
+    known = Run(shaken.telemetry).mask(after.sysid.masks).with_glitches(after.sysid.glitches)
     assert stiffness(after.sysid, noise) > 3 * stiffness(known, noise)
 
 
@@ -97,19 +96,19 @@ def test_one_glitch_is_taken_out_by_one_shape_its_own(name, glitch, seed):
     sign = -1 if glitch.hand == "both" else 1
     assert found.shape.kind == ("bipolar" if glitch.hand == "none" else "double_exponential")
     assert found.shape.tau == pytest.approx(glitch.fall, rel=0.2)
-    assert found.shape.other == pytest.approx(sign * glitch.rise / glitch.fall, abs=0.1)
+    assert found.shape.ratio == pytest.approx(sign * glitch.rise / glitch.fall, abs=0.1)
     assert found.begin == pytest.approx(glitch.begin, abs=0.02 * glitch.fall)
 
 
 def test_a_mask_of_seconds_hardly_moves_what_one_run_tells():
     # a notch in the window lets the ramp of test mass 1 leak: C_1 moved by 0.3 sigma
     clean, mask = experiment("G3", seed=6), [(12603.0, 12608.0)]
-    masked = Experiment(clean.sysid.patched(mask), clean.noise)
-    assert masked.sysid.masked == 5
+    masked = Experiment(clean.sysid.mask_by_impulses(mask), clean.noise)
+    assert masked.sysid.n_masked == 5
     assert masked.sysid.weight == clean.sysid.weight
     before, after = (fit_experiment(e) for e in (clean, masked))
     assert np.max(np.abs(shifts(after, before))) < 0.2
-    notched = Experiment(clean.sysid.without(mask), clean.noise)
+    notched = Experiment(clean.sysid.mask(mask), clean.noise)
     assert np.max(np.abs(shifts(fit_experiment(notched), before))) > 0.25
 
 
@@ -122,7 +121,7 @@ def test_whatever_is_in_a_patch_tells_nothing(channel, strong):
     channels = {**telemetry.channels, channel: spoilt}
     before, after = (
         fit_experiment(
-            Experiment(Run(replace(telemetry, channels=of)).patched([(8998.0, 9005.0)]), clean.noise)
+            Experiment(Run(replace(telemetry, channels=of)).mask_by_impulses([(8998.0, 9005.0)]), clean.noise)
         )
         for of in (telemetry.channels, channels)
     )
@@ -135,13 +134,13 @@ def test_patches_that_overlap_or_reach_over_the_end_take_no_more_than_there_is()
     run = experiment("B4").sysid
     end = float(run.telemetry.time[-1])
     once, beside, last = (
-        run.patched(stretches).spectra((0.2, 0.2)).nuisance
+        run.mask_by_impulses(stretches).spectra((0.2, 0.2)).nuisance
         for stretches in ([(9000.0, 9010.0)], [(9000.0, 9008.0), (9002.0, 9010.0)], [(end - 5, end)])
     )
     assert once.shape == beside.shape
     assert 2 <= last.shape[1] < once.shape[1]
     # as many as the band holds in that time, some more at its ends
-    long = run.patched([(9000.0, 9200.0)]).spectra((0.2, 0.2)).nuisance
+    long = run.mask_by_impulses([(9000.0, 9200.0)]).spectra((0.2, 0.2)).nuisance
     assert 40 < long.shape[1] < 70
     assert np.linalg.cond(np.vstack([long.real, long.imag])[:, 2:]) < 1.01
 

@@ -10,7 +10,7 @@ from fit.fitting.joint_fit import fit_experiment
 from fit.pipeline import calibrate
 from fit.quality import noise_tests
 from fit.settings import settings
-from fit.whitening.runs import pair as paired
+from fit.whitening import pair as paired
 from tests.oracles.synthetic import World, pair, telemetry
 
 SETS = (("A", 1), ("B", 1), ("C", 2), ("D", 2))

@@ -12,9 +12,8 @@ from fit.results.provenance import Provenance
 from fit.results.results import Results, load, write
 from fit.spectra import windowing
 from fit.spectra.noise_psd import fit_noise
-from fit.whitening import whitened_run
+from fit.whitening import Experiment, whitened_run
 from fit.whitening.run import Run
-from fit.whitening.runs import Experiment
 from tests.oracles.synthetic import World, pair, telemetry
 
 HOURS = 3600

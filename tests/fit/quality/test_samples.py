@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from fit.quality import metadata, samples
-from fit.whitening.runs import pair
+from fit.whitening import pair
 from tests.oracles import closed_loop, thirteen
 
 N = 20000

@@ -28,7 +28,7 @@ def plainly(view, glitch):
     f = np.arange(M // 2 + 1) * FS / M
     s = 2j * np.pi * f * shape.tau
     main = {"double_exponential": 1 / (1 + s), "bipolar": s / (1 + s), "reversed": 1 / (1 - s)}[shape.kind]
-    spectrum = main / (1 + shape.other * s) * np.exp(-((f / 0.2) ** 4))
+    spectrum = main / (1 + shape.ratio * s) * np.exp(-((f / 0.2) ** 4))
     series = np.fft.irfft(spectrum * np.exp(-2j * np.pi * f * (glitch.begin - view.time[0])), M)[:N]
     bins = np.fft.rfft(series * view.window)[1 : view.f.size + 1] / np.sqrt(view.S)
     column = np.stack([bins.real, bins.imag], axis=1).ravel()

@@ -44,10 +44,10 @@ def linear_case():
         IRLSResult(
             parameters=parameters,
             solution=solution,
-            lost=np.zeros(3, dtype=bool),
+            undetermined=np.zeros(3, dtype=bool),
             directions=np.empty((0, 3)),
             converged=True,
-            blocks=(block,),
+            whitened_runs=(block,),
             prior=whitened_run.Prior(centre, rows),
             model=model,
             result=model.fit(problem.params(centre, {2: Prior(centre[2], 4e-9)})),

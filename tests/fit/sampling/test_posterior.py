@@ -7,12 +7,12 @@ import pytest
 
 from fit.errors import FitError
 from fit.fitting.joint_fit import fit_joint
-from fit.fitting.normal import inflation, inflations
+from fit.fitting.normal import variance_factor, variance_factors
 from fit.parameters import FLIGHT
 from fit.sampling.posterior import Posterior
 from fit.settings import settings
+from fit.whitening import Experiment
 from fit.whitening.run import Run
-from fit.whitening.runs import Experiment
 from tests.oracles.synthetic import World, pair
 
 pytestmark = pytest.mark.slow
@@ -43,10 +43,10 @@ def test_inflation_is_the_window(fitted):
     # Tukey 0.1: 1 / mean(w^2) for what lies in its flat part, mean(w^4) / mean(w^2)^2 for what lasts all day
     flat = 1 / (1 - 0.1 * 5 / 8)
     throughout = (1 - 0.1 * 93 / 128) * flat**2
-    for block in fitted.blocks:
-        assert throughout - 0.01 < inflation(block, fitted.solution.theta) < flat + 0.01
+    for block in fitted.whitened_runs:
+        assert throughout - 0.01 < variance_factor(block, fitted.solution.theta) < flat + 0.01
         bare = replace(block, window=None)
-        assert inflation(bare, fitted.solution.theta) == pytest.approx(1)
+        assert variance_factor(bare, fitted.solution.theta) == pytest.approx(1)
 
 
 def test_curvature_is_that_of_the_true_sigmas(fitted):
@@ -77,12 +77,13 @@ def told(block, c):
 @pytest.mark.parametrize("estimator", ["student_t", "marginalised"])
 def test_other_likelihoods_are_themselves(experiments, estimator):
     outcome = fit_joint(experiments, settings({"estimator": estimator}))
-    posterior, inflation = Posterior(outcome), inflations(outcome.blocks, outcome.solution.theta)
+    posterior = Posterior(outcome)
+    factors = variance_factors(outcome.whitened_runs, outcome.solution.theta)
     P, h = len(posterior.names), 0.5
     z = np.concatenate([np.zeros((1, P)), np.random.default_rng(0).standard_normal((4, P))])
     theta = posterior.theta(z)
     expected = [
-        -sum(told(b, b.coefficients(t)) / k for b, k in zip(outcome.blocks, inflation, strict=True))
+        -sum(told(b, b.coefficients(t)) / k for b, k in zip(outcome.whitened_runs, factors, strict=True))
         - np.sum((outcome.prior.rows @ (t - outcome.prior.centre)) ** 2) / 2
         for t in theta
     ]
@@ -117,16 +118,17 @@ def of_student(block, points, _):
 )
 def test_departures_are_integrated_over(experiments, estimator, likelihood, within):
     outcome = fit_joint(experiments, settings({"scatter": ["lambda_2"], "estimator": estimator}))
-    posterior, inflation = Posterior(outcome), inflations(outcome.blocks, outcome.solution.theta)
+    posterior = Posterior(outcome)
+    factors = variance_factors(outcome.whitened_runs, outcome.solution.theta)
     if estimator == "gaussian":  # the covariance of a compressed run is the true one
-        inflation = np.ones(len(outcome.blocks))
+        factors = np.ones(len(outcome.whitened_runs))
     runs = outcome.model.runs
     assert posterior.names[-1] == "log_width_gain"
     z = np.random.default_rng(1).standard_normal((3, len(posterior.names)))
     sampled = posterior.theta(z)
     sampled[:, -1] = np.log(3e-3)  # of sigmas of a run, hundreds
     sampled[:, 1] += (0.0, 3e-3, -3e-3)  # lambda_2
-    (width,) = outcome.departing
+    (width,) = outcome.random_effects
     found = []
     for t in sampled:
         spread = np.exp(t[-1]) * width.units
@@ -139,7 +141,9 @@ def test_departures_are_integrated_over(experiments, estimator, likelihood, with
             / 2
         )
         theta = np.concatenate([t[:-1], np.zeros(len(spread))])
-        for block, run, k, s, i in zip(outcome.blocks, runs, inflation, spread, width.members, strict=True):
+        for block, run, k, s, i in zip(
+            outcome.whitened_runs, runs, factors, spread, width.members, strict=True
+        ):
             # a sum over departures in place of the integral
             at = outcome.solution.theta[1] + outcome.solution.theta[i] - t[1]
             d = at + np.linspace(-1, 1, 2001) * 3e-4
@@ -182,7 +186,7 @@ def test_a_tied_parameter_follows_its_expression(experiments, fitted, expr):
     at = posterior(
         np.linalg.solve(posterior.root, (theta[:, free.names.index("lambda_2") :] - posterior.centre[1:]).T).T
     )
-    assert fitted.lost[0]
+    assert fitted.undetermined[0]
     assert np.diff(at) == pytest.approx(np.diff(free(z) - lost), rel=0.02, abs=0.05)
 
 

@@ -25,7 +25,11 @@ def read(path, table=None):
         for name, column in archive.columns.items():
             assert (column.size is None or column.text) == bool(column.reason), name
             if column.size is not None:
-                rows = archive.texts(name) if column.text else (block for (block,) in archive.blocks([name]))
+                rows = (
+                    archive.texts(name)
+                    if column.text
+                    else (block for (block,) in archive.whitened_runs([name]))
+                )
                 found[name] = np.array([value for block in rows for value in block])
                 assert found[name].size == column.size
     return found

@@ -209,7 +209,7 @@ def test_columns_of_data_frames_that_are_numbers_keep_their_order(tmp_path, labe
         assert list(archive.columns) == ["index", *map(str, labels)]
         for k, label in enumerate(labels):
             assert archive.column(k + 2) == str(label)
-            (values,) = next(archive.blocks([str(label)]))
+            (values,) = next(archive.whitened_runs([str(label)]))
             np.testing.assert_array_equal(values, 10 * np.arange(N) + k)
 
 

@@ -92,7 +92,7 @@ def columns(path):
     with opened(path, None) as table:
         found = {}
         for name, column in table.columns.items():
-            rows = table.texts(name) if column.text else (block for (block,) in table.blocks([name]))
+            rows = table.texts(name) if column.text else (block for (block,) in table.whitened_runs([name]))
             found[name] = (column.unit, [value for block in rows for value in block])
             assert len(found[name][1]) == column.size
         return found
@@ -175,7 +175,7 @@ def test_one_sentence_for_what_is_wrong(tmp_path, fault):
     (tmp_path / "a.csv").write_text(text)
     refused = pytest.raises(InputError, match=rf"a\.csv: {expected}")
     with refused, opened(tmp_path / "a.csv", None) as table:
-        list(table.blocks(["t", "x"]))
+        list(table.whitened_runs(["t", "x"]))
 
 
 def test_columns_by_name_and_number(tmp_path):

@@ -4,7 +4,7 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from fit.whitening.runs import smooth_noise
+from fit.whitening import fit_residual_noise
 
 
 def test_slower_noise_that_was_left_alone_is_heard_again_only_when_much_louder():
@@ -15,11 +15,11 @@ def test_slower_noise_that_was_left_alone_is_heard_again_only_when_much_louder()
         told = np.stack([power, np.ones(f.size)])
         return SimpleNamespace(terms=SimpleNamespace(f=f), power=lambda _, first=None: told[:, :first])
 
-    without = smooth_noise(run(f, np.ones(f.size)), None)
+    without = fit_residual_noise(run(f, np.ones(f.size)), None)
 
     def weighed(times, previous):
         longer = run(slow, times * without.expected(slow))
-        return smooth_noise(run(f, np.ones(f.size)), previous, longer)
+        return fit_residual_noise(run(f, np.ones(f.size)), previous, longer)
 
     def heard(times, previous):
         return bool(weighed(times, previous).n_below)
@@ -38,7 +38,7 @@ def test_slower_noise_that_is_heard_a_second_time_stays():
         return SimpleNamespace(terms=SimpleNamespace(f=f), power=power)
 
     quick = run(f, lambda _: np.ones((2, f.size)))
-    without = smooth_noise(quick, None)
+    without = fit_residual_noise(quick, None)
 
     def of_slow(previous, first):
         times = 0.5 if previous and previous.n_below else 3.0
@@ -46,5 +46,5 @@ def test_slower_noise_that_is_heard_a_second_time_stays():
 
     models, model = [], None
     for _ in range(6):
-        models.append(model := smooth_noise(quick, model, run(slow, of_slow)))
+        models.append(model := fit_residual_noise(quick, model, run(slow, of_slow)))
     assert [bool(model.n_below) for model in models] == [False, True, True, True, True, True]

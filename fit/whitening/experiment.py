@@ -1,0 +1,122 @@
+"""An experiment: an injection run and its adjacent noise run, and which experiments are fitted jointly."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fit.errors import InputError
+from fit.parallel import parallel_map
+from fit.requirements import SHORTEST
+from fit.settings import Settings
+from fit.telemetry import Telemetry
+from fit.whitening.run import Run
+
+Array = NDArray[np.float64]
+
+JOINT_DURATION = 21600.0  # s: shorter runs hardly see the stiffness and take part only when asked to
+TRIMMED = 0.005  # fraction a decimation may have cut from a run's ends
+
+
+@dataclass(frozen=True)
+class Experiment:
+    """A system identification run and its adjacent noise run.
+
+    Attributes
+    ----------
+    sysid : Run
+        With injections.
+    noise : Run or None
+        Without, None where there is none.
+    marginalised : bool
+        Whether the level of the noise is marginalised in narrow bands, being not that of the noise run.
+    segment_variances : tuple
+        Bands in which the noise changes within the run, see `fit.fitting.nonstationary_noise`.
+    readout_excess : bool
+        Whether only the injected signal of o_1 is used, see `fit.fitting.readout_excess_noise`.
+    """
+
+    sysid: Run
+    noise: Run | None
+    marginalised: bool = False
+    segment_variances: tuple[tuple[float, float, Array], ...] = ()
+    readout_excess: bool = False
+
+    @property
+    def parameters(self) -> tuple[str, ...]:
+        """Names of the K parameters of the experiment: those its sysid run can be fitted for."""
+        return self.sysid.channels.parameters
+
+    @property
+    def name(self) -> str:
+        """Name that pairs the two."""
+        return self.sysid.telemetry.experiment
+
+    def limit_band(self, f_max: float) -> "Experiment":
+        """Return the experiment with another end of the fitted band [Hz]."""
+        return replace(
+            self, sysid=self.sysid.limit_band(f_max), noise=self.noise and self.noise.limit_band(f_max)
+        )
+
+    def samples(self) -> int:
+        """Return the number of samples of both runs, which tells how long it takes to look at them."""
+        return self.sysid.telemetry.size + (self.noise.telemetry.size if self.noise else 0)
+
+
+def pair(telemetries: Sequence[Telemetry]) -> list[Experiment]:
+    """Pair each sysid run with the noise run of the same experiment, where there is one.
+
+    Raises
+    ------
+    InputError
+        If there are two of a kind, or one is too short.
+    """
+    _check_names(telemetries)
+    driven = [run for run in telemetries if run.kind == "sysid"]
+    return parallel_map(partial(_experiment, telemetries), driven)
+
+
+def divide(
+    experiments: Sequence[Experiment], settings: Settings
+) -> tuple[list[Experiment], list[Experiment], list[Experiment]]:
+    """Return the experiments that take part in the joint fit, those too short for it, and those excluded.
+
+    Raises
+    ------
+    InputError
+        If an experiment that the settings exclude is not there.
+    """
+    names = [e.name for e in experiments]
+    for name in settings.exclude:
+        if name not in names:
+            raise InputError(f"fit.exclude: no experiment {name!r}, there are {', '.join(names)}")
+    excluded = [e for e in experiments if e.name in settings.exclude]
+    short = [
+        e
+        for e in experiments
+        if e.sysid.telemetry.duration < JOINT_DURATION * (1 - TRIMMED) and not settings.include_short
+    ]
+    return [e for e in experiments if e not in (*excluded, *short)], short, excluded
+
+
+def _check_names(telemetries: Sequence[Telemetry]) -> None:
+    """Refuse two sysid runs of one experiment, and two noise runs of one that has a sysid run."""
+    driven = {run.experiment for run in telemetries if run.kind == "sysid"}
+    runs: dict[tuple[str, str], Telemetry] = {}
+    for run in telemetries:
+        twin = runs.setdefault((run.experiment, run.kind), run)
+        if twin is not run and run.experiment in driven:
+            raise InputError(
+                f"{run.path}: a second {run.kind} run of experiment {run.experiment!r} beside {twin.path}, "
+                "expected one"
+            )
+
+
+def _experiment(telemetries: Sequence[Telemetry], sysid: Telemetry) -> Experiment:
+    noise = next((t for t in telemetries if t.kind == "noise" and t.experiment == sysid.experiment), None)
+    for run in (sysid, noise):
+        if run is not None and run.duration < SHORTEST:
+            raise InputError(f"{run.path}: lasts {run.duration:.6g} s, expected at least {SHORTEST:g} s")
+    return Experiment(Run(sysid), None if noise is None else Run(noise))
