@@ -3,8 +3,8 @@
 `fit.plotting` draws these records for print, `fit.report` puts them into the page.
 """
 
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
@@ -75,8 +75,6 @@ class Curve:
         ``"-"``, ``"--"`` or ``":"``.
     dots : bool
         Whether its points are marked.
-    is_repeated : bool
-        Whether another panel tells the same, on another scale.
     """
 
     name: str
@@ -90,7 +88,16 @@ class Curve:
     opacity: float = 1.0
     dash: Dash = "-"
     dots: bool = False
-    is_repeated: bool = False
+
+    @property
+    def names(self) -> Sequence[str]:
+        """A line has no named points."""
+        return ()
+
+    @property
+    def places(self) -> Array:
+        """Where its points belong along x, shape (N,)."""
+        return self.x
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -112,7 +119,6 @@ class Points:
     mark: Shape = "dot"
     caps: bool = True
     offset: Array | None = None
-    is_repeated: bool = False
 
     @property
     def places(self) -> Array:
@@ -185,15 +191,49 @@ class Chart:
     ----------
     panels : tuple of Panel
         Above each other with a common x axis, unless there is more than one beside each other.
-    columns : mapping of str to sequence
-        The numbers it draws, of equal length, by name and unit: ``"f [Hz]"``.
     n_across : int
         Panels beside each other; they share both axes.
     """
 
     panels: tuple[Panel, ...]
-    columns: Mapping[str, Sequence[object] | NDArray[np.generic]]
     n_across: int = 1
+
+    @property
+    def columns(self) -> Columns:
+        """The numbers that the figure shows, of equal length, by name and unit: ``"f [Hz]"``.
+
+        One curve below the other. Bounds, names of points and titles of panels have a column where there are
+        any; quantity and unit, where the panels measure different ones.
+        """
+        drawn = {
+            (panel.title, panel.y, line.name): (panel, line) for panel in self.panels for line in panel.lines
+        }
+        lines = [line for _, line in drawn.values()]
+        heads = {(panel.y.head, panel.y.unit) for panel in self.panels}
+        x = np.concatenate([line.places for line in lines])
+        dates = np.asarray(1e3 * x).astype("datetime64[ms]").astype("datetime64[s]").astype(str)
+        columns: Columns = {
+            "curve": [line.name for line in lines for _ in line.x],
+            self.panels[-1].x.head: dates if self.panels[-1].x.dates else x,
+            self.panels[-1].y.head if len(heads) == 1 else "value": np.concatenate(
+                [line.y for line in lines]
+            ),
+        }
+        for key in ("low", "high"):
+            bounds = [getattr(line, key) for line in lines]
+            if any(bound is not None for bound in bounds):
+                blank = [np.full(line.x.size, np.nan) for line in lines]
+                columns[key] = np.concatenate(
+                    [b if b is not None else n for b, n in zip(bounds, blank, strict=True)]
+                )
+        texts = {
+            "name": [name for line in lines for name in line.names or [""] * line.x.size],
+            "panel": [panel.title for panel, line in drawn.values() for _ in line.x],
+        }
+        if len(heads) > 1:
+            texts["quantity"] = [panel.y.label for panel, line in drawn.values() for _ in line.x]
+            texts["unit"] = [panel.y.unit for panel, line in drawn.values() for _ in line.x]
+        return columns | {head: text for head, text in texts.items() if any(text)}
 
 
 @dataclass(frozen=True)
@@ -206,34 +246,23 @@ class Matrix:
         Of the P rows and columns.
     values : ndarray, shape (P, P)
         From -1 to 1.
-    columns : mapping of str to sequence
-        As those of a `Chart`.
     """
 
     names: tuple[str, ...]
     values: Array
-    columns: Mapping[str, Sequence[object] | NDArray[np.generic]] = field(default_factory=dict)
+
+    @property
+    def columns(self) -> Columns:
+        """The lower half, a line for each pair."""
+        pairs = [(i, j) for i in range(len(self.names)) for j in range(i)]
+        return {
+            "row": [self.names[i] for i, _ in pairs],
+            "column": [self.names[j] for _, j in pairs],
+            "r": [float(self.values[pair]) for pair in pairs],
+        }
 
 
 Figure = Chart | Matrix
-
-
-def chart(panels: Sequence[Panel]) -> Chart:
-    """Return a figure with the curves of its panels as columns, one curve below the other."""
-    curves = [curve for panel in panels for curve in panel.lines]
-    columns: Columns = {
-        "curve": [curve.name for curve in curves for _ in curve.x],
-        panels[-1].x.head: np.concatenate([curve.x for curve in curves]),
-        panels[-1].y.head: np.concatenate([curve.y for curve in curves]),
-    }
-    if any(curve.low is not None for curve in curves):
-        for key in ("low", "high"):
-            bounds = [getattr(curve, key) for curve in curves]
-            whole = [
-                np.full(c.x.size, np.nan) if b is None else b for c, b in zip(curves, bounds, strict=True)
-            ]
-            columns[key] = np.concatenate(whole)
-    return Chart(tuple(panels), columns)
 
 
 def force(j: int) -> Axis:

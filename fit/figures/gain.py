@@ -10,7 +10,6 @@ from fit.figures.charts import (
     START,
     Axis,
     Chart,
-    Columns,
     Curve,
     Dash,
     Limits,
@@ -80,14 +79,7 @@ def _gains(
     if joint is not None:
         marks += _level("joint fit, ±1 σ", "blue", "--", across, joint.value, joint.sigma)
     marks += single_marks
-    columns: Columns = {
-        "experiment": [p.name for p in points],
-        START.head: [str(p.start) for p in points],
-        force(2).head: [1e12 * p.F_max_2 for p in points],
-        _GAIN.head: [p.gain.value for p in points],
-        "sigma [1]": [p.gain.sigma for p in points],
-    }
-    return Chart((Panel(axis, _GAIN, tuple(marks), across, limits(_GAIN, marks), 2.0),), columns)
+    return Chart((Panel(axis, _GAIN, tuple(marks), across, limits(_GAIN, marks), 2.0),))
 
 
 def _level(

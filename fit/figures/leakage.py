@@ -8,7 +8,6 @@ import numpy as np
 from fit.figures.charts import (
     Axis,
     Chart,
-    Columns,
     Curve,
     Limits,
     Mark,
@@ -53,7 +52,6 @@ def leakage(
         ("each experiment alone", "muted", "ring", 0.15, list(single)),
         ("joint fit", "blue", "dot", 0.0, [("joint fit", k, v) for k, v in joint.items()]),
     ]
-    columns: Columns = {head: [] for head in ("of", "experiment", _EPOCH.head, _LEAKAGE.head, "sigma [1e-5]")}
     for label, role, mark, offset, entries in sets:
         if not entries:
             continue
@@ -70,14 +68,12 @@ def leakage(
                 offset=offset + aside(k, 0.05),
             )
         )
-        rows = ([label] * k.size, [n for n, _, _ in entries], k, *values.T)
-        columns = {head: [*column, *row] for (head, column), row in zip(columns.items(), rows, strict=True)}
-    marks_above = (*allowed, *(replace(mark, label="", is_repeated=True) for mark in marks))
+    marks_above = (*allowed, *(replace(mark, label="") for mark in marks))
     panels = (
         Panel(_EPOCH, _LEAKAGE, marks_above, across, limits(_LEAKAGE, marks_above), 1.3),
         Panel(_EPOCH, _LEAKAGE, tuple(marks), across, limits(_LEAKAGE, marks), 1.6),
     )
-    return Chart(panels, columns)
+    return Chart(panels)
 
 
 def _line(name: str, label: str, across: Limits, value: float) -> Curve:

@@ -6,7 +6,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from fit.figures.charts import Axis, Chart, Columns, Curve, Matrix, Panel
+from fit.figures.charts import Axis, Chart, Curve, Matrix, Panel
 from fit.quality import NORMAL_SCORES
 from fit.results import Diagnostics, Fit
 
@@ -41,19 +41,9 @@ def quantiles(diagnostics: Mapping[str, Diagnostics], sizes: Mapping[str, int]) 
         )  # fmt: skip
         dots = Curve(name=name, label="", role="blue", x=NORMAL_SCORES, y=departure, width=0.5, dots=True)
         panels.append(Panel(_QUANTILE, _DEPARTURE, (band, dots), across, (-reach, reach), 1.05, name))
-    columns: Columns = {
-        "experiment": [name for name in diagnostics for _ in NORMAL_SCORES],
-        _QUANTILE.head: np.tile(NORMAL_SCORES, len(diagnostics)),
-        _DEPARTURE.head: np.concatenate(departures),
-        "half width of 95 % band [sigma]": np.concatenate(spreads),
-    }
-    return Chart(tuple(panels), columns, n_across=min(_COLUMNS, len(diagnostics)))
+    return Chart(tuple(panels), n_across=min(_COLUMNS, len(diagnostics)))
 
 
 def correlations(joint: Fit) -> Matrix:
-    """Return the correlation matrix of a joint fit, with the lower half of it as a table."""
-    names, matrix = list(joint), joint.correlation
-    pairs = [(i, j) for i in range(len(names)) for j in range(i)]
-    r = [float(matrix[pair]) for pair in pairs]
-    columns: Columns = {"row": [names[i] for i, _ in pairs], "column": [names[j] for _, j in pairs], "r": r}
-    return Matrix(tuple(names), matrix, columns)
+    """Return the correlation matrix of a joint fit."""
+    return Matrix(tuple(joint), joint.correlation)

@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from fit.figures.charts import ASD, FREQUENCY, Chart, Curve, Panel, chart, limits
+from fit.figures.charts import ASD, FREQUENCY, Chart, Curve, Panel, limits
 from fit.model import dynamics
 from fit.spectra import LogSpectrum, log_psds
 
@@ -80,4 +80,4 @@ def _drawn(
             x, y, low, high = (x[inside] for x in (s.f, s.psd**0.5, s.low**0.5, s.high**0.5))
             drawn.append(Curve(name=name, label=label, role=role, x=x, y=y, low=low, high=high, width=width))
     up = limits(ASD, drawn, band)
-    return chart([Panel(FREQUENCY, ASD, tuple(drawn), band, up, 2.2)])
+    return Chart((Panel(FREQUENCY, ASD, tuple(drawn), band, up, 2.2),))

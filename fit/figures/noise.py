@@ -12,18 +12,16 @@ from fit.figures.charts import (
     START,
     Axis,
     Chart,
-    Columns,
     Curve,
     Limits,
     Mark,
     Panel,
     Points,
     Shape,
-    chart,
     limits,
     posix,
 )
-from fit.parameters import M_TM, PLATEAU, lisa
+from fit.parameters import PLATEAU, lisa
 from fit.spectra import Level, LogSpectrum
 
 Array = NDArray[np.float64]
@@ -75,7 +73,7 @@ def spectra(log_spectra: Mapping[str, LogSpectrum]) -> Chart:
     f = np.geomspace(*_SHOWN, 40)
     requirement = np.array([lisa(x) for x in f])
     marks.append(Curve(name=_REQUIREMENT, label=_REQUIREMENT, role="ink", x=f, y=requirement, dash="--"))
-    return chart([Panel(FREQUENCY, ASD, tuple(marks), _SHOWN, limits(ASD, marks, _SHOWN), 2.2)])
+    return Chart((Panel(FREQUENCY, ASD, tuple(marks), _SHOWN, limits(ASD, marks, _SHOWN), 2.2),))
 
 
 def by_date(points: Sequence[NoisePoint]) -> Chart:
@@ -89,7 +87,7 @@ def by_date(points: Sequence[NoisePoint]) -> Chart:
         x, level = np.array(across), np.full(2, 1e15 * required(BANDS[band]))
         requirement = Curve(name=_REQUIREMENT, label="LISA", role="ink", x=x, y=level, dash="--")
         panels.append(_panel(START, band, (requirement, *((flown,) if band == PLAIN else ()), mark), across))
-    return Chart(tuple(panels), {START.head: [str(p.start) for p in points], **_columns(points)})
+    return Chart(tuple(panels))
 
 
 def required(band: Limits) -> float:
@@ -98,8 +96,8 @@ def required(band: Limits) -> float:
     return float(np.sqrt(np.trapezoid([lisa(x) ** 2 for x in f], f) / (band[1] - band[0])))
 
 
-def by_authority(points: Sequence[NoisePoint], law: "Law | None") -> Chart:
-    """Draw the levels against authority, years apart, and a law of the lower band."""
+def by_authority(points: Sequence[NoisePoint]) -> Chart:
+    """Draw the levels against authority, with a mark for each year."""
     points = sorted(points, key=lambda p: p.authority)
     years = sorted({p.year for p in points})
     across = (0.0, 1.06e12 * max(p.authority for p in points))
@@ -110,57 +108,8 @@ def by_authority(points: Sequence[NoisePoint], law: "Law | None") -> Chart:
             members = [p for p in points if p.year == year]
             mark: Shape = "ring" if k % 2 else "dot"
             marks.append(_points(year, members, 1e12 * np.array([p.authority for p in members]), band, mark))
-        if law and band == LOW:
-            x = np.linspace(*across, 40)
-            y = 1e15 * np.array([law.level(1e-12 * F) for F in x])
-            legend = "relative noise of the electrodes"
-            marks.insert(0, Curve(name=legend, label="electrodes", role="blue", x=x, y=y, dash=":"))
         panels.append(_panel(_AUTHORITY, band, marks, across))
-    return Chart(tuple(panels), _columns(points))
-
-
-@dataclass(frozen=True)
-class Law:
-    """S = S_0 + S_eps (F / m)^2: what authority does not change, and the noise of every electrode's own.
-
-    Attributes
-    ----------
-    rest : float
-        S_0 [m^2 s^-4 Hz^-1].
-    relative, sigma : float
-        S_eps, the relative power of what an electrode applies [Hz^-1], and its standard deviation.
-    """
-
-    rest: float
-    relative: float
-    sigma: float
-
-    def level(self, force: float) -> float:
-        """Return the ASD [m s^-2 Hz^-1/2] at an effective authority [N]."""
-        return float(np.sqrt(max(self.rest + self.relative * (force / M_TM) ** 2, 0.0)))
-
-
-def law(points: Sequence[NoisePoint]) -> Law | None:
-    """Find the law of the levels in the lower band, None where fewer than three authorities tell it.
-
-    By least squares in the power, whose error is a share of the power that the law says: that of what was
-    measured would favour what happens to be low.
-    """
-    if len({round(1e13 * p.authority) for p in points}) < 3:
-        return None
-    levels = [p.levels[LOW] for p in points]
-    power = np.array([level.asd**2 for level in levels])
-    share = np.array([(level.high**2 - level.low**2) / 2 / level.asd**2 for level in levels])
-    square = np.array([(p.authority / M_TM) ** 2 for p in points])
-    unit = np.array([power.mean(), power.mean() / square.max()])
-    columns = np.stack([np.ones(square.size), square], axis=1) * unit
-    model = np.full(power.size, power.mean())
-    for _ in range(30):
-        A = columns / (share * model)[:, None]
-        coefficients = np.linalg.lstsq(A, power / (share * model), rcond=None)[0]
-        model = np.maximum(columns @ coefficients, 0.1 * power.min())
-    sigma = np.sqrt(np.diag(np.linalg.inv(A.T @ A)))
-    return Law(*map(float, (coefficients[0] * unit[0], coefficients[1] * unit[1], sigma[1] * unit[1])))
+    return Chart(tuple(panels))
 
 
 def _flown() -> Points:
@@ -182,16 +131,3 @@ def _points(label: str, points: Sequence[NoisePoint], x: Array, band: str, mark:
 def _panel(x: Axis, band: str, marks: Sequence[Mark], across: Limits) -> Panel:
     up = (0.0, limits(_LEVEL, marks)[1])
     return Panel(x, _LEVEL, tuple(marks), across, up, 1.5, band)
-
-
-def _columns(points: Sequence[NoisePoint]) -> Columns:
-    columns: Columns = {
-        "run": [p.name for p in points],
-        _AUTHORITY.head: [1e12 * p.authority for p in points],
-    }
-    for band in BANDS:
-        levels = [p.levels[band] for p in points]
-        columns[f"{band} {_LEVEL.head}"] = [1e15 * v.asd for v in levels]
-        columns[f"{band} low"] = [1e15 * v.low for v in levels]
-        columns[f"{band} high"] = [1e15 * v.high for v in levels]
-    return columns

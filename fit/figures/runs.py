@@ -1,6 +1,6 @@
 """Figures of a run: responses to the injections, Delta g, its terms, and its residual over time."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import Literal
 
@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fit.errors import InputError
-from fit.figures.analysis import FAST, HIGHEST, SLOW, Analysis
+from fit.figures.analysis import FAST, HIGHEST, SLOW, Analysis, Series
 from fit.figures.charts import (
     ASD,
     FREQUENCY,
@@ -21,7 +21,6 @@ from fit.figures.charts import (
     Note,
     Panel,
     Span,
-    chart,
     limits,
 )
 from fit.figures.series import envelope, glitch_mask
@@ -30,7 +29,6 @@ from fit.spectra import Binned, derivatives
 from fit.telemetry import Telemetry
 
 Array = NDArray[np.float64]
-_Series = tuple[Array, Array]
 
 _SUBSCRIPTS = str.maketrans("x12", "ₓ₁₂")
 LOWEST = 1e-4  # Hz, shown at most
@@ -65,7 +63,7 @@ def responses(run: Telemetry) -> Chart:
         curves = _response(channel, y.label, envelopes, scale)
         across = (0.0, run.duration / 3600)
         panels.append(Panel(TIME, y, curves, across, limits(y, curves), 1.05, title))
-    return _with_units(panels)
+    return Chart(tuple(panels))
 
 
 def _hourly(run: Telemetry, name: str) -> tuple[Array, Array]:
@@ -112,7 +110,7 @@ def acceleration(run: Analysis, noise: Analysis | None) -> Chart:
     ]
     across = _shown(run.fs)
     up = limits(ASD, curves, across)
-    return chart([Panel(FREQUENCY, ASD, (*_outside(across), *curves), across, up, 2.2)])
+    return Chart((Panel(FREQUENCY, ASD, (*_outside(across), *curves), across, up, 2.2),))
 
 
 def breakdown(run: Analysis) -> Chart:
@@ -129,7 +127,7 @@ def breakdown(run: Analysis) -> Chart:
     low, high = limits(ASD, curves, across)
     if run.asd and (level := run.asd.asd[run.asd.f > LOWEST]).any():
         low = float(10 ** np.floor(np.log10(0.03 * level[level > 0].min())))  # far below it nothing matters
-    return chart([Panel(FREQUENCY, ASD, (*_outside(across), *curves), across, (low, high), 2.35)])
+    return Chart((Panel(FREQUENCY, ASD, (*_outside(across), *curves), across, (low, high), 2.35),))
 
 
 def _curve(name: str, label: str, role: str, width: float, binned: Binned) -> Curve:
@@ -195,22 +193,15 @@ def residual(run: Telemetry, analysed: Analysis, noise: Analysis | None = None) 
     if noise is not None and noise.slow is not None:
         unmasked.append(_smoothed(noise.slow, noise.masked))
     time_panel = Panel(TIME, _RESIDUAL, marks, across, limits(_RESIDUAL, unmasked, across), 1.4)
-    return _with_units([*_signal(analysed, across), time_panel])
+    return Chart((*_signal(analysed, across), time_panel))
 
 
-def _smoothed(series: _Series, hours: Array) -> Curve:
+def _smoothed(series: Series, hours: Array) -> Curve:
     """Return what a panel has to show of a series: a glitch may be louder by far, and runs out of it."""
     x, y = series
     half_width = SLOW / 3600  # from where on averages hold it
     unmasked = np.where(glitch_mask(x, hours + np.array([-half_width, half_width])), np.nan, y)
     return Curve(name="", label="", role="", x=x, y=unmasked if np.isfinite(unmasked).any() else y)
-
-
-def _with_units(panels: Sequence[Panel]) -> Chart:
-    """Return a figure whose panels have units of their own, with a column for them."""
-    drawing = chart(panels)
-    units = [panel.y.unit for panel in panels for curve in panel.lines for _ in curve.x]
-    return replace(drawing, columns={**drawing.columns, "unit": units})
 
 
 def _signal(analysed: Analysis, across: Limits) -> list[Panel]:
@@ -219,16 +210,15 @@ def _signal(analysed: Analysis, across: Limits) -> list[Panel]:
         return []
     (x, y), (hours, residual) = analysed.signal, analysed.fast
     name = f"ddo_12 averaged over {FAST:g} s"
-    small = _smooth("residual on the same scale", "residual", "orange", (hours, 1e-3 * residual), 0.9)
     curves = (
         _smooth(name, f"signal ö₁₂, {FAST:g} s", "blue", (x, 1e-3 * y), 0.6),
-        replace(small, is_repeated=True),  # the panel below has it magnified
+        _smooth("residual on the same scale", "residual", "orange", (hours, 1e-3 * residual), 0.9),
     )
     unmasked = [_smoothed(series, analysed.masked) for series in ((x, 1e-3 * y), (hours, 1e-3 * residual))]
     return [Panel(TIME, _SIGNAL, curves, across, limits(_SIGNAL, unmasked), 1.15)]
 
 
-def _smooth(name: str, label: str, role: str, series: _Series, width: float) -> Curve:
+def _smooth(name: str, label: str, role: str, series: Series, width: float) -> Curve:
     x, y = envelope(*series)
     return Curve(
         name=name, label=label, role=role, x=x, y=y, width=width, opacity=0.7 if role == "grey" else 1

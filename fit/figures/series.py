@@ -6,8 +6,6 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from fit.telemetry import PIECE, pieces
-
 Array = NDArray[np.float64]
 
 _BUCKETS = 500  # per curve
@@ -22,18 +20,11 @@ def envelope(time: Array, values: Array) -> tuple[Array, Array]:
         Missing samples (NaN) are passed over; a bucket of nothing else stays a gap.
     """
     if values.size <= 2 * _BUCKETS:
-        return time[:], values[:]
+        return time, values
     starts = np.linspace(0, values.size, _BUCKETS, endpoint=False).astype(int)
-    x, extremes = np.empty(_BUCKETS), np.empty((_BUCKETS, 2))
-    together = max(1, PIECE * _BUCKETS // values.size)  # buckets, lest a long series be there as a whole
-    for some in pieces(_BUCKETS, length=together):
-        index = starts[some]
-        piece = slice(int(index[0]), int(starts[some.stop]) if some.stop < _BUCKETS else values.size)
-        part, index = values[piece], index - index[0]
-        x[some], extremes[some, 0] = time[piece][index], np.fmin.reduceat(part, index)
-        extremes[some, 1] = np.fmax.reduceat(part, index)
+    extremes = np.stack([np.fmin.reduceat(values, starts), np.fmax.reduceat(values, starts)], axis=1)
     extremes[1::2] = extremes[1::2, ::-1]  # up in one bucket, down in the next: a slow curve stays one
-    return np.repeat(x, 2), extremes.ravel()
+    return np.repeat(time[starts], 2), extremes.ravel()
 
 
 def glitch_mask(time: Array, spans: Iterable[Sequence[float]]) -> NDArray[np.bool_]:
@@ -44,22 +35,21 @@ def glitch_mask(time: Array, spans: Iterable[Sequence[float]]) -> NDArray[np.boo
     return mask
 
 
-def averaged(x: Array, length: float, every: int) -> Array:
-    """Return `x` averaged with a Hann window of so many samples, NaN where that would reach what is missing.
+def averaged(x: Array, length: float, stride: int) -> Array:
+    """Return every `stride`-th average of `x` under a Hann window of `length` samples.
 
-    Of the averages it is the first and `every` so many-th after it.
-
-    A window cut short would let through the noise of high frequencies, which the whole one averages away.
+    NaN where the window would reach what is missing: one cut short would let through the noise of high
+    frequencies, which the whole one averages away.
     """
     w = scipy.signal.windows.hann(max(3, round(length) | 1) + 2)[1:-1]
     known = np.isfinite(x)
-    weight, total = (_thinned(y, w, every) for y in (known.astype(float), np.where(known, x, 0.0)))
+    weight, total = (_filtered(y, w, stride) for y in (known.astype(float), np.where(known, x, 0.0)))
     return np.where(weight > 0.9999 * w.sum(), total / w.sum(), np.nan)
 
 
-def _thinned(x: Array, w: Array, every: int) -> Array:
-    """Return every so many-th sample of `x` under a window of odd length, the first sample first."""
-    early = w.size // 2
-    padded = np.concatenate([np.zeros(-early % every), x])
-    filtered = scipy.signal.upfirdn(w, padded, down=every)[-(-early // every) :]
-    return np.asarray(filtered[: -(-x.size // every)], dtype=np.float64)
+def _filtered(x: Array, w: Array, stride: int) -> Array:
+    """Return the sums of `x` under a window of odd length about every `stride`-th sample."""
+    delay = w.size // 2
+    padded = np.concatenate([np.zeros(-delay % stride), x])
+    filtered = scipy.signal.upfirdn(w, padded, down=stride)[-(-delay // stride) :]
+    return np.asarray(filtered[: -(-x.size // stride)], dtype=np.float64)

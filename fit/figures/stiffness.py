@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 from fit.figures.charts import (
     Axis,
     Chart,
-    Columns,
     Curve,
     Limits,
     Mark,
@@ -106,13 +105,6 @@ def against_authority(points: Sequence[StiffnessPoint], joint: Fit | None) -> Ch
     models = [reconstructed for p in points if (reconstructed := reconstruction(joint, j, p.F_max, p.N_max))]
     single = 1e7 * np.array([(p.omega2.value, p.omega2.sigma) for p in points])
     marks: list[Mark] = [measured("each experiment alone", F, single, names)]
-    columns: Columns = {
-        "experiment": names,
-        authority.head: F,
-        f"N_max_{j} [pN m]": [1e12 * p.N_max for p in points],
-        axis.head: single[:, 0],
-        "sigma [1e-7 s-2]": single[:, 1],
-    }
     room = aside(F, _ASIDE * reach)
     across = (min(-0.05 * reach, float((F + room).min()) - 0.02 * reach), reach)
     residual_panels = []
@@ -122,15 +114,10 @@ def against_authority(points: Sequence[StiffnessPoint], joint: Fit | None) -> Ch
         squares = measured("joint fit", F, of_joint, names, mark="square", role="orange")
         marks += [squares, *_model(joint, points, reach)]
         residual_panels = [_pulls(authority, pulls, F, names, across)]
-        columns |= {
-            f"joint {axis.head}": of_joint[:, 0],
-            "joint sigma [1e-7 s-2]": of_joint[:, 1],
-            _PULL.head: [math.nan if pull is None else pull for pull in pulls],
-        }
     else:
         marks += _lines(points, reach)
     main_panel = Panel(authority, axis, tuple(marks), across, limits(axis, marks), 1.85)
-    return Chart((main_panel, *residual_panels), columns)
+    return Chart((main_panel, *residual_panels))
 
 
 def varies(points: Sequence[StiffnessPoint]) -> bool:

@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from fit.figures.charts import FREQUENCY, Axis, Chart, Curve, Mark, Panel, Points, chart, limits
+from fit.figures.charts import FREQUENCY, Axis, Chart, Curve, Mark, Panel, Points, limits
 
 Array = NDArray[np.float64]
 Chosen = tuple[str, float, Mapping[str, float]]
@@ -50,11 +50,12 @@ def tones(frequency: Array, information: Mapping[str, Array], chosen: Sequence[C
             marks_below.append(_points(f"tones for {words}", role, [row[:3] for row in rows]))
     top = max(float(mark.y.max()) for mark in marks_above if isinstance(mark, Curve))
     up = (top * _RANGE, 2 * top)
-    panels = (
-        Panel(FREQUENCY, _INFORMATION, tuple(marks_above), across, up, 1.9),
-        Panel(FREQUENCY, _GROWN, tuple(marks_below), across, limits(_GROWN, marks_below), 1.6),
+    return Chart(
+        (
+            Panel(FREQUENCY, _INFORMATION, tuple(marks_above), across, up, 1.9),
+            Panel(FREQUENCY, _GROWN, tuple(marks_below), across, limits(_GROWN, marks_below), 1.6),
+        )
     )
-    return chart(panels)
 
 
 def _group(name: str) -> str:

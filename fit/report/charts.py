@@ -1,4 +1,4 @@
-"""Figures as elements of the page: what the script draws from, and a table for where no scripts run."""
+"""Figures as elements of the page: what the script draws from."""
 
 import base64
 import json
@@ -10,7 +10,6 @@ from markupsafe import Markup, escape
 from numpy.typing import NDArray
 
 from fit.figures import Axis, Chart, Curve, Matrix, Note, Panel, Points, Span
-from fit.report import numbers
 from fit.report.parts import Drawing, Shown
 from fit.tables import symbol
 
@@ -33,17 +32,16 @@ def shown(drawing: Drawing) -> Shown:
 
 
 def _chart(chart: Chart, description: str) -> Markup:
-    """Return a place for a chart, with its numbers for the script, and in a table for readers without."""
+    """Return a place for a chart, with its numbers for the script."""
     arrays = _Arrays()
     panels = [_panel(panel, arrays) for panel in chart.panels]
     document = {"beside": chart.n_across, "panels": panels, "arrays": arrays.told}
     # in a script, only this could end it
     data = json.dumps(document, ensure_ascii=False, separators=(",", ":")).replace("<", "\\u003c")
-    tables = numbers.tables(chart)
     return Markup(
         '<div class="chart{}" role="group" aria-label="{}" style="--shape:{:.3f}">'
-        '<script type="application/json">{}</script></div>\n<noscript>{}</noscript>'
-    ).format(" grid-of" if chart.n_across > 1 else "", description, _shape(chart), Markup(data), tables)
+        '<script type="application/json">{}</script></div>'
+    ).format(" grid-of" if chart.n_across > 1 else "", description, _shape(chart), Markup(data))
 
 
 def _shape(chart: Chart) -> float:

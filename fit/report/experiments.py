@@ -185,11 +185,11 @@ def drawings(
 
     @cache
     def sysid_analysis() -> analysis.Analysis:
-        return analysis.analysed(run, parameters, masked_spans(found_in, run.run))
+        return analysis.analyse(run, parameters, masked_spans(found_in, run.run))
 
     @cache
     def noise_analysis() -> analysis.Analysis | None:
-        return analysis.analysed(noise, parameters, masked_spans(found_in, noise.run)) if noise else None
+        return analysis.analyse(noise, parameters, masked_spans(found_in, noise.run)) if noise else None
 
     charts_by_name: dict[str, tuple[tuple[str, str], Callable[[], Chart]]] = {
         "responses": (_RESPONSES, partial(figures.responses, run)),

@@ -25,7 +25,6 @@ Array = NDArray[np.float64]
 
 _HIGHEST = max(high for _, high in figures.BANDS.values())
 _SHORTEST = 14400.0  # s, of a run whose lower band has ordinates enough
-_SURE = 3.0  # sigma, from which a law is shown
 _UNMASKED_SHARE = 0.5  # share of a run that glitches must leave for its level to be told
 
 
@@ -73,9 +72,6 @@ def sections(results: Results, telemetries: Sequence[Telemetry], products: Produ
     if len(runs) < 2:
         return []
     points = parallel_map(lambda run: _point(run, products.total(run)), runs)
-    law = figures.law(points)
-    if law and law.relative < _SURE * law.sigma:
-        law = None
     drawings = (
         Drawing(
             "noise-spectra",
@@ -96,8 +92,8 @@ def sections(results: Results, telemetries: Sequence[Telemetry], products: Produ
             "noise-authority",
             "Level of Delta g in every noise run against the authority of the actuation, in two bands",
             "The same levels against the effective authority, √Σ(F_max + N_max / l)² with l = 11 mm (a "
-            "choice): what a relative noise of each electrode's own is multiplied by." + _law_text(law),
-            partial(figures.by_authority, points, law),
+            "choice): what a relative noise of each electrode's own is multiplied by.",
+            partial(figures.by_authority, points),
         ),
     )
     return [Part("noise", "Noise of Δg", grids=(_grid(points),), drawings=drawings)]
@@ -124,16 +120,6 @@ def _spectra(runs: Sequence[Telemetry], products: Products) -> Mapping[str, LogS
             longest[year] = run
     totals = {run.t0[:7]: products.total(run) for run in longest.values()}
     return {name: log_psd([total.delta_g], total.fs) for name, total in totals.items()}
-
-
-def _law_text(law: figures.Law | None) -> str:
-    if law is None:
-        return ""
-    root = law.relative**0.5
-    return (
-        " Dotted: with what the authority does not change, a relative noise of "
-        f"({1e6 * root:.2f} ± {1e6 * law.sigma / 2 / root:.2f})·10⁻⁶/√Hz explains it best."
-    )
 
 
 def _grid(points: Sequence[figures.NoisePoint]) -> Grid:

@@ -105,4 +105,4 @@ def _analysed(
 def _analysis(results: Results, run: Telemetry, noise_run: Telemetry) -> analysis.Analysis:
     """Return what the figures of a run, or of its noise run, show."""
     spans = masked_spans(results.experiments[run.experiment].warnings, noise_run.run)
-    return analysis.analysed(noise_run, parameters(results, run), spans)
+    return analysis.analyse(noise_run, parameters(results, run), spans)

@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
@@ -120,131 +119,22 @@ def _line(name: str, point: figures.StiffnessPoint, pull: float | None, joint: F
 
 
 def prediction(joint: Fit | None) -> Part | None:
-    """Return the section on what the stiffness was expected to be."""
-    grids = tuple(grid for grid in (_alphas(joint), _budget(joint)) if grid) if joint else ()
-    return Part("prediction", "Predicted stiffness", grids=grids) if grids else None
-
-
-@dataclass(frozen=True)
-class Prediction:
-    """One stiffness coefficient as predicted and as fitted.
-
-    Attributes
-    ----------
-    name : str
-        ``alpha_x_j`` or ``alpha_phi_j``.
-    value, sigma : float
-        Predicted from the capacitances; sigma is that of lambda_V alone.
-    paper : float
-        What the paper predicts.
-    fitted : Estimate
-        Of the joint fit.
-    lambda_V : Estimate or None
-        The gain of the voltages at which the prediction is the fitted value; None if its sign is wrong.
-    """
-
-    name: str
-    value: float
-    sigma: float
-    paper: float
-    fitted: Estimate
-    lambda_V: Estimate | None
-
-    @property
-    def excess(self) -> float:
-        """Fitted over predicted, less 1."""
-        return self.fitted.value / self.value - 1
-
-
-def predictions(joint: Fit) -> list[Prediction]:
-    """Compare with the prediction each stiffness coefficient that the joint fit determines."""
-    gain, gain_sigma = parameters.LAMBDA_V
-    rows = []
-    for kind, model in (("alpha_x", parameters.alpha_x), ("alpha_phi", parameters.alpha_phi)):
-        for name in (f"{kind}_1", f"{kind}_2"):
-            estimate = joint.parameters.get(name)
-            if estimate is None:
-                continue
-            rows.append(
-                Prediction(
-                    name=name,
-                    value=model(gain),
-                    sigma=2 * gain_sigma / gain * abs(model(gain)),
-                    paper=parameters.PREDICTED[kind],
-                    fitted=estimate,
-                    lambda_V=_gain_that_gives(estimate, model(1.0)),
-                )
-            )
-    return rows
-
-
-def _gain_that_gives(estimate: Estimate, at_one: float) -> Estimate | None:
-    ratio = estimate.value / at_one
-    if ratio <= 0:
+    """Return the section on the stiffness that the paper predicts from the geometry of the sensors."""
+    if joint is None:
         return None
-    gain = math.sqrt(ratio)
-    return Estimate(gain, gain * estimate.sigma / (2 * abs(estimate.value)), "1")
-
-
-def _alphas(joint: Fit) -> Grid | None:
     lines = []
-    for p in predictions(joint):
-        head, exponent = parameter_head(joint_parameter(p.name))
-        lines.append(
-            Line(
-                head,
-                (
-                    tables.number(p.value, p.sigma, exponent),
-                    signed(p.paper / 10**exponent, 1 if exponent else 0),
-                    tables.number(p.fitted.value, p.fitted.sigma, exponent),
-                    f"{signed(100 * p.excess, 1)} %",
-                    tables.number(p.lambda_V.value, p.lambda_V.sigma) if p.lambda_V else "–",
-                ),
-            )
-        )
-    gain, sigma = parameters.LAMBDA_V
-    caption = (
-        "Stiffness per unit of authority, from eqs alphax and alphaphi, with λ_V = "
-        f"{gain} ± {sigma} (paper). The derivatives of the capacitance are a choice: "
-        f"∂C/∂x {1e12 * parameters.DC_DX:.0f} pF/m, ∂²C/∂x² {1e9 * parameters.D2C_DX2:.0f} nF/m², "
-        f"∂C/∂φ {1e12 * parameters.DC_DPHI:.1f} pF/rad, C_tot {1e12 * parameters.C_TOT:.1f} pF; "
-        "the σ of the prediction is that of λ_V alone. Excess: fitted over predicted, less 1. Last column: "
-        "the λ_V that makes the prediction the fitted value."
-    )
-    over = (
-        "",
-        "Predicted",
-        "Paper's prediction",
-        "Fitted",
-        "Fitted / predicted − 1",
-        Markup("λ<sub>V</sub> to match"),
-    )
-    return Grid(caption, over, tuple(lines)) if lines else None
-
-
-def _budget(joint: Fit) -> Grid | None:
-    fitted = [joint.parameters.get(f"omega2_{j}_0") for j in (1, 2)]
-    if not any(fitted):
+    for name, value in parameters.PREDICTED.items():
+        if estimate := joint.parameters.get(name):
+            head, exponent = parameter_head(joint_parameter(name))
+            fitted = tables.number(estimate.value, estimate.sigma, exponent)
+            excess = f"{signed(100 * (estimate.value / value - 1), 1)} %"
+            lines.append(Line(head, (signed(value / 10.0**exponent, 2), fitted, excess)))
+    if not lines:
         return None
-
-    def text(value: float) -> str:
-        return signed(1e7 * value, 2)
-
-    lines = [Line(escape(cause), tuple(map(text, values))) for cause, values in parameters.BUDGET.items()]
-    totals = parameters.background()
-    lines += [
-        Line(Markup("<b>total</b>"), tuple(map(text, totals))),
-        Line(Markup("fitted"), tuple(tables.number(e.value, e.sigma, -7) if e else None for e in fitted)),
-        Line(
-            Markup("difference"),
-            tuple(
-                f"{text(e.value - total)} ({signed(100 * (e.value / total - 1), 1)} %)" if e else "–"
-                for e, total in zip(fitted, totals, strict=True)
-            ),
-        ),
-    ]
     caption = (
-        "Background stiffness in 10⁻⁷ s⁻² by its causes, from the paper's section Results, which calls 10 % "
+        "Stiffness per unit of authority from eqs alphax and alphaphi, and background stiffness from gravity "
+        "gradient, sensing bias and largest charge, as the paper's section Results has them. It calls 10 % "
         "consistent."
     )
-    return Grid(caption, ("", tables.symbol("omega2_1_0"), tables.symbol("omega2_2_0")), tuple(lines))
+    columns = ("Parameter", "Paper's prediction", "Fitted", "Fitted / predicted − 1")
+    return Part("prediction", "Predicted stiffness", grids=(Grid(caption, columns, tuple(lines)),))

@@ -7,7 +7,7 @@ import pytest
 
 from fit.figures import analysis, series
 from fit.figures import runs as figures_runs
-from fit.figures.charts import ASD, TIME, Curve, Span, limits
+from fit.figures.charts import ASD, START, TIME, Chart, Curve, Panel, Points, Span, limits
 from fit.quality import glitches
 from fit.report.experiments import drawings
 from fit.warnings import FitWarning, TimeSpan, masked_spans
@@ -28,6 +28,23 @@ def charts(runs):
     """The figures of an experiment by what they show."""
     found = drawings("e1", "A", tuple(runs), TRUTH, [])
     return {drawing.name.rpartition("-")[2]: drawing.draw() for drawing in found}
+
+
+def test_a_column_stands_where_any_curve_has_it():
+    x = np.arange(2.0)
+    dots = Points(
+        name="dots", label="", role="ink", x=x + 0.1, y=x, low=x, high=x, names="AB", offset=np.full(2, 0.1)
+    )
+    line = Curve(name="line", label="", role="ink", x=x, y=x)
+    panel = Panel(START, ASD, (dots, line), (0, 1), (0, 1), 1.0)
+    magnified = replace(panel, marks=(replace(dots, label="again"),))  # its curve is in the table already
+    columns = Chart((panel, magnified)).columns
+    assert [*columns] == ["curve", "start", ASD.head, "low", "high", "name"]
+    assert [*columns["start"]] == ["1970-01-01T00:00:00", "1970-01-01T00:00:01"] * 2
+    assert columns["name"] == ["A", "B", "", ""]
+    assert np.isnan(columns["low"][2:]).all()
+    other = replace(panel, y=TIME, title="below")
+    assert {"value", "quantity", "unit", "panel"} <= Chart((panel, other)).columns.keys()
 
 
 def curves(chart):
@@ -118,7 +135,7 @@ def test_what_was_decimated_for_the_eye_is_flat_up_to_the_edge():
     quiet = {name: np.zeros(n) for name in ("o_1", "f_x_1", "f_x_2")}
     channels = {**quiet, "o_12": 1e-12 * rng.standard_normal(n)}
     run = type(run)(**{**vars(run), "fs": 10.0, "time": np.arange(n) / 10, "channels": channels})
-    found = analysis.analysed(run, {"lambda_2": 1.0}).terms["ddo_12"]
+    found = analysis.analyse(run, {"lambda_2": 1.0}).terms["ddo_12"]
     level = found.asd / (2 * np.pi * found.f) ** 2 / (1e-12 * np.sqrt(2 / 10))
     for low, high in ((0.03, 0.1), (0.1, 0.4), (0.4, 0.99)):
         assert np.median(level[(found.f > low) & (found.f < high)]) == pytest.approx(1, abs=0.06)
@@ -141,7 +158,7 @@ def test_gaps_and_glitches_are_marked(runs, charts):
     )
     told = masked_spans([FitWarning("glitches", (), "masked", spans=spans)], gone.run)
     assert told == [(100.0, 112.0), (900.0, 907.0)]
-    chart = figures_runs.residual(gone, analysis.analysed(gone, TRUTH, told))
+    chart = figures_runs.residual(gone, analysis.analyse(gone, TRUTH, told))
     shades = [mark for mark in chart.panels[1].marks if isinstance(mark, Span)]
     assert [mark.label for mark in shades] == ["missing samples", "", "masked, or a glitch", ""]
     assert (shades[2].low, shades[2].high) == pytest.approx((100 / 3600, 112 / 3600))
@@ -151,33 +168,12 @@ def test_gaps_and_glitches_are_marked(runs, charts):
     assert np.isnan(slow.y[inside]).all()
 
 
-def test_a_long_run_is_shown_stretch_by_stretch(runs, monkeypatch):
-    # Of the ASD of a band sigma is 0.5 / sqrt(300 ordinates) or less, 3 %.
-    run, told = without(runs[0], (4000, 4200), (15000, 15050)), [(5000.0, 5030.0)]
-    whole = analysis.analysed(run, TRUTH, told)
-    monkeypatch.setattr(analysis, "_LONGEST", 5000)
-    parts = analysis.analysed(run, TRUTH, told)
-    for name in ("missing", "masked", "fast", "slow", "signal"):
-        found, expected = np.array(getattr(parts, name)), np.array(getattr(whole, name))
-        np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-9 * np.nanmax(np.abs(expected)))
-    assert parts.terms.keys() == whole.terms.keys()
-    for found, expected in (
-        (parts.asd, whole.asd),
-        (parts.terms["omega2_2 o_12"], whole.terms["omega2_2 o_12"]),
-    ):
-        for low, high in ((0.03, 0.06), (0.06, 0.1)):
-            levels = [np.mean(x.asd[(x.f > low) & (x.f < high)]) for x in (found, expected)]
-            assert levels[0] == pytest.approx(levels[1], rel=0.1)
-    widths = [np.median((x.asd.high - x.asd.low)[x.asd.f > 0.05]) for x in (parts, whole)]
-    assert widths[0] == pytest.approx(widths[1], rel=0.2)  # as many ordinates, of shorter stretches
-
-
 def test_a_glitch_hides_neither_the_residual_nor_its_spectrum(runs):
     run = runs[0]
     hit = np.where((run.time >= 5000) & (run.time < 5030), 1e-10, 0.0)  # a force that o_12 does not follow
     struck = replace(run, channels={**run.channels, "f_x_2": run.channels["f_x_2"] + hit})
-    quiet = analysis.analysed(run, TRUTH)
-    loud, told = (analysis.analysed(struck, TRUTH, spans) for spans in ((), [(4998.0, 5032.0)]))
+    quiet = analysis.analyse(run, TRUTH)
+    loud, told = (analysis.analyse(struck, TRUTH, spans) for spans in ((), [(4998.0, 5032.0)]))
     levels = [np.mean(x.asd.asd[(x.asd.f > 1e-3) & (x.asd.f < 1e-2)]) for x in (told, loud, quiet)]
     assert levels[0] == pytest.approx(levels[2], rel=0.2)
     assert levels[1] > 3 * levels[2]

@@ -1,7 +1,6 @@
-"""Figures of noise: levels of known spectra, the law of relative noise, what LISA asks."""
+"""Figures of noise: levels of known spectra, what LISA asks."""
 
 import math
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -53,17 +52,6 @@ def test_the_level_of_white_noise_is_its_asd_and_its_interval_holds_it():
         estimator.level(np.zeros(10_800), (1e-6, 2e-6))
 
 
-def test_the_law_finds_a_relative_noise_that_is_there():
-    rest, relative = (4e-15) ** 2, (3e-6) ** 2
-    F = 1e-12 * np.array([180.0, 1200.0, 2300.0, 3300.0, 5000.0, 7400.0])
-    asd = np.sqrt(rest + relative * (F / M_TM) ** 2)
-    found = noise.law(points(zip(F, asd, strict=True)))
-    assert (found.rest, found.relative) == pytest.approx((rest, relative), rel=1e-6)
-    assert found.level(3.3e-9) == pytest.approx(asd[3])
-    assert 0.02 * relative < found.sigma < 0.5 * relative
-    assert noise.law(points(zip(F[[0, 0, 1, 1]], asd[[0, 0, 1, 1]], strict=True))) is None
-
-
 def test_levels_stand_beside_flight_and_requirement():
     chart = noise.by_date(points([(1e-9, 5e-15), (2e-9, 2e-15)]))
     plain, low = chart.panels
@@ -75,11 +63,7 @@ def test_levels_stand_beside_flight_and_requirement():
     assert len({len(column) for column in chart.columns.values()}) == 1
 
 
-def test_years_stand_apart_and_the_law_is_drawn_where_it_was_found():
+def test_years_have_marks_of_their_own():
     runs = points([(1e-9, 5e-15), (2e-9, 6e-15), (3e-9, 7e-15)])
-    law = noise.Law(rest=0.0, relative=1e-12, sigma=1e-13)
-    plain, low = noise.by_authority(runs, law).panels
-    assert [line.label for line in plain.lines] == ["2016", "2017"]
-    dotted = low.lines[0]
-    assert dotted.y[-1] == pytest.approx(1e15 * 1e-6 * 1e-12 * dotted.x[-1] / M_TM)
-    assert replace(law, rest=-1.0).level(0.0) == 0.0
+    plain, _ = noise.by_authority(runs).panels
+    assert [(line.label, line.mark) for line in plain.lines] == [("2016", "dot"), ("2017", "ring")]

@@ -114,13 +114,13 @@ def test_long_names_do_not_break_a_figure(tmp_path):
     plotting.write(tmp_path, "c", plotting.drawn, mission.correlations(found))
     assert (tmp_path / "c.csv").read_text().splitlines()[1].endswith(",0")
     line = Curve(name="x", label="", role="ink", x=np.arange(3.0), y=np.arange(3.0))
-    chart = Chart((Panel(TIME, TIME, (line,), (0, 2), (0, 2), 1.0, names[1]),), {"x": [1.0]})
+    chart = Chart((Panel(TIME, TIME, (line,), (0, 2), (0, 2), 1.0, names[1]),))
     assert plotting.svg(plotting.drawn(chart)).startswith("<?xml")
 
 
 def test_subscripts_are_set():
     line = {"name": "x", "role": "ink", "x": np.arange(3.0), "y": np.arange(3.0)}
     marks = tuple(Curve(label=label, **line) for label in ("Δg_x", "g_dΩ", "ω²₂ o₁₂"))
-    (ax,) = plotting.drawn(Chart((Panel(TIME, TIME, marks, (0, 2), (0, 2), 1.0),), {})).figure.axes
+    (ax,) = plotting.drawn(Chart((Panel(TIME, TIME, marks, (0, 2), (0, 2), 1.0),))).figure.axes
     told = [text.get_text() for text in ax.get_legend().get_texts()]
     assert told == ["Δg$_{x}$", r"g$_{\dot\Omega}$", "ω²₂ o₁₂"]

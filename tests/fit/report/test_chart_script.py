@@ -25,7 +25,7 @@ def spectra():
     falling = curve("falling", "blue", F, 1e-15 / F, low=0.5e-15 / F, high=2e-15 / F)
     flat = curve("flat", "orange", F[::2] * 1.01, np.full(41, 1e-13), dash="--")
     shade = Span(low=0.1, high=1.0, role="grid", opacity=0.5)
-    return Chart((Panel(FREQUENCY, ASD, (shade, falling, flat), (1e-4, 1.0), (1e-16, 1e-10), 2.2),), {})
+    return Chart((Panel(FREQUENCY, ASD, (shade, falling, flat), (1e-4, 1.0), (1e-16, 1e-10), 2.2),))
 
 
 def series():
@@ -33,7 +33,7 @@ def series():
     gap = np.where((t > 1) & (t < 2), np.nan, t - 3)
     lower = (Span(low=1, high=2, role="violet", opacity=0.4, label="masked"), curve("down", "blue", t, 3 - t))
     panels = [Panel(HOURS, SHIFT, m, (0, 6), (-4, 4), 1.0) for m in ((curve("up", "blue", t, gap),), lower)]
-    return Chart(tuple(panels), {})
+    return Chart(tuple(panels))
 
 
 def points():
@@ -42,7 +42,7 @@ def points():
         name="alone", label="alone", role="ink", x=np.array([1.0, 3.0, 3.0]), y=y, low=y - 1e-4,
         high=y + 1e-4, names=("A", "B", "C<i>"),
     )  # fmt: skip
-    return Chart((Panel(HOURS, Axis("λ₂", "1", ""), (dots,), (0, 6), (1.077, 1.078), 2.0),), {})
+    return Chart((Panel(HOURS, Axis("λ₂", "1", ""), (dots,), (0, 6), (1.077, 1.078), 2.0),))
 
 
 @pytest.fixture(scope="module")
@@ -226,11 +226,3 @@ def test_paper_takes_all_charts_in_light_colours(path, tmp_path):
         page.pdf(tmp_path / "print.pdf")
         assert page.evaluate("document.querySelectorAll('.chart.drawn').length") == 3
         assert page.evaluate("document.documentElement.className") == ""
-
-
-def test_without_scripts_the_tables_stand(path):
-    with Page(path, scripts=False) as page:
-        assert page.evaluate("document.querySelectorAll('.uplot').length") == 0
-        heights = "[...document.querySelectorAll('table.numbers')].map(t => t.getBoundingClientRect().height)"
-        assert min(page.evaluate(heights)) > 40
-        assert page.console == []
