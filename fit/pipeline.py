@@ -34,7 +34,7 @@ from fit.requirements import TAPER
 from fit.results import Fit, Provenance, Results, check_frame
 from fit.settings import ParameterSettings, Settings, settings
 from fit.telemetry import Telemetry, common_x_axis, inertial_period
-from fit.warnings import FitWarning
+from fit.warnings import Cause, FitWarning
 from fit.whitening import Experiment, divide, pair
 
 PARAMETERS = "fit.parameters"
@@ -200,7 +200,10 @@ def _prepared(recorded: Sequence[Experiment], chosen: Settings) -> ExperimentSet
     masked = mask_experiments(recorded, chosen, faulty)
     prepared = {name: p for name, p in masked.items() if isinstance(p, MaskedExperiment)}
     refused = {name: p for name, p in masked.items() if isinstance(p, InputError) and name not in faulty}
-    left_out += [Exclusion(name, str(error)) for name, error in refused.items()]
+    left_out += [
+        Exclusion(name, (Cause(name, "", "invalid file", words=str(error)),))
+        for name, error in refused.items()
+    ]
     together = [prepared[e.name].experiment if e.name in prepared else e for e in recorded]
     taking_part, short, excluded = divide(together, chosen)
     campaign = ExperimentSet(prepared, tuple(taking_part), tuple(short), tuple(excluded)).without(left_out)
@@ -285,7 +288,7 @@ def _judged(
             fits[e.name] = fit
         elif not campaign.warnings_of(e.name):  # of which is said what is wrong
             of_joint.append(fit)
-    of_joint += [*campaign.notes, *(f.of_joint for f in campaign.exclusions)]
+    of_joint += [*campaign.notes, *(f.joint_warning for f in campaign.exclusions)]
     for code, why, left_out in (
         ("short_run", "being shorter than 6 h", campaign.short),
         ("excluded", "as the settings say", campaign.excluded),
@@ -328,7 +331,7 @@ def _of_experiment(
     untested = unit_faults(experiment) if experiment.name in chosen.exclude else ()
     warnings = (
         *campaign.warnings_of(experiment.name),
-        *(warning for fault in untested for warning in fault.of_own),
+        *(warning for fault in untested for warning in fault.single_fit_warnings),
         *campaign.prepared[experiment.name].warnings,
         *fit_quality.of_experiment(experiment, fit_quality.as_fit(judged, [experiment])),
         *constraint_test.refit_unconstrained(single_fit).warnings(),

@@ -29,7 +29,7 @@ from fit.model import Sharing
 from fit.parallel import parallel_map
 from fit.quality import Exclusion, fit_quality
 from fit.settings import Settings
-from fit.warnings import FitWarning
+from fit.warnings import Cause, FitWarning
 from fit.whitening import Experiment, WhitenedRun
 
 UNTESTED = ("flscov",)  # estimators whose sigmas are too small by far for a test
@@ -283,7 +283,8 @@ def _unsettled(experiments: Sequence[Experiment], single_fits: SingleFits) -> tu
     """Return the experiments without a single fit."""
     failures = {e.name: fit for e in experiments if isinstance(fit := single_fits[e.name], FitError)}
     return tuple(
-        Exclusion(name, words, tells="misfit") for name, words in fit_quality.suspects(failures).items()
+        Exclusion(name, (Cause(name, "", "misfit", words=words),), evidence="misfit")
+        for name, words in fit_quality.suspects(failures).items()
     )
 
 
@@ -323,14 +324,15 @@ def _joint_with_unsettled(
 
 
 def _misfit(experiment: Experiment, message: str) -> Exclusion:
-    return Exclusion(experiment.name, message, own="", tells="misfit")
+    cause = Cause(experiment.name, "", "misfit", words=message)
+    return Exclusion(experiment.name, (cause,), single_fit_code="", evidence="misfit")
 
 
 def _late(experiments: Sequence[Experiment], n_runs: int) -> list[Exclusion]:
     """Return the experiments whose o_1 is late by themselves."""
     lags = parallel_map(lambda e: readout_lag(e, n_runs), experiments)
     return [
-        Exclusion(e.name, f"{e.sysid.telemetry.path}: {lag.words}", tells="guess")
+        Exclusion(e.name, (replace(lag, file=str(e.sysid.telemetry.path)),), evidence="guess")
         for e, lag in zip(experiments, lags, strict=True)
         if lag
     ]

@@ -23,7 +23,7 @@ from fit.fitting import IRLSResult
 from fit.model import Sharing, dynamics
 from fit.parallel import parallel_map
 from fit.parameters import experiment_parameters
-from fit.quality import Exclusion, Tells, command_jumps, noise_adaptation
+from fit.quality import Evidence, Exclusion, command_jumps, noise_adaptation
 from fit.warnings import Cause
 from fit.whitening import Experiment, whitened_run
 
@@ -106,7 +106,7 @@ def explained(
 
     def with_causes(exclusion: Exclusion) -> Exclusion:
         experiment = known.get(exclusion.experiment)
-        if experiment is None or (exclusion.tells == "cause" and not exclusion.causes):
+        if experiment is None or (exclusion.evidence == "cause" and not exclusion.causes):
             return exclusion
         if exclusion.causes:
             if any(cause.kind == "exchanged data" for cause in exclusion.causes):
@@ -114,8 +114,8 @@ def explained(
             causes = _of_samples(experiment, experiments, agreed, sharing, beyond=True)
             return replace(exclusion, causes=causes) if causes else exclusion
         causes = _of_samples(experiment, experiments, agreed, sharing)
-        if causes and exclusion.tells in ("guess", "misfit"):
-            if exclusion.tells == "guess" and any(cause.kind in OF_GAIN for cause in causes):
+        if causes and exclusion.evidence in ("guess", "misfit"):
+            if exclusion.evidence == "guess" and any(cause.kind in OF_GAIN for cause in causes):
                 return exclusion
             return replace(exclusion, causes=causes, corrected=str(experiment.sysid.telemetry.path))
         # stretches say less than what was observed
@@ -123,17 +123,18 @@ def explained(
         single = alone.get(exclusion.experiment)
         if not causes and isinstance(single, IRLSResult) and not agreed.outcome.random_effects:
             causes = _of_parameters(experiment, single.whitened_runs[0], agreed, sharing)
-        if not causes and exclusion.tells == "misfit":
-            return replace(exclusion, reason="; ".join([exclusion.reason, *_odd_by_itself(experiment)]))
+        if not causes and exclusion.evidence == "misfit":
+            return replace(exclusion, observations=(*exclusion.observations, *_odd_by_itself(experiment)))
         return replace(exclusion, causes=causes)
 
     return tuple(parallel_map(with_causes, list(left_out)))
 
 
-def _odd_by_itself(experiment: Experiment) -> list[str]:
+def _odd_by_itself(experiment: Experiment) -> list[Cause]:
     """Return what is odd about a run that nothing explains, though it would do no harm in another."""
-    wild = list(command_jumps(experiment.sysid.telemetry))
-    return wild or [message for message in (noise_adaptation.readout_message(experiment),) if message]
+    message = noise_adaptation.readout_message(experiment)
+    excess = [Cause(experiment.name, "o_1", "excess noise", words=message)] if message else []
+    return list(command_jumps(experiment.sysid.telemetry)) or excess
 
 
 def _of_samples(
@@ -220,9 +221,9 @@ def of_odd(test: ConsistencyTest, outliers: Sequence[int], court: Court) -> tupl
         else:
             causes = () if case.agrees else named(case)
         apart = _apart(court.case(test, i) if case.agrees else case)  # from the other outliers, or from all
-        tells: Tells = "cause" if causes else "sign"
-        reason = f"{said}; {name} {apart}"
-        found.append(Exclusion(name, reason, own="contradiction", tells=tells, causes=causes))
+        evidence: Evidence = "cause" if causes else "sign"
+        observation = Cause(name, "", "contradiction", words=f"{said}; {name} {apart}")
+        found.append(Exclusion(name, (observation,), "rejected", "contradiction", evidence, causes))
     return tuple(found)
 
 

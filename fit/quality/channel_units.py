@@ -16,8 +16,9 @@ from numpy.typing import NDArray
 
 from fit.model import dynamics
 from fit.parameters import M_TM
-from fit.quality.exclusions import Exclusion, Tells
+from fit.quality.exclusions import Evidence, Exclusion
 from fit.quality.initial_fit import flight_psd, initial_fit
+from fit.warnings import Cause
 from fit.whitening import Experiment, Run, whitened_run
 
 Array = NDArray[np.float64]
@@ -110,10 +111,10 @@ def free_fit(run: Run) -> FreeFit:
 def unit_faults(e: Experiment) -> Iterator[Exclusion]:
     """Yield the channels of an experiment and of its noise run whose unit or sign is wrong."""
     fit = free_fit(e.sysid)
-    yield from _gain_faults(e, fit)
     power = readout_decades(e.sysid, "o_1")
     if power > 0 or (power < 0 and fit.leaks):
         yield _level_fault(e, e.sysid, "o_1", power)
+    yield from _gain_faults(e, fit)
     if e.noise:
         for channel in FLIGHT_LEVELS:
             power = readout_decades(e.noise, channel)
@@ -122,11 +123,9 @@ def unit_faults(e: Experiment) -> Iterator[Exclusion]:
 
 
 def _level_fault(e: Experiment, run: Run, channel: str, power: int) -> Exclusion:
-    reason = (
-        f"{run.telemetry.path}: {_scale_text(channel, power)}: so is its noise from {1e3 * BAND[0]:g} to "
-        f"{1e3 * BAND[1]:g} mHz"
-    )
-    return Exclusion(e.name, reason, tells="cause")
+    words = f"{_unit_text(channel, power)}: so is its noise from {1e3 * BAND[0]:g} to {1e3 * BAND[1]:g} mHz"
+    cause = Cause(run.telemetry.run, channel, "unit", 10.0**power, words=words, file=str(run.telemetry.path))
+    return Exclusion(e.name, (cause,), evidence="cause")
 
 
 def readout_decades(run: Run, channel: str) -> int:
@@ -162,28 +161,37 @@ def _gain_faults(e: Experiment, fit: FreeFit) -> Iterator[Exclusion]:
         channel, factor = force, 1 / gain
     else:
         channel, factor = f"o_12 or {force}", gain
-    unit = _unit_power(abs(factor), TOLERANCE)
+    kind, text, evidence = _gain_fault(e, fit, j, channel, factor)
+    words = (
+        f"{text}: lambda_{j} comes out as {gain:.3g}, expected about 1 with o_12 = x_2 - x_1 in m and forces "
+        "along +x in m s-2"
+    )
+    run = e.sysid.telemetry
+    channels = channel.replace(" or", "")
+    cause = Cause(run.run, channels, kind, factor, words=words, file=str(run.path))
+    yield Exclusion(e.name, (cause,), single_fit_code="wrong_sign", evidence=evidence)
+
+
+def _gain_fault(
+    e: Experiment, fit: FreeFit, j: int, channel: str, factor: float
+) -> tuple[str, str, Evidence]:
+    """Return kind, clause and evidence of an implausible gain of test mass j."""
+    gain, power = fit.gains[j], _unit_power(abs(factor), TOLERANCE)
     scale = max(abs(gain), 1.0) if channel == "o_12" else 1.0  # of the residual, which is that of o_12''
     low, high = PLAUSIBLE_GAINS[min(PLAUSIBLE_GAINS)]
-    tells: Tells = "guess"
     if e.noise and fit.power > CONSISTENT * scale**2 * free_fit(e.noise).power:
-        what, tells = "the channels do not follow the equation", "misfit"
-    elif unit:
-        what, tells = _scale_text(channel, unit) + " and has the wrong sign" * (gain < 0), "cause"
-    elif low < -gain < high:
-        what = f"{channel} has the wrong sign"
-    elif low < gain * M_TM < high:
-        what = f"{force} is in N and not in m s-2"
-    else:
-        what = f"{channel} has the wrong scale"
-    reason = (
-        f"{e.sysid.telemetry.path}: {what}: lambda_{j} comes out as {gain:.3g}, expected about 1 with "
-        "o_12 = x_2 - x_1 in m and forces along +x in m s-2"
-    )
-    yield Exclusion(e.name, reason, own="wrong_sign", tells=tells)
+        return "misfit", "the channels do not follow the equation", "misfit"
+    if power:
+        sign = " and has the wrong sign" * (gain < 0)
+        return "unit", f"{_unit_text(channel, power)}{sign}", "cause"
+    if low < -gain < high:
+        return "sign", f"{channel} has the wrong sign", "guess"
+    if low < gain * M_TM < high:
+        return "unit", f"f_x_{j} is in N and not in m s-2", "guess"
+    return "scale", f"{channel} has the wrong scale", "guess"
 
 
-def _scale_text(channel: str, power: int) -> str:
+def _unit_text(channel: str, power: int) -> str:
     """Describe a channel that is 10^power times too large."""
     unit = "m s-2" if channel.startswith("f") else "m"
     if power in PREFIXES:

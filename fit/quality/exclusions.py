@@ -1,12 +1,12 @@
 """Experiments that stay out of the joint fit because something is wrong with them: which, and why."""
 
-from collections.abc import Iterable
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
 from fit.warnings import Cause, FitWarning, either
 
-Tells = Literal["cause", "sign", "guess", "misfit"]
+Evidence = Literal["cause", "sign", "guess", "misfit"]
 
 
 @dataclass(frozen=True)
@@ -17,51 +17,68 @@ class Exclusion:
     ----------
     experiment : str
         Its name.
-    reason : str
-        What was observed, one plain sentence that names run, place and size.
+    observations : tuple of Cause
+        What was observed: run, place and size.
     code : str
         Of the warning in the joint fit.
-    own : str
-        Of the warning in the fit of the experiment alone; empty where that says so already.
-    tells : str
-        What the reason tells: the cause, a sign of it, a guess that others may outdo, or no more than that
-        the run does not fit.
+    single_fit_code : str
+        Of the warning in the fit of the experiment by itself; empty where that has one already.
+    evidence : str
+        What the observations are: the cause, a sign of it, a guess that a tested cause replaces, or no more
+        than that the run does not fit.
     causes : tuple of Cause
-        What explains the observation; several where the data do not distinguish them.
+        What explains the observations; several where the data do not distinguish them.
     corrected : str
         File of the run if its samples, corrected for the cause, agree with the other experiments.
     """
 
     experiment: str
-    reason: str
+    observations: tuple[Cause, ...]
     code: str = "rejected"
-    own: str = "invalid_data"
-    tells: Tells = "sign"
+    single_fit_code: str = "invalid_data"
+    evidence: Evidence = "sign"
     causes: tuple[Cause, ...] = ()
     corrected: str = ""
 
+    @property
+    def reason(self) -> str:
+        """The observations as one sentence."""
+        return "; ".join(dict.fromkeys(observation.sentence for observation in self.observations))
+
     def message(self) -> str:
-        """Return the observation and its causes as one sentence."""
+        """Return the observations and their causes as one sentence."""
         if self.corrected:
             return f"{self.corrected}: {either(self.causes)}; so corrected, it agrees with the others"
         if self.causes:
             return f"{self.experiment}: perhaps {either(self.causes)}; {self.reason}"
-        if self.own == "contradiction":
+        if self.single_fit_code == "contradiction":
             return f"{self.reason}; no single cause that was tried explains it"
         return self.reason
 
     @property
-    def of_joint(self) -> FitWarning:
+    def joint_warning(self) -> FitWarning:
         """The warning in the joint fit."""
         message = f"left out of the joint fit: {self.message()}"
-        return FitWarning(self.code, (), message, causes=self.causes)
+        return FitWarning(self.code, (), message, causes=(*self.observations, *self.causes))
 
     @property
-    def of_own(self) -> tuple[FitWarning, ...]:
-        """The warnings in the fit of the experiment alone, beyond those that it has already."""
-        return (FitWarning(self.own, (), self.message(), causes=self.causes),) if self.own else ()
+    def single_fit_warnings(self) -> tuple[FitWarning, ...]:
+        """The warnings in the fit of the experiment by itself, beyond those that it has already."""
+        causes = (*self.observations, *self.causes)
+        code = self.single_fit_code
+        return (FitWarning(code, (), self.message(), causes=causes),) if code else ()
 
 
-def told(found: Iterable[Exclusion]) -> str:
-    """Return all messages, each once."""
-    return "; ".join(dict.fromkeys(f.message() for f in found))
+def join_messages(exclusions: Sequence[Exclusion]) -> str:
+    """Return the messages as one; what several experiments have in common stands there once."""
+    groups: dict[object, list[Exclusion]] = {}
+    for exclusion in exclusions:
+        kinds = tuple(cause.signature for cause in exclusion.observations)
+        groups.setdefault(exclusion.message() if exclusion.causes else kinds, []).append(exclusion)
+    return "; ".join(_group_message(members) for members in groups.values())
+
+
+def _group_message(members: Sequence[Exclusion]) -> str:
+    message = members[0].message()
+    names = list(dict.fromkeys(e.experiment for e in members if e.experiment != members[0].experiment))
+    return f"{message}; the same in {', '.join(names)}" if names else message

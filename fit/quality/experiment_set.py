@@ -4,9 +4,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from fit.errors import InputError
-from fit.quality.exclusions import Exclusion, told
+from fit.quality.exclusions import Exclusion, join_messages
 from fit.quality.masks import MaskedExperiment
-from fit.warnings import FitWarning
+from fit.warnings import Cause, FitWarning
 from fit.whitening import Experiment
 
 
@@ -56,13 +56,17 @@ class ExperimentSet:
         faulty = {exclusion.experiment for exclusion in exclusions}
         remaining = tuple(e for e in self.in_joint_fit if e.name not in faulty)
         if exclusions and not remaining and (self.in_joint_fit or not self.prepared):
-            raise InputError(told((*self.exclusions, *exclusions)))
+            raise InputError(join_messages((*self.exclusions, *exclusions)))
         return replace(self, in_joint_fit=remaining, exclusions=(*self.exclusions, *exclusions))
 
     def without_unusable(self) -> "ExperimentSet":
         """Return the set without experiments that masks would take apart, unless all of them are such."""
         reasons = {e.name: self.prepared[e.name].unusable for e in self.in_joint_fit}
-        unusable = [Exclusion(n, why, "excluded", "", "cause") for n, why in reasons.items() if why]
+        unusable = [
+            Exclusion(name, (Cause(name, "", "masks", words=reason),), "excluded", "", "cause")
+            for name, reason in reasons.items()
+            if reason
+        ]
         return self if len(unusable) == len(reasons) else self.without(unusable)
 
     def with_warnings(self, warnings: Mapping[str, tuple[FitWarning, Experiment]]) -> "ExperimentSet":
@@ -83,5 +87,8 @@ class ExperimentSet:
     def warnings_of(self, name: str) -> tuple[FitWarning, ...]:
         """Return the faults that keep an experiment out of the joint fit, as warnings of its single fit."""
         return tuple(
-            w for exclusion in self.exclusions if exclusion.experiment == name for w in exclusion.of_own
+            w
+            for exclusion in self.exclusions
+            if exclusion.experiment == name
+            for w in exclusion.single_fit_warnings
         )

@@ -17,6 +17,8 @@ from fit.false_alarms import sigma_limit
 from fit.parallel import parallel_map
 from fit.quality.exclusions import Exclusion
 from fit.spectra import derivatives, windowing
+from fit.telemetry import Telemetry
+from fit.warnings import Cause
 from fit.whitening import Experiment, Run
 
 Array = NDArray[np.float64]
@@ -70,32 +72,34 @@ def response_faults(experiments: Sequence[Experiment]) -> list[Exclusion]:
         for e, response in zip(experiments, runs, strict=True)
         if response and response.is_measured(n_sigma)
     }
-    reasons = {
-        e.name: _scale_text(e.sysid.telemetry.path, responses[e.name])
+    causes = {
+        e.name: _scale_cause(e.sysid.telemetry, responses[e.name])
         for e in experiments
         if e.name in responses and responses[e.name].is_scaled(n_sigma)
     }
     for epoch in sorted({e.sysid.telemetry.alignment_epoch for e in experiments}):
         members = {e.name: e for e in experiments if e.sysid.telemetry.alignment_epoch == epoch}
         measured = members.keys() & responses.keys()
-        if len(measured) < MIN_RUNS or not measured <= reasons.keys():
+        if len(measured) < MIN_RUNS or not measured <= causes.keys():
             continue
+        words = (
+            f"nothing distinguishes its o_1 from that of {', '.join(sorted(measured))}, of the same "
+            "alignment epoch, which does not follow its guidance by one"
+        )
         for name in members.keys() - measured:
-            reasons[name] = (
-                f"{members[name].sysid.telemetry.path}: nothing distinguishes its o_1 from that of "
-                f"{', '.join(sorted(measured))}, of the same alignment epoch, which does not follow its "
-                "guidance by one"
-            )
-    return [Exclusion(name, reason) for name, reason in reasons.items()]
+            run = members[name].sysid.telemetry
+            causes[name] = Cause(run.run, "o_1", "scale", words=words, file=str(run.path))
+    return [Exclusion(name, (cause,)) for name, cause in causes.items()]
 
 
-def _scale_text(path: object, response: SlowResponse) -> str:
+def _scale_cause(run: Telemetry, response: SlowResponse) -> Cause:
     gain, sigma = float(response.series[0]), float(response.sigma[0])
-    what = "sign" if gain < 0 else "scale"
-    return (
-        f"{path}: o_1 follows guidance_o_1 by {gain:.4g} ± {sigma:.1g} times, expected 1 of slow guidance: "
-        f"the {what} of one of the two is wrong"
+    kind = "sign" if gain < 0 else "scale"
+    words = (
+        f"o_1 follows guidance_o_1 by {gain:.4g} ± {sigma:.1g} times, expected 1 of slow guidance: "
+        f"the {kind} of one of the two is wrong"
     )
+    return Cause(run.run, "o_1", kind, gain, sigma, "1", words, str(run.path))
 
 
 def slow_response(run: Run) -> SlowResponse | None:

@@ -3,11 +3,11 @@
 All of it shows in the channel alone, at the rate of its archive. Commands are constant where no loop feeds
 them back; of these only what noise makes impossible is a fault.
 
-The tests of a channel are a table, `CHECKS`: the first that fires is reported, since a channel that is stuck
-is also rounded and repeated. Jumps of read-outs are reported in any case.
+The tests of a channel are a table, `CHECKS`: the earliest that fires is reported, since a channel that is
+stuck is also rounded and repeated. Jumps of read-outs and steps that add noise are reported in any case.
 """
 
-from collections.abc import Callable, Container, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -20,8 +20,10 @@ from fit.model import dynamics
 from fit.quality import authority, straight
 from fit.quality.jumps import SampleFault, jumps
 from fit.quality.resolution import Resolution, chance_of_equality, estimate_resolution
+from fit.quality.rounding import rounding_faults
 from fit.spectra import derivatives
 from fit.telemetry import Telemetry
+from fit.warnings import Cause
 
 Array = NDArray[np.float64]
 
@@ -30,25 +32,25 @@ CHANNELS_TESTED = 100  # of a campaign of thirteen experiments with their noise 
 HEAD = 20000  # samples in which values are counted
 MIN_DISTINCT = 0.6  # share of different values; fewer are those of a rounded or periodic channel
 MIN_LINE = 6  # samples in a row on a straight line, where there is noise
-MAX_BETWEEN = 0.1  # share of samples on the line between their neighbours, where noise puts none
+MAX_INTERPOLATED = 0.01  # share of samples on the line between their neighbours; noise has none
 SETTLING = 60.0  # s at either end: a loop may start from exact zeros, an archive end on them
 NEARBY = 33  # samples whose increments show how likely equal neighbours are
-MAX_CHANCE, SAFETY = (
-    0.1,
-    2.0,
-)  # probability up to which equal neighbours are counted, factor on those expected
+MAX_CHANCE = 0.1  # probability up to which equal neighbours are counted
+CHANCE_ERROR = 2.0  # factor by which the number expected may be too small
 SMALL_INCREMENTS = 1e-3  # share of the increments that shows how many are about zero
 MIN_CHANGES, MAX_STEP = (
     1e-3,
     3.0,
 )  # share of samples at which a rounded command changes, and steps of a change
-MAX_PERIOD, MIN_TEETH, COMB_SAMPLES = (
-    16,
-    80,
-    8000,
-)  # samples between those of a comb, its teeth, samples tested
-COMB_RATIO = 0.1  # second differences of a comb that is interpolated, over those of all
-CLIPPED = 0.9  # share of second differences that count as they are
+#: Warning in place of exclusions if most of the experiments have a fault, by its kind.
+CODES: Mapping[str, str] = {
+    **dict.fromkeys(
+        ("stuck", "period", "few values", "line", "repetition", "jump", "wild sample"), "suspect_samples"
+    ),
+    "interpolation": "interpolated",
+    "coarse rounding": "coarse_quantisation",
+    "rounding": "quantisation",
+}
 
 
 @dataclass(frozen=True)
@@ -84,23 +86,24 @@ class Channel:
         """Sizes of its second differences, shape (N - 2,)."""
         return np.abs(np.diff(self.x, 2))
 
-    def throughout(self, text: str) -> list[SampleFault]:
+    def throughout(
+        self, kind: str, text: str, size: float | None = None, unit: str = "1"
+    ) -> list[SampleFault]:
         """Return a fault of all samples."""
-        return [SampleFault(text, 0.0, self.x.size / self.fs)]
+        return [SampleFault(kind, text, 0.0, self.x.size / self.fs, size, unit)]
 
 
 def is_noisy(x: Array) -> bool:
     """Return whether a channel changes nearly always, as noise makes it."""
-    samples = x[:]
-    return int(np.count_nonzero(samples[1:] == samples[:-1])) < 0.5 * (samples.size - 1)
+    return int(np.count_nonzero(x[1:] == x[:-1])) < 0.5 * (x.size - 1)
 
 
 def _constant(channel: Channel) -> list[SampleFault]:
     low, high = channel.extremes
     if low == high:
-        return channel.throughout(f"is stuck at {low + 0.0:.4g} throughout")
+        return channel.throughout("stuck", f"is stuck at {low + 0.0:.4g} throughout")
     if not (is_noisy(channel.x) or channel.resolution):
-        return channel.throughout("is more often constant than not")
+        return channel.throughout("stuck", "is more often constant than not")
     return []
 
 
@@ -110,9 +113,11 @@ def _few_values(channel: Channel) -> list[SampleFault]:
     if distinct >= MIN_DISTINCT * present.size:
         return []
     if period := _period(channel.head):
-        return channel.throughout(f"comes again every {period / channel.fs:g} s")
+        seconds = period / channel.fs
+        return channel.throughout("period", f"comes again every {seconds:g} s", seconds, "s")
     if channel.resolution is None:
-        return channel.throughout(f"is rounded: it has {distinct} values in {present.size} samples")
+        text = f"is rounded: it has {distinct} values in {present.size} samples"
+        return channel.throughout("few values", text, distinct / present.size)
     return []
 
 
@@ -121,14 +126,13 @@ def _interpolated(channel: Channel) -> list[SampleFault]:
         return []
     curvature = channel.curvature[:HEAD]
     rounding = 4 * float(np.spacing(np.nanmax(np.abs(channel.head))))
-    runs = derivatives.true_runs(curvature <= max(1e-9 * float(np.nanmax(curvature)), rounding))
+    runs = derivatives.true_runs(curvature <= max(1e-9 * float(np.nanmedian(curvature)), rounding))
     length = np.diff(runs, axis=1)
     share = float(np.sum(length[length < MIN_LINE - 2])) / curvature.size
-    if share <= MAX_BETWEEN:
+    if share <= MAX_INTERPOLATED:
         return []
-    return channel.throughout(
-        f"is interpolated: {100 * share:.0f} % of its samples lie on the line between their neighbours"
-    )
+    text = f"is interpolated: {100 * share:.0f} % of its samples lie on the line between their neighbours"
+    return channel.throughout("interpolation", text, share)
 
 
 def _lines(channel: Channel) -> list[SampleFault]:
@@ -146,7 +150,9 @@ def _lines(channel: Channel) -> list[SampleFault]:
         constant = np.ptp(part) <= (2.1 * resolution.at(part).max() if resolution else 0.0)
         verb = "stops at its limit of" if part[0] in channel.extremes else "is stuck at"
         text = f"{verb} {part[0] + 0.0:.4g}" if constant else "is a straight line"
-        faults.append(SampleFault(f"{text} for {(end - begin) / fs:g} s", begin / fs, end / fs))
+        seconds = (end - begin) / fs
+        kind = "stuck" if constant else "line"
+        faults.append(SampleFault(kind, f"{text} for {seconds:g} s", begin / fs, end / fs, seconds, "s"))
     return faults
 
 
@@ -158,19 +164,19 @@ def _repeated(channel: Channel) -> list[SampleFault]:
     if channel.resolution is not None:
         chance = _equality_chance(x, channel.resolution)
         equal &= chance < MAX_CHANCE
-        expected = SAFETY * float(np.sum(chance[chance < MAX_CHANCE]))
-    at = edge + np.flatnonzero(equal) + 1
-    if not at.size:
+        expected = CHANCE_ERROR * float(np.sum(chance[chance < MAX_CHANCE]))
+    repeats = edge + np.flatnonzero(equal) + 1
+    if not repeats.size:
         return []
     expected = expected if channel.resolution else _expected_coincidences(channel.x)
-    if scipy.special.pdtrc(at.size - 1, expected) > p_limit("samples", CHANNELS_TESTED):
+    if scipy.special.pdtrc(repeats.size - 1, expected) > p_limit("samples", CHANNELS_TESTED):
         return []
-    zero, faults = channel.x[at] == 0, []
-    for which, verb in ((at[zero], "is exactly 0"), (at[~zero], "repeats a sample")):
-        if which.size:
-            count = f" {which.size} times, first" * (which.size > 1)
-            begin, end = float(which[0]) / fs, float(which[-1]) / fs
-            faults.append(SampleFault(f"{verb}{count}", begin, end, is_repetition=True))
+    zero, faults = channel.x[repeats] == 0, []
+    for samples, verb in ((repeats[zero], "is exactly 0"), (repeats[~zero], "repeats a sample")):
+        if samples.size:
+            text = verb + f" {samples.size} times, first" * (samples.size > 1)
+            begin, end = float(samples[0]) / fs, float(samples[-1]) / fs
+            faults.append(SampleFault("repetition", text, begin, end, float(samples.size)))
     return faults
 
 
@@ -178,8 +184,8 @@ def _repeated(channel: Channel) -> list[SampleFault]:
 CHECKS: Mapping[str, Callable[[Channel], list[SampleFault]]] = {
     "constant": _constant,
     "few values": _few_values,
-    "interpolated": _interpolated,
     "straight lines": _lines,
+    "interpolated": _interpolated,
     "repeated samples": _repeated,
 }
 
@@ -196,7 +202,7 @@ def channel_faults(x: Array, fs: float, resolution: Resolution | None) -> list[S
     resolution : Resolution, optional
         Of its numbers: what that explains is no fault.
     """
-    channel = Channel(np.asarray(x[:], dtype=np.float64), fs, resolution)
+    channel = Channel(np.asarray(x, dtype=np.float64), fs, resolution)
     if np.isnan(channel.head).all():
         return []
     return next((faults for check in CHECKS.values() if (faults := check(channel))), [])
@@ -226,47 +232,27 @@ def _expected_coincidences(x: Array) -> float:
     return float(increments.size * SMALL_INCREMENTS * digit / (2 * small))
 
 
-def interpolated_channels(run: Telemetry) -> Iterator[str]:
-    """Yield the channels of which every n-th sample is made from its neighbours.
-
-    Rounding puts samples on the line between their neighbours here and there, hardly ever all of a comb.
-    """
-    for name in dynamics.CHANNELS:
-        if period := _comb_period(run.channels[name][:COMB_SAMPLES]):
-            comb = f"one sample in every {period} lies on the line between its neighbours"
-            yield f"{run.path}: {name} is interpolated: {comb}"
-
-
-def _comb_period(x: Array) -> int:
-    """Return the period in samples of those that are interpolated; 0 if none are."""
-    if not is_noisy(x):
-        return 0
-    curvature = np.abs(np.diff(x, 2))
-    rank = int(CLIPPED * np.count_nonzero(np.isfinite(curvature)))
-    curvature = np.fmin(curvature, np.partition(curvature, rank)[rank])  # jumps are in few of the combs
-    mean = float(curvature.mean())
-    lines = scipy.fft.rfft(curvature)[curvature.size // MAX_PERIOD :]  # slower ones are those of injections
-    if np.abs(lines).max() < 0.6 * mean * curvature.size / MAX_PERIOD:
-        return 0
-    for period in range(2, min(MAX_PERIOD, curvature.size // MIN_TEETH) + 1):
-        teeth = curvature[: curvature.size // period * period].reshape(-1, period).mean(axis=0)
-        if teeth.min() < COMB_RATIO * mean:
-            return period
-    return 0
-
-
-def check_samples(sysid: Telemetry, noise: Telemetry | None) -> Iterator[str]:
-    """Yield the faults of the samples of an experiment and of its noise run."""
+def check_samples(sysid: Telemetry, noise: Telemetry | None) -> Iterator[Cause]:
+    """Yield the faults of the samples of an experiment and of its noise run, of the kinds in `CODES`."""
     commands = [name for name in dynamics.CHANNELS if name not in READ_OUTS]
-    fed_back = {name for name in commands if noise is not None and is_fed_back(noise.channels[name])}
-    for run in (sysid, noise):
-        if run is not None:
-            faults = {name: _faults_of(run, fed_back, name) for name in dynamics.CHANNELS}
-            begins = [{f.begin for f in of_channel if f.is_repetition} for of_channel in faults.values()]
-            common = set.intersection(*begins)  # all channels at once: the archive, and the equation holds
-            for name, of_channel in faults.items():
-                for fault in (f for f in of_channel if f.begin not in common):
-                    yield f"{run.path}: {name} {fault.text} at {fault.begin:.7g} s"
+    noisy = {*READ_OUTS, *(name for name in commands if noise and is_fed_back(noise.channels[name]))}
+    for run, reference in ((sysid, noise), (noise, sysid)):
+        if run is None:
+            continue
+        resolutions = {name: estimate_resolution(run.channels[name]) for name in dynamics.CHANNELS}
+        rounded = {
+            name: resolution
+            for name, resolution in resolutions.items()
+            # a command may have few values because nothing but injections drives it
+            if resolution
+            and not (resolution.few and name in commands and not is_fed_back(run.channels[name]))
+        }
+        yield from rounding_faults(run, reference, rounded)
+        faults = {name: _channel_faults(run, name) if name in noisy else [] for name in dynamics.CHANNELS}
+        repeats = [{f.begin for f in channel if f.kind == "repetition"} for channel in faults.values()]
+        common = set.intersection(*repeats)  # all channels at once: the archive, and the equation holds
+        for name, channel in faults.items():
+            yield from (fault.as_cause(run, name) for fault in channel if fault.begin not in common)
 
 
 def is_fed_back(x: Array) -> bool:
@@ -283,13 +269,10 @@ def is_fed_back(x: Array) -> bool:
     )
 
 
-def _faults_of(run: Telemetry, fed_back: Container[str], name: str) -> list[SampleFault]:
-    if name not in READ_OUTS and name not in fed_back:
-        return []
+def _channel_faults(run: Telemetry, name: str) -> list[SampleFault]:
     x = run.channels[name]
-    if name in fed_back and authority.limited(run, name).size:
-        # is masked, and no fault of the archive
-        x = np.where(authority.at_limit(x[:], authority.limit_of(run, name)), np.nan, x[:])
+    if name not in READ_OUTS and authority.limited(run, name).size:  # is masked, and no fault of the archive
+        x = np.where(authority.at_limit(x, authority.limit_of(run, name)), np.nan, x)
     resolution = estimate_resolution(x)
     faults = channel_faults(x, run.fs, resolution)
     if name in READ_OUTS:

@@ -22,6 +22,8 @@ class Cause:
         Of the amount, "1" for a ratio.
     words : str
         The cause as a clause of a sentence.
+    file : str
+        File of the run; empty where `words` name what they are about.
     """
 
     run: str
@@ -31,6 +33,19 @@ class Cause:
     sigma: float | None = None
     unit: str = "1"
     words: str = ""
+    file: str = ""
+
+    @property
+    def sentence(self) -> str:
+        """File and clause."""
+        return f"{self.file}: {self.words}" if self.file else self.words
+
+    @property
+    def signature(self) -> tuple[str, ...]:
+        """Channel, kind and rough size, equal for runs with the same fault; the sentence without a size."""
+        if self.size is None:
+            return (self.sentence,)
+        return self.channel, self.kind, self.unit, f"{self.size:.1g}"
 
     def as_dict(self) -> dict[str, str | float | None]:
         """Return the record for JSON."""

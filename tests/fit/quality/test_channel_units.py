@@ -42,9 +42,9 @@ def reasons(runs):
 def test_a_wrong_unit_or_sign_is_named(factors, reason, runs):
     sysid, noise = (PAIR[f"C4-{kind}"] for kind in ("sysid", "noise"))
     faulty = [scaled(sysid, **factors), scaled(noise, **factors) if runs == "both" else noise]
-    first, *_ = reasons(faulty)
-    assert first.startswith("C4-sysid.h5: ")
-    assert reason.removesuffix(" has the wrong sign") in first
+    message = reasons(faulty)[0]
+    assert message.startswith("C4-sysid.h5: ")
+    assert reason.removesuffix(" has the wrong sign") in message
     with pytest.raises(InputError, match=r"C4-sysid\.h5"):
         calibrate(faulty)
 
