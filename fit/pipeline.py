@@ -347,7 +347,7 @@ def _cross_talk(
     if not (together and judged and any(e.sysid.channels.means for e in campaign.in_joint_fit)):
         return judged, {}
     correction = attenuation.correct_attenuation(together.outcome, campaign.in_joint_fit)
-    joint = attenuation.apply_iv(judged, together.outcome, correction)
+    joint = attenuation.correct_joint(judged, together.outcome, correction)
     couplings = crosstalk_fit.cross_talk(
         together.outcome, campaign.in_joint_fit, Sharing(chosen.shared), correction
     )

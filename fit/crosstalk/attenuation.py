@@ -2,12 +2,14 @@
 
 from collections.abc import Container, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fit.crosstalk import instrumental_variables, readout_noise
 from fit.crosstalk.fitted_run import FittedRun, fitted_runs
+from fit.crosstalk.noise_share import noise_share
 from fit.fitting import IRLSResult
 from fit.model import dynamics
 from fit.parallel import parallel_map
@@ -17,10 +19,8 @@ from fit.whitening import Experiment, whitened_run
 
 Array = NDArray[np.float64]
 
-NEGLIGIBLE = (
-    0.1  # sigma, expected shift up to which least squares is kept, and correction that is not applied
-)
-REPORTED = 1.0  # sigma, expected shift that is warned of
+NEGLIGIBLE = 0.1  # sigma, largest expected shift or correction that is neglected
+REPORTED = 1.0  # sigma, expected shift from which a warning is given
 MAX_NOISE_FRACTION = 0.5  # of noise in some combination of the regressors, above which the shift is unknown
 
 
@@ -30,17 +30,38 @@ class AttenuationCorrected:
 
     Attributes
     ----------
-    iv : IVResult
-        The fit, and which parameters have instruments.
+    outcome : IRLSResult
+        The fit, with the estimate of instrumental variables as its solution.
+    names : frozenset of str
+        The parameters that are estimated without attenuation.
     shift : ndarray, shape (P,)
         By how much such noise is still expected to shift it, see `expected_shift`.
     uncorrected_shift : ndarray, shape (P,)
         By how much it is expected to shift least squares.
     """
 
-    iv: instrumental_variables.IVResult
+    outcome: IRLSResult
+    names: frozenset[str]
     shift: Array
     uncorrected_shift: Array
+
+
+class IVCorrection(NamedTuple):
+    """What instrumental variables change in an estimate.
+
+    Attributes
+    ----------
+    shift : float
+        Change of its value, SI.
+    bias : float
+        By how many of its sigmas least squares is off.
+    sigma_ratio : float
+        Factor of its sigma.
+    """
+
+    shift: float
+    bias: float
+    sigma_ratio: float
 
 
 def correct_attenuation(outcome: IRLSResult, experiments: Sequence[Experiment]) -> AttenuationCorrected:
@@ -56,10 +77,10 @@ def correct_attenuation(outcome: IRLSResult, experiments: Sequence[Experiment]) 
     uncorrected_shift = shift = expected_shift(outcome, runs, floors)
     in_sigma = zip(outcome.parameters, (uncorrected_shift / outcome.solution.sigma).tolist(), strict=True)
     shifts = {p.name: value for p, value in in_sigma if not abs(value) < NEGLIGIBLE}
-    iv = instrumental_variables.estimate(outcome, runs, shifts)
-    if iv.names:
-        shift = expected_shift(iv.outcome, runs, floors, iv.names)
-    return AttenuationCorrected(iv, shift, uncorrected_shift)
+    corrected, names = instrumental_variables.estimate(outcome, runs, shifts)
+    if names:
+        shift = expected_shift(corrected, runs, floors, names)
+    return AttenuationCorrected(corrected, names, shift, uncorrected_shift)
 
 
 def expected_shift(
@@ -70,27 +91,25 @@ def expected_shift(
 ) -> Array:
     """Return by how much noise in the read-outs of spacecraft motion is expected to shift a fit.
 
-    Noise of PSD S_n in a regressor adds to the normal equations what stands for no signal, so that
-    ``E[theta] = (1 - G) truth`` with ``G = (H + prior)^-1 H_n``; the eigenvalues of G are the share of noise
-    in what the data say of a combination. S_n is measured, see `readout_noise.noise_psd`; that the spacecraft
-    answers to the noise of its own sensors is left out: right above the band of the loops, where the
-    cross-talk is large.
+    Noise of PSD S_n in a regressor adds H_n to the normal equations, see `noise_share`. S_n is measured, see
+    `readout_noise.noise_psd`. The response of the spacecraft to the noise of its own sensors is neglected:
+    it is small above the band of the loops, where the cross-talk is large.
 
     Parameters
     ----------
     outcome : IRLSResult
         Of the fit.
     runs : sequence of FittedRun
-        What was fitted.
+        Its runs.
     floors : sequence of mapping
-        What `readout_noise.noise_psd` tells of their runs.
+        Result of `readout_noise.noise_psd` for each.
     corrected : container of str
         Parameters whose regressors count as free of noise.
 
     Returns
     -------
     ndarray, shape (P,)
-        Expected error of the parameters, SI; NaN where the regressors hold too much noise to tell.
+        Expected error of the parameters, SI; NaN where the regressors hold too much noise.
     """
     theta = outcome.solution.theta
     width = np.array([p.prior_sigma for p in outcome.parameters])
@@ -107,11 +126,10 @@ def expected_shift(
                 if dynamics.CROSS_TALK.get(name, ("", 0))[0] == mean and not to_run[i, clean].any():
                     rows[:, i] = (-((2 * np.pi * terms.f) ** 2)) ** (dynamics.CROSS_TALK[name][1] // 2)
             H_n += to_run.T @ (rows.T * (S_n * weight)) @ rows @ to_run
-    root = np.linalg.inv(np.linalg.cholesky(width[:, None] * H * width))
-    share_of_noise, V = np.linalg.eigh(root @ (width[:, None] * H_n * width) @ root.T)
-    components = width[:, None] * (root.T @ V) * np.linalg.solve(V, np.linalg.solve(root.T, theta / width))
-    doubtful = share_of_noise > MAX_NOISE_FRACTION
-    shift = -components[:, ~doubtful] @ (share_of_noise / (1 - share_of_noise))[~doubtful]
+    share, directions = noise_share(H, H_n, width)
+    components = width[:, None] * directions * np.linalg.solve(directions, theta / width)
+    doubtful = share > MAX_NOISE_FRACTION
+    shift = -components[:, ~doubtful] @ (share / (1 - share))[~doubtful]
     unknown = np.abs(components[:, doubtful]).sum(axis=1) > REPORTED * outcome.solution.sigma
     return np.where(unknown, np.nan, shift)
 
@@ -131,42 +149,47 @@ def inflate_sigma(fit: Fit, shift: Mapping[str, float]) -> Fit:
     known = np.flatnonzero(np.isfinite(shifts))
     sigma = np.sqrt(np.diag(fit.covariance))
     large = np.abs(shifts) > sigma  # less is what sigma allows for
-    covariance = (fit.covariance + np.diag(np.where(large & np.isfinite(shifts), shifts, 0.0) ** 2))[
-        np.ix_(known, known)
-    ]
-    inflated = np.sqrt(np.diag(covariance))
+    covariance = fit.covariance + np.diag(np.where(large & np.isfinite(shifts), shifts, 0.0) ** 2)
+    covariance = covariance[np.ix_(known, known)]
     parameters = {
         names[i]: replace(fit.parameters[names[i]], sigma=float(s)) if large[i] else fit.parameters[names[i]]
-        for i, s in zip(known.tolist(), inflated, strict=True)
+        for i, s in zip(known.tolist(), np.sqrt(np.diag(covariance)), strict=True)
     }
     return replace(fit, parameters=parameters, covariance=covariance)
 
 
-def iv_correction(
-    corrected: Mapping[str, Estimate], least_squares: IRLSResult
-) -> dict[str, tuple[float, float]]:
-    """Return by how much instruments move estimates [SI], and how many times they widen them.
+def iv_parameters(fit: Fit | None) -> set[str]:
+    """Return the parameters of a fit that instrumental variables have moved."""
+    warnings = fit.warnings if fit else ()
+    return {name for w in warnings if w.code == "instrumental_variables" for name in w.parameters}
+
+
+def iv_corrections(estimates: Mapping[str, Estimate], least_squares: IRLSResult) -> dict[str, IVCorrection]:
+    """Return what instruments change in the estimates of least squares.
 
     Parameters
     ----------
-    corrected : mapping of str to Estimate
-        The estimates with instruments, see `apply_iv`.
+    estimates : mapping of str to Estimate
+        With instruments.
     least_squares : IRLSResult
         The same fit by least squares.
     """
     index = {p.name: i for i, p in enumerate(least_squares.parameters)}
     theta, sigma = least_squares.solution.theta, least_squares.solution.sigma
-    return {
-        n: (e.value - float(theta[index[n]]), e.sigma / float(sigma[index[n]])) for n, e in corrected.items()
-    }
+    corrections = {}
+    for name, estimate in estimates.items():
+        shift, width = estimate.value - float(theta[index[name]]), float(sigma[index[name]])
+        corrections[name] = IVCorrection(shift, -shift / width, estimate.sigma / width)
+    return corrections
 
 
-def apply_iv(joint: Fit, outcome: IRLSResult, correction: AttenuationCorrected) -> Fit:
-    """Return the joint fit with what attenuation shifts as estimated with instrumental variables.
+def correct_joint(joint: Fit, outcome: IRLSResult, corrected: AttenuationCorrected) -> Fit:
+    """Return the joint fit with instrumental variables.
 
     Where the thrusters move the spacecraft along x and sideways at once, o_1 takes up what attenuated
     couplings leave: least squares then shifts delta_ifo and the stiffness of test mass 1 as well. Sigmas are
-    those with instruments, and include the shift that is still expected.
+    those with instruments, and include the shift that is still expected. What attenuation hardly shifts
+    stays as it is.
 
     Parameters
     ----------
@@ -174,28 +197,47 @@ def apply_iv(joint: Fit, outcome: IRLSResult, correction: AttenuationCorrected) 
         By least squares.
     outcome : IRLSResult
         Of it.
-    correction : AttenuationCorrected
-        The same with instruments. What attenuation hardly shifts stays as it is.
+    corrected : AttenuationCorrected
+        The same with instruments.
     """
-    names, uncorrected = list(joint.parameters), outcome.solution
-    corrected = correction.iv.outcome.solution
-    scale, corrections, parameters = np.ones(len(names)), {}, dict(joint.parameters)
-    for i, p in enumerate(outcome.parameters):
-        change = (uncorrected.theta[i] - corrected.theta[i]) / uncorrected.sigma[i]
-        remaining = float(np.nan_to_num(correction.shift[i])) / uncorrected.sigma[i]
-        is_shifted = not abs(correction.uncorrected_shift[i]) < NEGLIGIBLE * uncorrected.sigma[i]
-        if p.name in names and is_shifted and max(abs(change), abs(remaining)) > NEGLIGIBLE:
-            inflated = np.hypot(max(corrected.sigma[i] / uncorrected.sigma[i], 1.0), remaining)
-            sigma = joint.parameters[p.name].sigma * float(inflated)
-            parameters[p.name] = replace(parameters[p.name], value=float(corrected.theta[i]), sigma=sigma)
-            scale[names.index(p.name)], corrections[p.name] = inflated, float(change)
+    theta, sigma = outcome.solution.theta, outcome.solution.sigma
+    solution, corrections = corrected.outcome.solution, {}
+    for i, name in enumerate(p.name for p in outcome.parameters):
+        bias = float((theta[i] - solution.theta[i]) / sigma[i])
+        remaining = float(np.nan_to_num(corrected.shift[i])) / sigma[i]
+        is_shifted = not abs(corrected.uncorrected_shift[i]) < NEGLIGIBLE * sigma[i]
+        if name in joint.parameters and is_shifted and max(abs(bias), abs(remaining)) > NEGLIGIBLE:
+            sigma_ratio = float(np.hypot(max(solution.sigma[i] / sigma[i], 1.0), remaining))
+            corrections[name] = IVCorrection(float(solution.theta[i] - theta[i]), bias, sigma_ratio)
+    description = "estimated with instrumental variables, without the noise of the read-outs of motion"
+    return apply_iv(joint, corrections, description)
+
+
+def apply_iv(fit: Fit, corrections: Mapping[str, IVCorrection], description: str, note: str = "") -> Fit:
+    """Return a fit with what instrumental variables change in its estimates.
+
+    Parameters
+    ----------
+    fit : Fit
+        By least squares.
+    corrections : mapping of str to IVCorrection
+        By parameter.
+    description, note : str
+        Begin and end of the warning.
+    """
     if not corrections:
-        return joint
-    message = (
-        "estimated with instrumental variables, without the noise of the read-outs of motion; least squares "
-        "is off by so many of its sigmas: "
-        + ", ".join(f"{name} ({shift:+.1f})" for name, shift in corrections.items())
+        return fit
+    parameters, ratio = dict(fit.parameters), np.ones(len(fit.parameters))
+    for i, (name, estimate) in enumerate(fit.parameters.items()):
+        if name in corrections:
+            ratio[i] = corrections[name].sigma_ratio
+            value, sigma = estimate.value + corrections[name].shift, estimate.sigma * float(ratio[i])
+            parameters[name] = replace(estimate, value=value, sigma=sigma)
+    biases = ", ".join(f"{name} ({correction.bias:+.1f})" for name, correction in corrections.items())
+    message = f"{description}; least squares is off by so many of its sigmas: {biases}{note}"
+    return replace(
+        fit,
+        parameters=parameters,
+        covariance=fit.covariance * np.outer(ratio, ratio),
+        warnings=(*fit.warnings, FitWarning("instrumental_variables", tuple(corrections), message)),
     )
-    warning = FitWarning("instrumental_variables", tuple(corrections), message)
-    covariance = joint.covariance * np.outer(scale, scale)
-    return replace(joint, parameters=parameters, covariance=covariance, warnings=(*joint.warnings, warning))

@@ -25,7 +25,6 @@ from numpy.typing import NDArray
 
 from fit.crosstalk import attenuation
 from fit.crosstalk.attenuation import AttenuationCorrected
-from fit.crosstalk.instrumental_variables import IVResult
 from fit.fitting import IRLSResult, drift
 from fit.model import Sharing, dynamics, inertial
 from fit.quality import indeterminable, report
@@ -70,16 +69,16 @@ def cross_talk(
         If a sigma is no positive number.
     """
     of_epoch, delta_ifo = _names(experiments, sharing)
-    iv, shift, fits = correction.iv, correction.shift, {}
+    shift, fits = correction.shift, {}
     for epoch, names in of_epoch.items():
         fit = report(
-            iv.outcome,
+            correction.outcome,
             experiments,
             names,
             [
                 *indeterminable(outcome, experiments, names),
-                *_attenuated(iv.outcome, shift, names, delta_ifo[epoch]),
-                *_corrected(outcome, iv, names),
+                *_attenuated(correction.outcome, shift, names, delta_ifo[epoch]),
+                *_corrected(outcome, correction, names),
                 _correlation(outcome, names, delta_ifo[epoch]),
             ],
         )
@@ -170,13 +169,15 @@ def _attenuated(
     return [FitWarning("attenuation_bias", tuple(biased), message)]
 
 
-def _corrected(outcome: IRLSResult, iv: IVResult, names: Mapping[str, str]) -> list[FitWarning]:
+def _corrected(
+    outcome: IRLSResult, correction: AttenuationCorrected, names: Mapping[str, str]
+) -> list[FitWarning]:
     """Report which coefficients instrumental variables estimate, and at what cost in sigma."""
-    cost = iv.outcome.solution.sigma / outcome.solution.sigma
+    cost = correction.outcome.solution.sigma / outcome.solution.sigma
     cost_of = {
         names[p.name]: float(cost[i])
         for i, p in enumerate(outcome.parameters)
-        if p.name in names and p.name in iv.names and not outcome.undetermined[i]
+        if p.name in names and p.name in correction.names and not outcome.undetermined[i]
     }
     if not cost_of:
         return []

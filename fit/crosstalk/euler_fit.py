@@ -32,6 +32,7 @@ from fit.fitting import (
     MAX_ITERATIONS,
     TOLERANCE,
     Convergence,
+    IRLSResult,
     Prior,
     PriorSet,
     constraint_test,
@@ -110,20 +111,19 @@ def fit_period(
     outcome = iterate(weighings, PARAMETERS, weak_priors, rule, settings=settings)
     turning = _centrifugal(weighings, rule, settings)
     solution = outcome.solution
-    theta, covariance, noisy = torque_noise.bias_corrected(outcome, weighings[0].correlation)
+    theta, covariance, is_noise = torque_noise.bias_corrected(outcome, weighings[0].correlation)
     sigma = np.sqrt(np.diag(covariance))
     if not np.all(np.isfinite(sigma) & (sigma > 0)):
         raise FitError("the sigma of delta_phi or delta_eta is not a positive number")
-    angles = [(name, theta[i], sigma[i], outcome.is_fixed(i)) for i, name in enumerate(NAMES)]
     return Fit(
-        parameters={n: Estimate(float(x), float(s), "rad", fixed=fixed or None) for n, x, s, fixed in angles},
+        parameters=angle_estimates(outcome, theta, sigma),
         covariance=covariance,
         chi2=solution.chi2,
         dof=sum(block.size for block in outcome.whitened_runs) - len(NAMES),
         converged=outcome.converged,
         warnings=(
             *_warnings([(w.name, warning) for w in weighings for warning in w.warnings]),
-            *([drowned()] if noisy else []),
+            *([torque_noise_warning()] if is_noise else []),
             *(centrifugal.frame_warnings(turning, x_axis)),
             *constraint_test.refit_unconstrained(outcome).warnings(),
         ),
@@ -131,6 +131,14 @@ def fit_period(
         centrifugal=turning,
         solved=outcome.solved,
     )
+
+
+def angle_estimates(outcome: IRLSResult, theta: Array, sigma: Array) -> dict[str, Estimate]:
+    """Return the angles of a fit, both arrays of shape (2,), by name."""
+    return {
+        name: Estimate(float(theta[i]), float(sigma[i]), "rad", fixed=outcome.is_fixed(i) or None)
+        for i, name in enumerate(NAMES)
+    }
 
 
 @dataclass(frozen=True)
@@ -291,7 +299,7 @@ def _centrifugal(
     return Estimate(1 + float(outcome.solution.theta[-1]), float(np.sqrt(covariance[-1, -1])), "1")
 
 
-def drowned() -> FitWarning:
+def torque_noise_warning() -> FitWarning:
     """Return the warning of angles that noise of the torques attenuates by what cannot be told."""
     message = (
         "the two test masses disagree on more than half of dOmega: noise of the torques attenuates delta_phi "

@@ -32,6 +32,7 @@ from numpy.typing import NDArray
 
 from fit.crosstalk import readout_noise
 from fit.crosstalk.fitted_run import FittedRun
+from fit.crosstalk.noise_share import noise_share
 from fit.fitting import IRLSResult, normal
 from fit.model import dynamics
 from fit.spectra import Spectrum, fit_noise, windowing
@@ -40,10 +41,8 @@ from fit.whitening import whitened_run
 Array = NDArray[np.float64]
 
 LOOP_PRIOR_SIGMA = 30.0  # width of the weak prior of t_k, about zero: the largest T is some 2
-MAX_SIGMA_RATIO = (
-    10.0  # to that of least squares, from which instruments are of no use unless it is off by more
-)
-MAX_NOISE_FRACTION = 0.7  # share of noise in what the data say, from which instruments are of no use
+MAX_SIGMA_RATIO = 10.0  # to least squares, which is kept beyond unless it is off by more
+MAX_NOISE_FRACTION = 0.7  # share of noise in some combination, from which least squares is kept
 LOOP_ORDER = 8  # of the loop; for unity gains of 15 to 80 mHz it leaves 0.1 sigma of 13 runs, 4 would leave 3
 LOOP_POLE = 2 * np.pi * 40e-3  # rad/s, where the functions turn
 LOOP_DELAY = 0.3  # s, of thrusters
@@ -216,23 +215,9 @@ class MomentEquations:
         return np.asarray(covariance)
 
 
-@dataclass(frozen=True)
-class IVResult:
-    """A fit with instrumental variables.
-
-    Attributes
-    ----------
-    outcome : IRLSResult
-        The fit, with the estimate of instrumental variables as its solution.
-    names : frozenset of str
-        The parameters that are estimated without attenuation.
-    """
-
-    outcome: IRLSResult
-    names: frozenset[str]
-
-
-def estimate(outcome: IRLSResult, fitted_runs: Sequence[FittedRun], shifts: Mapping[str, float]) -> IVResult:
+def estimate(
+    outcome: IRLSResult, fitted_runs: Sequence[FittedRun], shifts: Mapping[str, float]
+) -> tuple[IRLSResult, frozenset[str]]:
     """Estimate b_3 to b_6 without attenuation, where all runs of an alignment epoch have instruments.
 
     All other parameters are estimated together with them, so that attenuation is removed from these as well.
@@ -247,27 +232,27 @@ def estimate(outcome: IRLSResult, fitted_runs: Sequence[FittedRun], shifts: Mapp
         Parameters that read-out noise shifts, and by how many sigma; NaN where that is unknown. A mean of
         which none is among them keeps least squares and its smaller sigma.
 
+    Returns
+    -------
+    outcome : IRLSResult
+        The fit, with the estimate of instrumental variables as its solution.
+    names : frozenset of str
+        The parameters that are estimated without attenuation.
+
     Raises
     ------
     FitError
         If a noise PSD cannot be fitted.
     """
     if any(w.block.window is None for w in fitted_runs):
-        return IVResult(outcome, frozenset())
+        return outcome, frozenset()
     theta = outcome.solution.theta
-    means_of_runs = [_noisy_regressors(w, theta) for w in fitted_runs]
-    candidates = [
-        (w, name, mean)
-        for w, means in zip(fitted_runs, means_of_runs, strict=True)
-        for name, mean in means.items()
-    ]
+    means_of_runs = [(w, _noisy_regressors(w, theta)) for w in fitted_runs]
+    candidates = [(w, name, mean) for w, means in means_of_runs for name, mean in means.items()]
     labels = {(_epoch(w), name) for w, name, _ in candidates if _is_shifted(outcome, w, name, shifts)}
     labels -= {(_epoch(w), name) for w, name, mean in candidates if mean is None}
     while labels:
-        runs = [
-            _moment_equations(w, outcome, means, sorted(labels))
-            for w, means in zip(fitted_runs, means_of_runs, strict=True)
-        ]
+        runs = [_moment_equations(w, outcome, means, sorted(labels)) for w, means in means_of_runs]
         rejected = _noise_dominated(outcome, runs)
         if not rejected:
             solution = _solution(outcome, runs)
@@ -281,9 +266,9 @@ def estimate(outcome: IRLSResult, fitted_runs: Sequence[FittedRun], shifts: Mapp
             }
         if not rejected:
             names = frozenset(outcome.parameters[j].name for run in runs for j in run.corrected)
-            return IVResult(replace(outcome, solution=solution), names)
+            return replace(outcome, solution=solution), names
         labels -= rejected
-    return IVResult(outcome, frozenset())
+    return outcome, frozenset()
 
 
 def _noisy_regressors(w: FittedRun, theta: Array) -> dict[str, NoisyRegressor | None]:
@@ -353,16 +338,13 @@ def _noise_dominated(outcome: IRLSResult, runs: Sequence[MomentEquations]) -> se
     width = np.array([p.prior_sigma for p in outcome.parameters])
     prior = outcome.conditional_prior.rows
     H = whitened_run.information(outcome.whitened_runs, outcome.solution.theta) + prior.T @ prior
-    root = np.linalg.inv(np.linalg.cholesky(H * np.outer(width, width))) * width
     noise_of_label: dict[tuple[int, str], Array] = {}
     for run in runs:
         for mean, C in zip(run.means, run.noise, strict=True):
             total = noise_of_label.setdefault(mean.label, np.zeros((P, P)))
             total += (run.map.T @ C @ run.map)[:P, :P]
     return {
-        label
-        for label, C in noise_of_label.items()
-        if np.linalg.eigvalsh(root @ C @ root.T)[-1] > MAX_NOISE_FRACTION
+        label for label, C in noise_of_label.items() if noise_share(H, C, width)[0][-1] > MAX_NOISE_FRACTION
     }
 
 

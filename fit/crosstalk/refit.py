@@ -5,6 +5,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from fit import results as fit_results
+from fit.crosstalk import attenuation
 from fit.errors import InputError
 from fit.fitting import IRLSResult, fit_joint
 from fit.parallel import one_blas_thread
@@ -69,37 +70,28 @@ def experiments(
     ], fit_settings
 
 
-def iv_corrected_parameters(results: Results) -> set[str]:
-    """Return the joint parameters that are not those of least squares, see `attenuation.apply_iv`."""
-    warnings = results.joint.warnings if results.joint else ()
-    return {
-        name
-        for warning in warnings
-        if warning.code == "instrumental_variables"
-        for name in warning.parameters
-    }
-
-
-def least_squares(prepared: Sequence[Experiment], settings_of_fit: Settings) -> IRLSResult:
+def least_squares(prepared: Sequence[Experiment], settings_of_fit: Settings, results: Results) -> IRLSResult:
     """Return the joint fit of `experiments`, before instruments move anything.
+
+    What the data let scatter in `results` scatters here too.
 
     Raises
     ------
     FitError
         If no trustworthy estimate comes out.
     """
-    unconstrained = settings_of_fit.model_copy(update={"parameters": {}})
-    outcome = fit_joint(prepared, unconstrained)
-    n = len(prepared)
+    by_data = settings_of_fit.scatter == ["auto"]
+    scatter = [*(results.provenance.scatter or {})] if by_data else settings_of_fit.scatter
+    constrained = settings_of_fit.model_copy(update={"scatter": scatter})
+    unconstrained = constrained.model_copy(update={"parameters": {}})
+    outcome, n = fit_joint(prepared, unconstrained), len(prepared)
     variances = [noise_adaptation.segment_variances(e, outcome, k, n) for k, e in enumerate(prepared)]
     if any(variances):
         prepared = [replace(e, segment_variances=v) for e, v in zip(prepared, variances, strict=True)]
         outcome = fit_joint(prepared, unconstrained)
-    if not any(constraint.is_constraint for constraint in settings_of_fit.parameters.values()):
-        return outcome
-    # the scatter of gains is chosen without constraints, which may be wrong
-    constrained = settings_of_fit.model_copy(update={"scatter": list(outcome.scatter)})
-    return replace(fit_joint(prepared, constrained), data_driven=outcome.data_driven)
+    if any(constraint.is_constraint for constraint in constrained.parameters.values()):
+        outcome = fit_joint(prepared, constrained)
+    return replace(outcome, data_driven=by_data and bool(scatter))
 
 
 @one_blas_thread
@@ -123,11 +115,11 @@ def refit(results: Results, telemetries: Sequence[Telemetry], path: Path) -> IRL
         If no trustworthy estimate comes out.
     """
     prepared, fit_settings = experiments(results, telemetries, path)
-    outcome = least_squares(prepared, fit_settings)
+    outcome = least_squares(prepared, fit_settings, results)
     estimates = dict(zip((p.name for p in outcome.parameters), outcome.solution.theta, strict=True))
     joint = results.joint.parameters if results.joint else {}
     for name, estimate in joint.items():
-        if name in iv_corrected_parameters(results):
+        if name in attenuation.iv_parameters(results.joint):
             continue
         if name not in estimates or abs(estimates[name] - estimate.value) > MAX_CHANGE * estimate.sigma:
             raise InputError(

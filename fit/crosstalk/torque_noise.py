@@ -10,13 +10,14 @@ from typing import Protocol, cast
 import numpy as np
 from numpy.typing import NDArray
 
+from fit.crosstalk.noise_share import noise_share
 from fit.fitting import IRLSResult
 from fit.whitening import whitened_run
 
 Array = NDArray[np.float64]
 
 ANGLES = 2  # delta_phi and delta_eta come before all other parameters
-DROWNED = 0.5  # fraction of noise in some combination of the torques, from which nothing is corrected
+MAX_NOISE_FRACTION = 0.5  # of noise in some combination of the torques, from which nothing is corrected
 
 
 class NoisyRotation(Protocol):
@@ -42,7 +43,7 @@ class NoisyRotation(Protocol):
 
 
 def bias_corrected(outcome: IRLSResult, correlation: Array) -> tuple[Array, Array, bool]:
-    """Return the angles without the attenuation by noise in dOmega, see `freed`.
+    """Return the angles without the attenuation by noise in dOmega, see `unattenuated`.
 
     Parameters
     ----------
@@ -55,27 +56,27 @@ def bias_corrected(outcome: IRLSResult, correlation: Array) -> tuple[Array, Arra
     -------
     theta, covariance : ndarray, shapes (2,) and (2, 2)
         Of the angles, errors of the calibration included.
-    drowned : bool
-        See `freed`.
+    is_noise : bool
+        See `unattenuated`.
     """
     solution = outcome.solution
     width = np.array([p.prior_sigma for p in outcome.parameters])
-    noise, happens = np.zeros((2, width.size, width.size))
+    noise, scatter = np.zeros((2, width.size, width.size))
     for block in cast(Sequence[NoisyRotation], outcome.whitened_runs):
         of_run = block.torque_noise(solution.theta)
         noise[:ANGLES, :ANGLES] += of_run[0]
-        happens[:ANGLES, :ANGLES] += of_run[1]
+        scatter[:ANGLES, :ANGLES] += of_run[1]
     H = whitened_run.information(outcome.whitened_runs, solution.theta)
     H += outcome.prior.rows.T @ outcome.prior.rows
-    theta, covariance, drowned = freed(solution.theta, solution.covariance, H, noise, happens, width)
+    theta, covariance, is_noise = unattenuated(solution.theta, solution.covariance, H, noise, scatter, width)
     covariance = covariance + calibration_covariance(outcome, correlation)
-    return theta[:ANGLES], covariance[:ANGLES, :ANGLES], drowned
+    return theta[:ANGLES], covariance[:ANGLES, :ANGLES], is_noise
 
 
-def freed(
-    theta: Array, covariance: Array, H: Array, noise: Array, happens: Array, width: Array
+def unattenuated(
+    theta: Array, covariance: Array, H: Array, noise: Array, scatter: Array, width: Array
 ) -> tuple[Array, Array, bool]:
-    """Free least squares of the attenuation by noise in dOmega.
+    """Remove the attenuation by noise in dOmega from least squares.
 
     The mean m of two read-outs that disagree by 2 d has, but for noise common to both, the cross-power
     |m|^2 - |d|^2: that is what instruments of each for the other put in the place of |m|^2.
@@ -83,12 +84,12 @@ def freed(
     Parameters
     ----------
     theta, covariance : ndarray, shapes (P,) and (P, P)
-        What least squares finds.
+        The estimate of least squares.
     H : ndarray, shape (P, P)
         Its normal equations, priors included.
     noise : ndarray, shape (P, P)
         The part of them that is |d|^2.
-    happens : ndarray, shape (P, P)
+    scatter : ndarray, shape (P, P)
         Covariance of what that adds to their right-hand side.
     width : ndarray, shape (P,)
         Of the weak priors, which makes numbers comparable.
@@ -98,16 +99,15 @@ def freed(
     theta : ndarray, shape (P,)
         Parameters.
     covariance : ndarray, shape (P, P)
-        Theirs, what the power of d happens to be included.
-    drowned : bool
-        Whether most of dOmega is noise, in some combination of the angles; then nothing has been done.
+        Theirs, the scatter of the power of d included.
+    is_noise : bool
+        Whether most of dOmega is noise, in some combination of the angles; then nothing is corrected.
     """
-    root = np.linalg.inv(np.linalg.cholesky(H * np.outer(width, width))) * width
-    if np.linalg.eigvalsh(root @ noise @ root.T)[-1] > DROWNED:
+    if noise_share(H, noise, width)[0][-1] > MAX_NOISE_FRACTION:
         return theta, covariance, True
     free = np.linalg.inv(np.eye(width.size) - np.linalg.solve(H, noise))
     inverse = free @ np.linalg.inv(H)
-    covariance = free @ covariance @ free.T + inverse @ happens @ inverse.T
+    covariance = free @ covariance @ free.T + inverse @ scatter @ inverse.T
     return free @ theta, covariance, False
 
 

@@ -20,7 +20,7 @@ from fit.forecasting.expected_fit import GRID, CrossSpectra, NoiselessError, res
 from fit.forecasting.expected_run import CompressedRun
 from fit.model import dynamics, dynamics_of, rotation, separation
 from fit.model import inertial as forces
-from fit.results import Estimate, Fit
+from fit.results import Fit
 from fit.settings import ParameterSettings
 from fit.spectra import windowing
 from fit.telemetry import Telemetry, inertial_period
@@ -31,7 +31,7 @@ Array = NDArray[np.float64]
 Spectrum = NDArray[np.complex128]
 
 RATE = 1.0  # Hz, far above the band
-LARGEST = 1.0  # rad, from which on a sigma tells nothing of an angle
+MAX_SIGMA = 1.0  # rad, from which an angle is indeterminable
 #: When an expected fit ends: a move of a thousandth of a sigma.
 RULE = Convergence(
     max_iterations=50, tolerance=1e-3, max_move=1e-3, warm_up=-1, moving="expected angles still move"
@@ -101,27 +101,22 @@ def expected_periods(
 
 def _expected(runs: Sequence["_ExpectedWeighing"], settings: Mapping[str, ParameterSettings]) -> Fit:
     outcome = iterate(runs, euler_fit.PARAMETERS, euler_fit.weak_priors, RULE, settings=settings)
-    theta, covariance, drowned = torque_noise.bias_corrected(outcome, runs[0].correlation)
+    theta, covariance, is_noise = torque_noise.bias_corrected(outcome, runs[0].correlation)
     size = len(euler_fit.NAMES)
     sigma = np.sqrt(np.diag(covariance))
-    determined = np.flatnonzero(sigma < LARGEST).tolist()
+    angles = euler_fit.angle_estimates(outcome, theta, sigma)
+    determined = np.flatnonzero(sigma < MAX_SIGMA).tolist()
     dof = sum(2 * run.bins for run in runs) - size
     lacking = {warning.message: warning for run in runs for warning in run.warnings}
-    estimates = {
-        euler_fit.NAMES[i]: Estimate(
-            float(theta[i]), float(sigma[i]), "rad", fixed=outcome.is_fixed(i) or None
-        )
-        for i in determined
-    }
     return Fit(
-        parameters=estimates,
+        parameters={n: e for n, e in angles.items() if e.sigma < MAX_SIGMA},
         covariance=covariance[np.ix_(determined, determined)],
         chi2=float(dof),
         dof=dof,
         converged=True,
         warnings=(
             *lacking.values(),
-            *([euler_fit.drowned()] if drowned else []),
+            *([euler_fit.torque_noise_warning()] if is_noise else []),
             *([_still()] if len(determined) < size else []),
         ),
     )

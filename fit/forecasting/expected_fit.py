@@ -9,7 +9,7 @@ A campaign may hold hundreds of runs. One after the other is made and boiled dow
 is kept of it is a few kilobytes.
 """
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 
@@ -29,7 +29,7 @@ from fit.fitting import (
     iterate,
     weak_priors,
 )
-from fit.forecasting.expected_run import CompressedRun, ExpectedRun, compress
+from fit.forecasting.expected_run import CompressedRun, compress
 from fit.model import Sharing, dynamics
 from fit.parallel import one_blas_thread, parallel_map, progress_range
 from fit.parameters import Parameter
@@ -182,7 +182,10 @@ def expected_result(
     constraints_of_fit = constraints_of_joint(settings, parameters)
     experiments = [w.experiment.name for w in weighings]
     departures_of_fit, widths = departures.parameters([*departing], experiments, len(parameters))
-    widths = [replace(w, scale=max(departing[n] for n in _of_kind(w.name, departing)) / FREE) for w in widths]
+    members = {
+        kind.name: [n for n in kind.parameters if n in departing] for kind in departures.RANDOM_EFFECTS
+    }
+    widths = [replace(w, scale=max(departing[n] for n in members[w.name]) / FREE) for w in widths]
     parameters += departures_of_fit
     truth = {name: value for w in weighings for name, value in w.plan.truth.items()}
     initial = [replace(p, value=truth.get(p.name, p.value)) for p in parameters]
@@ -212,19 +215,13 @@ def _departing(settings: Settings, scatter: Mapping[str, float], N: int) -> dict
     A width that N departures tell is not known well; given its mean square, the sigmas are those to expect.
     """
     scales = {name: kind.scale for kind in departures.RANDOM_EFFECTS for name in kind.parameters}
-    auto = settings.scatter == ["auto"]
-    departing = [
-        name for name in dynamics.PARAMETERS if (scatter.get(name) if auto else name in settings.scatter)
-    ]
-    if auto and N <= MIN_EXPERIMENTS:
-        return {}
-    unsure = np.sqrt((N - 1) / (N - 3)) if N > MIN_EXPERIMENTS else 1.0
-    return {name: unsure * (scatter.get(name) or scales[name]) for name in departing}
-
-
-def _of_kind(kind: str, departing: Iterable[str]) -> list[str]:
-    (members,) = (k for k in departures.RANDOM_EFFECTS if k.name == kind)
-    return [name for name in departing if name in members.parameters]
+    names: Sequence[str] = settings.scatter
+    if names == ["auto"]:
+        names = [name for name, width in scatter.items() if width and N > MIN_EXPERIMENTS]
+    inflation = np.sqrt((N - 1) / (N - 3)) if N > MIN_EXPERIMENTS else 1.0
+    return {
+        name: inflation * (scatter.get(name) or scales[name]) for name in dynamics.PARAMETERS if name in names
+    }
 
 
 def document(expected: Fit, periods: Mapping[str, Fit]) -> dict[str, object]:
@@ -277,7 +274,7 @@ class ExpectedWeighing:
         self.parameter_map = sharing.matrix(run, experiment.parameters, [p.name for p in parameters])
         self._theta = self.parameter_map @ [plan.truth.get(p.name, p.value) for p in parameters]
         if divide([experiment], settings.model_copy(update={"exclude": []}))[0]:  # it is long enough
-            self._sums = compress(self._expected(experiment.sysid, self._theta))
+            self._sums = self._compressed(experiment.sysid, self._theta)
         self.name = experiment.name
         self.experiment = Experiment(
             experiment.sysid.without_samples(), experiment.noise and experiment.noise.without_samples()
@@ -290,7 +287,7 @@ class ExpectedWeighing:
         if np.linalg.norm(sums.R @ (c - previous)) > MAX_RESIDUAL:
             self._theta = of_run
             run = self.plan.make().sysid.limit_band(self._f_max)
-            self._sums = compress(self._expected(run, of_run))
+            self._sums = self._compressed(run, of_run)
         return self.sums
 
     @property
@@ -319,18 +316,19 @@ class ExpectedWeighing:
         power = np.einsum("bki,bij,blj->bkl", T.conj(), noise, T, optimize=True)
         return f, power.real, np.einsum("k,bkl,l->b", c, power.real, c)
 
-    def _expected(self, run: Run, theta: Array) -> whitened_run.WhitenedRun:
-        """Return a run at its own parameters theta, shape (K,), as if it were fitted for these."""
+    def _compressed(self, run: Run, theta: Array) -> CompressedRun:
+        """Return the expected sums of a run at its own parameters theta, shape (K,)."""
         share = np.eye(theta.size)
         if self._by_stretches:
             columns = run.columns(dynamics.delays(theta))
-            return flscov.expected(columns, self._noise_functions(run, columns.tau, theta), share)
+            return compress(flscov.expected(columns, self._noise_functions(run, columns.tau, theta), share))
         terms = run.spectra(dynamics.delays(theta))
         power, S = self._noise_functions(run, terms.tau, theta)(terms.f)
         U, fraction = whitened_run.whiten(terms, S)
         of_bin = power * (2 * fraction / S)[:, None, None]
         bin_weights = self.expected_weights(terms.f)
-        return ExpectedRun(terms.tau, U, bin_weights, terms.window, share, jitter=of_bin.sum(axis=0))
+        block = whitened_run.WhitenedRun(terms.tau, U, bin_weights, terms.window, share)
+        return compress(block, of_bin.sum(axis=0))
 
     def _noise_functions(
         self, run: Run, tau: tuple[float, float], theta: Array

@@ -1,4 +1,4 @@
-"""What an identification is held against: the equation of motion, and the commands that were recorded.
+"""Comparison of an identification with the equation of motion, and with the commands that were recorded.
 
 Its provenance has both: ``from_fit``, by how many sigmas the calibration differs, and ``commands``, by how
 much, relative, recorded commands differ from those of the controller.
@@ -6,46 +6,32 @@ much, relative, recorded commands differ from those of the controller.
 
 import math
 from collections.abc import Iterator, Mapping, Sequence, Set
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fit.crosstalk import attenuation
+from fit.false_alarms import sigma_limit
 from fit.fitting import IRLSResult
 from fit.identification import series
 from fit.identification.loop import Loop
+from fit.identification.parameters import JointParameters
 from fit.model import Sharing, dynamics
 from fit.results import Fit, Results
 from fit.spectra import derivatives
 from fit.telemetry import Telemetry
 from fit.warnings import FitWarning
-from fit.whitening import Run
+from fit.whitening import Experiment, Run
 
 Array = NDArray[np.float64]
 
 METHOD_SIGMA = 0.3  # sigma: what both make of the same data differs by some hundredths
-DISCREPANCY_SIGMA = 4.0  # sigma
 COMMAND_ROUNDING = 1e-4  # relative, of the command: less is rounding of archives
 TRANSIENT = 600.0  # s, after which the state that a controller began with is forgotten
-#: Codes of what the fit says of the data as it was prepared, which holds for the loop as well.
+#: Codes of warnings about the data as prepared for the fit, which hold for the loop as well.
 DATA_CODES = (
-    *(
-        "saturated",
-        "saturated_too_long",
-        "glitches",
-        "too_many_glitches",
-        "readout_excess_noise",
-        "rejected",
-        "excluded",
-    ),
-    *(
-        "short_run",
-        "missing_run",
-        "suspect_samples",
-        "interpolated",
-        "guidance_scale",
-    ),
+    *("saturated", "saturated_too_long", "glitches", "too_many_glitches", "readout_excess_noise", "rejected"),
+    *("excluded", "short_run", "missing_run", "suspect_samples", "interpolated", "guidance_scale"),
 )
 
 
@@ -62,51 +48,6 @@ def differences(joint_fit: Fit, calibrated: Fit | None) -> dict[str, float]:
         for name, estimate in joint_fit.parameters.items()
         if name in known
     }
-
-
-def apply_instrumental_variables(
-    joint_fit: Fit, calibrated: Fit, iv_names: Set[str], least_squares: IRLSResult
-) -> Fit:
-    """Return an identification moved and widened as instruments do it to the fit.
-
-    The loop takes its cross-talk from the same noisy read-outs and has no instruments, so that what noise in
-    them shifts is off in both alike, see `attenuation.apply_iv`.
-
-    Parameters
-    ----------
-    joint_fit : Fit
-        The identification, by least squares.
-    calibrated : Fit
-        Of the equation, with what instruments move.
-    iv_names : set of str
-        Names of that.
-    least_squares : IRLSResult
-        Of the equation, by least squares.
-    """
-    iv_estimates = {name: calibrated[name] for name in joint_fit.parameters if name in iv_names}
-    if not iv_estimates:
-        return joint_fit
-    names, parameters, shifts = list(joint_fit.parameters), dict(joint_fit.parameters), []
-    scale = np.ones(len(names))
-    for name, (shift, wider) in attenuation.iv_correction(iv_estimates, least_squares).items():
-        estimate = parameters[name]
-        parameters[name] = replace(estimate, value=estimate.value + shift, sigma=estimate.sigma * wider)
-        scale[names.index(name)] = wider
-        shifts.append(f"{name} ({-shift * wider / iv_estimates[name].sigma:+.1f})")
-    message = (
-        "moved and widened as instruments do it to the fit; least squares is off by so many of its sigmas: "
-        + ", ".join(shifts)
-    )
-    missing_names = [name for name in joint_fit.parameters if name not in calibrated.parameters]
-    if missing_names:
-        message += f"; by how much it is for {', '.join(missing_names)} is not known"
-    warning = FitWarning("instrumental_variables", tuple(iv_estimates), message)
-    return replace(
-        joint_fit,
-        parameters=parameters,
-        covariance=joint_fit.covariance * np.outer(scale, scale),
-        warnings=(*joint_fit.warnings, warning),
-    )
 
 
 @dataclass(frozen=True)
@@ -131,17 +72,16 @@ class LoopContext:
 
 @dataclass(frozen=True)
 class _Difference:
-    """By how many sigmas of the fit an estimate differs, what of it is explained, and what rests on it."""
+    """By how many sigmas of the fit an estimate differs, the ratio of the sigmas, and what depends on it."""
 
     name: str
     sigmas: float
-    explained: float
+    sigma_ratio: float
     parameters: tuple[str, ...]
 
-    @property
-    def is_far(self) -> bool:
-        """Whether it is more than two methods make of the same data."""
-        return abs(self.sigmas) > self.explained
+    def is_significant(self, limit: float) -> bool:
+        """Return whether it is more than two methods make of the same data, within `limit` sigma."""
+        return abs(self.sigmas) > METHOD_SIGMA + limit * math.sqrt(abs(1 - self.sigma_ratio**2))
 
 
 def discrepancies(
@@ -156,7 +96,7 @@ def discrepancies(
 
     Where one of them has parameters that the other has not, their sigmas differ, and with them the estimates.
     Neither is sound if the data do not tell which of the two is wrong, nor that it was the loop that made
-    them (`same_loop`): a loop that holds what the fit contradicts did not.
+    them (`same_loop`): a loop whose fixed values the fit contradicts did not.
 
     Parameters
     ----------
@@ -165,7 +105,7 @@ def discrepancies(
     calibrated : Results
         Of the equation: parameters are compared with those of the joint fit, and what follows from them for a
         run, such as its stiffness, with the fit of that run alone.
-    context : Beside
+    context : LoopContext
         What the loop has beside its estimates.
     bounded : set of str
         Parameters at a bound, which are not compared.
@@ -173,84 +113,68 @@ def discrepancies(
         Whether the telemetry says that this very loop simulated it.
     """
     joint = calibrated.joint
-    joint_differences = [
-        _Difference(name, value, _explained(joint_fit[name].sigma / joint[name].sigma), (name,))
-        for name, value in differences(joint_fit, joint).items()
-        if joint is not None and name not in bounded
+    every = [
+        *_joint_differences(joint_fit, joint, bounded),
+        *_run_differences(joint_fit, calibrated, context),
     ]
-    significant = [
-        difference
-        for difference in (*joint_differences, *_run_differences(joint_fit, calibrated, context))
-        if difference.is_far
-    ]
+    limit = sigma_limit("model", len(every))
+    significant = [difference for difference in every if difference.is_significant(limit)]
     if not significant:
         return []
     listed = ", ".join(f"{difference.name} by {difference.sigmas:+.2g} sigma" for difference in significant)
     message = f"the simulated loop and the equation of motion differ in the same data: {listed}"
     names = tuple(dict.fromkeys(name for difference in significant for name in difference.parameters))
-    simulated = same_loop and not fixed_value_conflicts(context.fixed_values, joint)
-    sound = joint is not None and not joint.unsound
-    if (
-        sound
-        and not simulated
-        and max(abs(difference.sigmas) for difference in significant) > DISCREPANCY_SIGMA
-    ):
+    is_simulated = same_loop and not fixed_value_conflicts(context.fixed_values, joint)
+    is_sound = joint is not None and not joint.unsound
+    if is_sound and not is_simulated and max(abs(difference.sigmas) for difference in significant) > limit:
         message += "; chi2 does not tell which of them is wrong"
         return [FitWarning("loop_contradiction", names, message)]
     return [FitWarning("loop_discrepancy", names, message)]
 
 
-def _explained(ratio: float) -> float:
-    """Return up to how many sigmas of the fit estimates differ whose sigmas have this ratio."""
-    return METHOD_SIGMA + DISCREPANCY_SIGMA * math.sqrt(abs(1 - ratio**2))
+def _joint_differences(joint_fit: Fit, joint: Fit | None, bounded: Set[str]) -> Iterator[_Difference]:
+    """Yield the differences from the joint fit of the equation."""
+    for name, sigmas in differences(joint_fit, joint).items():
+        if joint is not None and name not in bounded:
+            yield _Difference(name, sigmas, joint_fit[name].sigma / joint[name].sigma, (name,))
 
 
 def _run_differences(joint_fit: Fit, calibrated: Results, context: LoopContext) -> Iterator[_Difference]:
-    """Yield the differences of what runs show alone, and the joint fit does not."""
-    names = [
-        *joint_fit.parameters,
-        *(name for name in context.fixed_values if name not in joint_fit.parameters),
-    ]
-    values = np.array(
-        [joint_fit[n].value if n in joint_fit.parameters else context.fixed_values[n] for n in names]
-    )
-    covariance = np.zeros((len(names), len(names)))
-    covariance[: len(joint_fit.parameters), : len(joint_fit.parameters)] = joint_fit.covariance
-    calibrated_parameters = calibrated.joint.parameters if calibrated.joint else {}
+    """Yield the differences from fits of single runs, in parameters that the joint fit does not have."""
+    values = {**context.fixed_values, **joint_fit.values}
+    joint_names = set(calibrated.joint.parameters) if calibrated.joint else set()
     for run in context.runs:
-        experiment_fit = calibrated.experiments.get(run.experiment)
-        if experiment_fit is None or experiment_fit.unsound:
+        fit = calibrated.experiments.get(run.experiment)
+        if fit is None or fit.unsound:
             continue
-        all_names = [p.name for p in context.sharing.parameters([(run, dynamics.PARAMETERS)])]
-        all_maps = context.sharing.matrix(run, dynamics.PARAMETERS, all_names)
-        known_maps = context.sharing.matrix(run, dynamics.PARAMETERS, names)
-        for name, all_map, row in zip(dynamics.PARAMETERS, all_maps, known_maps, strict=True):
-            lacking = any(factor and n not in names for n, factor in zip(all_names, all_map, strict=True))
-            estimated = tuple(
-                n for n, factor in zip(names, row, strict=True) if factor and n in joint_fit.parameters
-            )
+        names = [p.name for p in context.sharing.parameters([(run, dynamics.PARAMETERS)])]
+        matrix = context.sharing.matrix(run, dynamics.PARAMETERS, names)
+        for name, row in zip(dynamics.PARAMETERS, matrix.tolist(), strict=True):
+            factors = {n: factor for n, factor in zip(names, row, strict=True) if factor}
+            estimated = tuple(n for n in factors if n in joint_fit.parameters)
             if (
-                lacking
-                or name not in experiment_fit.parameters
-                or not estimated
-                or set(estimated) <= set(calibrated_parameters)
+                name not in fit.parameters
+                or not factors.keys() <= values.keys()
+                or set(estimated) <= joint_names
             ):
                 continue
-            sigma = experiment_fit[name].sigma
-            ratio = math.sqrt(float(row @ covariance @ row)) / sigma
-            difference = (float(row @ values) - experiment_fit[name].value) / sigma
-            yield _Difference(f"{name} of {run.experiment}", difference, _explained(ratio), estimated)
+            gradient = np.array([factors.get(n, 0.0) for n in joint_fit.parameters])
+            sigma = math.sqrt(float(gradient @ joint_fit.covariance @ gradient))
+            value = sum(factor * values[n] for n, factor in factors.items())
+            sigmas = (value - fit[name].value) / fit[name].sigma
+            yield _Difference(f"{name} of {run.experiment}", sigmas, sigma / fit[name].sigma, estimated)
 
 
 def fixed_value_conflicts(fixed_values: Mapping[str, float], calibrated: Fit | None) -> list[FitWarning]:
-    """Warn of what the loop holds and the fit of the equation finds to be something else."""
+    """Warn of fixed values of the loop that the fit of the equation contradicts."""
     if calibrated is None or calibrated.unsound:
         return []
     conflicts = {}
+    limit = sigma_limit("model", len(fixed_values))
     for name, value in fixed_values.items():
         if name in calibrated.parameters:
             estimate = calibrated[name]
-            if abs(value - estimate.value) > DISCREPANCY_SIGMA * estimate.sigma:
+            if abs(value - estimate.value) > limit * estimate.sigma:
                 conflicts[name] = (
                     f"{name} is {value:.6g}, the fit finds {estimate.value:.6g} ± {estimate.sigma:.2g}"
                 )
@@ -274,6 +198,21 @@ class CommandMismatch:
 
     mismatch: float
     uncertainty: float
+
+
+def command_mismatches(
+    experiments: Sequence[Experiment], loop: Loop, joint: JointParameters, outcome: IRLSResult
+) -> dict[str, CommandMismatch]:
+    """Compare the recorded commands with those of the identified controller, by run."""
+    theta, covariance = outcome.solution.theta, outcome.solution.covariance
+    mismatches = {}
+    for k, (experiment, view) in enumerate(zip(experiments, joint.views, strict=True)):
+        sigmas = np.sqrt(np.diag(view.parameter_map @ covariance @ view.parameter_map.T)).tolist()
+        sigma_of = dict(zip(joint.names, sigmas, strict=False))
+        mismatch = replay_commands(experiment.sysid, loop, joint.run_parameters(k, theta), sigma_of)
+        if mismatch:
+            mismatches[experiment.sysid.telemetry.run] = mismatch
+    return mismatches
 
 
 def replay_commands(
@@ -320,10 +259,11 @@ def command_warnings(
     mismatches: Mapping[str, CommandMismatch], parameters: Sequence[str]
 ) -> list[FitWarning]:
     """Warn of commands that are not those of the controller, by run; `parameters` rest on it."""
+    limit = sigma_limit("model", len(mismatches))
     significant = {
-        n: c.mismatch
-        for n, c in mismatches.items()
-        if c.mismatch > COMMAND_ROUNDING + DISCREPANCY_SIGMA * c.uncertainty
+        run: command.mismatch
+        for run, command in mismatches.items()
+        if command.mismatch > COMMAND_ROUNDING + limit * command.uncertainty
     }
     if not significant:
         return []

@@ -10,6 +10,7 @@ from fit.errors import FitError
 from fit.fitting import NonstationaryRun, readout_excess_noise
 from fit.identification import series
 from fit.identification.loop import FORCE_1, THRUST, Loop
+from fit.identification.parameters import JointParameters
 from fit.model import dynamics
 from fit.spectra import NoiseModel, Spectra, windowing
 from fit.whitening import (
@@ -24,10 +25,10 @@ from fit.whitening import (
 
 Array = NDArray[np.float64]
 
-RELINEARISE_SIGMA = 3.0  # sigma, from where the derivatives were taken, after which they are taken anew
-STEP_LIMIT = 0.1  # of its natural scale, that is the most which counts as a sigma there
+RELINEARISE_SIGMA = 3.0  # sigma, distance from the expansion point that requires new derivatives
+STEP_LIMIT = 0.1  # of its natural scale, largest sigma for that purpose
 STEP = 1e-3  # of its natural scale, by which a parameter is varied unless its sigma is smaller
-STEP_REDUCTIONS = 6  # times that a difference is tried before a trial that fails is told
+STEP_REDUCTIONS = 6  # attempts at a difference before the simulation counts as failed
 MOTION = 1e-9  # m, for a sample, that a controller answers
 IMPULSE = 1e-6  # N, for a sample: moves test mass 1 by some nanometres
 
@@ -45,12 +46,12 @@ class LinearisedRun(NonstationaryRun):
     expansion_point: Array = field(kw_only=True)
 
     def coefficients(self, theta: Array) -> Array:
-        """As those of `linear.WhitenedRun`."""
+        """As those of `WhitenedRun`."""
         shift = theta - (self.expansion_point if theta.ndim == 1 else self.expansion_point[:, None])
         return np.concatenate([np.ones_like(theta[:1]), self.parameter_map @ shift])
 
-    def of_run(self, _: Array, /) -> Array:
-        """As those of `linear.WhitenedRun`."""
+    def run_gradient(self, _: Array, /) -> Array:
+        """As those of `WhitenedRun`."""
         return np.eye(len(self.parameter_map) + 1, len(self.parameter_map), k=-1)
 
 
@@ -71,7 +72,7 @@ class InvertedLoop:
 
 
 class MeasuredInputs:
-    """A run beside the simulated loop, on which is imposed what was measured and is not to be predicted.
+    """A run and its simulated loop, on which the measured inputs are imposed.
 
     Parameters
     ----------
@@ -79,7 +80,7 @@ class MeasuredInputs:
         As measured, with what is masked.
     loop : Loop
         Simulates it.
-    reference : Reference
+    reference : InvertedLoop
         With which forces are told from motions.
     """
 
@@ -123,7 +124,7 @@ class MeasuredInputs:
         return np.asarray(np.clip(indices, 0, columns.time.size - 1))
 
     def residual(self, theta: Mapping[str, float]) -> Array:
-        """Return the force [m s^-2] that the simulated loop lacks, o_1 being imposed anew."""
+        """Return the force [m s^-2] that the simulated loop lacks, the measured o_1 imposed."""
         if not self._motion_response.size:
             self.update_impulse_response(theta)
         response = self._response(theta)
@@ -134,7 +135,7 @@ class MeasuredInputs:
         return self._excess_force(discrepancy, self._o_12 - response["o_12"])
 
     def update_impulse_response(self, theta: Mapping[str, float]) -> None:
-        """Find with theta what a stray thrust moves, by which o_1 is imposed."""
+        """Simulate the response to a stray thrust with theta, by which o_1 is imposed."""
         still = {FORCE_1: np.zeros(self._impulse.size), THRUST: np.zeros(self._impulse.size)}
         reference = self._loop.response(self.telemetry, theta, still)
         impulse_response = self._loop.response(self.telemetry, theta, {**still, THRUST: self._impulse})
@@ -179,16 +180,12 @@ class SimulatedExperiment:
         As it is to be fitted.
     loop : Loop
         Simulates it.
-    reference : Reference
+    reference : InvertedLoop
         See `MeasuredInputs`.
-    names : sequence of str
-        The first of the K parameters of the experiment, those of the loop.
-    measured_names : sequence of str
-        The others, see `MeasuredInputs.measured_derivatives`; those of `dynamics.PARAMETERS` first.
-    parameter_map : ndarray, shape (K, P)
-        Map from the P joint parameters to all of them.
-    scales : tuple of ndarray, each of shape (len(names),)
-        Natural scales of those of the loop, and bounds.
+    joint : JointParameters
+        The P joint parameters.
+    index : int
+        Number of the experiment among those of `joint`.
     likelihood : str
         What the residual is taken to be like.
     """
@@ -200,29 +197,25 @@ class SimulatedExperiment:
         experiment: Experiment,
         loop: Loop,
         reference: InvertedLoop,
-        names: Sequence[str],
-        measured_names: Sequence[str],
-        share: Array,
-        scales: tuple[Array, Array, Array],
+        joint: JointParameters,
+        index: int,
         likelihood: Likelihood,
     ) -> None:
         self.name = experiment.name
         self._sysid = MeasuredInputs(experiment.sysid, loop, reference)
         self._noise = experiment.noise and MeasuredInputs(experiment.noise, loop, reference)
-        self._names, self._share, self._likelihood = names, share, likelihood
-        self._widths, self._low, self._high = scales
-        self._measured_names = measured_names
+        self._names, self._share, self._likelihood = joint.names, joint.views[index].parameter_map, likelihood
+        self._widths, self._low, self._high = joint.scales
+        self._measured_names = names = joint.views[index].measured_names
         self._measured_columns = [
-            run.measured_derivatives(measured_names) for run in (self._sysid, self._noise) if run
+            run.measured_derivatives(names) for run in (self._sysid, self._noise) if run
         ]
         self._excess_motion = list(self._sysid.motion()) if experiment.readout_excess else []
         self._model: NoiseModel | None = None
         self._derivative_columns: list[Array] = []
         self._residuals: list[Array] = []
-        self._expansion_point, self._simulated_at = (
-            np.full(len(names), np.nan),
-            np.full(share.shape[1], np.nan),
-        )
+        self._expansion_point = np.full(len(joint.names), np.nan)
+        self._simulated_at = np.full(len(joint.parameters), np.nan)
 
     def simulate(self, theta: Array) -> None:
         """Simulate the runs with theta, shape (P,), which `block` is to be asked for next.
@@ -238,7 +231,7 @@ class SimulatedExperiment:
             self._simulated_at = theta
 
     def infeasible(self, theta: Array, target: Array) -> NDArray[np.bool_]:
-        """Tell which parameters, shape (P,), cannot go so far from theta: not even alone."""
+        """Return which parameters, shape (P,), cannot take the step to the target, not even one alone."""
         changed = self._share[: len(self._names)].any(axis=0) & (theta != target)
         infeasible = np.zeros(changed.size, bool)
         for k in np.flatnonzero(changed):

@@ -35,8 +35,8 @@ class ExperimentView:
     Attributes
     ----------
     measured_names : tuple of str
-        Its parameters after those of the loop, see `Imposed.measured_names`.
-    parameter_map : ndarray, shape (K, P)
+        Its parameters after those of the loop, see `MeasuredInputs.measured_derivatives`.
+    share : ndarray, shape (K, P)
         Map from the P joint parameters to its K.
     """
 
@@ -53,7 +53,7 @@ class JointParameters:
     parameters : tuple of Parameter
         The P parameters, with where the search begins.
     stated : tuple of str
-        Those of which it was told where.
+        Those whose start the user states.
     settings : dict of str to ParameterSettings
         Constraints and bounds, by name.
     names : tuple of str
@@ -62,7 +62,7 @@ class JointParameters:
         Their natural scales, and bounds.
     random_effects : tuple of ScaleParameter
         The widths of departures.
-    views : tuple of View
+    views : tuple of ExperimentView
         One for each experiment.
     """
 
@@ -102,9 +102,9 @@ def joint(
     experiments : sequence of Experiment
         To be identified together.
     free : sequence of FreeParameter
-        What is sought.
+        The parameters of the loop.
     settings : Settings
-        Tell over what cross-talk is shared.
+        They state over what cross-talk is shared.
     scatter : sequence of str
         What departs, see `departures`.
     starts : sequence of mapping of str to float

@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from fit.errors import FitError, InputError
 from fit.fitting import Prior, Problem, irls, null_space, priors
-from fit.identification import comparison
 from fit.identification.linearised_run import InvertedLoop, SimulatedExperiment
 from fit.identification.loop import Loop
 from fit.identification.parameters import JointParameters
@@ -21,10 +20,8 @@ from fit.whitening import Experiment, Likelihood, whitened_run
 Array = NDArray[np.float64]
 
 STEP_HALVINGS = 12  # times at most that a step is halved lest the loop be unstable
-RESTART_SHIFT = (
-    0.01  # of its natural scale, by which a parameter of an FMU may move before the search begins anew
-)
-DEPENDENT_VARIANCE = 0.5  # of the variance of a parameter, from which it rests on what another is held at
+RESTART_SHIFT = 0.01  # of its natural scale, by which a parameter of an FMU may move without a second search
+DEPENDENT_VARIANCE = 0.5  # of the variance of a parameter, due to undetermined ones, from which it is too
 
 
 class Search:
@@ -32,7 +29,7 @@ class Search:
 
     Attributes
     ----------
-    joint : Joint
+    joint : JointParameters
         The parameters.
     weighings : list of SimulatedExperiment
         One for each experiment.
@@ -59,17 +56,15 @@ class Search:
                 experiment,
                 loop,
                 InvertedLoop(references[k], joint.run_parameters(k, self._start)),
-                joint.names,
-                joint.views[k].measured_names,
-                joint.views[k].parameter_map,
-                joint.scales,
+                joint,
+                k,
                 "marginalised" if levels[k] else likelihood,
             )
             for k, experiment in enumerate(experiments)
         ]
 
     def has_strayed(self, theta: Array) -> bool:
-        """Tell whether the controller by which forces are told from motions may have been another one."""
+        """Return whether the controller has moved from that which forces were computed with."""
         shift = np.abs(theta - self._start) / self._widths
         is_fmu = ["." in name for name in self.joint.named(theta)]
         return bool(np.any(shift[: len(is_fmu)][is_fmu] > RESTART_SHIFT))
@@ -106,22 +101,6 @@ class Search:
         except FitError as error:
             raise FitError(f"{error}{f'; the search began at {stated}' * bool(stated)}") from None
 
-    def commands(
-        self, experiments: Sequence[Experiment], loop: Loop, outcome: irls.IRLSResult
-    ) -> dict[str, comparison.CommandMismatch]:
-        """Replay the recorded commands with what was found, by run."""
-        theta, covariance = outcome.solution.theta, outcome.solution.covariance
-        mismatches = {}
-        for k, (experiment, view) in enumerate(zip(experiments, self.joint.views, strict=True)):
-            sigmas = np.sqrt(np.diag(view.parameter_map @ covariance @ view.parameter_map.T)).tolist()
-            run_parameters = dict(zip(self.joint.names, sigmas, strict=False))
-            mismatch = comparison.replay_commands(
-                experiment.sysid, loop, self.joint.run_parameters(k, theta), run_parameters
-            )
-            if mismatch:
-                mismatches[experiment.sysid.telemetry.run] = mismatch
-        return mismatches
-
     def priors(
         self, whitened_runs: Sequence[whitened_run.WhitenedRun], theta: Array, other_knowledge: Array
     ) -> priors.PriorSet:
@@ -135,7 +114,7 @@ class Search:
         return priors.PriorSet(weak, undetermined, directions)
 
     def _dependent(self, H: Array, undetermined: NDArray[np.bool_]) -> NDArray[np.bool_]:
-        """Tell which parameters the data tell only with what `undetermined` ones are held at."""
+        """Return which parameters are determined only if the `undetermined` ones are known."""
         covariance = np.linalg.inv(
             self._widths[:, None] * H * self._widths + np.diag(undetermined.astype(float))
         )

@@ -298,9 +298,9 @@ def apply_iv_correction(
     """
     solution, names = result.solution, [p.name for p in result.parameters]
     centre, scale = solution.theta.copy(), np.ones(len(names))
-    for name, (shift, ratio) in attenuation.iv_correction(corrected, result).items():
+    for name, correction in attenuation.iv_corrections(corrected, result).items():
         i = names.index(name)
-        centre[i], scale[i] = centre[i] + shift, ratio
+        centre[i], scale[i] = centre[i] + correction.shift, correction.sigma_ratio
     shared = slice(result.shared)
     theta = chain.theta.copy()
     theta[..., shared] = centre[shared] + (theta[..., shared] - solution.theta[shared]) * scale[shared]

@@ -157,10 +157,10 @@ class _Constraints:
 
     def tie(self, theta: Array) -> None:
         """Set tied parameters of theta, shape (..., P + I), to their expressions."""
-        for tie in self._ties:
-            values = {symbol: theta[..., self._names.index(symbol)] for symbol in tie.symbols}
+        for name, symbols, model in self._ties:
+            values = {symbol: theta[..., self._names.index(symbol)] for symbol in symbols}
             with np.errstate(all="ignore"):
-                theta[..., self._names.index(tie.name)] = tie.model.eval(**values)
+                theta[..., self._names.index(name)] = model.eval(**values)
 
     def inside(self, theta: Array) -> NDArray[np.bool_]:
         """Return which of the points theta, shape (W, P + I), are within the bounds and finite."""
@@ -174,37 +174,18 @@ class _Constraints:
         return np.where(self.inside(theta), -chi2 / 2, -np.inf)
 
 
-@dataclass(frozen=True)
-class _Tie:
-    """A tied parameter, with the parameters in its expression as arrays.
-
-    Attributes
-    ----------
-    name : str
-        Of the parameter.
-    symbols : list of str
-        The parameters in its expression.
-    model : ExpressionModel
-        Evaluates it.
-    """
-
-    name: str
-    symbols: list[str]
-    model: "ExpressionModel"
-
-
-def _ties(expressions: Mapping[str, str]) -> list[_Tie]:
-    """Return ties of parameters in an order in which they can be evaluated."""
+def _ties(expressions: Mapping[str, str]) -> "list[tuple[str, list[str], ExpressionModel]]":
+    """Return tied parameters, the symbols of their expressions and these, in the order of evaluation."""
     from lmfit.models import ExpressionModel  # slow to import
 
     symbols = {
         name: sorted(constraints.symbols(expr, name) - {*constraints.FUNCTIONS})
         for name, expr in expressions.items()
     }
-    order = [name for name in TopologicalSorter(symbols).static_order() if name in expressions]
     return [
-        _Tie(name, symbols[name], ExpressionModel(expressions[name], independent_vars=symbols[name]))
-        for name in order
+        (name, symbols[name], ExpressionModel(expressions[name], independent_vars=symbols[name]))
+        for name in TopologicalSorter(symbols).static_order()
+        if name in expressions
     ]
 
 

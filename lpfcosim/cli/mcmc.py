@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from pathlib import Path
 
-from fit.crosstalk import refit
+from fit.crosstalk import attenuation, refit
 from fit.files import atomic
 from fit.report import page as fit_report
 from fit.results import Results
@@ -34,8 +34,8 @@ def _sample(
     for warning in results.joint.unsound if results.joint else ():
         console.note(f"warning: {directory / 'results.json'}: joint: {warning.message}")
     joint = results.joint.parameters if results.joint else {}
-    others = refit.iv_corrected_parameters(results)
-    given = {name: e for name, e in joint.items() if name in others}
+    corrected = attenuation.iv_parameters(results.joint)
+    given = {name: e for name, e in joint.items() if name in corrected}
     if given:
         told = ", ".join(given)
         console.note(

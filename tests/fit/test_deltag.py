@@ -78,10 +78,10 @@ def test_what_subtracts_best_is_subtracted_whatever_the_couplings(recorded, tmp_
     path, _, file, _ = recorded
     right = calibrated(LATE)
     couplings = fit_of(b_1=3e-5, b_2=-3e-5)
-    best = replace(right.provenance, subtraction={"1": right.cross_talk["1"].values})
-    other = replace(right, cross_talk={"1": couplings}, provenance=best)
-    found, _ = product(path, tmp_path / "other.h5", other)
-    np.testing.assert_array_equal(found.delta_g_SC, file.delta_g_SC)
+    provenance = replace(right.provenance, subtraction={"1": right.cross_talk["1"].values})
+    results = replace(right, cross_talk={"1": couplings}, provenance=provenance)
+    corrected, _ = product(path, tmp_path / "other.h5", results)
+    np.testing.assert_array_equal(corrected.delta_g_SC, file.delta_g_SC)
 
 
 def test_the_terms_add_up(recorded):
@@ -101,14 +101,14 @@ def level(x, low, high):
 
 
 @pytest.mark.parametrize(
-    ("low", "high", "gained", "left"),
+    ("low", "high", "gained", "remainder"),
     [(0.08e-3, 0.2e-3, 1.7, 0.15), (0.2e-3, 2e-3, 1.5, 0.3), (25e-3, 35e-3, 10, 2.0)],
 )
-def test_delta_g_is_the_true_one(recorded, low, high, gained, left):
+def test_delta_g_is_the_true_one(recorded, low, high, gained, remainder):
     _, truth, file, _ = recorded
     true = truth["delta_g"][10:-10]
     assert level(file.delta_g_x.values, low, high) > gained * level(true, low, high)
-    assert level(file.delta_g.values - true, low, high) < left * level(true, low, high)
+    assert level(file.delta_g.values - true, low, high) < remainder * level(true, low, high)
 
 
 def test_cross_talk_that_holds_the_euler_force_adds_no_noise(recorded, tmp_path):
@@ -138,23 +138,23 @@ def test_above_the_fitted_band_read_outs_of_motion_add_no_noise(recorded, tmp_pa
     fitted = replace(right, cross_talk={"1": fit_of(**right.cross_talk["1"].values, b_3=1e-4)})
     file, _ = product(path, tmp_path / "p.h5", fitted)
     for low, high in ((0.13, 0.2), (0.2, 0.25), (0.25, 0.4)):
-        before = level(file.delta_g_x.values, low, high)
-        assert 1e-4 * (2 * np.pi * high) ** 2 * 1.8e-9 / np.sqrt(2) > before  # what is not subtracted
-        assert level(file.delta_g.values, low, high) < 1.01 * before
+        uncorrected = level(file.delta_g_x.values, low, high)
+        assert 1e-4 * (2 * np.pi * high) ** 2 * 1.8e-9 / np.sqrt(2) > uncorrected  # what is not subtracted
+        assert level(file.delta_g.values, low, high) < 1.01 * uncorrected
     assert np.all(file.attrs.get("louder_bands", np.zeros((0, 2)))[..., 1] < 0.13)
 
 
 def test_a_slow_archive_whose_fit_ends_below_the_split_subtracts_no_motion():
     recipe = deltag.Corrections({"b_1": 1.0}, None, None, True, 4e-3, ())
     x = np.random.default_rng(9).standard_normal(20_000)
-    left = recipe.filtered_cross_talk(x, 0.04)
-    assert np.std(left[2000:-2000]) < 0.15 * np.std(x)
-    assert level_ratio(left, x, 9e-3) < 0.02
+    remainder = recipe.filtered_cross_talk(x, 0.04)
+    assert np.std(remainder[2000:-2000]) < 0.15 * np.std(x)
+    assert level_ratio(remainder, x, 9e-3) < 0.02
 
 
-def level_ratio(y, x, above):
+def level_ratio(y, x, f_min):
     f = np.fft.rfftfreq(x.size, 25.0)
-    Y, X = (np.abs(np.fft.rfft(z)[f > above]) for z in (y, x))
+    Y, X = (np.abs(np.fft.rfft(z)[f > f_min]) for z in (y, x))
     return np.sqrt(np.mean(Y**2) / np.mean(X**2))
 
 
@@ -169,14 +169,14 @@ def test_what_adds_noise_is_told_with_its_band(recorded, tmp_path):
     assert level(file.delta_g.values, low, high) > 1.2 * level(file.delta_g_x.values, low, high)
 
 
-@pytest.mark.parametrize(("lost", "words"), [(0.02, "louder than"), (0.7, "is not compared with")])
-def test_gaps_do_not_hide_that_noise_is_added(recorded, tmp_path, lost, words):
+@pytest.mark.parametrize(("fraction", "words"), [(0.02, "louder than"), (0.7, "is not compared with")])
+def test_gaps_do_not_hide_that_noise_is_added(recorded, tmp_path, fraction, words):
     wrong = replace(calibrated(LATE), inertial={"0": fit_of(delta_phi=2e-3, delta_eta=1e-3)})
     path = tmp_path / "gaps.h5"
     path.write_bytes(recorded[0].read_bytes())
     with h5py.File(path, "a") as file:
         for start in range(0, file["time"].size, 20_000):
-            file["o_12"][start : start + round(lost * 20_000)] = np.nan
+            file["o_12"][start : start + round(fraction * 20_000)] = np.nan
     _, (note,) = product(path, tmp_path / "p.h5", wrong)
     assert words in note
 
@@ -206,8 +206,8 @@ def test_pieces_and_gaps_change_nothing(recorded, tmp_path, monkeypatch):
     assert int(missing.sum()) == 300 + 20 + 30_000 + 3 * 20  # gaps of a sample are interpolated
     assert not np.isnan(whole.g_Omega[19_900:20_400]).any()
     assert np.isnan(whole.g_dOmega[49_995])
-    there = ~missing.values
-    change = (whole.delta_g - recorded[2].delta_g).values[there]
+    present = ~missing.values
+    change = (whole.delta_g - recorded[2].delta_g).values[present]
     assert np.abs(change).max() < 2e-13  # beside the interpolated sample of o_12; of 1e-12
 
 
@@ -246,23 +246,23 @@ def test_quaternion_instead_of_angles(recorded, tmp_path):
             channel.dims[0].attach_scale(file["time"])
         del file["ast_eta"], file["ast_phi"]
     turned, _ = product(path, tmp_path / "p.h5", calibrated(LATE))
-    apart = (turned.g_Omega - recorded[2].g_Omega).values
-    assert level(apart, 0.05e-3, 2e-3) < 0.02 * level(recorded[2].g_Omega.values, 0.05e-3, 2e-3)
+    difference = (turned.g_Omega - recorded[2].g_Omega).values
+    assert level(difference, 0.05e-3, 2e-3) < 0.02 * level(recorded[2].g_Omega.values, 0.05e-3, 2e-3)
 
 
 @pytest.mark.parametrize(
-    ("without", "lacking", "note"),
+    ("missing", "lacking", "note"),
     [
         (("N_eta_1", "N_eta_2"), {"g_Omega", "g_dOmega"}, "no torques about phi and eta"),
         (("o_eta_12",), {"delta_g_SC"}, "delta_g_SC is left out: no channel o_eta_12"),
         (("ast_eta",), set(), "without star tracker"),
     ],
 )
-def test_what_a_file_lacks_is_left_out_and_told(recorded, tmp_path, without, lacking, note):
+def test_what_a_file_lacks_is_left_out_and_told(recorded, tmp_path, missing, lacking, note):
     path = tmp_path / "less.h5"
     path.write_bytes(recorded[0].read_bytes())
     with h5py.File(path, "a") as file:
-        for name in without:
+        for name in missing:
             del file[name]
     file, notes = product(path, tmp_path / "p.h5", calibrated(LATE))
     assert set(PRODUCT) - set(file.data_vars) == lacking
@@ -336,8 +336,8 @@ def test_command(recorded, tmp_path, monkeypatch, capfd):
         assert command(monkeypatch, "deltag", *arguments) == 2
         err = capfd.readouterr().err
         assert words in err
-        told = [line for line in err.splitlines() if not line.startswith("reading: ")]  # on a busy machine
-        assert len(told) == 1
+        lines = [line for line in err.splitlines() if not line.startswith("reading: ")]  # on a busy machine
+        assert len(lines) == 1
 
 
 def test_a_calibration_that_is_not_sound_gives_no_product(recorded, tmp_path, monkeypatch, capfd):

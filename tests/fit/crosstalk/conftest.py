@@ -2,7 +2,7 @@
 
 import pytest
 
-from tests.fit.crosstalk.euler import DAY, QUIET, fitted
+from tests.fit.crosstalk.euler import DAY, LOW_NOISE, fitted
 from tests.oracles.rotation_synthetic import run
 
 
@@ -12,10 +12,10 @@ def three_days():
 
 
 @pytest.fixture(scope="package")
-def found(three_days):
+def three_day_fit(three_days):
     return fitted(three_days[0])
 
 
 @pytest.fixture(scope="package")
 def quiet_day():
-    return run(QUIET, duration=DAY)
+    return run(LOW_NOISE, duration=DAY)

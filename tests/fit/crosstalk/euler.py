@@ -10,7 +10,7 @@ from tests.oracles.rotation_synthetic import World, calibration
 
 DAY = 86400.0
 TRUTH = {"delta_phi": World().phi.delta, "delta_eta": World().eta.delta}
-QUIET = World(plateau=0.5e-15, tail=3e-15)  # the angles' own errors stand out of Delta g
+LOW_NOISE = World(plateau=0.5e-15, tail=3e-15)  # the angles' own errors stand out of Delta g
 
 
 def pulls(fit, truth=None):
@@ -23,8 +23,8 @@ def codes(fit):
 
 
 def lacking(telemetry, *beginnings):
-    kept = {k: v for k, v in telemetry.channels.items() if not k.startswith(beginnings)}
-    return replace(telemetry, channels=kept)
+    channels = {k: v for k, v in telemetry.channels.items() if not k.startswith(beginnings)}
+    return replace(telemetry, channels=channels)
 
 
 def fitted(*runs, world=None):

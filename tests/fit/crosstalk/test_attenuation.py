@@ -1,16 +1,23 @@
-"""What noise in read-outs of motion does to estimates: sigmas that hold it, values that are freed of it."""
+"""Noise in read-outs of motion: sigmas that include its effect, estimates without it."""
 
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from fit.crosstalk.attenuation import AttenuationCorrected, apply_iv, inflate_sigma
+from fit.crosstalk.attenuation import (
+    AttenuationCorrected,
+    apply_iv,
+    correct_joint,
+    inflate_sigma,
+    iv_corrections,
+    iv_parameters,
+)
 from fit.results.estimates import Estimate
 from fit.results.results import Fit
 
 NAMES = ("lambda_2", "delta_ifo_1", "delta_ifo_2")
-EXPECTED = np.array([0.02, np.nan, 0.02])  # of least squares
+EXPECTED = np.array([0.02, np.nan, 0.02])  # shift of least squares
 
 
 def fit_of(names, sigma, correlation=0.0):
@@ -19,75 +26,64 @@ def fit_of(names, sigma, correlation=0.0):
     return Fit(estimates, covariance, 1.0, 1, True, ())
 
 
-def solved(theta, sigma):
-    return SimpleNamespace(theta=np.array(theta), sigma=np.array(sigma))
+def outcome(theta, sigma):
+    """Return a fit of `NAMES`."""
+    solution = SimpleNamespace(theta=np.array(theta), sigma=np.array(sigma))
+    return SimpleNamespace(parameters=[SimpleNamespace(name=name) for name in NAMES], solution=solution)
 
 
-def outcomes(after, wider):
-    """Return a fit by least squares, and one with instruments in which other values come out."""
-    parameters = [SimpleNamespace(name=name) for name in NAMES]
-    before = SimpleNamespace(parameters=parameters, solution=solved([1.0] * 3, [0.1] * 3))
-    freed = SimpleNamespace(solution=solved(after, wider))
-    return before, freed
+LEAST_SQUARES = outcome([1.0] * 3, [0.1] * 3)
 
 
-def test_sigmas_hold_what_attenuation_may_be():
-    found = inflate_sigma(
-        fit_of(("b_3", "b_4", "b_5"), np.array([1.0, 1.0, 1.0]), 0.2), {"b_3": 3.0, "b_4": 0.5}
-    )
-    assert found.parameters["b_3"].sigma == pytest.approx(np.sqrt(10))
-    assert found.parameters["b_4"] == found.parameters["b_5"] == Estimate(1.0, 1.0, "1")
-    assert np.sqrt(np.diag(found.covariance)) == pytest.approx([np.sqrt(10), 1, 1])
-    assert found.covariance[0, 1] == pytest.approx(0.2)
+def test_sigmas_include_the_expected_shift():
+    fit = fit_of(("b_3", "b_4", "b_5"), np.array([1.0, 1.0, 1.0]), 0.2)
+    inflated = inflate_sigma(fit, {"b_3": 3.0, "b_4": 0.5})
+    assert inflated.parameters["b_3"].sigma == pytest.approx(np.sqrt(10))
+    assert inflated.parameters["b_4"] == inflated.parameters["b_5"] == Estimate(1.0, 1.0, "1")
+    assert np.sqrt(np.diag(inflated.covariance)) == pytest.approx([np.sqrt(10), 1, 1])
+    assert inflated.covariance[0, 1] == pytest.approx(0.2)
+    inflated = inflate_sigma(fit_of(("b_3", "b_4", "b_5"), np.array([1.0, 2.0, 3.0])), {"b_4": float("nan")})
+    assert list(inflated.parameters) == ["b_3", "b_5"]
+    assert np.sqrt(np.diag(inflated.covariance)) == pytest.approx([1, 3])
 
 
-def test_what_cannot_be_told_is_withheld():
-    found = inflate_sigma(fit_of(("b_3", "b_4", "b_5"), np.array([1.0, 2.0, 3.0])), {"b_4": float("nan")})
-    assert list(found.parameters) == ["b_3", "b_5"]
-    assert np.sqrt(np.diag(found.covariance)) == pytest.approx([1, 3])
-
-
-def test_what_moves_is_as_it_is_beside_free_couplings():
+def test_shifted_estimates_are_those_with_instruments():
     joint = fit_of(NAMES, np.array([0.1, 0.2, 0.1]), 0.5)  # scatter has widened one of them
-    before, freed = outcomes([0.98, 1.3, 1.005], [0.09, 0.12, 0.2])
-    found = apply_iv(
-        joint,
-        before,
-        AttenuationCorrected(SimpleNamespace(names={"b_3_1"}, outcome=freed), np.zeros(3), EXPECTED),
-    )
-    assert found.parameters["lambda_2"] == Estimate(0.98, pytest.approx(0.1), "1")
-    assert found.parameters["delta_ifo_1"] == Estimate(1.3, pytest.approx(0.2 * 1.2), "1")
-    assert found.parameters["delta_ifo_2"] == joint.parameters["delta_ifo_2"]  # it has not moved
-    assert np.sqrt(np.diag(found.covariance)) == pytest.approx([0.1, 0.2 * 1.2, 0.1])
-    assert np.allclose(found.correlation, joint.correlation)
-    (told,) = found.warnings
-    assert (told.code, told.parameters) == ("instrumental_variables", ("lambda_2", "delta_ifo_1"))
-    assert "lambda_2 (+0.2), delta_ifo_1 (-3.0)" in told.message
-    kept = apply_iv(
-        joint,
-        before,
-        AttenuationCorrected(SimpleNamespace(names={"b_3_1"}, outcome=freed), np.zeros(3), np.zeros(3)),
-    )
-    assert kept is joint  # what moved is chance: no shift was to be expected
+    solution = outcome([0.98, 1.3, 1.005], [0.09, 0.12, 0.2])
+    corrected = AttenuationCorrected(solution, {"b_3_1"}, np.zeros(3), EXPECTED)
+    fit = correct_joint(joint, LEAST_SQUARES, corrected)
+    assert fit.parameters["lambda_2"] == Estimate(pytest.approx(0.98), pytest.approx(0.1), "1")
+    assert fit.parameters["delta_ifo_1"] == Estimate(pytest.approx(1.3), pytest.approx(0.2 * 1.2), "1")
+    assert fit.parameters["delta_ifo_2"] == joint.parameters["delta_ifo_2"]  # it has not moved
+    assert np.sqrt(np.diag(fit.covariance)) == pytest.approx([0.1, 0.2 * 1.2, 0.1])
+    assert np.allclose(fit.correlation, joint.correlation)
+    (warning,) = fit.warnings
+    assert (warning.code, warning.parameters) == ("instrumental_variables", ("lambda_2", "delta_ifo_1"))
+    assert "lambda_2 (+0.2), delta_ifo_1 (-3.0)" in warning.message
+    assert iv_parameters(fit) == {"lambda_2", "delta_ifo_1"}
+    # what moved is chance where no shift was to be expected
+    by_chance = AttenuationCorrected(solution, {"b_3_1"}, np.zeros(3), np.zeros(3))
+    assert correct_joint(joint, LEAST_SQUARES, by_chance) is joint
 
 
-def test_without_instruments_nothing_moves():
+def test_without_instruments_only_sigmas_change():
     joint = fit_of(NAMES, np.array([0.1, 0.2, 0.1]))
-    before, same = outcomes([1.0] * 3, [0.1] * 3)
-    assert (
-        apply_iv(
-            joint,
-            before,
-            AttenuationCorrected(SimpleNamespace(names=set(), outcome=same), np.zeros(3), EXPECTED),
-        )
-        is joint
-    )
-    left = apply_iv(
-        joint,
-        before,
-        AttenuationCorrected(
-            SimpleNamespace(names=set(), outcome=same), np.array([0.0, 0.2, np.nan]), EXPECTED
-        ),
-    )
-    assert left.parameters["delta_ifo_1"] == Estimate(1.0, pytest.approx(0.2 * np.sqrt(5)), "1")
-    assert left.parameters["delta_ifo_2"] == joint.parameters["delta_ifo_2"]
+    free = AttenuationCorrected(LEAST_SQUARES, set(), np.zeros(3), EXPECTED)
+    assert correct_joint(joint, LEAST_SQUARES, free) is joint
+    shifted = AttenuationCorrected(LEAST_SQUARES, set(), np.array([0.0, 0.2, np.nan]), EXPECTED)
+    fit = correct_joint(joint, LEAST_SQUARES, shifted)
+    assert fit.parameters["delta_ifo_1"] == Estimate(1.0, pytest.approx(0.2 * np.sqrt(5)), "1")
+    assert fit.parameters["delta_ifo_2"] == joint.parameters["delta_ifo_2"]
+
+
+def test_another_fit_of_the_same_data_is_corrected_alike():
+    corrections = iv_corrections({"delta_ifo_1": Estimate(1.3, 0.12, "1")}, LEAST_SQUARES)
+    loop_fit = fit_of(("lambda_2", "delta_ifo_1", "Plant.cubic_2"), np.array([0.1, 0.1, 1.0]), 0.5)
+    fit = apply_iv(loop_fit, corrections, "moved as the fit", "; nothing is known of Plant.cubic_2")
+    assert fit["delta_ifo_1"] == Estimate(pytest.approx(1.3), pytest.approx(0.12), "1")
+    assert fit["lambda_2"] == loop_fit["lambda_2"]
+    assert np.sqrt(np.diag(fit.covariance)) == pytest.approx([0.1, 0.12, 1.0])
+    assert np.allclose(fit.correlation, loop_fit.correlation)
+    (warning,) = fit.warnings
+    assert "delta_ifo_1 (-3.0); nothing is known" in warning.message
+    assert apply_iv(loop_fit, {}, "") is loop_fit

@@ -33,11 +33,11 @@ def experiments(runs):
     return [Experiment(Run(sysid), Run(noise)) for sysid, noise in zip(runs[::2], runs[1::2], strict=True)]
 
 
-def two_epochs(motion, other=None, **options):
+def two_epochs(motion, second_motion=None, **options):
     return experiments(
         pair(motion, LATE, "A", epoch=1, **options)
         + pair(motion, LATE, "B", epoch=1, **options)
-        + pair(other or motion, LATE, "C", epoch=2, **options)
+        + pair(second_motion or motion, LATE, "C", epoch=2, **options)
     )
 
 
@@ -57,8 +57,8 @@ def pulls(fit, truth):
 
 
 def warning(fit, code):
-    (found,) = (w for w in fit.warnings if w.code == code)
-    return found
+    (match,) = (w for w in fit.warnings if w.code == code)
+    return match
 
 
 def in_band(x, low, high):
@@ -72,17 +72,17 @@ def in_band(x, low, high):
 def test_every_term_has_its_sign_and_size(name):
     only = {**dict.fromkeys(TRUTH, 0.0), name: TRUTH[name]}
     recorded, truth = run(Motion(b=only, grs=0.0, dws=0.0), LATE, kind="noise", duration=7200.0)
-    found, _ = dynamics.delta_g_SC(recorded, only)
+    delta_g_SC, _ = dynamics.delta_g_SC(recorded, only)
     expected = truth["delta_g_SC"][derivatives.HALF : -derivatives.HALF]
-    assert in_band(found - expected, 1e-3, 0.1) < 1e-6 * in_band(expected, 1e-3, 0.1)
+    assert in_band(delta_g_SC - expected, 1e-3, 0.1) < 1e-6 * in_band(expected, 1e-3, 0.1)
 
 
 def test_delta_g_is_what_was_put_in():
-    quiet = replace(LATE, oms=0.0)
-    recorded, truth = run(CLEAN, quiet, kind="noise", duration=7200.0)
-    own = of_run(quiet, "A")
-    time, delta_g = dynamics.residual(recorded, own | TRUTH)
-    _, delta_g_x = dynamics.residual(recorded, own)
+    noiseless = replace(LATE, oms=0.0)
+    recorded, truth = run(CLEAN, noiseless, kind="noise", duration=7200.0)
+    parameters = of_run(noiseless, "A")
+    time, delta_g = dynamics.residual(recorded, parameters | TRUTH)
+    _, delta_g_x = dynamics.residual(recorded, parameters)
     delta_g_SC, _ = dynamics.delta_g_SC(recorded, TRUTH)
     assert np.allclose(delta_g, delta_g_x + delta_g_SC, rtol=0, atol=1e-20)
     expected = truth["delta_g"][derivatives.HALF : -derivatives.HALF]
@@ -111,19 +111,19 @@ def test_missing_samples_of_a_mean_are_masked():
     recorded, _ = run(Motion(), LATE, duration=7200.0)
     recorded.channels["grs_y_2"][3000:3050] = np.nan
     time, delta_g = dynamics.residual(recorded, TRUTH)
-    lost = time[np.isnan(delta_g)]
+    missing = time[np.isnan(delta_g)]
     assert np.array_equal(np.isfinite(delta_g), dynamics.delta_g_SC(recorded, TRUTH)[1])
-    assert (lost.min(), lost.max()) == (3000 - derivatives.HALF, 3049 + derivatives.HALF)
+    assert (missing.min(), missing.max()) == (3000 - derivatives.HALF, 3049 + derivatives.HALF)
     assert dynamics.channels(recorded).missing == 50
 
 
 def test_each_epoch_has_its_own_coefficients():
     # 12 + 9 pulls beyond 4.5 sigma: false-positive probability 1.5e-4
-    other = {name: -1.5 * value for name, value in TRUTH.items()}
-    runs = two_epochs(CLEAN, replace(CLEAN, b=other), seed=1)
-    outcome, found = fitted(runs)
-    assert list(found) == ["1", "2"]
-    for fit, truth in zip(found.values(), (TRUTH, other), strict=True):
+    second_truth = {name: -1.5 * value for name, value in TRUTH.items()}
+    runs = two_epochs(CLEAN, replace(CLEAN, b=second_truth), seed=1)
+    outcome, fits = fitted(runs)
+    assert list(fits) == ["1", "2"]
+    for fit, truth in zip(fits.values(), (TRUTH, second_truth), strict=True):
         assert list(fit.parameters) == NAMES
         assert max(abs(p) for p in pulls(fit, truth).values()) < 4.5
         assert [fit.parameters[n].sigma for n in NAMES] == pytest.approx(np.sqrt(np.diag(fit.covariance)))
@@ -142,19 +142,19 @@ def test_noisy_read_outs_attenuate_what_subtracts_best(noisy):
     floors = [readout_noise.noise_psd(e.sysid) for e in runs]
     shift = attenuation.expected_shift(outcome, fitted_runs(outcome, runs), floors)
     shift = dict(zip([p.name for p in outcome.parameters], shift, strict=True))
-    for epoch, best in crosstalk_fit.subtraction(outcome, runs, SHARING).items():
-        assert list(best) == NAMES
+    for epoch, coefficients in crosstalk_fit.subtraction(outcome, runs, SHARING).items():
+        assert list(coefficients) == NAMES
         for name in ("b_3", "b_4"):
-            assert 0.84 < best[name] / TRUTH[name] < 0.94
+            assert 0.84 < coefficients[name] / TRUTH[name] < 0.94
             # what the data tell of their own noise makes good for it, but for the answer of the loop to it
-            assert best[name] - shift[f"{name}_{epoch}"] == pytest.approx(TRUTH[name], rel=0.04)
+            assert coefficients[name] - shift[f"{name}_{epoch}"] == pytest.approx(TRUTH[name], rel=0.04)
 
 
 def test_two_sensors_of_the_same_motion_free_the_couplings(noisy):
     # 12 pulls beyond 4.5 sigma: false-positive probability 1e-4
-    _, outcome, found = noisy
+    _, outcome, fits = noisy
     sigma = dict(zip([p.name for p in outcome.parameters], outcome.solution.sigma, strict=True))
-    for epoch, fit in found.items():
+    for epoch, fit in fits.items():
         assert max(map(abs, pulls(fit, TRUTH).values())) < 4.5
         assert [w.code for w in fit.warnings] == ["instrumental_variables", "correlation"]
         assert warning(fit, "instrumental_variables").parameters == ("b_3", "b_4", "b_5", "b_6")
@@ -169,44 +169,44 @@ def test_no_bin_has_a_say_in_its_own_instruments(noisy):
     # louder by a tenth, it moves those of its neighbours; tied to its own noise, instruments would attenuate
     runs, outcome, _ = noisy
     w, theta = fitted_runs(outcome, runs)[0], outcome.solution.theta
-    before = instrumental_variables.noisy_regressor(w, "y", theta).filters
+    filters = instrumental_variables.noisy_regressor(w, "y", theta).filters
     for i in (400, 600, 800, 1000):
         columns = w.terms.columns.copy()
         columns[i, w.experiment.parameters.index("b_3") + 1] *= 1.05
-        after = instrumental_variables.noisy_regressor(
+        perturbed = instrumental_variables.noisy_regressor(
             replace(w, terms=replace(w.terms, columns=columns)), "y", theta
         ).filters
-        moved = np.abs(after[:, 2] / before[:, 2] - 1)
-        assert moved[i] < 0.2 * moved[i + 1]
+        change = np.abs(perturbed[:, 2] / filters[:, 2] - 1)
+        assert change[i] < 0.2 * change[i + 1]
 
 
 def test_a_calibration_keeps_what_subtracts_best():
     results = calibrate(pair(Motion(), LATE))
-    best = results.provenance.subtraction["1"]
-    assert list(best) == NAMES
-    assert best["b_3"] < 0.95 * results.cross_talk["1"].parameters["b_3"].value
+    coefficients = results.provenance.subtraction["1"]
+    assert list(coefficients) == NAMES
+    assert coefficients["b_3"] < 0.95 * results.cross_talk["1"].parameters["b_3"].value
     assert not any(name.startswith("b_") for name in results.joint.parameters)
 
 
 def test_test_masses_that_move_apart_slowly_do_no_harm():
     # as the suspension lets them: by 2.5 nm Hz^-0.5 at 6 mHz, as much as all motion of y at 3 mHz
-    told = fitted(experiments(pair(Motion(apart=2.5e-9), LATE)))[1]["1"]
-    assert warning(told, "instrumental_variables").parameters == ("b_3", "b_4", "b_5", "b_6")
-    assert max(map(abs, pulls(told, TRUTH).values())) < 4.5
-    assert told.parameters["b_3"].sigma < 0.06 * TRUTH["b_3"]
+    fit = fitted(experiments(pair(Motion(apart=2.5e-9), LATE)))[1]["1"]
+    assert warning(fit, "instrumental_variables").parameters == ("b_3", "b_4", "b_5", "b_6")
+    assert max(map(abs, pulls(fit, TRUTH).values())) < 4.5
+    assert fit.parameters["b_3"].sigma < 0.06 * TRUTH["b_3"]
 
 
 def test_gains_that_may_scatter_leave_the_couplings_as_they_are(noisy):
     """A gain of each experiment's own and one for all are told apart by the width that the data gave."""
     runs, _, plain = noisy
     outcome = fit_joint(runs, settings({"scatter": ["lambda_2"]}))
-    found = cross_talk(outcome, runs, SHARING, attenuation.correct_attenuation(outcome, runs))
+    fits = cross_talk(outcome, runs, SHARING, attenuation.correct_attenuation(outcome, runs))
     for epoch, fit in plain.items():
-        assert found[epoch].parameters.keys() == fit.parameters.keys()
+        assert fits[epoch].parameters.keys() == fit.parameters.keys()
         for name, e in fit.parameters.items():
-            other = found[epoch].parameters[name]
-            assert abs(other.value - e.value) < 0.3 * e.sigma
-            assert other.sigma == pytest.approx(e.sigma, rel=0.1)
+            estimate = fits[epoch].parameters[name]
+            assert abs(estimate.value - e.value) < 0.3 * e.sigma
+            assert estimate.sigma == pytest.approx(e.sigma, rel=0.1)
 
 
 def test_glitches_that_are_taken_out_leave_the_couplings_as_they_are():
@@ -216,40 +216,44 @@ def test_glitches_that_are_taken_out_leave_the_couplings_as_they_are():
         Glitch(Shape("double_exponential", 800.0, -0.0016), 5000.0),
         Glitch(Shape("reversed", 2000.0, 0.0), 9000.0),
     ]
-    without = [replace(e, sysid=e.sysid.with_glitches(glitches)) for e in whole]
-    plain, other = (fitted(runs)[1]["1"] for runs in (whole, without))
-    assert warning(other, "instrumental_variables").parameters == ("b_3", "b_4", "b_5", "b_6")
+    cleaned = [replace(e, sysid=e.sysid.with_glitches(glitches)) for e in whole]
+    plain, cleaned_fit = (fitted(runs)[1]["1"] for runs in (whole, cleaned))
+    assert warning(cleaned_fit, "instrumental_variables").parameters == ("b_3", "b_4", "b_5", "b_6")
     for name, e in plain.parameters.items():
-        assert abs(other.parameters[name].value - e.value) < 0.5 * e.sigma
-        assert other.parameters[name].sigma == pytest.approx(e.sigma, rel=0.1)
+        assert abs(cleaned_fit.parameters[name].value - e.value) < 0.5 * e.sigma
+        assert cleaned_fit.parameters[name].sigma == pytest.approx(e.sigma, rel=0.1)
 
 
-def test_read_outs_that_part_by_more_than_noise_free_nothing():
-    # test mass 2 wanders along y by itself: its read-out tells another motion
-    runs = pair(Motion(), LATE)
-    rng = np.random.default_rng(0)
-    for recorded in runs:
-        own = np.cumsum(rng.standard_normal(recorded.time.size))
-        recorded.channels["grs_y_2"] += 6e-10 * (own - np.linspace(0, own[-1], own.size))
-    told = fitted(experiments(runs))[1]["1"]
-    assert {"b_3"} <= set(warning(told, "attenuation_bias").parameters) <= {"b_3", "b_5"}
-    assert warning(told, "instrumental_variables").parameters == ("b_4", "b_6")
+def wandering(recorded, seed):
+    """Let test mass 2 wander along y: its read-out measures another motion."""
+    walk = np.cumsum(np.random.default_rng(seed).standard_normal(recorded.time.size))
+    own_motion = 6e-10 * (walk - np.linspace(0, walk[-1], walk.size))
+    return replace(
+        recorded, channels={**recorded.channels, "grs_y_2": recorded.channels["grs_y_2"] + own_motion}
+    )
 
 
-def test_without_angles_there_is_no_second_sensor():
-    # what the two read-outs differ by is then rotation, for all that is known
-    runs = [blind(r, "o_phi_1", "o_phi_12") for r in pair(Motion(), LATE)]
-    told = fitted(experiments(runs))[1]["1"]
-    assert "b_3" in warning(told, "attenuation_bias").parameters
-    assert warning(told, "instrumental_variables").parameters == ("b_4", "b_6")
+@pytest.mark.parametrize(
+    "altered",
+    [
+        wandering,
+        # without angles, rotation is all that the two read-outs are known to differ by
+        lambda recorded, _: blind(recorded, "o_phi_1", "o_phi_12"),
+    ],
+)
+def test_read_outs_that_differ_by_more_than_noise_are_no_instruments(altered):
+    runs = [altered(recorded, seed) for seed, recorded in enumerate(pair(Motion(), LATE))]
+    fit = fitted(experiments(runs))[1]["1"]
+    assert {"b_3"} <= set(warning(fit, "attenuation_bias").parameters) <= {"b_3", "b_5"}
+    assert warning(fit, "instrumental_variables").parameters == ("b_4", "b_6")
 
 
 def test_read_out_noise_is_measured(noisy):
     floor = readout_noise.noise_psd(noisy[0][0].sysid)
     expected = {"phi": 1.25 * 150e-12**2, "y": 2e-9**2 / 2}
-    for mean, other in (("phi", "eta"), ("y", "z")):
+    for mean, twin in (("phi", "eta"), ("y", "z")):
         assert floor[mean] == pytest.approx(expected[mean], rel=0.15)
-        assert floor[other] == pytest.approx(expected[mean], rel=0.15)
+        assert floor[twin] == pytest.approx(expected[mean], rel=0.15)
 
 
 def subtraction(run, parameters, edges):
@@ -263,24 +267,24 @@ def subtraction(run, parameters, edges):
     c, split = dynamics.coefficients(theta, terms.tau), len(dynamics.COLUMNS)
     delta_g_x = terms.columns[:, :split] @ c[:split]
     delta_g = delta_g_x + terms.columns[:, split:] @ c[split:]
-    found = []
+    powers = []
     for low, high in pairwise(edges):
         band = (terms.f >= low) & (terms.f < high)
         x, target = terms.columns[band, split : split + 4], delta_g_x[band]  # phi'', eta'', y'', z''
-        left = target - x @ np.linalg.lstsq(x, target)[0]
+        remainder = target - x @ np.linalg.lstsq(x, target)[0]
         free = band.sum() - x.shape[1]  # a fit to n bins takes out one bin's power a coefficient
         power = [np.mean(np.abs(y[band]) ** 2) for y in (delta_g_x, delta_g)]
-        found.append([*power, np.sum(np.abs(left) ** 2) / free])
-    return np.array(found).T
+        powers.append([*power, np.sum(np.abs(remainder) ** 2) / free])
+    return np.array(powers).T
 
 
 def test_bump_falls_to_the_limit_of_its_noisy_regressors(noisy):
     runs, outcome, _ = noisy
     b = crosstalk_fit.subtraction(outcome, runs, SHARING)["1"]
     edges = np.array([25, 35, 45, 60]) * 1e-3
-    before, after, least = subtraction(runs[0].noise, of_run(LATE, "A") | b, edges)
-    assert np.sqrt(before / after)[0] > 3
-    assert np.all(np.sqrt(after / least) < 1.2)
+    uncorrected, corrected, wiener = subtraction(runs[0].noise, of_run(LATE, "A") | b, edges)
+    assert np.sqrt(uncorrected / corrected)[0] > 3
+    assert np.all(np.sqrt(corrected / wiener) < 1.2)
     # Wiener's limit from the spectra that were put in
     f = np.linspace(edges[:-1], edges[1:], 50)
     omega2 = (2 * np.pi * f) ** 2
@@ -289,13 +293,13 @@ def test_bump_falls_to_the_limit_of_its_noisy_regressors(noisy):
         S, S_n = jitter(mean, f) ** 2, noise**2
         squares = TRUTH[name] ** 2 + TRUTH[f"b_{int(name[2:]) + 1}"] ** 2
         limit += squares * omega2**2 * S * S_n / (S + S_n)
-    assert np.sqrt(least) == pytest.approx(np.sqrt(limit.mean(axis=0)), rel=0.1)
+    assert np.sqrt(wiener) == pytest.approx(np.sqrt(limit.mean(axis=0)), rel=0.1)
 
 
 def test_columns_keep_delta_ifo_sharp(noisy):
     runs, outcome, _ = noisy
-    without = [Experiment(*(Run(blind(r.telemetry)) for r in (e.sysid, e.noise))) for e in runs]
-    unsubtracted = as_fit(fit_joint(without, settings()), without)
+    blinded = [Experiment(*(Run(blind(r.telemetry)) for r in (e.sysid, e.noise))) for e in runs]
+    unsubtracted = as_fit(fit_joint(blinded, settings()), blinded)
     for name, estimate in as_fit(outcome, runs).parameters.items():
         assert estimate.sigma < unsubtracted.parameters[name].sigma
     sigma = [fit.parameters["delta_ifo_1"].sigma for fit in (unsubtracted, as_fit(outcome, runs))]
@@ -306,33 +310,33 @@ def test_columns_keep_delta_ifo_sharp(noisy):
 def test_attenuated_coefficients_hardly_move_the_dynamics():
     # Thrusters askew by 1 % move y and z with x_1. Same Delta g with and without read-out noise in the
     # regressors: measured over 24 runs, the noise moves no parameter by more than 0.2 sigma on the mean.
-    motion, moved = Motion(tilt=0.01), []
+    motion, shifts = Motion(tilt=0.01), []
     for seed in range(4):
         noisy, clean = (
             fit_experiment(*experiments(pair(m, LATE, seed=seed))).solution
             for m in (motion, replace(motion, grs=0.0, dws=0.0))
         )
-        moved.append(((noisy.theta - clean.theta) / np.sqrt(np.diag(noisy.covariance)))[:5])
-    assert np.all(np.abs(np.mean(moved, axis=0)) < 0.5)
+        shifts.append(((noisy.theta - clean.theta) / np.sqrt(np.diag(noisy.covariance)))[:5])
+    assert np.all(np.abs(np.mean(shifts, axis=0)) < 0.5)
 
 
 def test_correlation_with_delta_ifo_is_reported():
     # y that follows x_1 adds b_3 x_1'' where delta_ifo takes delta_ifo x_1'' away: a positive correlation
     runs = experiments(pair(Motion(tilt=5.0), LATE))
-    outcome, found = fitted(runs)
-    told = warning(found["1"], "correlation")
-    assert told.parameters == ("delta_ifo_1", *NAMES)
-    at = [p.name for p in outcome.parameters].index
-    rows = [at("delta_ifo_1"), at("b_3_1")]
+    outcome, fits = fitted(runs)
+    report = warning(fits["1"], "correlation")
+    assert report.parameters == ("delta_ifo_1", *NAMES)
+    index = [p.name for p in outcome.parameters].index
+    rows = [index("delta_ifo_1"), index("b_3_1")]
     covariance = outcome.solution.covariance[np.ix_(rows, rows)]
     correlation = covariance[0, 1] / np.sqrt(covariance[0, 0] * covariance[1, 1])
     assert correlation > 0.3
-    assert f"{correlation:+.2f} (b_3)" in told.message
+    assert f"{correlation:+.2f} (b_3)" in report.message
 
 
 def test_without_channels_there_is_no_cross_talk(noisy):
-    without = [Experiment(Run(blind(e.sysid.telemetry)), None) for e in noisy[0]]
-    assert fitted(without)[1] == {}
+    blinded = [Experiment(Run(blind(e.sysid.telemetry)), None) for e in noisy[0]]
+    assert fitted(blinded)[1] == {}
 
 
 def test_runs_with_and_without_channels_fit_together():
@@ -342,8 +346,8 @@ def test_runs_with_and_without_channels_fit_together():
     mixed += [blind(r, "o_phi_12", "grs_z_1", "grs_z_2") for r in pair(Motion(), LATE, "B", epoch=3)]
     mixed += [blind(r) for r in pair(Motion(), LATE, "D", epoch=1)]
     runs = experiments(mixed)
-    outcome, found = fitted(runs)
-    assert {epoch: list(fit.parameters) for epoch, fit in found.items()} == {
+    outcome, fits = fitted(runs)
+    assert {epoch: list(fit.parameters) for epoch, fit in fits.items()} == {
         "1": NAMES,
         "3": ["b_2", "b_3", "b_5"],
     }
@@ -359,17 +363,17 @@ def test_jitter_below_the_noise_determines_nothing():
         for name in READ:
             recorded.channels[name] = 1e-12 * rng.standard_normal(recorded.time.size)
     runs = experiments(runs)
-    outcome, found = fitted(runs)
-    lost = {name for w in found["1"].warnings if w.code == "indeterminable" for name in w.parameters}
-    assert {"b_3", "b_4", "b_5", "b_6"} <= lost
-    assert not {"b_3", "b_4", "b_5", "b_6"} & found["1"].parameters.keys()
+    outcome, fits = fitted(runs)
+    undetermined = {name for w in fits["1"].warnings if w.code == "indeterminable" for name in w.parameters}
+    assert {"b_3", "b_4", "b_5", "b_6"} <= undetermined
+    assert not {"b_3", "b_4", "b_5", "b_6"} & fits["1"].parameters.keys()
     assert not any("b_" in name for w in as_fit(outcome, runs).warnings for name in w.parameters)
 
 
 def test_read_outs_of_nothing_but_noise_are_told():
     runs = pair(Motion(grs=50e-9), LATE)
-    _, found = fitted(experiments(runs))
-    assert "b_3 (by how much cannot be told)" in warning(found["1"], "attenuation_bias").message
+    _, fits = fitted(experiments(runs))
+    assert "b_3 (by how much cannot be told)" in warning(fits["1"], "attenuation_bias").message
 
 
 @pytest.mark.long
@@ -378,13 +382,13 @@ def test_the_pulls_of_couplings_are_standard_normal():
     # 100 fits of six coefficients; least squares has mean pulls of 7 to 14 sigma for b_3 to b_6. Mean within
     # 0.45, 4.5 standard errors; sum of squared pulls within the 1e-5 quantiles of chi^2(100): false-positive
     # probability 2e-4.
-    found = []
+    all_pulls = []
     for seed in range(100):
         runs = [r for authority in "AB" for r in pair(Motion(), LATE, authority, seed=seed)]
-        found.append(list(pulls(fitted(experiments(runs))[1]["1"], TRUTH).values()))
-    found = np.array(found)
-    assert np.all(np.abs(found.mean(axis=0)) < 0.45)
-    assert np.all((np.sum(found**2, axis=0) > 51.0) & (np.sum(found**2, axis=0) < 170.0))
+        all_pulls.append(list(pulls(fitted(experiments(runs))[1]["1"], TRUTH).values()))
+    all_pulls = np.array(all_pulls)
+    assert np.all(np.abs(all_pulls.mean(axis=0)) < 0.45)
+    assert np.all((np.sum(all_pulls**2, axis=0) > 51.0) & (np.sum(all_pulls**2, axis=0) < 170.0))
 
 
 def test_couplings_are_as_the_settings_have_them():
@@ -394,17 +398,17 @@ def test_couplings_are_as_the_settings_have_them():
         for run in pair(Motion(), LATE, name, epoch=epoch)
     ]
     free = calibrate(runs)
-    said = {
+    constraints = {
         "b_3_1": {"value": TRUTH["b_3"], "vary": False},
         "b_1_1": {"expr": "b_1_2"},
         "b_5_1": {"prior": [TRUTH["b_5"], 1e-10]},
     }
-    found = calibrate(runs, settings({"parameters": said}))
-    first, second = found.cross_talk["1"], found.cross_talk["2"]
-    assert first["b_3"].fixed and first["b_3"].value == pytest.approx(TRUTH["b_3"], rel=1e-6)
-    assert first["b_1"].value == pytest.approx(second["b_1"].value, rel=1e-6)
+    constrained = calibrate(runs, settings({"parameters": constraints}))
+    epoch_1, epoch_2 = constrained.cross_talk["1"], constrained.cross_talk["2"]
+    assert epoch_1["b_3"].fixed and epoch_1["b_3"].value == pytest.approx(TRUTH["b_3"], rel=1e-6)
+    assert epoch_1["b_1"].value == pytest.approx(epoch_2["b_1"].value, rel=1e-6)
     weights = [free.cross_talk[epoch]["b_1"].sigma ** -2 for epoch in ("1", "2")]
-    assert first["b_1"].sigma == pytest.approx(sum(weights) ** -0.5, rel=0.02)
-    assert first["b_5"].sigma == pytest.approx(1e-10, rel=0.02)
+    assert epoch_1["b_1"].sigma == pytest.approx(sum(weights) ** -0.5, rel=0.02)
+    assert epoch_1["b_5"].sigma == pytest.approx(1e-10, rel=0.02)
     # what least squares finds of b_3 is attenuated: that the truth is not there contradicts nothing
-    assert not found.unsound
+    assert not constrained.unsound

@@ -42,7 +42,7 @@ def half_a_day():
 
 
 @pytest.fixture(scope="module")
-def found(half_a_day):
+def half_day_fit(half_a_day):
     return period(half_a_day[0])
 
 
@@ -51,33 +51,33 @@ def refused(half_a_day):
     return calibrate_inertial([half_turn(half_a_day[0])], synthetic.calibration(LATE))
 
 
-def test_the_centrifugal_term_has_the_coefficient_1(found):
-    told = found.centrifugal
-    assert told.value == pytest.approx(1, abs=4.5 * told.sigma)
-    assert 0.03 < told.sigma < 0.15
-    assert told.unit == "1"
-    assert not found.unsound
+def test_the_centrifugal_term_has_the_coefficient_1(half_day_fit):
+    coefficient = half_day_fit.centrifugal
+    assert coefficient.value == pytest.approx(1, abs=4.5 * coefficient.sigma)
+    assert 0.03 < coefficient.sigma < 0.15
+    assert coefficient.unit == "1"
+    assert not half_day_fit.unsound
 
 
-def test_in_the_papers_frame_delta_eta_changes_sign_and_nothing_else(half_a_day, found):
+def test_in_the_papers_frame_delta_eta_changes_sign_and_nothing_else(half_a_day, half_day_fit):
     fit = period(stating(half_turn(half_a_day[0]), TO_1))
-    assert fit["delta_phi"].value == pytest.approx(found["delta_phi"].value, rel=1e-9)
-    assert fit["delta_eta"].value == pytest.approx(-found["delta_eta"].value, rel=1e-9)
-    np.testing.assert_allclose(fit.centrifugal.value, found.centrifugal.value, rtol=1e-9)
-    sigmas = [[e.sigma for e in f.parameters.values()] for f in (fit, found)]
+    assert fit["delta_phi"].value == pytest.approx(half_day_fit["delta_phi"].value, rel=1e-9)
+    assert fit["delta_eta"].value == pytest.approx(-half_day_fit["delta_eta"].value, rel=1e-9)
+    np.testing.assert_allclose(fit.centrifugal.value, half_day_fit.centrifugal.value, rtol=1e-9)
+    sigmas = [[e.sigma for e in f.parameters.values()] for f in (fit, half_day_fit)]
     np.testing.assert_allclose(*sigmas, rtol=1e-9)
-    assert fit.warnings == found.warnings
+    assert fit.warnings == half_day_fit.warnings
 
 
 @pytest.mark.parametrize(("turned", "stated", "true"), [(True, TO_2, TO_1), (False, TO_1, TO_2)])
 def test_a_frame_that_the_data_contradict_is_refused(half_a_day, turned, stated, true):
     run = stating(half_turn(half_a_day[0]) if turned else half_a_day[0], stated)
     fit = period(run)
-    (told,) = fit.unsound
-    assert told.code == FRAME
-    assert told.parameters == ("delta_phi", "delta_eta")
-    assert stated in told.message
-    assert f"x_axis = {true!r}" in told.message
+    (warning,) = fit.unsound
+    assert warning.code == FRAME
+    assert warning.parameters == ("delta_phi", "delta_eta")
+    assert stated in warning.message
+    assert f"x_axis = {true!r}" in warning.message
     assert fit.centrifugal.value == pytest.approx(-1, abs=4.5 * fit.centrifugal.sigma)
 
 
@@ -96,10 +96,10 @@ def test_a_frame_that_is_refused_reaches_no_product(half_a_day, refused, tmp_pat
 
 def test_results_remember_frame_and_coefficient(half_a_day, refused, tmp_path):
     write(refused, tmp_path / "results.json")
-    again = load(tmp_path / "results.json")
-    assert again.inertial["0"].centrifugal == refused.inertial["0"].centrifugal
-    assert again.inertial["0"].unsound
-    assert again.provenance.x_axis == TO_2
+    stored = load(tmp_path / "results.json")
+    assert stored.inertial["0"].centrifugal == refused.inertial["0"].centrifugal
+    assert stored.inertial["0"].unsound
+    assert stored.provenance.x_axis == TO_2
     stated = calibrate_inertial([stating(half_turn(half_a_day[0]), TO_1)], synthetic.calibration(LATE))
     assert stated.provenance.x_axis == TO_1
     with pytest.raises(InputError, match=r"^inertial\.h5: attribute x_axis: .*2', expected .*1' as in"):
@@ -132,30 +132,30 @@ def test_the_whole_spacecraft_in_either_frame():
     long = next(run for run in plan.runs if run.inertial_period == 3 and run.sample_rate == 1)
     simulated = replace(long, n_samples=432_000, sample_rate=10.0)
     run = recorded(simulated, whole_plant.simulate(simulated))
-    told = attributes(simulated)
-    run = replace(run, attributes={name: told[name] for name in ("omega2_phi", "omega2_eta", "I_yy", "I_zz")})
+    root = attributes(simulated)
+    run = replace(run, attributes={name: root[name] for name in ("omega2_phi", "omega2_eta", "I_yy", "I_zz")})
     truth = vars(simulated.truth) | {"delta_ifo_2": simulated.delta_ifo}
     known = {name: joint_parameter(name) for name in joint_names([2])}
     joint = Fit(
         {name: Estimate(float(truth[name]), p.sigma, p.unit) for name, p in known.items()},
         np.diag([p.sigma**2 for p in known.values()]), 1.0, 1, True, (),
     )  # fmt: skip
-    found, other = (fit_period([each], joint) for each in (run, stating(half_turn(run), TO_1)))
+    fit, turned_fit = (fit_period([telemetry], joint) for telemetry in (run, stating(half_turn(run), TO_1)))
     for name, sign, true in (("delta_phi", 1, -0.39e-3), ("delta_eta", -1, -0.137e-3)):
-        assert other[name].value == pytest.approx(sign * found[name].value, rel=1e-9)
-        assert found[name].value == pytest.approx(true, abs=4.5 * found[name].sigma)
-    assert found.centrifugal.value == pytest.approx(1, abs=4.5 * found.centrifugal.sigma)
-    (told,) = fit_period([half_turn(run)], joint).unsound
-    assert told.code == FRAME
+        assert turned_fit[name].value == pytest.approx(sign * fit[name].value, rel=1e-9)
+        assert fit[name].value == pytest.approx(true, abs=4.5 * fit[name].sigma)
+    assert fit.centrifugal.value == pytest.approx(1, abs=4.5 * fit.centrifugal.sigma)
+    (root,) = fit_period([half_turn(run)], joint).unsound
+    assert root.code == FRAME
 
 
 def test_runs_of_one_fit_state_one_frame(half_a_day):
     runs = along_x.pair(along_x.World(), "A")
-    other = stating(runs[1], TO_1)
+    noise_run = stating(runs[1], TO_1)
     with pytest.raises(
         InputError, match=r"^A-noise\.h5: attribute x_axis: 'towards test mass 1', but A-sysid"
     ):
-        calibrate([runs[0], other])
+        calibrate([runs[0], noise_run])
     turned = stating(half_a_day[0], TO_1, run="turned", path=Path("turned.h5"))
     with pytest.raises(InputError, match=r"^turned\.h5: attribute x_axis: .* but inertial\.h5 .* one frame"):
         calibrate_inertial([half_a_day[0], turned], synthetic.calibration(LATE))

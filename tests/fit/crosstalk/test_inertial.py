@@ -12,7 +12,7 @@ from fit.model import rate, rotation
 from fit.settings import ParameterSettings
 from tests.fit.crosstalk.euler import (
     DAY,
-    QUIET,
+    LOW_NOISE,
     TRUTH,
     as_quaternion,
     calibration,
@@ -24,8 +24,8 @@ from tests.fit.crosstalk.euler import (
 from tests.oracles.rotation_synthetic import Plane, World, run
 
 
-def test_recovers_both_angles_with_the_expected_sigmas(found):
-    fit = found
+def test_recovers_both_angles_with_the_expected_sigmas(three_day_fit):
+    fit = three_day_fit
     assert list(fit.parameters) == ["delta_phi", "delta_eta"]
     assert max(map(abs, pulls(fit))) < 4.5
     # The noise of 2016 over 3 d allows 0.022 and 0.0048 mrad, more or less as the spacecraft happens to turn.
@@ -38,17 +38,17 @@ def test_recovers_both_angles_with_the_expected_sigmas(found):
     assert "cannot tell" in fit.warnings[0].message
 
 
-def test_runs_of_a_period_are_fitted_together(three_days, found):
+def test_runs_of_a_period_are_fitted_together(three_days, three_day_fit):
     both = fitted(three_days[0], run(name="second")[0])
     assert max(map(abs, pulls(both))) < 4.5
     for name, estimate in both.parameters.items():
-        assert estimate.sigma == pytest.approx(found.parameters[name].sigma / np.sqrt(2), rel=0.15)
+        assert estimate.sigma == pytest.approx(three_day_fit.parameters[name].sigma / np.sqrt(2), rel=0.15)
 
 
 def test_cross_talk_of_rotation_does_not_shift_the_angles(quiet_day):
     # Left out, b_1 and b_2 of three times their usual size would shift the angles by 5 to 10 %.
-    loud = replace(QUIET, b_1=3 * QUIET.b_1, b_2=3 * QUIET.b_2)
-    fit = fitted(run(loud, duration=2 * DAY)[0], world=QUIET)
+    world = replace(LOW_NOISE, b_1=3 * LOW_NOISE.b_1, b_2=3 * LOW_NOISE.b_2)
+    fit = fitted(run(world, duration=2 * DAY)[0], world=LOW_NOISE)
     for name, estimate in fit.parameters.items():
         assert estimate.value == pytest.approx(TRUTH[name], rel=0.015, abs=3 * estimate.sigma)
         assert estimate.sigma < 0.01 * abs(TRUTH[name])
@@ -56,7 +56,7 @@ def test_cross_talk_of_rotation_does_not_shift_the_angles(quiet_day):
 
 @pytest.mark.slow
 def test_another_truth_and_both_rates():
-    world = replace(QUIET, phi=Plane(0.13e-3, -1e-7, 1.3e-3), eta=Plane(0.6e-3, 2e-7, 0.5e-3))
+    world = replace(LOW_NOISE, phi=Plane(0.13e-3, -1e-7, 1.3e-3), eta=Plane(0.6e-3, 2e-7, 0.5e-3))
     truth = {"delta_phi": 1.3e-3, "delta_eta": 0.5e-3}
     for fs in (1.0, 10.0):
         fit = fitted(run(world, duration=DAY, fs=fs)[0], world=world)
@@ -65,10 +65,10 @@ def test_another_truth_and_both_rates():
 
 def test_the_stiffness_multiplies_lengths_in_the_read_out_too(quiet_day):
     # Same noise, four times the cross-talk: without omega2_2 phi beside phi'' delta_eta would move by 0.7 %.
-    loud = replace(QUIET, b_1=4 * QUIET.b_1, b_2=4 * QUIET.b_2)
-    moved, before = fitted(run(loud, duration=DAY)[0], world=QUIET), fitted(quiet_day[0], world=QUIET)
-    for name, estimate in moved.parameters.items():
-        assert estimate.value == pytest.approx(before.parameters[name].value, rel=0.0015)
+    world = replace(LOW_NOISE, b_1=4 * LOW_NOISE.b_1, b_2=4 * LOW_NOISE.b_2)
+    strong, weak = fitted(run(world, duration=DAY)[0], world=LOW_NOISE), fitted(quiet_day[0], world=LOW_NOISE)
+    for name, estimate in strong.parameters.items():
+        assert estimate.value == pytest.approx(weak.parameters[name].value, rel=0.0015)
 
 
 def gain(x, y, low, high):
@@ -117,17 +117,19 @@ def test_integral_is_trapezoid_and_the_same_in_pieces():
 
 
 def test_without_angles_the_bias_is_told_and_is_what_is_told(quiet_day):
-    fit = fitted(lacking(quiet_day[0], "o_phi", "o_eta"), world=QUIET)
-    told = [w for w in fit.warnings if w.code == "no_wavefront_angle"]
-    assert [w.parameters for w in told] == [("delta_phi",), ("delta_eta",)]
-    assert "0.8 of its value" in told[0].message
+    fit = fitted(lacking(quiet_day[0], "o_phi", "o_eta"), world=LOW_NOISE)
+    warnings = [w for w in fit.warnings if w.code == "no_wavefront_angle"]
+    assert [w.parameters for w in warnings] == [("delta_phi",), ("delta_eta",)]
+    assert "0.8 of its value" in warnings[0].message
     for name, estimate in fit.parameters.items():
         assert estimate.value / TRUTH[name] == pytest.approx(0.8, abs=0.08)
 
 
-@pytest.mark.parametrize("lost", [("N_phi_2", "N_eta_2"), ("N_phi_1", "N_eta_1"), ("o_phi_12", "o_eta_12")])
-def test_one_test_mass_is_enough(quiet_day, lost):
-    fit = fitted(lacking(quiet_day[0], *lost), world=QUIET)
+@pytest.mark.parametrize(
+    "missing", [("N_phi_2", "N_eta_2"), ("N_phi_1", "N_eta_1"), ("o_phi_12", "o_eta_12")]
+)
+def test_one_test_mass_is_enough(quiet_day, missing):
+    fit = fitted(lacking(quiet_day[0], *missing), world=LOW_NOISE)
     assert codes(fit) == {"degenerate_with_actuation_crosstalk", "one_test_mass"}
     for name, estimate in fit.parameters.items():
         assert estimate.value == pytest.approx(TRUTH[name], rel=0.03)
@@ -135,29 +137,29 @@ def test_one_test_mass_is_enough(quiet_day, lost):
 
 def test_two_test_masses_free_the_angles_of_their_torque_noise():
     # Of dOmega_phi some 6 % are noise, with one test mass some 13 %. False-positive probability 1e-6.
-    loud = replace(QUIET, torque=1e-11)
-    telemetry = run(loud, duration=2 * DAY)[0]
-    both, one = fitted(telemetry, world=QUIET), fitted(lacking(telemetry, "N_phi_2"), world=QUIET)
+    world = replace(LOW_NOISE, torque=1e-11)
+    telemetry = run(world, duration=2 * DAY)[0]
+    both, one = fitted(telemetry, world=LOW_NOISE), fitted(lacking(telemetry, "N_phi_2"), world=LOW_NOISE)
     assert max(map(abs, pulls(both))) < 5
     assert both.parameters["delta_phi"].sigma < 0.02 * abs(TRUTH["delta_phi"])
     assert codes(both) == {"degenerate_with_actuation_crosstalk"}
     assert one.parameters["delta_phi"].value / TRUTH["delta_phi"] == pytest.approx(0.86, abs=0.04)
-    (told,) = (w for w in one.warnings if w.code == "one_test_mass")
-    assert told.parameters == ("delta_phi",)
+    (warning,) = (w for w in one.warnings if w.code == "one_test_mass")
+    assert warning.parameters == ("delta_phi",)
 
 
 def test_what_two_test_masses_disagree_on_is_their_noise():
     # dOmega itself is ten times as loud
-    telemetry, truth = run(QUIET, duration=DAY)
+    telemetry, truth = run(LOW_NOISE, duration=DAY)
     sources = rotation.sources(telemetry)
     wrong = rotation.motion(telemetry, sources).dOmega - np.stack(
         [truth[f"dOmega_{axis}"][10:-10] for axis in rotation.AXES], axis=1
     )
-    for there, here in zip(rotation.apart(telemetry, sources).T, wrong.T, strict=True):
-        f, S = welch(there, 1.0, nperseg=8640, detrend="linear")
-        _, expected = welch(here, 1.0, nperseg=8640, detrend="linear")
+    for difference, error in zip(rotation.half_difference(telemetry, sources).T, wrong.T, strict=True):
+        f, S = welch(difference, 1.0, nperseg=8640, detrend="linear")
+        _, expected = welch(error, 1.0, nperseg=8640, detrend="linear")
         band = (f > 3e-4) & (f < 2e-3)
-        assert S[band].mean() == pytest.approx(QUIET.torque**2 / 2, rel=0.3)
+        assert S[band].mean() == pytest.approx(LOW_NOISE.torque**2 / 2, rel=0.3)
         assert S[band].mean() == pytest.approx(expected[band].mean(), rel=0.4)
 
 
@@ -165,31 +167,31 @@ def test_torques_of_nothing_but_noise_are_told(quiet_day):
     telemetry = quiet_day[0]
     rng = np.random.default_rng(0)
     noise = {f"N_phi_{j}": 6.8e-4 * 1e-9 * rng.standard_normal(telemetry.time.size) for j in (1, 2)}
-    fit = fitted(replace(telemetry, channels={**telemetry.channels, **noise}), world=QUIET)
-    (told,) = (w for w in fit.warnings if w.code == "torque_noise")
-    assert told.kind.biased
+    fit = fitted(replace(telemetry, channels={**telemetry.channels, **noise}), world=LOW_NOISE)
+    (warning,) = (w for w in fit.warnings if w.code == "torque_noise")
+    assert warning.kind.biased
 
 
 def test_torsional_stiffness_counts(quiet_day):
     telemetry = quiet_day[0]
     bare = replace(telemetry, attributes={})
-    fit = fitted(bare, world=QUIET)
+    fit = fitted(bare, world=LOW_NOISE)
     (warning,) = (w for w in fit.warnings if w.code == "no_torsional_stiffness")
     assert warning.parameters == ("delta_phi", "delta_eta")
     for name, estimate in fit.parameters.items():
-        ratio = estimate.value / fitted(telemetry, world=QUIET).parameters[name].value
+        ratio = estimate.value / fitted(telemetry, world=LOW_NOISE).parameters[name].value
         assert 0.97 < ratio < 0.987  # the 2 % of the warning
     doubled = replace(telemetry, attributes={**telemetry.attributes, "I_zz": 2 * 1.928 * 0.046**2 / 6})
-    twice = fitted(lacking(doubled, "o_phi", "o_eta"), world=QUIET).parameters["delta_phi"].value
-    once = fitted(lacking(telemetry, "o_phi", "o_eta"), world=QUIET).parameters["delta_phi"].value
-    assert twice == pytest.approx(2 * once, rel=0.15)  # not exactly: Omega doubles too
+    double = fitted(lacking(doubled, "o_phi", "o_eta"), world=LOW_NOISE).parameters["delta_phi"].value
+    single = fitted(lacking(telemetry, "o_phi", "o_eta"), world=LOW_NOISE).parameters["delta_phi"].value
+    assert double == pytest.approx(2 * single, rel=0.15)  # not exactly: Omega doubles too
 
 
-def test_quaternion_tells_what_the_angles_tell(three_days, found):
+def test_quaternion_tells_what_the_angles_tell(three_days, three_day_fit):
     telemetry = three_days[0]
     start = Rotation.from_euler("xyz", [0.3, -1.2, 2.0])
     turned = fitted(as_quaternion(telemetry, start, 3))
-    for name, estimate in found.parameters.items():
+    for name, estimate in three_day_fit.parameters.items():
         assert turned.parameters[name].value == pytest.approx(estimate.value, abs=0.05 * estimate.sigma)
         assert turned.parameters[name].sigma == pytest.approx(estimate.sigma, rel=1e-2)
 
@@ -203,41 +205,42 @@ def test_an_attitude_of_the_other_sense_is_seen_and_reversed(quiet_day):
         assert fit.parameters[name].value == pytest.approx(estimate.value, rel=1e-9)
 
 
-def test_without_star_tracker_sigma_widens_and_it_is_told(three_days, found):
+def test_without_star_tracker_sigma_widens_and_it_is_told(three_days, three_day_fit):
     fit = fitted(lacking(three_days[0], "ast"))
     assert "no_star_tracker" in codes(fit)
     assert max(map(abs, pulls(fit))) < 4.5
-    assert fit.parameters["delta_eta"].sigma > 1.1 * found.parameters["delta_eta"].sigma
+    assert fit.parameters["delta_eta"].sigma > 1.1 * three_day_fit.parameters["delta_eta"].sigma
 
 
 def test_lengths_that_compensate_the_lever_arm_leave_the_angles_where_they_are():
     """As in flight, where b_1 and b_2 leave little of it above 10 mHz."""
     plain = World()
     arms = {"b_1": plain.b_1 - 0.376 * plain.phi.delta, "b_2": plain.b_2 + 0.376 * plain.eta.delta}
-    there, here = (fitted(run(world, duration=DAY / 2)[0]) for world in (plain, replace(plain, **arms)))
-    for name, estimate in there.parameters.items():
-        assert here.parameters[name].value == pytest.approx(estimate.value, abs=0.05 * estimate.sigma)
+    plain_fit, compensated_fit = (
+        fitted(run(world, duration=DAY / 2)[0]) for world in (plain, replace(plain, **arms))
+    )
+    for name, estimate in plain_fit.parameters.items():
+        assert compensated_fit.parameters[name].value == pytest.approx(
+            estimate.value, abs=0.05 * estimate.sigma
+        )
 
 
 @pytest.mark.long
 @pytest.mark.stat
-def test_pulls_are_standard_normal():
-    # 30 runs x 2 angles; sum of squared pulls within the 1e-5 quantiles of chi^2(30), mean within 4.5
-    # standard errors: false-positive probability 6e-5.
-    found = np.array([pulls(fitted(run(seed=seed)[0])) for seed in range(30)])
-    assert np.all(np.abs(found.mean(axis=0)) < 4.5 / np.sqrt(30))
-    assert np.all((np.sum(found**2, axis=0) > 7.0) & (np.sum(found**2, axis=0) < 77.0))
-
-
-@pytest.mark.long
-@pytest.mark.stat
-def test_loud_torques_leave_the_pulls_standard_normal():
-    # 100 runs x 2 angles; least squares has a mean pull of +0.9 for delta_phi. Mean within 0.4: four standard
-    # errors; sum of squared pulls within the 1e-5 quantiles of chi^2(100): false-positive probability 2e-4.
-    loud = World(torque=1e-11)
-    found = np.array([pulls(fitted(run(loud, seed=seed)[0], world=loud)) for seed in range(100)])
-    assert np.all(np.abs(found.mean(axis=0)) < 0.4)
-    assert np.all((np.sum(found**2, axis=0) > 51.0) & (np.sum(found**2, axis=0) < 170.0))
+@pytest.mark.parametrize(
+    ("world", "n", "mean", "squares"),
+    [
+        # mean within 4.5 standard errors, sum of squares within the 1e-5 quantiles of chi^2(30): 6e-5
+        (World(), 30, 4.5 / np.sqrt(30), (7.0, 77.0)),
+        # least squares has a mean pull of +0.9 for delta_phi; four standard errors, chi^2(100): 2e-4
+        (World(torque=1e-11), 100, 0.4, (51.0, 170.0)),
+    ],
+)
+def test_pulls_are_standard_normal(world, n, mean, squares):
+    all_pulls = np.array([pulls(fitted(run(world, seed=seed)[0], world=world)) for seed in range(n)])
+    assert np.all(np.abs(all_pulls.mean(axis=0)) < mean)
+    total = np.sum(all_pulls**2, axis=0)
+    assert np.all((total > squares[0]) & (total < squares[1]))
 
 
 def test_what_is_said_of_the_angles_holds(three_days):

@@ -13,51 +13,51 @@ from fit.errors import InputError
 from fit.pipeline import calibrate, calibrate_inertial
 from fit.telemetry.reader import read_all
 from lpfcosim.cli import start as cli
-from tests.fit.crosstalk.euler import DAY, QUIET, as_quaternion, codes, fitted, lacking, pulls
+from tests.fit.crosstalk.euler import DAY, LOW_NOISE, as_quaternion, codes, fitted, lacking, pulls
 from tests.oracles import synthetic
 from tests.oracles.rotation_synthetic import Plane, World, calibration, run, write
 from tests.oracles.synthetic import without
 
 
-def struck(telemetry, glitches):
+def with_glitches(telemetry, glitches):
     """Return telemetry with forces on test mass 2: begin [s], fall [s] and velocity [m s-1] of each."""
     time, omega2 = telemetry.time, World().omega2_2
     g = np.zeros(time.size)
     for begin, fall, velocity in glitches:
-        after = np.clip(time - begin, 0, None)
-        g += velocity / (fall - 5) * (np.exp(-after / fall) - np.exp(-after / 5)) * (time >= begin)
+        delay = np.clip(time - begin, 0, None)
+        g += velocity / (fall - 5) * (np.exp(-delay / fall) - np.exp(-delay / 5)) * (time >= begin)
     s2 = -((2 * np.pi * np.fft.rfftfreq(time.size, time[1] - time[0])) ** 2)
     o_12 = np.fft.irfft(np.fft.rfft(g) / (s2 + omega2), time.size)
     return replace(telemetry, channels={**telemetry.channels, "o_12": telemetry.channels["o_12"] + o_12})
 
 
-def test_glitches_are_taken_out_of_long_noise_runs(three_days, found):
+def test_glitches_are_taken_out_of_long_noise_runs(three_days, three_day_fit):
     glitches = [(40_000, 900, 3e-11), (100_000, 30, -2e-11), (110_000, 3000, 2e-11), (200_000, 200, 1e-11)]
-    after = fitted(struck(three_days[0], glitches))
-    (told,) = (w for w in after.warnings if w.code == "glitches")
+    fit = fitted(with_glitches(three_days[0], glitches))
+    (warning,) = (w for w in fit.warnings if w.code == "glitches")
     for begin, *_ in glitches:
-        assert any(span.begin - 600 < begin < span.end + 600 for span in told.spans)
-    for name, e in after.parameters.items():
-        clean = found.parameters[name]
+        assert any(span.begin - 600 < begin < span.end + 600 for span in warning.spans)
+    for name, e in fit.parameters.items():
+        clean = three_day_fit.parameters[name]
         assert e.sigma < 1.5 * clean.sigma  # twenty times, were they left in
         assert abs(e.value - clean.value) < 2 * clean.sigma
-    assert "glitches" not in codes(found)
+    assert "glitches" not in codes(three_day_fit)
 
 
 def test_more_than_glitches_would_make_is_left_in(quiet_day):
     rng = np.random.default_rng(0)
     often = [(t, f, v) for t, f, v in zip(np.linspace(9e3, 8e4, 40), 200 * 5 ** rng.random(40),
                                           2e-11 * rng.standard_normal(40), strict=True)]  # fmt: skip
-    told = fitted(struck(quiet_day[0], often))
-    assert any("none is taken out" in w.message for w in told.warnings)
+    fit = fitted(with_glitches(quiet_day[0], often))
+    assert any("none is taken out" in w.message for w in fit.warnings)
 
 
-def test_missing_samples_are_masked(three_days, found, quiet_day):
+def test_missing_samples_are_masked(three_days, three_day_fit, quiet_day):
     telemetry = three_days[0]
     gaps = without(telemetry, (1000, 1003), (100_000, 100_400), (200_000, 200_001))
     fit = fitted(gaps)
     assert fit.masked_samples == 404
-    for name, estimate in found.parameters.items():
+    for name, estimate in three_day_fit.parameters.items():
         assert abs(fit.parameters[name].value - estimate.value) < estimate.sigma
     telemetry = replace(quiet_day[0], time=quiet_day[0].time[:43_200])
     ragged = {name: values[:43_200].copy() for name, values in quiet_day[0].channels.items()}
@@ -82,7 +82,7 @@ def test_bad_attributes_are_one_sentence(quiet_day, name, value, expected):
     telemetry = quiet_day[0]
     bad = replace(telemetry, attributes={**telemetry.attributes, name: value})
     with pytest.raises(InputError, match=rf"^inertial\.h5: {expected}") as caught:
-        calibrate_inertial([bad], calibration(QUIET))
+        calibrate_inertial([bad], calibration(LOW_NOISE))
     assert "\n" not in str(caught.value)
 
 
@@ -90,21 +90,21 @@ def test_a_quaternion_of_another_norm_is_refused(quiet_day):
     turned = as_quaternion(quiet_day[0], Rotation.identity(), 3)
     turned.channels["ast_q_4"][500] = 3.0
     with pytest.raises(InputError, match=r"^inertial\.h5: channels ast_q_1 to ast_q_4: norm 3 at sample 500"):
-        fitted(turned, world=QUIET)
+        fitted(turned, world=LOW_NOISE)
 
 
 def test_periods_are_kept_apart(quiet_day):
-    other = replace(QUIET, phi=Plane(0.13e-3, 2e-7, 0.2e-3))
+    second_world = replace(LOW_NOISE, phi=Plane(0.13e-3, 2e-7, 0.2e-3))
     runs = [
-        run(QUIET, duration=DAY, name="a", inertial_period=1.0)[0],
-        run(other, duration=DAY, name="b", inertial_period=2)[0],
-        run(other, duration=DAY, name="c", inertial_period=2)[0],
+        run(LOW_NOISE, duration=DAY, name="a", inertial_period=1.0)[0],
+        run(second_world, duration=DAY, name="b", inertial_period=2)[0],
+        run(second_world, duration=DAY, name="c", inertial_period=2)[0],
         quiet_day[0],
     ]
-    results = calibrate_inertial(runs, calibration(QUIET))
+    results = calibrate_inertial(runs, calibration(LOW_NOISE))
     assert list(results.inertial) == ["1", "2", "0"]
     assert results.provenance.inertial_runs == {"1": ["a"], "2": ["b", "c"], "0": ["inertial"]}
-    assert results.joint.parameters == calibration(QUIET).joint.parameters
+    assert results.joint.parameters == calibration(LOW_NOISE).joint.parameters
     assert results.inertial["2"].parameters["delta_phi"].value == pytest.approx(0.2e-3, rel=0.05)
     assert results.inertial["1"].parameters["delta_phi"].value == pytest.approx(-0.4e-3, rel=0.05)
 
@@ -121,15 +121,15 @@ def test_what_takes_part(quiet_day):
 
 
 def test_what_the_calibration_lacks_widens_the_sigmas_and_is_told(quiet_day):
-    results = calibration(QUIET)
-    kept = [name for name in results.joint.parameters if name not in ("lambda_1", "C_1", "delta_ifo_1")]
+    results = calibration(LOW_NOISE)
+    names = [name for name in results.joint.parameters if name not in ("lambda_1", "C_1", "delta_ifo_1")]
     joint = replace(
         results.joint,
-        parameters={name: results.joint.parameters[name] for name in kept},
-        covariance=np.diag([results.joint.parameters[name].sigma ** 2 for name in kept]),
+        parameters={name: results.joint.parameters[name] for name in names},
+        covariance=np.diag([results.joint.parameters[name].sigma ** 2 for name in names]),
     )
-    loud = replace(QUIET, leak=0.03)  # m: comparable with what delta_phi does
-    fit = fit_period([run(loud, duration=DAY)[0]], joint)
+    world = replace(LOW_NOISE, leak=0.03)  # m: comparable with what delta_phi does
+    fit = fit_period([run(world, duration=DAY)[0]], joint)
     (warning,) = (w for w in fit.warnings if w.code == "not_calibrated")
     assert warning.parameters == ("lambda_1", "C_1", "delta_ifo_1")
     assert fit.parameters["delta_phi"].sigma > 1.5 * fitted(quiet_day[0]).parameters["delta_phi"].sigma
@@ -155,8 +155,8 @@ def test_one_folder_of_calibration_and_inertial_runs():
 def files(tmp_path, quiet_day):
     from fit import results
 
-    write(tmp_path, quiet_day[0], QUIET)
-    results.write(calibration(QUIET), tmp_path / "earlier.json")
+    write(tmp_path, quiet_day[0], LOW_NOISE)
+    results.write(calibration(LOW_NOISE), tmp_path / "earlier.json")
     return tmp_path
 
 
@@ -172,11 +172,11 @@ def test_command_with_an_earlier_calibration(files, monkeypatch, capfd):
     monkeypatch.chdir(files)
     assert command(monkeypatch, "fit", "inertial.h5", "--calibration", "earlier.json", "--out", "new") == 0
     document = json.loads((files / "new" / "results.json").read_text())
-    earlier = json.loads((files / "earlier.json").read_text())
-    assert document["joint"] == earlier["joint"]
-    found = document["inertial"]["0"]["parameters"]
-    assert found["delta_phi"]["truth"] == -0.4e-3
-    assert max(abs(found[name]["pull"]) for name in ("delta_phi", "delta_eta")) < 4.5
+    calibration_document = json.loads((files / "earlier.json").read_text())
+    assert document["joint"] == calibration_document["joint"]
+    parameters = document["inertial"]["0"]["parameters"]
+    assert parameters["delta_phi"]["truth"] == -0.4e-3
+    assert max(abs(parameters[name]["pull"]) for name in ("delta_phi", "delta_eta")) < 4.5
     assert document["provenance"]["calibration"] == "earlier.json"
     assert (files / "new" / "report.html").is_file()
     assert "delta_eta (0)" in capfd.readouterr().out
@@ -194,6 +194,6 @@ def test_command_refuses_a_calibration_without_dynamics(files, monkeypatch, capf
 
 def test_files_tell_the_same_as_memory(files, quiet_day):
     (from_file,) = read_all([files / "inertial.h5"])
-    there, here = fitted(from_file, world=QUIET), fitted(quiet_day[0], world=QUIET)
-    for name, estimate in here.parameters.items():
-        assert there.parameters[name].value == pytest.approx(estimate.value, rel=1e-9)
+    file_fit, memory_fit = fitted(from_file, world=LOW_NOISE), fitted(quiet_day[0], world=LOW_NOISE)
+    for name, estimate in memory_fit.parameters.items():
+        assert file_fit.parameters[name].value == pytest.approx(estimate.value, rel=1e-9)

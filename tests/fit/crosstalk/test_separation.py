@@ -31,50 +31,52 @@ MISALIGNED = fit({"delta_phi": -4e-4, "delta_eta": -1e-4}, [2e-5, 4e-6], 0.3)
 
 def test_by_hand():
     sums = fit({"b_1": 1.2e-5 - 0.376 * 4e-4, "b_2": -0.9e-5 + 0.376 * 1e-4, "b_5": 1e-7}, [1e-7, 2e-7, 5e-9])
-    found = subtract_euler_force(sums, MISALIGNED, "3", 0.376)
-    assert found.parameters["b_1"].value == pytest.approx(1.2e-5)
-    assert found.parameters["b_2"].value == pytest.approx(-0.9e-5)
-    assert found.parameters["b_5"] == sums.parameters["b_5"]
-    assert found.parameters["b_1"].sigma == pytest.approx(np.hypot(1e-7, 0.376 * 2e-5))
-    assert found.covariance[0, 1] == pytest.approx(-(0.376**2) * 0.3 * 2e-5 * 4e-6)
-    assert is_separated(found)
+    separated_fit = subtract_euler_force(sums, MISALIGNED, "3", 0.376)
+    assert separated_fit.parameters["b_1"].value == pytest.approx(1.2e-5)
+    assert separated_fit.parameters["b_2"].value == pytest.approx(-0.9e-5)
+    assert separated_fit.parameters["b_5"] == sums.parameters["b_5"]
+    assert separated_fit.parameters["b_1"].sigma == pytest.approx(np.hypot(1e-7, 0.376 * 2e-5))
+    assert separated_fit.covariance[0, 1] == pytest.approx(-(0.376**2) * 0.3 * 2e-5 * 4e-6)
+    assert is_separated(separated_fit)
     assert not is_separated(sums)
 
 
 def test_what_was_not_determined_stays_away():
-    found = subtract_euler_force(fit({"b_1": 1e-5, "b_3": 2e-5}, [1e-7, 1e-7]), MISALIGNED, "1", 0.376)
-    assert set(found.parameters) == {"b_1", "b_3"}
+    separated_fit = subtract_euler_force(
+        fit({"b_1": 1e-5, "b_3": 2e-5}, [1e-7, 1e-7]), MISALIGNED, "1", 0.376
+    )
+    assert set(separated_fit.parameters) == {"b_1", "b_3"}
 
 
 def test_the_sums_are_called_sums():
     sums = with_euler_warning(fit({"b_1": 1e-5, "b_2": 2e-5}, [1e-7, 1e-7]))
     assert [w.code for w in sums.warnings] == [INCLUDED]
-    found = subtract_euler_force(sums, MISALIGNED, "1", 0.376)
-    assert [w.code for w in found.warnings] == [SEPARATED]
+    separated_fit = subtract_euler_force(sums, MISALIGNED, "1", 0.376)
+    assert [w.code for w in separated_fit.warnings] == [SEPARATED]
 
 
 def test_what_subtracts_best_is_kept_apart_from_the_couplings():
     couplings = fit({"b_1": 1.2e-5 - 0.376 * 4e-4, "b_3": 2.2e-5}, [1e-7, 1e-7])
-    best = {"b_1": 1.1e-5 - 0.376 * 4e-4, "b_3": 1.8e-5}
-    provenance = Provenance(cross_talk_periods={"1": "3"}, subtraction={"1": best})
+    coefficients = {"b_1": 1.1e-5 - 0.376 * 4e-4, "b_3": 1.8e-5}
+    provenance = Provenance(cross_talk_periods={"1": "3"}, subtraction={"1": coefficients})
     joined = Results(None, {}, {"1": couplings}, {"3": MISALIGNED}, provenance)
-    assert subtraction_coefficients(joined, "1") == without_euler(joined, "1") == best
+    assert subtraction_coefficients(joined, "1") == without_euler(joined, "1") == coefficients
     assert subtraction_coefficients(joined, "2") == without_euler(joined, "2") == {}
-    apart = Results(
+    separated_results = Results(
         None,
         {},
         {"1": subtract_euler_force(couplings, MISALIGNED, "3", 0.376)},
         {"3": MISALIGNED},
         provenance,
     )
-    assert subtraction_coefficients(apart, "1") == best
-    assert without_euler(apart, "1") == pytest.approx({"b_1": 1.1e-5, "b_3": 1.8e-5})
+    assert subtraction_coefficients(separated_results, "1") == coefficients
+    assert without_euler(separated_results, "1") == pytest.approx({"b_1": 1.1e-5, "b_3": 1.8e-5})
 
 
 def test_results_of_before_have_one_set_of_coefficients():
     couplings = fit({"b_1": 1.2e-5 - 0.376 * 4e-4, "b_3": 2.2e-5}, [1e-7, 1e-7])
     separated = subtract_euler_force(couplings, MISALIGNED, "3", 0.376)
     provenance = Provenance(cross_talk_periods={"1": "3"})
-    earlier = Results(None, {}, {"1": separated}, {"3": MISALIGNED}, provenance)
-    assert subtraction_coefficients(earlier, "1") == pytest.approx(couplings.values)
-    assert without_euler(earlier, "1") == pytest.approx(separated.values)
+    results = Results(None, {}, {"1": separated}, {"3": MISALIGNED}, provenance)
+    assert subtraction_coefficients(results, "1") == pytest.approx(couplings.values)
+    assert without_euler(results, "1") == pytest.approx(separated.values)

@@ -21,8 +21,10 @@ from tests import ROOT
 from tests.oracles.rotation_synthetic import calibration
 
 INERTIAL = ROOT / "campaigns" / "inertial.toml"
-TOLD = [f"{k}_{j}" for axis in ("phi", "eta") for k in (f"N_{axis}", f"o_{axis}") for j in (1, 2, 12)]
-READ = [name for name in TOLD if name[0] + name[-2:] not in ("N12", "o_2")]
+CHANNEL_NAMES = [
+    f"{k}_{j}" for axis in ("phi", "eta") for k in (f"N_{axis}", f"o_{axis}") for j in (1, 2, 12)
+]
+READ = [name for name in CHANNEL_NAMES if name[0] + name[-2:] not in ("N12", "o_2")]
 CHANNELS = ["o_1", "o_12", "f_x_1", "f_x_2", *READ, "ast_phi", "ast_eta"]
 
 
@@ -31,7 +33,7 @@ def plan():
     return loading.load(INERTIAL)
 
 
-def told(*runs):
+def expected_fits(*runs):
     return expected_periods(turning(runs), calibration().joint)
 
 
@@ -40,7 +42,7 @@ def sigmas(fit):
 
 
 def test_sigmas_are_those_of_the_campaign_through_fmus(plan):
-    periods = told(*plan.runs)  # six-hour noise runs take no part
+    periods = expected_fits(*plan.runs)  # six-hour noise runs take no part
     assert list(periods) == ["1", "2", "3"]
     # measured with `lpfcosim run campaigns/inertial.toml`, see docs/benchmarks.md
     measured = {"1": (0.020e-3, 0.0042e-3), "2": (0.012e-3, 0.0027e-3), "3": (0.006e-3, 0.0013e-3)}
@@ -58,29 +60,29 @@ def test_agrees_with_a_fit_of_the_reference_plant(plan):
     run = replace(run, n_samples=run.n_samples // 3 * 2)
     channels = whole_plant.simulate(run)
     low_pass = decimation.taps(10)
-    kept = {name: np.convolve(channels[name], low_pass, "valid")[::10] for name in CHANNELS}
-    found = fit_period([in_memory(run, kept)], calibration().joint)
+    filtered = {name: np.convolve(channels[name], low_pass, "valid")[::10] for name in CHANNELS}
+    fit = fit_period([in_memory(run, filtered)], calibration().joint)
     # the spacecraft turns by noise of few bins, and by how much happens
-    assert sigmas(told(run)["3"]) == pytest.approx(sigmas(found), rel=0.2)
+    assert sigmas(expected_fits(run)["3"]) == pytest.approx(sigmas(fit), rel=0.2)
 
 
 @pytest.mark.slow
 def test_loud_torques_widen_as_they_do_in_fits(plan):
     run = next(run for run in plan.runs if run.experiment == "P3a")
-    loud = replace(run, noise=replace(run.noise, torque=8e-12))
-    drawn, joint = spectral.Simulation(loud, CHANNELS), calibration().joint
-    fits = [fit_period([in_memory(loud, drawn.record(np.random.default_rng(i)))], joint) for i in range(4)]
-    quiet, expected = sigmas(told(run)["3"]), sigmas(told(loud)["3"])
+    noisy = replace(run, noise=replace(run.noise, torque=8e-12))
+    drawn, joint = spectral.Simulation(noisy, CHANNELS), calibration().joint
+    fits = [fit_period([in_memory(noisy, drawn.record(np.random.default_rng(i)))], joint) for i in range(4)]
+    nominal, expected = sigmas(expected_fits(run)["3"]), sigmas(expected_fits(noisy)["3"])
     for name, sigma in expected.items():
         assert sigma == pytest.approx(np.mean([sigmas(fit)[name] for fit in fits]), rel=0.08)
-        assert sigma > 1.02 * quiet[name]
+        assert sigma > 1.02 * nominal[name]
 
 
 @pytest.mark.slow
 def test_monte_carlo_fits_tell_as_much(plan):
     run, joint = next(run for run in plan.runs if run.experiment == "P3a"), calibration().joint
     fits = [fit_period([montecarlo._drawn(run, np.random.default_rng(i))], joint) for i in range(3)]
-    for name, sigma in sigmas(told(run)["3"]).items():
+    for name, sigma in sigmas(expected_fits(run)["3"]).items():
         assert sigma == pytest.approx(np.mean([sigmas(fit)[name] for fit in fits]), rel=0.08)
     for fit in fits:  # the steady turn is there too
         assert fit.centrifugal.value == pytest.approx(1, abs=4.5 * fit.centrifugal.sigma)
@@ -89,31 +91,31 @@ def test_monte_carlo_fits_tell_as_much(plan):
 
 def test_angles_obey_the_settings(plan):
     run = next(run for run in plan.runs if run.experiment == "P3a")
-    planned, joint = turning([run]), calibration().joint
-    unconstrained = expected_periods(planned, joint)["3"]
+    noise_runs, joint = turning([run]), calibration().joint
+    unconstrained = expected_periods(noise_runs, joint)["3"]
     value, sigma = unconstrained["delta_phi"].value, unconstrained["delta_phi"].sigma
-    said = settings({"parameters": {"delta_phi_3": {"vary": False, "value": value}}})
-    constrained = expected_periods(planned, joint, said.parameters)["3"]
+    fixed = settings({"parameters": {"delta_phi_3": {"vary": False, "value": value}}})
+    constrained = expected_periods(noise_runs, joint, fixed.parameters)["3"]
     assert constrained["delta_phi"].fixed
     assert constrained["delta_eta"].sigma < unconstrained["delta_eta"].sigma
     prior = settings({"parameters": {"delta_phi_3": {"prior": [value, sigma]}}})
-    known = expected_periods(planned, joint, prior.parameters)["3"]
+    known = expected_periods(noise_runs, joint, prior.parameters)["3"]
     assert known["delta_phi"].sigma == pytest.approx(sigma / 2**0.5, rel=0.05)
-    other = settings({"parameters": {"delta_phi_7": {"vary": False}}})
+    unknown = settings({"parameters": {"delta_phi_7": {"vary": False}}})
     with pytest.raises(InputError, match="delta_phi_7: no parameter of this fit"):
-        expected_periods(planned, joint, other.parameters)
+        expected_periods(noise_runs, joint, unknown.parameters)
 
 
 def test_drowned_in_torque_noise_as_the_fit_is(plan):
     run = next(run for run in plan.runs if run.experiment == "P1")
-    (fit,) = told(replace(run, noise=replace(run.noise, torque=5e-10))).values()
+    (fit,) = expected_fits(replace(run, noise=replace(run.noise, torque=5e-10))).values()
     assert "torque_noise" in {w.code for w in fit.warnings}
 
 
 def test_a_spacecraft_that_does_not_turn_tells_nothing(plan):
     run = next(run for run in plan.runs if run.experiment == "P1")
     along_x = {name: getattr(run.noise, name) for name in ("oms", "plateau", "tail", "thruster")}
-    (fit,) = told(replace(run, noise=Noise(**along_x))).values()
+    (fit,) = expected_fits(replace(run, noise=Noise(**along_x))).values()
     assert not fit.parameters
     assert any("hardly turns" in w.message for w in fit.warnings)
 
@@ -121,10 +123,10 @@ def test_a_spacecraft_that_does_not_turn_tells_nothing(plan):
 @pytest.fixture
 def short(tmp_path):
     """Head, experiment A and half a day of noise of the shipped campaign."""
-    head, first, *others = INERTIAL.read_text(encoding="utf-8").split("[[experiments]]")
-    turning = next(text for text in others if 'name = "P1"' in text).replace('"3 d"', '"12 h"')
+    head, first_experiment, *experiments = INERTIAL.read_text(encoding="utf-8").split("[[experiments]]")
+    turning = next(text for text in experiments if 'name = "P1"' in text).replace('"3 d"', '"12 h"')
     path = tmp_path / "short.toml"
-    path.write_text("[[experiments]]".join([head, first, turning]), encoding="utf-8")
+    path.write_text("[[experiments]]".join([head, first_experiment, turning]), encoding="utf-8")
     return path
 
 

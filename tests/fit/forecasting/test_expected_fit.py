@@ -60,7 +60,7 @@ def expected(world, sets=SETS, **options):
             Run(telemetry(world, authority, "noise", epoch=epoch, noisy=False, **options)),
         )
 
-    return [PlannedExperiment(partial(make, *which), cross_spectra(world, *which)) for which in sets]
+    return [PlannedExperiment(partial(make, *case), cross_spectra(world, *case)) for case in sets]
 
 
 def noisy(world, sets=SETS, **options):
@@ -74,12 +74,12 @@ def sigmas(fit):
 @pytest.mark.slow
 def test_sigmas_are_those_of_fits_on_average():
     # sigmas of one fit scatter by some 8 % with its noise PSDs: the mean of six by 3 %
-    found = [sigmas(calibrate(noisy(World(), seed=seed, drive_1=1e-12)).joint) for seed in range(6)]
-    told = forecast(expected(World(), drive_1=1e-12))
-    assert list(told.parameters) == list(joint_names([1, 2])) == list(found[0])
-    for name, sigma in sigmas(told).items():
-        assert sigma == pytest.approx(np.mean([one[name] for one in found]), rel=0.07), name
-    correlation = told.covariance / np.outer(*2 * [list(sigmas(told).values())])
+    fitted = [sigmas(calibrate(noisy(World(), seed=seed, drive_1=1e-12)).joint) for seed in range(6)]
+    forecasted = forecast(expected(World(), drive_1=1e-12))
+    assert list(forecasted.parameters) == list(joint_names([1, 2])) == list(fitted[0])
+    for name, sigma in sigmas(forecasted).items():
+        assert sigma == pytest.approx(np.mean([one[name] for one in fitted]), rel=0.07), name
+    correlation = forecasted.covariance / np.outer(*2 * [list(sigmas(forecasted).values())])
     assert np.diag(correlation) == pytest.approx(np.ones(len(correlation)))
 
 
@@ -92,27 +92,29 @@ def test_sigmas_are_those_of_fits_on_average():
     ],
 )
 def test_degenerate_campaigns_are_named_as_the_fit_names_them(sets, options):
-    told, found = (
+    forecasted, fitted = (
         forecast(expected(World(), sets, **options)),
         calibrate(noisy(World(), sets, **options)).joint,
     )
-    assert told.parameters.keys() == found.parameters.keys()
-    lost = [(w.code, w.parameters) for w in found.warnings if w.code != "high_leverage"]
-    assert [(w.code, w.parameters) for w in told.warnings] == lost
+    assert forecasted.parameters.keys() == fitted.parameters.keys()
+    undetermined = [(w.code, w.parameters) for w in fitted.warnings if w.code != "high_leverage"]
+    assert [(w.code, w.parameters) for w in forecasted.warnings] == undetermined
 
 
 @pytest.mark.parametrize("tones", [(3.333e-3,), ()])
 def test_a_single_tone_or_none_tells_as_little_as_in_the_fit(tones):
     # which of many blind directions is named first is chance
     options = {"tones_12": tones, "tones_1": ()}
-    told, found = (
+    forecasted, fitted = (
         forecast(expected(World(), SETS[3:4], **options)),
         calibrate(noisy(World(), SETS[3:4], **options)),
     )
-    assert told.parameters.keys() == found.joint.parameters.keys()
-    lost = {name for w in told.warnings for name in w.parameters}
-    assert lost == {n for w in found.joint.warnings if w.code != "high_leverage" for n in w.parameters}
-    assert {"omega2_2_0", "alpha_x_2", *(() if tones else ("lambda_2",))} <= lost
+    assert forecasted.parameters.keys() == fitted.joint.parameters.keys()
+    undetermined = {name for w in forecasted.warnings for name in w.parameters}
+    assert undetermined == {
+        n for w in fitted.joint.warnings if w.code != "high_leverage" for n in w.parameters
+    }
+    assert {"omega2_2_0", "alpha_x_2", *(() if tones else ("lambda_2",))} <= undetermined
 
 
 @pytest.fixture(scope="module")
@@ -135,45 +137,47 @@ def test_regressors_without_noise_tell_less_of_delta_ifo(mission):
 
         return matrix
 
-    quiet = [replace(p, cross_spectra=of_residual(noise[p.make().name])) for p in mission]
-    without, told = sigmas(forecast(quiet)), sigmas(forecast(mission))
+    noiseless = [replace(p, cross_spectra=of_residual(noise[p.make().name])) for p in mission]
+    noiseless_sigmas, forecasted = sigmas(forecast(noiseless)), sigmas(forecast(mission))
     names = [f"delta_ifo_{k}" for k in (1, 2, 3, 4)]
     # an independent calculation for the campaign, with regressors free of noise
-    assert [without[name] for name in names] == pytest.approx([9.8e-7, 4.9e-7, 4.1e-7, 3.1e-7], rel=0.1)
+    assert [noiseless_sigmas[name] for name in names] == pytest.approx(
+        [9.8e-7, 4.9e-7, 4.1e-7, 3.1e-7], rel=0.1
+    )
     # and as fitted
-    others = {
+    ratios = {
         "lambda_1": 1.3e-5,
         "lambda_2": 1.3e-5,
         "C_2": 2.9e-4,
         "omega2_1_0": 2.4e-9,
         "omega2_2_0": 1.7e-9,
     }
-    others |= {"alpha_x_1": 0.93, "alpha_x_2": 0.69, "alpha_phi_1": 333, "alpha_phi_2": 248}
-    assert {name: told[name] for name in others} == pytest.approx(others, rel=0.1)
+    ratios |= {"alpha_x_1": 0.93, "alpha_x_2": 0.69, "alpha_phi_1": 333, "alpha_phi_2": 248}
+    assert {name: forecasted[name] for name in ratios} == pytest.approx(ratios, rel=0.1)
     for name in names:
-        assert told[name] < 0.6 * without[name]
+        assert forecasted[name] < 0.6 * noiseless_sigmas[name]
 
 
 def test_agrees_with_a_fit_of_the_reference_plant(quickstart):
     plan = loading.load(quickstart)
     runs = [recorded(run, along_x_plant.simulate(run)) for run in plan.runs]
-    found, told = calibrate(runs).joint, forecast(planned(plan))
-    assert sigmas(told) == pytest.approx(sigmas(found), rel=0.1)
-    lost = [w.parameters for w in found.warnings if w.code == "indeterminable"]
-    assert [w.parameters for w in told.warnings] == lost
+    fitted, forecasted = calibrate(runs).joint, forecast(planned(plan))
+    assert sigmas(forecasted) == pytest.approx(sigmas(fitted), rel=0.1)
+    undetermined = [w.parameters for w in fitted.warnings if w.code == "indeterminable"]
+    assert [w.parameters for w in forecasted.warnings] == undetermined
 
 
 @pytest.mark.long
 def test_agrees_with_a_fit_of_the_whole_spacecraft():
     plan = loading.load(CAMPAIGNS / "spacecraft.toml")
-    found = calibrate([recorded(run, whole_plant.simulate(run)) for run in plan.runs]).joint
-    told = sigmas(forecast(planned(plan)))
-    for name, sigma in sigmas(found).items():
+    fitted = calibrate([recorded(run, whole_plant.simulate(run)) for run in plan.runs]).joint
+    forecasted = sigmas(forecast(planned(plan)))
+    for name, sigma in sigmas(fitted).items():
         # the noise PSDs at the lowest frequencies make that of a stiffness scatter by 8 % from fit to fit
         scatters = name.startswith(("omega2", "alpha"))
         # and lambda_2 is given beside the instruments, with a sigma that holds how far these move it
-        within = 0.2 if scatters else 0.08 if name == "lambda_2" else 0.05
-        assert told[name] == pytest.approx(sigma, rel=within), name
+        tolerance = 0.2 if scatters else 0.08 if name == "lambda_2" else 0.05
+        assert forecasted[name] == pytest.approx(sigma, rel=tolerance), name
 
 
 DRIVEN = {
@@ -198,10 +202,10 @@ def test_response_is_what_a_simulation_without_noise_gives(make_run, spacecraft)
     run = make_run(**DRIVEN, spacecraft=spacecraft)
     simulate = whole_plant.simulate if spacecraft else along_x_plant.simulate
     driven, rest = simulate(run), simulate(still(run))
-    found = planning.response(run)
+    response = planning.response(run)
     for name in ("o_1", "o_12", "f_x_1", "f_x_2"):
-        moved = (driven[name] - rest[name])[::10]
-        assert found[name] == pytest.approx(moved, abs=1e-6 * np.abs(moved).max())
+        difference = (driven[name] - rest[name])[::10]
+        assert response[name] == pytest.approx(difference, abs=1e-6 * np.abs(difference).max())
 
 
 F = np.geomspace(1e-4, 0.2, 9)
@@ -218,11 +222,13 @@ def test_noise_along_x_against_the_loop_gain(make_run):
 def test_noise_of_the_whole_spacecraft_against_its_transfer(make_run):
     run = make_run(noise=Noise(oms=35e-15, grs=1.8e-9, thruster=0.15e-6, torque=1e-12), spacecraft=CRAFT)
     psd = drives.psd(run, F)
-    told = whole_spectra.spectra(run, F, {name: psd[name] for name in psd if name in whole_loops.INPUTS})
+    expected_spectra = whole_spectra.spectra(
+        run, F, {name: psd[name] for name in psd if name in whole_loops.INPUTS}
+    )
     names = ("o_1", "o_12", "f_x_2", "grs_y_1", "N_phi_1")
-    found = planning.cross_spectra(run, names, F)
+    cross_spectra_of_run = planning.cross_spectra(run, names, F)
     for i, name in enumerate(names):
-        assert found[:, i, i].real == pytest.approx(told[name], rel=1e-6)
+        assert cross_spectra_of_run[:, i, i].real == pytest.approx(expected_spectra[name], rel=1e-6)
 
 
 def test_levels_of_the_noise(make_run):
@@ -245,29 +251,29 @@ def test_turning_against_the_simulation(make_run):
     pulse = np.where(n == 100, 1e-7, 0.0)
     driven, rest = (whole_plant.simulate(run, {**steady, **extra}) for extra in ({"N_noise_z_sc": pulse}, {}))
     s = world_of(run).system(run)
-    state, found = s.B[:, s.inputs.index("N_noise_z_sc")] * 1e-7, []
+    state, states = s.B[:, s.inputs.index("N_noise_z_sc")] * 1e-7, []
     for _ in range(2000):
-        found.append((s.C @ state)[s.channels.index("o_12")])
+        states.append((s.C @ state)[s.channels.index("o_12")])
         state = s.A @ state
-    moved = (driven["o_12"] - rest["o_12"])[101:2101]
-    assert np.array(found) == pytest.approx(moved, abs=2e-3 * np.abs(moved).max())
+    difference = (driven["o_12"] - rest["o_12"])[101:2101]
+    assert np.array(states) == pytest.approx(difference, abs=2e-3 * np.abs(difference).max())
 
 
 def test_it_ends_where_it_would_wherever_it_starts(quickstart):
     text = {"lambda_2": 1.13, "C_2": 0.25, "omega2_2_0": -9e-7, "delta_ifo": {1: 3e-5, 2: -4e-5}}
     plan = loading.load(quickstart)
     plan = replace(plan, truth=replace(plan.truth, **text))
-    asked: list[str] = []
+    calls: list[str] = []
 
     def counted(p):
         def make():
-            asked.append("once")
+            calls.append("once")
             return p.make()
 
         return replace(p, make=make)
 
     from_truth = forecast([counted(p) for p in planned(plan)])
-    assert len(asked) == len(plan.experiments)  # a campaign of hundreds has no time for more
+    assert len(calls) == len(plan.experiments)  # a campaign of hundreds has no time for more
     from_flight = forecast([replace(p, truth={}) for p in planned(plan)])
     assert sigmas(from_truth) == pytest.approx(sigmas(from_flight), rel=2e-3)
     for name, value in {"lambda_2": 1.13, "delta_ifo_2": -4e-5}.items():
@@ -276,14 +282,19 @@ def test_it_ends_where_it_would_wherever_it_starts(quickstart):
 
 
 def test_hardly_anything_is_kept_of_a_run(quickstart):
-    made = planned(loading.load(quickstart))[0].make()
-    left = made.sysid.without_samples()
-    arrays = [left.telemetry.time, *left.telemetry.channels.values(), left.channels.o_1, left.channels.valid]
+    experiment = planned(loading.load(quickstart))[0].make()
+    emptied = experiment.sysid.without_samples()
+    arrays = [
+        emptied.telemetry.time,
+        *emptied.telemetry.channels.values(),
+        emptied.channels.o_1,
+        emptied.channels.valid,
+    ]
     assert all(array.strides == (0,) for array in arrays)  # one number, however long
-    assert left.telemetry.duration == made.sysid.telemetry.duration
-    assert left.channels.parameters == made.sysid.channels.parameters
-    assert np.any(left.telemetry.channels["f_x_2"])
-    assert not np.any(left.telemetry.channels["f_x_1"])
+    assert emptied.telemetry.duration == experiment.sysid.telemetry.duration
+    assert emptied.channels.parameters == experiment.sysid.channels.parameters
+    assert np.any(emptied.telemetry.channels["f_x_2"])
+    assert not np.any(emptied.telemetry.channels["f_x_1"])
 
 
 def test_short_and_excluded_runs_stay_out(quickstart):
@@ -300,36 +311,36 @@ def test_short_and_excluded_runs_stay_out(quickstart):
 def test_flscov_scatters_as_forecast():
     # 40 campaigns tell the scatter of one parameter by 11 %, that of nine by 4 %; seeds are fixed
     chosen, sets = settings({"estimator": "flscov", "scatter": []}), SETS[:4]
-    found = []
+    fits = []
     for seed in range(40):
         runs = {(r.experiment, r.kind): Run(r) for r in noisy(World(), sets, seed=seed)}
         names = dict.fromkeys(name for name, _ in runs)
-        found.append(fit_joint([Experiment(runs[n, "sysid"], runs[n, "noise"]) for n in names], chosen))
-    told = forecast(expected(World(), sets), chosen)
-    of = [[p.name for p in found[0].parameters].index(name) for name in told.parameters]
-    sigma = np.array(list(sigmas(told).values()))
-    scatter = np.std([one.solution.theta[of] for one in found], axis=0, ddof=1) / sigma
+        fits.append(fit_joint([Experiment(runs[n, "sysid"], runs[n, "noise"]) for n in names], chosen))
+    forecasted = forecast(expected(World(), sets), chosen)
+    indices = [[p.name for p in fits[0].parameters].index(name) for name in forecasted.parameters]
+    sigma = np.array(list(sigmas(forecasted).values()))
+    scatter = np.std([one.solution.theta[indices] for one in fits], axis=0, ddof=1) / sigma
     assert np.max(np.abs(scatter - 1)) < 0.35
     assert np.sqrt(np.mean(scatter**2)) == pytest.approx(1, abs=0.1)
     # what the fit itself says is too little, by what the forecast tells beforehand
-    claimed = np.mean([one.solution.sigma[of] for one in found], axis=0) / sigma
+    claimed = np.mean([one.solution.sigma[indices] for one in fits], axis=0) / sigma
     assert np.all((claimed > 0.7) & (claimed < 0.95))
 
 
 def test_flscov_weighs_stretches_that_do_not_overlap_by_closed_forms():
     # of ten independent powers E[1 / sum] = 1 / 9, E[one / sum^2] = 1 / 90
-    for told, closed in zip(flscov._expected_weights(np.ones(10)), (10 / 9, 1.0, 10 / 9), strict=True):
-        assert told == pytest.approx(np.full(10, closed), rel=1e-6)
+    for factor, closed in zip(flscov._expected_weights(np.ones(10)), (10 / 9, 1.0, 10 / 9), strict=True):
+        assert factor == pytest.approx(np.full(10, closed), rel=1e-6)
 
 
 def test_flscov_knows_how_its_stretches_overlap():
     rng, tau = np.random.default_rng(2), (0.0, 0.0)
     noise, names = rng.standard_normal((30000, 24)), tuple(map(str, range(24)))
     white = Columns(tau, names, 1.0, np.arange(30000.0), noise, np.ones(30000, bool))
-    f, found = flscov.transform(white)
+    f, spectra = flscov.transform(white)
     w, starts = flscov._stretches(30000)
-    found = found * np.exp(-2j * np.pi * np.outer(starts, f))[:, :, None]
-    drawn = np.einsum("sbp,tbp->st", found.conj(), found) / f.size / 24 / 2  # one-sided PSD of 2
+    spectra = spectra * np.exp(-2j * np.pi * np.outer(starts, f))[:, :, None]
+    drawn = np.einsum("sbp,tbp->st", spectra.conj(), spectra) / f.size / 24 / 2  # one-sided PSD of 2
     values, vectors = flscov._modes(w, starts)
     assert (vectors * values) @ vectors.T == pytest.approx(drawn, abs=0.06)
     assert values.sum() == pytest.approx(10)
@@ -374,11 +385,11 @@ def test_bad_input_is_one_sentence(lpfcosim, quickstart, tmp_path):
 def test_expected_weights_are_the_mean_of_those_of_noise(kind):
     f = np.arange(1, 200001) * 1e-6
     u = np.random.default_rng(0).chisquare(2, f.size)
-    told, drawn = likelihoods.expected_weights(kind, f), likelihoods.weights(kind, f, u)
+    expected_factors, drawn = likelihoods.expected_weights(kind, f), likelihoods.weights(kind, f, u)
     # marginalised levels of n bins have the mean n / (n - 1): n is 24 at the lowest frequencies
-    assert np.mean(told.fit) == pytest.approx(np.mean(drawn.fit), rel=0.01)
-    assert np.mean(told.curvature) == pytest.approx(np.mean(drawn.curvature), rel=0.01)
-    assert np.mean(told.score) == pytest.approx(np.mean(drawn.score), rel=0.01)
+    assert np.mean(expected_factors.fit) == pytest.approx(np.mean(drawn.fit), rel=0.01)
+    assert np.mean(expected_factors.curvature) == pytest.approx(np.mean(drawn.curvature), rel=0.01)
+    assert np.mean(expected_factors.score) == pytest.approx(np.mean(drawn.score), rel=0.01)
 
 
 def test_other_estimators_cost_what_they_cost():
@@ -399,9 +410,11 @@ def test_other_estimators_cost_what_they_cost():
 
 def test_gains_that_will_scatter_widen_the_forecast():
     sets = [*SETS[:4], *SETS[:4]]
-    plain, told = (forecast(expected(World(), sets), settings(), w) for w in ({}, {"lambda_2": 0.003}))
+    plain, scattered = (forecast(expected(World(), sets), settings(), w) for w in ({}, {"lambda_2": 0.003}))
     # the mean of 8 gains, whose width is estimated with 7 degrees of freedom
-    assert told.parameters["lambda_2"].sigma == pytest.approx(1.0776 * 0.003 * np.sqrt(7 / 5 / 8), rel=0.02)
+    assert scattered.parameters["lambda_2"].sigma == pytest.approx(
+        1.0776 * 0.003 * np.sqrt(7 / 5 / 8), rel=0.02
+    )
     assert plain.parameters["lambda_2"].sigma < 1e-4
     insisted = forecast(expected(World(), sets), settings({"scatter": ["lambda_2"]}))
     assert insisted.parameters["lambda_2"].sigma == pytest.approx(

@@ -24,45 +24,51 @@ TONES = (
 
 @pytest.fixture(scope="module")
 def plan():
-    found = loading.load(ROOT / "campaigns" / "quickstart.toml")
-    return replace(found, experiments=tuple(replace(e, injections=TONES) for e in found.experiments[::3]))
+    campaign = loading.load(ROOT / "campaigns" / "quickstart.toml")
+    return replace(
+        campaign, experiments=tuple(replace(e, injections=TONES) for e in campaign.experiments[::3])
+    )
 
 
 def test_tones_tell_what_the_forecast_says(plan):
     expected = expected_fit(planned(plan))
     bare = replace(plan, experiments=tuple(replace(e, injections=()) for e in plan.experiments))
-    told = fisher.fisher_information(planned(bare), settings())
-    lost = np.array([name not in expected.parameters for name in told.names])
-    information = np.diag(np.where(lost, told.widths**-2.0, 0.0))
+    campaign = fisher.fisher_information(planned(bare), settings())
+    undetermined = np.array([name not in expected.parameters for name in campaign.names])
+    information = np.diag(np.where(undetermined, campaign.widths**-2.0, 0.0))
     t = np.linspace(0, 21600, 5000)
-    left = np.clip(np.minimum(t - 300, 21300 - t) / 1000, 0, 1)
-    power = (0.5 - 0.5 * np.cos(np.pi * left)) ** 2
-    for each, run in zip(told.experiments, (r for r in plan.runs if r.kind == "sysid"), strict=True):
+    window = np.clip(np.minimum(t - 300, 21300 - t) / 1000, 0, 1)
+    power = (0.5 - 0.5 * np.cos(np.pi * window)) ** 2
+    for experiment, run in zip(
+        campaign.experiments, (r for r in plan.runs if r.kind == "sysid"), strict=True
+    ):
         s = world_of(run).system(run)
-        information += each.information
+        information += experiment.information
         for tone in TONES:
             f = np.array([tone.frequency])
             H = planning.transfer(s, run.h, f)[0, :, s.inputs.index(tone.into)]
-            moved = H[[s.channels.index(name) for name in each.channels]] * tone.amplitude
-            d = each.sensitivity(f)[0] @ moved
-            information += each.equivalent_duration(power) * np.outer(d.conj(), d).real
-    sigma = dict(zip(told.names, np.sqrt(np.diag(np.linalg.inv(information))), strict=True))
+            signal = H[[s.channels.index(name) for name in experiment.channels]] * tone.amplitude
+            d = experiment.sensitivity(f)[0] @ signal
+            information += experiment.equivalent_duration(power) * np.outer(d.conj(), d).real
+    sigma = dict(zip(campaign.names, np.sqrt(np.diag(np.linalg.inv(information))), strict=True))
     for name, estimate in expected.parameters.items():
         assert sigma[name] == pytest.approx(estimate.sigma, rel=0.01), name
 
 
 def test_a_tone_clear_of_the_window_is_worth_its_time(plan):
-    (each, _) = fisher.fisher_information(planned(plan), settings()).experiments
-    on = np.zeros(20000)
-    on[4000:12000] = 1.0
-    assert each.equivalent_duration(on) == pytest.approx(0.4 * each.duration, rel=1e-3)
-    assert each.equivalent_duration(np.ones(20000)) < 0.96 * each.duration
+    (experiment, _) = fisher.fisher_information(planned(plan), settings()).experiments
+    power = np.zeros(20000)
+    power[4000:12000] = 1.0
+    assert experiment.equivalent_duration(power) == pytest.approx(0.4 * experiment.duration, rel=1e-3)
+    assert experiment.equivalent_duration(np.ones(20000)) < 0.96 * experiment.duration
 
 
 def test_flscov_is_designed_for_as_the_default(plan):
-    told, usual = (
+    flscov, gaussian = (
         fisher.fisher_information(planned(plan), settings(s)) for s in ({"estimator": "flscov"}, {})
     )
-    for one, other in zip(told.experiments, usual.experiments, strict=True):
-        np.testing.assert_array_equal(one.information, other.information)
-        np.testing.assert_array_equal(one.sensitivity(np.array([1e-2])), other.sensitivity(np.array([1e-2])))
+    for one, reference in zip(flscov.experiments, gaussian.experiments, strict=True):
+        np.testing.assert_array_equal(one.information, reference.information)
+        np.testing.assert_array_equal(
+            one.sensitivity(np.array([1e-2])), reference.sensitivity(np.array([1e-2]))
+        )

@@ -18,7 +18,7 @@ N = 10.4e-12  # N m, the same in all runs
 
 
 @dataclass(frozen=True)
-class Made:
+class StatedExperiment:
     """What `sums` needs of an outcome."""
 
     parameters: tuple
@@ -36,7 +36,7 @@ def outcome():
     information = np.diag(np.ones(3)) + (design * scale).T @ (design * scale)
     covariance = np.linalg.inv(information) * np.outer(scale, scale)
     theta = np.array([p.value for p in parameters])
-    return Made(parameters, Solution(theta, covariance, 3.0, 3))
+    return StatedExperiment(parameters, Solution(theta, covariance, 3.0, 3))
 
 
 def test_a_sum_has_the_sigma_of_a_straight_line(outcome):
@@ -61,11 +61,11 @@ def test_a_sweep_of_one_authority_knows_the_stiffness_at_each():
     joint = expected_fit.expected_fit(planned(plan), settings())
     assert {"omega2_2_0", "alpha_phi_2", "omega2_1_0", "alpha_phi_1"} <= set(joint.undetermined)
     truth = plan.truth
-    told = {(s.j, s.F_max): s for s in joint.stiffness}
-    assert list(told) == [(1, 0.0), *((2, e.authority.F_max_2) for e in plan.experiments)]
-    for (j, F), known in told.items():
-        of = f"omega2_{j}_0", f"alpha_x_{j}", f"alpha_phi_{j}"
-        background, per_force, per_torque = (getattr(truth, name) for name in of)
+    stiffness = {(s.j, s.F_max): s for s in joint.stiffness}
+    assert list(stiffness) == [(1, 0.0), *((2, e.authority.F_max_2) for e in plan.experiments)]
+    for (j, F), known in stiffness.items():
+        names = f"omega2_{j}_0", f"alpha_x_{j}", f"alpha_phi_{j}"
+        background, per_force, per_torque = (getattr(truth, name) for name in names)
         assert known.value == pytest.approx(background + per_force * F + per_torque * N, rel=0.01)
         assert 1e-9 < known.sigma < 2e-8
     (message,) = (w.message for w in joint.warnings if "alpha_phi_2" in w.parameters)

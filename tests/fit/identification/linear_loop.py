@@ -1,14 +1,50 @@
 """A loop that is simulated by its equations: what an identification asks for, without any FMU."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import scipy
 
 from fit.errors import FitError
+from fit.telemetry.reader import Telemetry
 from lpfcosim.plant import planning
-from lpfcosim.worlds import drive
+from lpfcosim.running import telemetry
+from lpfcosim.spacecraft import Noise, Sine
+from lpfcosim.worlds import drive, world_of
 from lpfcosim.worlds.loop import sampled
+
+TONES = (
+    Sine("guidance_o_12", 10e-9, 1.5e-3, 4, 300),
+    Sine("guidance_o_12", 5e-9, 13e-3, 12, 3100),
+    Sine("guidance_o_1", 5e-9, 6e-3, 20, 1000),
+)
+NOISE = Noise(oms=35e-15, thruster=0.15e-6, plateau=5.6e-15, tail=1.5)
+
+
+def recorded_experiment(make_run, name, truth, seed):
+    """Return an experiment of 5400 s and its noise run, and their telemetry from the reference plant."""
+    common = {
+        "experiment": name,
+        "n_samples": 54000,
+        "seed": seed,
+        "truth": truth,
+        "dc": 5e-12,
+        "noise": NOISE,
+    }
+    runs = [
+        make_run(name=name, kind="sysid", injections=TONES, **common),
+        make_run(name=f"{name}-noise", kind="noise", injections=(), **common),
+    ]
+    return runs, [_recorded(run) for run in runs]
+
+
+def _recorded(run):
+    root, channels = telemetry.attributes(run), world_of(run).simulate(run)
+    fields = {name: root.pop(name) for name in list(root) if name in Telemetry.__dataclass_fields__}
+    return Telemetry(
+        **fields, path=Path(run.name), time=run.time, channels=channels, units={}, attributes=root
+    )
 
 
 class Feeds:
@@ -19,9 +55,9 @@ class Feeds:
         self._taken = 0
 
     def take(self, n):
-        found = {name: x[self._taken : self._taken + n] for name, x in self._signals.items()}
+        series = {name: x[self._taken : self._taken + n] for name, x in self._signals.items()}
         self._taken += n
-        return found
+        return series
 
 
 class LinearLoop:
@@ -36,14 +72,14 @@ class LinearLoop:
 
     def _run(self, telemetry, theta):
         run = self._runs[telemetry.run]
-        own = dict(theta)
-        delta_ifo = {run.alignment_epoch: own.pop("delta_ifo", run.delta_ifo)}
+        truth = dict(theta)
+        delta_ifo = {run.alignment_epoch: truth.pop("delta_ifo", run.delta_ifo)}
         law = replace(
             run.suspension,
-            unity_gain=own.pop("Controller.f_u", run.suspension.unity_gain),
-            poles=(own.pop("Controller.f_p", run.suspension.poles[0]), run.suspension.poles[1]),
+            unity_gain=truth.pop("Controller.f_u", run.suspension.unity_gain),
+            poles=(truth.pop("Controller.f_p", run.suspension.poles[0]), run.suspension.poles[1]),
         )
-        return replace(run, truth=replace(run.truth, delta_ifo=delta_ifo, **own), suspension=law)
+        return replace(run, truth=replace(run.truth, delta_ifo=delta_ifo, **truth), suspension=law)
 
     def response(self, telemetry, theta, inputs):
         self.simulated += 1
@@ -52,16 +88,16 @@ class LinearLoop:
         n = inputs["f_x_1"].size
         run = replace(self._run(telemetry, theta), n_samples=n)
         driven = {"f_x_1_jitter": inputs["f_x_1"], "F_noise_x_sc": inputs["F_noise_x_sc"]}
-        found = planning.response(run, Feeds(driven, n), run.fs)
-        return {name: found[name] for name in ("o_1", "o_12")}
+        response = planning.response(run, Feeds(driven, n), run.fs)
+        return {name: response[name] for name in ("o_1", "o_12")}
 
     def command(self, telemetry, theta, o_12):
         run = self._run(telemetry, theta)
         decay, entry, direct = sampled(run.suspension, run.h)
-        asked = direct * o_12
+        command = direct * o_12
         for d, e in zip(decay, entry, strict=True):
-            asked = asked + scipy.signal.lfilter([0, e], [1, -d], o_12)
-        return -asked
+            command = command + scipy.signal.lfilter([0, e], [1, -d], o_12)
+        return -command
 
     def direct(self, telemetry):
         run = self._runs[telemetry.run]

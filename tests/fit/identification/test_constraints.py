@@ -7,7 +7,7 @@ import fit
 from fit.errors import InputError
 from fit.identification import make_params
 from fit.settings import settings
-from tests.fit.identification.test_identification import CHOSEN, FREE, flown, found, identified  # noqa: F401
+from tests.fit.identification.test_identification import CHOSEN, FREE, flown, identified, unconstrained  # noqa: F401
 
 
 def constrained(flight, constraints=None, params=None):
@@ -33,8 +33,8 @@ def row_of(free, **coefficients):
     return np.array([coefficients.get(name, 0.0) for name in free])
 
 
-def test_a_fixed_parameter(flown, found):  # noqa: F811
-    free = found.joint
+def test_a_fixed_parameter(flown, unconstrained):  # noqa: F811
+    free = unconstrained.joint
     value = free["C_2"].value + free["C_2"].sigma
     fixed = constrained(flown, {"C_2": {"value": value, "vary": False}})
     assert_conditional(fixed, free, conditional(free, row_of(free, C_2=1.0), value), fixed=["C_2"])
@@ -44,8 +44,8 @@ def test_a_fixed_parameter(flown, found):  # noqa: F811
     assert not fixed.unsound
 
 
-def test_a_tie_and_a_prior(flown, found):  # noqa: F811
-    free = found.joint
+def test_a_tie_and_a_prior(flown, unconstrained):  # noqa: F811
+    free = unconstrained.joint
     ratio = free["omega2_1_0"].value / free["omega2_2_0"].value
     params = make_params(FREE, [flown[1][0]])
     assert list(params) == list(free)
@@ -54,21 +54,21 @@ def test_a_tie_and_a_prior(flown, found):  # noqa: F811
     params["lambda_2"].user_data = fit.Prior(mean, sigma)
     tied = constrained(flown, params=params)
     row = row_of(free, omega2_1_0=1.0, omega2_2_0=-ratio)
-    first = conditional(free, row, 0.0)
+    tied_estimate = conditional(free, row, 0.0)
     C = free.covariance
     gain = C @ row / (row @ C @ row)
     C = C - np.outer(gain, row @ C)
     prior = row_of(free, lambda_2=1.0)
     gain = C @ prior / (prior @ C @ prior + sigma**2)
-    values = first[0] + gain * (mean - prior @ first[0])
+    values = tied_estimate[0] + gain * (mean - prior @ tied_estimate[0])
     assert_conditional(tied, free, (values, np.sqrt(np.diag(C - np.outer(gain, prior @ C)))))
     assert tied["omega2_1_0"].value == pytest.approx(ratio * tied["omega2_2_0"].value, rel=1e-9)
     assert not tied.unsound
 
 
 @pytest.mark.slow
-def test_a_fixed_value_that_the_data_contradict_is_not_sound(flown, found):  # noqa: F811
-    free = found.joint
+def test_a_fixed_value_that_the_data_contradict_is_not_sound(flown, unconstrained):  # noqa: F811
+    free = unconstrained.joint
     value = free["lambda_2"].value + 30 * free["lambda_2"].sigma
     fixed = constrained(flown, {"lambda_2": {"value": value, "vary": False}})
     (contradiction,) = [w for w in fixed.unsound if w.code == "constraint_contradicted"]

@@ -1,7 +1,6 @@
 """Parameters of a simulated loop, found again from telemetry of another simulation; no FMU takes part."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,42 +13,21 @@ from fit.identification.loop import FreeParameter
 from fit.identification.search import Search
 from fit.quality import noise_adaptation
 from fit.settings import settings
-from fit.telemetry.reader import Telemetry
 from fit.warnings import FitWarning
 from fit.whitening import pair
 from lpfcosim.plant import planning
-from lpfcosim.running import telemetry
-from lpfcosim.spacecraft import Noise, Sine, Truth
-from lpfcosim.worlds import world_of
-from tests.fit.identification.linear_loop import Feeds, LinearLoop
+from lpfcosim.spacecraft import Truth
+from tests.fit.identification.linear_loop import Feeds, LinearLoop, recorded_experiment
 
 CHOSEN = settings({"include_short": True, "glitches": False})
-TONES = (
-    Sine("guidance_o_12", 10e-9, 1.5e-3, 4, 300),
-    Sine("guidance_o_12", 5e-9, 13e-3, 12, 3100),
-    Sine("guidance_o_1", 5e-9, 6e-3, 20, 1000),
-)
 TRUTH = Truth(lambda_2=1.06, C_2=0.2, omega2_2_0=-4.6e-7)
 
 
 @pytest.fixture(scope="module")
 def flown(make_run):
     """An experiment of 5400 s and its noise run, at 10 Hz, from the reference plant."""
-    runs = [
-        make_run(
-            name=name, experiment="A", kind=kind, n_samples=54000, seed=3, truth=TRUTH, dc=5e-12,
-            noise=Noise(oms=35e-15, thruster=0.15e-6, plateau=5.6e-15, tail=1.5),
-            injections=TONES if kind == "sysid" else (),
-        )
-        for name, kind in (("A", "sysid"), ("A-noise", "noise"))
-    ]  # fmt: skip
-    found = []
-    for run in runs:
-        said, channels = telemetry.attributes(run), world_of(run).simulate(run)
-        known = {name: said.pop(name) for name in list(said) if name in Telemetry.__dataclass_fields__}
-        more = {"path": Path(run.name), "time": run.time, "channels": channels, "units": {}}
-        found.append(Telemetry(**known, **more, attributes=said))
-    return runs, found, pipeline.calibrate(found, CHOSEN)
+    runs, telemetries = recorded_experiment(make_run, "A", TRUTH, seed=3)
+    return runs, telemetries, pipeline.calibrate(telemetries, CHOSEN)
 
 
 FREE = (
@@ -69,17 +47,17 @@ def identified(flown, free=FREE, refused=lambda _theta: False, unity_gain=1e-3, 
     )
     loop.refused = refused
     experiments = pair(telemetries)
-    loud = noise_adaptation.adapt_to_readout_excess(experiments, CHOSEN)
-    prepared = [loud[e.name][1] if e.name in loud else e for e in experiments]
+    excess = noise_adaptation.adapt_to_readout_excess(experiments, CHOSEN)
+    prepared = [excess[e.name][1] if e.name in excess else e for e in experiments]
     return identify(prepared, free, loop, calibrated, chosen, params=params)
 
 
 @pytest.fixture(scope="module")
-def found(flown):
+def unconstrained(flown):
     return identified(flown)
 
 
-def test_the_truth_is_found_and_is_what_the_equation_of_motion_finds(flown, found):
+def test_the_truth_is_found_and_is_what_the_equation_of_motion_finds(flown, unconstrained):
     truth = {
         "lambda_2": 1.06,
         "C_2": 0.2,
@@ -87,74 +65,81 @@ def test_the_truth_is_found_and_is_what_the_equation_of_motion_finds(flown, foun
         "omega2_2_0": -4.6e-7,
         "delta_ifo_1": -2.2e-5,
     }
-    assert set(found.joint) == set(truth)
+    assert set(unconstrained.joint) == set(truth)
     for name, value in truth.items():
-        assert abs(found.joint[name].value - value) < 4 * found.joint[name].sigma
-    alone = flown[2].experiments["A"]
+        assert abs(unconstrained.joint[name].value - value) < 4 * unconstrained.joint[name].sigma
+    experiment_fit = flown[2].experiments["A"]
     stiffness = -317 * 2200e-12 - 27.4e3 * 10.4e-12  # of the authority
-    same = {"lambda_2": ("lambda_2", 0), "C_2": ("C_2", 0), "omega2_2_0": ("omega2_2", stiffness)}
-    for name, (theirs, more) in same.items():
-        assert abs(found.joint[name].value + more - alone[theirs].value) < 0.05 * alone[theirs].sigma
-        assert found.joint[name].sigma == pytest.approx(alone[theirs].sigma, rel=0.02)
-    assert found.joint.chi2 / found.joint.dof == pytest.approx(alone.chi2 / alone.dof, rel=1e-3)
-    assert found.joint.dof == alone.dof - 2  # two poles of the controller, whose first state is not known
-    assert not found.joint.unsound
+    counterparts = {"lambda_2": ("lambda_2", 0), "C_2": ("C_2", 0), "omega2_2_0": ("omega2_2", stiffness)}
+    for name, (theirs, offset) in counterparts.items():
+        assert (
+            abs(unconstrained.joint[name].value + offset - experiment_fit[theirs].value)
+            < 0.05 * experiment_fit[theirs].sigma
+        )
+        assert unconstrained.joint[name].sigma == pytest.approx(experiment_fit[theirs].sigma, rel=0.02)
+    assert unconstrained.joint.chi2 / unconstrained.joint.dof == pytest.approx(
+        experiment_fit.chi2 / experiment_fit.dof, rel=1e-3
+    )
+    assert (
+        unconstrained.joint.dof == experiment_fit.dof - 2
+    )  # two poles of the controller, whose first state is not known
+    assert not unconstrained.joint.unsound
 
 
 @pytest.mark.slow
-def test_derivatives_hold_while_parameters_move_within_their_sigmas(flown, found, monkeypatch):
-    taken = []
+def test_derivatives_hold_while_parameters_move_within_their_sigmas(flown, unconstrained, monkeypatch):
+    calls = []
     derivatives = linearised_run.SimulatedExperiment._derivatives
-    told = lambda self, at, step: taken.append(1) or derivatives(self, at, step)  # noqa: E731
-    monkeypatch.setattr(linearised_run.SimulatedExperiment, "_derivatives", told)
-    again = identified(flown).joint
-    few = len(taken)
+    counted = lambda self, theta, step: calls.append(1) or derivatives(self, theta, step)  # noqa: E731
+    monkeypatch.setattr(linearised_run.SimulatedExperiment, "_derivatives", counted)
+    repeated = identified(flown).joint
+    n_calls = len(calls)
     monkeypatch.setattr(linearised_run, "STEP_LIMIT", 0.0)  # then any thousandth of a natural scale counts
-    anew = identified(flown).joint
-    assert few < len(taken) - few
-    for name, estimate in again.parameters.items():
-        assert estimate == found.joint[name]
-        assert abs(anew[name].value - estimate.value) < 0.01 * estimate.sigma
+    relinearised = identified(flown).joint
+    assert n_calls < len(calls) - n_calls
+    for name, estimate in repeated.parameters.items():
+        assert estimate == unconstrained.joint[name]
+        assert abs(relinearised[name].value - estimate.value) < 0.01 * estimate.sigma
 
 
-def test_recorded_commands_are_those_of_the_controller(found):
-    assert found.provenance.more["commands"]["A"] < 1e-9
+def test_recorded_commands_are_those_of_the_controller(unconstrained):
+    assert unconstrained.provenance.more["commands"]["A"] < 1e-9
 
 
 @pytest.mark.slow
-def test_a_wrong_controller_is_seen_in_the_commands_and_not_in_chi2(flown, found):
-    told = identified(flown, unity_gain=1.0005e-3).joint
-    assert told.chi2 == pytest.approx(found.joint.chi2, rel=1e-3)
-    assert abs(told["lambda_2"].value - found.joint["lambda_2"].value) > 3 * told["lambda_2"].sigma
-    codes = {w.code: w for w in told.warnings}
+def test_a_wrong_controller_is_seen_in_the_commands_and_not_in_chi2(flown, unconstrained):
+    fit = identified(flown, unity_gain=1.0005e-3).joint
+    assert fit.chi2 == pytest.approx(unconstrained.joint.chi2, rel=1e-3)
+    assert abs(fit["lambda_2"].value - unconstrained.joint["lambda_2"].value) > 3 * fit["lambda_2"].sigma
+    codes = {w.code: w for w in fit.warnings}
     assert codes["controller_mismatch"].parameters == ("lambda_2", "C_2")
     assert "A by 0.00" in codes["controller_mismatch"].message
-    assert told.unsound
+    assert fit.unsound
 
 
 def test_gain_of_the_controller_and_of_the_actuation_are_one_number_to_the_read_out(flown):
-    told = identified(flown, (*FREE, FreeParameter("Controller.f_u", 1e-3, 1e-4))).joint
-    (blind,) = [w for w in told.warnings if w.code == "indeterminable"]
+    fit = identified(flown, (*FREE, FreeParameter("Controller.f_u", 1e-3, 1e-4))).joint
+    (blind,) = [w for w in fit.warnings if w.code == "indeterminable"]
     assert {"lambda_2", "Controller.f_u"} <= set(blind.parameters) <= {"lambda_2", "C_2", "Controller.f_u"}
     assert "only together" in blind.message
-    assert {"omega2_2_0", "delta_ifo_1"} <= set(told)
+    assert {"omega2_2_0", "delta_ifo_1"} <= set(fit)
 
 
 @pytest.mark.slow
 def test_a_pole_of_the_controller_is_found_wherever_the_search_begins(flown):
-    told, other = (
+    fit, second_fit = (
         identified(flown, (*FREE, FreeParameter("Controller.f_p", p, 6e-3))).joint for p in (6.6e-3, 0.012)
     )
-    pole = told["Controller.f_p"]
-    for name, estimate in told.parameters.items():
-        assert abs(other[name].value - estimate.value) < 0.01 * estimate.sigma
-        assert other[name].sigma == pytest.approx(estimate.sigma, rel=0.001)
+    pole = fit["Controller.f_p"]
+    for name, estimate in fit.parameters.items():
+        assert abs(second_fit[name].value - estimate.value) < 0.01 * estimate.sigma
+        assert second_fit[name].sigma == pytest.approx(estimate.sigma, rel=0.001)
     assert abs(pole.value - 6e-3) < 4 * pole.sigma < 0.02 * 6e-3
-    assert "controller_mismatch" not in {w.code for w in told.warnings}  # its sigma allows for the difference
+    assert "controller_mismatch" not in {w.code for w in fit.warnings}  # its sigma allows for the difference
 
 
 @pytest.mark.slow
-def test_steps_into_loops_that_cannot_be_simulated_are_taken_back_and_told(flown, found):
+def test_steps_into_loops_that_cannot_be_simulated_are_taken_back_and_told(flown, unconstrained):
     tried: list[float] = []
 
     def refused(theta):  # the first value far from the start
@@ -162,25 +147,27 @@ def test_steps_into_loops_that_cannot_be_simulated_are_taken_back_and_told(flown
             tried.append(theta["lambda_2"])
         return bool(tried) and theta["lambda_2"] == tried[0]
 
-    told = identified(flown, (FreeParameter("lambda_2", 0.9), *FREE[1:]), refused).joint
-    assert told["lambda_2"].value == pytest.approx(found.joint["lambda_2"].value, abs=1e-6)
-    (back,) = [w for w in told.warnings if w.code == "step_halved"]
-    assert "the loop is not stable" in back.message
+    fit = identified(flown, (FreeParameter("lambda_2", 0.9), *FREE[1:]), refused).joint
+    assert fit["lambda_2"].value == pytest.approx(unconstrained.joint["lambda_2"].value, abs=1e-6)
+    (warning,) = [w for w in fit.warnings if w.code == "step_halved"]
+    assert "the loop is not stable" in warning.message
 
 
 @pytest.mark.slow
-def test_a_delay_that_is_too_short_keeps_no_other_parameter_back(flown, found):
-    far = tuple(replace(each, start=1.3 * each.parameter(flown[1][0]).value) for each in FREE)
+def test_a_delay_that_is_too_short_keeps_no_other_parameter_back(flown, unconstrained):
+    distant = tuple(
+        replace(parameter, start=1.3 * parameter.parameter(flown[1][0]).value) for parameter in FREE
+    )
     simulated, failed = set(), set()
 
     def refused(theta):
         (failed if theta["C_2"] < 0.15 else simulated).add(theta["lambda_2"])
         return theta["C_2"] < 0.15
 
-    told = identified(flown, far, refused).joint
-    assert (failed - {far[0].start}) & simulated  # the gain goes all its way, the delay half of it
-    for name, estimate in told.parameters.items():
-        assert abs(estimate.value - found.joint[name].value) < 0.01 * estimate.sigma
+    fit = identified(flown, distant, refused).joint
+    assert (failed - {distant[0].start}) & simulated  # the gain goes all its way, the delay half of it
+    for name, estimate in fit.parameters.items():
+        assert abs(estimate.value - unconstrained.joint[name].value) < 0.01 * estimate.sigma
 
 
 def test_a_search_that_cannot_begin_is_refused(flown):
@@ -192,8 +179,8 @@ def test_a_search_that_cannot_begin_is_refused(flown):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("sigmas", [0.5, 30.0])
-def test_a_bound_is_contradicted_where_noise_does_not_explain_it(flown, found, sigmas):
-    estimate = found.joint["lambda_2"]
+def test_a_bound_is_contradicted_where_noise_does_not_explain_it(flown, unconstrained, sigmas):
+    estimate = unconstrained.joint["lambda_2"]
     bound = estimate.value + sigmas * estimate.sigma
     bounded = identified(flown, (FreeParameter("lambda_2", bounds=(bound, 1.2)), *FREE[1:])).joint
     assert bounded["lambda_2"].value == pytest.approx(bound, abs=1e-3 * estimate.sigma)
@@ -231,24 +218,27 @@ def changed(flown, **channels):
     return runs, telemetries, pipeline.calibrate(telemetries, CHOSEN)
 
 
-def agree(told, flight):
+def agree(fit, flight):
     """Tell whether parameters and sigmas are those of the fit of the same telemetry."""
-    alone = flight[2].experiments["A"]
+    experiment_fit = flight[2].experiments["A"]
     for name, theirs in (("lambda_2", "lambda_2"), ("C_2", "C_2")):
-        assert abs(told[name].value - alone[theirs].value) < 0.05 * alone[theirs].sigma
+        assert abs(fit[name].value - experiment_fit[theirs].value) < 0.05 * experiment_fit[theirs].sigma
         # what the controller began with is taken out here
-        assert told[name].sigma == pytest.approx(alone[theirs].sigma, rel=0.005)
+        assert fit[name].sigma == pytest.approx(experiment_fit[theirs].sigma, rel=0.005)
 
 
 @pytest.mark.slow
 def test_noise_of_the_read_out_of_test_mass_1_is_no_motion(flown):
     n = flown[1][0].time.size
     flight = changed(flown, o_1=3e-9 * np.random.default_rng(2).standard_normal(n))
-    told = identified(flight).joint
-    assert {"lambda_2", "C_2", "omega2_2_0"} <= set(told)
-    for fit in (told, flight[2].experiments["A"]):  # what little the one injection tells is below its width
+    joint_fit = identified(flight).joint
+    assert {"lambda_2", "C_2", "omega2_2_0"} <= set(joint_fit)
+    for fit in (
+        joint_fit,
+        flight[2].experiments["A"],
+    ):  # what little the one injection tells is below its width
         assert not {"delta_ifo", "delta_ifo_1"} & set(fit)
-    agree(told, flight)
+    agree(joint_fit, flight)
 
 
 @pytest.mark.slow
@@ -257,41 +247,41 @@ def test_sigmas_allow_for_noise_that_changes_within_a_run(flown):
     n, rng = sysid.time.size, np.random.default_rng(3)
     late = np.where(np.arange(n) > 0.75 * n, 2e-14 * rng.standard_normal(n), 0.0)
     still = replace(runs[0], injections=(), dc=0.0)
-    moved = planning.response(still, Feeds({"g_2": late, "f_x_1_jitter": np.zeros(n)}, n), still.fs)
-    flight = changed(flown, **{name: moved[name] for name in ("o_1", "o_12", "f_x_2")})
-    told = identified(flight).joint
-    assert "nonstationary_noise" in {w.code for w in told.warnings}
-    agree(told, flight)
+    response = planning.response(still, Feeds({"g_2": late, "f_x_1_jitter": np.zeros(n)}, n), still.fs)
+    flight = changed(flown, **{name: response[name] for name in ("o_1", "o_12", "f_x_2")})
+    fit = identified(flight).joint
+    assert "nonstationary_noise" in {w.code for w in fit.warnings}
+    agree(fit, flight)
 
 
 @pytest.mark.slow
 def test_a_plant_that_did_not_fly_makes_chi2_say_so_by_name(flown):
-    told = identified(flown, FREE[2:])  # the gain is 1.6 % off
-    (mismatch,) = [w for w in told.joint.warnings if w.code == "noise_mismatch"]
+    results = identified(flown, FREE[2:])  # the gain is 1.6 % off
+    (mismatch,) = [w for w in results.joint.warnings if w.code == "noise_mismatch"]
     assert mismatch.message.startswith("A: the simulated loop leaves 10")
-    assert told.joint.unsound
+    assert results.joint.unsound
 
 
 def test_what_the_loop_holds_against_the_fit_is_told(flown):
     calibrated = flown[2]
     fit = calibrated.experiments["A"]
-    for calibration, said in (
+    for calibration, count in (
         (fit, 1),
         (replace(fit, warnings=(FitWarning("invalid_data", (), ""),)), 0),
         (None, 0),
     ):
-        told = comparison.fixed_value_conflicts(
+        conflicts = comparison.fixed_value_conflicts(
             {"lambda_2": 1.0776, "C_2": fit["C_2"].value, "alpha_x_2": 0.0}, calibration
         )
-        assert len(told) == said
-    (first,) = comparison.fixed_value_conflicts({"lambda_2": 1.0776}, fit)
-    assert first.parameters == ("lambda_2",)
-    assert "lambda_2 is 1.0776, the fit finds 1.0600" in first.message
+        assert len(conflicts) == count
+    (conflict,) = comparison.fixed_value_conflicts({"lambda_2": 1.0776}, fit)
+    assert conflict.parameters == ("lambda_2",)
+    assert "lambda_2 is 1.0776, the fit finds 1.0600" in conflict.message
 
 
 def test_what_the_data_do_not_tell_goes_back_to_its_start_before_a_step_is_halved():
     """A delay of a test mass that nothing drives strays to where no loop is."""
-    start, there, tried = np.array([1.0, 0.15]), np.array([1.2, 0.01]), []
+    start, target, tried = np.array([1.0, 0.15]), np.array([1.2, 0.01]), []
 
     class Loops:
         def simulate(self, theta):
@@ -299,14 +289,14 @@ def test_what_the_data_do_not_tell_goes_back_to_its_start_before_a_step_is_halve
             if theta[1] < 0.05:
                 raise FitError("a delay is negative")
 
-        def infeasible(self, theta, to):
+        def infeasible(self, theta, target):
             return np.array([False, True])
 
     search = object.__new__(Search)
     search.__dict__.update(weighings=[Loops()], halved_steps=[], _start=start)
     search._undetermined = np.array([False, True])
-    assert search.admitted(start, there).tolist() == [1.2, 0.15]
+    assert search.limit_step(start, target).tolist() == [1.2, 0.15]
     assert (tried, search.halved_steps) == ([[1.2, 0.01], [1.2, 0.15]], [])
     search._undetermined = np.array([False, False])
-    assert search.admitted(start, there).tolist() == [1.2, 0.08]
+    assert search.limit_step(start, target).tolist() == [1.2, 0.08]
     assert search.halved_steps == ["a delay is negative"]

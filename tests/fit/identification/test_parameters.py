@@ -10,13 +10,13 @@ from fit.parameters import FLIGHT
 RATIO = FLIGHT["C_2"].value / FLIGHT["lambda_2"].value
 
 
-def view(sought, departing):
+def view(loop_names, departing):
     """Return what the second of two experiments sees, of one parameter each besides what departs."""
-    return _view(np.eye(len(sought)), sought, [], departing, 1, 2)
+    return _view(np.eye(len(loop_names)), loop_names, [], departing, 1, 2)
 
 
 @pytest.mark.parametrize(
-    ("sought", "departing", "along", "entries"),
+    ("loop_names", "departing", "along", "entries"),
     [
         (("lambda_2", "C_2"), ["lambda_2"], (), {"lambda_2": 1.0, "C_2": RATIO}),
         # the loop keeps its delay
@@ -26,29 +26,29 @@ def view(sought, departing):
         (("C_2",), ["lambda_2"], ("lambda_2",), {"lambda_2": 1.0, "C_2": RATIO}),
     ],
 )
-def test_a_gain_departs_with_the_delay_of_its_force(sought, departing, along, entries):
-    found = view(sought, departing)
-    assert found.measured_names == along
-    of_run = [*sought, *along]
-    expected = np.zeros((len(of_run), len(sought) + 2))
-    expected[: len(sought), : len(sought)] = np.eye(len(sought))
+def test_a_gain_departs_with_the_delay_of_its_force(loop_names, departing, along, entries):
+    experiment_view = view(loop_names, departing)
+    assert experiment_view.measured_names == along
+    of_run = [*loop_names, *along]
+    expected = np.zeros((len(of_run), len(loop_names) + 2))
+    expected[: len(loop_names), : len(loop_names)] = np.eye(len(loop_names))
     for name, value in entries.items():
         expected[of_run.index(name), -1] = value  # the departure of the second experiment
-    np.testing.assert_array_equal(found.parameter_map, expected)
+    np.testing.assert_array_equal(experiment_view.parameter_map, expected)
 
 
 def test_a_delay_that_departs_beside_a_gain_of_the_loop_counts_once():
-    found = view(("lambda_2",), ["lambda_2", "C_2"])
-    assert found.measured_names == ("C_2",)
-    np.testing.assert_array_equal(found.parameter_map, [[1, 0, 1, 0, 0], [0, 0, 0, 0, 1]])
+    experiment_view = view(("lambda_2",), ["lambda_2", "C_2"])
+    assert experiment_view.measured_names == ("C_2",)
+    np.testing.assert_array_equal(experiment_view.parameter_map, [[1, 0, 1, 0, 0], [0, 0, 0, 0, 1]])
 
 
 def test_the_map_of_the_fit_is_the_same():
     plain = np.arange(16.0).reshape(8, 2)
     names = ("lambda_1", "C_2")
-    found = departures.extend_map(plain, names, 0, 2)
-    assert found.shape == (8, 6)
-    np.testing.assert_array_equal(found[:, :2], plain)
-    more = found[:, 2:]
-    assert [int(i) for i in np.flatnonzero(more.any(axis=1))] == [0, 2, 3]
-    assert more[2, 0] == pytest.approx(FLIGHT["C_1"].value / FLIGHT["lambda_1"].value)
+    share = departures.extend_map(plain, names, 0, 2)
+    assert share.shape == (8, 6)
+    np.testing.assert_array_equal(share[:, :2], plain)
+    departure_map = share[:, 2:]
+    assert [int(i) for i in np.flatnonzero(departure_map.any(axis=1))] == [0, 2, 3]
+    assert departure_map[2, 0] == pytest.approx(FLIGHT["C_1"].value / FLIGHT["lambda_1"].value)

@@ -19,11 +19,11 @@ def archive(fs, x):
 @pytest.mark.parametrize("f", [1e-3, 0.05, 0.1])
 def test_an_archive_is_filled_up_in_the_fitted_band(fs, f):
     time = np.arange(3000 * fs) / fs
-    found = series.at_loop_rate(archive(fs, np.sin(2 * np.pi * f * time) + 1e-3 * time), "x")
-    fine = np.arange(found.size) / series.RATE
+    resampled = series.at_loop_rate(archive(fs, np.sin(2 * np.pi * f * time) + 1e-3 * time), "x")
+    fine = np.arange(resampled.size) / series.RATE
     inside = (fine > 300) & (fine < 2700)
-    assert found.size == 3000 * series.RATE
-    assert np.max(np.abs(found - np.sin(2 * np.pi * f * fine) - 1e-3 * fine)[inside]) < 5e-6
+    assert resampled.size == 3000 * series.RATE
+    assert np.max(np.abs(resampled - np.sin(2 * np.pi * f * fine) - 1e-3 * fine)[inside]) < 5e-6
 
 
 def test_a_rate_that_does_not_divide_that_of_the_loop_is_refused():
@@ -35,21 +35,21 @@ def test_a_force_is_told_from_the_motion_that_it_makes():
     omega2, lambda_2, delay = -1e-6, 1.0, 0.25  # a whole number of samples and half a hold
     theta = np.array([1.0, lambda_2, 0.0, lambda_2 * delay, omega2, 0.0, 0.0])
     n = 40000
-    asked = 1e-12 * np.sin(2 * np.pi * 5e-3 * np.arange(n) / series.RATE)
+    command = 1e-12 * np.sin(2 * np.pi * 5e-3 * np.arange(n) / series.RATE)
     stray = 3e-13 * np.sin(2 * np.pi * 2e-2 * np.arange(n) / series.RATE)
-    acts = np.concatenate([np.zeros(2), asked[:-2]])  # the command of two samples ago, held
+    acts = np.concatenate([np.zeros(2), command[:-2]])  # the command of two samples ago, held
     k, h = np.sqrt(-omega2), 1 / series.RATE
     step = scipy.linalg.expm(np.array([[0, 1, 0], [k**2, 0, 1], [0, 0, 0]]) * h)
     x, state = np.empty(n), np.zeros(2)
     for i in range(n):
         x[i] = state[0]
         state = step[:2, :2] @ state + step[:2, 2] * (acts[i] + stray[i])
-    found = series.force(x, asked, theta)
-    first = (n / series.RATE - found.size) // 2  # s, lost to low-pass and stencils
+    force = series.force(x, command, theta)
+    offset = (n / series.RATE - force.size) // 2  # s, lost to low-pass and stencils
     lag = 0.5 / series.RATE  # what is held for a sample acts half of it later
-    expected = 3e-13 * np.sin(2 * np.pi * 2e-2 * (np.arange(found.size) + first - lag))
+    expected = 3e-13 * np.sin(2 * np.pi * 2e-2 * (np.arange(force.size) + offset - lag))
     inside = slice(200, -200)
-    assert np.max(np.abs(found - expected)[inside]) < 1e-2 * 3e-13
+    assert np.max(np.abs(force - expected)[inside]) < 1e-2 * 3e-13
 
 
 def test_the_thrust_that_moved_a_loop_is_found():
@@ -61,9 +61,9 @@ def test_the_thrust_that_moved_a_loop_is_found():
     n = 60000
     stray_thrust = np.sin(2 * np.pi * 0.02 * np.arange(n) / series.RATE)
     impulse = series.impulse(n, 1.0)
-    found = series.stray_thrust(push(stray_thrust), impulse, push(impulse))
+    thrust = series.stray_thrust(push(stray_thrust), impulse, push(impulse))
     inside = slice(20000, -5000)
-    assert np.max(np.abs(found - stray_thrust)[inside]) < 1e-2
+    assert np.max(np.abs(thrust - stray_thrust)[inside]) < 1e-2
 
 
 def test_what_goes_along_with_a_motion_is_found():
@@ -77,21 +77,21 @@ def test_what_goes_along_with_a_motion_is_found():
     n = 60000
     stray_thrust = np.sin(2 * np.pi * 0.02 * np.arange(n) / series.RATE)
     impulse = series.impulse(n, 1.0)
-    moved, made = (scipy.signal.sosfilt(decay, x) for x in (stray_thrust, impulse))
-    found = series.response_force(moved, made, force(impulse))
+    motion, response = (scipy.signal.sosfilt(decay, x) for x in (stray_thrust, impulse))
+    result = series.response_force(motion, response, force(impulse))
     inside = slice(2000, -500)
-    assert found.shape == force(stray_thrust).shape
-    assert np.max(np.abs(found - force(stray_thrust))[inside]) < 1e-2 * np.max(np.abs(force(stray_thrust)))
+    assert result.shape == force(stray_thrust).shape
+    assert np.max(np.abs(result - force(stray_thrust))[inside]) < 1e-2 * np.max(np.abs(force(stray_thrust)))
 
 
 def test_what_a_controller_began_in_is_made_of_its_modes():
     n, poles = 50_000, (6e-3, 30e-3)  # Hz
     t = np.arange(n) / series.RATE
     answer = 2.0 + sum(k * np.exp(-2 * np.pi * p * t) for k, p in zip((1.0, 0.3), poles, strict=True))
-    found = series.initial_transient(answer, n)
-    assert found.shape[1] == 2  # the integrator is none
-    reduced_grid = np.arange(len(found)) / len(found) * n / series.RATE
+    modes = series.initial_transient(answer, n)
+    assert modes.shape[1] == 2  # the integrator is none
+    reduced_grid = np.arange(len(modes)) / len(modes) * n / series.RATE
     for p in poles:
         decay = np.exp(-2 * np.pi * p * reduced_grid[:1000])
-        left = decay - found[:1000] @ np.linalg.lstsq(found[:1000], decay, rcond=None)[0]
-        assert np.max(np.abs(left)) < 1e-2
+        remainder = decay - modes[:1000] @ np.linalg.lstsq(modes[:1000], decay, rcond=None)[0]
+        assert np.max(np.abs(remainder)) < 1e-2

@@ -49,15 +49,15 @@ class Scattering:
 
     NU = 6.0
 
-    def __init__(self, others: int) -> None:
-        self.names = self.parameters = (*(f"p_{i}" for i in range(1 + others)), "log_width")
+    def __init__(self, n_parameters: int) -> None:
+        self.names = self.parameters = (*(f"p_{i}" for i in range(1 + n_parameters)), "log_width")
         self.constant = np.zeros(len(self.names), dtype=bool)
-        self.long_tailed = np.array([True, *others * [False], True])
+        self.long_tailed = np.array([True, *n_parameters * [False], True])
         half = self.NU / 2
         self.log_s = (np.log(half) - scipy.special.digamma(half)) / 2
         self.variance = scipy.special.polygamma(1, half) / 4
-        self.centre = np.append(np.zeros(1 + others), self.log_s)
-        self.sigma = np.append(np.ones(1 + others), np.sqrt(self.variance))
+        self.centre = np.append(np.zeros(1 + n_parameters), self.log_s)
+        self.sigma = np.append(np.ones(1 + n_parameters), np.sqrt(self.variance))
         self.root = np.diag(self.sigma)
 
     def theta(self, z):
@@ -77,27 +77,27 @@ class Scattering:
 def test_widths_and_what_departs_by_them_have_their_long_tails(tmp_path, monkeypatch):
     # seeded; 4.5 standard errors in 7 numbers: false positives 5e-5
     monkeypatch.setattr(emcee_sampling, "MIN_LENGTH", 500)
-    posterior = Scattering(others=1)
+    posterior = Scattering(n_parameters=1)
     chain = emcee_sampling.sample(posterior, tmp_path / "c.h5", "fit", steps=100_000, seed=3)
     x, normal, log_s = chain.theta.reshape(-1, 3).T
-    t, beyond = scipy.stats.t(posterior.NU), 4.0
-    for of, expected, tau in (
+    t, limit = scipy.stats.t(posterior.NU), 4.0
+    for index, expected, tau in (
         (x, 0.0, chain.tau[0]),
         (x**2, t.var(), chain.tau[0]),
-        (np.abs(x) > beyond, 2 * t.sf(beyond), chain.tau[0]),
+        (np.abs(x) > limit, 2 * t.sf(limit), chain.tau[0]),
         (normal, 0.0, chain.tau[1]),
         (normal**2, 1.0, chain.tau[1]),
         (log_s, posterior.log_s, chain.tau[2]),
         ((log_s - log_s.mean()) ** 2, posterior.variance, chain.tau[2]),
     ):
-        assert np.mean(of) == pytest.approx(
-            expected, abs=4.5 * np.std(of) * np.sqrt(tau / emcee_sampling.THINNING / of.size)
+        assert np.mean(index) == pytest.approx(
+            expected, abs=4.5 * np.std(index) * np.sqrt(tau / emcee_sampling.THINNING / index.size)
         )
 
 
 def test_the_number_of_parameters_does_not_slow_a_chain_down(tmp_path):
     # by differential evolution alone it takes some hundred steps to forget where 30 parameters were
-    chain = emcee_sampling.sample(Scattering(others=30), tmp_path / "c.h5", "fit", steps=5000, seed=1)
+    chain = emcee_sampling.sample(Scattering(n_parameters=30), tmp_path / "c.h5", "fit", steps=5000, seed=1)
     assert np.max(chain.tau) < 30
 
 
@@ -126,16 +126,16 @@ def test_a_short_chain_is_refused_and_goes_on_as_if_nothing_had_happened(linear_
         emcee_sampling.sample(posterior, tmp_path / "parts.h5", "fit", steps=300, seed=8)
     with pytest.raises(FitError, match="after 350 steps"):
         emcee_sampling.sample(posterior, tmp_path / "whole.h5", "fit", steps=350, seed=7)
-    parts, whole = (_stored(tmp_path / name) for name in ("parts.h5", "whole.h5"))
-    assert parts.shape == (35, 12, 3)
-    assert np.array_equal(parts, whole)
+    pieces, whole = (_stored(tmp_path / name) for name in ("parts.h5", "whole.h5"))
+    assert pieces.shape == (35, 12, 3)
+    assert np.array_equal(pieces, whole)
     both = [
         emcee_sampling.sample(posterior, tmp_path / name, "fit", steps=20000, seed=9)
         for name in ("parts.h5", "whole.h5")
     ]
     assert np.array_equal(both[0].z, both[1].z)
-    again = emcee_sampling.sample(posterior, tmp_path / "parts.h5", "fit", steps=20000, seed=9)
-    assert again.steps == both[0].steps  # done is done
+    continued = emcee_sampling.sample(posterior, tmp_path / "parts.h5", "fit", steps=20000, seed=9)
+    assert continued.steps == both[0].steps  # done is done
 
 
 def _stored(path):
@@ -193,10 +193,10 @@ def test_the_digest_is_that_of_estimates_settings_and_runs():
     fit = Fit({"lambda_2": estimate}, np.array([[1e-10]]), 1.0, 1, True, ())
     provenance = Provenance(settings={"estimator": "gaussian"}, joint_runs=["A"])
     results = Results(fit, {}, {}, {}, provenance)
-    others = [
+    variants = [
         replace(results, joint=replace(fit, parameters={"lambda_2": replace(estimate, value=1.09)})),
         replace(results, provenance=replace(provenance, settings={"estimator": "student_t"})),
         replace(results, provenance=replace(provenance, joint_runs=["B"])),
     ]
     assert emcee_sampling.digest(results) == emcee_sampling.digest(replace(results))
-    assert len({emcee_sampling.digest(r) for r in (results, *others)}) == 4
+    assert len({emcee_sampling.digest(r) for r in (results, *variants)}) == 4

@@ -30,12 +30,12 @@ def calibrated_once(tmp_path_factory):
         path = folder / f"{run.run}.h5"
         write_contract_file(path, samples=run.time.size, channels=channels, truth=truth, **attributes)
     telemetries = telemetry.read_all(sorted(folder.glob("*.h5")))
-    found = calibrate(telemetries)
+    calibration = calibrate(telemetries)
     directory = folder / "out"
     directory.mkdir()
     names = [os.path.relpath(t.path, directory) for t in telemetries]
-    found = replace(found, provenance=replace(found.provenance, telemetry=names))
-    results.write(coverage.with_truth(found, telemetries), directory / "results.json")
+    calibration = replace(calibration, provenance=replace(calibration.provenance, telemetry=names))
+    results.write(coverage.with_truth(calibration, telemetries), directory / "results.json")
     return folder
 
 
@@ -101,9 +101,9 @@ def test_results_that_cannot_be_repeated(lpfcosim, calibrated, change, message):
 def test_what_is_given_beside_instruments_is_moved_and_widened_as_the_results_are(lpfcosim, calibrated):
     path = calibrated / "results.json"
     document = json.loads(path.read_text())
-    found = document["joint"]["parameters"]["lambda_2"]
-    found["value"] += found["sigma"]
-    found["sigma"] *= 2
+    estimate = document["joint"]["parameters"]["lambda_2"]
+    estimate["value"] += estimate["sigma"]
+    estimate["sigma"] *= 2
     covariance = np.array(document["joint"]["covariance"])
     i = list(document["joint"]["parameters"]).index("lambda_2")
     covariance[i] *= 2
@@ -121,8 +121,8 @@ def test_what_is_given_beside_instruments_is_moved_and_widened_as_the_results_ar
     assert "then moved and widened as instruments have it: lambda_2" in err
     sampled = json.loads((calibrated / "mcmc.json").read_text())["parameters"]["lambda_2"]
     assert abs(sampled["shift_in_sigma"]) < 5 * sampled["shift_error"]
-    assert sampled["mean"] == pytest.approx(found["value"], abs=0.1 * found["sigma"])
-    assert sampled["sigma"] == pytest.approx(found["sigma"], rel=0.1)
+    assert sampled["mean"] == pytest.approx(estimate["value"], abs=0.1 * estimate["sigma"])
+    assert sampled["sigma"] == pytest.approx(estimate["sigma"], rel=0.1)
     page = (calibrated / "report.html").read_text(encoding="utf-8")
     assert "Posterior sampled" in page
     assert "The chain is of another fit" not in page

@@ -53,10 +53,12 @@ def test_curvature_is_that_of_the_true_sigmas(fitted):
     posterior, h = Posterior(fitted), 0.1
     P = len(posterior.names)
     steps = h * np.eye(P)
-    at = posterior(np.concatenate([np.zeros((1, P)), steps, -steps]))
-    curvature = (at[1 : P + 1] + at[P + 1 :] - 2 * at[0]) / h**2
+    log_density = posterior(np.concatenate([np.zeros((1, P)), steps, -steps]))
+    curvature = (log_density[1 : P + 1] + log_density[P + 1 :] - 2 * log_density[0]) / h**2
     assert curvature == pytest.approx(-np.ones(P), abs=1e-3)
-    assert at[1 : P + 1] == pytest.approx(at[P + 1 :], abs=0.01 * h)  # it is flat where least squares ends
+    assert log_density[1 : P + 1] == pytest.approx(
+        log_density[P + 1 :], abs=0.01 * h
+    )  # it is flat where least squares ends
 
 
 def test_covariance_that_is_none(linear_case):
@@ -66,7 +68,7 @@ def test_covariance_that_is_none(linear_case):
         Posterior(replace(outcome, solution=solution))
 
 
-def told(block, c):
+def cost(block, c):
     """Return minus the logarithm of the likelihood of a run, written out."""
     u = np.abs(block.columns @ c) ** 2
     if block.weights.likelihood == "student_t":
@@ -83,15 +85,15 @@ def test_other_likelihoods_are_themselves(experiments, estimator):
     z = np.concatenate([np.zeros((1, P)), np.random.default_rng(0).standard_normal((4, P))])
     theta = posterior.theta(z)
     expected = [
-        -sum(told(b, b.coefficients(t)) / k for b, k in zip(outcome.whitened_runs, factors, strict=True))
+        -sum(cost(b, b.coefficients(t)) / k for b, k in zip(outcome.whitened_runs, factors, strict=True))
         - np.sum((outcome.prior.rows @ (t - outcome.prior.centre)) ** 2) / 2
         for t in theta
     ]
     assert np.diff(posterior(z)) == pytest.approx(np.diff(expected), abs=1e-6)
     # it peaks where the fit ended, about as sharply as its sigmas say: a tone lies in few bins, and the
     # curvature of a Student-t is that of these very bins
-    at = posterior(np.concatenate([np.zeros((1, P)), h * np.eye(P), -h * np.eye(P)]))
-    curvature = (at[1 : P + 1] + at[P + 1 :] - 2 * at[0]) / h**2
+    log_density = posterior(np.concatenate([np.zeros((1, P)), h * np.eye(P), -h * np.eye(P)]))
+    curvature = (log_density[1 : P + 1] + log_density[P + 1 :] - 2 * log_density[0]) / h**2
     assert np.mean(curvature) == pytest.approx(-1, abs=0.15)  # the sigmas are those of the expected one
     assert curvature == pytest.approx(-np.ones(P), abs=0.4)
     slope = (posterior(0.01 * np.eye(P)) - posterior(-0.01 * np.eye(P))) / 0.02
@@ -113,10 +115,10 @@ def of_student(block, points, _):
 
 
 @pytest.mark.parametrize(
-    ("estimator", "likelihood", "within"),  # two integrals are not quite normal
+    ("estimator", "likelihood", "tolerance"),  # two integrals are not quite normal
     [("gaussian", of_gaussian, 1e-4), ("marginalised", of_levels, 0.03), ("student_t", of_student, 0.1)],
 )
-def test_departures_are_integrated_over(experiments, estimator, likelihood, within):
+def test_departures_are_integrated_over(experiments, estimator, likelihood, tolerance):
     outcome = fit_joint(experiments, settings({"scatter": ["lambda_2"], "estimator": estimator}))
     posterior = Posterior(outcome)
     factors = variance_factors(outcome.whitened_runs, outcome.solution.theta)
@@ -129,7 +131,7 @@ def test_departures_are_integrated_over(experiments, estimator, likelihood, with
     sampled[:, -1] = np.log(3e-3)  # of sigmas of a run, hundreds
     sampled[:, 1] += (0.0, 3e-3, -3e-3)  # lambda_2
     (width,) = outcome.random_effects
-    found = []
+    densities = []
     for t in sampled:
         spread = np.exp(t[-1]) * width.units
         total = (
@@ -145,22 +147,22 @@ def test_departures_are_integrated_over(experiments, estimator, likelihood, with
             outcome.whitened_runs, runs, factors, spread, width.members, strict=True
         ):
             # a sum over departures in place of the integral
-            at = outcome.solution.theta[1] + outcome.solution.theta[i] - t[1]
-            d = at + np.linspace(-1, 1, 2001) * 3e-4
+            departure = outcome.solution.theta[1] + outcome.solution.theta[i] - t[1]
+            d = departure + np.linspace(-1, 1, 2001) * 3e-4
             points = np.repeat(theta[:, None], d.size, axis=1)
             points[i] = d
             log = likelihood(block, points, run) / k - (d / s) ** 2 / 2
             total += np.log(np.sum(np.exp(log - log.max())) * (d[1] - d[0]) / s) + log.max()
-        found.append(total)
+        densities.append(total)
     z = np.linalg.solve(posterior.root, (sampled - posterior.centre).T).T
-    assert np.diff(posterior(z)) == pytest.approx(np.diff(found), abs=within)
+    assert np.diff(posterior(z)) == pytest.approx(np.diff(densities), abs=tolerance)
 
 
 # Constraints of the user ---------------------------------------------------------------------------------
 
 
-def constrained(experiments, **said):
-    return Posterior(fit_joint(experiments, settings({"parameters": said})))
+def constrained(experiments, **constraints):
+    return Posterior(fit_joint(experiments, settings({"parameters": constraints})))
 
 
 def test_a_fixed_parameter_does_not_move(experiments, fitted):
@@ -182,12 +184,12 @@ def test_a_tied_parameter_follows_its_expression(experiments, fitted, expr):
     # the density is that without the tie at the same points, but for the weak prior of lambda_1
     z = np.linalg.solve(free.root, (theta - free.centre).T).T
     weak = {p.name: p.prior_sigma for p in fitted.parameters}["lambda_1"]
-    lost = -(((theta[:, 0] - FLIGHT["lambda_1"].value) / weak) ** 2) / 2
-    at = posterior(
+    weak_prior = -(((theta[:, 0] - FLIGHT["lambda_1"].value) / weak) ** 2) / 2
+    log_density = posterior(
         np.linalg.solve(posterior.root, (theta[:, free.names.index("lambda_2") :] - posterior.centre[1:]).T).T
     )
     assert fitted.undetermined[0]
-    assert np.diff(at) == pytest.approx(np.diff(free(z) - lost), rel=0.02, abs=0.05)
+    assert np.diff(log_density) == pytest.approx(np.diff(free(z) - weak_prior), rel=0.02, abs=0.05)
 
 
 def test_the_density_is_zero_beyond_bounds(experiments, fitted):
@@ -199,9 +201,9 @@ def test_the_density_is_zero_beyond_bounds(experiments, fitted):
     assert np.all((low <= theta[:, 1]) & (theta[:, 1] <= high))
     assert np.isfinite(posterior(z)).all()
     outside = np.random.default_rng(1).standard_normal((200, z.shape[1])) * 20
-    beyond = np.abs(posterior.theta(outside)[:, 1] - (low + high) / 2) > (high - low) / 2
-    assert beyond.any()
-    assert np.array_equal(np.isneginf(posterior(outside)), beyond)
+    is_outside = np.abs(posterior.theta(outside)[:, 1] - (low + high) / 2) > (high - low) / 2
+    assert is_outside.any()
+    assert np.array_equal(np.isneginf(posterior(outside)), is_outside)
 
 
 def test_a_prior_enters(experiments, fitted):
