@@ -3,7 +3,7 @@
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
-from fit.consistency import explained, fit_consistent_runs, model_warnings
+from fit.consistency import explain_exclusions, fit_consistent_runs, model_warnings
 from fit.crosstalk import attenuation, centrifugal, crosstalk_fit, euler_fit
 from fit.errors import FitError, InputError
 from fit.false_alarms import budget_by_family
@@ -262,7 +262,7 @@ def _together(
             raise FitError(f"{error}; it does without what the settings say of {names}") from error
     warnings = (*agreed.warnings, *constraint_test.refit_unconstrained(outcome).warnings())
     fit = _warned(fit_quality.as_fit(outcome, agreed.experiments), warnings)
-    left_out = explained(
+    left_out = explain_exclusions(
         (*campaign.exclusions, *agreed.left_out),
         campaign.experiments,
         single_fits,

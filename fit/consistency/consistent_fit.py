@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from fit.consistency.consistency_test import ConsistencyTest, consistency_test
-from fit.consistency.explanation import Court, of_odd
+from fit.consistency.exclusion_causes import contradiction_exclusions
 from fit.consistency.model_misfit import readout_lag
 from fit.consistency.outlier_runs import (
     LEVERAGE,
@@ -252,10 +252,10 @@ def _contradicting(
         for e in outliers
         if isinstance(fit := single_fits[e.name], IRLSResult)
     ]
-    court = Court((*selection.experiments, *outliers), (*joint.whitened_runs, *whitened_runs), joint, sharing)
-    test = consistency_test(court.experiments, joint, court.whitened_runs)
-    first = len(selection.experiments)
-    return of_odd(test, range(first, first + len(outliers)), court)
+    members = (*selection.experiments, *outliers)
+    test = consistency_test(members, joint, (*joint.whitened_runs, *whitened_runs))
+    numbers = range(len(selection.experiments), len(members))
+    return contradiction_exclusions(test, numbers, members, selection.probabilities)
 
 
 def _untested(settings: Settings) -> FitWarning:

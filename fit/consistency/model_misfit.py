@@ -15,8 +15,8 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from fit.consistency.score_test import ScoreSums, ScoreTest
-from fit.consistency.templates import MODEL_TEMPLATES, READOUT_LAG, ModelTemplate, RunSeries
+from fit.consistency.score_test import ScoreTest
+from fit.consistency.templates import MODEL_TEMPLATES, READOUT_LAG, RunSeries, Template
 from fit.false_alarms import chi2_limit, p_limit, sigma_limit
 from fit.model import dynamics
 from fit.parallel import parallel_map
@@ -62,8 +62,8 @@ class RunMisfit:
         By how much the window makes amounts vary more than independent bins would.
     delays : ndarray, shape (2, 2)
         Delay [s] and standard deviation of the commands of test masses 1 and 2.
-    sums : ScoreSums
-        Of the templates.
+    information, scores : ndarray, shape (Q,)
+        ``e' P e`` and ``e' P r`` of every template e, see `score_test`.
     effects : ndarray, shape (2 B, Q)
         Whitened, of the templates.
     """
@@ -75,7 +75,8 @@ class RunMisfit:
     test: ScoreTest
     variance: float
     delays: Array
-    sums: ScoreSums
+    information: Array
+    scores: Array
     effects: Array
 
     def power(self, amounts: Array | None = None) -> Array:
@@ -121,7 +122,7 @@ class CommonEffect:
 
     Attributes
     ----------
-    template : ModelTemplate
+    template : Template
         Which.
     size, sigma : float
         Amount.
@@ -133,7 +134,7 @@ class CommonEffect:
         Alignment epoch of the runs; None for all.
     """
 
-    template: ModelTemplate
+    template: Template
     size: float
     sigma: float
     accounted: float
@@ -182,14 +183,13 @@ def readout_lag(experiment: Experiment, n_runs: int) -> Cause | None:
     effect = _common_effect([run_misfit(experiment, (1.0, 1.0), (READOUT_LAG,))], 0, READOUT_LAG)
     if effect.z < sigma_limit("model", n_runs) or abs(effect.size) < READOUT_LAG.minimum:
         return None
-    words = f"o_1 is {_late(effect.size)} by {abs(effect.size):.2g} ± {effect.sigma:.1g} s"
-    return Cause(experiment.name, "o_1", "lag", effect.size, effect.sigma, "s", words)
+    return READOUT_LAG.cause(effect.size, effect.sigma, experiment.name)
 
 
 def run_misfit(
     experiment: Experiment,
     largest_force: tuple[float, float],
-    templates: Sequence[ModelTemplate] = MODEL_TEMPLATES,
+    templates: Sequence[Template] = MODEL_TEMPLATES,
 ) -> RunMisfit:
     """Fit a run with coefficients of its own and take the products of templates with its residual.
 
@@ -199,7 +199,7 @@ def run_misfit(
         With a noise run.
     largest_force : tuple of float
         See `RunSeries`.
-    templates : sequence of ModelTemplate
+    templates : sequence of Template
         All of them by default.
     """
     run = experiment.sysid
@@ -207,12 +207,13 @@ def run_misfit(
     terms, columns = run.spectra(tau), run.columns(tau)
     S = constancy.noise_psd(experiment).expected(terms.f)
     U = whitened_run.as_real(whitened_run.whiten(terms, S)[0])
-    fit = ScoreTest(U[:, 0], np.empty((len(U), 0))).test(U[:, 1:])
-    w, series = terms.window, RunSeries(run, columns, np.array([1.0, *-fit.amounts]), largest_force)
+    test = ScoreTest(U[:, 0], U[:, 1:])
+    w, series = terms.window, RunSeries(run, columns, np.array([1.0, *-test.refit.amounts]), largest_force)
     added = [template.effect(series) for template in templates]
     values = np.stack([np.zeros(len(columns.values)) if x is None else x for x in added], axis=1)
     whitened = whitened_run.whiten(run.transformed(values, columns), S)[0]
-    effects, test = whitened_run.as_real(whitened), ScoreTest(U[:, 0], U[:, 1:])
+    effects = whitened_run.as_real(whitened)
+    independent = test.independent(effects)
     rms = max(1.0, float(np.sqrt(np.mean(test.residual**2))))  # beyond noise, the delays are less precise
     return RunMisfit(
         experiment=experiment,
@@ -221,8 +222,9 @@ def run_misfit(
         sine_amplitude=np.sqrt(S * (w @ w) * columns.fs) / w.sum(),
         test=test,
         variance=windowing.variance_factor(terms.window),
-        delays=_delays(tau, series.coefficients, fit.sigmas * rms),
-        sums=test.sums(effects),
+        delays=_delays(tau, series.coefficients, test.refit.sigmas * rms),
+        information=np.sum(independent**2, axis=0),
+        scores=independent.T @ test.residual,
         effects=effects,
     )
 
@@ -248,10 +250,10 @@ def common_effects(runs: Sequence[RunMisfit]) -> list[CommonEffect]:
 
 
 def _common_effect(
-    runs: Sequence[RunMisfit], i: int, template: ModelTemplate, epoch: int | None = None
+    runs: Sequence[RunMisfit], i: int, template: Template, epoch: int | None = None
 ) -> CommonEffect:
     """Return the common amount of a template, the i-th that runs were tested for."""
-    sums = np.array([(run.sums.information[i, i], run.sums.scores[i]) for run in runs])
+    sums = np.array([(run.information[i], run.scores[i]) for run in runs])
     amounts = np.zeros(runs[0].effects.shape[1])
     information, score = sums.sum(axis=0)
     if not information > 0:
@@ -276,12 +278,10 @@ def _template_warning(effects: Sequence[CommonEffect], largest_force: tuple[floa
     """Return the warning of the best template and those that the data do not distinguish from it."""
     causes = []
     for effect in effects:
-        template, (size, sigma) = effect.template, effect.cause_size
+        template = effect.template
         force = largest_force[int(template.channel[-1]) - 1] if template.kind == "gain by force" else 0.0
-        words = template.words.format(
-            size=size, sigma=sigma, force=force, late=_late(size), magnitude=abs(size), epoch=effect.epoch
-        )
-        causes.append(Cause("", template.channel, template.kind, size, sigma, template.unit, words))
+        scope = "" if effect.epoch is None else f" in the runs of alignment epoch {effect.epoch}"
+        causes.append(template.cause(effect.size, effect.sigma, scope=scope, force=force))
     if effects[0].template is READOUT_LAG:
         names = tuple(f"delta_ifo_{effect.epoch}" for effect in effects)
         words = " and ".join(cause.words for cause in causes)
@@ -294,10 +294,6 @@ def _template_warning(effects: Sequence[CommonEffect], largest_force: tuple[floa
 
 def _ratio(squares: Array, information: Array) -> Array:
     return np.divide(squares, information, out=np.zeros_like(squares), where=information > 0)
-
-
-def _late(lag: float) -> str:
-    return "late" if lag > 0 else "early"
 
 
 def _force_warning(misfits: Sequence[RunMisfit], n_runs: int) -> FitWarning:

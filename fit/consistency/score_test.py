@@ -5,7 +5,7 @@ P the projection on what J leaves, generalised least squares gives for effects o
 
     a = (E' P E)^-1 E' P r,        Delta chi^2 = r' P E (E' P E)^-1 E' P r .
 
-The products E' P E and E' P r add up over runs that have an effect in common.
+For an effect of one amount in several runs, E' P E and E' P r add up over the runs.
 """
 
 from dataclasses import dataclass
@@ -36,43 +36,13 @@ class ScoreTestResult:
     sigmas: Array
 
 
-@dataclass(frozen=True)
-class ScoreSums:
-    """Sums of products of effects that are additive over runs.
-
-    Attributes
-    ----------
-    information : ndarray, shape (Q, Q)
-        ``E' P E``.
-    scores : ndarray, shape (Q,)
-        ``E' P r``.
-    """
-
-    information: Array
-    scores: Array
-
-    def __add__(self, other: "ScoreSums") -> "ScoreSums":
-        """Return the sums over both."""
-        return ScoreSums(self.information + other.information, self.scores + other.scores)
-
-    def result(self) -> ScoreTestResult:
-        """Return the test of all effects together."""
-        norms = np.sqrt(np.diag(self.information).clip(0))
-        scale = np.where(norms > 0, norms, 1.0)
-        inverse = np.linalg.pinv(self.information / np.outer(scale, scale), RANK, hermitian=True)
-        inverse /= np.outer(scale, scale)
-        amounts = inverse @ self.scores
-        sigmas = np.sqrt(np.where(norms > 0, np.diag(inverse), np.inf))
-        return ScoreTestResult(float(self.scores @ amounts), amounts, sigmas)
-
-
 class ScoreTest:
     """The residual of a run with everything that is refitted projected out.
 
     Parameters
     ----------
     residual : ndarray, shape (N,)
-        Whitened, of unit variance; rows of what is known beside the data may follow.
+        Whitened, of unit variance; rows of prior knowledge may follow those of the data.
     refitted : ndarray, shape (N, K)
         Columns of what is refitted.
 
@@ -80,30 +50,42 @@ class ScoreTest:
     ----------
     residual : ndarray, shape (N,)
         What the refitted columns leave of it, P r.
+    rank : int
+        Number of independent columns among the refitted ones.
+    refit : ScoreTestResult
+        Amounts of the refitted columns, zero for what the data do not determine.
     """
 
     def __init__(self, residual: Array, refitted: Array) -> None:
         norms = np.linalg.norm(refitted, axis=0)
-        u, s, _ = np.linalg.svd(refitted[:, norms > 0] / norms[norms > 0], full_matrices=False)
-        self._basis = u[:, s > RANK * s[0]] if s.size else u
-        self.residual = self.project(residual)
+        present = norms > 0
+        u, s, vt = np.linalg.svd(refitted[:, present] / norms[present], full_matrices=False)
+        self.rank = int(np.count_nonzero(s > RANK * s[0])) if s.size else 0
+        self._basis = u[:, : self.rank]
+        amplitudes, inverse = self._basis.T @ residual, vt[: self.rank].T / s[: self.rank]
+        amounts, sigmas = np.zeros(norms.size), np.full(norms.size, np.inf)
+        amounts[present] = inverse @ amplitudes / norms[present]
+        sigmas[present] = np.linalg.norm(inverse, axis=1) / norms[present]
+        self.refit = ScoreTestResult(float(amplitudes @ amplitudes), amounts, sigmas)
+        self.residual = residual - self._basis @ amplitudes
+
+    @property
+    def chi2(self) -> float:
+        """Sum of squares of what the refitted columns leave."""
+        return float(self.residual @ self.residual)
 
     def project(self, columns: Array) -> Array:
         """Return what the refitted columns leave of columns, shape (N, ...)."""
         return np.asarray(columns - self._basis @ (self._basis.T @ columns))
 
-    def sums(self, effects: Array) -> ScoreSums:
-        """Return the sums of products of effects, shape (N, Q); zero for what the refitted columns absorb."""
-        left = self.project(effects)
-        absorbed = np.linalg.norm(left, axis=0) < ABSORBED * np.linalg.norm(effects, axis=0)
-        left[:, absorbed] = 0.0
-        return ScoreSums(left.T @ left, left.T @ self.residual)
+    def independent(self, effects: Array) -> Array:
+        """Return what the refitted columns leave of effects, (N, Q); zero for those that they absorb."""
+        remainder = self.project(effects)
+        absorbed = np.linalg.norm(remainder, axis=0) < ABSORBED * np.linalg.norm(effects, axis=0)
+        remainder[:, absorbed] = 0.0
+        return remainder
 
-    def test(self, effects: Array) -> ScoreTestResult:
-        """Return the test of effects, shape (N, Q)."""
-        return self.sums(effects).result()
-
-    def test_exact(self, effect: Array) -> float:
-        """Return by how much chi^2 falls with an effect, shape (N,), of amount one."""
-        left = self.project(effect)
-        return float(2 * left @ self.residual - left @ left)
+    def test(self, effects: Array, known: Array | None = None) -> ScoreTestResult:
+        """Return the test of effects, shape (N, Q), without a known effect, shape (N,)."""
+        residual = self.residual if known is None else self.residual - self.project(known)
+        return ScoreTest(residual, self.independent(effects)).refit

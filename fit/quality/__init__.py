@@ -5,7 +5,7 @@ against the whole of it; saturation is masked, glitches are masked or taken out.
 """
 
 from fit.quality.channel_units import unit_faults
-from fit.quality.exclusions import Evidence, Exclusion
+from fit.quality.exclusions import Exclusion
 from fit.quality.experiment_set import ExperimentSet
 from fit.quality.fit_quality import as_fit, indeterminable, report
 from fit.quality.heterogeneity import Heterogeneity, independent_estimates, paule_mandel
@@ -16,7 +16,6 @@ from fit.quality.noise_tests import NORMAL_SCORES
 
 __all__ = [
     "NORMAL_SCORES",
-    "Evidence",
     "Exclusion",
     "ExperimentSet",
     "Heterogeneity",

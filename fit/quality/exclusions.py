@@ -30,6 +30,8 @@ class Exclusion:
         What explains the observations; several where the data do not distinguish them.
     corrected : str
         File of the run if its samples, corrected for the cause, agree with the other experiments.
+    probability : float or None
+        That the run contradicts the others; None where it was not compared with them.
     """
 
     experiment: str
@@ -39,6 +41,7 @@ class Exclusion:
     evidence: Evidence = "sign"
     causes: tuple[Cause, ...] = ()
     corrected: str = ""
+    probability: float | None = None
 
     @property
     def reason(self) -> str:

@@ -108,11 +108,6 @@ class Run:
         run._forget()
         return run
 
-    def advance(self, channel: str, seconds: float) -> "Run":
-        """Return the run with one of the `dynamics.CHANNELS` earlier [s], its ends continued."""
-        padded = np.pad(getattr(self.channels, channel), derivatives.HALF, mode="edge")
-        return self.with_channels({channel: derivatives.derivative(padded, self.channels.fs, 0, -seconds)})
-
     def with_channels(self, channels: Mapping[str, Array]) -> "Run":
         """Return the run with other series, shape (N,), in some of the `dynamics.CHANNELS`."""
         run, changed = copy(self), dict[str, Any](channels)

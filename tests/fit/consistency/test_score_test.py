@@ -26,23 +26,21 @@ def test_it_is_the_fit_of_everything_together():
     assert result.sigmas == pytest.approx(sigmas[4:])
 
 
-def test_sums_over_runs_are_the_fit_of_all_runs():
-    """Columns of each run are refitted, the amounts are common to both."""
-    parts = [(RESIDUAL[at], J[at], E[at]) for at in (slice(0, 80), slice(80, 200))]
-    first, second = (ScoreTest(r, j).sums(e) for r, j, e in parts)
-    columns = np.zeros((200, 10))
-    columns[:80, :4], columns[80:, 4:8], columns[:, 8:] = J[:80], J[80:], E
-    _, amounts, sigmas = least_squares(columns, RESIDUAL)
-    result = (first + second).result()
-    assert result.amounts == pytest.approx(amounts[8:])
-    assert result.sigmas == pytest.approx(sigmas[8:])
-
-
-def test_an_exact_effect_has_the_amount_one():
+def test_known_effect_is_subtracted_with_amount_one():
     test = ScoreTest(RESIDUAL, J)
-    before, _, _ = least_squares(J, RESIDUAL)
-    after, _, _ = least_squares(J, RESIDUAL - E[:, 0])
-    assert test.test_exact(E[:, 0]) == pytest.approx(before - after)
+    result = test.test(E[:, 1:], E[:, 0])
+    _, amounts, sigmas = least_squares(np.column_stack([J, E[:, 1]]), RESIDUAL - E[:, 0])
+    assert result.amounts == pytest.approx(amounts[4:])
+    assert result.sigmas == pytest.approx(sigmas[4:])
+
+
+def test_refitted_columns_have_their_amounts():
+    test = ScoreTest(RESIDUAL, np.column_stack([J, np.zeros(200)]))
+    chi2, amounts, sigmas = least_squares(J, RESIDUAL)
+    assert test.rank == 4
+    assert test.chi2 == pytest.approx(chi2)
+    assert test.refit.amounts == pytest.approx([*amounts, 0])
+    assert test.refit.sigmas == pytest.approx([*sigmas, np.inf])
 
 
 def test_what_the_refitted_columns_absorb_has_no_amount():

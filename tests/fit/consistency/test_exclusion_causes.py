@@ -1,6 +1,4 @@
-"""What is wrong with a run is named rightly: faults put into telemetry of the synthetic oracle, hypothesis by
-hypothesis, each with others of nearly the same looks beside it.
-"""
+"""Faults put into telemetry of the synthetic oracle are named, though others look nearly the same."""
 
 from dataclasses import replace
 from functools import cache
@@ -9,8 +7,8 @@ import numpy as np
 import pytest
 from scipy import interpolate, signal
 
-from fit.consistency.explanation import likeliest
-from fit.consistency.trial import Trial
+from fit.consistency.exclusion_causes import rank_causes
+from fit.consistency.run_test import RunTest
 from fit.fitting.joint_fit import fit_joint
 from fit.model.sharing import Sharing
 from fit.settings import settings
@@ -28,14 +26,14 @@ def campaign():
     return experiments, fit_joint(experiments, settings()), pair(World(), "B", seed=3, drive_1=5e-13)
 
 
-def said(**channels):
-    """Return kinds and words of what is found where channels of the third are functions of all of them."""
+def causes(**channels):
+    """Return kinds and words where channels of the third experiment are functions of all of them."""
     experiments, joint, (sysid, noise) = campaign()
     old = sysid.channels
     new = {name: np.asarray(function(old), dtype=float) for name, function in channels.items()}
-    (odd,) = paired([replace(sysid, channels=old | new), noise])
-    found = likeliest(Trial(odd, joint, experiments, Sharing(settings().shared)), [odd])
-    return [(h.cause.kind, h.cause.words) for h in found]
+    (faulty,) = paired([replace(sysid, channels=old | new), noise])
+    test = RunTest(faulty, joint, experiments, Sharing(settings().shared))
+    return [(cause.kind, cause.words) for cause in rank_causes(test, [faulty])]
 
 
 def late(x, samples):
@@ -43,22 +41,21 @@ def late(x, samples):
     return interpolate.CubicSpline(n, x)(np.clip(n - samples, 0, n[-1]))
 
 
-def from_on(start, x, y):
+def switched(start, x, y):
     return np.where(np.arange(x.size) < start, x, y)
 
 
-def test_nothing_is_said_of_what_agrees():
-    assert said() == []
+def test_run_that_agrees_has_no_cause():
+    assert causes() == []
 
 
-def test_a_lag_is_told_from_a_low_pass_and_a_sign():
-    (of_o_12,) = said(o_12=lambda c: late(c["o_12"], 1))
-    assert of_o_12 == ("lag", "o_12 is late by 1 sample")
+def test_lag_is_no_low_pass_and_no_sign():
+    assert causes(o_12=lambda c: late(c["o_12"], 1)) == [("lag", "o_12 is late by 1 sample")]
 
 
 def test_exchanged_commands_are_no_wrong_sign():
-    (found,) = said(f_x_1=lambda c: c["f_x_2"], f_x_2=lambda c: c["f_x_1"])
-    assert found == ("exchange", "f_x_1 and f_x_2 are exchanged")
+    exchanged = causes(f_x_1=lambda c: c["f_x_2"], f_x_2=lambda c: c["f_x_1"])
+    assert exchanged == [("exchange", "f_x_1 and f_x_2 are exchanged")]
 
 
 FAULTS = {
@@ -85,10 +82,10 @@ FAULTS = {
         {"lag"},
         "f_x_2 is late by 60 samples",
     ),
-    "a slow drift": (
+    "slow drift": (
         {"o_12": lambda c: c["o_12"] + 1e-6 * np.linspace(0, 1, N) ** 2},
         {"slow drift"},
-        "o_12 or a force holds a slow drift, as if of",
+        "o_12 or a force contains a slow drift, as if of",
     ),
     "mean of three": (
         {"o_12": lambda c: np.convolve(np.pad(c["o_12"], 1, mode="edge"), np.ones(3) / 3, "valid")},
@@ -105,27 +102,27 @@ FAULTS = {
         {"reverse"},
         "samples are in reverse order",
     ),
-    "a sample lost": (
-        {"f_x_2": lambda c: from_on(9000, c["f_x_2"], late(c["f_x_2"], -1))},
+    "lost sample": (
+        {"f_x_2": lambda c: switched(9000, c["f_x_2"], late(c["f_x_2"], -1))},
         {"lag of a part"},
         "f_x_2 is early by 1 sample from",
     ),
-    "a gain from some instant on": (
-        {"f_x_2": lambda c: from_on(12000, c["f_x_2"], 1.01 * c["f_x_2"])},
+    "gain from an instant on": (
+        {"f_x_2": lambda c: switched(12000, c["f_x_2"], 1.01 * c["f_x_2"])},
         {"scale of a part"},
         "1.0",
     ),
-    "a jump": (
-        {"o_12": lambda c: from_on(8000, c["o_12"], c["o_12"] + 3e-11)},
+    "jump": (
+        {"o_12": lambda c: switched(8000, c["o_12"], c["o_12"] + 3e-11)},
         {"jump"},
         "o_12 jumps by 3e-11 m at 8000 s",
     ),
-    "a gain that drifts": (
+    "gain that drifts": (
         {"f_x_2": lambda c: c["f_x_2"] * np.linspace(0.995, 1.005, N)},
-        {"scale that drifts"},
-        "f_x_2 has a growing scale, by 0.99",
+        {"scale drift"},
+        "the scale of f_x_2 grows by 0.99",
     ),
-    "a sine": (
+    "sine": (
         {"f_x_2": lambda c: c["f_x_2"] + 1e-13 * np.sin(2 * np.pi * 7.3e-3 * np.arange(N))},
         {"line"},
         "a sine of 7.3 mHz and 1.1e-13 m s-2",
@@ -135,18 +132,18 @@ FAULTS = {
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", FAULTS)
-def test_the_cause_is_among_what_is_said_and_nothing_else_is(name):
+def test_cause_is_named_and_no_other_kind(name):
     channels, kinds, words = FAULTS[name]
-    found = said(**channels)
-    assert {kind for kind, _ in found} <= kinds
-    assert any(words in told for _, told in found), found
+    named = causes(**channels)
+    assert {kind for kind, _ in named} <= kinds
+    assert any(words in clause for _, clause in named), named
 
 
 @pytest.mark.slow
-def test_what_no_hypothesis_mends_has_no_name():
+def test_fault_without_a_correction_has_no_cause():
     rng = np.random.default_rng(5)
-    assert said(o_12=lambda c: c["o_12"] + rng.standard_normal(N).cumsum() * 1e-11) == []
+    assert causes(o_12=lambda c: c["o_12"] + rng.standard_normal(N).cumsum() * 1e-11) == []
     shuffled = np.arange(N).reshape(-1, 240)
     shuffled[40] = rng.permutation(shuffled[40])
-    kinds = {kind for kind, _ in said(f_x_2=lambda c: c["f_x_2"][shuffled.ravel()])}
-    assert kinds <= {"stretches"}
+    kinds = {kind for kind, _ in causes(f_x_2=lambda c: c["f_x_2"][shuffled.ravel()])}
+    assert kinds <= {"segments"}
