@@ -50,7 +50,7 @@ _NUMBER = re.compile(r"[+-]?\d+\.?\d*(?:e[+-]?\d+)?")
 
 
 @dataclass(frozen=True)
-class WhitenedRun:
+class Block:
     """A fenced block: language, text, the file that a comment before it names, or that it shall fail."""
 
     language: str
@@ -59,13 +59,13 @@ class WhitenedRun:
     fails: bool
 
 
-def blocks(page: Path) -> list[WhitenedRun]:
+def blocks(page: Path) -> list[Block]:
     text = page.read_text(encoding="utf-8")
     found = []
     for fence in _FENCE.finditer(text):
         before = text[: fence.start()].rsplit("\n\n", 1)[-1]
         told = _COMMENT.search(before)
-        found.append(WhitenedRun(fence["language"], fence["text"], told and told[1], bool(told and told[2])))
+        found.append(Block(fence["language"], fence["text"], told and told[1], bool(told and told[2])))
     return found
 
 
@@ -80,7 +80,7 @@ class Runner:
         self._names: dict[str, object] = {}
         self.printed = ""
 
-    def run(self, block: WhitenedRun) -> None:
+    def run(self, block: Block) -> None:
         if block.language.startswith("{"):  # for Sphinx
             return
         if block.file and block.language != "diff":
@@ -88,7 +88,7 @@ class Runner:
         else:
             getattr(self, f"_{block.language or 'text'}".replace(" ", "_"))(block)
 
-    def _sh(self, block: WhitenedRun) -> None:
+    def _sh(self, block: Block) -> None:
         self.printed = ""
         for line in block.text.splitlines():
             for command in line.split(" && "):
@@ -103,7 +103,7 @@ class Runner:
                 else:  # how it is installed and tested; that is what happens when this runs
                     assert name in ("python3", "python", "pip") and arguments[0] in ("-m", "install"), command
 
-    def _python(self, block: WhitenedRun) -> None:
+    def _python(self, block: Block) -> None:
         self._capfd.readouterr()
         tree = ast.parse(block.text)
         shown = tree.body.pop() if isinstance(tree.body[-1], ast.Expr) else None
@@ -112,10 +112,10 @@ class Runner:
             print(repr(value))
         self.printed = self._capfd.readouterr().out
 
-    def _toml(self, block: WhitenedRun) -> None:
+    def _toml(self, block: Block) -> None:
         fragment(block.text)
 
-    def _diff(self, block: WhitenedRun) -> None:
+    def _diff(self, block: Block) -> None:
         lines = block.text.splitlines()
         old, new = ("\n".join(s[1:] for s in lines if s[0] in keep) for keep in (" -", " +"))
         path = Path(block.file)
@@ -123,19 +123,19 @@ class Runner:
         assert text.count(old) == 1, f"{old!r} is not once in {path}"
         path.write_text(text.replace(old, new), encoding="utf-8")
 
-    def _text(self, block: WhitenedRun) -> None:
+    def _text(self, block: Block) -> None:
         for shown in re.split(r"^\.\.\.$", block.text, flags=re.MULTILINE):
             assert occurs(shown.split(), self.printed.split()), f"printed:\n{self.printed}\nshown:\n{shown}"
 
-    def _console(self, block: WhitenedRun) -> None:
+    def _console(self, block: Block) -> None:
         for line in block.text.splitlines():
             words = tuple(shlex.split(line, comments=True)[:2])
             assert not words or Path(words[0]).name in NOT_RUN or words in LONG, line
 
-    def _python_notest(self, block: WhitenedRun) -> None:
+    def _python_notest(self, block: Block) -> None:
         ast.parse(block.text)
 
-    def _math(self, _: WhitenedRun) -> None:
+    def _math(self, _: Block) -> None:
         self.printed = ""
 
 

@@ -6,7 +6,7 @@ the way, so that a message names the file and the column that somebody can look 
 
 import hashlib
 import tempfile
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from contextlib import ExitStack
 from pathlib import Path
 
@@ -20,8 +20,8 @@ from fit.telemetry import grid, sandbox, stamps
 from fit.telemetry.archives import is_text, validate
 from fit.telemetry.contract import REQUIRED, SCHEMA, check_root
 from fit.telemetry.maps import Map, Place, attributes_of, load, places_of_run
-from fit.telemetry.markers import Extreme, replace_markers
-from fit.telemetry.sources import ArchiveColumn, Archives, describe, read_blocks
+from fit.telemetry.markers import check_markers, replace_markers
+from fit.telemetry.sources import ArchiveColumn, Archives, describe
 from fit.telemetry.validation import MAX_SAMPLES, check_missing, check_values
 from fit.telemetry.writer import Writer
 
@@ -138,18 +138,16 @@ def _write(path: Path, mapping: Map, i: int, folder: Path, *, any_gaps: bool) ->
             _MARK: path.name,
             "archive_map_sha256": _digest(path),
         }
+        channels = {name: _read_channel(name, column, fs) for name, column in columns.items()}
+        if not any_gaps:
+            missing = {columns[name].place: np.isnan(channels[name]) for name in REQUIRED}
+            check_missing(missing, fs)
         described = {name: describe(name, column) for name, column in columns.items()}
         complete = [name for name, column in columns.items() if column.is_complete]
-        with Writer(
-            folder / f"{mapping.runs[i].run}.h5",
-            size,
-            described,
-            {**attributes, **origin},
-            complete=complete,
-        ) as writer:
-            missing = _copy(columns, writer, time, fs)
-            if not any_gaps:
-                check_missing(missing, fs)
+        root = {**attributes, **origin}
+        path_of_run = folder / f"{mapping.runs[i].run}.h5"
+        with Writer(path_of_run, size, described, root, complete=complete) as writer:
+            writer.append(time, channels)
 
 
 def _time(
@@ -175,41 +173,17 @@ def _time(
     return time
 
 
-def _copy(
-    columns: Mapping[str, ArchiveColumn], writer: Writer, time: Array, fs: float
-) -> dict[str, NDArray[np.bool_]]:
-    """Copy the channels; return by place which samples are missing in what a calibration needs."""
-    missing = {columns[name].place: np.zeros(time.size, dtype=bool) for name in REQUIRED}
-    extremes = {name: Extreme() for name in columns}
-    fault: InputError | None = None
-    start = 0
-    for block in read_blocks(columns):
-        values = {}
-        for name, column in columns.items():
-            raw = replace_markers(block[name], column.missing)
-            extremes[name].add(raw)
-            values[name] = raw * column.factor
-        stop = start + values["o_1"].size
-        for name, column in columns.items():
-            try:
-                check_values(column.place, values[name], fs, start)
-            except InputError as error:  # a marker of missing samples is reported as such, at the end
-                fault = fault or error
-            if name in REQUIRED:
-                missing[column.place][start:stop] = np.isnan(values[name])
-        if fault is None:
-            writer.append(time[start:stop], values)
-        start = stop
-    for name, extreme in extremes.items():
-        if not columns[name].is_complete and extreme.is_marker(name):
-            cure = (
-                f"missing = {extreme.spell()} in the map, at its top or in channels.{name}, "
-                f"or missing = [] in channels.{name} if the samples are real"
-            )
-            raise InputError(f"{columns[name].place}: {extreme.describe(fs)} expected {cure}")
-    if fault is not None:
-        raise fault
-    return missing
+def _read_channel(name: str, column: ArchiveColumn, fs: float) -> Array:
+    """Return a channel in SI, NaN where samples are missing."""
+    raw = replace_markers(column.table.numbers(column.name), column.missing)
+    cure = (
+        f"missing = {{marker}} in the map, at its top or in channels.{name}, "
+        f"or missing = [] in channels.{name} if the samples are real"
+    )
+    check_markers(column.place, name, raw, fs, is_complete=column.is_complete, cure=cure)
+    values = raw * column.factor
+    check_values(column.place, values, fs)
+    return values
 
 
 def _digest(path: Path) -> str:

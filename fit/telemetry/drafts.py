@@ -9,7 +9,7 @@ from typing import Any
 import tomli_w
 
 from fit.telemetry import sandbox, stamps
-from fit.telemetry.archives import is_text, opened, validate
+from fit.telemetry.archives import is_text, open_table, validate
 from fit.telemetry.archives.table import Column, Table, split_unit
 from fit.telemetry.contract import ATTRIBUTES, CHANNELS, REQUIRED
 from fit.telemetry.maps import Map
@@ -158,11 +158,11 @@ def _channels_of_series(archive: _Archive, channels: Sequence[str]) -> Iterator[
 
 
 def _read(path: Path) -> _Archive:
-    with opened(path, None) as table:
+    with open_table(path, None) as table:
         time = next((name for name in table.columns if _is_time(table, name)), None)
         if time is None and list(table.columns) == ["1", "2"]:  # without names: time and value
             time = "1"
-        is_stamped = time is not None and (table.columns[time].text or any(_format(time)))
+        is_stamped = time is not None and (table.columns[time].is_text or any(_format(time)))
         return _Archive(path, dict(table.columns), time, is_stamped)
 
 
@@ -170,8 +170,8 @@ def _is_time(table: Table, name: str) -> bool:
     column = table.columns[name]
     if column.size is None:
         return False
-    if column.text:
-        cells = next(iter(table.texts(name)), [])
+    if column.is_text:
+        cells = table.texts(name)
         return bool(cells) and stamps.format_of(cells[0]) is not None
     return _TIME_NAMES.fullmatch(_plain(name)) is not None
 
@@ -188,7 +188,7 @@ def _time(archive: _Archive) -> list[str]:
         ]
     number = archive.time if archive.time.isdecimal() else _text(archive.time)  # columns without names
     lines = ["[time]", f"column = {number}"]
-    if archive.columns[archive.time].text:
+    if archive.columns[archive.time].is_text:
         return [*lines, '# scale = "tai"                    # of the time stamps, if not utc', ""]
     format_ = next(_format(archive.time), None)
     return [*lines, f'format = "{format_}"', ""] if format_ else [*lines, _TIME_HELP]
@@ -197,7 +197,7 @@ def _time(archive: _Archive) -> list[str]:
 def _channels(archive: _Archive) -> Iterator[str]:
     free: dict[str, str] = {}
     for name, column in archive.columns.items():
-        if column.size is not None and not column.text and name != archive.time:
+        if column.size is not None and not column.is_text and name != archive.time:
             free.setdefault(_plain(name), name)
     for channel in CHANNELS:
         alias = next((alias for alias in _aliases(channel) if alias in free), None)
@@ -258,7 +258,7 @@ def _unit(channel: str) -> str:
 
 
 def _comment(column: Column) -> str:
-    about = column.reason or ("text" if column.text else column.unit or "")
+    about = column.reason or ("text" if column.is_text else column.unit or "")
     return (
         f"{about}, {column.size} rows"
         if about and column.size is not None

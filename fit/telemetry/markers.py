@@ -4,7 +4,7 @@ An instrument does not give the same number to the last digit again and again, f
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,15 +34,32 @@ _READ_OUTS = ("o_", "grs_")  # channels with noise in every sample
 _SET_POINTS = "guidance_"  # channels that stay at the numbers that an operator chooses
 
 
-def check_markers(place: str, channel: str, values: Array, fs: float, *, is_complete: bool = False) -> None:
-    """Refuse a channel of telemetry in which a number seems to mark missing samples; InputError names it.
+def check_markers(
+    place: str, channel: str, values: Array, fs: float, *, is_complete: bool = False, cure: str = ""
+) -> None:
+    """Refuse a channel in which a number seems to mark missing samples; InputError names it.
 
-    A channel that is complete states that no number does.
+    Parameters
+    ----------
+    place, channel : str
+        File and channel for the message, and the name of the channel.
+    values : ndarray, shape (N,)
+        Its samples.
+    fs : float
+        Sample rate [Hz].
+    is_complete : bool
+        Whether it is stated that no number does.
+    cure : str
+        What is expected, with ``{marker}`` for the number; by default NaN.
     """
-    extreme = Extreme()
-    extreme.add(values)
+    extreme = Extreme.of(values)
     if not is_complete and extreme.is_marker(channel):
-        raise InputError(f"{place}: {extreme.describe(fs)} expected NaN for each")
+        expected = cure.format(marker=extreme.spell()) if cure else "NaN for each"
+        raise InputError(
+            f"{place}: {extreme.value:.7g} at sample {extreme.first_sample} "
+            f"(t = {extreme.first_sample / fs:.10g} s), {extreme.count} times in all, seems to mark missing "
+            f"samples, expected {expected}"
+        )
 
 
 def replace_markers(values: Array, missing: Sequence[float]) -> Array:
@@ -60,59 +77,47 @@ def _equal(values: Array, marker: float) -> NDArray[np.bool_]:
     return np.asarray(close | ((values == single) & np.isfinite(single)))
 
 
-@dataclass
+@dataclass(frozen=True)
 class Extreme:
-    """The value of largest size in a channel that comes in blocks.
+    """The finite value of largest size in a channel.
 
     Attributes
     ----------
     value : float
         That value.
     count, first_sample : int
-        How often it comes, and the number of the first sample that has it.
+        How often its size comes, and the number of the first sample that has it.
     largest_other : float
         The largest size of all other samples.
+    n_samples : int
+        Number of samples.
     """
 
-    value: float = 0.0
-    count: int = 0
-    first_sample: int = 0
-    largest_other: float = 0.0
-    _size: int = field(default=0, repr=False)
+    value: float
+    count: int
+    first_sample: int
+    largest_other: float
+    n_samples: int
 
-    def add(self, values: Array) -> None:
-        """Take the next block into account; NaN and infinite samples count for nothing."""
-        start, self._size = self._size, self._size + values.size
-        size = np.abs(values)
-        size = np.where(np.isfinite(size), size, -1.0)
-        largest = float(size.max(initial=-1.0))
-        if largest < max(self.largest_other, 0.0):
-            return
-        equal = size == largest
-        rest = float(size[~equal].max(initial=0.0))
-        if largest > abs(self.value) or not self.count:
-            n = int(np.argmax(equal))
-            self.largest_other = max(self.largest_other, abs(self.value), rest)
-            self.value, self.count, self.first_sample = (
-                float(values[n]),
-                int(np.count_nonzero(equal)),
-                start + n,
-            )
-        elif largest == abs(self.value):
-            self.count += int(np.count_nonzero(equal))
-            self.largest_other = max(self.largest_other, rest)
-        else:
-            self.largest_other = max(self.largest_other, largest)
+    @classmethod
+    def of(cls, values: Array) -> "Extreme":
+        """Return that of a channel."""
+        size = np.where(np.isfinite(values), np.abs(values), -1.0)
+        extreme = size == size.max(initial=0.0)
+        n = int(np.argmax(extreme)) if size.size else 0
+        value = float(values[n]) if extreme.any() else 0.0
+        rest = float(size[~extreme].max(initial=0.0))
+        return cls(value, int(np.count_nonzero(extreme)), n, rest, values.size)
 
     def is_marker(self, channel: str) -> bool:
         """Say whether the value marks missing samples of a channel, as far as one can see."""
-        if channel not in CHANNELS or not 2 <= self.count < self._size:
+        if channel not in CHANNELS or not 2 <= self.count < self.n_samples:
             return False
         size = abs(self.value)
         usual = size >= _HUGE or (not channel.startswith(_SET_POINTS) and self._is_usual())
         if usual and size > _MARKER_RATIO * self.largest_other:
             return True
-        is_rare = self.count < self._size / 2
+        is_rare = self.count < self.n_samples / 2
         return channel.startswith(_READ_OUTS) and is_rare and size > _NUMBER_RATIO * self.largest_other > 0.0
 
     def _is_usual(self) -> bool:
@@ -124,8 +129,3 @@ class Extreme:
         spelt = (f"{self.value:.{digits}g}" for digits in range(7, 17))
         value = np.array([self.value])
         return next((text for text in spelt if _equal(value, float(text)).all()), repr(self.value))
-
-    def describe(self, fs: float) -> str:
-        """Return what the value is and where, for a message."""
-        location = f"{self.value:.7g} at sample {self.first_sample} (t = {self.first_sample / fs:.10g} s)"
-        return f"{location}, {self.count} times in all, seems to mark missing samples,"

@@ -1,18 +1,15 @@
 """The columns of one run in the archives that a map names for it."""
 
 import math
-from collections.abc import Collection, Iterable, Iterator, Mapping
+from collections.abc import Collection, Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
-from numpy.typing import NDArray
-
 from fit.errors import InputError, shown
 from fit.files import key
 from fit.telemetry import grid, stamps
-from fit.telemetry.archives import opened
+from fit.telemetry.archives import open_table
 from fit.telemetry.archives.table import Table
 from fit.telemetry.contract import CHANNELS
 from fit.telemetry.maps import (
@@ -26,8 +23,6 @@ from fit.telemetry.maps import (
     places_of,
     places_of_run,
 )
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -120,7 +115,7 @@ class Archives:
 
     def _table(self, place: Place) -> Table:
         if place not in self._tables:
-            self._tables[place] = self._stack.enter_context(opened(place.archive, place.table))
+            self._tables[place] = self._stack.enter_context(open_table(place.archive, place.table))
         return self._tables[place]
 
     def _find(self, channel: str, column: str | int) -> tuple[Table, str]:
@@ -148,7 +143,7 @@ class Archives:
         table, name = self._find(channel, column.column)
         place = f"{table.path}: column {_key(name)} (channel {channel})"
         known = table.columns[name]
-        if known.size is None or known.text:
+        if known.size is None or known.is_text:
             raise InputError(f"{place}: {known.reason or 'no row of numbers'}, expected a row of numbers")
         factor = factor_of(place, column.unit or known.unit or None, channel, attributes)
         if column.unit and known.unit:
@@ -164,19 +159,19 @@ class Archives:
         if known.size is None:
             raise InputError(f"{place}: {known.reason or 'no row of numbers'}, expected a row of times")
         unit = clock.unit if clock.unit is not None else known.unit
-        if known.text:
+        if known.is_text:
             factor = factor_of(place, clock.unit, TIME, {})
             if clock.unit is not None and clock.format is None:
                 raise InputError(
                     f"{place}: texts, but the map has unit = {shown(clock.unit)}, expected numbers"
                 )
             return place, stamps.read_texts(place, table.texts(name), clock.format, clock.scale, factor)
-        blocks = (block for (block,) in table.blocks([name]))
+        values = table.numbers(name)
         if clock.format is None:
-            return place, stamps.read_elapsed(place, blocks, factor_of(place, unit or None, TIME, {}))
+            return place, stamps.read_elapsed(place, values, factor_of(place, unit or None, TIME, {}))
         stated = unit if clock.format in SECONDS else None
         factor = factor_of(place, stated or None, TIME, {})
-        return place, stamps.read_numbers(place, blocks, clock.format, clock.scale, factor)
+        return place, stamps.read_numbers(place, values, clock.format, clock.scale, factor)
 
 
 def _check_units(
@@ -205,40 +200,6 @@ def _has(table: Table, column: str | int) -> bool:
     except InputError:
         return False
     return True
-
-
-def read_blocks(columns: Mapping[str, ArchiveColumn]) -> Iterator[dict[str, Array]]:
-    """Yield the samples of all channels, block by block, in the units of the archives; NaN where missing."""
-    of_table: dict[int, dict[str, ArchiveColumn]] = {}
-    for channel, column in columns.items():
-        of_table.setdefault(id(column.table), {})[channel] = column
-    for blocks in _align([_blocks_of_table(group) for group in of_table.values()]):
-        yield {channel: part[channel] for part in blocks for channel in part}
-
-
-def _blocks_of_table(group: Mapping[str, ArchiveColumn]) -> Iterator[dict[str, Array]]:
-    (table, *_) = (column.table for column in group.values())
-    for block in table.blocks([column.name for column in group.values()]):
-        yield dict(zip(group, block, strict=True))
-
-
-def _align(sources: Iterable[Iterator[dict[str, Array]]]) -> Iterator[list[dict[str, Array]]]:
-    """Yield blocks of several tables of one length side by side, however each is cut."""
-    iterators = list(sources)
-    rest: list[dict[str, Array]] = [{} for _ in iterators]
-    while True:
-        for n, iterator in enumerate(iterators):
-            if not _size(rest[n]):
-                rest[n] = next(iterator, {})
-        size = min(map(_size, rest))
-        if not size:
-            return
-        yield [{name: values[:size] for name, values in part.items()} for part in rest]
-        rest = [{name: values[size:] for name, values in part.items()} for part in rest]
-
-
-def _size(part: Mapping[str, Array]) -> int:
-    return next((values.size for values in part.values()), 0)
 
 
 def describe(channel: str, column: ArchiveColumn) -> tuple[str, str]:

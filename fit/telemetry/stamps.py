@@ -9,10 +9,10 @@ Every function raises `fit.errors.InputError`; its message names the place and w
 import math
 import re
 import warnings
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -68,59 +68,46 @@ class Stamps:
     start: float = 0.0
 
 
-def read_elapsed(place: str, blocks: Iterable[Array], factor: float) -> Stamps:
+def read_elapsed(place: str, values: Array, factor: float) -> Stamps:
     """Read a column of seconds that count from anywhere, in units of `factor` seconds."""
-    raw = np.concatenate([np.zeros(0), *blocks])
-    check_finite(place, raw)
-    digit, is_single = _resolution(raw)
-    start = float(raw[0] * factor) if raw.size else 0.0
-    return Stamps(np.asarray((raw - raw[:1]) * factor), digit * factor, is_single, start=start)
+    check_finite(place, values)
+    digit, is_single = _resolution(values)
+    start = float(values[0] * factor) if values.size else 0.0
+    return Stamps(np.asarray((values - values[:1]) * factor), digit * factor, is_single, start=start)
 
 
-def read_numbers(
-    place: str, blocks: Iterable[Array], format_: Format, scale: Scale | None, factor: float
-) -> Stamps:
+def read_numbers(place: str, values: Array, format_: Format, scale: Scale | None, factor: float) -> Stamps:
     """Read time stamps that are numbers; of a format that counts seconds, in units of `factor` seconds."""
     if format_ in _FORMATS_OF_TEXT:
-        raise InputError(
-            f"{place}: numbers, expected texts of format {format_!r} such as {_example(format_)!r}"
-        )
-    raw = np.concatenate([np.zeros(0), *blocks])
-    check_finite(place, raw)
-    if not raw.size:
-        return Stamps(raw, 0.0, is_single=False)
-    digit, is_single = _resolution(raw)
+        example = _EXAMPLES[_FORMATS_OF_TEXT[format_]]
+        raise InputError(f"{place}: numbers, expected texts of format {format_!r} such as {example!r}")
+    check_finite(place, values)
+    if not values.size:
+        return Stamps(values, 0.0, is_single=False)
+    digit, is_single = _resolution(values)
     digit *= factor if format_ in SECONDS else _DAY
     with _astropy():
-        instants = _instants(place, raw * factor, format_, scale)
-        stamps = _since_first(place, [(raw, instants)], lambda _: digit)
-    seconds = _remove_step(raw * factor, stamps.seconds) if format_ == "unix" else stamps.seconds
+        stamps = _since_first(place, _instants(place, values * factor, format_, scale), digit)
+    seconds = _remove_step(values * factor, stamps.seconds) if format_ == "unix" else stamps.seconds
     return replace(stamps, seconds=seconds, is_single=is_single)
 
 
 def read_texts(
-    place: str, blocks: Iterable[Sequence[str]], format_: Format | None, scale: Scale | None, factor: float
+    place: str, cells: Sequence[str], format_: Format | None, scale: Scale | None, factor: float
 ) -> Stamps:
     """Read time stamps that are texts; without a `format_`, that of the first."""
     if format_ is not None and format_ not in _FORMATS_OF_TEXT:
-        return read_numbers(place, _numbers(place, blocks), format_, scale, factor)
-
-    def read() -> Iterator[tuple[Sequence[str], "Time"]]:
-        known, start = _FORMATS_OF_TEXT.get(format_ or ""), 0
-        for cells in blocks:
-            known = known or _recognised(place, cells)
-            yield cells, _parsed(place, cells, known, scale, start)
-            start += len(cells)
-
+        return read_numbers(place, _numbers(place, cells), format_, scale, factor)
+    if not cells:
+        return Stamps(np.zeros(0), 0.0, is_single=False)
+    known = _FORMATS_OF_TEXT[format_] if format_ else format_of(cells[0])
+    if known is None:
+        raise InputError(f"{place}: {quote(cells[0])} at sample 0, texts of no known format, {_EXPECTED}")
     with _astropy():
-        return _since_first(place, read(), _last_digit)
+        return _since_first(place, _parsed(place, cells, known, scale), _last_digit(cells))
 
 
 _FORMATS_OF_TEXT = {"iso": "isot", "isot": "isot", "yday": "yday"}
-
-
-def _example(format_: str) -> str:
-    return _EXAMPLES[_FORMATS_OF_TEXT[format_]]
 
 
 @contextmanager
@@ -137,17 +124,11 @@ def _astropy() -> Iterator[None]:
         yield
 
 
-def _since_first(place: str, blocks: Iterable[tuple[Any, "Time"]], digit: Callable[[Any], float]) -> Stamps:
-    """Return the time since the first stamp; `digit` says what the last digit of a block stands for [s]."""
-    origin, seconds, resolution = None, [np.zeros(0)], 0.0
-    for raw, instants in blocks:
-        origin = instants[0] if origin is None else origin
-        seconds.append(np.asarray((instants - origin).to_value("s"), dtype=np.float64))
-        resolution = max(resolution, digit(raw))
-    if origin is None:
-        return Stamps(seconds[0], resolution, is_single=False)
+def _since_first(place: str, instants: "Time", resolution: float) -> Stamps:
+    """Return the time since the first stamp; the last digit stands for `resolution` [s]."""
+    seconds = np.asarray((instants - instants[0]).to_value("s"), dtype=np.float64)
     digits = min(max(math.floor(1e-9 - math.log10(resolution)), 0), 6)
-    start = origin.utc.copy(format="isot")
+    start = instants[0].utc.copy(format="isot")
     start.precision = digits
     whole, _, fraction = str(start.value).partition(".")
     fraction = fraction.rstrip("0")
@@ -156,7 +137,7 @@ def _since_first(place: str, blocks: Iterable[tuple[Any, "Time"]], digit: Callab
         raise InputError(
             f"{place}: begins within a leap second, at {t0}, expected a run that begins after it"
         )
-    return Stamps(np.concatenate(seconds), resolution, is_single=False, t0=t0)
+    return Stamps(seconds, resolution, is_single=False, t0=t0)
 
 
 def _instants(place: str, values: Array, format_: Format, scale: Scale | None) -> "Time":
@@ -190,23 +171,14 @@ def _check_range(place: str, values: Array, mjd: Array, format_: str) -> None:
         )
 
 
-def _numbers(place: str, blocks: Iterable[Sequence[str]]) -> Iterator[Array]:
-    start = 0
-    for cells in blocks:
+def _numbers(place: str, cells: Sequence[str]) -> Array:
+    values = []
+    for n, cell in enumerate(cells):
         try:
-            yield np.array([float(cell) for cell in cells])
+            values.append(float(cell))
         except ValueError:
-            n = next(n for n, cell in enumerate(cells) if not _is_number(cell))
-            raise InputError(f"{place}: {quote(cells[n])} at sample {start + n}, expected a number") from None
-        start += len(cells)
-
-
-def _is_number(cell: str) -> bool:
-    try:
-        float(cell)
-    except ValueError:
-        return False
-    return True
+            raise InputError(f"{place}: {quote(cell)} at sample {n}, expected a number") from None
+    return np.array(values)
 
 
 def format_of(cell: str) -> str | None:
@@ -214,32 +186,24 @@ def format_of(cell: str) -> str | None:
     return next((name for name, pattern in _TEXTS.items() if pattern.fullmatch(cell.strip())), None)
 
 
-def _recognised(place: str, cells: Sequence[str]) -> str:
-    known = format_of(cells[0])
-    if known is None:
-        raise InputError(f"{place}: {quote(cells[0])} at sample 0, texts of no known format, {_EXPECTED}")
-    return known
-
-
-def _parsed(place: str, cells: Sequence[str], format_: str, scale: Scale | None, start: int) -> "Time":
-    """Return the instants of texts, the first of which has number `start`."""
-    matches = [_TEXTS[format_].fullmatch(cell.strip()) for cell in cells]
-    if not all(matches):
-        raise _no_stamp(place, cells, start, matches.index(None), format_)
+def _parsed(place: str, cells: Sequence[str], format_: str, scale: Scale | None) -> "Time":
+    """Return the instants of texts."""
     hyphen, separator = ("-", "T") if format_ == "isot" else (":", ":")
-    spelt = [
-        f"{m['day'].replace('/', '-').replace('-', hyphen)}{separator}{m['clock'].replace(',', '.')}"
-        for m in matches
-        if m is not None
-    ]
+    spelt: list[str] = []
+    for cell in cells:
+        m = _TEXTS[format_].fullmatch(cell.strip())
+        if m is None:
+            raise _no_stamp(place, cells, len(spelt), format_)
+        day = m["day"].replace("/", "-").replace("-", hyphen)
+        spelt.append(f"{day}{separator}{m['clock'].replace(',', '.')}")
     try:
         return _time(spelt, format_, scale)
     except (ValueError, Warning):
-        for n, one in enumerate(spelt):
+        for n, stamp in enumerate(spelt):
             try:
-                _time([one], format_, scale)
+                _time([stamp], format_, scale)
             except (ValueError, Warning):
-                raise _no_stamp(place, cells, start, n, format_) from None
+                raise _no_stamp(place, cells, n, format_) from None
         raise
 
 
@@ -252,9 +216,9 @@ def _time(spelt: Sequence[str], format_: str, scale: Scale | None) -> "Time":
     return times
 
 
-def _no_stamp(place: str, cells: Sequence[str], start: int, n: int, format_: str) -> InputError:
+def _no_stamp(place: str, cells: Sequence[str], n: int, format_: str) -> InputError:
     expected = f"expected a time stamp such as {_EXAMPLES[format_]!r}"
-    return InputError(f"{place}: {quote(cells[n])} at sample {start + n}, {expected}")
+    return InputError(f"{place}: {quote(cells[n])} at sample {n}, {expected}")
 
 
 def _last_digit(cells: Sequence[str]) -> float:

@@ -12,7 +12,7 @@ from astropy.io import fits as astropy
 from matio.utils import MatlabOpaque
 
 from fit.telemetry import sandbox
-from fit.telemetry.archives import opened
+from fit.telemetry.archives import open_table
 from fit.telemetry.archives import validate as validate_table
 from tests.fit.telemetry.columns import pandas_file
 from tests.hostile.mutations import damaged, survives, try_all
@@ -99,14 +99,14 @@ def text(path):
 
 def read_table(path):
     found = {}
-    with opened(path, None) as table:
+    with open_table(path, None) as table:
         for name, column in table.columns.items():
-            if column.text:
-                texts = [each for block in table.texts(name) for each in block]
+            if column.is_text:
+                texts = table.texts(name)
                 assert len(texts) == column.size
                 assert all(isinstance(each, str) for each in texts), name
             elif column.size:
-                found[name] = np.concatenate([block for (block,) in table.blocks([name])])
+                found[name] = table.numbers(name)
                 assert found[name].size == column.size, name
     # a compressed file has a checksum: it is read as it was, or not at all
     assert not path.name.endswith(".fits.gz") or np.array_equal(found["o1"], np.arange(50.0))

@@ -14,20 +14,20 @@ from fit.files import is_file
 from fit.telemetry.archives import fits, hdf5, matlab, numpy, text
 from fit.telemetry.archives.table import FAILURES, Column, Table, read_error
 
-__all__ = ["Column", "Table", "is_text", "opened", "validate"]
+__all__ = ["Column", "Table", "is_text", "open_table", "validate"]
 
 _Reader = Callable[[Path, str | int | None], AbstractContextManager[Table]]
 _READERS: tuple[tuple[str, tuple[str, ...], _Reader], ...] = (
-    ("text", text.SUFFIXES, text.opened),
-    ("a MATLAB file", matlab.SUFFIXES, matlab.opened),
-    ("HDF5", hdf5.SUFFIXES, hdf5.opened),
-    ("FITS", fits.SUFFIXES, fits.opened),
-    ("arrays of NumPy", numpy.SUFFIXES, numpy.opened),
+    ("text", text.SUFFIXES, text.open_table),
+    ("a MATLAB file", matlab.SUFFIXES, matlab.open_table),
+    ("HDF5", hdf5.SUFFIXES, hdf5.open_table),
+    ("FITS", fits.SUFFIXES, fits.open_table),
+    ("arrays of NumPy", numpy.SUFFIXES, numpy.open_table),
 )
 
 
 @contextmanager
-def opened(path: Path, table: str | int | None) -> Iterator[Table]:
+def open_table(path: Path, table: str | int | None) -> Iterator[Table]:
     """Open an archive for reading.
 
     Parameters
@@ -59,18 +59,11 @@ def opened(path: Path, table: str | int | None) -> Iterator[Table]:
 
 
 def validate(path: Path, table: str | int | None) -> None:
-    """Read all columns of a table; InputError as `opened`."""
-    with opened(path, table) as archive:
-        rows: dict[int, list[str]] = {}
+    """Read all columns of a table; InputError as `open_table`."""
+    with open_table(path, table) as archive:
         for name, column in archive.columns.items():
-            if column.size is not None and not column.text:
-                rows.setdefault(column.size, []).append(name)
-        for names in rows.values():
-            for _ in archive.blocks(names):
-                pass
-        for name in [name for name, column in archive.columns.items() if column.text]:
-            for _ in archive.texts(name):
-                pass
+            if column.size is not None:
+                (archive.texts if column.is_text else archive.numbers)(name)
 
 
 def is_text(path: Path) -> bool:

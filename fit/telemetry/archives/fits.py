@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from fit.errors import InputError
-from fit.telemetry.archives.arrays import Arrays, Series, series_of
+from fit.telemetry.archives.arrays import LazyArray, columns_of
 from fit.telemetry.archives.table import Column, Table, read_error
 
 SUFFIXES = (".fits", ".fit", ".fts", ".fits.gz", ".fit.gz", ".fts.gz")
@@ -27,7 +27,7 @@ _REFUSED = {
 
 
 @contextmanager
-def opened(path: Path, table: str | int | None) -> Iterator[Table]:
+def open_table(path: Path, table: str | int | None) -> Iterator[Table]:
     """Open a FITS file; `table` is the name or the number of an extension, None the first table."""
     from astropy.io import fits  # takes its time
 
@@ -42,7 +42,7 @@ def opened(path: Path, table: str | int | None) -> Iterator[Table]:
                 hdus = stack.enter_context(fits.open(file, memmap=True))
                 tables = {i: hdu for i, hdu in enumerate(hdus) if hasattr(hdu, "columns")}
                 chosen = [hdu for i, hdu in tables.items() if table in (None, i, hdu.name)]
-                series = _series(chosen[0]) if chosen else {}
+                columns = _columns(chosen[0]) if chosen else {}
         except Exception as error:  # a damaged file makes it raise almost anything
             raise read_error(path, error, "FITS") from error
         if not chosen:
@@ -51,7 +51,7 @@ def opened(path: Path, table: str | int | None) -> Iterator[Table]:
             raise InputError(
                 f"{path}: no {requested}, expected an extension with a table; there are: {available}"
             )
-        yield Arrays(path, "FITS", series)
+        yield Table(path, "FITS", columns)
 
 
 def _check_sum(path: Path) -> None:
@@ -61,22 +61,24 @@ def _check_sum(path: Path) -> None:
             pass
 
 
-def _series(hdu: Any) -> dict[str, Series]:
+def _columns(hdu: Any) -> dict[str, Column]:
     """Return the columns of a table."""
     stored = hdu.data.view(np.ndarray)  # before TSCAL, TZERO and TNULL
-    series: dict[str, Series] = {}
+    columns: dict[str, Column] = {}
     for column in hdu.columns:
         kind = column.format.lstrip("0123456789")[:1]
         is_ascii = column.start is not None
         if not is_ascii and kind in _REFUSED:
-            series[column.name] = Series(Column(None, column.unit, _REFUSED[kind]))
-        elif kind == "A":
-            series |= series_of(column.name, np.char.strip(stored[column.name]))
+            columns[column.name] = Column(None, column.unit, _REFUSED[kind])
+            continue
+        if kind == "A":
+            values, unit = np.char.strip(stored[column.name]), None
         elif is_ascii:
-            series |= series_of(column.name, _ascii_numbers(stored[column.name], column), column.unit)
+            values, unit = _ascii_numbers(stored[column.name], column), column.unit
         else:
-            series |= series_of(column.name, _numbers(hdu, stored, column), column.unit)
-    return {name: replace(column, source=hdu.name) for name, column in series.items()}
+            values, unit = _numbers(hdu, stored, column), column.unit
+        columns |= columns_of(column.name, LazyArray.of(values), unit)
+    return {name: replace(column, source=hdu.name) for name, column in columns.items()}
 
 
 def _numbers(hdu: Any, stored: Any, column: Any) -> Any:

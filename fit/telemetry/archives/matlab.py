@@ -11,31 +11,31 @@ import numpy as np
 import scipy
 
 from fit.telemetry.archives import hdf5, objects
-from fit.telemetry.archives.arrays import Arrays, Series, select_table
-from fit.telemetry.archives.table import Table, read_error
+from fit.telemetry.archives.arrays import select_table
+from fit.telemetry.archives.table import Column, Table, read_error
 
 SUFFIXES = (".mat",)
 _NAMELESS = "None"  # as SciPy calls every variable that is an object
 
 
 @contextmanager
-def opened(path: Path, table: str | int | None) -> Iterator[Table]:
+def open_table(path: Path, table: str | int | None) -> Iterator[Table]:
     """Open a .mat file; `table` names a struct, an object or a matrix."""
     if h5py.is_hdf5(path):
-        with hdf5.opened(path, table) as archive:
+        with hdf5.open_table(path, table) as archive:
             yield archive
     else:
-        yield Arrays(path, "a MATLAB file", select_table(path, _series(path), table))
+        yield Table(path, "a MATLAB file", select_table(path, _columns(path), table))
 
 
-def _series(path: Path) -> dict[str, Series]:
+def _columns(path: Path) -> dict[str, Column]:
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             values = scipy.io.loadmat(path, simplify_cells=True)
     except Exception as error:  # a damaged file makes it raise almost anything
         raise read_error(path, error, "a MATLAB file") from error
-    series: dict[str, Series] = {}
+    columns: dict[str, Column] = {}
     classes: dict[str, str] = {}
     for name, value in values.items():
         kind = _class(value)
@@ -45,8 +45,8 @@ def _series(path: Path) -> dict[str, Series]:
         elif kind is not None:
             classes[name] = kind
         elif not name.startswith("__"):
-            series |= objects.flatten(name, value)
-    return series | (objects.series_of_file(path, classes) if classes else {})
+            columns |= objects.flatten(name, value)
+    return columns | (objects.object_columns(path, classes) if classes else {})
 
 
 def _class(value: Any) -> str | None:

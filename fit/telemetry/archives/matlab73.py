@@ -6,7 +6,7 @@ from typing import Any
 
 import h5py
 
-from fit.telemetry.archives.arrays import Series, series_of
+from fit.telemetry.archives.arrays import LazyArray, columns_of
 from fit.telemetry.archives.table import Column
 from fit.telemetry.validation import plain, storage_fault
 
@@ -23,15 +23,15 @@ def class_of(item: h5py.Dataset | h5py.Group) -> str | None:
     return None
 
 
-def letters(dataset: h5py.Dataset, name: str) -> Series:
+def letters(dataset: h5py.Dataset, name: str) -> Column:
     """Return the rows of a matrix of letters, which MATLAB stores column by column."""
     if dataset.ndim != 2 or dataset.shape[1] < 2 or dataset.dtype.kind != "u":
-        return Series(Column(None, reason="text"), source=name)
+        return Column(reason="text", source=name)
 
-    def read(part: slice) -> list[str]:
-        return ["".join(map(chr, row)) for row in dataset[:, part].T.tolist()]
+    def read() -> list[str]:
+        return ["".join(map(chr, row)) for row in dataset[()].T.tolist()]
 
-    return Series(Column(dataset.shape[1], reason="text", text=True), read, name)
+    return Column(dataset.shape[1], None, "text", True, read, name)
 
 
 def reason_of(group: h5py.Group) -> str:
@@ -46,30 +46,30 @@ def is_member(dataset: h5py.Dataset) -> bool:
     return dataset.dtype == h5py.ref_dtype and plain(dataset.parent.attrs.get("MATLAB_class")) == "struct"
 
 
-def members(dataset: h5py.Dataset, struct: str, field: str) -> dict[str, Series]:
+def members(dataset: h5py.Dataset, struct: str, field: str) -> dict[str, Column]:
     """Return the columns ``struct[k].field`` of an array of structs."""
     return _numbers(dataset, lambda k: f"{struct}[{k}].{field}")
 
 
-def cells(dataset: h5py.Dataset, name: str) -> dict[str, Series]:
+def cells(dataset: h5py.Dataset, name: str) -> dict[str, Column]:
     """Return a cell array: one column of texts, or ``name[k]`` for each cell with numbers."""
     references = _references(dataset)
     if references and all(_is_text(dataset.file[reference]) for reference in references[:_MOST_CELLS]):
         read = partial(_texts, dataset.file, references)
-        return {name: Series(Column(len(references), reason="text", text=True), read, name)}
-    series = _numbers(dataset, lambda k: f"{name}[{k}]")
-    return series or {name: Series(Column(None, reason="a cell array"), source=name)}
+        return {name: Column(len(references), None, "text", True, read, name)}
+    columns = _numbers(dataset, lambda k: f"{name}[{k}]")
+    return columns or {name: Column(reason="a cell array", source=name)}
 
 
-def _numbers(dataset: h5py.Dataset, name: Callable[[int], str]) -> dict[str, Series]:
+def _numbers(dataset: h5py.Dataset, name: Callable[[int], str]) -> dict[str, Column]:
     """Return the columns of numbers that a dataset refers to, the k-th by the name of k."""
-    series: dict[str, Series] = {}
+    columns: dict[str, Column] = {}
     references = _references(dataset)
     for k, reference in enumerate(references if len(references) <= _MOST_CELLS else [], 1):
         cell = dataset.file[reference]
         if _are_numbers(cell):
-            series |= series_of(name(k), cell)
-    return series
+            columns |= columns_of(name(k), LazyArray.of(cell))
+    return columns
 
 
 def _references(dataset: h5py.Dataset) -> list[h5py.Reference]:
@@ -89,9 +89,9 @@ def _are_numbers(cell: Any) -> bool:
     return not storage_fault(cell)
 
 
-def _texts(file: h5py.File, references: list[h5py.Reference], part: slice) -> list[str]:
+def _texts(file: h5py.File, references: list[h5py.Reference]) -> list[str]:
     texts = []
-    for cell in map(file.__getitem__, references[part]):
+    for cell in map(file.__getitem__, references):
         empty = not _is_text(cell) or "MATLAB_empty" in cell.attrs
         texts.append("" if empty else "".join(map(chr, cell[()].T.ravel().tolist())))
     return texts

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from fit.telemetry.archives.arrays import Series, series_of
+from fit.telemetry.archives.arrays import LazyArray, columns_of
 from fit.telemetry.archives.table import Column
 
 _DEEPEST = 20  # structs in structs; objects may contain each other
@@ -17,7 +17,7 @@ _MOST_ITEMS = 100  # of an array of structs or objects
 _REFERENCE = 0xDD000000  # what an object that mat-io cannot find begins with
 
 
-def series_of_file(path: Path, classes: Mapping[str, str]) -> dict[str, Series]:
+def object_columns(path: Path, classes: Mapping[str, str]) -> dict[str, Column]:
     """Return what is in the variables of a .mat file that are objects, or structs with objects in them.
 
     Parameters
@@ -29,29 +29,29 @@ def series_of_file(path: Path, classes: Mapping[str, str]) -> dict[str, Series]:
 
     Returns
     -------
-    dict of str to Series
+    dict of str to Column
         A property `y` of an object in the property `data` of the variable `a` is ``a.data.y``; a variable of
         a timetable is ``name.variable``. Times are texts. The variables themselves are there too, with a
         reason that says what they are.
     """
     values, why = _loaded(path, list(classes))
-    series: dict[str, Series] = {}
+    columns: dict[str, Column] = {}
     for name, kind in classes.items():
-        columns = flatten(name, values[name]) if name in values else {}
-        columns = {column: replace(one, source=name) for column, one in columns.items()}
-        readable = [column for column, one in columns.items() if (one.column.size or 0) > 1]
+        members = flatten(name, values[name]) if name in values else {}
+        members = {key: replace(column, source=name) for key, column in members.items()}
+        readable = [key for key, column in members.items() if (column.size or 0) > 1]
         if name in values and not _is_object(values[name]):
-            series |= columns
+            columns |= members
             continue
-        if name in columns and columns[name].read is None:
-            del columns[name]  # the class says more
+        if name in members and members[name].read is None:
+            del members[name]  # the class says more
         if readable:
             remainder = f" and {len(readable) - 5} more" if len(readable) > 5 else ""
             reason = f"an object of class {kind} with the columns {', '.join(readable[:5])}{remainder}"
         else:
             reason = f"an object of class {kind}{why or ' without numbers'}; save it from MATLAB as a struct"
-        series |= {name: Series(Column(None, reason=reason), source=name)} | columns
-    return series
+        columns |= {name: Column(reason=reason, source=name)} | members
+    return columns
 
 
 def classes(path: Path, opaque: Collection[str]) -> dict[str, str]:
@@ -78,7 +78,7 @@ def _loaded(path: Path, names: list[str]) -> tuple[Mapping[str, Any], str]:
         return {}, ", which mat-io cannot read"
 
 
-def flatten(name: str, value: Any, depth: int = 0) -> dict[str, Series]:
+def flatten(name: str, value: Any, depth: int = 0) -> dict[str, Column]:
     """Return the columns of a value of a variable, be it struct, object, table or array.
 
     Parameters
@@ -96,10 +96,10 @@ def flatten(name: str, value: Any, depth: int = 0) -> dict[str, Series]:
         return _of_frame(name, value)
     members = _members(value)
     if members is not None:
-        series: dict[str, Series] = {}
+        columns: dict[str, Column] = {}
         for member, values in members:
-            series |= flatten(f"{name}.{member}" if name else member, values, depth + 1)
-        return series
+            columns |= flatten(f"{name}.{member}" if name else member, values, depth + 1)
+        return columns
     if isinstance(value, list):  # of structs
         value = np.fromiter(value, dtype=object, count=len(value))
     if not isinstance(value, np.ndarray):
@@ -107,15 +107,16 @@ def flatten(name: str, value: Any, depth: int = 0) -> dict[str, Series]:
         description = (
             "text" if isinstance(value, str | bytes) else "a single value" if scalar else "an object"
         )
-        return {name: Series(Column(None, reason=description), source=name)}
+        return {name: Column(reason=description, source=name)}
     if value.dtype.kind in "OV":
         return _of_items(name, value, depth)
     if value.dtype == np.uint32 and value.size and value.flat[0] == _REFERENCE:
-        return {name: Series(Column(None, reason="an object whose content is damaged"), source=name)}
+        return {name: Column(reason="an object whose content is damaged", source=name)}
     if value.dtype.kind == "m":  # durations
         years = np.datetime_data(value.dtype)[0] in ("Y", "M")
-        return series_of(name, (value.astype("m8[s]") if years else value) / np.timedelta64(1, "s"), "s")
-    return series_of(name, value)
+        seconds = (value.astype("m8[s]") if years else value) / np.timedelta64(1, "s")
+        return columns_of(name, LazyArray.of(seconds), "s")
+    return columns_of(name, LazyArray.of(value))
 
 
 def _members(value: Any) -> Iterable[tuple[str, Any]] | None:
@@ -137,32 +138,30 @@ def _is_object(value: Any) -> bool:
     return hasattr(value, "properties") or hasattr(value, "itertuples")
 
 
-def _of_items(name: str, value: np.ndarray[Any, Any], depth: int) -> dict[str, Series]:
+def _of_items(name: str, value: np.ndarray[Any, Any], depth: int) -> dict[str, Column]:
     """Return the columns of a cell array, or of an array of structs or objects."""
     items = value.ravel().tolist() if value.dtype.kind == "O" else list(value.ravel())
     if len(items) == 1:
         return flatten(name, items[0], depth + 1)
     texts = [item.item() if isinstance(item, np.ndarray) and item.size == 1 else item for item in items]
     if items and all(isinstance(text, str) for text in texts):
-        return series_of(name, np.array(texts))
+        return columns_of(name, LazyArray.of(np.array(texts)))
     if not 0 < len(items) <= _MOST_ITEMS:
-        return {name: Series(Column(None, reason="a cell array"), source=name)}
-    series: dict[str, Series] = {}
+        return {name: Column(reason="a cell array", source=name)}
+    columns: dict[str, Column] = {}
     for k, item in enumerate(items, 1):
-        series |= flatten(f"{name}[{k}]", item, depth + 1)
-    return series
+        columns |= flatten(f"{name}[{k}]", item, depth + 1)
+    return columns
 
 
-def _of_frame(name: str, frame: Any) -> dict[str, Series]:
+def _of_frame(name: str, frame: Any) -> dict[str, Column]:
     """Return the variables of a table or timetable, and the times of its rows."""
     units = _units(frame)
     index = frame.index.to_numpy()
     columns = {} if index.dtype.kind in "iuO" else flatten(f"{name}.{frame.index.name or 'Time'}", index)
     for column in frame.columns:
         for member, one in flatten(f"{name}.{column}", frame[column].to_numpy()).items():
-            columns[member] = replace(
-                one, column=replace(one.column, unit=units.get(column) or one.column.unit)
-            )
+            columns[member] = replace(one, unit=units.get(column) or one.unit)
     return columns
 
 

@@ -5,12 +5,10 @@ import difflib
 import lzma
 import re
 import zlib
-from abc import ABC, abstractmethod
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
-from itertools import islice, takewhile
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TypeVar
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,19 +18,18 @@ from fit.files import key as shown_key
 from fit.units import in_base_units
 
 Array = NDArray[np.float64]
-T = TypeVar("T")
 
-BLOCK = 2**14  # samples in memory at a time
 #: What libraries raise while they read a damaged file.
 FAILURES = (OSError, EOFError, RuntimeError, MemoryError, csv.Error, zlib.error, lzma.LZMAError)
 #: Words for a missing sample, beside "nan" and nothing: those of pandas, R and Excel.
 MISSING = ("", "NA", "N/A", "n/a", "#N/A", "<NA>", "NULL", "null", "None", "--")
+_OF_MATRIX = re.compile(r"(.+)\[\d+\]")
 _UNIT = re.compile(r"(?P<name>.*\S)\s*(?:\[(?P<square>[^\[\]]+)\]|\((?P<round>(?:[^()]|\([^()]*\))+)\))\s*")
 
 
 @dataclass(frozen=True)
 class Column:
-    """What is known of a column before it is read.
+    """A column of an archive.
 
     Attributes
     ----------
@@ -43,58 +40,61 @@ class Column:
     reason : str
         What the column is if it is no row of numbers: "text", "an array of shape (3, 4, 5)", "an object of
         class ao". Empty for numbers.
-    text : bool
-        Whether its rows are texts, which `Table.texts` yields and `Table.blocks` does not.
+    is_text : bool
+        Whether its rows are texts.
+    read : callable or None
+        Returns all rows: an array of numbers with NaN for missing samples, or texts.
+    source : str
+        What it is a column of: the array, or the table in the file. These have an order, a file has none.
     """
 
-    size: int | None
+    size: int | None = None
     unit: str | None = None
     reason: str = ""
-    text: bool = False
+    is_text: bool = False
+    read: Callable[[], Any] | None = None
+    source: str = ""
 
 
-class Table(ABC):
+class Table:
     """One table of an archive.
 
-    Attributes
+    Parameters
     ----------
     path, kind : Path, str
         The archive, and what it is: "text", "HDF5".
     columns : mapping of str to Column
         By name. The names of structs and groups stand before those of what they contain, joined by dots;
         column k of a matrix `out` is ``out[k]``, counted from 1.
-    order : sequence of str
-        The columns, and the matrices of columns, as the file numbers them; empty if it gives them no order.
+    headings : sequence of str, optional
+        The names of the columns as a text has them, unique or not.
     """
 
-    path: Path
-    kind: str
-    columns: Mapping[str, Column]
-    order: Sequence[str]
+    def __init__(
+        self, path: Path, kind: str, columns: Mapping[str, Column], headings: Sequence[str] = ()
+    ) -> None:
+        self.path, self.kind, self._headings = path, kind, headings
+        self.columns = {
+            name: column if column.unit else replace(column, unit=split_unit(name)[1])
+            for name, column in columns.items()
+        }
+        self._order = _order(self.columns)
 
-    def blocks(self, names: Sequence[str]) -> Iterator[list[Array]]:
-        """Yield columns of numbers of one length, up to `BLOCK` rows at a time; a missing sample is NaN."""
-        return self._rows(self._blocks(names))
+    def numbers(self, name: str) -> Array:
+        """Return a column of numbers, NaN for missing samples."""
+        return np.asarray(self._rows(name, "numbers"), dtype=np.float64)
 
-    def texts(self, name: str) -> Iterator[list[str]]:
-        """Yield a column as texts, up to `BLOCK` rows at a time; a missing one is empty.
+    def texts(self, name: str) -> list[str]:
+        """Return a column as texts, empty for missing ones."""
+        return [_text(value) for value in self._rows(name, "texts")]
 
-        Raises
-        ------
-        InputError
-            If the format cannot give the column as text.
-        """
-        return self._rows(self._texts(name))
-
-    @abstractmethod
-    def _blocks(self, names: Sequence[str]) -> Iterator[list[Array]]: ...
-
-    @abstractmethod
-    def _texts(self, name: str) -> Iterator[list[str]]: ...
-
-    def _rows(self, rows: Iterator[T]) -> Iterator[T]:
+    def _rows(self, name: str, expected: str) -> Any:
+        column = self.columns[name]
+        if column.read is None or column.is_text is not (expected == "texts"):
+            known = column.reason or "numbers"
+            raise InputError(f"{self.path}: column {shown_key(name)}: {known}, expected {expected}")
         try:
-            yield from rows
+            return column.read()
         except FAILURES as error:
             raise read_error(self.path, error, self.kind) from error
 
@@ -142,16 +142,37 @@ class Table(ABC):
 
     def _by_number(self, number: int, meaning: str) -> str:
         place, available = f"{self.path}: column {number}{meaning}", _listed(self.columns)
-        if not self.order:
+        if not self._order:
             raise InputError(f"{place}: columns have no order here, expected a name; there are: {available}")
-        if not 1 <= number <= len(self.order):
-            raise InputError(f"{place}: missing, expected a number from 1 to {len(self.order)}: {available}")
-        return self.column(self.order[number - 1], meaning)
+        if not 1 <= number <= len(self._order):
+            raise InputError(f"{place}: missing, expected a number from 1 to {len(self._order)}: {available}")
+        return self.column(self._order[number - 1], meaning)
 
     def _same_spelling(self, key: str) -> list[str]:
         """Return the columns that a key means without being their name."""
+        if as_written := [
+            name for name, heading in zip(self.columns, self._headings, strict=False) if heading == key
+        ]:
+            return as_written
         path = key.strip("/").replace("/", ".")  # as HDF5 writes it
         return [name for name in self.columns if path in (name, split_unit(name)[0])]
+
+
+def _order(columns: Mapping[str, Column]) -> list[str]:
+    """Return the columns of one source, a matrix among them as one; nothing for several sources."""
+    if len({column.source for column in columns.values()}) > 1:
+        return []
+    matrices = {name: match[1] for name in columns if (match := _OF_MATRIX.fullmatch(name))}
+    if len(set(matrices.values())) == 1 and len(matrices) == len(columns):
+        return list(columns)
+    return list(dict.fromkeys(matrices.get(name, name) for name in columns))
+
+
+def _text(value: object) -> str:
+    """Return a text as str; MATLAB and FITS fill it up with blanks."""
+    text = value.decode("utf-8", errors="replace") if isinstance(value, bytes) else str(value)
+    text = text.rstrip("\x00 ")
+    return "" if text == "NaT" else text
 
 
 def split_unit(name: str) -> tuple[str, str | None]:
@@ -186,17 +207,6 @@ def is_unit(text: str) -> bool:
     except ValueError:
         return False
     return True
-
-
-def parts(size: int) -> Iterator[slice]:
-    """Yield slices of up to `BLOCK` rows."""
-    return (slice(start, min(start + BLOCK, size)) for start in range(0, size, BLOCK))
-
-
-def batches(items: Iterable[T]) -> Iterator[list[T]]:
-    """Yield lists of up to `BLOCK` items."""
-    iterator = iter(items)
-    return takewhile(bool, iter(lambda: list(islice(iterator, BLOCK)), None))
 
 
 def read_error(path: Path, error: Exception, kind: str) -> InputError:

@@ -7,6 +7,7 @@ import io
 import lzma
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from itertools import islice
 from pathlib import Path
 from typing import IO, TextIO, cast
 
@@ -15,7 +16,7 @@ import numpy as np
 from fit.errors import InputError, shown
 from fit.files import key
 from fit.telemetry.archives.layout import detect_layout, is_data, number, split_numbered, unique_names
-from fit.telemetry.archives.table import Array, Column, Table, batches
+from fit.telemetry.archives.table import Array, Column, Table
 
 _PACKED = {".gz": b"\x1f\x8b", ".bz2": b"BZh", ".xz": b"\xfd7zXZ\x00"}
 SUFFIXES = tuple(
@@ -32,10 +33,11 @@ _BOMS = {
 _HEAD = 2**16  # bytes that show the encoding
 _LONGEST_LINE = 2**20  # letters
 _SAMPLE = 200  # lines that show the layout
+_BLOCK = 2**14  # lines that are split at a time
 
 
 @contextmanager
-def opened(path: Path, table: str | int | None) -> Iterator[Table]:
+def open_table(path: Path, table: str | int | None) -> Iterator[Table]:
     """Open a text."""
     if table is not None:
         raise InputError(f"{path}: no table {table!r}, expected none to be named in a file of one table")
@@ -47,7 +49,8 @@ def opened(path: Path, table: str | int | None) -> Iterator[Table]:
         binary.seek(0)
         # Letters of another encoding in columns that nobody reads do no harm.
         with io.TextIOWrapper(binary, encoding=_encoding(head), errors="replace") as file:
-            yield Text(file, path)
+            table_of_file = _read_table(file, path)
+        yield table_of_file
 
 
 def _unpacked(path: Path) -> IO[bytes]:
@@ -77,99 +80,92 @@ def _encoding(head: bytes) -> str:
     return "utf-8"
 
 
-class Text(Table):
-    """A text in a file; it is read once for its layout, once for its length, and then for each block."""
+class _Cells:
+    """The cells of a column while its text is read.
 
-    kind = "text"
+    Of a column of numbers a cell that is none is remembered, and refused when the column is used.
+    """
 
-    def __init__(self, file: TextIO, path: Path) -> None:
-        self._file, self.path = file, path
-        self._layout = detect_layout(path, list(self._sample()))
-        self._names = unique_names(self._layout.names)
-        self.order = self._names
-        size, self._last = self._extent()
-        self.columns = {
-            name: Column(size, unit, "text" if text else "", text)
-            for name, unit, text in zip(self._names, self._layout.units, self._layout.is_text, strict=True)
-        }
+    def __init__(self, path: Path, name: str, decimal: str, *, is_text: bool) -> None:
+        self.path, self.name, self._decimal, self._is_text = path, name, decimal, is_text
+        self._rows: list[str] = []
+        self._numbers: list[Array] = []
+        self._fault: InputError | None = None
 
-    def _blocks(self, names: Sequence[str]) -> Iterator[list[Array]]:
-        """Yield columns of numbers."""
-        for block in batches(self._lines()):
-            columns = self._cells(block)
-            yield [self._numbers(block, columns[self._names.index(name)], name) for name in names]
-
-    def _texts(self, name: str) -> Iterator[list[str]]:
-        """Yield the cells of a column as they are written, be they numbers or texts."""
-        index = self._names.index(name)
-        for block in batches(self._lines()):
-            yield [cell.strip() for cell in self._cells(block)[index]]
-
-    def _same_spelling(self, key: str) -> list[str]:
-        """Return the columns that a key means, be their names unique or not."""
-        written = zip(self._names, self._layout.names, strict=True)
-        return [name for name, as_written in written if as_written == key] or super()._same_spelling(key)
-
-    def _sample(self) -> Iterator[tuple[int, str]]:
-        count = letters = 0
-        for n, text in self._numbered():
-            yield n, text
-            count, letters = count + is_data(text), letters + len(text)
-            if count == _SAMPLE or letters > 4 * _LONGEST_LINE:
-                return
-
-    def _lines(self) -> Iterator[tuple[int, str]]:
-        """Yield number and text of every line of data, blank ones of a single column among them."""
-        for n, text in self._numbered():
-            if n > self._last:
-                return
-            if n >= self._layout.first_row and (is_data(text) or self._layout.is_empty_row(text)):
-                yield n, text
-
-    def _extent(self) -> tuple[int, int]:
-        """Return the number of rows, and that of the last line with data: blank ones after it are none."""
-        size = last_line = empty = 0
-        for n, text in self._numbered():
-            if n >= self._layout.first_row and is_data(text):
-                size, last_line, empty = size + empty + 1, n, 0
-            elif n >= self._layout.first_row and self._layout.is_empty_row(text):
-                empty += 1
-        return size, last_line
-
-    def _numbered(self) -> Iterator[tuple[int, str]]:
-        self._file.seek(0)
-        for n, text in enumerate(iter(lambda: self._file.readline(_LONGEST_LINE), ""), 1):
-            if len(text) == _LONGEST_LINE:
-                raise InputError(
-                    f"{self.path}: line {n}: {_LONGEST_LINE} letters or more, expected a row of cells"
-                )
-            yield n, text
-
-    def _cells(self, block: Sequence[tuple[int, str]]) -> list[tuple[str, ...]]:
-        """Return the cells of lines, column by column."""
-        rows = [self._layout.row(row) for row in split_numbered(self.path, block, self._layout.delimiter)]
-        width = len(self._layout.names)
-        for (n, _), row in zip(block, rows, strict=True):
-            if len(row) != width:
-                raise InputError(
-                    f"{self.path}: line {n}: {len(row)} cells, expected the {width} of "
-                    "the line with the names"
-                )
-        return list(zip(*rows, strict=True))
-
-    def _numbers(self, block: Sequence[tuple[int, str]], cells: Sequence[str], name: str) -> Array:
-        decimal = self._layout.decimal
+    def append(self, cells: Sequence[str], lines: Sequence[int]) -> None:
+        """Take the cells of further lines."""
+        if self._is_text:
+            self._rows += [cell.strip() for cell in cells]
+            return
         try:
-            if decimal == "." and not any("_" in text for _, text in block):  # Python reads 1_0 as 10
-                return np.array([float(cell) for cell in cells])
+            if self._decimal == "." and not any("_" in cell for cell in cells):  # Python reads 1_0 as 10
+                self._numbers.append(np.array([float(cell) for cell in cells]))
+                return
         except ValueError:  # an empty cell is a missing sample
             pass
-        values = [number(cell, decimal) for cell in cells]
-        for (n, _), cell, value in zip(block, cells, values, strict=True):
-            if value is None:
-                mark = "point" if decimal == "." else "comma, as others have"
-                raise InputError(
-                    f"{self.path}: line {n}: column {key(name)}: {shown(cell)}, expected a number with a "
-                    f"decimal {mark}, or nothing"
-                )
-        return np.array(values, dtype=np.float64)
+        values = [number(cell, self._decimal) for cell in cells]
+        if None in values and self._fault is None:
+            n = values.index(None)
+            mark = "point" if self._decimal == "." else "comma, as others have"
+            self._fault = InputError(
+                f"{self.path}: line {lines[n]}: column {key(self.name)}: {shown(cells[n])}, expected a "
+                f"number with a decimal {mark}, or nothing"
+            )
+        self._numbers.append(np.array(values, dtype=np.float64))
+
+    def column(self, size: int, unit: str | None) -> Column:
+        """Return the column of the first `size` cells."""
+        if self._is_text:
+            return Column(size, unit, "text", True, lambda: self._rows[:size])
+        return Column(size, unit, read=lambda: self._read(size))
+
+    def _read(self, size: int) -> Array:
+        if self._fault is not None:
+            raise self._fault
+        return np.concatenate([np.zeros(0), *self._numbers])[:size]
+
+
+def _read_table(file: TextIO, path: Path) -> Table:
+    """Read a text, once for its layout and once for its cells."""
+    layout = detect_layout(path, list(_sample(path, file)))
+    names = unique_names(layout.names)
+    columns = [
+        _Cells(path, name, layout.decimal, is_text=is_text)
+        for name, is_text in zip(names, layout.is_text, strict=True)
+    ]
+    count = size = 0
+    rows = (
+        line
+        for line in _numbered(path, file)
+        if line[0] >= layout.first_row and (is_data(line[1]) or layout.is_empty_row(line[1]))
+    )
+    while block := list(islice(rows, _BLOCK)):
+        cells = [layout.row(row) for row in split_numbered(path, block, layout.delimiter)]
+        for (n, text), row in zip(block, cells, strict=True):
+            count += 1
+            size = count if is_data(text) else size  # blank lines at the end are no rows
+            if len(row) != len(names) and is_data(text):
+                expected = f"expected the {len(names)} of the line with the names"
+                raise InputError(f"{path}: line {n}: {len(row)} cells, {expected}")
+        cells = [row if len(row) == len(names) else [""] * len(names) for row in cells]
+        for column, values in zip(columns, zip(*cells, strict=True), strict=True):
+            column.append(values, [n for n, _ in block])
+    units = zip(columns, layout.units, strict=True)
+    return Table(path, "text", {c.name: c.column(size, unit) for c, unit in units}, layout.names)
+
+
+def _sample(path: Path, file: TextIO) -> Iterator[tuple[int, str]]:
+    count = letters = 0
+    for n, text in _numbered(path, file):
+        yield n, text
+        count, letters = count + is_data(text), letters + len(text)
+        if count == _SAMPLE or letters > 4 * _LONGEST_LINE:
+            return
+
+
+def _numbered(path: Path, file: TextIO) -> Iterator[tuple[int, str]]:
+    file.seek(0)
+    for n, text in enumerate(iter(lambda: file.readline(_LONGEST_LINE), ""), 1):
+        if len(text) == _LONGEST_LINE:
+            raise InputError(f"{path}: line {n}: {_LONGEST_LINE} letters or more, expected a row of cells")
+        yield n, text

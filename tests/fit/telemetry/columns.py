@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from fit.errors import InputError
-from fit.telemetry.archives import opened, validate
+from fit.telemetry.archives import open_table, validate
 
 N = 40
 T, X, Y = np.arange(N) / 2, 1e-9 * np.arange(N) ** 2, -3.0 * np.arange(N)
@@ -21,27 +21,22 @@ def read(path, table=None):
     """All columns of numbers and of texts, by name."""
     validate(path, table)
     found = {}
-    with opened(path, table) as archive:
+    with open_table(path, table) as archive:
         for name, column in archive.columns.items():
-            assert (column.size is None or column.text) == bool(column.reason), name
+            assert (column.size is None or column.is_text) == bool(column.reason), name
             if column.size is not None:
-                rows = (
-                    archive.texts(name)
-                    if column.text
-                    else (block for (block,) in archive.whitened_runs([name]))
-                )
-                found[name] = np.array([value for block in rows for value in block])
+                found[name] = np.array((archive.texts if column.is_text else archive.numbers)(name))
                 assert found[name].size == column.size
     return found
 
 
 def reasons(path):
-    with opened(path, None) as archive:
+    with open_table(path, None) as archive:
         return {name: column.reason for name, column in archive.columns.items() if column.size is None}
 
 
 def units(path):
-    with opened(path, None) as archive:
+    with open_table(path, None) as archive:
         return {name: column.unit for name, column in archive.columns.items() if column.unit}
 
 
@@ -52,7 +47,7 @@ def same(found, expected):
 
 
 def message(path, key, table=None):
-    with opened(path, table) as archive, pytest.raises(InputError) as error:
+    with open_table(path, table) as archive, pytest.raises(InputError) as error:
         archive.column(key)
     return str(error.value).removeprefix(f"{path}: ")
 

@@ -9,7 +9,7 @@ from astropy.table import MaskedColumn
 from astropy.table import Table as AstropyTable
 
 from fit.errors import InputError
-from fit.telemetry.archives import opened
+from fit.telemetry.archives import open_table
 from tests.fit.telemetry.columns import NAN, OUT, STAMPS, WHEN, N, T, X, message, read, reasons, same, units
 
 
@@ -70,7 +70,7 @@ def test_binary_tables_of_fits(tmp_path):
         "z": "complex numbers",
         "list": "rows of different lengths",
     }
-    with opened(path, "OMS") as archive:
+    with open_table(path, "OMS") as archive:
         assert [archive.column(k) for k in (1, 2, 5)] == ["t", "n", "utc"]
     assert message(path, 4) == "column xyz: a matrix, expected one of its columns, xyz[1] to xyz[3]"
 
@@ -128,5 +128,5 @@ def test_files_that_are_something_else(tmp_path, name, kind):
 
 def test_errors_of_who_uses_a_table_are_theirs(tmp_path):
     np.save(tmp_path / "a.npy", OUT)
-    with pytest.raises(OSError, match="disk is full"), opened(tmp_path / "a.npy", None):
+    with pytest.raises(OSError, match="disk is full"), open_table(tmp_path / "a.npy", None):
         raise OSError("the disk is full")

@@ -9,7 +9,7 @@ import xarray
 from scipy.io import netcdf_file
 
 from fit.errors import InputError
-from fit.telemetry.archives import opened
+from fit.telemetry.archives import open_table
 from tests.fit.telemetry.columns import (
     NAN,
     OUT,
@@ -28,8 +28,7 @@ from tests.fit.telemetry.columns import (
 )
 
 
-def test_hdf5_of_any_layout(tmp_path, monkeypatch):
-    monkeypatch.setattr("fit.telemetry.archives.table.BLOCK", 16)
+def test_hdf5_of_any_layout(tmp_path):
     records = np.array(list(zip(T, X, STAMPS, OUT, strict=True)), "f8, f4, S29, 3f8")
     with h5py.File(tmp_path / "a.h5", "w") as file:
         file["oms/t"] = T
@@ -63,9 +62,9 @@ def test_hdf5_of_any_layout(tmp_path, monkeypatch):
     same(read(tmp_path / "a.h5", "oms"), {"t": T, "x": X.astype("f4")})
     same(read(tmp_path / "a.h5", "/oms"), {"t": T, "x": X.astype("f4")})
     same(read(tmp_path / "a.h5", "rows"), {str(k + 1): OUT[:, k] for k in range(3)})
-    with opened(tmp_path / "a.h5", "records") as archive:
+    with open_table(tmp_path / "a.h5", "records") as archive:
         assert [archive.column(k) for k in (1, "f1", 3)] == ["f0", "f1", "f2"]
-    with opened(tmp_path / "a.h5", None) as archive:
+    with open_table(tmp_path / "a.h5", None) as archive:
         assert [archive.column(k) for k in ("/oms/t", "z", "a.b.c")] == ["oms.t", "z [nm]", "a.b.c"]
     assert message(tmp_path / "a.h5", "out") == (
         "column out: a matrix, expected one of its columns, out[1] to out[3]"
@@ -157,7 +156,7 @@ def test_data_frames_of_pandas(tmp_path):
         },
     )
     assert units(tmp_path / "a.h5") == {"series.index": "ns"}
-    with opened(tmp_path / "a.h5", "by/columns") as archive:
+    with open_table(tmp_path / "a.h5", "by/columns") as archive:
         assert archive.column(3) == "x"
 
 
@@ -205,11 +204,11 @@ def test_columns_of_data_frames_that_are_numbers_keep_their_order(tmp_path, labe
         group["table"] = table
         for (field, *_), block in zip(fields, blocks, strict=True):
             group["table"].attrs[f"{field}_kind"] = np.bytes_(pickle.dumps(list(block), 0))
-    with opened(tmp_path / "a.h5", "df") as archive:
+    with open_table(tmp_path / "a.h5", "df") as archive:
         assert list(archive.columns) == ["index", *map(str, labels)]
         for k, label in enumerate(labels):
             assert archive.column(k + 2) == str(label)
-            (values,) = next(archive.whitened_runs([str(label)]))
+            values = archive.numbers(str(label))
             np.testing.assert_array_equal(values, 10 * np.arange(N) + k)
 
 

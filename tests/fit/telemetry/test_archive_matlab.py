@@ -11,7 +11,7 @@ from scipy.io import savemat
 from scipy.io.matlab import MatlabObject
 
 from fit.errors import InputError
-from fit.telemetry.archives import opened
+from fit.telemetry.archives import open_table
 from tests.fit.telemetry.columns import OUT, STAMPS, WHEN, N, T, X, Y, message, read, reasons, same
 
 
@@ -43,7 +43,7 @@ def test_matlab(tmp_path):
     same(read(tmp_path / "a.mat", "data.oms"), {"x": X})
     savemat(tmp_path / "old.mat", {"out": OUT}, format="4")
     same(read(tmp_path / "old.mat"), {f"out[{k + 1}]": OUT[:, k] for k in range(3)})
-    with opened(tmp_path / "old.mat", None) as archive:
+    with open_table(tmp_path / "old.mat", None) as archive:
         assert [archive.column(2), archive.column("out[3]")] == ["out[2]", "out[3]"]
     save_to_mat(tmp_path / "new.mat", {name: variables[name] for name in ("out", "row", "data", "flags")})
     same(
@@ -141,7 +141,7 @@ def test_objects_of_matlab_and_ltpda(tmp_path, version):
         "an object of class timetable with the columns times.Time, times.x, times.y"
     )
     same(read(path, "nested.ao.data"), {"xaxis": T, "yaxis": X})
-    with opened(path, "times") as archive:
+    with open_table(path, "times") as archive:
         assert archive.column(2) == "x"
 
 

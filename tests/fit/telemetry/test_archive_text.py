@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from fit.errors import InputError
-from fit.telemetry.archives import opened
+from fit.telemetry.archives import open_table
 
 NAN = float("nan")
 SAMPLES = [[0.0, 1e-9, -1.5], [1.0, 2e-9, -2.5], [2.0, 3e-9, -3.5]]
@@ -89,11 +89,10 @@ LAYOUTS = {
 
 def columns(path):
     """All columns of an archive that are numbers or texts, with units."""
-    with opened(path, None) as table:
+    with open_table(path, None) as table:
         found = {}
         for name, column in table.columns.items():
-            rows = table.texts(name) if column.text else (block for (block,) in table.whitened_runs([name]))
-            found[name] = (column.unit, [value for block in rows for value in block])
+            found[name] = (column.unit, list((table.texts if column.is_text else table.numbers)(name)))
             assert len(found[name][1]) == column.size
         return found
 
@@ -139,13 +138,11 @@ def test_a_bomb_of_a_text(tmp_path):
 
 
 def test_long_texts_come_in_blocks(tmp_path, monkeypatch):
-    monkeypatch.setattr("fit.telemetry.archives.table.BLOCK", 100)
+    monkeypatch.setattr("fit.telemetry.archives.text._BLOCK", 100)
     lines = "".join(f"{i},-{i}.5,{STAMPS[i % 3]}\n" for i in range(1050))
     (tmp_path / "a.csv").write_text("n,x,t\n" + lines)
     expected = {"n": (None, range(1050)), "x": (None, [-i - 0.5 for i in range(1050)])}
     check(columns(tmp_path / "a.csv"), expected | {"t": (None, 350 * STAMPS)})
-    with opened(tmp_path / "a.csv", None) as table:
-        assert [len(block) for block in table.texts("t")] == 10 * [100] + [50]
 
 
 REFUSALS = {
@@ -174,13 +171,13 @@ def test_one_sentence_for_what_is_wrong(tmp_path, fault):
     text, expected = REFUSALS[fault]
     (tmp_path / "a.csv").write_text(text)
     refused = pytest.raises(InputError, match=rf"a\.csv: {expected}")
-    with refused, opened(tmp_path / "a.csv", None) as table:
-        list(table.whitened_runs(["t", "x"]))
+    with refused, open_table(tmp_path / "a.csv", None) as table:
+        table.numbers("t"), table.numbers("x")
 
 
 def test_columns_by_name_and_number(tmp_path):
     (tmp_path / "a.csv").write_text("t [s],x12 [nm],a,a\n0,1,2,3\n1,2,3,4\n")
-    with opened(tmp_path / "a.csv", None) as table:
+    with open_table(tmp_path / "a.csv", None) as table:
         assert [table.column(key) for key in ("t", "t [s]", 1, "x12", 2, 3, 4)] == [
             *("t [s]", "t [s]", "t [s]", "x12 [nm]", "x12 [nm]", "3", "4"),
         ]

@@ -202,13 +202,6 @@ def test_no_time_column(runs, tmp_path):
     np.testing.assert_allclose(read(path).time, 2.0 * runs[0].time)
 
 
-def test_large_files_come_in_blocks(archive, runs, tmp_path, monkeypatch):
-    monkeypatch.setattr("fit.telemetry.archives.table.BLOCK", 1000)
-    for suffix in FORMATS:
-        first, _ = convert([archive(suffix)], tmp_path / "telemetry", any_gaps=False)
-        np.testing.assert_array_equal(read(first).channels["o_12"], runs[0].channels["o_12"])
-
-
 @pytest.mark.long
 def test_fit_report_and_delta_g_of_a_map(lpfcosim, archive, contract, tmp_path):
     where = archive("csv")

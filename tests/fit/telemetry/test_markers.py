@@ -90,6 +90,4 @@ def test_guidance_may_step_by_any_number(tmp_path, columns, step):
 
 
 def test_guidance_is_not_a_fill_value():
-    extreme = Extreme()
-    extreme.add(np.where(np.arange(N) % 100, 0.0, -1e20))
-    assert extreme.is_marker("guidance_o_12")
+    assert Extreme.of(np.where(np.arange(N) % 100, 0.0, -1e20)).is_marker("guidance_o_12")
