@@ -21,7 +21,7 @@ from fit.false_alarms import chi2_limit, p_limit, sigma_limit
 from fit.model import dynamics
 from fit.parallel import parallel_map
 from fit.parameters import DELAYS
-from fit.quality import constancy, initial_fit
+from fit.quality import initial_fit
 from fit.spectra import windowing
 from fit.warnings import Cause, FitWarning, either
 from fit.whitening import Experiment, whitened_run
@@ -205,7 +205,7 @@ def run_misfit(
     run = experiment.sysid
     tau = initial_fit.initial_fit(run).tau
     terms, columns = run.spectra(tau), run.columns(tau)
-    S = constancy.noise_psd(experiment).expected(terms.f)
+    S = initial_fit.initial_noise_psd(experiment).expected(terms.f)
     U = whitened_run.as_real(whitened_run.whiten(terms, S)[0])
     test = ScoreTest(U[:, 0], U[:, 1:])
     w, series = terms.window, RunSeries(run, columns, np.array([1.0, *-test.refit.amounts]), largest_force)

@@ -22,7 +22,6 @@ __all__ = [
     "MaskedExperiment",
     "as_fit",
     "command_jumps",
-    "constancy",
     "fit_quality",
     "glitch_search_enabled",
     "has_spectra",

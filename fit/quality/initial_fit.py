@@ -8,9 +8,9 @@ from numpy.typing import NDArray
 
 from fit.errors import InputError
 from fit.model import dynamics
-from fit.parameters import DELAYS
-from fit.spectra import Spectrum
-from fit.whitening import Experiment, Run, whitened_run
+from fit.parameters import DELAYS, experiment_parameters
+from fit.spectra import NoiseModel, Spectrum, fit_noise
+from fit.whitening import Experiment, ResidualSpectrum, Run, fit_residual_noise, whitened_run
 
 MAX_DELAY_OFFSET = 0.3  # s from the delays of the flight, up to which an expansion about these will do
 MAX_DELAY = 60.0  # s: what seems to be later is no delay
@@ -105,3 +105,22 @@ def lstsq_coefficients(U: Spectrum) -> NDArray[np.float64]:
     rounding = len(rows) * np.finfo(np.float64).eps
     c = np.linalg.lstsq(R[:, 1:], -R[:, 0] * scale[0], rcond=rounding)[0] / scale[1:]
     return np.array([1.0, *c])
+
+
+def initial_noise_psd(experiment: Experiment) -> NoiseModel:
+    """Return the PSD of the noise run under the dynamics of the flight, whatever the sysid run contains.
+
+    Without a noise run it is that of the residual of the sysid run.
+    """
+    run = experiment.noise or experiment.sysid
+    terms = run.spectra(DELAYS)
+    if experiment.noise:
+        flight = experiment_parameters(run.telemetry.authority, run.telemetry.alignment_epoch)
+        theta = [flight[name].value if name in flight else 0.0 for name in run.channels.parameters]
+        return fit_residual_noise(
+            ResidualSpectrum(terms, dynamics.coefficients(np.array(theta), DELAYS)), None
+        )
+    c = lstsq_coefficients(whitened_run.whiten(terms, np.ones(terms.f.size))[0])
+    model = fit_noise(terms.f, *ResidualSpectrum(terms, c).power(None))
+    c = lstsq_coefficients(whitened_run.whiten(terms, model(terms.f))[0])
+    return fit_noise(terms.f, *ResidualSpectrum(terms, c).power(model))

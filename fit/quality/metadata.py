@@ -16,11 +16,12 @@ from numpy.typing import NDArray
 
 from fit.model import dynamics
 from fit.parallel import parallel_map
-from fit.quality import authority, constancy, duplicates, samples
+from fit.quality import authority, duplicates, samples
 from fit.quality.channel_units import unit_faults
 from fit.quality.exclusions import Evidence, Exclusion, join_messages
 from fit.quality.jumps import command_jumps
 from fit.quality.loop_response import response_faults
+from fit.quality.structural_break import KINDS, structural_break
 from fit.telemetry import Telemetry, utc
 from fit.warnings import Cause, FitWarning
 from fit.whitening import Experiment, Run
@@ -106,8 +107,9 @@ def screen(experiments: Sequence[Experiment]) -> ScreeningReport:
 
 def changes(experiments: Sequence[Experiment]) -> ScreeningReport:
     """Return the experiments, glitches masked, of which parts obey different equations."""
-    breaks = _each(_structural_breaks, evidence="misfit")
-    return Check(breaks, dict.fromkeys(("break", "jump", "wild sample"), "structural_break")).apply(
+    n = len(experiments)
+    breaks = _each(lambda e: _structural_breaks(e, n), evidence="misfit")
+    return Check(breaks, dict.fromkeys((*KINDS, "jump", "wild sample"), "structural_break")).apply(
         experiments
     )
 
@@ -159,12 +161,12 @@ def _authority_faults(e: Experiment) -> Iterator[Cause]:
     return chain.from_iterable(authority.check_authority(run.telemetry) for run in _runs(e))
 
 
-def _structural_breaks(e: Experiment) -> list[Cause]:
+def _structural_breaks(e: Experiment, n_experiments: int) -> list[Cause]:
     """Return why the parts of a run obey different equations, if they do."""
-    message, run = constancy.change(e), e.sysid.telemetry
-    if not message:
+    cause, run = structural_break(e, n_experiments), e.sysid.telemetry
+    if cause is None:
         return []
-    return list(command_jumps(run)) or [Cause(run.run, "", "break", words=message, file=str(run.path))]
+    return list(command_jumps(run)) or [replace(cause, run=run.run, file=str(run.path))]
 
 
 def _gap(a: Telemetry, b: Telemetry) -> float:

@@ -24,6 +24,8 @@ class Cause:
         The cause as a clause of a sentence.
     file : str
         File of the run; empty where `words` name what they are about.
+    onset : float or None
+        Since when, from the start of the run [s]; None if that is unknown, or it was always so.
     """
 
     run: str
@@ -34,6 +36,7 @@ class Cause:
     unit: str = "1"
     words: str = ""
     file: str = ""
+    onset: float | None = None
 
     @property
     def sentence(self) -> str:
