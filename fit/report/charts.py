@@ -10,7 +10,7 @@ from markupsafe import Markup, escape
 from numpy.typing import NDArray
 
 from fit.figures import Axis, Chart, Curve, Matrix, Note, Panel, Points, Span
-from fit.report.parts import Drawing, Shown
+from fit.report.section import FigureSpec, RenderedFigure
 from fit.tables import symbol
 
 Array = NDArray[np.float64]
@@ -19,23 +19,23 @@ WIDTH = 3.375  # inch, of which the panels have their heights
 _SHORT = 64  # numbers that are written out
 
 
-def shown(drawing: Drawing) -> Shown:
+def render(spec: FigureSpec) -> RenderedFigure:
     """Return a figure as the page has it."""
-    figure = drawing.draw()
+    figure = spec.draw()
     if isinstance(figure, Markup):
         element = figure
     elif isinstance(figure, Matrix):
         element = _matrix(figure)
     else:
-        element = _chart(figure, drawing.description)
-    return Shown(element, drawing.caption, drawing.name)
+        element = _chart(figure, spec.description)
+    return RenderedFigure(element, spec.caption, spec.name)
 
 
 def _chart(chart: Chart, description: str) -> Markup:
     """Return a place for a chart, with its numbers for the script."""
     arrays = _Arrays()
     panels = [_panel(panel, arrays) for panel in chart.panels]
-    document = {"beside": chart.n_across, "panels": panels, "arrays": arrays.told}
+    document = {"beside": chart.n_across, "panels": panels, "arrays": arrays.encoded}
     # in a script, only this could end it
     data = json.dumps(document, ensure_ascii=False, separators=(",", ":")).replace("<", "\\u003c")
     return Markup(
@@ -56,7 +56,7 @@ class _Arrays:
     """Arrays of a figure, each once: short ones as numbers, long ones as float32 in base64."""
 
     def __init__(self) -> None:
-        self.told: list[object] = []
+        self.encoded: list[object] = []
         self._known: dict[bytes, int] = {}
 
     def add(self, values: Array | None, factor: float = 1.0) -> int | None:
@@ -66,8 +66,8 @@ class _Arrays:
         scaled = np.ascontiguousarray(values, dtype=np.float64) * factor
         key = scaled.tobytes()
         if key not in self._known:
-            self._known[key] = len(self.told)
-            self.told.append(self._written(scaled))
+            self._known[key] = len(self.encoded)
+            self.encoded.append(self._written(scaled))
         return self._known[key]
 
     @staticmethod

@@ -7,34 +7,31 @@ from functools import partial
 from fit.figures import motion as figures_motion
 from fit.parallel import parallel_map
 from fit.parameters import Parameter, cross_talk_parameter, misalignments
-from fit.report.noise import Products
-from fit.report.parts import Drawing, Part
+from fit.report.noise import DeltaGCache
+from fit.report.section import FigureSpec, Section
 from fit.report.verdict import biased
 from fit.results import Estimate, Fit, Results
-from fit.tables import parameters as tables
+from fit.tables import measurement, parameter_table
 from fit.telemetry import Telemetry, XAxis, inertial_period
 
 _B = ("b_1", "b_2", "b_3", "b_4", "b_5", "b_6")
 
 
-def sections(results: Results, telemetries: Sequence[Telemetry], products: Products) -> list[Part]:
+def sections(results: Results, telemetries: Sequence[Telemetry], cache: DeltaGCache) -> list[Section]:
     """Return the sections."""
 
-    def inertial(period: str) -> Part:
+    def inertial(period: str) -> Section:
         runs = [t for t in telemetries if t.kind == "noise" and inertial_period(t) == period]
-        taking_part = [t for t in runs if t.run in _runs_of(results, period)]
-        part = _inertial(period, results.inertial[period], results.provenance.frame)
-        return replace(part, drawings=_drawings(results, period, taking_part, products))
+        names = (results.provenance.inertial_runs or {}).get(period, ())
+        taking_part = [t for t in runs if t.run in names]
+        section = _inertial(period, results.inertial[period], results.provenance.frame)
+        return replace(section, figures=_specs(results, period, taking_part, cache))
 
     cross_talk = [_cross_talk(epoch, fit) for epoch, fit in results.cross_talk.items()]
     return cross_talk + parallel_map(inertial, results.inertial)
 
 
-def _runs_of(results: Results, period: str) -> Sequence[str]:
-    return (results.provenance.inertial_runs or {}).get(period, ())
-
-
-def _cross_talk(epoch: str, fit: Fit) -> Part:
+def _cross_talk(epoch: str, fit: Fit) -> Section:
     caption = (
         "Cross-talk of the spacecraft's motion (eq. bump), fitted along with the dynamics. Noise in the "
         "read-outs attenuates what least squares finds, b3 to b6 most of all. That subtracts best, and the "
@@ -42,8 +39,8 @@ def _cross_talk(epoch: str, fit: Fit) -> Part:
         "the same motion. Those that the warnings say are biased have no pull."
     )
     fit = replace(fit, parameters={**fit.parameters, **_without_pull(fit)})
-    table = tables.table(fit, [_scaled(cross_talk_parameter(name), fit) for name in _B])
-    return Part(f"b{epoch}", f"Cross-talk, alignment epoch {epoch}", caption, table=table)
+    table = parameter_table(fit, [_scaled(cross_talk_parameter(name), fit) for name in _B])
+    return Section(f"b{epoch}", f"Cross-talk, alignment epoch {epoch}", caption, parameters=table)
 
 
 def _without_pull(fit: Fit) -> dict[str, Estimate]:
@@ -58,19 +55,19 @@ def _scaled(parameter: Parameter, fit: Fit) -> Parameter:
     return replace(parameter, value=estimate.value) if estimate else parameter
 
 
-def _inertial(period: str, fit: Fit, x_axis: XAxis) -> Part:
+def _inertial(period: str, fit: Fit, x_axis: XAxis) -> Section:
     caption = (
         "Misalignment of the line through the test masses, from the Euler force between 30 µHz and 2 mHz. "
         "Flight: table Eulerfit. A force along x that the torques leak cannot be told from it."
     )
     if fit.centrifugal:
-        coefficient = tables.number(fit.centrifugal.value, fit.centrifugal.sigma)
+        coefficient = measurement(fit.centrifugal.value, fit.centrifugal.sigma)
         caption += (
-            f" The coefficient of the centrifugal term, left free, comes out as {coefficient.value} ± "
-            f"{coefficient.sigma}; 1 is expected with +x {x_axis}, −1 in the other frame."
+            f" The coefficient of the centrifugal term, left free, comes out as {coefficient}; 1 is expected "
+            f"with +x {x_axis}, −1 in the other frame."
         )
-    table = tables.table(fit, parameters(period, fit))
-    return Part(f"p{period}", f"Rotation, inertial period {period}", caption, table=table)
+    table = parameter_table(fit, parameters(period, fit))
+    return Section(f"p{period}", f"Rotation, inertial period {period}", caption, parameters=table)
 
 
 def parameters(period: str, fit: Fit) -> list[Parameter]:
@@ -78,12 +75,12 @@ def parameters(period: str, fit: Fit) -> list[Parameter]:
     return [p if p.flown else _scaled(p, fit) for p in misalignments(period)]
 
 
-def _drawings(
-    results: Results, period: str, runs: Sequence[Telemetry], products: Products
-) -> tuple[Drawing, ...]:
+def _specs(
+    results: Results, period: str, runs: Sequence[Telemetry], cache: DeltaGCache
+) -> tuple[FigureSpec, ...]:
     if results.joint is None or not runs:
         return ()
-    terms = parallel_map(products.terms, runs)
+    terms = parallel_map(cache.terms, runs)
     rates = [term.fs for term in terms]
     if max(rates) - min(rates) > 1e-6 or any("g_Omega" not in term.channels for term in terms):
         return ()  # no common spectrum, or a frame that is refused
@@ -92,21 +89,21 @@ def _drawings(
     counted = f"{len(runs)} run{'s' * (len(runs) > 1)}"
     days = sum(run.duration for run in runs) / 86400
     loud_runs = [run.run for run, term in zip(runs, terms, strict=True) if "louder_bands" in term.attributes]
-    figures = (
+    loud_text = (
         f" In {', '.join(loud_runs)} Δg is louder than Δg_x in some band: lpfcosim deltag names it."
         if loud_runs
         else ""
     )
     return (
-        Drawing(
+        FigureSpec(
             f"p{period}i-inertial",
             "Amplitude spectral densities before and after the correction for rotation",
             f"Correction for rotation, {days:.3g} days in {counted}. The centrifugal and the Euler "
             f"term make up what Δg loses: at 0.1 mHz its spectral density falls by a factor of {ratio:.2f} "
-            f"± {error:.2f}. Bands: ±1 σ of the averages.{figures}",
+            f"± {error:.2f}. Bands: ±1 σ of the averages.{loud_text}",
             partial(figures_motion.rotation, log_spectra),
         ),
-        Drawing(
+        FigureSpec(
             f"p{period}b-breakdown",
             "Amplitude spectral densities of the terms that add up to the differential acceleration",
             "Breakdown of Δg in the same runs: second derivative of the read-out, commanded force, the two "

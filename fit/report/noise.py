@@ -13,11 +13,10 @@ from fit.figures import noise as figures
 from fit.figures import series
 from fit.parallel import parallel_map
 from fit.parameters import effective_authority
-from fit.report.parts import Drawing, Part, started
+from fit.report.section import FigureSpec, Section, start_time
 from fit.results import Results
 from fit.spectra import Estimator, LogSpectrum, log_psd
-from fit.tables import Cell, Grid, Line
-from fit.tables import parameters as tables
+from fit.tables import Cell, Measurement, Table, measurement
 from fit.telemetry import Telemetry
 from fit.warnings import masked_spans
 
@@ -29,19 +28,19 @@ _UNMASKED_SHARE = 0.5  # share of a run that glitches must leave for its level t
 
 
 @dataclass(frozen=True)
-class Total:
+class DeltaG:
     """Delta g [m s^-2] of a run, shape (N,), NaN where samples are missing, and its sample rate [Hz]."""
 
     delta_g: Array
     fs: float
 
 
-class Products:
+class DeltaGCache:
     """Delta g of runs, calibrated once each: of what was asked for before, the total is kept."""
 
     def __init__(self, results: Results) -> None:
         self._results = results
-        self._totals: dict[str, Total] = {}
+        self._totals: dict[str, DeltaG] = {}
         fits = [*results.experiments.values(), *results.inertial.values()]
         self._warnings = [w for fit in fits for w in fit.warnings if w.code == "glitches"]
 
@@ -52,17 +51,17 @@ class Products:
         if mask.any():
             channels = {name: np.where(mask, np.nan, x) for name, x in product.channels.items()}
             product = replace(product, channels=channels)
-        self._totals[run.run] = Total(product.channels["delta_g"], product.fs)
+        self._totals[run.run] = DeltaG(product.channels["delta_g"], product.fs)
         return product
 
-    def total(self, run: Telemetry) -> Total:
+    def total(self, run: Telemetry) -> DeltaG:
         """Return Delta g alone."""
         if run.run not in self._totals:
             self.terms(run)
         return self._totals[run.run]
 
 
-def sections(results: Results, telemetries: Sequence[Telemetry], products: Products) -> list[Part]:
+def sections(results: Results, telemetries: Sequence[Telemetry], products: DeltaGCache) -> list[Section]:
     """Return the section, where there are two noise runs or more and a joint fit to calibrate them with."""
     runs = [t for t in telemetries if t.kind == "noise" and t.duration >= 0.995 * _SHORTEST]
     if results.joint is None or results.joint.unsound:
@@ -72,15 +71,15 @@ def sections(results: Results, telemetries: Sequence[Telemetry], products: Produ
     if len(runs) < 2:
         return []
     points = parallel_map(lambda run: _point(run, products.total(run)), runs)
-    drawings = (
-        Drawing(
+    specs = (
+        FigureSpec(
             "noise-spectra",
             "Amplitude spectral densities of Delta g in the longest noise run of each year",
             "Δg of the longest noise run of each year, all corrections made, beside what LISA asks of two "
             "test masses. Bands: ±1 σ of the averages.",
             partial(figures.spectra, _spectra(runs, products)),
         ),
-        Drawing(
+        FigureSpec(
             "noise-date",
             "Level of Delta g in every noise run against date, in two bands",
             "Level of Δg in every noise run (root of the mean power) beside its glitches, all corrections "
@@ -88,7 +87,7 @@ def sections(results: Results, telemetries: Sequence[Telemetry], products: Produ
             "Squares: what the flight found above 1 and 2 mHz. Dashed: what LISA asks of two test masses.",
             partial(figures.by_date, points),
         ),
-        Drawing(
+        FigureSpec(
             "noise-authority",
             "Level of Delta g in every noise run against the authority of the actuation, in two bands",
             "The same levels against the effective authority, √Σ(F_max + N_max / l)² with l = 11 mm (a "
@@ -96,22 +95,22 @@ def sections(results: Results, telemetries: Sequence[Telemetry], products: Produ
             partial(figures.by_authority, points),
         ),
     )
-    return [Part("noise", "Noise of Δg", grids=(_grid(points),), drawings=drawings)]
+    return [Section("noise", "Noise of Δg", tables=(_table(points),), figures=specs)]
 
 
-def _point(run: Telemetry, total: Total) -> figures.NoisePoint:
+def _point(run: Telemetry, total: DeltaG) -> figures.NoisePoint:
     estimator = Estimator(np.isfinite(total.delta_g), total.fs, _HIGHEST)
     return figures.NoisePoint(
         run.run,
-        started(run),
+        start_time(run),
         effective_authority(run.authority),
         {name: estimator.level(total.delta_g, band) for name, band in figures.BANDS.items()},
     )
 
 
-def _spectra(runs: Sequence[Telemetry], products: Products) -> Mapping[str, LogSpectrum]:
+def _spectra(runs: Sequence[Telemetry], products: DeltaGCache) -> Mapping[str, LogSpectrum]:
     """Return the spectrum of the longest run of each year; of several the latest, in the first year not."""
-    runs = sorted(runs, key=started)
+    runs = sorted(runs, key=start_time)
     first_year, longest = runs[0].t0[:4], dict[str, Telemetry]()
     for run in runs:
         year = run.t0[:4]
@@ -122,20 +121,20 @@ def _spectra(runs: Sequence[Telemetry], products: Products) -> Mapping[str, LogS
     return {name: log_psd([total.delta_g], total.fs) for name, total in totals.items()}
 
 
-def _grid(points: Sequence[figures.NoisePoint]) -> Grid:
-    lines = [
-        Line(escape(p.name), (str(p.start)[:10], f"{1e12 * p.authority:.0f}", *_levels(p)))
+def _table(points: Sequence[figures.NoisePoint]) -> Table:
+    rows: list[tuple[Cell, ...]] = [
+        (escape(p.name), str(p.start)[:10], f"{1e12 * p.authority:.0f}", *_levels(p))
         for p in sorted(points, key=lambda p: p.start)
     ]
-    requirements = tuple(f"{1e15 * figures.required(band):.2f}" for band in figures.BANDS.values())
-    lines.append(Line(escape("LISA requirement"), ("", "", *requirements)))
+    requirements = (f"{1e15 * figures.required(band):.2f}" for band in figures.BANDS.values())
+    rows.append(("LISA requirement", "", "", *requirements))
     caption = (
         "Level of Δg in each noise run, root of the mean power of the band in fm s⁻²/√Hz, and the effective "
         "authority in pN."
     )
-    return Grid(caption, ("Run", "Start", "Authority", *figures.BANDS), tuple(lines))
+    return Table(("Run", "Start", "Authority", *figures.BANDS), tuple(rows), caption)
 
 
-def _levels(point: figures.NoisePoint) -> tuple[Cell, ...]:
+def _levels(point: figures.NoisePoint) -> tuple[Measurement, ...]:
     levels = [point.levels[band] for band in figures.BANDS]
-    return tuple(tables.number(1e15 * v.asd, 1e15 * (v.high - v.low) / 2) for v in levels)
+    return tuple(measurement(1e15 * v.asd, 1e15 * (v.high - v.low) / 2) for v in levels)

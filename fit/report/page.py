@@ -8,7 +8,6 @@ from dataclasses import replace
 from functools import cache
 from importlib import resources
 from pathlib import Path
-from typing import TypeVar
 
 from jinja2 import Environment, PackageLoader, StrictUndefined, Template
 from markupsafe import Markup
@@ -17,25 +16,18 @@ from fit.figures import COLOURS
 from fit.files import atomic
 from fit.parallel import one_blas_thread, parallel_map, progress_stage
 from fit.parameters import joint_names, joint_parameter
-from fit.report import charts
-from fit.report import experiments as report_experiments
-from fit.report import identified as report_identified
-from fit.report import motion as report_motion
-from fit.report import noise as report_noise
-from fit.report import sampling as report_sampling
-from fit.report import together as report_mission
-from fit.report.noise import Products
-from fit.report.parts import Drawing, Part
-from fit.report.verdict import matters, verdict
+from fit.report import charts, experiments, identification, mission, motion, noise, sampling
+from fit.report.section import FigureSpec, Section
+from fit.report.verdict import verdict, warning_groups
 from fit.results import Results
-from fit.tables import parameters as tables
+from fit.tables import LIMIT, parameter_table, signed
 from fit.telemetry import Telemetry
 
 #: In the order in which the page runs them.
 SCRIPTS = ("templates/ticks.js", "uplot/uPlot.iife.min.js", "templates/chart.js", "templates/page.js")
-_Section = TypeVar("_Section", report_experiments.Section, Part)
+N_OPEN = 4  # experiments at most, whose sections stand open
 _DIGITS = 12  # of a digest, in short
-_SPREAD = ("settings", "versions")  # tables with a line for each entry
+_NESTED = ("settings", "versions")  # tables with a line for each entry
 
 
 @one_blas_thread
@@ -63,69 +55,60 @@ def write_report(directory: Path, results: Results, telemetries: Sequence[Teleme
     """
     joint = results.joint
     names = joint_names(t.alignment_epoch for t in telemetries if t.kind == "sysid")
-    joint_table = None if joint is None else tables.table(joint, [joint_parameter(name) for name in names])
+    joint_table = joint and parameter_table(joint, [joint_parameter(name) for name in names])
+    delta_g = noise.DeltaGCache(results)
     progress_stage(0.3 if results.inertial else 0.8)
-    sections = _drawn(report_experiments.sections(results, telemetries))
-    products = Products(results)
+    single_sections = _rendered(experiments.sections(results, telemetries))
     progress_stage(0.8)
-    motion = _drawn(report_motion.sections(results, telemetries, products))
+    motion_sections = _rendered(motion.sections(results, telemetries, delta_g))
     progress_stage(1.0)
-    parts = _drawn(_fill_caches(directory, results, telemetries, products))
+    sections = [
+        *mission.sections(results, telemetries),
+        *noise.sections(results, telemetries, delta_g),
+        *identification.sections(results, directory),
+        *sampling.sections(results, directory),
+    ]
+    single_tables = [section.parameters for section in single_sections if section.parameters]
     page = _template().render(
-        title=_title(directory, results, telemetries),
+        title=_text(_entry("campaign", results, telemetries)) or directory.resolve().name,
         facts=_summary(results, telemetries),
-        verdict=verdict(results, [joint_table] if joint_table else [s.table for s in sections]),
-        matters=matters(results),
+        verdict=verdict(results, [joint_table] if joint_table else single_tables),
+        warning_groups=warning_groups(results),
         joint=joint,
         joint_table=joint_table,
-        overview=report_experiments.overview(results, telemetries),
-        sections=sections,
-        open=len(sections) <= report_experiments.OPEN,
-        motion=motion,
-        parts=parts,
+        overview=experiments.overview(results, telemetries),
+        experiments=single_sections,
+        is_open=len(single_sections) <= N_OPEN,
+        sections=[*motion_sections, *_rendered(sections)],
         runs=telemetries,
         provenance=_provenance(results, telemetries),
         colours=COLOURS,
-        limit=tables.LIMIT,
-        signed=tables.signed,
         **_scripts(),
     )
     atomic.write(path := directory / "report.html", page)
     return path
 
 
-def _fill_caches(
-    directory: Path, results: Results, telemetries: Sequence[Telemetry], products: Products
-) -> list[Part]:
-    """Return the sections at the end of the page."""
-    return [
-        *report_mission.sections(results, telemetries),
-        *report_noise.sections(results, telemetries, products),
-        *report_identified.sections(results, directory),
-        *report_sampling.sections(results, directory),
-    ]
-
-
-def drawings(results: Results, telemetries: Sequence[Telemetry]) -> list[Drawing]:
+def figure_specs(results: Results, telemetries: Sequence[Telemetry]) -> list[FigureSpec]:
     """Return all figures of the report but those that other commands left, not yet drawn."""
-    products = Products(results)
-    sections: list[report_experiments.Section | Part] = [
-        *report_experiments.sections(results, telemetries),
-        *report_motion.sections(results, telemetries, products),
-        *report_mission.sections(results, telemetries),
-        *report_noise.sections(results, telemetries, products),
+    delta_g = noise.DeltaGCache(results)
+    sections = [
+        *experiments.sections(results, telemetries),
+        *motion.sections(results, telemetries, delta_g),
+        *mission.sections(results, telemetries),
+        *noise.sections(results, telemetries, delta_g),
     ]
-    return [d for section in sections for d in section.drawings if isinstance(d, Drawing)]
+    return [spec for section in sections for spec in section.figures if isinstance(spec, FigureSpec)]
 
 
-def _drawn(sections: Sequence[_Section]) -> list[_Section]:
+def _rendered(sections: Sequence[Section]) -> list[Section]:
     """Return sections with their figures as elements of the page; threads share the work."""
 
-    def shown(section: _Section) -> _Section:
-        charts_shown = [charts.shown(drawing) for drawing in section.drawings if isinstance(drawing, Drawing)]
-        return replace(section, drawings=tuple(charts_shown))
+    def rendered(section: Section) -> Section:
+        specs = [spec for spec in section.figures if isinstance(spec, FigureSpec)]
+        return replace(section, figures=tuple(map(charts.render, specs)))
 
-    return parallel_map(shown, sections)
+    return parallel_map(rendered, sections)
 
 
 @cache
@@ -138,6 +121,7 @@ def _template() -> Template:
         trim_blocks=True,
         lstrip_blocks=True,
     )
+    environment.globals.update(limit=LIMIT, signed=signed)
     return environment.get_template("report.html.jinja")
 
 
@@ -150,16 +134,11 @@ def _scripts() -> dict[str, object]:
     return {"scripts": [Markup(text) for text in texts], "digests": digests, "chart_style": Markup(style)}
 
 
-def _title(directory: Path, results: Results, telemetries: Sequence[Telemetry]) -> str:
-    """Return the name of the campaign or, without one, that of the folder."""
-    return _text(_entry("campaign", results, telemetries)) or directory.resolve().name
-
-
 def _summary(results: Results, telemetries: Sequence[Telemetry]) -> dict[str, str]:
     """Return what was run in a few words each; what is not known has no entry."""
     facts = {
         "Telemetry": _extent(results, telemetries),
-        "Software": _software(results, telemetries),
+        "Software": ", ".join(map(" ".join, (results.provenance.versions or {}).items())),
         "Campaign digest": _text(_entry("campaign_digest", results, telemetries))[:_DIGITS],
         "Seed": _text(_entry("seed", results, telemetries)),
         "Fit": _settings(results),
@@ -171,7 +150,7 @@ def _provenance(results: Results, telemetries: Sequence[Telemetry]) -> dict[str,
     """Return all that is recorded of the origin, every fact once."""
     entries: dict[str, str] = {}
     for name, value in results.provenance.entries().items():
-        items = value if isinstance(value, dict) and name in _SPREAD else {"": value}
+        items = value if isinstance(value, dict) and name in _NESTED else {"": value}
         entries |= {f"{name}.{key}" if key else name: _text(item) or "–" for key, item in items.items()}
     common = {name: value for name, value in _common(telemetries).items() if entries.get(name) != value}
     return entries | {f"telemetry: {name}": value for name, value in common.items()}
@@ -214,15 +193,6 @@ def _extent(results: Results, telemetries: Sequence[Telemetry]) -> str:
         f"{_count(len(results.experiments), 'experiment')}, {_count(noise, 'noise run')}; "
         f"{hours:.4g} h at {rates} Hz, {when}"
     )
-
-
-def _software(results: Results, telemetries: Sequence[Telemetry]) -> str:
-    if versions := results.provenance.versions:
-        return ", ".join(f"{name} {version}" for name, version in versions.items())
-    recorded = results.provenance.entries().items()
-    versions = _common(telemetries) | {name: _text(value) for name, value in recorded}
-    named = [(name.removesuffix("_version"), v) for name, v in versions.items() if name.endswith("_version")]
-    return ", ".join(f"{name} {version}" for name, version in named)
 
 
 def _settings(results: Results) -> str:

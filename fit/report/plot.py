@@ -7,21 +7,22 @@ name such as ``"A"``. A name that is not there raises an `InputError`.
 
 import base64
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from markupsafe import Markup
+
 from fit.errors import InputError
-from fit.figures import Figure, analysis
+from fit.figures import Figure
 from fit.figures import runs as figures_runs
 from fit.figures import stiffness as figures_stiffness
 from fit.plotting import Plot as Drawn
 from fit.plotting import drawn, save, svg
-from fit.report.experiments import parameters
+from fit.report.experiments import figure_specs, parameters
 from fit.report.stiffness import stiffness_points
 from fit.results import Results
 from fit.telemetry import Telemetry
-from fit.warnings import masked_spans
 
 SCALE = 2.2  # a figure of one column of a journal's page, on a screen
 
@@ -43,66 +44,54 @@ class Plot(Drawn):
 
 def responses(runs: Sequence[Telemetry], experiment: str) -> Plot:
     """Draw the injections, and the responses of o_1, o_12 and f_x_1 (if commanded), against time."""
-    return _drawn(figures_runs.responses, _sysid(runs, experiment))
+    return _draw(figures_runs.responses(_runs(runs, experiment)["sysid"]))
 
 
 def spectra(results: Results, runs: Sequence[Telemetry], experiment: str) -> Plot:
     """Draw the ASD of signal, residual and noise run of an experiment."""
-    run = _fitted(results, runs, experiment)
-    return _drawn(figures_runs.acceleration, *_analysed(results, runs, run))
+    return _experiment_plot(results, runs, experiment, "spectra")
 
 
 def breakdown(results: Results, runs: Sequence[Telemetry], experiment: str) -> Plot:
     """Draw the ASD of every term that adds up to the residual Delta g of an experiment."""
-    run = _fitted(results, runs, experiment)
-    return _drawn(figures_runs.breakdown, _analysis(results, run, run))
+    return _experiment_plot(results, runs, experiment, "breakdown")
 
 
 def residual(results: Results, runs: Sequence[Telemetry], experiment: str) -> Plot:
     """Draw signal and residual Delta g of an experiment against time, the residual beside its noise run."""
-    run = _fitted(results, runs, experiment)
-    return _drawn(figures_runs.residual, run, *_analysed(results, runs, run))
+    return _experiment_plot(results, runs, experiment, "residual")
 
 
 def stiffness(results: Results, runs: Sequence[Telemetry], test_mass: int = 2) -> Plot:
-    """Draw omega2_2 against F_max_2 (or those of test mass 1): every experiment alone, and the model."""
+    """Draw omega2_2 against F_max_2 (or those of test mass 1): every single experiment, and the model."""
     points = list(stiffness_points(results, runs, test_mass).values())
     if not points:
         raise InputError(
             f"no experiment determines omega2_{test_mass} alone, expected at least one with its run"
         )
-    return _drawn(figures_stiffness.against_authority, points, results.joint)
+    return _draw(figures_stiffness.against_authority(points, results.joint))
 
 
-def _drawn(draw: Callable[..., Figure], *arguments: object) -> Plot:
-    return Plot(**vars(drawn(draw(*arguments))))
+def _draw(figure: Figure) -> Plot:
+    return Plot(**vars(drawn(figure)))
 
 
-def _sysid(runs: Sequence[Telemetry], experiment: str) -> Telemetry:
-    """Return the run of an experiment, and refuse one that is not there."""
-    sysid_runs = {run.experiment: run for run in runs if run.kind == "sysid"}
-    if experiment not in sysid_runs:
-        raise InputError(f"no sysid run of {experiment!r}, expected one of {', '.join(sysid_runs) or 'none'}")
-    return sysid_runs[experiment]
+def _runs(runs: Sequence[Telemetry], experiment: str) -> dict[str, Telemetry]:
+    """Return the runs of an experiment by kind, with injections at least."""
+    names = [run.experiment for run in runs if run.kind == "sysid"]
+    if experiment not in names:
+        raise InputError(f"no sysid run of {experiment!r}, expected one of {', '.join(names) or 'none'}")
+    return {run.kind: run for run in runs if run.experiment == experiment}
 
 
-def _fitted(results: Results, runs: Sequence[Telemetry], experiment: str) -> Telemetry:
-    run = _sysid(runs, experiment)
+def _experiment_plot(results: Results, runs: Sequence[Telemetry], experiment: str, name: str) -> Plot:
+    """Draw one of the figures that the report has of an experiment."""
+    pair = _runs(runs, experiment)
     if experiment not in results.experiments:
         known = ", ".join(results.experiments) or "none"
         raise InputError(f"the results have no experiment {experiment!r}, expected one of {known}")
-    return run
-
-
-def _analysed(
-    results: Results, runs: Sequence[Telemetry], run: Telemetry
-) -> tuple[analysis.Analysis, analysis.Analysis | None]:
-    """Return what the figures of a run and of its noise run show, None without one."""
-    noise = next((r for r in runs if r.experiment == run.experiment and r.kind == "noise"), None)
-    return _analysis(results, run, run), _analysis(results, run, noise) if noise else None
-
-
-def _analysis(results: Results, run: Telemetry, noise_run: Telemetry) -> analysis.Analysis:
-    """Return what the figures of a run, or of its noise run, show."""
-    spans = masked_spans(results.experiments[run.experiment].warnings, noise_run.run)
-    return analysis.analyse(noise_run, parameters(results, run), spans)
+    warnings, values = results.experiments[experiment].warnings, parameters(results, pair["sysid"])
+    specs = figure_specs("", experiment, (pair["sysid"], pair.get("noise")), values, warnings)
+    (figure,) = (spec.draw() for spec in specs if spec.name.endswith(f"-{name}"))
+    assert not isinstance(figure, Markup)
+    return _draw(figure)

@@ -9,11 +9,20 @@ from pydantic import BaseModel
 from fit.crosstalk import refit
 from fit.files import documents
 from fit.forecasting import Pulls, coverage
-from fit.report.parts import Drawing, Part
+from fit.report.section import FigureSpec, Section
 from fit.results import Results
 from fit.sampling import emcee_sampling
-from fit.tables import LIMIT, Grid, Line, flagged, name_head
-from fit.tables import parameters as tables
+from fit.tables import (
+    LIMIT,
+    Measurement,
+    Table,
+    highlight,
+    measurement,
+    name_head,
+    power_of_ten,
+    symbol,
+    unit_text,
+)
 
 _COVERAGE = 0.6827  # of a normal variable, within 1 sigma
 
@@ -52,7 +61,7 @@ class _Study(BaseModel):
     provenance: _Origin = _Origin()
 
 
-def sections(results: Results, directory: Path) -> list[Part]:
+def sections(results: Results, directory: Path) -> list[Section]:
     """Return a section for each of ``mcmc.json`` and ``montecarlo.json`` that ``directory`` holds.
 
     Raises
@@ -70,21 +79,16 @@ def sections(results: Results, directory: Path) -> list[Part]:
     return sections_found
 
 
-def _chain(chain: _Chain, results: Results, folder: Path) -> Part:
-    lines = []
+def _chain(chain: _Chain, results: Results, folder: Path) -> Section:
+    rows = []
     for name, p in chain.parameters.items():
-        exponent = tables.power_of_ten(p.mean)
-        lines.append(
-            Line(
-                name_head(tables.symbol(name), name, tables.unit_text(p.unit, exponent)),
-                (
-                    tables.number(p.mean, p.sigma, exponent),
-                    tables.number(p.shift_in_sigma, p.shift_error),
-                    tables.number(p.sigma_ratio, p.sigma_ratio_error),
-                    f"{p.tau:.0f}",
-                ),
-            )
+        exponent = power_of_ten(p.mean)
+        numbers = (
+            measurement(p.mean, p.sigma, exponent),
+            measurement(p.shift_in_sigma, p.shift_error),
+            measurement(p.sigma_ratio, p.sigma_ratio_error),
         )
+        rows.append((name_head(symbol(name), name, unit_text(p.unit, exponent)), *numbers, f"{p.tau:.0f}"))
     shift = max((abs(p.shift_in_sigma) for p in chain.parameters.values()), default=0.0)
     ratio = max((abs(p.sigma_ratio - 1) for p in chain.parameters.values()), default=0.0)
     text = Markup(
@@ -102,7 +106,7 @@ def _chain(chain: _Chain, results: Results, folder: Path) -> Part:
     if chain.constraints:
         text += " As the settings say: {}.".format("; ".join(chain.constraints))
     if not _belongs(chain, results):
-        text += flagged(" The chain is of another fit than this one; sample it anew (lpfcosim mcmc).", True)
+        text += highlight(" The chain is of another fit than this one; sample it anew (lpfcosim mcmc).", True)
     caption = (
         "Posterior of the joint fit, sampled by Markov chain Monte Carlo: mean and standard deviation, their "
         "distance from least squares in its σ and as a ratio, autocorrelation time in steps; each ± the "
@@ -116,9 +120,8 @@ def _chain(chain: _Chain, results: Results, folder: Path) -> Part:
         "Corner plot: contours of the chain hold 39 % and 86 % of it (1 and 2 σ), beside the ellipses of "
         "least squares and, where known, the truth. Axes: departure from least squares in units of its σ.",
     )
-    return Part(
-        "mcmc", "Posterior sampled", text, (Grid(caption, head, tuple(lines)),), pictures, is_stacked=True
-    )
+    table = Table(head, tuple(rows), caption)
+    return Section("mcmc", "Posterior sampled", text, tables=(table,), figures=pictures, is_stacked=True)
 
 
 def _belongs(chain: _Chain, results: Results) -> bool:
@@ -135,19 +138,17 @@ def _belongs(chain: _Chain, results: Results) -> bool:
     )
 
 
-def _study(study: _Study, folder: Path) -> Part:
-    lines = tuple(
-        Line(
-            name_head(tables.symbol(name), name),
-            (
-                str(p.n),
-                _against(p.pull_mean, p.pull_mean_error, 0.0),
-                _against(p.pull_std, p.pull_std_error, 1.0),
-                _against(100 * p.coverage_1sigma, 100 * p.coverage_1sigma_error, 100 * _COVERAGE),
-            ),
+def _study(study: _Study, folder: Path) -> Section:
+    rows = [
+        (
+            name_head(symbol(name), name),
+            str(p.n),
+            _against(p.pull_mean, p.pull_mean_error, 0.0),
+            _against(p.pull_std, p.pull_std_error, 1.0),
+            _against(100 * p.coverage_1sigma, 100 * p.coverage_1sigma_error, 100 * _COVERAGE),
         )
         for name, p in study.parameters.items()
-    )
+    ]
     origin = study.provenance
     text = (
         f"{study.n} calibrations{f' of {origin.campaign}' if origin.campaign else ''} with new noise"
@@ -165,16 +166,16 @@ def _study(study: _Study, folder: Path) -> Part:
         "Pulls of every parameter, as a density per unit of pull, beside the normal distribution they "
         "should have.",
     )
-    return Part("montecarlo", "Monte Carlo", text, (Grid(caption, head, lines),), pictures, is_stacked=True)
+    table = Table(head, tuple(rows), caption)
+    return Section("montecarlo", "Monte Carlo", text, tables=(table,), figures=pictures, is_stacked=True)
 
 
-def _against(value: float, error: float, expected: float) -> str | tables.Number:
-    text = tables.number(value, error)
-    off = abs(value - expected) > LIMIT * error > 0
-    return flagged(f"{text.value} ± {text.sigma}", True) if off else text
+def _against(value: float, error: float, expected: float) -> str | Measurement:
+    text = measurement(value, error)
+    return highlight(str(text), True) if abs(value - expected) > LIMIT * error > 0 else text
 
 
-def _picture(folder: Path, name: str, description: str, caption: str) -> tuple[Drawing, ...]:
+def _picture(folder: Path, name: str, description: str, caption: str) -> tuple[FigureSpec, ...]:
     """Return a figure that another command left; as an image, so that whatever the file holds stays inert."""
     path = folder / f"{name}.svg"
     if not path.exists():
@@ -184,4 +185,4 @@ def _picture(folder: Path, name: str, description: str, caption: str) -> tuple[D
     kinds = [kind for kind in ("pdf", "svg", "csv") if (folder / f"{name}.{kind}").exists()]
     link = Markup('<a href="figures/{}.{}">{}</a>')
     links = Markup(" ").join(link.format(name, kind, kind.upper()) for kind in kinds)
-    return (Drawing(name, description, Markup("{} {}").format(caption, links), lambda: image),)
+    return (FigureSpec(name, description, Markup("{} {}").format(caption, links), lambda: image),)

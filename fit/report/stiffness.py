@@ -7,19 +7,17 @@ from functools import partial
 import numpy as np
 from markupsafe import Markup, escape
 
-from fit import parameters
 from fit.figures import stiffness as figures
-from fit.parameters import joint_parameter
-from fit.report.parts import Drawing, Part, fitted_for
+from fit.parameters import PREDICTED, joint_parameter
+from fit.report.section import FigureSpec, Section, single_fits
 from fit.results import Estimate, Fit, Results
-from fit.tables import LIMIT, Grid, Line, flagged, parameter_head, signed
-from fit.tables import parameters as tables
+from fit.tables import Table, estimate_text, measurement, parameter_head, pull_text, signed
 from fit.telemetry import Telemetry
 
 
-def model(results: Results, telemetries: Sequence[Telemetry]) -> Part | None:
+def model(results: Results, telemetries: Sequence[Telemetry]) -> Section | None:
     """Return the section on eq. stiff_model, where two experiments or more determine a stiffness alone."""
-    grids, drawings, words = [], [], []
+    tables, specs, words = [], [], []
     for j in (2, 1):
         points = stiffness_points(results, telemetries, j)
         if len(points) < 2:
@@ -32,30 +30,43 @@ def model(results: Results, telemetries: Sequence[Telemetry]) -> Part | None:
                 f"Test mass {j}: root mean square of the {len(known)} differences {rms:.2f} σ, "
                 f"largest {largest:.1f} σ."
             )
-        grids.append(_grid(j, points, pulls, results.joint))
-        drawings.append(_drawing(j, points, results.joint))
-    if not grids:
+        tables.append(_table(j, points, pulls, results.joint))
+        specs.append(_figure_spec(j, points, results.joint))
+    if not tables:
         return None
-    return Part("stiffness", "Stiffness model", " ".join(words), tuple(grids), tuple(drawings))
+    return Section(
+        "stiffness", "Stiffness model", " ".join(words), tables=tuple(tables), figures=tuple(specs)
+    )
 
 
-def _grid(
+def _table(
     j: int,
     points: Mapping[str, figures.StiffnessPoint],
     pulls: Mapping[str, float | None],
     joint: Fit | None,
-) -> Grid:
+) -> Table:
     caption = (
         f"Stiffness of test mass {j} in 10⁻⁷ s⁻² from each experiment alone and from the joint fit, at the "
         "experiment's authority in pN and pN m."
     )
     head = ("Experiment", Markup("F, N<sub>max,{}</sub>").format(j), "Alone", "Joint fit", "Δ / σ")
-    return Grid(
-        caption, head, tuple(_line(name, point, pulls[name], joint) for name, point in points.items())
-    )
+    rows = []
+    for name, point in points.items():
+        model = figures.reconstruction(joint, point.j, point.F_max, point.N_max)
+        pull = pulls[name]
+        rows.append(
+            (
+                escape(name),
+                f"{1e12 * point.F_max:.4g}, {1e12 * point.N_max:.3g}",
+                estimate_text(point.omega2, -7),
+                measurement(*model, -7) if model else None,
+                None if pull is None else pull_text(pull),
+            )
+        )
+    return Table(head, tuple(rows), caption)
 
 
-def _drawing(j: int, points: Mapping[str, figures.StiffnessPoint], joint: Fit | None) -> Drawing:
+def _figure_spec(j: int, points: Mapping[str, figures.StiffnessPoint], joint: Fit | None) -> FigureSpec:
     figure = "the paper's figure stiffauth" if j == 2 else "as the paper's figure stiffauth"
     is_varied = figures.varies(list(points.values()))
     against = "its force authority" if is_varied else f"the force authority of test mass {3 - j}"
@@ -64,7 +75,7 @@ def _drawing(j: int, points: Mapping[str, figures.StiffnessPoint], joint: Fit | 
         f"{3 - j}, on which it does not depend. "
     )
     note = "" if is_varied else elsewhere
-    return Drawing(
+    return FigureSpec(
         f"stiffness-{j}",
         f"Stiffness of test mass {j} against {against}, one point per experiment",
         f"Stiffness of test mass {j}, ±1 σ ({figure}). {note}Dots: each experiment on its own. "
@@ -81,8 +92,8 @@ def stiffness_points(
     """Return omega2_j of every experiment that determines it alone, by name."""
     runs = results.provenance.joint_runs
     points = {}
-    for run, fit in fitted_for("omega2_2", results, telemetries):
-        omega2 = fit.parameters["omega2_2"] if j == 2 else _of_test_mass_1(fit)
+    for run, fit in single_fits("omega2_2", results, telemetries):
+        omega2 = fit.parameters["omega2_2"] if j == 2 else _omega2_1(fit)
         if omega2 is not None:
             is_included = runs is None or run.run in runs
             points[run.experiment] = figures.StiffnessPoint(
@@ -96,7 +107,7 @@ def stiffness_points(
     return points
 
 
-def _of_test_mass_1(fit: Fit) -> Estimate | None:
+def _omega2_1(fit: Fit) -> Estimate | None:
     """Return omega2_1 = omega2_2 - domega2_12 with the sigma of the difference."""
     names, pair = list(fit.parameters), ("omega2_2", "domega2_12")
     if not fit.parameters.keys() >= set(pair):
@@ -107,29 +118,17 @@ def _of_test_mass_1(fit: Fit) -> Estimate | None:
     return Estimate(omega2_2 - domega2_12, math.sqrt(variance + variance_2 - 2 * shared), "s-2")
 
 
-def _line(name: str, point: figures.StiffnessPoint, pull: float | None, joint: Fit | None) -> Line:
-    reconstructed = figures.reconstruction(joint, point.j, point.F_max, point.N_max)
-    cells = (
-        f"{1e12 * point.F_max:.4g}, {1e12 * point.N_max:.3g}",
-        tables.number(point.omega2.value, point.omega2.sigma, -7),
-        tables.number(*reconstructed, -7) if reconstructed else None,
-        "–" if pull is None else flagged(signed(pull, 1), abs(pull) > LIMIT),
-    )
-    return Line(escape(name), cells)
-
-
-def prediction(joint: Fit | None) -> Part | None:
+def prediction(joint: Fit | None) -> Section | None:
     """Return the section on the stiffness that the paper predicts from the geometry of the sensors."""
     if joint is None:
         return None
-    lines = []
-    for name, value in parameters.PREDICTED.items():
+    rows = []
+    for name, value in PREDICTED.items():
         if estimate := joint.parameters.get(name):
             head, exponent = parameter_head(joint_parameter(name))
-            fitted = tables.number(estimate.value, estimate.sigma, exponent)
             excess = f"{signed(100 * (estimate.value / value - 1), 1)} %"
-            lines.append(Line(head, (signed(value / 10.0**exponent, 2), fitted, excess)))
-    if not lines:
+            rows.append((head, signed(value / 10.0**exponent, 2), estimate_text(estimate, exponent), excess))
+    if not rows:
         return None
     caption = (
         "Stiffness per unit of authority from eqs alphax and alphaphi, and background stiffness from gravity "
@@ -137,4 +136,4 @@ def prediction(joint: Fit | None) -> Part | None:
         "consistent."
     )
     columns = ("Parameter", "Paper's prediction", "Fitted", "Fitted / predicted − 1")
-    return Part("prediction", "Predicted stiffness", grids=(Grid(caption, columns, tuple(lines)),))
+    return Section("prediction", "Predicted stiffness", tables=(Table(columns, tuple(rows), caption),))

@@ -7,14 +7,14 @@ from dataclasses import dataclass
 from markupsafe import Markup, escape
 
 from fit.results import Fit, Results
-from fit.tables import LIMIT, Table, combination_text, symbol
+from fit.tables import LIMIT, ParameterTable, combination_text, symbol
 from fit.warnings import WARNING_KINDS, FitWarning, Severity
 
 NOT_CONVERGED = FitWarning("not_converged", (), "the iteration did not converge")
 
 
 @dataclass(frozen=True)
-class Notice:
+class WarningItem:
     """A warning, once, with every fit it was raised in."""
 
     message: str
@@ -23,11 +23,11 @@ class Notice:
 
 
 @dataclass(frozen=True)
-class Matter:
+class WarningGroup:
     """All warnings of one code, and what to do about them; empty where nobody knows."""
 
     code: str
-    notices: tuple[Notice, ...]
+    messages: tuple[WarningItem, ...]
     advice: Markup
 
 
@@ -44,7 +44,7 @@ def fits(results: Results) -> Iterator[tuple[str, Fit]]:
             yield f"{kind} {name}", fit
 
 
-def raised(fit: Fit) -> list[FitWarning]:
+def fit_warnings(fit: Fit) -> list[FitWarning]:
     """Return the warnings of a fit; that it did not converge is one, whether it says so or not."""
     is_explained = any(w.code == NOT_CONVERGED.code for w in fit.warnings)
     return [*fit.warnings, *([] if fit.converged or is_explained else [NOT_CONVERGED])]
@@ -55,21 +55,21 @@ def biased(fit: Fit) -> set[str]:
     return {name for w in fit.warnings if w.kind.biased for name in w.parameters}
 
 
-def matters(results: Results) -> list[Matter]:
+def warning_groups(results: Results) -> list[WarningGroup]:
     """Return what there is to warn of, by code, in the order in which the fits raise it."""
     scopes: dict[str, dict[tuple[str, Markup | None], list[str]]] = {}
     advice: dict[str, str] = {}
     for scope, fit in fits(results):
-        for w in raised(fit):
+        for w in fit_warnings(fit):
             advice[w.code] = w.kind.advice
             several = w.combination is not None and len(w.combination) > 1
             combination = combination_text(w.combination) if w.combination and several else None
             scopes.setdefault(w.code, {}).setdefault((w.message, combination), []).append(scope)
     return [
-        Matter(
+        WarningGroup(
             code,
             tuple(
-                Notice(_sentence(message), combination, tuple(places))
+                WarningItem(_sentence(message), combination, tuple(places))
                 for (message, combination), places in scopes_of.items()
             ),
             _with_code(advice[code]),
@@ -97,7 +97,7 @@ class Verdict:
     text: Markup
 
 
-def failing(fit: Fit) -> list[str]:
+def failures(fit: Fit) -> list[str]:
     """Return the codes of the warnings that spoil a fit."""
     return list(_reasons({"": fit}, Severity.FAILURE))
 
@@ -109,7 +109,7 @@ def _false_alarms(budget: Mapping[str, float]) -> Markup:
     ).format(sum(budget.values()), len(budget))
 
 
-def verdict(results: Results, shown: Sequence[Table]) -> Verdict:
+def verdict(results: Results, shown: Sequence[ParameterTable]) -> Verdict:
     """Say in one line whether the fits found the truth or, without one, agree with the flight.
 
     Good is only what has a truth and nothing against it: a fit that did not converge, a chi2 that is off or
@@ -137,9 +137,7 @@ def verdict(results: Results, shown: Sequence[Table]) -> Verdict:
     undetermined = joint.undetermined if joint else ()
     sentences = [*failed, agreement]
     if undetermined:
-        sentences.append(
-            Markup("Not determined by these data: {}.").format(_listed(map(symbol, undetermined)))
-        )
+        sentences.append(Markup("Not determined by these data: {}.").format(symbols(undetermined)))
     sentences += doubts
     if isinstance(budget := results.provenance.more.get("false_alarms"), Mapping):
         sentences.append(_false_alarms(budget))
@@ -149,11 +147,12 @@ def verdict(results: Results, shown: Sequence[Table]) -> Verdict:
     return Verdict(state, head + Markup(" ").join(sentences))
 
 
-def _listed(symbols: Iterable[str]) -> Markup:
-    return Markup(", ").join(symbols)
+def symbols(names: Iterable[str]) -> Markup:
+    """Return the symbols of parameters."""
+    return Markup(", ").join(map(symbol, names))
 
 
-def _agreement(shown: Sequence[Table], has_truth: bool, kind: str) -> tuple[Markup, bool]:
+def _agreement(shown: Sequence[ParameterTable], has_truth: bool, kind: str) -> tuple[Markup, bool]:
     """Say how the estimates compare, and whether one is beyond the limit."""
     rows = [row for t in shown for row in t.rows if row.estimate]
     pulls = [(row.symbol, row.pull) for row in rows if row.pull is not None]
@@ -164,7 +163,7 @@ def _agreement(shown: Sequence[Table], has_truth: bool, kind: str) -> tuple[Mark
     outliers = [name for name, pull in pulls if abs(pull) > LIMIT]
     if outliers:
         head = Markup("{} of {} {} lie further than {}: {}").format(
-            len(outliers), len(pulls), subject, target, _listed(outliers)
+            len(outliers), len(pulls), subject, target, Markup(", ").join(outliers)
         )
     else:
         head = Markup("All {} {} lie within {}").format(len(pulls), subject, target)
@@ -175,7 +174,7 @@ def _agreement(shown: Sequence[Table], has_truth: bool, kind: str) -> tuple[Mark
 
 def _reasons(fits: Mapping[str, Fit], severity: Severity) -> dict[str, list[str]]:
     """Return by code which of some fits raise warnings of a severity, in the order of `WARNING_KINDS`."""
-    codes = {name: {w.code for w in raised(fit)} for name, fit in fits.items()}
+    codes = {name: {w.code for w in fit_warnings(fit)} for name, fit in fits.items()}
     reasons = {
         code: [name for name in fits if code in codes[name]]
         for code, kind in WARNING_KINDS.items()
@@ -200,4 +199,8 @@ def _outliers(fits: Mapping[str, Fit]) -> list[Markup]:
         for key, e in fit.parameters.items()
         if e.pull is not None and abs(e.pull) > LIMIT and key not in biased(fit)
     ]
-    return [Markup("Further than {:g} σ of truth: {}.").format(LIMIT, _listed(outliers))] if outliers else []
+    return (
+        [Markup("Further than {:g} σ of truth: {}.").format(LIMIT, Markup(", ").join(outliers))]
+        if outliers
+        else []
+    )

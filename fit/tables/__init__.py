@@ -1,23 +1,38 @@
 """Tables: numbers in print, rows of estimates, and what telemetry and results look like in a notebook."""
 
-from fit.tables.grids import Cell, Grid, Line, flagged, name_head, parameter_head
-from fit.tables.lines import Lines, estimates
-from fit.tables.parameters import LIMIT, Table, combination_text, signed, symbol
+from fit.tables.numbers import (
+    Measurement,
+    combination_text,
+    estimate_text,
+    fit_estimate,
+    measurement,
+    power_of_ten,
+    signed,
+    symbol,
+    unit_text,
+)
+from fit.tables.parameters import ParameterTable, estimates, parameter_table
+from fit.tables.table import LIMIT, Cell, Table, highlight, name_head, parameter_head, pull_text
 
 __all__ = [
     "LIMIT",
     "Cell",
-    "Grid",
-    "Line",
-    "Lines",
+    "Measurement",
+    "ParameterTable",
     "Table",
     "combination_text",
+    "estimate_text",
     "estimates",
-    "flagged",
+    "fit_estimate",
+    "highlight",
+    "measurement",
     "name_head",
     "notebook",
     "parameter_head",
-    "parameters",
+    "parameter_table",
+    "power_of_ten",
+    "pull_text",
     "signed",
     "symbol",
+    "unit_text",
 ]

@@ -11,36 +11,44 @@ from markupsafe import Markup
 from fit.display import html, text
 from fit.parameters import Parameter, joint_parameter
 from fit.results import FIXED, Estimate, Fit, Results
-from fit.tables import parameters as tables
-from fit.tables.lines import Lines, digits, estimates
+from fit.tables.numbers import (
+    estimate_text,
+    measurement,
+    power_of_ten,
+    signed,
+    significant,
+    unit_text,
+)
+from fit.tables.parameters import estimates, parameter_table
+from fit.tables.table import Table
 from fit.telemetry import Telemetry
 
 
 @text.register
 def _(estimate: Estimate) -> str:
-    known = "" if estimate.truth is None else f", truth {digits(estimate.truth, estimate.sigma)}"
+    truth = "" if estimate.truth is None else f", truth {significant(estimate.truth, estimate.sigma)}"
     pull = "" if estimate.pull is None else f", pull {estimate.pull:+.2f}"
     unit = "" if estimate.unit == "1" else f" {estimate.unit}"
     sigma = FIXED if estimate.fixed else f"± {estimate.sigma:#.2g}"
-    return f"{digits(estimate.value, estimate.sigma)} {sigma}{unit}{known}{pull}"
+    return f"{significant(estimate.value, estimate.sigma)} {sigma}{unit}{truth}{pull}"
 
 
 @html.register
 def _(estimate: Estimate) -> str:
-    exponent = tables.power_of_ten(estimate.value)
-    text = tables.number(estimate.value, estimate.sigma, exponent)
-    unit = tables.unit_text(estimate.unit, exponent)
-    known = "" if estimate.truth is None else tables.number(estimate.truth, estimate.sigma, exponent).value
-    pull = "" if estimate.pull is None else f", pull {tables.signed(estimate.pull, 2)}"
-    sigma = FIXED if estimate.fixed else f"± {text.sigma}"
-    return Markup("<span>{} {} {}{}</span>").format(
-        text.value, sigma, unit, f" (truth {known}{pull})" if known else ""
-    )
+    exponent = power_of_ten(estimate.value)
+    number = estimate_text(estimate, exponent)
+    truth = ""
+    if estimate.truth is not None:
+        pull = "" if estimate.pull is None else f", pull {signed(estimate.pull, 2)}"
+        truth = f" (truth {measurement(estimate.truth, estimate.sigma, exponent).value}{pull})"
+    sigma = number.sigma if estimate.fixed else f"± {number.sigma}"
+    unit = unit_text(estimate.unit, exponent)
+    return Markup("<span>{} {} {}{}</span>").format(number.value, sigma, unit, truth)
 
 
 @text.register
 def _(fit: Fit) -> str:
-    return "\n".join([_state(fit), *_columns(fit), *_warning_lines(fit)])
+    return "\n".join([_state(fit), *estimates({"": fit}, fine=True).aligned(), *_warnings(fit)])
 
 
 @html.register
@@ -52,22 +60,15 @@ def _(fit: Fit) -> str:
 def _(results: Results) -> str:
     lines = [f"{name}: {line}" for name, line in _summary(results).items()]
     if results.joint is not None:
-        lines = [*_columns(results.joint), *lines, *_warning_lines(results.joint)]
+        lines = [*estimates({"": results.joint}, fine=True).aligned(), *lines, *_warnings(results.joint)]
     return "\n".join(lines)
 
 
 @html.register
 def _(results: Results) -> str:
-    shown = Markup()
-    if results.joint is not None:
-        shown = _table(results.joint) + _list(_messages(results.joint))
-    rows = Markup().join(
-        Markup('<tr><th style="text-align:left">{}</th><td style="text-align:left">{}</td></tr>').format(
-            *item
-        )
-        for item in _summary(results).items()
-    )
-    return Markup("<div>{}<table>{}</table></div>").format(shown, rows)
+    joint = results.joint
+    shown = Markup() if joint is None else _table(joint) + _list(_messages(joint))
+    return Markup("<div>{}{}</div>").format(shown, Table(("", ""), tuple(_summary(results).items())).html(2))
 
 
 @text.register
@@ -77,14 +78,15 @@ def _(run: Telemetry) -> str:
 
 @html.register
 def _(run: Telemetry) -> str:
-    head = Markup("<p><strong>{}</strong>: {}</p>").format(run.run, _extent(run))
-    rows = tuple(
+    rows = [
         (Markup("<code>{}</code>").format(n), run.units.get(n, ""), run.long_names.get(n, ""))
         for n in run.channels
+    ]
+    notes = str(run.attributes.get("notes", "")).splitlines()  # of a product such as Delta g
+    channels = Table(("channel", "unit", "description"), tuple(rows)).html(3)
+    return Markup("<div><p><strong>{}</strong>: {}</p>{}{}</div>").format(
+        run.run, _extent(run), channels, _list(notes)
     )
-    notes = str(run.attributes.get("notes", "")).splitlines()  # what a product like Delta g has to tell
-    channels = Lines(("channel", "unit", "description"), rows).html("lll")
-    return Markup("<div>{}{}{}</div>").format(head, channels, _list(notes))
 
 
 def _extent(run: Telemetry) -> str:
@@ -103,23 +105,13 @@ def _state(fit: Fit) -> str:
 
 def _summary(results: Results) -> dict[str, str]:
     """Return what there is besides the table of the joint fit."""
-    sections = {
-        "joint": "none" if results.joint is None else _state(results.joint),
-        **{
-            name: ", ".join(f"{key!r}" for key in getattr(results, name))
-            for name in ("experiments", "cross_talk", "inertial")
-        },
-    }
+    sections = {"joint": "none" if results.joint is None else _state(results.joint)}
+    for name in ("experiments", "cross_talk", "inertial"):
+        sections[name] = ", ".join(f"{key!r}" for key in getattr(results, name))
     return {name: line for name, line in sections.items() if line}
 
 
-def _columns(fit: Fit) -> list[str]:
-    """Return the estimates as lines of aligned columns."""
-    rows = estimates({"": fit}, fine=True)
-    return (rows if any(e.truth is not None for e in fit.parameters.values()) else rows.truncate(4)).aligned()
-
-
-def _warning_lines(fit: Fit) -> list[str]:
+def _warnings(fit: Fit) -> list[str]:
     return [f"warning: {message}" for message in _messages(fit)]
 
 
@@ -128,20 +120,21 @@ def _messages(fit: Fit) -> list[str]:
 
 
 def _table(fit: Fit) -> Markup:
-    shown = tables.table(fit, list(_described([*fit.parameters, *fit.undetermined])))
-    reference_heads = ("truth", "pull") if shown.has_truth else ("flight", "difference / σ")
-    rows: list[tuple[str, ...]] = []
-    for row in shown.rows:
-        estimate = f"{row.estimate.value} ± {row.estimate.sigma}" if row.estimate else "not determined"
-        reference_cells = (
-            row.truth if shown.has_truth else f"{row.flight.value} ± {row.flight.sigma}" if row.flight else ""
+    table = parameter_table(fit, list(_described([*fit.parameters, *fit.undetermined])))
+    rows = [
+        (
+            row.symbol,
+            Markup("<code>{}</code>").format(row.name),
+            row.description,
+            row.unit,
+            row.estimate or "not determined",
+            row.truth if table.has_truth else row.flight,
+            None if row.pull is None else signed(row.pull, 2),
         )
-        pull = "" if row.pull is None else tables.signed(row.pull, 2)
-        name = Markup("<code>{}</code>").format(row.name)
-        rows.append(
-            (tables.symbol(row.name), name, row.description, row.unit, estimate, reference_cells, pull)
-        )
-    return Lines(("", "parameter", "", "unit", "estimate ± σ", *reference_heads), tuple(rows)).html("llllrrr")
+        for row in table.rows
+    ]
+    reference = ("truth", "pull") if table.has_truth else ("flight", "difference / σ")
+    return Table(("", "parameter", "", "unit", "estimate ± σ", *reference), tuple(rows)).html(4)
 
 
 def _described(names: Iterable[str]) -> Iterable[Parameter]:

@@ -9,7 +9,7 @@ from fit import settings as fit_settings
 from fit.forecasting import expected_euler_fit, expected_fit
 from fit.parallel import processors
 from fit.results import Fit
-from fit.tables import Lines
+from fit.tables import Table
 from lpfcosim.campaign import Campaign, loading
 from lpfcosim.cli import margins as cli_margins
 from lpfcosim.cli.common import about
@@ -169,7 +169,7 @@ def _run_document(run: Run) -> dict[str, object]:
     }
 
 
-def _runs_table(plan: Campaign) -> Lines:
+def _runs_table(plan: Campaign) -> Table:
     rows = [
         (
             run.name,
@@ -182,4 +182,4 @@ def _runs_table(plan: Campaign) -> Lines:
         )
         for run in plan.runs
     ]
-    return Lines(("run", "kind", "start (UTC)", "hours", "authority", "epoch", "injections"), tuple(rows))
+    return Table(("run", "kind", "start (UTC)", "hours", "authority", "epoch", "injections"), tuple(rows))

@@ -26,8 +26,8 @@ from rich.table import Table
 from fit.parallel import follow_progress
 
 if TYPE_CHECKING:
+    from fit import tables
     from fit.results import Results
-    from fit.tables import Lines
 
 
 FIRST = 2.0  # s, after which a line tells how far work is; the next one after twice as long
@@ -84,13 +84,13 @@ class Console:
         if not self._quiet and not self._as_json:
             print(line)
 
-    def show(self, lines: Lines) -> None:
+    def show(self, table: tables.Table) -> None:
         """Print a table of the result."""
         if not self._quiet and not self._as_json:
-            table = Table(*lines.head, box=None)
-            for row in lines.rows:
-                table.add_row(*row)
-            rich.console.Console().print(table)
+            columns = Table(*table.head, box=None)
+            for row in table.texts:
+                columns.add_row(*row)
+            rich.console.Console().print(columns)
 
     def document(self, text: str) -> None:
         """Print the result as JSON, if that is wanted."""

@@ -15,7 +15,7 @@ from fit.forecasting import expected_fit as forecasts
 from fit.parallel import follow_progress, update_progress
 from fit.results import Fit
 from fit.settings import Settings, settings
-from fit.tables import Lines
+from fit.tables import Table
 from lpfcosim.campaign import Campaign, loading, names
 from lpfcosim.cli.common import about, check_file
 from lpfcosim.cli.console import Console
@@ -199,7 +199,7 @@ def _of_angles(found: Design) -> dict[str, object] | None:
     }
 
 
-def _table(found: Design) -> Lines:
+def _table(found: Design) -> Table:
     rows = []
     for name in found.problem.wanted:
         before, after = found.problem.before[name], found.after.get(name)
@@ -210,7 +210,7 @@ def _table(found: Design) -> Lines:
         for name in found.angles.wanted:
             before, after = found.angles.before[name], found.angles.after[name]
             rows.append((name, f"{before:.2g}", f"{after:.2g}", f"{after / before:.3f}", ""))
-    return Lines(("parameter", "sigma", "designed", "ratio", "ratio at best, alone"), tuple(rows))
+    return Table(("parameter", "sigma", "designed", "ratio", "ratio at best, alone"), tuple(rows))
 
 
 def _tell(found: Design, stepped: dict[str, dict[str, float]], path: Path, console: Console) -> None:

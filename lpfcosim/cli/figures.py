@@ -23,7 +23,7 @@ def figures(directory: Path, names: Sequence[str], console: Console, *, jobs: in
         results, telemetries = refit.load(directory)
     place = directory / "figures"
     with console.stage("preparation"):
-        known = {drawing.name: drawing for drawing in page.drawings(results, telemetries)}
+        known = {spec.name: spec for spec in page.figure_specs(results, telemetries)}
     for name in names:
         if not any(name in each for each in known):
             raise InputError(f"{directory}: no figure is called {name!r}, expected a part of {_told(known)}")

@@ -12,7 +12,7 @@ from typing import Any
 
 from fit.errors import quote
 from fit.files import closest_match
-from fit.tables import Lines
+from fit.tables import Table
 from lpfcosim.cli.console import Console
 from lpfcosim.cosim import Interface, compilation, describe, nonconformity, placement, read
 from lpfcosim.errors import InputError
@@ -286,7 +286,7 @@ def _print_place(place: Place, console: Console) -> None:
         )
         for n in place.needs
     ]
-    _print(Lines(("", "name", "unit", "default", "description"), tuple(rows)), console)
+    _print(Table(("", "name", "unit", "default", "description"), tuple(rows)), console)
     if any(n.optional for n in place.needs):
         console.say("\nOptional inputs are fed only by campaigns that ask for them (docs/own-fmu.md).")
 
@@ -310,7 +310,7 @@ def _print_file(file: Mapping[str, Any], console: Console) -> None:
         )
         for v in sorted(shown, key=lambda v: _CAUSALITIES.index(v["causality"]))
     ]
-    _print(Lines(("", "name", "type", "unit", "start", "description"), tuple(rows)), console)
+    _print(Table(("", "name", "type", "unit", "start", "description"), tuple(rows)), console)
     if more := len(file["variables"]) - len(shown):
         console.say(f"\nand {more} local variables; --json lists them")
     for fault in file["faults"]:
@@ -333,7 +333,7 @@ def _print_match(place: Place, path: Path, match: Match, faulty: bool, console: 
             theirs = "none, unused"
         rows.append((need.causality, need.name, need.unit, theirs))
     console.say(f"{path} in the place of {place.component.model}\n")
-    _print(Lines(("", "ours", "unit", path.name), tuple(rows)), console)
+    _print(Table(("", "ours", "unit", path.name), tuple(rows)), console)
     console.say(f"\n[fmus.{place.component.model}]\npath = {json.dumps(str(path))}")
     mapped = ", ".join(f"{_key(ours)} = {json.dumps(name)}" for ours, name in match.variables.items())
     console.say(f"variables = {{ {mapped} }}" if mapped else "variables = {}")
@@ -354,6 +354,6 @@ def _key(name: str) -> str:
     return name if name.replace("_", "").isalnum() and name.isascii() else json.dumps(name)
 
 
-def _print(lines: Lines, console: Console) -> None:
+def _print(lines: Table, console: Console) -> None:
     for each in lines.aligned():
         console.say(each)

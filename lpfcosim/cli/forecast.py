@@ -9,7 +9,7 @@ from fit.forecasting import expected_fit as forecasts
 from fit.parameters import FLIGHT, misalignments
 from fit.results import FIXED, Fit
 from fit.settings import settings
-from fit.tables import Lines
+from fit.tables import Table
 from lpfcosim.campaign import loading
 from lpfcosim.cli.common import about, check_folder
 from lpfcosim.cli.console import Console
@@ -59,7 +59,7 @@ def messages(expected: Fit, periods: Mapping[str, Fit]) -> list[str]:
     return [*(w.message for w in expected.warnings), *grouped(of_periods, "inertial period")]
 
 
-def table(expected: Fit, periods: Mapping[str, Fit]) -> Lines:
+def table(expected: Fit, periods: Mapping[str, Fit]) -> Table:
     """Return the sigmas of a forecast beside those of flight, last those of the angles by inertial period."""
     flown = {name: parameter.sigma for name, parameter in FLIGHT.items()}
     told = dict(expected.parameters)
@@ -73,4 +73,4 @@ def table(expected: Fit, periods: Mapping[str, Fit]) -> Lines:
         if estimate.fixed:
             beside = ("", "")
         rows.append((name, estimate.unit, FIXED if estimate.fixed else f"{estimate.sigma:.2g}", *beside))
-    return Lines(("parameter", "unit", "sigma", "flight sigma", "ratio"), tuple(rows))
+    return Table(("parameter", "unit", "sigma", "flight sigma", "ratio"), tuple(rows))

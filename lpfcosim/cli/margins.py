@@ -6,7 +6,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from fit.tables import Lines
+from fit.tables import Table
 from lpfcosim.campaign import loading
 from lpfcosim.cli.common import about
 from lpfcosim.cli.console import Console
@@ -32,13 +32,13 @@ def margins(campaign: Path, console: Console) -> None:
     console.show(table(loops))
 
 
-def table(loops: list[loop_margins.Margin]) -> Lines:
+def table(loops: list[loop_margins.Margin]) -> Table:
     """Return a table of margins."""
     rows = [
         (m.loop, f"{1e3 * m.unity_gain:.4g} mHz", f"{m.phase_margin:.1f} deg", f"{m.gain_margin:.1f} dB")
         for m in loops
     ]
-    return Lines(("loop", "unity gain", "phase margin", "gain margin"), tuple(rows))
+    return Table(("loop", "unity gain", "phase margin", "gain margin"), tuple(rows))
 
 
 def documents(loops: list[loop_margins.Margin]) -> list[dict[str, Any]]:

@@ -24,7 +24,7 @@ from fit.parallel import one_blas_thread, processors, serial
 from fit.pipeline import calibrate
 from fit.results import Results
 from fit.settings import Settings
-from fit.tables import Lines
+from fit.tables import Table
 from fit.telemetry import Telemetry, read_all
 from lpfcosim.campaign import Campaign
 from lpfcosim.campaign import montecarlo as campaign_montecarlo
@@ -246,7 +246,7 @@ def _outcomes(
     yield from workers.results(setting, tasks, jobs or processors())
 
 
-def _table(found: Mapping[str, coverage.Pulls]) -> Lines:
+def _table(found: Mapping[str, coverage.Pulls]) -> Table:
     rows = [
         (
             name,
@@ -258,7 +258,7 @@ def _table(found: Mapping[str, coverage.Pulls]) -> Lines:
         )
         for name, p in found.items()
     ]
-    return Lines(("parameter", "n", "mean pull", "std", "within 1 sigma", "mean sigma"), tuple(rows))
+    return Table(("parameter", "n", "mean pull", "std", "within 1 sigma", "mean sigma"), tuple(rows))
 
 
 # In a process of its own, or of a cluster --------------------------------------------------------------

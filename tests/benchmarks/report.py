@@ -35,8 +35,8 @@ with tempfile.TemporaryDirectory() as folder:
     stage("report")
     told["megabytes"] = path.stat().st_size / 1e6
 told["peak_mb"] = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
-if hasattr(page, "drawings"):
-    for drawing in page.drawings(results, telemetries):
+if hasattr(page, "figure_specs"):
+    for drawing in page.figure_specs(results, telemetries):
         drawing.draw()
         stage(drawing.name)
 print(json.dumps(told))

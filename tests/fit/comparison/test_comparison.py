@@ -9,7 +9,7 @@ import pytest
 from scipy.stats import chi2 as chi2_distribution
 
 import fit
-from fit.comparison.table import lines, sentences
+from fit.comparison.text import sentences, table
 from fit.results.estimates import Estimate
 from fit.results.provenance import Provenance
 from fit.results.results import Fit, Results
@@ -151,7 +151,7 @@ def test_truth_is_shown_and_other_truths_are_reported():
     )
     found = fit.compare([one, two])
     assert found["a"].truth == 1.1
-    assert lines(found).head[-1] == "truth"
+    assert table(found).head[-1] == "truth"
     assert found.notes == ()
     found = fit.compare([one, other])
     assert found["a"].truth is None
@@ -161,7 +161,7 @@ def test_truth_is_shown_and_other_truths_are_reported():
 def test_a_fixed_parameter_is_shown_as_such():
     free, held = made([1.1], [0.1], truth=1.0), made([1.0], [1e-9], truth=1.0)
     held = replace(held, parameters={"a": replace(held["a"], fixed=True)})
-    (row,) = lines(fit.compare([results(held), results(free)])).rows
+    (row,) = table(fit.compare([results(held), results(free)])).rows
     assert row == ("a", "1", "1 (fixed)", "1.1(1)", "+1.00", "1.0")
 
 

@@ -8,7 +8,7 @@ import pytest
 from fit.figures.charts import ASD, FREQUENCY, Axis, Chart, Curve, Panel, Points, Span
 from fit.figures.colours import COLOURS
 from fit.report import charts, page
-from fit.report.parts import Drawing
+from fit.report.section import FigureSpec
 from tests.browser import Page, needs_browser
 
 pytestmark = [needs_browser, pytest.mark.slow]
@@ -48,7 +48,7 @@ def points():
 @pytest.fixture(scope="module")
 def path(tmp_path_factory):
     made = [
-        charts.shown(Drawing(f.__name__, f"about {f.__name__}", "", f)) for f in (spectra, series, points)
+        charts.render(FigureSpec(f.__name__, f"about {f.__name__}", "", f)) for f in (spectra, series, points)
     ]
     colours = "".join(f"--{role}: {colour};" for role, colour in COLOURS.items())
     files = resources.files("fit.report")

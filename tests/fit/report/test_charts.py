@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from fit.figures.charts import ASD, FREQUENCY, TIME, Axis, Chart, Curve, Matrix, Note, Panel, Points, Span
 from fit.report import charts
-from fit.report.parts import Drawing
+from fit.report.section import FigureSpec
 
 F = np.geomspace(1e-4, 1, 200)
 DATES = Axis("start of run", "UTC", "start", dates=True)
@@ -24,8 +24,8 @@ def line(x, y, **more):
 
 
 def shown(chart):
-    drawing = Drawing("name", f"what {EVIL} shows", "caption", lambda: chart)
-    return charts.shown(drawing).element
+    drawing = FigureSpec("name", f"what {EVIL} shows", "caption", lambda: chart)
+    return charts.render(drawing).element
 
 
 def told(element):

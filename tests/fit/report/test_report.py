@@ -18,11 +18,11 @@ from fit.figures import series, stiffness
 from fit.figures.colours import COLOURS
 from fit.forecasting.coverage import with_truth
 from fit.parameters import FLIGHT, joint_names
-from fit.report.page import drawings, write_report
+from fit.report.page import figure_specs, write_report
 from fit.results.estimates import Estimate, Stiffness
 from fit.results.provenance import Provenance
 from fit.results.results import Fit, Results
-from fit.tables import parameters as tables
+from fit.tables import numbers, parameter_table
 from fit.telemetry.reader import read
 from fit.warnings import FitWarning
 from tests.oracles.contract_file import write_contract_file
@@ -178,7 +178,7 @@ def test_the_whole_report(tmp_path, campaign):
     for experiment in ("1{}-A1", "2{}-B2"):
         for letter, what in {"r": "responses", "s": "spectra", "b": "breakdown", "t": "residual"}.items():
             stems.append(f"e{experiment.format(letter)}-{what}")
-    assert {d.name for d in drawings(page.results, runs)} == set(stems)
+    assert {d.name for d in figure_specs(page.results, runs)} == set(stems)
     assert all(f"<code>{stem}</code></figcaption>" in page.source for stem in stems)
     headings = [page.text.index(text) for text in ORDER]
     assert headings == sorted(headings)
@@ -234,7 +234,7 @@ def test_every_foreign_text_is_escaped(tmp_path, campaign):
     assert "img" not in page.tags
     assert not [name for _, name, _ in page.attributes if name.startswith("on")]
     assert EVIL.partition(" & ")[0] in page.text
-    assert all(re.fullmatch(r"[\w.-]+", d.name) for d in drawings(page.results, runs))
+    assert all(re.fullmatch(r"[\w.-]+", d.name) for d in figure_specs(page.results, runs))
 
 
 def test_flight_data_without_noise_run_guidance_or_joint_fit(tmp_path, campaign):
@@ -292,7 +292,7 @@ def test_rows_share_an_exponent_and_show_two_digits_of_sigma():
     fit = make_fit({"omega2_2_0": -4.174e-7, "alpha_phi_2": -25.9e3, "lambda_2": 1.0775948})
     fit.parameters["omega2_2_0"] = Estimate(-4.1744e-7, 3.75e-9, "s-2", truth=-4.19e-7, pull=0.42)
     fit.parameters["lambda_2"] = Estimate(1.0775948, 3.24e-5, "1")
-    omega2, alpha, gain = tables.table(fit, [FLIGHT[n] for n in fit.parameters]).rows
+    omega2, alpha, gain = parameter_table(fit, [FLIGHT[n] for n in fit.parameters]).rows
     assert (omega2.unit, omega2.truth) == ("10⁻⁷ s⁻²", "−4.190")
     assert (omega2.estimate.value, omega2.estimate.sigma, omega2.estimate.concise) == (
         "−4.174",
@@ -306,7 +306,7 @@ def test_rows_share_an_exponent_and_show_two_digits_of_sigma():
 
 @given(value=st.floats(-1e6, 1e6), places=st.integers(0, 9))
 def test_numbers_in_print_read_back(value, places):
-    text = tables.signed(value, places)
+    text = numbers.signed(value, places)
     assert "-" not in text
     assert float(text.replace("−", "-")) == pytest.approx(value, abs=0.5000001 * 10.0**-places)
     assert text.startswith("−") == (float(text.replace("−", "-")) < 0)
@@ -314,7 +314,7 @@ def test_numbers_in_print_read_back(value, places):
 
 @given(sigma=st.floats(1e-9, 1e6))
 def test_decimals_resolve_a_sigma_to_ten_per_cent(sigma):
-    assert abs(round(sigma, tables.decimals(sigma)) - sigma) <= 0.05 * sigma + 0.5 * (sigma >= 10)
+    assert abs(round(sigma, numbers.decimals(sigma)) - sigma) <= 0.05 * sigma + 0.5 * (sigma >= 10)
 
 
 def test_correlations():
@@ -323,7 +323,7 @@ def test_correlations():
 
 
 def test_combinations_in_print():
-    text = tables.combination_text({"alpha_phi_2": 1.0, "omega2_2_0": -1.04e-11})
+    text = numbers.combination_text({"alpha_phi_2": 1.0, "omega2_2_0": -1.04e-11})
     assert text == "1 α<sub>φ,2</sub> − 1.04·10⁻¹¹ ω<sup>2</sup><sub>2,0</sub>"
 
 

@@ -14,7 +14,7 @@ from fit.figures.stiffness import StiffnessPoint, stiffness_pull
 from fit.parameters import FLIGHT, joint_names
 from fit.quality.noise_tests import NORMAL_SCORES
 from fit.report import charts
-from fit.report import together as report_mission
+from fit.report import mission as report_mission
 from fit.report.page import write_report
 from fit.results.estimates import Diagnostics, Estimate
 from fit.results.provenance import Provenance
@@ -67,22 +67,17 @@ def sections(results, runs):
     return {part.anchor: part for part in report_mission.sections(results, runs)}
 
 
-def cells(grid):
-    """Texts by line, numbers as ``value ± sigma``, markup taken off."""
-    found = {}
-    for line in grid.lines:
-        texts = [f"{c.value} ± {c.sigma}" if hasattr(c, "sigma") else c for c in line.cells]
-        found[re.sub("<[^>]*>", "", line.head)] = [
-            t and html.unescape(re.sub("<[^>]*>", "", t)) for t in texts
-        ]
-    return found
+def cells(table):
+    """Texts by row, markup taken off."""
+    rows = [[text and html.unescape(re.sub("<[^>]*>", "", str(text))) for text in row] for row in table.rows]
+    return {head: texts for head, *texts in rows}
 
 
 def test_every_section_is_there(mission):
     results, runs = mission
     found = sections(results, runs)
     assert list(found) == ["gain", "stiffness", "prediction", "leakage", "paper", "residuals", "correlation"]
-    names = {drawing.name for part in found.values() for drawing in part.drawings}
+    names = {drawing.name for part in found.values() for drawing in part.figures}
     assert names == {
         "correlation",
         "gain",
@@ -97,7 +92,7 @@ def test_every_section_is_there(mission):
 @pytest.mark.slow
 def test_the_page_takes_them_in(mission, tmp_path, monkeypatch):
     results, _ = mission
-    monkeypatch.setattr(report_mission.report_stiffness, "fitted_for", lambda *_: iter(()))
+    monkeypatch.setattr(report_mission.report_stiffness, "single_fits", lambda *_: iter(()))
     page = write_report(tmp_path, results, []).read_text()
     for anchor in ("paper", "correlation", "prediction", "residuals"):
         assert page.count(f'id="{anchor}"') == page.count(f'href="#{anchor}"') == 1
@@ -107,12 +102,12 @@ def test_side_by_side(mission):
     results, runs = mission
     told = replace(results, joint=joint({"C_2": 2.0, "lambda_1": -9.0}))
     part = sections(told, runs)["paper"]
-    (grid,) = part.grids
+    (grid,) = part.tables
     lines = {head.split("C_")[0]: texts for head, texts in cells(grid).items()}
-    assert len(grid.lines) == 11  # runs of epoch 1 alone
+    assert len(grid.rows) == 11  # runs of epoch 1 alone
     assert "11 of 11 parameters have a σ at or below the flight's" in part.text
     assert lines["C2"] == ["0.194 ± 0.002", "0.186 ± 0.004", "0.50", "1.79"]  # 2 / hypot(1, 0.5)
-    gain = grid.lines[0].cells
+    gain = grid.rows[0]
     assert gain[-1] == '<span class="off">−8.05</span>'  # 9 / hypot(1, 0.5)
 
 
@@ -123,12 +118,8 @@ def test_what_is_not_determined_is_said(mission):
     del bare.parameters["lambda_1"]
     bare = replace(bare, covariance=bare.covariance[1:, 1:])
     found = sections(replace(results, joint=bare), runs)
-    assert found["paper"].grids[0].lines[0].cells == (
-        None,
-        found["paper"].grids[0].lines[0].cells[1],
-        "not determined",
-        "",
-    )
+    _, estimate, _, *comparison = found["paper"].tables[0].rows[0]
+    assert (estimate, comparison) == (None, ["not determined", ""])
     assert "Not determined: 1 λ<sub>1</sub> − 0.2 C<sub>1</sub>." in found["correlation"].text
 
 
@@ -136,8 +127,8 @@ def test_table_eulerfit_where_a_period_was_flown():
     values = {"delta_phi": -0.4e-3, "delta_eta": -0.03e-3}
     periods = {"2": fit(values, [1e-5, 2e-6]), "7": fit(values, [1e-5, 2e-6])}
     (part,) = report_mission.sections(Results(None, {}, {}, periods, Provenance()), [])
-    (grid,) = part.grids
-    assert [line.cells[2:] for line in grid.lines] == [
+    (grid,) = part.tables
+    assert [row[3:] for row in grid.rows] == [
         ("0.33", "0.00"),
         ("0.67", "0.55"),
     ]  # of period 2 alone
@@ -149,16 +140,16 @@ def test_correlations_on_the_pointer(mission):
     sigma = np.sqrt(np.diag(told.covariance))
     told.covariance[0, 1] = told.covariance[1, 0] = -0.95 * sigma[0] * sigma[1]
     part = sections(replace(results, joint=told), runs)["correlation"]
-    element = charts.shown(part.drawings[0]).element
+    element = charts.render(part.figures[0]).element
     assert 'title="lambda_1, lambda_2: −0.9500">−95</td>' in element
     assert element.count("title=") == 12 * 11 / 2
-    assert part.grids[0].lines[0].cells == ('<span class="off">−0.9500</span>',)
+    assert part.tables[0].rows[0][1:] == ('<span class="off">−0.9500</span>',)
 
 
 def test_stationarity(mission):
     results, runs = mission
     part = sections(results, runs)["gain"]
-    lines = cells(part.grids[0])
+    lines = cells(part.tables[0])
     # four of equal sigma: 1.0776, 1.07764, 1.07768, 1.07772, chi2 = (2 2^2 + 2 6^2) (1e-5 / 5e-5)^2
     assert lines["weighted mean of the experiments"][0] == "1.077660 ± 0.000025"
     assert lines["χ² / degrees of freedom about the mean"] == ["1.07", "≈ 90"]
@@ -166,7 +157,7 @@ def test_stationarity(mission):
     apart = {n: experiment(1.07 + 0.01 * k, 0.0, 0.0) for k, n in enumerate("ABC")}
     part = sections(replace(results, experiments=apart), runs)["gain"]
     assert "not the same in every experiment" in part.text
-    assert cells(part.grids[0])["scatter beyond noise that would make it 1"][0] == "0.93 %"
+    assert cells(part.tables[0])["scatter beyond noise that would make it 1"][0] == "0.93 %"
 
 
 def test_gains_of_the_same_date_stand_side_by_side(mission):
@@ -194,7 +185,7 @@ def test_the_mean_of_the_gains_says_how_they_scatter():
 def test_stiffness_table_and_pulls(mission):
     results, runs = mission
     part = sections(results, runs)["stiffness"]
-    lines = cells(part.grids[0])
+    lines = cells(part.tables[0])
     assert lines["B"][:2] == ["1100, 10.4", "−10.52 ± 0.03"]
     assert len(lines) == 4
 
@@ -238,7 +229,7 @@ def test_a_pull_needs_a_model_that_is_known_better():
 
 def test_predicted_stiffness(mission):
     results, runs = mission
-    (grid,) = sections(results, runs)["prediction"].grids
+    (grid,) = sections(results, runs)["prediction"].tables
     lines = list(cells(grid).values())
     assert [excess for *_, excess in lines[:4]] == ["7.8 %", "−0.9 %", "6.4 %", "3.4 %"]
     assert lines[4] == ["−4.17", "−3.990 ± 0.035", "−4.3 %"]
@@ -248,12 +239,12 @@ def test_residuals(mission):
     results, runs = mission
     part = sections(results, runs)["residuals"]
     assert part.text.startswith("1 of 4 residuals have a whiteness below 0.05")
-    lines = cells(part.grids[0])
-    assert lines["A"] == ["1.01 ± 0.03", "0.3", "0.400", "0.020 ± 0.075", "–"]
+    lines = cells(part.tables[0])
+    assert lines["A"] == ["1.01 ± 0.03", "0.3", "0.400", "0.020 ± 0.075", None]
     assert lines["D"] == ["1.50 ± 0.03", "16.7", "< 0.001", "3.000 ± 0.075", "6"]
     own = {"A": replace(results.experiments["A"], diagnostics=quiet(chi2_red_sigma=0.0))}
     part = sections(replace(results, experiments=own), runs)["residuals"]
-    assert cells(part.grids[0])["A"][:2] == ["1.010", "–"]
+    assert cells(part.tables[0])["A"][:2] == ["1.010", None]
 
 
 def test_nothing_to_say():
@@ -299,7 +290,7 @@ def test_where_one_authority_alone_varies_a_line_through_the_experiments_is_the_
 
 def test_the_leakage_stands_beside_the_design(mission):
     results, runs = mission
-    (picture,) = sections(results, runs)["leakage"].drawings
+    (picture,) = sections(results, runs)["leakage"].figures
     panel, magnified = picture.draw().panels
     rms = next(mark for mark in panel.marks if getattr(mark, "label", "") == "design, rms")
     assert (rms.low, rms.high) == pytest.approx((-6.3, 6.3))

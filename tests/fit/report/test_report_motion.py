@@ -13,7 +13,7 @@ from fit.pipeline import calibrate_inertial
 from fit.report import noise as report_noise
 from fit.report import page as report
 from fit.report.motion import sections
-from fit.report.noise import Products
+from fit.report.noise import DeltaGCache
 from fit.results.estimates import Estimate
 from fit.results.results import Fit
 from fit.telemetry.reader import read_all
@@ -46,29 +46,29 @@ def test_page_shows_the_period_with_figures(found, tmp_path):
 
 def test_correction_quietens_what_rotation_made(found):
     results, telemetries = found
-    (section,) = [p for p in sections(results, telemetries, Products(results)) if p.anchor == "p3"]
-    assert [row.name for row in section.table.rows] == ["delta_phi", "delta_eta"]
-    assert section.table.rows[0].flight.value == "−3.9"  # table Eulerfit, 1e-4 rad
-    ratio = float(section.drawings[0].caption.split("a factor of ")[1].split()[0])
+    (section,) = [p for p in sections(results, telemetries, DeltaGCache(results)) if p.anchor == "p3"]
+    assert [row.name for row in section.parameters.rows] == ["delta_phi", "delta_eta"]
+    assert section.parameters.rows[0].flight.value == "−3.9"  # table Eulerfit, 1e-4 rad
+    ratio = float(section.figures[0].caption.split("a factor of ")[1].split()[0])
     assert 1.2 < ratio < 4
 
 
 def test_the_levels_of_the_noise_runs_stand_in_a_section(found, monkeypatch):
     results, telemetries = found
-    products = Products(results)
+    products = DeltaGCache(results)
     sections(results, telemetries, products)
     monkeypatch.setattr(report_noise.deltag, "delta_g", None)  # nothing is calibrated twice
     (section,) = report_noise.sections(results, telemetries, products)
-    assert [drawing.name for drawing in section.drawings] == [
+    assert [drawing.name for drawing in section.figures] == [
         "noise-spectra",
         "noise-date",
         "noise-authority",
     ]
-    *runs, asked = section.grids[0].lines
-    assert [str(line.head) for line in runs] == [t.run for t in telemetries]
-    assert asked.cells[2:] == ("5.30", "6.84")  # sqrt 2 * 3 fm with both slopes, over the bands
-    for line in runs:
-        plain, low = (float(cell.value) for cell in line.cells[2:])
+    *runs, asked = section.tables[0].rows
+    assert [str(name) for name, *_ in runs] == [t.run for t in telemetries]
+    assert asked[3:] == ("5.30", "6.84")  # sqrt 2 * 3 fm with both slopes, over the bands
+    for row in runs:
+        plain, low = (float(cell.value) for cell in row[3:])
         assert 1 < plain < low  # a plateau, and a tail that rises to low frequencies
 
 
@@ -77,7 +77,7 @@ def test_glitches_are_no_noise(found):
     spans = (TimeSpan("night-1", 1e4, 2e4), TimeSpan("night-2", 0.0, 1e5))
     warning = FitWarning("glitches", (), "some", spans=spans)
     struck = replace(results.inertial["3"], warnings=(warning,))
-    products = Products(replace(results, inertial={"3": struck}))
+    products = DeltaGCache(replace(results, inertial={"3": struck}))
     product = products.terms(telemetries[0])
     inside = (product.time >= 1e4) & (product.time <= 3e4)
     for name in ("delta_g", "delta_g_x", "g_dOmega"):
@@ -87,12 +87,12 @@ def test_glitches_are_no_noise(found):
 
 def test_a_calibration_without_a_joint_fit_has_no_levels(found):
     nothing = fit_results.Results(None, {}, {}, {}, fit_results.Provenance())
-    assert report_noise.sections(nothing, found[1], Products(nothing)) == []
+    assert report_noise.sections(nothing, found[1], DeltaGCache(nothing)) == []
 
 
 def test_without_telemetry_the_table_remains(found):
-    (section,) = [p for p in sections(found[0], [], Products(found[0])) if p.anchor == "p3"]
-    assert section.drawings == ()
+    (section,) = [p for p in sections(found[0], [], DeltaGCache(found[0])) if p.anchor == "p3"]
+    assert section.figures == ()
 
 
 def test_gain_of_known_spectra():
@@ -108,9 +108,9 @@ def test_cross_talk_has_a_section(found, tmp_path):
     values = {f"b_{i}": Estimate(1e-5, 1e-7, "1", truth=1e-5, pull=0.0) for i in range(1, 7)}
     cross_talk = {"2": Fit(values, np.eye(6) * 1e-14, 1.0, 1, True, ())}
     results = fit_results.Results(None, {}, cross_talk, {}, fit_results.Provenance())
-    (section,) = sections(results, [], Products(results))
+    (section,) = sections(results, [], DeltaGCache(results))
     assert section.title == "Cross-talk, alignment epoch 2"
-    assert len(section.table.rows) == 6
+    assert len(section.parameters.rows) == 6
     assert 'id="b2"' in report.write_report(tmp_path, results, []).read_text()
 
 

@@ -53,12 +53,12 @@ def test_a_chain(tmp_path):
         "9000 steps of 40 walkers, the first 900 left out; 31 % of the proposals accepted, autocorrelation "
         "time at most 61 steps. Means within 0.02 σ of least squares, sigmas within 3 %."
     )
-    (grid,) = part.grids
-    assert len(grid.lines) == len(joint_fit().parameters)
-    mean, shift, ratio, tau = grid.lines[0].cells
+    (grid,) = part.tables
+    assert len(grid.rows) == len(joint_fit().parameters)
+    _, mean, shift, ratio, tau = grid.rows[0]
     assert (mean.value, mean.sigma) == ("1.07760", "0.00010")
     assert (shift.concise, ratio.concise, tau) == ("0.02(1)", "1.03(1)", "61")
-    assert part.drawings == ()
+    assert part.figures == ()
 
 
 def test_the_figure_another_command_drew_stays_inert(tmp_path):
@@ -88,7 +88,7 @@ def test_a_monte_carlo(tmp_path):
     coverage.write(found, 200, {7: "no"}, {"campaign": "<b>", "redraw": True}, tmp_path / "montecarlo.json")
     (part,) = sections(results(), tmp_path)
     assert part.text == "200 calibrations of <b> with new noise and new truths; 1 failed."
-    good, bad = ([getattr(c, "value", c) for c in line.cells] for line in part.grids[0].lines)
+    good, bad = ([getattr(c, "value", c) for c in row[1:]] for row in part.tables[0].rows)
     assert good == ["200", "0.05", "1.01", "68.0"]
     assert bad[1] == '<span class="off">0.50 ± 0.07</span>'
     assert bad[2] == "1.01"

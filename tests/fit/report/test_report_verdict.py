@@ -7,9 +7,9 @@ from dataclasses import replace
 import pytest
 
 from fit.parameters import FLIGHT, joint_names, joint_parameter
-from fit.report.verdict import matters, verdict
+from fit.report.verdict import verdict, warning_groups
 from fit.results.estimates import Estimate
-from fit.tables import parameters as tables
+from fit.tables import parameter_table
 from fit.warnings import WARNING_KINDS, FitWarning, Severity
 from tests import ROOT
 from tests.fit.report.test_report import LOST, experiment_fit, joint_fit, make_fit, results
@@ -26,7 +26,7 @@ def told_truth(fit, truth=None):
 
 def judged(fit, told=True, **others):
     fit = told_truth(fit) if told else fit
-    table = tables.table(fit, [joint_parameter(n) for n in joint_names([1, 2])])
+    table = parameter_table(fit, [joint_parameter(n) for n in joint_names([1, 2])])
     return verdict(results(joint=fit, **others), [table])
 
 
@@ -64,7 +64,7 @@ def test_what_spoils_the_judged_fit(code):
     found = judged(joint_fit(), experiments={"A1": experiment_fit(), "B2": alone})
     assert found.state == "doubtful"
     assert found.text.endswith(": experiment B2.")
-    shown = [tables.table(alone, [])]
+    shown = [parameter_table(alone, [])]
     assert verdict(results(experiments={"B2": alone}), shown).state == "bad"
 
 
@@ -95,9 +95,9 @@ def test_other_fits_must_find_the_truth_unless_they_say_they_do_not():
 
 def test_warnings_are_told_once_with_all_fits_that_raise_them():
     fits = {name: replace(experiment_fit(), warnings=(LOST, warned("glitches"))) for name in "AB"}
-    found = matters(results(joint=joint_fit(), experiments=fits))
+    found = warning_groups(results(joint=joint_fit(), experiments=fits))
     assert [matter.code for matter in found] == ["indeterminable", "glitches"]
-    (notice,) = found[0].notices
+    (notice,) = found[0].messages
     assert notice.message == "Nothing drives test mass 1."
     assert notice.scopes == ("joint fit", "experiment A", "experiment B")
     assert "<code>lpfcosim forecast</code>" in found[0].advice
@@ -105,8 +105,8 @@ def test_warnings_are_told_once_with_all_fits_that_raise_them():
 
 def test_a_symbol_at_the_start_keeps_its_case():
     fit = replace(experiment_fit(), warnings=(FitWarning("x", (), "b_1 and b_2 differ."),))
-    (matter,) = matters(results(experiments={"A": fit}))
-    assert (matter.notices[0].message, matter.advice) == ("b_1 and b_2 differ.", "")
+    (matter,) = warning_groups(results(experiments={"A": fit}))
+    assert (matter.messages[0].message, matter.advice) == ("b_1 and b_2 differ.", "")
 
 
 def codes(tree):

@@ -4,14 +4,13 @@ from markupsafe import Markup
 
 from fit.comparison.comparison import Comparison, ParameterComparison
 from fit.display import html, text
-from fit.results import FIXED, WITHHELD, Estimate
-from fit.tables import Lines
-from fit.tables import parameters as tables
+from fit.results import FIXED, Estimate
+from fit.tables import Table, estimate_text, measurement, power_of_ten
 
 _NONE = "-"
 
 
-def lines(comparison: Comparison) -> Lines:
+def table(comparison: Comparison) -> Table:
     """Return a row for each parameter: values, and differences from the first result in sigma."""
     reference, *labels = comparison.labels
     truth = any(p.truth is not None for p in comparison.parameters)
@@ -26,7 +25,7 @@ def lines(comparison: Comparison) -> Lines:
             cells.append(_concise(estimate, sound=sound))
             cells += [_NONE if difference is None else f"{round(difference, 2) + 0.0:+.2f}"] if n else []
         rows.append((*cells, *([_truth(p)] if truth else [])))
-    return Lines((*head, *(["truth"] if truth else [])), tuple(rows))
+    return Table((*head, *(["truth"] if truth else [])), tuple(rows))
 
 
 def sentences(comparison: Comparison) -> list[str]:
@@ -49,15 +48,14 @@ def sentences(comparison: Comparison) -> list[str]:
 
 @text.register
 def _(comparison: Comparison) -> str:
-    return "\n".join([*lines(comparison).aligned(), *sentences(comparison)])
+    return "\n".join([*table(comparison).aligned(), *sentences(comparison)])
 
 
 @html.register
 def _(comparison: Comparison) -> str:
-    table = lines(comparison)
+    shown = table(comparison)
     items = Markup().join(Markup("<li>{}</li>").format(sentence) for sentence in sentences(comparison))
-    sides = "ll" + "r" * (len(table.head) - 2)
-    return Markup("<div>{}{}</div>").format(table.html(sides), Markup("<ul>{}</ul>").format(items))
+    return Markup("<div>{}<ul>{}</ul></div>").format(shown.html(2), items)
 
 
 def _concise(estimate: Estimate | None, *, sound: bool) -> str:
@@ -66,19 +64,17 @@ def _concise(estimate: Estimate | None, *, sound: bool) -> str:
         return _NONE
     if estimate.fixed:
         return f"{estimate.value:.8g} ({FIXED})"
-    exponent = tables.power_of_ten(estimate.value)
-    number = tables.number(estimate.value, estimate.sigma, exponent)
-    shown = number.concise if sound else f"{number.value}({WITHHELD})"
-    return _ascii(shown, exponent)
+    exponent = power_of_ten(estimate.value)
+    return _ascii(estimate_text(estimate, exponent, sound=sound).concise, exponent)
 
 
 def _truth(p: ParameterComparison) -> str:
     if p.truth is None:
         return _NONE
-    exponent = tables.power_of_ten(p.truth)
+    exponent = power_of_ten(p.truth)
     sigmas = [(bool(e.fixed), e.sigma) for e in p.estimates if e is not None]
     _, sigma = min(sigmas)  # of what is fixed only without any other
-    return _ascii(tables.number(p.truth, sigma, exponent).value, exponent)
+    return _ascii(measurement(p.truth, sigma, exponent).value, exponent)
 
 
 def _ascii(number: str, exponent: int) -> str:

@@ -23,22 +23,33 @@ from fit.parameters import (
 from fit.quality import Heterogeneity, independent_estimates, paule_mandel
 from fit.report import motion as report_motion
 from fit.report import stiffness as report_stiffness
-from fit.report.parts import Drawing, Part, fitted_for, started
+from fit.report.section import FigureSpec, Section, single_fits, start_time
 from fit.results import FIXED, Diagnostics, Estimate, Fit, Results
-from fit.tables import LIMIT, Cell, Grid, Line, flagged, parameter_head, signed
-from fit.tables import parameters as tables
+from fit.tables import (
+    LIMIT,
+    Cell,
+    Table,
+    combination_text,
+    estimate_text,
+    highlight,
+    measurement,
+    parameter_head,
+    pull_text,
+    signed,
+    symbol,
+)
 from fit.telemetry import Telemetry
 
 _FLIGHT_HEAD = ("Parameter", "This calibration", "Flight", "σ / σ flight", "Difference / both σ")
 STRONG = 0.9  # correlation that is pointed out
 DOUBTFUL = 1e-3  # p-value below which chance is no explanation
-NAMED = 10  # strongest correlations
+N_CORRELATIONS = 10  # of the strongest ones
 
 
-def sections(results: Results, telemetries: Sequence[Telemetry]) -> list[Part]:
+def sections(results: Results, telemetries: Sequence[Telemetry]) -> list[Section]:
     """Return the sections that the results give matter for."""
     sound = _sound(results)
-    sections_found = [
+    candidates = [
         _gain(sound, telemetries),
         report_stiffness.model(sound, telemetries),
         report_stiffness.prediction(sound.joint),
@@ -47,7 +58,7 @@ def sections(results: Results, telemetries: Sequence[Telemetry]) -> list[Part]:
         _residuals(results),
         _correlation(sound.joint),
     ]
-    return [part for part in sections_found if part]
+    return [section for section in candidates if section]
 
 
 def _sound(results: Results) -> Results:
@@ -66,18 +77,16 @@ def _sound(results: Results) -> Results:
     )
 
 
-def _side_by_side(results: Results, telemetries: Sequence[Telemetry]) -> Part | None:
-    tables_found, text = [], Markup()
+def _side_by_side(results: Results, telemetries: Sequence[Telemetry]) -> Section | None:
+    tables, text = [], Markup()
     if results.joint is not None:
         epochs = [t.alignment_epoch for t in telemetries if t.kind == "sysid"]
         names = joint_names(epochs) if epochs else tuple(FLIGHT)
         known = [p for p in map(joint_parameter, names) if p.flown]
-        lines, finer = _flight_rows([(p, "", results.joint) for p in known])
-        tables_found.append(
-            Grid("Table jointfit: the joint fit beside the flight's.", _FLIGHT_HEAD, tuple(lines))
-        )
-        text = Markup("{} of {} parameters have a σ at or below the flight's. ").format(finer, len(lines))
-    lines, _ = _flight_rows(
+        rows, n_finer = _flight_rows([(p, "", results.joint) for p in known])
+        tables.append(Table(_FLIGHT_HEAD, rows, "Table jointfit: the joint fit beside the flight's."))
+        text = Markup("{} of {} parameters have a σ at or below the flight's. ").format(n_finer, len(rows))
+    rows, _ = _flight_rows(
         [
             (p, f" (period {period})", fit)
             for period, fit in results.inertial.items()
@@ -85,141 +94,132 @@ def _side_by_side(results: Results, telemetries: Sequence[Telemetry]) -> Part | 
             if p.flown
         ]
     )
-    if lines:
-        tables_found.append(
-            Grid("Table Eulerfit: the misalignments beside the flight's.", _FLIGHT_HEAD, tuple(lines))
-        )
-    if not tables_found:
+    if rows:
+        tables.append(Table(_FLIGHT_HEAD, rows, "Table Eulerfit: the misalignments beside the flight's."))
+    if not tables:
         return None
-    return Part("paper", "The paper's tables, side by side", text, tuple(tables_found))
+    return Section("paper", "The paper's tables, side by side", text, tables=tuple(tables))
 
 
-def _flight_rows(rows: Sequence[tuple[Parameter, str, Fit]]) -> tuple[list[Line], int]:
-    """Return a line for every parameter, and how many have no larger sigma than the flight."""
-    lines, finer = [], 0
-    for parameter, suffix, fit in rows:
+def _flight_rows(
+    parameters: Sequence[tuple[Parameter, str, Fit]],
+) -> tuple[tuple[tuple[Cell, ...], ...], int]:
+    """Return a row for every parameter, and how many have no larger sigma than the flight."""
+    rows: list[tuple[Cell, ...]] = []
+    n_finer = 0
+    for parameter, suffix, fit in parameters:
         head, exponent = parameter_head(parameter, suffix)
-        flight = tables.number(parameter.value, parameter.sigma, exponent)
+        flight = measurement(parameter.value, parameter.sigma, exponent)
         estimate = fit.parameters.get(parameter.name)
         if estimate is None or estimate.fixed:
-            lines.append(Line(head, (None, flight, FIXED if estimate else "not determined", "")))
+            rows.append((head, None, flight, FIXED if estimate else "not determined", ""))
             continue
         ratio = estimate.sigma / parameter.sigma
-        difference = (estimate.value - parameter.value) / math.hypot(estimate.sigma, parameter.sigma)
-        finer += ratio <= 1
-        lines.append(
-            Line(
-                head,
-                (
-                    tables.number(estimate.value, estimate.sigma, exponent),
-                    flight,
-                    f"{ratio:.2f}",
-                    flagged(signed(difference, 2), abs(difference) > LIMIT),
-                ),
-            )
-        )
-    return lines, finer
+        pull = (estimate.value - parameter.value) / math.hypot(estimate.sigma, parameter.sigma)
+        n_finer += ratio <= 1
+        rows.append((head, estimate_text(estimate, exponent), flight, f"{ratio:.2f}", pull_text(pull, 2)))
+    return tuple(rows), n_finer
 
 
-def _correlation(joint: Fit | None) -> Part | None:
+def _correlation(joint: Fit | None) -> Section | None:
     if joint is None or len(joint.parameters) < 2:
         return None
-    matrix, symbols = joint.correlation, list(map(tables.symbol, joint))
+    matrix, symbols = joint.correlation, list(map(symbol, joint))
     pairs = [(i, j) for i in range(len(symbols)) for j in range(i)]
-    picture = Drawing(
+    picture = FigureSpec(
         "correlation",
         "Correlation matrix of the joint estimates as a map of colours",
         "Correlation of the joint estimates in per cent, blue positive and orange negative. Strong colour "
         "marks two parameters whose errors go together.",
         partial(figures_mission.correlations, joint),
     )
-    strongest = sorted(pairs, key=lambda pair: -abs(matrix[pair]))[:NAMED]
-    lines = tuple(
-        Line(
+    strongest = sorted(pairs, key=lambda pair: -abs(matrix[pair]))[:N_CORRELATIONS]
+    rows = [
+        (
             Markup("{} and {}").format(symbols[j], symbols[i]),
-            (flagged(signed(matrix[i, j], 4), abs(matrix[i, j]) > STRONG),),
+            highlight(signed(matrix[i, j], 4), abs(matrix[i, j]) > STRONG),
         )
         for i, j in strongest
-    )
-    grid = Grid(
-        "Strongest correlations; a sum or a difference is known better than either.", ("", "r"), lines
-    )
+    ]
+    caption = "Strongest correlations; a sum or a difference is known better than either."
     blind = [w.combination for w in joint.warnings if w.code == "indeterminable" and w.combination]
     text = "Every combination of the parameters is determined."
     if blind:
         text = Markup("Not determined: {}.").format(Markup("; ").join(map(_combination, blind)))
-    return Part(
+    return Section(
         "correlation",
         "Correlations and degenerate combinations",
         text,
-        (grid,),
-        (picture,),
+        tables=(Table(("", "r"), tuple(rows), caption),),
+        figures=(picture,),
     )
 
 
 def _combination(coefficients: Mapping[str, float]) -> Markup:
     several = len(coefficients) > 1
-    return tables.combination_text(coefficients) if several else tables.symbol(next(iter(coefficients)))
+    return combination_text(coefficients) if several else symbol(next(iter(coefficients)))
 
 
-def _gain(results: Results, telemetries: Sequence[Telemetry]) -> Part | None:
+def _gain(results: Results, telemetries: Sequence[Telemetry]) -> Section | None:
     estimates = list(independent_estimates(results.experiments).values())
     if len(estimates) < 2:
         return None
     heterogeneity = paule_mandel(estimates)
     joint = results.joint.parameters.get("lambda_2") if results.joint else None
     flown = FLIGHT["lambda_2"]
-    of_joint = tables.number(joint.value, joint.sigma) if joint else None
     scatter = f"{100 * heterogeneity.scatter / heterogeneity.mean:.2g} %" if heterogeneity.scatter else "0"
-    cells: dict[str, tuple[Cell, Cell]] = {
-        "weighted mean of the experiments": (
-            tables.number(heterogeneity.mean, heterogeneity.sigma),
-            tables.number(*GAIN_MEAN),
+    rows: tuple[tuple[Cell, ...], ...] = (
+        (
+            "weighted mean of the experiments",
+            measurement(heterogeneity.mean, heterogeneity.sigma),
+            measurement(*GAIN_MEAN),
         ),
-        "joint fit": (of_joint, tables.number(flown.value, flown.sigma)),
-        "χ² / degrees of freedom about the mean": (f"{heterogeneity.chi2_red:.2f}", f"≈ {GAIN_CHI2_RED}"),
-        "p-value": (_p_value(heterogeneity.p_value), "< 0.001"),
-        "scatter beyond noise that would make it 1": (scatter, f"≈ {100 * GAIN_SCATTER:g} %"),
-    }
-    count = heterogeneity.dof + 1
-    caption = f"λ₂ of {count} experiments, each fitted alone."
-    lines = tuple(Line(Markup(head), both) for head, both in cells.items())
-    grid = Grid(caption, ("", "This calibration", "Flight"), lines)
-    pictures = _gain_figure(results, telemetries)
-    return Part("gain", "Stationarity of the gain", _gain_verdict(heterogeneity), (grid,), pictures)
+        ("joint fit", estimate_text(joint) if joint else None, measurement(flown.value, flown.sigma)),
+        ("χ² / degrees of freedom about the mean", f"{heterogeneity.chi2_red:.2f}", f"≈ {GAIN_CHI2_RED}"),
+        ("p-value", _p_value(heterogeneity.p_value), "< 0.001"),
+        ("scatter beyond noise that would make it 1", scatter, f"≈ {100 * GAIN_SCATTER:g} %"),
+    )
+    caption = f"λ₂ of {len(estimates)} experiments, each fitted alone."
+    return Section(
+        "gain",
+        "Stationarity of the gain",
+        _gain_verdict(heterogeneity),
+        tables=(Table(("", "This calibration", "Flight"), rows, caption),),
+        figures=_gain_figures(results, telemetries),
+    )
 
 
 def _gain_verdict(heterogeneity: Heterogeneity) -> Markup:
     if heterogeneity.p_value >= DOUBTFUL:
         return Markup("The experiments agree with one λ<sub>2</sub> for all of them.")
-    mean = tables.number(heterogeneity.mean, heterogeneity.sigma_with_scatter)
+    mean = measurement(heterogeneity.mean, heterogeneity.sigma_with_scatter)
     return Markup(
-        "λ<sub>2</sub> is not the same in every experiment. If it scatters, its mean is {} ± {}; "
+        "λ<sub>2</sub> is not the same in every experiment. If it scatters, its mean is {}; "
         "the joint fit can have the scatter as a parameter."
-    ).format(mean.value, mean.sigma)
+    ).format(mean)
 
 
 def _p_value(p: float) -> str:
-    return flagged("< 0.001", True) if p < DOUBTFUL else f"{p:.3f}"
+    return highlight("< 0.001", True) if p < DOUBTFUL else f"{p:.3f}"
 
 
-def _gain_figure(results: Results, telemetries: Sequence[Telemetry]) -> tuple[Drawing, ...]:
+def _gain_figures(results: Results, telemetries: Sequence[Telemetry]) -> tuple[FigureSpec, ...]:
     points = [
-        figures_gain.GainPoint(run.experiment, started(run), run.F_max_2, fit.parameters["lambda_2"])
-        for run, fit in fitted_for("lambda_2", results, telemetries)
+        figures_gain.GainPoint(run.experiment, start_time(run), run.F_max_2, fit.parameters["lambda_2"])
+        for run, fit in single_fits("lambda_2", results, telemetries)
     ]
     if len(points) < 2:
         return ()
     joint = results.joint.parameters.get("lambda_2") if results.joint else None
     return (
-        Drawing(
+        FigureSpec(
             "gain",
             "Gain of test mass 2 against date, one point per experiment",
             "λ₂ of each experiment on its own, ±1 σ, against the value common to all (the paper's figure "
             "gainevolution) and their weighted mean.",
             partial(figures_gain.gain_evolution, points, joint),
         ),
-        Drawing(
+        FigureSpec(
             "gain-authority",
             "Gain of test mass 2 against its force authority, one point per experiment",
             "The same against the force authority: a gain that depends on the force would show as a trend.",
@@ -228,7 +228,7 @@ def _gain_figure(results: Results, telemetries: Sequence[Telemetry]) -> tuple[Dr
     )
 
 
-def _leakage(results: Results, telemetries: Sequence[Telemetry]) -> Part | None:
+def _leakage(results: Results, telemetries: Sequence[Telemetry]) -> Section | None:
     joint = {
         int(name.removeprefix("delta_ifo_")): estimate
         for name, estimate in (results.joint.parameters.items() if results.joint else ())
@@ -236,7 +236,7 @@ def _leakage(results: Results, telemetries: Sequence[Telemetry]) -> Part | None:
     }
     single = [
         (run.experiment, run.alignment_epoch, fit.parameters["delta_ifo"])
-        for run, fit in fitted_for("delta_ifo", results, telemetries)
+        for run, fit in single_fits("delta_ifo", results, telemetries)
     ]
     if not joint and len(single) < 2:
         return None
@@ -246,7 +246,7 @@ def _leakage(results: Results, telemetries: Sequence[Telemetry]) -> Part | None:
         if (p := joint_parameter(f"delta_ifo_{k}")).flown
     }
     rms, limit = DELTA_IFO_DESIGN
-    picture = Drawing(
+    picture = FigureSpec(
         "leakage",
         "Leakage of x1 into the differential read-out by alignment epoch, beside what the design allows",
         "δ_ifo by alignment epoch, ±1 σ, below magnified: joint fit, each experiment on its own, and flight. "
@@ -255,14 +255,14 @@ def _leakage(results: Results, telemetries: Sequence[Telemetry]) -> Part | None:
         "section Results).",
         partial(figures_leakage.leakage, joint, single, flight),
     )
-    return Part("leakage", "Leakage of the read-out", drawings=(picture,))
+    return Section("leakage", "Leakage of the read-out", figures=(picture,))
 
 
-def _residuals(results: Results) -> Part | None:
+def _residuals(results: Results) -> Section | None:
     diagnostics = {name: fit.diagnostics for name, fit in results.experiments.items() if fit.diagnostics}
     if not diagnostics:
         return None
-    lines = [Line(escape(name), _judged(d)) for name, d in diagnostics.items()]
+    rows = tuple((escape(name), *_diagnostics(d)) for name, d in diagnostics.items())
     doubtful = sum(d.whiteness < 0.05 for d in diagnostics.values())
     text = Markup(
         "{} of {} residuals have a whiteness below 0.05; of noise such as the model says, {:.1f} would."
@@ -275,7 +275,7 @@ def _residuals(results: Results) -> Part | None:
         "with as much."
     )
     head = ("Experiment", "χ² / degrees of freedom", "(χ² − 1) / σ", "Whiteness", "Excess kurtosis", "ν")
-    picture = Drawing(
+    picture = FigureSpec(
         "quantiles",
         "Quantiles of the normalised residual of every experiment less those of a normal variable",
         "Quantiles of the normalised residual (real and imaginary part of each frequency) less those of a "
@@ -283,19 +283,18 @@ def _residuals(results: Results) -> Part | None:
         "level, ends that bend away from it mean tails.",
         partial(figures_mission.quantiles, diagnostics, {n: results.experiments[n].dof for n in diagnostics}),
     )
-    return Part(
-        "residuals", "Residuals", text, (Grid(caption, head, tuple(lines)),), (picture,), is_stacked=True
-    )
+    table = Table(head, rows, caption)
+    return Section("residuals", "Residuals", text, tables=(table,), figures=(picture,), is_stacked=True)
 
 
-def _judged(d: Diagnostics) -> tuple[Cell, ...]:
-    is_own_level = d.chi2_red_sigma < 1e-6  # the level of its own residual
-    pull = 0.0 if is_own_level else (d.chi2_red - 1) / d.chi2_red_sigma
+def _diagnostics(d: Diagnostics) -> tuple[Cell, ...]:
+    is_residual_level = d.chi2_red_sigma < 1e-6  # measured on the residual itself
+    pull = 0.0 if is_residual_level else (d.chi2_red - 1) / d.chi2_red_sigma
     excess = d.kurtosis / d.kurtosis_sigma
     return (
-        f"{d.chi2_red:.3f}" if is_own_level else tables.number(d.chi2_red, d.chi2_red_sigma),
-        "–" if is_own_level else flagged(signed(pull, 1), abs(pull) > LIMIT),
+        f"{d.chi2_red:.3f}" if is_residual_level else measurement(d.chi2_red, d.chi2_red_sigma),
+        None if is_residual_level else pull_text(pull),
         _p_value(d.whiteness),
-        tables.number(d.kurtosis, d.kurtosis_sigma),
-        flagged(f"{4 + 6 / d.kurtosis:.0f}", True) if excess > LIMIT else "–",
+        measurement(d.kurtosis, d.kurtosis_sigma),
+        highlight(f"{4 + 6 / d.kurtosis:.0f}", True) if excess > LIMIT else None,
     )

@@ -6,15 +6,24 @@ from pathlib import Path
 from markupsafe import Markup
 
 from fit import results as fit_results
-from fit.report.parts import Part
+from fit.report.section import Section
 from fit.results import WITHHELD, Fit, Results
-from fit.tables import LIMIT, Grid, Line, flagged, name_head
-from fit.tables import parameters as tables
+from fit.tables import (
+    Table,
+    fit_estimate,
+    highlight,
+    measurement,
+    name_head,
+    power_of_ten,
+    pull_text,
+    symbol,
+    unit_text,
+)
 
 NAME = "identified.json"
 
 
-def sections(results: Results, directory: Path) -> list[Part]:
+def sections(results: Results, directory: Path) -> list[Section]:
     """Return a section on ``identified.json``, if `directory` holds one.
 
     Raises
@@ -28,36 +37,36 @@ def sections(results: Results, directory: Path) -> list[Part]:
     identification = fit_results.load(path)
     if identification.joint is None:
         return []
-    return [_part(identification.joint, identification.provenance.more, results)]
+    return [_section(identification.joint, identification.provenance.more, results)]
 
 
-def _part(joint: Fit, entries: Mapping[str, object], results: Results) -> Part:
-    lines = []
-    of_fit = results.joint.parameters if results.joint else {}
+def _section(joint: Fit, entries: Mapping[str, object], results: Results) -> Section:
+    rows = []
+    estimates = results.joint.parameters if results.joint else {}
     for name, e in joint.parameters.items():
-        exponent = tables.power_of_ten(e.value)
-        comparison = ""
-        if name in of_fit:
-            shift = (e.value - of_fit[name].value) / of_fit[name].sigma
-            comparison = flagged(tables.signed(shift, 3), abs(shift) > LIMIT)
-        pull = "" if e.pull is None or joint.unsound else flagged(f"{e.pull:+.2f}", abs(e.pull) > LIMIT)
-        truth = "" if e.truth is None else tables.number(e.truth, e.sigma, exponent).value
-        head = name_head(tables.symbol(name), name, tables.unit_text(e.unit, exponent))
-        lines.append(Line(head, (tables.of_fit(joint, name, exponent), truth, pull, comparison)))
+        exponent = power_of_ten(e.value)
+        truth = None if e.truth is None else measurement(e.truth, e.sigma, exponent).value
+        pull = None if e.pull is None or joint.unsound else pull_text(e.pull, 2)
+        shift = None
+        if reference := estimates.get(name):
+            shift = pull_text((e.value - reference.value) / reference.sigma, 3)
+        head = name_head(symbol(name), name, unit_text(e.unit, exponent))
+        rows.append((head, fit_estimate(joint, name, exponent), truth, pull, shift))
     text = Markup(
         "Parameters of the FMUs, with which the closed loop was simulated. χ² {:.6g} of {}."
     ).format(joint.chi2, joint.dof)
     if joint.unsound:
-        text += flagged(f" The sigmas do not hold ({WITHHELD}).", True)
+        text += highlight(f" The sigmas do not hold ({WITHHELD}).", True)
     text += _commands(entries)
     for warning in joint.warnings:
-        text += Markup("<br>{}").format(flagged(warning.message, warning.kind.unsound))
+        text += Markup("<br>{}").format(highlight(warning.message, warning.kind.unsound))
     caption = (
         "Estimate and truth in the unit of the row, pull in σ, and the distance from the fit of the "
         "equation of motion in its σ."
     )
-    grid = Grid(caption, ("Parameter", "Estimate", "Truth", "Pull / σ", "From the fit / σ"), tuple(lines))
-    return Part("identified", "Parameters of the FMUs", text, (grid,), is_stacked=True)
+    columns = ("Parameter", "Estimate", "Truth", "Pull / σ", "From the fit / σ")
+    table = Table(columns, tuple(rows), caption)
+    return Section("identified", "Parameters of the FMUs", text, tables=(table,), is_stacked=True)
 
 
 def _commands(entries: Mapping[str, object]) -> Markup:

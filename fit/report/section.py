@@ -1,0 +1,90 @@
+"""Sections of the page: what the modules of the report fill, and the template shows."""
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from datetime import UTC
+
+import numpy as np
+from markupsafe import Markup
+
+from fit.figures import Figure
+from fit.results import Fit, Results
+from fit.tables import ParameterTable, Table
+from fit.telemetry import Telemetry, utc
+
+
+@dataclass(frozen=True)
+class FigureSpec:
+    """A figure of the report, not yet drawn.
+
+    Attributes
+    ----------
+    name : str
+        Of its files, unique in the report.
+    description, caption : str
+        What it shows in plain words, for those who cannot see it; and what stands below.
+    draw : callable
+        Returns it, or an image that is there already.
+    """
+
+    name: str
+    description: str
+    caption: str
+    draw: Callable[[], Figure | Markup]
+
+
+@dataclass(frozen=True)
+class RenderedFigure:
+    """A figure in the page: the element, what to see in it, the name of its files."""
+
+    element: Markup
+    caption: str
+    name: str
+
+
+@dataclass(frozen=True)
+class Section:
+    """A section of the page.
+
+    Attributes
+    ----------
+    anchor, title : str
+        Target of its link, and heading.
+    text : str
+        Of a `parameters` table, its description.
+    facts : mapping of str to str
+        Values in a few words each, by name.
+    parameters : ParameterTable or None
+        Estimates with truth, pull and flight value.
+    tables : tuple of Table
+        Other tables.
+    figures : tuple of FigureSpec or RenderedFigure
+        Figures at the side of the tables, or below if `is_stacked`.
+    is_doubtful : bool
+        Whether its fit fails a test.
+    """
+
+    anchor: str
+    title: str
+    text: str = ""
+    facts: Mapping[str, str] = field(default_factory=dict)
+    parameters: ParameterTable | None = None
+    tables: tuple[Table, ...] = ()
+    figures: tuple[FigureSpec | RenderedFigure, ...] = ()
+    is_stacked: bool = False
+    is_doubtful: bool = False
+
+
+def single_fits(
+    name: str, results: Results, telemetries: Sequence[Telemetry]
+) -> Iterator[tuple[Telemetry, Fit]]:
+    """Yield every sysid run whose single-experiment fit determines a parameter, and that fit."""
+    for run in telemetries:
+        fit = results.experiments.get(run.experiment)
+        if run.kind == "sysid" and fit and name in fit.parameters:
+            yield run, fit
+
+
+def start_time(run: Telemetry) -> np.datetime64:
+    """Return the start of a run, UTC."""
+    return np.datetime64(utc(run.t0).astimezone(UTC).replace(tzinfo=None))

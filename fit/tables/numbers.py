@@ -1,0 +1,104 @@
+"""Numbers in print: a value with its uncertainty and unit, down to two digits of sigma."""
+
+import math
+from collections.abc import Mapping
+from contextlib import suppress
+from dataclasses import dataclass, replace
+
+from markupsafe import Markup, escape
+
+from fit.parameters import experiment_parameters, joint_parameter
+from fit.results import FIXED, WITHHELD, Estimate, Fit
+
+_SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+
+
+@dataclass(frozen=True)
+class Measurement:
+    """A value with its sigma in print."""
+
+    value: str
+    sigma: str
+
+    def __str__(self) -> str:
+        return f"{self.value} ± {self.sigma}"
+
+    @property
+    def concise(self) -> str:
+        """The sigma in brackets, in units of the last digit where it is below one: ``1.0776(3)``."""
+        digits = self.sigma.removeprefix("0.").lstrip("0") if self.sigma.startswith("0.") else self.sigma
+        return f"{self.value}({digits or 0})"
+
+
+def measurement(value: float, sigma: float, exponent: int = 0) -> Measurement:
+    """Return a value and its sigma in print, in units of a power of ten."""
+    scale = 10.0**exponent
+    places = decimals(sigma / scale)
+    return Measurement(signed(value / scale, places), f"{sigma / scale:.{places}f}")
+
+
+def estimate_text(estimate: Estimate, exponent: int = 0, *, sound: bool = True) -> Measurement:
+    """Return an estimate in print; what stands for a sigma that is fixed, or that does not hold."""
+    text = measurement(estimate.value, estimate.sigma, exponent)
+    return replace(text, sigma=FIXED if estimate.fixed else text.sigma if sound else WITHHELD)
+
+
+def fit_estimate(fit: Fit, name: str, exponent: int = 0) -> Measurement | None:
+    """Return an estimate of a fit in print, None where there is none."""
+    estimate = fit.parameters.get(name)
+    return None if estimate is None else estimate_text(estimate, exponent, sound=not fit.unsound)
+
+
+def signed(value: float, decimals: int) -> str:
+    """Return a number with a true minus sign; what rounds to zero carries none."""
+    text = f"{value:.{decimals}f}"
+    return text.lstrip("-") if float(text) == 0 else text.replace("-", "−")
+
+
+def significant(value: float, sigma: float) -> str:
+    """Return a number in ASCII down to the second digit of its sigma."""
+    if not (value and sigma > 0):
+        return f"{value:.6g}"
+    places = math.floor(math.log10(abs(value))) - math.floor(math.log10(sigma)) + 2
+    return f"{value:.{min(max(places, 1), 15)}g}"
+
+
+def power_of_ten(value: float) -> int:
+    """Return the exponent a row shares: none for what reads well as it is, thousands above."""
+    exponent = math.floor(math.log10(abs(value))) if value else 0
+    if -2 <= exponent <= 3:
+        return 0
+    return exponent if exponent < 0 else 3 * (exponent // 3)
+
+
+def decimals(sigma: float) -> int:
+    """Return the decimals that show two digits of an uncertainty, one where it was given with one."""
+    if sigma <= 0:
+        return 6
+    digits = 1 if math.isclose(float(f"{sigma:.0e}"), sigma, rel_tol=1e-9) else 2
+    return min(12, max(0, digits - 1 - math.floor(math.log10(sigma) + 1e-9)))
+
+
+def unit_text(unit: str, exponent: int = 0) -> str:
+    """Return a unit in print, ``10⁻⁷ s⁻²`` for ``s-2`` and -7."""
+    factor = "10" + str(exponent).translate(_SUPERSCRIPTS) if exponent else ""
+    symbols = "" if unit == "1" else unit.translate(_SUPERSCRIPTS)
+    return f"{factor} {symbols}".strip()
+
+
+def symbol(name: str) -> Markup:
+    """Return the symbol of a parameter; of all texts only the parameters' own are trusted as HTML."""
+    single = experiment_parameters(((0.0, 0.0), (0.0, 0.0)), epoch=1)
+    with suppress(KeyError):
+        return Markup((single.get(name) or joint_parameter(name)).html)
+    return escape(name)
+
+
+def combination_text(combination: Mapping[str, float]) -> Markup:
+    """Return a linear combination of parameters in print."""
+    terms = []
+    for name, coefficient in combination.items():
+        mantissa, _, exponent = f"{abs(coefficient):.3g}".partition("e")
+        factor = f"{mantissa}·{unit_text('1', int(exponent))}" if exponent else mantissa
+        terms.append(Markup("{} {} {}").format("−" if coefficient < 0 else "+", factor, symbol(name)))
+    return Markup(" ").join(terms).removeprefix("+ ")
