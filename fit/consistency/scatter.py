@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fit.consistency.consistency_test import ChiSquare, ConsistencyTest
-from fit.fitting import departures, estimate_widths
+from fit.fitting import estimate_widths, random_effects
 from fit.parameters import FLIGHT
 
 Array = NDArray[np.float64]
@@ -20,7 +20,7 @@ SENSITIVITY = 1e-3  # inverse sigma, of itself and relative to the most sensitiv
 P_SCATTER = 1e-3  # where there is none sigmas get a little wider; missed, it makes them far too small
 FEWEST = 3  # runs that must be sensitive to a deviation
 GAIN, DELAY = (
-    next(kind for kind in departures.RANDOM_EFFECTS if kind.name == name) for name in ("gain", "delay")
+    next(kind for kind in random_effects.RANDOM_EFFECTS if kind.name == name) for name in ("gain", "delay")
 )
 CANDIDATES = ((GAIN,), (DELAY,), (GAIN, DELAY))
 
@@ -43,7 +43,7 @@ class Scatter:
         What is left of T.
     """
 
-    kinds: tuple[departures.RandomEffect, ...]
+    kinds: tuple[random_effects.RandomEffect, ...]
     widths: tuple[float, ...]
     log_likelihood: float
     p: float
@@ -70,7 +70,7 @@ def estimate_scatter(test: ConsistencyTest, names: Sequence[str]) -> Scatter | N
     return max(estimates, key=lambda e: e.log_likelihood - len(e.kinds), default=None)
 
 
-def _estimate(test: ConsistencyTest, kinds: Sequence[departures.RandomEffect]) -> Scatter | None:
+def _estimate(test: ConsistencyTest, kinds: Sequence[random_effects.RandomEffect]) -> Scatter | None:
     columns = []
     for kind in kinds:
         Z = test.residual_maker @ _deviations(test, kind)
@@ -85,14 +85,14 @@ def _estimate(test: ConsistencyTest, kinds: Sequence[departures.RandomEffect]) -
     return Scatter(tuple(kinds), found.widths, found.log_likelihood, found.p, rest)
 
 
-def _deviations(test: ConsistencyTest, kind: departures.RandomEffect) -> Array:
+def _deviations(test: ConsistencyTest, kind: random_effects.RandomEffect) -> Array:
     """Return the effect of unit deviations of every run, test mass by test mass, in flight values."""
     columns = []
-    for name, unit in zip(kind.parameters, kind.units, strict=True):
+    for name in kind.parameters:
         for i, run in enumerate(test.runs):
-            column = run.derivative(name) * FLIGHT[unit].value
-            if name in departures.DELAYS:  # the delay stays
-                C = departures.DELAYS[name]
+            column = run.derivative(name) * FLIGHT[name].value
+            if name in random_effects.DELAYS:  # the delay stays
+                C = random_effects.DELAYS[name]
                 column = column + run.derivative(C) * FLIGHT[C].value
             columns.append(test.column(i, column))
     return np.hstack(columns)

@@ -23,9 +23,9 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from fit.crosstalk import attenuation
+from fit.crosstalk import attenuation, drift
 from fit.crosstalk.attenuation import AttenuationCorrected
-from fit.fitting import IRLSResult, drift
+from fit.fitting import IRLSResult
 from fit.model import Sharing, dynamics, inertial
 from fit.quality import indeterminable, report
 from fit.results import Fit, Results
@@ -83,7 +83,7 @@ def cross_talk(
             ],
         )
         shifts = {names[p.name]: shift[i] for i, p in enumerate(outcome.parameters) if p.name in names}
-        drifts = drift.cross_talk_drift(outcome, experiments, names, epoch)
+        drifts = drift.cross_talk_drift(outcome, names)
         fits[str(epoch)] = drift.inflate_sigma(attenuation.inflate_sigma(fit, shifts), drifts)
     return fits
 

@@ -33,7 +33,7 @@ from numpy.typing import NDArray
 from fit.crosstalk import readout_noise
 from fit.crosstalk.fitted_run import FittedRun
 from fit.crosstalk.noise_share import noise_share
-from fit.fitting import IRLSResult, normal
+from fit.fitting import IRLSResult
 from fit.model import dynamics
 from fit.spectra import Spectrum, fit_noise, windowing
 from fit.whitening import whitened_run
@@ -360,7 +360,7 @@ def _solution(outcome: IRLSResult, runs: Sequence[MomentEquations]) -> whitened_
     score = rows.T @ (rows @ offset)
     for run in runs:
         score += run.map.T @ run.bin_moments(np.zeros(len(run.map))).sum(axis=0)
-    inverse = normal.inverse(A)
+    inverse = whitened_run.scaled_inverse(A)
     change = -inverse @ score
     scores = rows.T @ rows
     for run in runs:

@@ -114,10 +114,8 @@ def unattenuated(
 def calibration_covariance(outcome: IRLSResult, correlation: Array) -> Array:
     """Return the covariance that the errors of the calibration make, shape (P, P)."""
     whitened_runs, theta = outcome.whitened_runs, outcome.solution.theta
-    width = np.array([p.prior_sigma for p in outcome.parameters])
-    inverse = whitened_run.curvature_covariance(
-        whitened_run.information(whitened_runs, theta), outcome.prior, width
-    )
+    rows = outcome.prior.rows
+    inverse = whitened_run.scaled_inverse(whitened_run.information(whitened_runs, theta) + rows.T @ rows)
     # One calibration serves all runs, so its errors add up; that of delta_ifo counts for nothing here.
     moments = [block.calibration_moments() for block in cast(Sequence[NoisyRotation], whitened_runs)]
     shift = inverse @ np.sum(moments, axis=0)

@@ -5,16 +5,27 @@ of such runs is what every fit minimises, and what a user gets for whatever else
 iteration, `irls.iterate`, moves weights, delays and parameters until nothing moves.
 """
 
-from fit.fitting.hierarchy import ScaleParameter
 from fit.fitting.irls import HARMLESS, MAX_ITERATIONS, TOLERANCE, Convergence, IRLSResult, iterate
-from fit.fitting.joint_fit import constraints_of, fit_experiment, fit_joint
+from fit.fitting.joint_fit import (
+    constraints_of,
+    fit_experiment,
+    fit_joint,
+    linear_combination,
+    stiffnesses,
+)
 from fit.fitting.joint_model import Prior, delta_chi2, free_directions, lmfit_symbol
 from fit.fitting.nonstationary_noise import NonstationaryRun, SegmentVariances
-from fit.fitting.normal import variance_factors
 from fit.fitting.priors import PriorSet, weak_priors
-from fit.fitting.problem import FREE, Problem
-from fit.fitting.random_effects import estimate_widths
-from fit.fitting.run_estimate import RunEstimate, column_scale, moments, run_estimate, score_whitening
+from fit.fitting.problem import Problem
+from fit.fitting.random_effects import FREE, Heterogeneity, ScaleParameter, estimate_widths, heterogeneity
+from fit.fitting.run_estimate import (
+    RunEstimate,
+    column_scale,
+    moments,
+    run_estimate,
+    score_whitening,
+    variance_factors,
+)
 
 __all__ = [
     "FREE",
@@ -22,6 +33,7 @@ __all__ = [
     "MAX_ITERATIONS",
     "TOLERANCE",
     "Convergence",
+    "Heterogeneity",
     "IRLSResult",
     "NonstationaryRun",
     "Prior",
@@ -35,26 +47,26 @@ __all__ = [
     "constraints",
     "constraints_of",
     "delta_chi2",
-    "departures",
-    "drift",
     "estimate_widths",
     "fit_experiment",
     "fit_joint",
     "flscov",
     "free_directions",
-    "hierarchy",
+    "heterogeneity",
     "irls",
     "iterate",
+    "linear_combination",
     "lmfit_symbol",
     "moments",
-    "normal",
     "null_space",
     "priors",
+    "random_effects",
     "readout_excess_noise",
     "run_estimate",
     "score_whitening",
-    "sums",
+    "stiffnesses",
     "user_params",
     "variance_factors",
     "weak_priors",
+    "width_posterior",
 ]

@@ -17,10 +17,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fit.errors import FitError
-from fit.fitting.hierarchy import ScaleParameter, n_shared
 from fit.fitting.joint_model import JointModel, Prior, SolvedModel, parameter_values
-from fit.fitting.priors import PriorSet, weak_priors
+from fit.fitting.priors import PriorSet, prior_rows, weak_priors
 from fit.fitting.problem import Problem
+from fit.fitting.random_effects import ScaleParameter, n_shared
 from fit.fitting.run_estimate import RunEstimate, run_estimate
 from fit.fitting.weighings import WARM_UP, Weighing, weighing
 from fit.parallel import parallel_map, progress_range
@@ -138,11 +138,7 @@ class IRLSResult:
         """The prior, and departures within their likeliest widths: without, they and what is common blur."""
         rows = [self.prior.rows]
         for width, (log_width, _) in zip(self.random_effects, self.log_widths, strict=True):
-            rows_of_width = np.zeros((len(width.members), len(self.parameters)))
-            rows_of_width[range(len(rows_of_width)), list(width.members)] = 1 / (
-                np.exp(log_width) * width.units
-            )
-            rows.append(rows_of_width)
+            rows.append(prior_rows(width.priors(np.exp(log_width)), len(self.parameters)))
         return whitened_run.Prior(self.prior.centre, np.concatenate(rows))
 
 
@@ -245,10 +241,10 @@ def iterate(
         converged = largest < convergence.tolerance and all(w.converged for w in weighings)
         ended = converged or (iteration == convergence.max_iterations - 1 and largest < convergence.max_move)
         if ended and iteration > convergence.warm_up:
-            solution = _solution(whitened_runs, model, result, covariance)
+            estimate_of_all = _solution(whitened_runs, problem, model, result)
             prior = problem.prior(result.params, known)
             state = (known.undetermined, known.directions, converged, whitened_runs, prior, model, result)
-            return IRLSResult(tuple(parameters), solution, *state, problem, {}, tuple(random_effects))
+            return IRLSResult(tuple(parameters), estimate_of_all, *state, problem, {}, tuple(random_effects))
         swings = float(move[determined] @ move_before[determined]) < 0  # against the weights
         step, move_before = step / 2 if iteration >= FIXED_SET and swings else step, move
         theta = limit_step(theta, theta + step * (estimate - theta))
@@ -276,18 +272,24 @@ def _weighed(
     return whitened_runs, estimates
 
 
+def solution(
+    whitened_runs: Sequence[whitened_run.WhitenedRun], theta: Array, covariance: Array, n_determined: float
+) -> whitened_run.Solution:
+    """Return an estimate with chi^2 and degrees of freedom of all data."""
+    residuals = [run.root_level @ run.coefficients(theta) for run in whitened_runs]
+    dof = sum(run.size for run in whitened_runs) - round(n_determined)
+    return whitened_run.Solution(theta, covariance, float(np.sum(np.concatenate(residuals) ** 2)), dof)
+
+
 def _solution(
     whitened_runs: Sequence[whitened_run.WhitenedRun],
+    problem: Problem,
     model: JointModel,
     result: MinimizerResult,
-    covariance: Array,
 ) -> whitened_run.Solution:
-    """Return the estimate with chi^2 and degrees of freedom of all data."""
-    theta = parameter_values(result.params)
-    residuals = [block.root_level @ block.coefficients(theta) for block in whitened_runs]
-    determined = round(float(np.trace(covariance @ model.information(result.params))))
-    dof = sum(block.size for block in whitened_runs) - determined
-    return whitened_run.Solution(theta, covariance, float(np.sum(np.concatenate(residuals) ** 2)), dof)
+    covariance = problem.covariance(model, result.params)
+    n_determined = float(np.trace(covariance @ model.information(result.params)))
+    return solution(whitened_runs, parameter_values(result.params), covariance, n_determined)
 
 
 def refit(outcome: IRLSResult, whitened_runs: Sequence[whitened_run.WhitenedRun]) -> IRLSResult:
@@ -297,5 +299,10 @@ def refit(outcome: IRLSResult, whitened_runs: Sequence[whitened_run.WhitenedRun]
     single = len(whitened_runs) == 1
     model = JointModel([run_estimate(run.name, block, psd_error=single) for run, block in named])
     result = model.fit(outcome.result.params)
-    solution = _solution(whitened_runs, model, result, outcome.problem.covariance(model, result.params))
-    return replace(outcome, solution=solution, whitened_runs=tuple(whitened_runs), model=model, result=result)
+    return replace(
+        outcome,
+        solution=_solution(whitened_runs, outcome.problem, model, result),
+        whitened_runs=tuple(whitened_runs),
+        model=model,
+        result=result,
+    )

@@ -1,17 +1,22 @@
 """The two fits: each experiment by itself (eq. deltaglinear) and all of them jointly (eq. deltagjointfit)."""
 
+import math
 from collections.abc import Mapping, Sequence
 
 import numpy as np
 
 from fit.errors import FitError, InputError
-from fit.fitting import constraints, departures
+from fit.fitting import constraints, random_effects
 from fit.fitting.irls import IRLSResult, reweight
+from fit.fitting.width_posterior import marginalise_widths
 from fit.model import Sharing, dynamics
-from fit.parameters import cross_talk_parameter, experiment_parameters
+from fit.parameters import cross_talk_parameter, experiment_parameters, stiffness_terms
+from fit.results import Stiffness
 from fit.settings import Estimator, ParameterSettings, Settings
+from fit.telemetry import Telemetry
 from fit.whitening import Experiment, whitened_run
 
+KNOWN = 0.1  # sigma of a determined combination over the width of its weak prior, which is then 1 % of it
 OF_EPOCH = ("delta_ifo", *dynamics.CROSS_TALK)  # parameters whose names in the joint fit end with the epoch
 
 
@@ -99,13 +104,13 @@ def _fitted(
     scattering: Sequence[str],
     initial: Mapping[str, whitened_run.WhitenedRun],
 ) -> IRLSResult:
-    """Fit all experiments together, with departures from what is named."""
+    """Fit all experiments together, with random effects of the named parameters."""
     sharing, N = Sharing(settings.shared), len(experiments)
     parameters = sharing.parameters([(e.sysid.telemetry, e.parameters) for e in experiments])
     names = [p.name for p in parameters]
-    deviations, widths = departures.parameters(scattering, [e.name for e in experiments], len(names))
+    deviations, widths = random_effects.parameters(scattering, [e.name for e in experiments], len(names))
     shares = [
-        departures.extend_map(sharing.matrix(e.sysid.telemetry, e.parameters, names), scattering, n, N)
+        random_effects.extend_map(sharing.matrix(e.sysid.telemetry, e.parameters, names), scattering, n, N)
         for n, e in enumerate(experiments)
     ]
     outcome = reweight(
@@ -117,4 +122,26 @@ def _fitted(
         initial=initial,
         settings=constraints.of_fit(settings.parameters, dict(zip(names, names, strict=True))),
     )
-    return departures.marginalise_widths(outcome) if widths else outcome
+    return marginalise_widths(outcome) if widths else outcome
+
+
+def linear_combination(outcome: IRLSResult, factors: Mapping[str, float]) -> tuple[float, float] | None:
+    """Return a sum of parameters of a fit, ``factors`` times each, and its sigma; None if the data leave it.
+
+    Weak priors hold what is lost, so that the covariance is that of all parameters.
+    """
+    names = [p.name for p in outcome.parameters]
+    if not factors.keys() <= set(names):
+        return None
+    row = np.array([factors.get(name, 0.0) for name in names])
+    prior = math.sqrt(sum((f * p.prior_sigma) ** 2 for f, p in zip(row, outcome.parameters, strict=True)))
+    solution = outcome.solution
+    sigma = math.sqrt(max(float(row @ solution.covariance @ row), 0.0))
+    return (float(row @ solution.theta), sigma) if 0 < sigma < KNOWN * prior else None
+
+
+def stiffnesses(outcome: IRLSResult, runs: Sequence[Telemetry]) -> tuple[Stiffness, ...]:
+    """Return what a joint fit says of omega2_j at the authorities of its runs (eq. stiff_model)."""
+    settings = dict.fromkeys((j, *run.authority[j - 1]) for j in (1, 2) for run in runs)
+    combinations = [(setting, linear_combination(outcome, stiffness_terms(*setting))) for setting in settings]
+    return tuple(Stiffness(*setting, *combination) for setting, combination in combinations if combination)

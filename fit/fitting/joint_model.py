@@ -134,10 +134,16 @@ class JointModel:
         return np.asarray(root @ root.T)
 
     def information(self, params: lmfit.Parameters) -> Array:
-        """Return what the runs say of all P parameters, priors left out, shape (P, P)."""
+        """Return the information of the runs on all P parameters, priors left out, shape (P, P)."""
         theta = parameter_values(params)
-        J = np.concatenate([np.empty((0, theta.size)), *(run.jacobian(theta) for run in self.runs)])
-        return np.asarray(J.T @ J)
+        jacobians = [run.jacobian(theta) for run in self.runs]
+        return sum((J.T @ J for J in jacobians), np.zeros((theta.size, theta.size)))
+
+    def score(self, params: lmfit.Parameters) -> Array:
+        """Return the gradient of chi^2 / 2 of the runs by all P parameters, priors left out, shape (P,)."""
+        theta = parameter_values(params)
+        gradients = [run.jacobian(theta).T @ run.residual(theta) for run in self.runs]
+        return sum(gradients, np.zeros(theta.size))
 
     def exclude(self, *names: str) -> JointModel:
         """Return the problem without some of the runs."""

@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 from fit.errors import FitError, InputError
 from fit.fitting import constraints
-from fit.fitting.hierarchy import ScaleParameter
 from fit.fitting.joint_model import JointModel, Prior, lmfit_names, lmfit_params, parameter_values
 from fit.fitting.priors import PriorSet, prior_rows
+from fit.fitting.random_effects import FREE, ScaleParameter
 from fit.parameters import Parameter
 from fit.settings import ParameterSettings
 from fit.whitening import whitened_run
@@ -22,7 +22,6 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
-FREE = 10.0  # scales of the prior of a width, within which departures are held while weights settle
 MAX_START_SHIFT = 30.0  # widths of the weak prior, from the flight value within which a fit starts
 
 
@@ -56,8 +55,8 @@ class Problem:
         self._names = lmfit_names(p.name for p in parameters)
         self._flight = np.array([p.value for p in parameters])
         self._widths = np.array([p.prior_sigma for p in parameters])
-        self._departures = {
-            i: prior for width in random_effects for i, prior in _free_departures(width).items()
+        self._deviations = {
+            i: prior for width in random_effects for i, prior in width.priors(FREE * width.scale).items()
         }
         self.settings = {i: by_name[p.name] for i, p in enumerate(parameters) if p.name in by_name}
         self._priors = {
@@ -95,13 +94,13 @@ class Problem:
 
     def params(self, theta: Array, weak: Mapping[int, Prior] | None = None) -> lmfit.Parameters:
         """Return the parameters at theta, shape (P,), with weak priors of some by their place."""
-        params = lmfit_params(self._names, theta, {**(weak or {}), **self._departures})
+        params = lmfit_params(self._names, theta, {**(weak or {}), **self._deviations})
         constraints.constrain(params, self.settings, start=False)
         return params
 
     def known(self, theta: Array) -> Array:
         """Return what is known beside the data and weak priors as rows of chi^2, shape (N, P)."""
-        rows = prior_rows({**self._departures, **self._priors}, theta.size)
+        rows = prior_rows({**self._deviations, **self._priors}, theta.size)
         if not self.constrained.any():
             return rows
         return np.concatenate([rows, constraints.constraint_rows(self.params(theta), self._widths)[0]])
@@ -127,9 +126,3 @@ class Problem:
                 "ill-conditioned beyond what numbers hold; expected channels in the units they name"
             )
         return covariance
-
-
-def _free_departures(width: ScaleParameter) -> dict[int, Prior]:
-    """Return what holds the departures of a width while weights settle, by their place."""
-    sigmas = FREE * width.scale * np.abs(width.units)
-    return {i: Prior(0.0, sigma) for i, sigma in zip(width.members, sigmas.tolist(), strict=True)}

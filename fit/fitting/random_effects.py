@@ -1,33 +1,202 @@
-"""Parameters that scatter from run to run: restricted maximum likelihood of the widths.
+"""Random effects: parameters that deviate from experiment to experiment by more than noise.
 
-Deviations of one kind, one for each run, are drawn from a Gaussian of unknown width w about zero. They enter
-data z of unit noise by columns Z, what is common to all runs being projected out of both. Integrated over the
-deviations (Patterson and Thompson 1971; Harville 1977),
+A parameter deviates in every experiment by an unknown amount, drawn from a Gaussian of unknown width w about
+zero. With the information A and the score b of the deviations, all other parameters projected out, and the
+diagonal matrix W of their widths, the deviations integrate out to the restricted likelihood (Patterson and
+Thompson 1971; Harville 1977)
 
-    log L(w) = -1/2 log det(1 + w^2 Z Z') - 1/2 z' (1 + w^2 Z Z')^-1 z .
+    log L(w) = -1/2 log det(1 + W A W) + 1/2 b' W (1 + W A W)^-1 W b .
+
+`estimate_widths` maximises it: that decides whether a parameter scatters. `fit.fitting.width_posterior`
+averages a fit over the widths, each with a half-Cauchy prior: that makes the sigmas of the report.
+
+The two test masses share a width relative to the flight values, because their actuators are alike: a gain
+that a single experiment determines gets the sigma that the scatter of the other gain implies. A gain that
+deviates leaves the delay of the force as it is, so that C = lambda tau deviates along.
 """
 
+from __future__ import annotations
+
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
+
+from fit.fitting.joint_model import JointModel, Prior, free_directions
+from fit.model import dynamics
+from fit.parameters import FLIGHT, Parameter
+
+if TYPE_CHECKING:
+    import lmfit
 
 Array = NDArray[np.float64]
 
-LOG_WIDTHS = np.arange(np.log(1e-7), np.log(10.0), 0.25)  # that the likelihood is first evaluated at
+FREE = 10.0  # scales of the prior of a width, within which deviations are held while weights converge
+LOG_WIDTHS = np.arange(np.log(1e-7), np.log(10.0), 0.25)  # at which the likelihood is first evaluated
+
+
+@dataclass(frozen=True)
+class RandomEffect:
+    """Parameters that deviate alike.
+
+    Attributes
+    ----------
+    name : str
+        In words.
+    parameters : tuple of str
+        The parameters, for test masses 1 and 2; the width is relative to their flight values.
+    scale : float
+        Of the half-Cauchy prior of the width.
+    """
+
+    name: str
+    parameters: tuple[str, str]
+    scale: float
+
+
+DELAYS = {"lambda_1": "C_1", "lambda_2": "C_2"}  # C = lambda tau, by its gain
+#: The scales are a choice: in flight lambda_2 scattered by 0.005, and C had sigmas of 0.02.
+RANDOM_EFFECTS = (
+    RandomEffect("gain", ("lambda_1", "lambda_2"), 0.005),
+    RandomEffect("delay", ("C_1", "C_2"), 0.02),
+)
+
+
+@dataclass(frozen=True)
+class ScaleParameter:
+    """The width that deviations have in common.
+
+    Attributes
+    ----------
+    name : str
+        Of the random effect.
+    members : tuple of int
+        Indices of its deviations among the parameters of the fit.
+    units : ndarray, shape (len(members),)
+        What the width is multiplied by for each of them.
+    scale : float
+        Of its half-Cauchy prior: as often below it as above.
+    """
+
+    name: str
+    members: tuple[int, ...]
+    units: Array
+    scale: float
+
+    def log_prior(self, log_width: Array) -> Array:
+        """Return the logarithm of the prior density of the logarithm of the width."""
+        x = log_width - np.log(self.scale)
+        return np.asarray(np.log(2 / np.pi) + x - np.log1p(np.exp(2 * x)))
+
+    def priors(self, width: float) -> dict[int, Prior]:
+        """Return the priors of the deviations at a width, by index of the parameter."""
+        sigmas = width * np.abs(self.units)
+        return {i: Prior(0.0, sigma) for i, sigma in zip(self.members, sigmas.tolist(), strict=True)}
+
+
+def n_shared(widths: Sequence[ScaleParameter], n_parameters: int) -> int:
+    """Return the number of parameters that are no deviations; they come first."""
+    return min((min(width.members) for width in widths), default=n_parameters)
+
+
+def parameters(
+    names: Sequence[str], experiments: Sequence[str], start: int
+) -> tuple[list[Parameter], list[ScaleParameter]]:
+    """Return the deviations of every experiment, and the widths that they share.
+
+    Parameters
+    ----------
+    names, experiments : sequence of str
+        Parameters that deviate, and names of the experiments.
+    start : int
+        Index of the first deviation among the parameters of the fit.
+    """
+    deviations: list[Parameter] = []
+    widths: list[ScaleParameter] = []
+    for effect in RANDOM_EFFECTS:
+        deviating = [FLIGHT[name] for name in effect.parameters if name in names]
+        if not deviating:
+            continue
+        members = range(start + len(deviations), start + len(deviations) + len(deviating) * len(experiments))
+        units = np.repeat([flight.value for flight in deviating], len(experiments))
+        widths.append(ScaleParameter(effect.name, tuple(members), units, effect.scale))
+        for flight in deviating:
+            weak = 2 * FREE * effect.scale * flight.value  # wider than FREE: never indeterminable
+            deviation = replace(flight, value=0.0, prior_sigma=weak, equation="")
+            deviations += [replace(deviation, name=f"d{flight.name}_{e}") for e in experiments]
+    return deviations, widths
+
+
+def extend_map(parameter_map: Array, names: Sequence[str], index: int, n_experiments: int) -> Array:
+    """Append the deviations of `names` to the map to the parameters of a run, shape (K, P)."""
+    n_cross_talk = len(parameter_map) - len(dynamics.PARAMETERS)  # which does not deviate
+    run_parameters = (*dynamics.PARAMETERS, *[""] * n_cross_talk)
+    return np.hstack([parameter_map, deviation_map(run_parameters, names, index, n_experiments)])
+
+
+def deviation_map(
+    run_parameters: Sequence[str],
+    names: Sequence[str],
+    index: int,
+    n_experiments: int,
+    delays: Sequence[str] = tuple(DELAYS.values()),
+) -> Array:
+    """Return the map from the D deviations of all experiments to the K parameters of a run, shape (K, D).
+
+    Parameters
+    ----------
+    run_parameters : sequence of str
+        The parameters of the run, `names` among them.
+    names : sequence of str
+        Parameters that deviate.
+    index, n_experiments : int
+        Index of the experiment, and number of experiments.
+    delays : sequence of str
+        The parameters C that deviate along with their gain.
+    """
+    ordered = [name for effect in RANDOM_EFFECTS for name in effect.parameters if name in names]
+    columns = np.zeros((len(run_parameters), len(ordered) * n_experiments))
+    for i, name in enumerate(ordered):
+        column = i * n_experiments + index
+        columns[run_parameters.index(name), column] = 1.0
+        delay = DELAYS.get(name, "")
+        if delay in delays:
+            columns[run_parameters.index(delay), column] = FLIGHT[delay].value / FLIGHT[name].value
+    return columns
+
+
+def restricted_likelihood(
+    A: Array, b: Array, scale: Array, prior: Array | float = 1.0
+) -> tuple[float, Array, Array]:
+    """Return log L for information A and score b, shape (D,), of deviations of widths `scale`, shape (D,).
+
+    Returns
+    -------
+    log_likelihood : float
+        But for a constant.
+    root : ndarray, shape (D, D)
+        Of the covariance of the deviations, which is ``root @ root.T``.
+    y : ndarray, shape (D,)
+        Their mean is ``root @ y``, and chi^2 falls by ``y @ y``.
+    """
+    triangle = np.linalg.cholesky(scale[:, None] * A * scale + np.diag(np.broadcast_to(prior, scale.shape)))
+    inverse = scipy.linalg.solve_triangular(triangle, np.eye(scale.size), lower=True)
+    y = inverse @ (scale * b)
+    log_likelihood = float(y @ y) / 2 - float(np.sum(np.log(np.diag(triangle))))
+    return log_likelihood, scale[:, None] * inverse.T, y
 
 
 @dataclass(frozen=True)
 class WidthEstimate:
-    """The widths of one or more kinds of deviations by restricted maximum likelihood.
+    """The widths of one or more random effects by restricted maximum likelihood.
 
     Attributes
     ----------
     widths : tuple of float
-        Of each kind, in the unit of its columns; 0 where no scatter is more likely than any.
+        Of each effect, in the unit of its columns; 0 where no scatter is more likely than any.
     log_likelihood : float
         Logarithm of the likelihood ratio to no scatter at all.
     explained : float
@@ -44,81 +213,75 @@ class WidthEstimate:
         return float(scipy.special.chdtrc(len(self.widths), 2 * max(self.log_likelihood, 0.0))) / 2
 
 
-def estimate_widths(z: Array, kinds: Sequence[Array]) -> WidthEstimate:
+def estimate_widths(z: Array, effects: Sequence[Array]) -> WidthEstimate:
     """Maximise the restricted likelihood of the widths of deviations.
 
     Parameters
     ----------
     z : ndarray, shape (N,)
         Data of unit noise, all other parameters projected out.
-    kinds : sequence of ndarray, shape (N, D)
-        Columns of the deviations of each kind, all other parameters projected out.
+    effects : sequence of ndarray, shape (N, D)
+        Columns of the deviations of each random effect, all other parameters projected out.
     """
+    Z = np.hstack(effects)
+    A, b = Z.T @ Z, Z.T @ z
+    effect = np.repeat(np.arange(len(effects)), [columns.shape[1] for columns in effects])
 
-    def at_ratios(logs: Sequence[float]) -> tuple[float, float, float]:
-        """Return log width of the first kind, log L and explained chi^2 at fixed ratios to it."""
-        axes, sizes, _ = np.linalg.svd(
-            np.hstack([Z * np.exp(x) for Z, x in zip(kinds, (0.0, *logs), strict=True)]), full_matrices=False
-        )
-        power = (axes.T @ z) ** 2
+    def cost(log_widths: ArrayLike) -> float:
+        try:
+            return -restricted_likelihood(A, b, np.exp(np.atleast_1d(log_widths))[effect])[0]
+        except np.linalg.LinAlgError:  # of widths far too large, by rounding
+            return np.inf
 
-        def explained(log_width: float) -> tuple[float, float]:
-            squares = sizes**2 * np.exp(2 * log_width)
-            chi2 = float(np.sum(power * squares / (1 + squares)))
-            return chi2, (chi2 - float(np.sum(np.log1p(squares)))) / 2
-
-        start = max(LOG_WIDTHS, key=lambda x: explained(x)[1])
-        bounds = (start - 0.25, start + 0.25)
-        optimum = scipy.optimize.minimize_scalar(
-            lambda x: -explained(x)[1], bounds=bounds, method="bounded"
-        ).x
-        return float(optimum), explained(optimum)[1], explained(optimum)[0]
-
-    ratios: tuple[float, ...] = ()
-    if len(kinds) > 1:
-        start = [np.log(estimate_widths(z, [Z]).widths[0] or 1e-7) for Z in kinds]
-
-        def cost(logs: Any) -> float:
-            return -at_ratios(np.ravel(logs).tolist())[1]
-
-        initial = np.array(start[1:]) - start[0]
-        ratio_fit = scipy.optimize.minimize(cost, initial, method="Nelder-Mead", tol=0.02)
-        ratios = tuple(ratio_fit.x.tolist())
-    log_width, log_likelihood, chi2 = at_ratios(ratios)
+    if len(effects) == 1:
+        nearest = min(LOG_WIDTHS.tolist(), key=cost)
+        bounds = (nearest - 0.25, nearest + 0.25)
+        log_widths = np.array([scipy.optimize.minimize_scalar(cost, bounds=bounds, method="bounded").x])
+    else:
+        single = [estimate_widths(z, [columns]).widths[0] for columns in effects]
+        start = np.log(np.maximum(single, np.exp(LOG_WIDTHS[0])))
+        log_widths = scipy.optimize.minimize(cost, start, method="Nelder-Mead", tol=0.01).x
+    log_likelihood, _, y = restricted_likelihood(A, b, np.exp(log_widths)[effect])
     if log_likelihood <= 0:
-        return WidthEstimate((0.0,) * len(kinds), 0.0, 0.0)
-    widths = (float(np.exp(log_width + x)) for x in (0.0, *ratios))
-    return WidthEstimate(tuple(widths), log_likelihood, chi2)
+        return WidthEstimate((0.0,) * len(effects), 0.0, 0.0)
+    return WidthEstimate(tuple(np.exp(log_widths).tolist()), log_likelihood, float(y @ y))
 
 
 @dataclass(frozen=True)
 class Heterogeneity:
-    """By how much estimates of one quantity differ beyond their errors.
+    """By how much a common parameter differs between the experiments.
 
     Attributes
     ----------
     width : float
-        Standard deviation among the true values, by restricted maximum likelihood.
-    chi2, dof : float and int
-        Cochran's Q, the chi^2 about the weighted mean, and its degrees of freedom.
+        Standard deviation between the experiments, in the unit of the parameter.
+    variance : float
+        What that adds to the variance of the mean that was fitted.
+    p : float
+        Probability of such a width without any difference.
     """
 
     width: float
-    chi2: float
-    dof: int
-
-    @property
-    def p(self) -> float:
-        """Probability that errors alone exceed chi2."""
-        return float(scipy.special.chdtrc(self.dof, self.chi2))
+    variance: float
+    p: float
 
 
-def heterogeneity(values: Array, covariance: Array) -> Heterogeneity:
-    """Return by how much values, shape (M,), differ beyond their covariance, shape (M, M)."""
-    size = float(max(np.ptp(values), np.sqrt(np.diag(covariance)).max()))  # the unit of the width
-    whitening = np.linalg.inv(np.linalg.cholesky(covariance / size**2))
-    mean = whitening.sum(axis=1)
-    projection = np.eye(values.size) - np.outer(mean, mean) / (mean @ mean)
-    z = projection @ whitening @ (values / size)
-    width = estimate_widths(z, [projection @ whitening]).widths[0] * size
-    return Heterogeneity(width, float(z @ z), values.size - 1)
+def heterogeneity(model: JointModel, params: lmfit.Parameters, index: int) -> Heterogeneity | None:
+    """Return by how much a parameter differs between runs; None where fewer than two determine it."""
+    residual, gradient = model.residual(params), model.gradient(params)
+    run_sizes = [len(run.root) for run in model.runs]
+    run_index = np.repeat(np.arange(len(run_sizes)), run_sizes)
+    Z = np.zeros((len(residual), len(run_sizes)))
+    Z[np.arange(run_index.size), run_index] = gradient[: run_index.size, index]
+    Z = Z[:, Z.any(axis=0)]
+    if Z.shape[1] < 2:
+        return None
+    free = free_directions(params)
+    scale = np.linalg.norm(gradient @ free, axis=0)
+    Q, R = np.linalg.qr(gradient @ free / scale)
+    weights = (free / scale)[index] @ np.linalg.solve(R, Q.T @ Z)  # of each run in the mean
+    z, Z = residual - Q @ (Q.T @ residual), Z - Q @ (Q.T @ Z)
+    unit = 10 / float(np.linalg.norm(Z, axis=0).min())
+    estimate = estimate_widths(z, [Z * unit])
+    width = estimate.widths[0] * unit
+    return Heterogeneity(width, width**2 * float(weights @ weights), estimate.p)

@@ -24,9 +24,9 @@ from fit.fitting import (
     Convergence,
     IRLSResult,
     constraints,
-    departures,
     flscov,
     iterate,
+    random_effects,
     weak_priors,
 )
 from fit.forecasting.expected_run import CompressedRun, compress
@@ -167,7 +167,7 @@ def share_parameters(
     parameters = sharing.parameters(runs)
     names = [p.name for p in parameters]
     for n, (w, run) in enumerate(zip(weighings, runs, strict=True)):
-        w.parameter_map = departures.extend_map(sharing.matrix(*run, names), departing, n, N)
+        w.parameter_map = random_effects.extend_map(sharing.matrix(*run, names), departing, n, N)
     return parameters
 
 
@@ -181,9 +181,9 @@ def expected_result(
     parameters = share_parameters(weighings, settings, [*departing])
     constraints_of_fit = constraints_of_joint(settings, parameters)
     experiments = [w.experiment.name for w in weighings]
-    departures_of_fit, widths = departures.parameters([*departing], experiments, len(parameters))
+    departures_of_fit, widths = random_effects.parameters([*departing], experiments, len(parameters))
     members = {
-        kind.name: [n for n in kind.parameters if n in departing] for kind in departures.RANDOM_EFFECTS
+        kind.name: [n for n in kind.parameters if n in departing] for kind in random_effects.RANDOM_EFFECTS
     }
     widths = [replace(w, scale=max(departing[n] for n in members[w.name]) / FREE) for w in widths]
     parameters += departures_of_fit
@@ -214,7 +214,7 @@ def _departing(settings: Settings, scatter: Mapping[str, float], N: int) -> dict
 
     A width that N departures tell is not known well; given its mean square, the sigmas are those to expect.
     """
-    scales = {name: kind.scale for kind in departures.RANDOM_EFFECTS for name in kind.parameters}
+    scales = {name: kind.scale for kind in random_effects.RANDOM_EFFECTS for name in kind.parameters}
     names: Sequence[str] = settings.scatter
     if names == ["auto"]:
         names = [name for name, width in scatter.items() if width and N > MIN_EXPERIMENTS]

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from fit.consistency import consistency_warnings
 from fit.crosstalk import attenuation, refit
 from fit.errors import InputError
-from fit.fitting import constraint_test, departures, irls
+from fit.fitting import constraint_test, irls, width_posterior
 from fit.identification import comparison
 from fit.identification.loop import FreeParameter, Loop, joint_parameters
 from fit.identification.parameters import check_constraints, joint, run_dynamics, with_params
@@ -112,7 +112,7 @@ class _Identification:
         outcome, noise_warnings = noise_adaptation.with_segment_variances(outcome, experiments)
         if outcome.random_effects:
             outcome = replace(
-                departures.marginalise_widths(outcome), data_driven=settings.scatter == ["auto"]
+                width_posterior.marginalise_widths(outcome), data_driven=settings.scatter == ["auto"]
             )
         joint_fit = self._with_instruments(self._report(outcome))
         commands = comparison.command_mismatches(experiments, self.loop, search.joint, outcome)

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from fit.fitting import constraints, departures, hierarchy, lmfit_symbol, user_params
+from fit.fitting import constraints, lmfit_symbol, random_effects, user_params
 from fit.identification.loop import FreeParameter, joint_parameters, parameter_map
 from fit.model import Sharing, dynamics
 from fit.parameters import Parameter
@@ -71,13 +71,13 @@ class JointParameters:
     settings: dict[str, ParameterSettings]
     names: tuple[str, ...]
     scales: tuple[Array, Array, Array]
-    random_effects: tuple[hierarchy.ScaleParameter, ...]
+    random_effects: tuple[random_effects.ScaleParameter, ...]
     views: tuple[ExperimentView, ...]
 
     @property
     def shared(self) -> int:
         """Number of the parameters that are no departures; they come first."""
-        return hierarchy.n_shared(self.random_effects, len(self.parameters))
+        return random_effects.n_shared(self.random_effects, len(self.parameters))
 
     def named(self, theta: Array) -> dict[str, float]:
         """Return the joint parameters theta, shape (P,), by name, departures left out."""
@@ -106,7 +106,7 @@ def joint(
     settings : Settings
         They state over what cross-talk is shared.
     scatter : sequence of str
-        What departs, see `departures`.
+        What departs, see `fit.fitting.random_effects`.
     starts : sequence of mapping of str to float
         Where the search begins: what an earlier search found, and what the fit did.
     """
@@ -118,7 +118,7 @@ def joint(
     parameters = joint_parameters((*free, *coupled), runs)
     limits = _limits(parameters, settings)
     start, stated = _start(parameters, limits, starts)
-    departure_parameters, widths = departures.parameters(
+    departure_parameters, widths = random_effects.parameters(
         departing, [e.name for e in experiments], len(parameters)
     )
     views = []
@@ -249,15 +249,15 @@ def _view(
     departing_names = [name for name in departing if name not in loop_names]  # from what was measured
     departing_names += [
         d
-        for gain, d in departures.DELAYS.items()
+        for gain, d in random_effects.DELAYS.items()
         if gain in departing_names and d not in (*loop_names, *departing_names)
     ]
     # a gain of the loop that departs takes its delay along where the loop has that delay itself
-    delays = [d for gain, d in departures.DELAYS.items() if d in loop_names or gain in departing_names]
+    delays = [d for gain, d in random_effects.DELAYS.items() if d in loop_names or gain in departing_names]
     run_parameters = [*loop_names, *departing_names, *cross_talk]
     parameter_map = np.zeros((len(run_parameters), shared_map.shape[1]))
     parameter_map[[run_parameters.index(name) for name in (*loop_names, *cross_talk)]] = shared_map
-    departure_map = departures.deviation_map(run_parameters, departing, n, N, delays)
+    departure_map = random_effects.deviation_map(run_parameters, departing, n, N, delays)
     return ExperimentView(tuple(run_parameters[len(loop_names) :]), np.hstack([parameter_map, departure_map]))
 
 

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fit.errors import FitError
-from fit.fitting import IRLSResult, sums
+from fit.fitting import IRLSResult, linear_combination, stiffnesses
 from fit.parameters import ALONG
 from fit.quality import noise_tests
 from fit.results import Estimate, Fit
@@ -47,7 +47,7 @@ def as_fit(outcome: IRLSResult, experiments: Sequence[Experiment]) -> Fit:
     names = {p.name: p.name for p in outcome.parameters if p.equation not in ALONG}
     lost = indeterminable(outcome, experiments, names)
     found = report(outcome, experiments, names, [*lost, *doubts(outcome, experiments), *scattered(outcome)])
-    stiffness = sums.stiffnesses(outcome, [e.sysid.telemetry for e in experiments])
+    stiffness = stiffnesses(outcome, [e.sysid.telemetry for e in experiments])
     return replace(found, stiffness=stiffness, solved=outcome.solved)
 
 
@@ -134,7 +134,7 @@ def _other_direction(outcome: IRLSResult, pair: Sequence[int], blind: Array) -> 
     """Say what is known of two parameters that cannot be told apart; nothing if nothing is."""
     first, second = (outcome.parameters[i] for i in pair)
     factor = -float(blind[pair[0]] / blind[pair[1]])
-    known = sums.linear_combination(outcome, {first.name: 1.0, second.name: factor})
+    known = linear_combination(outcome, {first.name: 1.0, second.name: factor})
     if known is None:
         return ""
     return (

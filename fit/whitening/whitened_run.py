@@ -322,16 +322,16 @@ class Solution:
         return np.asarray(np.sqrt(np.diag(self.covariance)))
 
 
-def curvature_covariance(H: Array, prior: Prior, width: Array) -> Array:
-    """Return the covariance that the curvature alone tells, shape (P, P): bins taken as independent.
+def scaled_inverse(H: Array) -> Array:
+    """Return the inverse of an information matrix, shape (P, P), whatever the units of its parameters.
 
     Raises
     ------
     FitError
-        If the curvature is singular.
+        If it is singular.
     """
+    scale = 1 / np.sqrt(np.abs(np.diag(H)))
     try:
-        inverse = np.linalg.inv(width[:, None] * (H + prior.rows.T @ prior.rows) * width)
+        return np.asarray(scale[:, None] * np.linalg.inv(scale[:, None] * H * scale) * scale)
     except np.linalg.LinAlgError as error:
         raise FitError("the data and the weak priors leave a direction free") from error
-    return np.asarray(width[:, None] * inverse * width)

@@ -36,7 +36,7 @@ import numpy as np
 from scipy.stats import norm
 
 from fit.errors import CalibrationError
-from fit.fitting import hierarchy
+from fit.fitting import random_effects, width_posterior
 from fit.pipeline import calibrate
 from fit.results.results import Fit
 from fit.settings import settings
@@ -152,14 +152,14 @@ class Posterior:
 
 #: What the fit of this process integrated last. It publishes mean and covariance, the ranks want all of it.
 _heard: list[Posterior] = []
-_integrate = hierarchy.marginalise
+_integrate = width_posterior.marginalise
 
 
 def _overheard(
-    normal: hierarchy.NormalEquations, widths: Sequence[hierarchy.ScaleParameter]
-) -> hierarchy.WidthPosterior:
-    points = np.array(list(product(*hierarchy._axes(normal, widths))))
-    each = [hierarchy.conditional(normal, widths, point) for point in points]
+    normal: width_posterior.NormalEquations, widths: Sequence[random_effects.ScaleParameter]
+) -> width_posterior.WidthPosterior:
+    points = np.array(list(product(*width_posterior._axes(normal, widths))))
+    each = [width_posterior.conditional(normal, widths, point) for point in points]
     density = np.array([one[0] for one in each])
     weights = np.exp(density - density.max())
     sigmas = np.array([np.sqrt(np.diag(one[2])) for one in each])
@@ -169,7 +169,7 @@ def _overheard(
 
 def trial(number: int, *, plain: bool) -> Line:
     """Draw a campaign and fit it; the ranks of the truths, or what went wrong."""
-    hierarchy.marginalise = _overheard
+    width_posterior.marginalise = _overheard
     campaign = drawn(number, plain=plain)
     line: Line = {"number": number, "widths": campaign.widths, "fit": _kept(campaign, {})}
     if not plain and number % RIGID == 0:

@@ -1,31 +1,69 @@
 """Widths by restricted maximum likelihood, compared with what is known in closed form."""
 
+import lmfit
 import numpy as np
 import pytest
 
+from fit.fitting.joint_model import JointModel, LinearEquation
 from fit.fitting.random_effects import estimate_widths, heterogeneity
+from fit.fitting.run_estimate import RunEstimate
+
+
+def fitted_mean(values, sigmas):
+    """Return a fit of one common parameter, 1e-6 times the values, to experiments of these sigmas."""
+    runs = [
+        RunEstimate(str(i), np.array([1e-6 * x]), np.array([[1e6 / s]]), LinearEquation())
+        for i, (x, s) in enumerate(zip(values, sigmas, strict=True))
+    ]
+    params = lmfit.Parameters()
+    params.add("b_1", value=0.0)
+    model = JointModel(runs)
+    return model, model.fit(params).params
 
 
 def test_equal_errors_give_the_variance_of_the_sample():
     # with equal errors the restricted likelihood is largest at the sample variance less that of the errors
     values = np.array([1.0, 3.0, -2.0, 4.0, 0.5])
-    found = heterogeneity(values, 0.25 * np.eye(5))
-    assert found.width**2 == pytest.approx(np.var(values, ddof=1) - 0.25, rel=1e-3)
-    assert found.chi2 == pytest.approx(4 * np.var(values, ddof=1) / 0.25)
-    assert found.dof == 4
+    result = heterogeneity(*fitted_mean(values, np.full(5, 0.5)), 0)
+    assert result.width == pytest.approx(1e-6 * np.sqrt(np.var(values, ddof=1) - 0.25), rel=1e-3)
+    assert result.variance == pytest.approx(result.width**2 / 5)
 
 
 def test_values_that_agree_have_no_width():
-    found = heterogeneity(np.array([1.0, 1.1, 0.9]), np.eye(3))
-    assert found.width == 0
-    assert found.p > 0.9
+    result = heterogeneity(*fitted_mean([1.0, 1.1, 0.9], np.ones(3)), 0)
+    assert result.width == 0
+    assert result.p == pytest.approx(0.5)
 
 
-def test_two_kinds_have_widths_of_their_own():
+def test_one_experiment_has_no_width():
+    assert heterogeneity(*fitted_mean([1.0], [1.0]), 0) is None
+
+
+def test_the_width_beyond_noise_is_that_drawn():
+    # the variance of 6 values has a relative error of 0.63: 5 sigma of its mean over 200 draws is 23 %
+    rng, sigmas = np.random.default_rng(0), np.array([1.0, 1.0, 2.0, 1.0, 0.5, 1.0])
+    weights = sigmas**-2 / np.sum(sigmas**-2)
+    variances = []
+    for _ in range(200):
+        values = 10 * rng.standard_normal(6) + sigmas * rng.standard_normal(6)
+        result = heterogeneity(*fitted_mean(values, sigmas), 0)
+        variances.append(1e12 * result.width**2)
+        assert result.variance == pytest.approx(result.width**2 * (weights @ weights))
+    assert np.mean(variances) == pytest.approx(100, abs=23)
+
+
+def test_noise_has_the_stated_p_values():
+    # of 400 draws 4 are below 0.01; 13 or more once in 10,000
+    rng, sigmas = np.random.default_rng(1), np.array([1.0, 2.0, 3.0, 1.0])
+    p = [heterogeneity(*fitted_mean(sigmas * rng.standard_normal(4), sigmas), 0).p for _ in range(400)]
+    assert np.sum(np.array(p) < 0.01) < 13
+
+
+def test_two_effects_have_their_own_widths():
     rng = np.random.default_rng(3)
-    first, second = np.eye(400, 200), np.eye(400, 200, k=-200)
-    z = rng.standard_normal(400) + first @ (5 * rng.standard_normal(200))
-    z += second @ (0.8 * rng.standard_normal(200))
-    found = estimate_widths(z, [first, second])
-    assert found.widths == pytest.approx((5.0, 0.8), rel=0.2)
-    assert found.log_likelihood > 100
+    columns = np.eye(400, 200), np.eye(400, 200, k=-200)
+    z = rng.standard_normal(400) + columns[0] @ (5 * rng.standard_normal(200))
+    z += columns[1] @ (0.8 * rng.standard_normal(200))
+    estimate = estimate_widths(z, columns)
+    assert estimate.widths == pytest.approx((5.0, 0.8), rel=0.2)
+    assert estimate.log_likelihood > 100

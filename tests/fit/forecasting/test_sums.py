@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 
-from fit.fitting import sums
+from fit.fitting import linear_combination
 from fit.forecasting import expected_fit
 from fit.parameters import joint_parameter
 from fit.settings import settings
@@ -42,17 +42,15 @@ def outcome():
 def test_a_sum_has_the_sigma_of_a_straight_line(outcome):
     # two parameters, intercept and slope, through three points of 1e-9 each
     for F, share in ((0.0, 5 / 6), (1e-9, 1 / 3), (2e-9, 5 / 6)):
-        value, sigma = sums.linear_combination(outcome, {"omega2_2_0": 1.0, "alpha_x_2": F, "alpha_phi_2": N})
+        value, sigma = linear_combination(outcome, {"omega2_2_0": 1.0, "alpha_x_2": F, "alpha_phi_2": N})
         assert value == pytest.approx(-4.19e-7 - 317.0 * F - 27.4e3 * N)
         assert sigma == pytest.approx(1e-9 * np.sqrt(share), rel=1e-3)
 
 
 def test_what_rests_on_weak_priors_is_no_knowledge(outcome):
-    assert sums.linear_combination(outcome, {"omega2_2_0": 1.0}) is None
-    assert (
-        sums.linear_combination(outcome, {"omega2_2_0": 1.0, "alpha_x_2": 0.0, "alpha_phi_2": 1e-12}) is None
-    )
-    assert sums.linear_combination(outcome, {"omega2_1_0": 1.0}) is None
+    assert linear_combination(outcome, {"omega2_2_0": 1.0}) is None
+    assert linear_combination(outcome, {"omega2_2_0": 1.0, "alpha_x_2": 0.0, "alpha_phi_2": 1e-12}) is None
+    assert linear_combination(outcome, {"omega2_1_0": 1.0}) is None
 
 
 def test_a_sweep_of_one_authority_knows_the_stiffness_at_each():

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from fit.fitting import departures
+from fit.fitting import random_effects
 from fit.identification.parameters import _view
 from fit.parameters import FLIGHT
 
@@ -46,7 +46,7 @@ def test_a_delay_that_departs_beside_a_gain_of_the_loop_counts_once():
 def test_the_map_of_the_fit_is_the_same():
     plain = np.arange(16.0).reshape(8, 2)
     names = ("lambda_1", "C_2")
-    share = departures.extend_map(plain, names, 0, 2)
+    share = random_effects.extend_map(plain, names, 0, 2)
     assert share.shape == (8, 6)
     np.testing.assert_array_equal(share[:, :2], plain)
     departure_map = share[:, 2:]

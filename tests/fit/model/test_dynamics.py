@@ -173,13 +173,3 @@ def test_torques_count_only_beside_angles_that_tell():
     assert names() == ["phi", "N_phi"]
     assert names(o_phi_1=0 * t, o_phi_12=0 * t + 1e-6) == []
     assert names(N_phi_1=0 * t, N_phi_2=0 * t) == ["phi"]
-
-
-def test_columns_are_made_without_the_time_axis(monkeypatch):
-    run = dynamics.channels(telemetry(World(), "E", duration=3600.0, noisy=False, fs=2.0))
-    inside = run.time[derivatives.HALF : -derivatives.HALF]
-    with monkeypatch.context() as patched:
-        patched.setattr(type(vars(run)["time"]), "__getitem__", None)
-        found = [dynamics.blank(run, (0.1, 0.2)), dynamics.columns(run, (0.1, 0.2))]
-    for made in found:
-        assert np.array_equal(made.time, inside)

@@ -7,7 +7,7 @@ import pytest
 
 from fit.errors import FitError
 from fit.fitting.joint_fit import fit_joint
-from fit.fitting.normal import variance_factor, variance_factors
+from fit.fitting.run_estimate import variance_factor, variance_factors
 from fit.parameters import FLIGHT
 from fit.sampling.posterior import Posterior
 from fit.settings import settings

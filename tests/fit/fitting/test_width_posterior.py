@@ -5,7 +5,8 @@ import pytest
 from scipy.stats import halfcauchy
 
 from fit.errors import FitError
-from fit.fitting.hierarchy import NormalEquations, ScaleParameter, conditional, marginalise
+from fit.fitting.random_effects import ScaleParameter
+from fit.fitting.width_posterior import NormalEquations, conditional, marginalise
 
 WEAK = 10.0  # sigma of the prior of what does not depart
 
@@ -25,9 +26,11 @@ def case(request):
     }[request.param]
     truth = np.concatenate([[3.0, -2.0], 0.6 * units * rng.standard_normal(12)])
     y = design @ truth + 0.7 * rng.standard_normal(40)
-    at = np.concatenate([[1.0, 1.0], np.zeros(12)])
+    origin = np.concatenate([[1.0, 1.0], np.zeros(12)])
     weak = np.diag(np.concatenate([np.ones(2), np.zeros(12)])) / WEAK**2
-    normal = NormalEquations(design.T @ design + weak, design.T @ (y - design @ at) - weak @ at, at)
+    normal = NormalEquations(
+        design.T @ design + weak, design.T @ (y - design @ origin) - weak @ origin, origin
+    )
     return normal, widths, design, y
 
 
@@ -45,9 +48,9 @@ def dense(design, y, widths, values):
 
 def test_given_the_widths_everything_is_normal(case):
     normal, widths, design, y = case
-    at = [np.array([0.3, 0.9])[: len(widths)], np.array([1.5, 0.1])[: len(widths)]]
-    ours = [conditional(normal, widths, np.log(values)) for values in at]
-    oracle = [dense(design, y, widths, values) for values in at]
+    points = [np.array([0.3, 0.9])[: len(widths)], np.array([1.5, 0.1])[: len(widths)]]
+    ours = [conditional(normal, widths, np.log(values)) for values in points]
+    oracle = [dense(design, y, widths, values) for values in points]
     for (_, mean, covariance), (_, expected, of_mean) in zip(ours, oracle, strict=True):
         assert mean == pytest.approx(expected, abs=1e-9)
         assert covariance == pytest.approx(of_mean, abs=1e-9)
@@ -56,7 +59,7 @@ def test_given_the_widths_everything_is_normal(case):
             halfcauchy(scale=w.scale).logpdf(v) + np.log(v)  # of the logarithm
             for w, v in zip(widths, values, strict=True)
         )
-        for values in at
+        for values in points
     ]
     likelihoods = oracle[0][0] - oracle[1][0]
     assert ours[0][0] - ours[1][0] == pytest.approx(likelihoods + prior[0] - prior[1], abs=1e-9)
@@ -64,7 +67,7 @@ def test_given_the_widths_everything_is_normal(case):
 
 def test_the_posterior_is_the_sum_over_all_widths(case):
     normal, widths, design, y = case
-    found = marginalise(normal, widths)
+    posterior = marginalise(normal, widths)
     t, of_t = np.polynomial.legendre.leggauss(60 if len(widths) == 1 else 36)
     t, of_t = (t + 1) / 2, of_t / 2  # w = t / (1 - t), so that all widths lie between 0 and 1
     grid = np.stack(np.meshgrid(*[t / (1 - t)] * len(widths)), axis=-1).reshape(-1, len(widths))
@@ -78,13 +81,13 @@ def test_the_posterior_is_the_sum_over_all_widths(case):
     away = np.array(means) - mean
     covariance = np.einsum("n,nij->ij", weight, covariances) + (weight * away.T) @ away
     sigma = np.sqrt(np.diag(covariance))
-    assert np.abs((found.mean - mean) / sigma).max() < 0.01
-    assert np.sqrt(np.diag(found.covariance)) == pytest.approx(sigma, rel=0.01)
-    assert found.covariance / np.outer(sigma, sigma) == pytest.approx(
+    assert np.abs((posterior.mean - mean) / sigma).max() < 0.01
+    assert np.sqrt(np.diag(posterior.covariance)) == pytest.approx(sigma, rel=0.01)
+    assert posterior.covariance / np.outer(sigma, sigma) == pytest.approx(
         covariance / np.outer(sigma, sigma), abs=0.01
     )
-    assert found.widths == pytest.approx(weight @ grid, rel=0.02)
-    assert found.sigmas == pytest.approx(np.sqrt(weight @ (grid - weight @ grid) ** 2), rel=0.05)
+    assert posterior.widths == pytest.approx(weight @ grid, rel=0.02)
+    assert posterior.sigmas == pytest.approx(np.sqrt(weight @ (grid - weight @ grid) ** 2), rel=0.05)
 
 
 def test_the_grid_finds_widths_far_from_their_prior():
@@ -92,9 +95,9 @@ def test_the_grid_finds_widths_far_from_their_prior():
     rng = np.random.default_rng(0)
     d = 3.0 * rng.standard_normal(40)
     width = ScaleParameter("w", tuple(range(40)), np.ones(40), 0.1)
-    found = marginalise(NormalEquations(1e8 * np.eye(40), 1e8 * d, np.zeros(40)), [width])
-    assert found.widths[0] == pytest.approx(np.sqrt(np.mean(d**2)), rel=0.03)
-    assert found.sigmas[0] == pytest.approx(found.widths[0] / np.sqrt(80), rel=0.1)
+    posterior = marginalise(NormalEquations(1e8 * np.eye(40), 1e8 * d, np.zeros(40)), [width])
+    assert posterior.widths[0] == pytest.approx(np.sqrt(np.mean(d**2)), rel=0.03)
+    assert posterior.sigmas[0] == pytest.approx(posterior.widths[0] / np.sqrt(80), rel=0.1)
 
 
 def test_where_the_data_say_nothing_the_width_is_that_of_the_prior():

@@ -1,4 +1,4 @@
-"""The joint fit and its entry point: on synthetic telemetry, then end to end on the reference plant."""
+"""Calibrations: on synthetic telemetry, then end to end on the reference plant."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -7,9 +7,10 @@ import numpy as np
 import pytest
 from scipy.signal import decimate
 
-from fit.errors import InputError
-from fit.model import dynamics
-from fit.model.sharing import Sharing
+from fit import pipeline
+from fit.errors import FitError, InputError
+from fit.fitting import fit_experiment
+from fit.model import Sharing, dynamics
 from fit.parameters import joint_names
 from fit.pipeline import calibrate
 from fit.settings import settings
@@ -41,19 +42,8 @@ def pulls(fit, truth):
     return {name: (e.value - truth[name]) / e.sigma for name, e in fit.parameters.items()}
 
 
-def lost(fit):
+def indeterminable(fit):
     return [w for w in fit.warnings if w.code == "indeterminable"]
-
-
-def test_share_is_the_stiffness_model():
-    names = joint_names([1, 2])
-    run = telemetry(OFF, "E", epoch=2)
-    truth = vars(OFF)
-    own = SHARING.matrix(run, dynamics.PARAMETERS, names) @ [truth[name] for name in names]
-    expected = of_run(OFF, "E", 2)
-    assert own == pytest.approx(
-        [expected[n] for n in ("lambda_1", "lambda_2", "C_1", "C_2", "omega2_2", "domega2_12", "delta_ifo")]
-    )
 
 
 def test_recovers_truth_far_from_flight():
@@ -70,7 +60,7 @@ def test_a_drive_of_test_mass_1_completes_the_list():
     runs = campaign_of(OFF, (*SETS, ("E", 2)), drive_1=1e-12)
     joint = calibrate(runs).joint
     assert list(joint.parameters) == list(joint_names([1, 2]))
-    assert not lost(joint)
+    assert not indeterminable(joint)
     assert max(abs(p) for p in pulls(joint, vars(OFF)).values()) < 4.5
     sigma = np.sqrt(np.diag(joint.covariance))
     assert sigma == pytest.approx([e.sigma for e in joint.parameters.values()])
@@ -106,7 +96,7 @@ def test_epoch_unknown_to_the_flight():
 )
 def test_blind_directions_are_named(sets, together, reason):
     joint = calibrate(campaign_of(World(), sets)).joint
-    (warning,) = (w for w in lost(joint) if set(w.parameters) == together)
+    (warning,) = (w for w in indeterminable(joint) if set(w.parameters) == together)
     assert reason in warning.message
     assert set(warning.combination) == together
     assert not together & joint.parameters.keys()
@@ -267,7 +257,11 @@ def test_quickstart_on_the_reference_plant(simulated):
     noisy, _ = simulated
     results = calibrate(list(noisy.values()))
     assert max(abs(p) for p in pulls(results.joint, truth_of_joint()).values()) < 4.5
-    assert {name for w in lost(results.joint) for name in w.parameters} == {"lambda_1", "C_1", "alpha_x_1"}
+    assert {name for w in indeterminable(results.joint) for name in w.parameters} == {
+        "lambda_1",
+        "C_1",
+        "alpha_x_1",
+    }
     assert results.joint.chi2 / results.joint.dof == pytest.approx(1, abs=0.1)
 
 
@@ -277,13 +271,13 @@ def test_pulls_of_the_quickstart_are_standard_normal(quickstart):
     # 20 campaigns x 9 parameters; sum of squared pulls within the 1e-5 quantiles of chi^2(20), mean within
     # 4.5 standard errors: false-positive probability 3e-4.
     loaded = replace(loading.load(quickstart), truth=TRUTH)
-    found = []
+    values = []
     for seed in range(20):
         runs = [recorded(run, along_x_plant.simulate(run)) for run in replace(loaded, seed=seed).runs]
-        found.append(list(pulls(calibrate(runs).joint, truth_of_joint()).values()))
-    found = np.array(found)
-    assert np.all(np.abs(found.mean(axis=0)) < 4.5 / np.sqrt(20))
-    assert np.all((np.sum(found**2, axis=0) > 3.2) & (np.sum(found**2, axis=0) < 60.0))
+        values.append(list(pulls(calibrate(runs).joint, truth_of_joint()).values()))
+    all_pulls = np.array(values)
+    assert np.all(np.abs(all_pulls.mean(axis=0)) < 4.5 / np.sqrt(20))
+    assert np.all((np.sum(all_pulls**2, axis=0) > 3.2) & (np.sum(all_pulls**2, axis=0) < 60.0))
 
 
 def test_a_run_that_cannot_be_prepared_costs_the_others_nothing():
@@ -291,10 +285,37 @@ def test_a_run_that_cannot_be_prepared_costs_the_others_nothing():
     # gaps so close that the stencils leave nothing between them
     gaps = [(i, i + 2) for i in range(20, 3600, 60)]
     bad = [without(r, *gaps) for r in pair(World(), "B", duration=3600.0)]
-    alone, together = calibrate(good), calibrate([*good, *bad], settings({"include_short": True}))
-    assert together.joint.values == alone.joint.values
-    assert not together.joint.unsound
-    (told,) = (w.message for w in together.joint.warnings if w.code == "rejected")
-    assert told.startswith("left out of the joint fit: B-sysid.h5: ")
+    without_bad, with_bad = calibrate(good), calibrate([*good, *bad], settings({"include_short": True}))
+    assert with_bad.joint.values == without_bad.joint.values
+    assert not with_bad.joint.unsound
+    (message,) = (w.message for w in with_bad.joint.warnings if w.code == "rejected")
+    assert message.startswith("left out of the joint fit: B-sysid.h5: ")
     with pytest.raises(InputError, match=r"B-sysid\.h5: .* masking leaves less"):
         calibrate(bad, settings({"include_short": True}))
+
+
+def test_an_experiment_may_be_left_out():
+    results = calibrate(campaign_of(World()), settings({"exclude": ["B"]}))
+    assert results.provenance.joint_runs == ["A-sysid", "C-sysid", "D-sysid"]
+    assert pulls(results.experiments["B"], of_run(World(), "B"))
+    assert "excluded" in {w.code for w in results.experiments["B"].warnings}
+
+
+def test_excluding_an_unknown_experiment_is_refused():
+    with pytest.raises(InputError, match="no experiment 'Z', there are A, B, C, D"):
+        calibrate(campaign_of(World()), settings({"exclude": ["Z"]}))
+
+
+def test_what_one_experiment_cannot_yield_does_not_cost_the_joint_fit(monkeypatch):
+    def fails(experiment, *_):
+        if experiment.name == "B":
+            raise FitError("B: it does not settle")
+        return fit_experiment(experiment, *_)
+
+    monkeypatch.setattr(pipeline, "fit_experiment", fails)
+    results = calibrate(campaign_of(World()))
+    assert list(results.experiments) == ["A", "C", "D"]
+    (warning,) = (w for w in results.joint.warnings if w.code == "no_single_fit")
+    assert warning.message == "B: it does not settle"
+    with pytest.raises(FitError):
+        calibrate(campaign_of(World())[2:4], settings({"exclude": ["B"]}))
