@@ -22,7 +22,7 @@ from fit.figures.charts import (
     measured,
     posix,
 )
-from fit.quality import paule_mandel
+from fit.fitting import weighted_mean
 from fit.results import Estimate
 
 Array = NDArray[np.float64]
@@ -73,9 +73,9 @@ def _gains(
     across = limits(axis, single_marks, key="x")
     marks: list[Mark] = []
     if len(gains) > 1:
-        heterogeneity = paule_mandel(gains)
-        label = f"their mean (χ²/ν = {heterogeneity.chi2_red:.3g})"
-        marks += _level(label, "green", ":", across, heterogeneity.mean, heterogeneity.sigma)
+        mean = weighted_mean(gains)
+        label = f"their mean (χ²/ν = {mean.chi2_red:.3g})"
+        marks += _level(label, "green", ":", across, mean.mean, mean.sigma)
     if joint is not None:
         marks += _level("joint fit, ±1 σ", "blue", "--", across, joint.value, joint.sigma)
     marks += single_marks

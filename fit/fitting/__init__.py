@@ -17,7 +17,15 @@ from fit.fitting.joint_model import Prior, delta_chi2, free_directions, lmfit_sy
 from fit.fitting.nonstationary_noise import NonstationaryRun, SegmentVariances
 from fit.fitting.priors import PriorSet, weak_priors
 from fit.fitting.problem import Problem
-from fit.fitting.random_effects import FREE, Heterogeneity, ScaleParameter, estimate_widths, heterogeneity
+from fit.fitting.random_effects import (
+    FREE,
+    Heterogeneity,
+    ScaleParameter,
+    WeightedMean,
+    estimate_widths,
+    heterogeneity,
+    weighted_mean,
+)
 from fit.fitting.run_estimate import (
     RunEstimate,
     column_scale,
@@ -42,6 +50,7 @@ __all__ = [
     "RunEstimate",
     "ScaleParameter",
     "SegmentVariances",
+    "WeightedMean",
     "column_scale",
     "constraint_test",
     "constraints",
@@ -68,5 +77,6 @@ __all__ = [
     "user_params",
     "variance_factors",
     "weak_priors",
+    "weighted_mean",
     "width_posterior",
 ]

@@ -28,6 +28,7 @@ from numpy.typing import ArrayLike, NDArray
 from fit.fitting.joint_model import JointModel, Prior, free_directions
 from fit.model import dynamics
 from fit.parameters import FLIGHT, Parameter
+from fit.results import Estimate
 
 if TYPE_CHECKING:
     import lmfit
@@ -285,3 +286,57 @@ def heterogeneity(model: JointModel, params: lmfit.Parameters, index: int) -> He
     estimate = estimate_widths(z, [Z * unit])
     width = estimate.widths[0] * unit
     return Heterogeneity(width, width**2 * float(weights @ weights), estimate.p)
+
+
+@dataclass(frozen=True)
+class WeightedMean:
+    """Mean of independent estimates of one quantity, weighted by their errors, and how they scatter about it.
+
+    Attributes
+    ----------
+    mean, sigma : float
+        The mean, and its standard deviation if only the errors differ.
+    chi2, dof : float and int
+        Cochran's Q, the chi^2 about the mean, and its degrees of freedom.
+    width : float
+        Standard deviation among the true values, by restricted maximum likelihood.
+    sigma_with_scatter : float
+        Standard deviation of the mean if the true values scatter by that.
+    """
+
+    mean: float
+    sigma: float
+    chi2: float
+    dof: int
+    width: float
+    sigma_with_scatter: float
+
+    @property
+    def chi2_red(self) -> float:
+        """chi^2 over its degrees of freedom."""
+        return self.chi2 / self.dof
+
+    @property
+    def p(self) -> float:
+        """Probability that errors alone exceed chi2."""
+        return float(scipy.special.chdtrc(self.dof, self.chi2))
+
+
+def weighted_mean(estimates: Sequence[Estimate]) -> WeightedMean:
+    """Return the weighted mean of two or more independent estimates."""
+    values, sigmas = (np.array([getattr(e, name) for e in estimates]) for name in ("value", "sigma"))
+    unit = float(max(np.ptp(values), sigmas.max()))
+    weights = unit / sigmas
+    axis = weights / np.linalg.norm(weights)  # of the mean
+    project = np.eye(values.size) - np.outer(axis, axis)
+    mean = float(weights**2 @ values / (weights @ weights))
+    z = (values - mean) / sigmas
+    width = estimate_widths(z, [project * weights]).widths[0] * unit
+    return WeightedMean(
+        mean=mean,
+        sigma=float(np.sum(sigmas**-2.0) ** -0.5),
+        chi2=float(z @ z),
+        dof=values.size - 1,
+        width=width,
+        sigma_with_scatter=float(np.sum(1 / (sigmas**2 + width**2)) ** -0.5),
+    )

@@ -8,7 +8,6 @@ from fit.quality.channel_units import unit_faults
 from fit.quality.exclusions import Exclusion
 from fit.quality.experiment_set import ExperimentSet
 from fit.quality.fit_quality import as_fit, indeterminable, report
-from fit.quality.heterogeneity import Heterogeneity, independent_estimates, paule_mandel
 from fit.quality.initial_fit import has_spectra
 from fit.quality.jumps import command_jumps
 from fit.quality.masks import MaskedExperiment, glitch_search_enabled, mask_experiments
@@ -18,14 +17,12 @@ __all__ = [
     "NORMAL_SCORES",
     "Exclusion",
     "ExperimentSet",
-    "Heterogeneity",
     "MaskedExperiment",
     "as_fit",
     "command_jumps",
     "fit_quality",
     "glitch_search_enabled",
     "has_spectra",
-    "independent_estimates",
     "indeterminable",
     "initial_fit",
     "long_noise",
@@ -33,7 +30,6 @@ __all__ = [
     "metadata",
     "noise_adaptation",
     "noise_tests",
-    "paule_mandel",
     "report",
     "unit_faults",
 ]

@@ -10,6 +10,7 @@ from markupsafe import Markup, escape
 from fit.figures import gain as figures_gain
 from fit.figures import leakage as figures_leakage
 from fit.figures import mission as figures_mission
+from fit.fitting import WeightedMean, weighted_mean
 from fit.parameters import (
     DELTA_IFO_DESIGN,
     FLIGHT,
@@ -20,7 +21,6 @@ from fit.parameters import (
     joint_names,
     joint_parameter,
 )
-from fit.quality import Heterogeneity, independent_estimates, paule_mandel
 from fit.report import motion as report_motion
 from fit.report import stiffness as report_stiffness
 from fit.report.section import FigureSpec, Section, single_fits, start_time
@@ -161,38 +161,39 @@ def _combination(coefficients: Mapping[str, float]) -> Markup:
 
 
 def _gain(results: Results, telemetries: Sequence[Telemetry]) -> Section | None:
-    estimates = list(independent_estimates(results.experiments).values())
+    fits = results.experiments.values()
+    estimates = [fit.parameters["lambda_2"] for fit in fits if "lambda_2" in fit.parameters]
     if len(estimates) < 2:
         return None
-    heterogeneity = paule_mandel(estimates)
+    gain = weighted_mean(estimates)
     joint = results.joint.parameters.get("lambda_2") if results.joint else None
     flown = FLIGHT["lambda_2"]
-    scatter = f"{100 * heterogeneity.scatter / heterogeneity.mean:.2g} %" if heterogeneity.scatter else "0"
+    scatter = f"{100 * gain.width / gain.mean:.2g} %" if gain.width else "0"
     rows: tuple[tuple[Cell, ...], ...] = (
         (
             "weighted mean of the experiments",
-            measurement(heterogeneity.mean, heterogeneity.sigma),
+            measurement(gain.mean, gain.sigma),
             measurement(*GAIN_MEAN),
         ),
         ("joint fit", estimate_text(joint) if joint else None, measurement(flown.value, flown.sigma)),
-        ("χ² / degrees of freedom about the mean", f"{heterogeneity.chi2_red:.2f}", f"≈ {GAIN_CHI2_RED}"),
-        ("p-value", _p_value(heterogeneity.p_value), "< 0.001"),
-        ("scatter beyond noise that would make it 1", scatter, f"≈ {100 * GAIN_SCATTER:g} %"),
+        ("χ² / degrees of freedom about the mean", f"{gain.chi2_red:.2f}", f"≈ {GAIN_CHI2_RED}"),
+        ("p-value", _p_value(gain.p), "< 0.001"),
+        ("scatter beyond noise", scatter, f"≈ {100 * GAIN_SCATTER:g} %"),
     )
     caption = f"λ₂ of {len(estimates)} experiments, each fitted alone."
     return Section(
         "gain",
         "Stationarity of the gain",
-        _gain_verdict(heterogeneity),
+        _gain_verdict(gain),
         tables=(Table(("", "This calibration", "Flight"), rows, caption),),
         figures=_gain_figures(results, telemetries),
     )
 
 
-def _gain_verdict(heterogeneity: Heterogeneity) -> Markup:
-    if heterogeneity.p_value >= DOUBTFUL:
+def _gain_verdict(gain: WeightedMean) -> Markup:
+    if gain.p >= DOUBTFUL:
         return Markup("The experiments agree with one λ<sub>2</sub> for all of them.")
-    mean = measurement(heterogeneity.mean, heterogeneity.sigma_with_scatter)
+    mean = measurement(gain.mean, gain.sigma_with_scatter)
     return Markup(
         "λ<sub>2</sub> is not the same in every experiment. If it scatters, its mean is {}; "
         "the joint fit can have the scatter as a parameter."

@@ -19,10 +19,10 @@ import numpy as np
 import scipy
 
 from fit import deltag
+from fit.fitting.random_effects import weighted_mean
 from fit.forecasting import expected_fit as forecasts
 from fit.model import dynamics
 from fit.parameters import FLIGHT
-from fit.quality.heterogeneity import paule_mandel
 from fit.results.results import Fit, Results, load
 from fit.settings import settings
 from fit.telemetry.reader import Telemetry, inertial_period, read_all
@@ -176,7 +176,7 @@ def points(results: Results, runs: Sequence[Telemetry]) -> Iterator[str]:
     yield "| | flight | here |"
     yield "|---|---|---|"
     own = {k: f.parameters["lambda_2"] for k, f in results.experiments.items() if "lambda_2" in f.parameters}
-    statistic = paule_mandel([*own.values()])
+    statistic = weighted_mean([*own.values()])
     farthest = 100 * max(abs(e.value / statistic.mean - 1) for e in own.values())
     yield f"| chi2_red of lambda_2 by experiment | near 90 (section Results) | {statistic.chi2_red:.0f} |"
     yield f"| farthest lambda_2 from the mean | about 0.5 % (section Results) | {farthest:.2f} % |"

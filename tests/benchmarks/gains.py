@@ -12,7 +12,7 @@ import numpy as np
 
 import fit
 import lpfcosim
-from fit.quality.heterogeneity import paule_mandel
+from fit.fitting.random_effects import weighted_mean
 from fit.results.results import Results
 from fit.telemetry.reader import Telemetry
 from tests import ROOT
@@ -67,7 +67,7 @@ def chi2_red(results: Results) -> tuple[float, float, float]:
     gains = [e.parameters["lambda_2"] for e in results.experiments.values()]
     values = np.array([g.value for g in gains])
     rms = float(values.std(ddof=1) / values.mean())
-    return paule_mandel(gains).chi2_red, rms, float(np.median([g.sigma for g in gains]))
+    return weighted_mean(gains).chi2_red, rms, float(np.median([g.sigma for g in gains]))
 
 
 CASES = {

@@ -3,10 +3,12 @@
 import lmfit
 import numpy as np
 import pytest
+from scipy import stats
 
 from fit.fitting.joint_model import JointModel, LinearEquation
-from fit.fitting.random_effects import estimate_widths, heterogeneity
+from fit.fitting.random_effects import estimate_widths, heterogeneity, weighted_mean
 from fit.fitting.run_estimate import RunEstimate
+from fit.results.estimates import Estimate
 
 
 def fitted_mean(values, sigmas):
@@ -67,3 +69,25 @@ def test_two_effects_have_their_own_widths():
     estimate = estimate_widths(z, columns)
     assert estimate.widths == pytest.approx((5.0, 0.8), rel=0.2)
     assert estimate.log_likelihood > 100
+
+
+def test_a_weighted_mean_by_hand():
+    # weights 4 and 1: mean (4 * 1 + 1 * 2) / 5; chi2 = 0.2^2 / 0.25 + 0.8^2 / 1
+    result = weighted_mean([Estimate(1.0, 0.5, "1"), Estimate(2.0, 1.0, "1")])
+    assert result.mean == pytest.approx(1.2)
+    assert result.sigma == result.sigma_with_scatter == pytest.approx(1 / np.sqrt(5))
+    assert result.chi2_red == pytest.approx(0.8)
+    assert result.p == pytest.approx(2 * stats.norm.sf(np.sqrt(0.8)))  # chi2 of one degree of freedom
+    assert result.width == 0
+
+
+def test_estimates_of_equal_sigma_scatter_by_the_sample_variance():
+    values = np.array([1.0, 2.0, 4.0, 7.0])
+    result = weighted_mean([Estimate(value, 0.5, "1") for value in values])
+    assert result.width**2 == pytest.approx(np.var(values, ddof=1) - 0.25, rel=1e-3)
+    assert result.sigma_with_scatter == pytest.approx(np.std(values, ddof=1) / 2, rel=1e-3)
+
+
+def test_estimates_that_coincide_do_not_scatter():
+    result = weighted_mean([Estimate(1.0, sigma, "1") for sigma in (0.1, 0.2, 0.3)])
+    assert (result.chi2_red, result.width, result.p) == (0.0, 0.0, 1.0)
