@@ -168,7 +168,7 @@ def _dynamics(telemetries: Sequence[Telemetry], chosen: Settings) -> Results:
         constraints.check(chosen.parameters, [*names, *euler_fit.names(telemetries)], PARAMETERS)
     # what the data are like is judged without what the user says of parameters: that may be wrong
     constrained, chosen = chosen, chosen.model_copy(update={"parameters": {}})
-    campaign = _prepared(recorded, chosen).without(metadata.mislabelled(recorded, telemetries))
+    campaign = _prepared(recorded, chosen).exclude(metadata.mislabelled(recorded, telemetries))
     progress_stage(0.65)
     campaign = campaign.with_warnings(noise_adaptation.adapt_to_readout_excess(campaign.usable, chosen))
     single_fits = _fit_each(campaign.experiments, chosen)
@@ -178,7 +178,7 @@ def _dynamics(telemetries: Sequence[Telemetry], chosen: Settings) -> Results:
     progress_stage(0.95)
     together = _together(campaign, single_fits, chosen, misfits, constrained.parameters)
     if together:
-        campaign = replace(campaign.without(together.left_out), exclusions=together.left_out)
+        campaign = replace(campaign.exclude(together.left_out), exclusions=together.left_out)
     joint, fits = _judged(campaign, single_fits, together, constrained)
     joint, cross_talk = _cross_talk(campaign, together, joint, chosen)
     return Results(joint, fits, cross_talk, {}, _provenance(campaign, together, constrained))
@@ -206,11 +206,11 @@ def _prepared(recorded: Sequence[Experiment], chosen: Settings) -> ExperimentSet
     ]
     together = [prepared[e.name].experiment if e.name in prepared else e for e in recorded]
     taking_part, short, excluded = divide(together, chosen)
-    campaign = ExperimentSet(prepared, tuple(taking_part), tuple(short), tuple(excluded)).without(left_out)
+    campaign = ExperimentSet(prepared, tuple(taking_part), tuple(short), tuple(excluded)).exclude(left_out)
     # where glitches are not searched for, they pass for changes
     breaks = metadata.changes(campaign.in_joint_fit if glitch_search_enabled(chosen) else ())
-    campaign = replace(campaign, notes=(*screening.notes, *misfit, *breaks.notes)).without(breaks.exclusions)
-    return campaign.without_unusable()
+    campaign = replace(campaign, notes=(*screening.notes, *misfit, *breaks.notes)).exclude(breaks.exclusions)
+    return campaign.exclude_unusable()
 
 
 def _noises(

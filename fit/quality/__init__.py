@@ -1,7 +1,7 @@
-"""Inspection: what is masked, taken out or left out before anything is estimated, and why.
+"""Quality of the data: what is masked, subtracted or excluded before anything is estimated, and why.
 
-Files are held against what they say of themselves and against each other, samples and minutes of a run
-against the whole of it; saturation is masked, glitches are masked or taken out.
+`metadata` holds the table of checks of files and samples. Saturation is masked, glitches are masked or
+subtracted, parts of a run that obey other equations exclude it, and noise is compared with the noise run.
 """
 
 from fit.quality.channel_units import unit_faults

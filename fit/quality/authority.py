@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from fit.parameters import FLIGHT
 from fit.spectra import derivatives
-from fit.telemetry import Telemetry, pieces
+from fit.telemetry import Telemetry
 from fit.warnings import Cause
 
 Array = NDArray[np.float64]
@@ -29,8 +29,7 @@ def at_limit(f_x: Array, limit: float) -> NDArray[np.bool_]:
 
 def limited(run: Telemetry, name: str) -> NDArray[np.intp]:
     """Return first sample and end of every stretch where a command is at its limit, shape (G, 2)."""
-    f_x, limit = run.channels[name], limit_of(run, name)
-    return derivatives.chunked_true_runs(at_limit(f_x[piece], limit) for piece in pieces(f_x.size))
+    return derivatives.true_runs(at_limit(run.channels[name], limit_of(run, name)))
 
 
 def limit_of(run: Telemetry, name: str) -> float:

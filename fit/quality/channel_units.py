@@ -75,7 +75,7 @@ class FreeFit:
         wrong = {}
         for j, gain in self.gains.items():
             relative = self.relative_sigma(j)
-            low, high = next(limits for most, limits in PLAUSIBLE_GAINS.items() if relative < most)
+            low, high = next(limits for limit, limits in PLAUSIBLE_GAINS.items() if relative < limit)
             if not low < gain < high:
                 wrong[j] = gain
         return wrong
@@ -99,11 +99,10 @@ def free_fit(run: Run) -> FreeFit:
     used = np.flatnonzero(np.any(rows[:, 1:], axis=0)) + 1
     columns = np.vstack([rows, prior])[:, [0, *used]]
     scale = np.linalg.norm(columns, axis=0)
-    R = whitened_run.qr_factor(columns / scale)
-    inverse = np.linalg.pinv(R[:, 1:])
+    inverse = np.linalg.pinv(columns[:, 1:] / scale[1:])
     c, sigma = np.zeros(rows.shape[1]), np.zeros(rows.shape[1])
     c[0] = 1.0
-    c[used] = -inverse @ R[:, 0] * scale[0] / scale[1:]
+    c[used] = -inverse @ columns[:, 0] / scale[1:]
     sigma[used] = np.sqrt(power) * np.linalg.norm(inverse, axis=1) / scale[1:]
     return FreeFit(c, sigma, power)
 
@@ -169,7 +168,7 @@ def _gain_faults(e: Experiment, fit: FreeFit) -> Iterator[Exclusion]:
     run = e.sysid.telemetry
     channels = channel.replace(" or", "")
     cause = Cause(run.run, channels, kind, factor, words=words, file=str(run.path))
-    yield Exclusion(e.name, (cause,), single_fit_code="wrong_sign", evidence=evidence)
+    yield Exclusion(e.name, (cause,), evidence=evidence)
 
 
 def _gain_fault(

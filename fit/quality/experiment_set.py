@@ -45,7 +45,7 @@ class ExperimentSet:
         faulty = {exclusion.experiment for exclusion in self.exclusions}
         return [e for e in self.experiments if e.name not in faulty]
 
-    def without(self, exclusions: Sequence[Exclusion]) -> "ExperimentSet":
+    def exclude(self, exclusions: Sequence[Exclusion]) -> "ExperimentSet":
         """Return the set with more exclusions.
 
         Raises
@@ -59,7 +59,7 @@ class ExperimentSet:
             raise InputError(join_messages((*self.exclusions, *exclusions)))
         return replace(self, in_joint_fit=remaining, exclusions=(*self.exclusions, *exclusions))
 
-    def without_unusable(self) -> "ExperimentSet":
+    def exclude_unusable(self) -> "ExperimentSet":
         """Return the set without experiments that masks would take apart, unless all of them are such."""
         reasons = {e.name: self.prepared[e.name].unusable for e in self.in_joint_fit}
         unusable = [
@@ -67,7 +67,7 @@ class ExperimentSet:
             for name, reason in reasons.items()
             if reason
         ]
-        return self if len(unusable) == len(reasons) else self.without(unusable)
+        return self if len(unusable) == len(reasons) else self.exclude(unusable)
 
     def with_warnings(self, warnings: Mapping[str, tuple[FitWarning, Experiment]]) -> "ExperimentSet":
         """Return the set with a warning for some experiments, by name, and each as it is to be fitted now."""

@@ -133,8 +133,11 @@ def _largest(sizes: Array, limit: float, floor: float) -> int | None:
 
 
 def _is_isolated(sizes: Array, peak: int, half: int) -> bool:
-    parts = sizes[max(0, peak - 8 * half) : max(0, peak - 2 * half)], sizes[peak + 2 * half : peak + 8 * half]
-    largest = max((float(np.abs(part).max()) for part in parts if part.size), default=np.inf)
+    neighbours = (
+        sizes[max(0, peak - 8 * half) : max(0, peak - 2 * half)],
+        sizes[peak + 2 * half : peak + 8 * half],
+    )
+    largest = max((float(np.abs(part).max()) for part in neighbours if part.size), default=np.inf)
     return bool(abs(float(sizes[peak])) > ISOLATED * largest)
 
 

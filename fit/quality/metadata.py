@@ -87,9 +87,9 @@ class Check:
                 notes.append(FitWarning(code, (), join_messages(faults), causes=causes))
                 continue
             for fault in faults:
-                earlier = exclusions.get(fault.experiment)
-                causes = (*(earlier.observations if earlier else ()), *fault.observations)
-                exclusions[fault.experiment] = replace(earlier or fault, observations=causes[:MAX_CAUSES])
+                exclusion = exclusions.setdefault(fault.experiment, replace(fault, observations=()))
+                causes = (*exclusion.observations, *fault.observations)
+                exclusions[fault.experiment] = replace(exclusion, observations=causes[:MAX_CAUSES])
         return ScreeningReport(list(exclusions.values()), notes)
 
 
@@ -108,7 +108,7 @@ def screen(experiments: Sequence[Experiment]) -> ScreeningReport:
 def changes(experiments: Sequence[Experiment]) -> ScreeningReport:
     """Return the experiments, glitches masked, of which parts obey different equations."""
     n = len(experiments)
-    breaks = _each(lambda e: _structural_breaks(e, n), evidence="misfit")
+    breaks = _per_experiment(lambda e: _structural_breaks(e, n), evidence="misfit")
     return Check(breaks, dict.fromkeys((*KINDS, "jump", "wild sample"), "structural_break")).apply(
         experiments
     )
@@ -127,7 +127,7 @@ def mislabelled(experiments: Sequence[Experiment], telemetries: Sequence[Telemet
     ]
 
 
-def _each(
+def _per_experiment(
     find: Callable[[Experiment], Iterable[Cause]], evidence: Evidence = "sign"
 ) -> Callable[[Sequence[Experiment]], Iterator[Exclusion]]:
     """Return the check of many experiments that applies one to each of them."""
@@ -298,10 +298,10 @@ def _curvature_psd(x: Array, fs: float) -> tuple[Array, Array]:
 CHECKS: Mapping[str, Check] = {
     "duplicate noise": Check(_duplicate_noise),
     "units of channels": Check(_unit_faults),
-    "attributes of noise runs": Check(_each(_settings_mismatches)),
+    "attributes of noise runs": Check(_per_experiment(_settings_mismatches)),
     "dates of noise runs": Check(_distant_noise_runs),
-    "authority": Check(_each(_authority_faults)),
+    "authority": Check(_per_experiment(_authority_faults)),
     "injections in noise runs": Check(_noise_runs_with_injections),
-    "samples": Check(_each(_sample_faults), samples.CODES),
+    "samples": Check(_per_experiment(_sample_faults), samples.CODES),
     "response to guidance": Check(response_faults, dict.fromkeys(("scale", "sign"), "guidance_scale")),
 }

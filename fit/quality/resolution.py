@@ -12,17 +12,15 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from fit.telemetry import pieces
-
 Array = NDArray[np.float64]
 
 VALUES = 20000  # of a run, in which lattices are looked for
 SIZES = 4  # classes of size in an octave, each of one lattice but where steps grow
-ENOUGH = 16  # different values of a class that show a lattice
-SMALLEST = 40  # differences that show it
+MIN_VALUES = 16  # different values of a class that show a lattice
+MAX_DIFFERENCES = 40  # differences that show it
 RESOLVED = 1e4  # spacings of double precision, above which a step is no rounding of it
-WHOLE = 0.01  # of a step, within which a difference is a multiple of it
-SURE = 4.0  # errors of a remainder, within which it is zero
+MULTIPLE = 0.01  # of a step, within which a difference is a multiple of it
+MAX_ERRORS = 4.0  # errors of a remainder, within which it is zero
 DECADE = 4.0  # ratio of the steps of neighbouring classes, above which decimal digits make it
 EXACT = 1e-7  # of a step, below which a remainder is a rounding of values before a mean was taken off
 FINER = 0.1  # of the step of other classes, below which differences are of no lattice
@@ -35,33 +33,32 @@ class Resolution:
 
     Attributes
     ----------
-    first : int
-        The first class of size, see `_class_of_size`.
+    smallest : int
+        The class of the smallest sizes, see `_class_of_size`.
     steps : ndarray, shape (classes,)
         In the unit of the channel. Classes of too few values have the step of the nearest one, scaled with
         the values where steps grow.
     precision : str
         What the numbers are kept in, if that is known: "single precision" or "half precision".
-    few : bool
+    few_values : bool
         Whether the channel has so few different values that they may be those of a signal.
     """
 
-    first: int
+    smallest: int
     steps: Array
     precision: str = ""
-    few: bool = False
+    few_values: bool = False
 
-    def at(self, x: Array) -> Array:
+    def step_at(self, x: Array) -> Array:
         """Return the step at values, of their shape."""
-        known = np.nan_to_num(np.abs(x))
-        sizes = _class_of_size(np.maximum(known, 2.0 ** (self.first / SIZES))) - self.first
-        return np.asarray(self.steps[np.clip(sizes, 0, self.steps.size - 1)])
+        sizes = np.maximum(np.nan_to_num(np.abs(x)), 2.0 ** (self.smallest / SIZES))
+        return np.asarray(self.steps[np.clip(_class_of_size(sizes) - self.smallest, 0, self.steps.size - 1)])
 
     @property
     def upper(self) -> "Resolution":
         """The same, with the larger of the two steps where a power of ten lies within a class."""
-        following = np.append(self.steps[1:], 0.0)
-        return replace(self, steps=np.where(following > DECADE * self.steps, following, self.steps))
+        larger = np.append(self.steps[1:], 0.0)
+        return replace(self, steps=np.where(larger > DECADE * self.steps, larger, self.steps))
 
     @property
     def largest(self) -> float:
@@ -76,32 +73,30 @@ class Resolution:
 
 def estimate_resolution(x: Array) -> Resolution | None:
     """Return the resolution of a channel; None if its values are as fine as double precision."""
-    every = -(-x.size // VALUES)
-    values = np.concatenate([x[piece][-piece.start % every :: every] for piece in pieces(x.size)])
+    values = x[:: -(-x.size // VALUES)]
     values = values[np.isfinite(values)].astype(np.float64)
-    signed = np.unique(values)
-    if signed.size < 2:
+    distinct = np.unique(values)
+    if distinct.size < 2:
         return None
     values = values[values != 0]
     sizes = _class_of_size(np.abs(values))
-    first, last = int(sizes.min()), int(sizes.max())
-    known = {size: _step(values[sizes == size]) for size in range(first, last + 1)}
-    known = {size: step for size, step in known.items() if step}
-    few = not known and signed.size < ENOUGH < values.size
-    if few:
-        known = {last: float(np.diff(signed).min())}
-    if not known:
+    smallest = int(sizes.min())
+    classes = [values[sizes == size] for size in range(smallest, int(sizes.max()) + 1)]
+    lattices = np.array([_step(members) for members in classes])
+    few_values = not lattices.any() and distinct.size < MIN_VALUES < values.size
+    if few_values:
+        lattices[-1] = np.diff(distinct).min()
+    known = np.flatnonzero(lattices)
+    if not known.size:
         return None
-    least, most = min(known.values()), max(known.values())
-    steps = []
-    for size in range(first, last + 1):
-        near = min(known, key=lambda other: abs(other - size))
-        steps.append(known[near] * (2.0 ** ((size - near) / SIZES) if most > FIXED * least else 1.0))
-    finer = [size for size in range(first, last + 1) if size not in known]
-    finer = [n for n in finer if _finest(values[sizes == n]) < FINER * steps[n - first]]
-    if np.count_nonzero(np.isin(sizes, finer)) > 0.5 * sizes.size:
+    numbers = np.arange(len(classes))
+    nearest = known[np.abs(numbers[:, None] - known).argmin(axis=1)]
+    grow = lattices[known].max() > FIXED * lattices[known].min()
+    steps = lattices[nearest] * (2.0 ** ((numbers - nearest) / SIZES) if grow else 1.0)
+    is_finer = [not lattices[n] and _median_difference(classes[n]) < FINER * steps[n] for n in numbers]
+    if np.mean(np.array(is_finer)[sizes - smallest]) > 0.5:
         return None  # a smooth channel, in a few classes of which increments happen to be alike
-    return Resolution(first, np.array(steps), _precision(values), few)
+    return Resolution(smallest, steps, _precision(values), few_values)
 
 
 def _class_of_size(x: Array) -> NDArray[np.intp]:
@@ -117,17 +112,17 @@ def _step(values: Array) -> float:
     return max(lattice(values[values < 0]), lattice(values[values > 0])) or lattice(values)
 
 
-def _finest(values: Array) -> float:
+def _median_difference(values: Array) -> float:
     """Return a small difference between neighbours of about one size, infinite for few values."""
     values = np.unique(values)
-    d = _differences(values) if values.size >= ENOUGH else np.empty(0)
+    d = _differences(values) if values.size >= MIN_VALUES else np.empty(0)
     return float(np.median(d)) if d.size else np.inf
 
 
 def _differences(values: Array) -> Array:
     """Return the smallest differences between different, sorted values of one sign that are no rounding."""
     d = np.diff(values)[values[1:] * values[:-1] > 0]
-    return np.sort(d[d > RESOLVED * np.spacing(np.abs(values).max())])[:SMALLEST]
+    return np.sort(d[d > RESOLVED * np.spacing(np.abs(values).max())])[:MAX_DIFFERENCES]
 
 
 def lattice(values: Array) -> float:
@@ -138,27 +133,27 @@ def lattice(values: Array) -> float:
     does not hide.
     """
     values = np.unique(values)
-    if values.size < ENOUGH:
+    if values.size < MIN_VALUES:
         return 0.0
     error = float(np.spacing(np.abs(values).max()))
     d = _differences(values)
-    if d.size < ENOUGH - 1:
+    if d.size < MIN_VALUES - 1:
         return 0.0
     step = float(d[0])
-    for other in d[1:].tolist():
-        step = _divisor(other, step, error)
+    for difference in d[1:].tolist():
+        step = _divisor(difference, step, error)
         if step < RESOLVED * error:
             return 0.0
     multiples = d / step
-    return step if np.all(np.abs(multiples - np.round(multiples)) < WHOLE) else 0.0
+    return step if np.all(np.abs(multiples - np.round(multiples)) < MULTIPLE) else 0.0
 
 
 def _divisor(a: float, b: float, error: float) -> float:
     """Return the greatest common divisor of two numbers, each known to `error`."""
-    of_a, of_b = error, error
-    while b > max(SURE * of_b, EXACT * a):
+    error_a, error_b = error, error
+    while b > max(MAX_ERRORS * error_b, EXACT * a):
         times = np.round(a / b)
-        a, b, of_a, of_b = b, abs(a - times * b), of_b, of_a + times * of_b
+        a, b, error_a, error_b = b, abs(a - times * b), error_b, error_a + times * error_b
     return a
 
 

@@ -82,7 +82,7 @@ def _rounding_psd(run: Telemetry, name: str, resolution: Resolution) -> tuple[Ar
     """Return frequencies [Hz] of the fitted band, and the PSD of the rounding of a channel there."""
     f = np.geomspace(F_MIN, derivatives.F_MAX, FREQUENCIES)
     x = run.channels[name]
-    square = np.nanmean(resolution.at(x[:: -(-x.size // VALUES)]) ** 2)
+    square = np.nanmean(resolution.step_at(x[:: -(-x.size // VALUES)]) ** 2)
     repeats = int(np.count_nonzero(np.diff(x) == 0))
     dwell = x.size / max(1, x.size - repeats) / run.fs  # s, at one value
     return f, square / 6 * np.minimum(dwell, 1 / (dwell * (np.pi * f) ** 2) + 1 / run.fs)

@@ -143,11 +143,11 @@ def _lines(channel: Channel) -> list[SampleFault]:
         runs = derivatives.true_runs(channel.curvature <= 1e-9 * typical)
         runs = runs[runs[:, 1] - runs[:, 0] >= MIN_LINE - 2] + np.array([0, 2])
     else:
-        runs = straight.stretches(x, resolution)
+        runs = straight.stretches(x, resolution, p_limit("samples", CHANNELS_TESTED * x.size))
     faults = []
     for begin, end in runs.tolist():
         part = x[begin:end]
-        constant = np.ptp(part) <= (2.1 * resolution.at(part).max() if resolution else 0.0)
+        constant = np.ptp(part) <= (2.1 * resolution.step_at(part).max() if resolution else 0.0)
         verb = "stops at its limit of" if part[0] in channel.extremes else "is stuck at"
         text = f"{verb} {part[0] + 0.0:.4g}" if constant else "is a straight line"
         seconds = (end - begin) / fs
@@ -216,7 +216,7 @@ def _period(x: Array) -> int:
 
 def _equality_chance(x: Array, resolution: Resolution) -> Array:
     """Return the probability that samples are equal to the next one, from how much x moves nearby."""
-    increments = np.abs(np.diff(x)) / resolution.at(x[1:])
+    increments = np.abs(np.diff(x)) / resolution.step_at(x[1:])
     mean = scipy.ndimage.uniform_filter1d(np.nan_to_num(increments), NEARBY, mode="nearest")
     return np.where(np.isnan(increments), 1.0, chance_of_equality(mean))
 
@@ -245,7 +245,7 @@ def check_samples(sysid: Telemetry, noise: Telemetry | None) -> Iterator[Cause]:
             for name, resolution in resolutions.items()
             # a command may have few values because nothing but injections drives it
             if resolution
-            and not (resolution.few and name in commands and not is_fed_back(run.channels[name]))
+            and not (resolution.few_values and name in commands and not is_fed_back(run.channels[name]))
         }
         yield from rounding_faults(run, reference, rounded)
         faults = {name: _channel_faults(run, name) if name in noisy else [] for name in dynamics.CHANNELS}
@@ -263,7 +263,7 @@ def is_fed_back(x: Array) -> bool:
     if resolution is None:
         return False
     head = x[:HEAD]
-    steps = np.abs(np.diff(head)) / resolution.at(head[1:])
+    steps = np.abs(np.diff(head)) / resolution.step_at(head[1:])
     return bool(
         np.count_nonzero(steps > 0) > MIN_CHANGES * head.size and np.median(steps[steps > 0]) < MAX_STEP
     )

@@ -79,8 +79,8 @@ WARNING_KINDS: Mapping[str, WarningKind] = {
         unsound=True,
     ),
     "invalid_data": WarningKind(
-        "Correct the file or archive the run again, and repeat the fit; do not use this experiment on its "
-        "own.",
+        "Correct the file, the archive or the map that reads it, and repeat the fit; do not use this "
+        "experiment by itself.",
         severity=Severity.FAILURE,
         headline="The data are not what their labels say",
         unsound=True,
@@ -318,8 +318,4 @@ WARNING_KINDS: Mapping[str, WarningKind] = {
         unsound=True,
     ),
     "nonstationary_noise": WarningKind("Nothing if noise may change; else inspect the residual."),
-    "wrong_sign": WarningKind(
-        "Check sign and unit of the channel in the archive, or of the map that reads it.",
-        unsound=True,
-    ),
 }

@@ -42,7 +42,7 @@ from lpfcosim.worlds import drive, world_of
 SAID = frozenset(
     {
         *("glitches", "marginalised_noise", "nonstationary_noise", "random_effects"),
-        *("readout_excess_noise", "saturated", "wrong_sign"),
+        *("readout_excess_noise", "saturated"),
     }
 )
 REDRAWN = 10  # every how manieth campaign has truths of its own

@@ -360,7 +360,7 @@ def test_a_calibration_that_is_not_sound_gives_no_product(recorded, tmp_path, mo
 
 def test_what_is_not_sound_beside_the_joint_fit_is_left_out(recorded, tmp_path):
     results = calibrated(LATE)
-    reason = FitWarning("wrong_sign", (), "the star tracker turns the other way")
+    reason = FitWarning("invalid_data", (), "the star tracker turns the other way")
 
     def doubted(fits):
         return {name: replace(fit, warnings=(reason,)) for name, fit in fits.items()}

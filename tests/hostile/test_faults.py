@@ -208,7 +208,7 @@ def test_what_is_excluded_stops_nothing_and_is_no_sound_fit():
     wrong = of("A-sysid", lambda r: changed(r, o_12=negative))
     results = calibrate(wrong, settings({"exclude": ["A"]}))
     assert not results.joint.unsound
-    assert [w.code for w in results.experiments["A"].unsound] == ["wrong_sign"]
+    assert [w.code for w in results.experiments["A"].unsound] == ["invalid_data"]
     assert not results.unsound
 
 
