@@ -384,7 +384,7 @@ def _provenance(campaign: ExperimentSet, together: _Together | None, chosen: Set
         cross_talk_periods={epoch: next(iter(names)) for epoch, names in periods.items() if len(names) == 1},
         subtraction=subtraction or None,
         settings=chosen.record(),
-        more={"false_alarms": budget_by_family(), **agreement},
+        extra={"false_alarms": budget_by_family(), **agreement},
         levels=[e.name for e in campaign.in_joint_fit if e.marginalised],
         x_axis=campaign.experiments[0].sysid.telemetry.x_axis,
         scatter={name: {"value": s, "sigma": sigma} for name, (s, sigma) in scatter.items()},

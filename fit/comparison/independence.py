@@ -61,7 +61,7 @@ class Source:
     @property
     def seed(self) -> object:
         """Seed of the simulation that the results state, None without one."""
-        return self.results.provenance.more.get("seed")
+        return self.results.provenance.extra.get("seed")
 
 
 def source(results: Results, file: Path | None) -> Source:

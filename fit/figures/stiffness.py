@@ -86,8 +86,7 @@ def against_authority(points: Sequence[StiffnessPoint], joint: Fit | None) -> Ch
     """Draw omega2_j against F_max_j: each experiment alone, the model, and their distance.
 
     Where F_max_j is the same in all experiments, against that of the other test mass, on which omega2_j does
-    not depend. The model is that of the joint fit. Where there is none it is a straight line through the
-    experiments of one torque authority.
+    not depend. The model is that of the joint fit.
 
     Parameters
     ----------
@@ -114,8 +113,6 @@ def against_authority(points: Sequence[StiffnessPoint], joint: Fit | None) -> Ch
         squares = measured("joint fit", F, of_joint, names, mark="square", role="orange")
         marks += [squares, *_model(joint, points, reach)]
         residual_panels = [_pulls(authority, pulls, F, names, across)]
-    else:
-        marks += _lines(points, reach)
     main_panel = Panel(authority, axis, tuple(marks), across, limits(axis, marks), 1.85)
     return Chart((main_panel, *residual_panels))
 
@@ -145,22 +142,6 @@ def _model(joint: Fit | None, points: Sequence[StiffnessPoint], reach: float) ->
             line = np.polynomial.Polynomial.fit(ends, known, 1)
             known = [float(line(0.0)), float(line(1e-12 * reach))]
         marks += _line(N_max, reach, 1e7 * np.array(known))
-    return marks
-
-
-def _lines(points: Sequence[StiffnessPoint], reach: float) -> list[Mark]:
-    """Return a straight line through the experiments of each N_max that have three forces or more.
-
-    Their slope is alpha_x_j, and what they have at no force omega2_j_0 + alpha_phi_j N_max_j, a sum that is
-    known where its parts are not.
-    """
-    marks: list[Mark] = []
-    for N_max in sorted({p.N_max for p in points}):
-        members = [p for p in points if p.N_max == N_max]
-        if len({p.F_max for p in members}) > 2:
-            F, y = np.array([(1e12 * p.F_max, 1e7 * p.omega2.value) for p in members]).T
-            line = np.polynomial.Polynomial.fit(F, y, 1, w=[1 / p.omega2.sigma for p in members])
-            marks += _line(N_max, reach, np.asarray(line(np.array([0.0, reach]))))
     return marks
 
 

@@ -212,5 +212,5 @@ class _Identification:
         provenance = self.calibrated.provenance
         absent = dict.fromkeys(("cross_talk_periods", "subtraction", "inertial_runs", "inertial_band"))
         widths = {name: {"value": value, "sigma": sigma} for name, (value, sigma) in outcome.scatter.items()}
-        more = {**provenance.more, **entries}
-        return replace(provenance, more=more, levels=levels, scatter=widths, **absent)
+        extra = {**provenance.extra, **entries}
+        return replace(provenance, extra=extra, levels=levels, scatter=widths, **absent)

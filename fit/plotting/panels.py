@@ -14,7 +14,7 @@ from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormat
 from fit.figures import COLOURS, Chart, Curve, Note, Panel, Points, Span
 from fit.plotting.style import WIDE, WIDTH
 
-_LEFT_MARGIN, _RIGHT, _BOTTOM, _LINE = 0.5, 0.12, 0.34, 0.14  # inch: margins of a figure, a line of a legend
+_MARGIN, _BOTTOM = 0.12, 0.34  # inch: at the sides of a figure, and below its panels
 _DAY = 86400.0  # s
 _LETTER, _ENTRY = 0.05, 0.3  # inch: the width of a letter, and of a line of a legend besides, about
 _MARKS: dict[str, Any] = {
@@ -25,40 +25,25 @@ _MARKS: dict[str, Any] = {
 
 
 def drawn(chart: Chart) -> Figure:
-    """Return a chart, drawn: one column wide with the same margins in all figures, or a grid of panels.
-
-    To have the margins measured is what takes longest in drawing.
-    """
+    """Return a chart, drawn: panels one column wide, or a grid of panels."""
     return _grid(chart) if chart.n_across > 1 else _column(chart)
 
 
 def _column(chart: Chart) -> Figure:
+    """Draw panels above each other, each with its legend in the line of its title."""
     panels = chart.panels
-    left_margin = _LEFT_MARGIN + _LETTER * max(_digits(panel) for panel in panels)
-    right = _RIGHT + (0.38 if any(map(_at_the_end, panels)) else 0.0)
-    total = sum(panel.height for panel in panels) + _BOTTOM
-    figure = Figure(figsize=(WIDTH, total))
-    first_axes, height_below = None, total
-    for panel in panels:
-        height_below -= panel.height
-        entries = [mark.label for mark in panel.marks if not isinstance(mark, Note) and mark.label]
-        across = sum(_LETTER * len(label) + _ENTRY for label in entries) + _LETTER * len(panel.title)
-        rows = max(1, math.ceil(across / (WIDTH - right)))
-        columns = max(1, math.ceil(len(entries) / rows))
-        width, height = WIDTH - left_margin - right, panel.height - rows * _LINE - 0.1
-        place = (left_margin / WIDTH, height_below / total, width / WIDTH, height / total)
-        ax = figure.add_axes(place, sharex=first_axes)
-        first_axes = first_axes or ax
+    heights = [panel.height for panel in panels]
+    figure = Figure(figsize=(WIDTH, sum(heights) + _BOTTOM), layout="constrained")
+    axes = figure.subplots(len(panels), 1, sharex=True, squeeze=False, height_ratios=heights)[:, 0]
+    for ax, panel in zip(axes, panels, strict=True):
         _draw(ax, panel)
-        long = _LETTER * len(panel.y.title) > height
-        ax.yaxis.set_label_coords(((0.24 if long else 0.14) - left_margin) / width, 0.5)
-        ax.set_ylabel(panel.y.title.replace("  ", "\n") if long else panel.y.title)
+        is_long = _LETTER * len(panel.y.title) > panel.height - 2 * _MARGIN
+        ax.set_ylabel(panel.y.title.replace("  ", "\n") if is_long else panel.y.title)
         ax.set_title(panel.title, parse_math=False)
-        if panel is panels[-1]:
-            ax.set_xlabel(panel.x.title)
-        else:
-            ax.tick_params(labelbottom=False)
-        if entries:
+        labels = [mark.label for mark in panel.marks if not isinstance(mark, Note) and mark.label]
+        width = sum(_LETTER * len(label) + _ENTRY for label in labels) + _LETTER * len(panel.title)
+        if labels:
+            columns = math.ceil(len(labels) / math.ceil(width / (WIDTH - _MARGIN)))
             ax.legend(
                 loc="lower right",
                 bbox_to_anchor=(1, 1.0),
@@ -66,27 +51,9 @@ def _column(chart: Chart) -> Figure:
                 borderaxespad=0.1,
                 columnspacing=1.4,
             )
+    figure.align_ylabels(axes)
+    axes[-1].set_xlabel(panels[-1].x.title)
     return figure
-
-
-def _digits(panel: Panel) -> int:
-    """Return how many letters the numbers at the y axis take beyond three."""
-    if panel.y.log:
-        return 0
-    low, high = panel.up
-    ticks = [tick for tick in _locator(panel).tick_values(low, high) if low <= tick <= high]
-    decimals = max(0, -math.floor(math.log10(min(np.diff(ticks), default=1.0)) + 1e-9))
-    return max(0, max((len(f"{tick:.{decimals}f}") for tick in ticks), default=0) - 3)
-
-
-def _locator(panel: Panel) -> MaxNLocator:
-    """Return what chooses the numbers at a linear y axis: steps of 1, 2 or 5, as many as have room."""
-    return MaxNLocator(max(3, round(3.5 * panel.height)), steps=[1, 2, 5, 10])
-
-
-def _at_the_end(panel: Panel) -> bool:
-    """Tell whether words stand beyond the right end of a panel."""
-    return any(isinstance(mark, Note) and mark.x >= panel.across[1] for mark in panel.marks)
 
 
 def _grid(chart: Chart) -> Figure:
@@ -132,7 +99,8 @@ def _draw(ax: Axes, panel: Panel) -> None:
     ax.set_xlim(*panel.across)
     ax.set_ylim(*panel.up)
     if not panel.y.log:
-        ax.yaxis.set_major_locator(_locator(panel))
+        # steps of 1, 2 or 5, as many as have room
+        ax.yaxis.set_major_locator(MaxNLocator(max(3, round(3.5 * panel.height)), steps=[1, 2, 5, 10]))
         ax.ticklabel_format(axis="y", useOffset=False)
 
 

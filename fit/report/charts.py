@@ -6,15 +6,23 @@ import re
 from typing import Any
 
 import numpy as np
+from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup, escape
 from numpy.typing import NDArray
 
 from fit.figures import Axis, Chart, Curve, Matrix, Note, Panel, Points, Span
 from fit.report.section import FigureSpec, RenderedFigure
-from fit.tables import symbol
+from fit.tables import signed, symbol
 
 Array = NDArray[np.float64]
 
+ENVIRONMENT = Environment(
+    loader=PackageLoader("fit.report"),
+    autoescape=True,
+    undefined=StrictUndefined,
+    trim_blocks=True,
+    lstrip_blocks=True,
+)
 WIDTH = 3.375  # inch, of which the panels have their heights
 _SHORT = 64  # numbers that are written out
 
@@ -38,10 +46,13 @@ def _chart(chart: Chart, description: str) -> Markup:
     document = {"beside": chart.n_across, "panels": panels, "arrays": arrays.encoded}
     # in a script, only this could end it
     data = json.dumps(document, ensure_ascii=False, separators=(",", ":")).replace("<", "\\u003c")
-    return Markup(
-        '<div class="chart{}" role="group" aria-label="{}" style="--shape:{:.3f}">'
-        '<script type="application/json">{}</script></div>'
-    ).format(" grid-of" if chart.n_across > 1 else "", description, _shape(chart), Markup(data))
+    return element("chart", Markup(data), description, f"{_shape(chart):.3f}", chart.n_across > 1)
+
+
+def element(kind: str, *arguments: object) -> Markup:
+    """Return a figure as an element of the page, made by one of the macros of ``figures.html.jinja``."""
+    module: Any = ENVIRONMENT.get_template("figures.html.jinja").module
+    return Markup(getattr(module, kind)(*arguments).strip())
 
 
 def _shape(chart: Chart) -> float:
@@ -128,27 +139,8 @@ def html(label: str) -> Markup:
 
 def _matrix(matrix: Matrix) -> Markup:
     """Return the lower half of a matrix as a table in the colours of its numbers, in per cent."""
-    symbols = list(map(symbol, matrix.names))
-    P = len(symbols)
-    rows = []
-    for i in range(1, P):
-        cells = [_cell(matrix, i, j) for j in range(i)]
-        rows.append(Markup('<tr><th scope="row">{}</th>{}</tr>').format(symbols[i], Markup().join(cells)))
-    head = Markup().join(Markup('<th scope="col">{}</th>').format(name) for name in symbols[:-1])
-    dense = " dense" if P > 10 else ""
-    return Markup(
-        '<div class="scroll" tabindex="0"><table class="matrix{}"><thead><tr><td></td>{}</tr></thead>'
-        "<tbody>\n{}\n</tbody></table></div>"
-    ).format(dense, head, Markup("\n").join(rows))
-
-
-def _cell(matrix: Matrix, i: int, j: int) -> Markup:
-    r = float(matrix.values[i, j])
-    text = f"{r:.4f}".replace("-", "−")
-    percent = f"{100 * r:.0f}".replace("-", "−")
-    return Markup(
-        '<td style="--tone:var(--{});--share:{:.0f}%" title="{}, {}: {}">{}</td>'
-    ).format(
-        "blue" if r > 0 else "orange", 50 * abs(r), matrix.names[j], matrix.names[i], text,
-        "0" if percent == "−0" else percent,
-    )  # fmt: skip
+    rows = [
+        [(float(matrix.values[i, j]), matrix.names[j], matrix.names[i]) for j in range(i)]
+        for i in range(1, len(matrix.names))
+    ]
+    return element("matrix", list(map(symbol, matrix.names)), rows, signed)

@@ -18,7 +18,7 @@ from fit.telemetry import Telemetry
 from fit.warnings import FitWarning, masked_spans
 
 _BOTH = Markup("{}<sub>max,1</sub> and {}<sub>max,2</sub>")
-_ABOUT = (
+_DESCRIPTION = (
     "This experiment on its own (eq. deltaglinear). Flight: table jointfit at this run's authority, its σ "
     "added without correlations."
 )
@@ -120,7 +120,7 @@ def _section(i: int, name: str, results: Results, runs: Mapping[str, Telemetry])
     return Section(
         f"e{i}",
         f"Experiment {name}",
-        _ABOUT,
+        _DESCRIPTION,
         facts,
         parameter_table(fit, known),
         figures=specs,

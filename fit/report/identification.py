@@ -37,7 +37,7 @@ def sections(results: Results, directory: Path) -> list[Section]:
     identification = fit_results.load(path)
     if identification.joint is None:
         return []
-    return [_section(identification.joint, identification.provenance.more, results)]
+    return [_section(identification.joint, identification.provenance.extra, results)]
 
 
 def _section(joint: Fit, entries: Mapping[str, object], results: Results) -> Section:

@@ -9,7 +9,7 @@ from functools import cache
 from importlib import resources
 from pathlib import Path
 
-from jinja2 import Environment, PackageLoader, StrictUndefined, Template
+from jinja2 import Template
 from markupsafe import Markup
 
 from fit.figures import COLOURS
@@ -114,15 +114,8 @@ def _rendered(sections: Sequence[Section]) -> list[Section]:
 @cache
 def _template() -> Template:
     """Return what makes the page: to compile it takes a tenth of a second."""
-    environment = Environment(
-        loader=PackageLoader("fit.report"),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    environment.globals.update(limit=LIMIT, signed=signed)
-    return environment.get_template("report.html.jinja")
+    charts.ENVIRONMENT.globals.update(limit=LIMIT, signed=signed)
+    return charts.ENVIRONMENT.get_template("report.html.jinja")
 
 
 def _scripts() -> dict[str, object]:

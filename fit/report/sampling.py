@@ -9,6 +9,7 @@ from pydantic import BaseModel
 from fit.crosstalk import refit
 from fit.files import documents
 from fit.forecasting import Pulls, coverage
+from fit.report.charts import element
 from fit.report.section import FigureSpec, Section
 from fit.results import Results
 from fit.sampling import emcee_sampling
@@ -181,8 +182,6 @@ def _picture(folder: Path, name: str, description: str, caption: str) -> tuple[F
     if not path.exists():
         return ()
     source = base64.b64encode(documents.text(path, "a figure").encode()).decode()
-    image = Markup('<img src="data:image/svg+xml;base64,{}" alt="{}">').format(source, description)
     kinds = [kind for kind in ("pdf", "svg", "csv") if (folder / f"{name}.{kind}").exists()]
-    link = Markup('<a href="figures/{}.{}">{}</a>')
-    links = Markup(" ").join(link.format(name, kind, kind.upper()) for kind in kinds)
+    image, links = element("image", source, description), element("links", name, kinds)
     return (FigureSpec(name, description, Markup("{} {}").format(caption, links), lambda: image),)

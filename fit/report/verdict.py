@@ -139,7 +139,7 @@ def verdict(results: Results, shown: Sequence[ParameterTable]) -> Verdict:
     if undetermined:
         sentences.append(Markup("Not determined by these data: {}.").format(symbols(undetermined)))
     sentences += doubts
-    if isinstance(budget := results.provenance.more.get("false_alarms"), Mapping):
+    if isinstance(budget := results.provenance.extra.get("false_alarms"), Mapping):
         sentences.append(_false_alarms(budget))
     # Another spacecraft need not agree with the flight; a simulation has to agree with its truth.
     bad = bool(failed) or (outliers and has_truth)

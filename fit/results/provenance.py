@@ -39,7 +39,7 @@ class Provenance(Mapping[str, object]):
         Ends of its band [Hz].
     x_axis : str
         Where +x points to in the runs; the signs of delta_eta, b_1, b_4 and b_6 depend on it.
-    more : dict of str to object
+    extra : dict of str to object
         What the command line adds (campaign, digests, seed), and what is not known; whatever JSON holds.
     versions, telemetry : dict of str to str, list of str
         Of the software; file names, relative to the folder of the results.
@@ -57,12 +57,12 @@ class Provenance(Mapping[str, object]):
     inertial_runs: dict[str, list[str]] | None = None
     inertial_band: list[float] | None = None
     x_axis: XAxis | None = None
-    more: dict[str, object] = field(default_factory=dict)
+    extra: dict[str, object] = field(default_factory=dict)
     versions: dict[str, str] | None = None
     telemetry: list[str] | None = None
 
     @classmethod
-    def of(cls, entries: Mapping[str, object]) -> "Provenance":
+    def from_entries(cls, entries: Mapping[str, object]) -> "Provenance":
         """Return what JSON says; an entry that is not of its kind is kept, but not understood."""
         known: dict[str, Any] = {}
         additional: dict[str, object] = {}
@@ -71,7 +71,7 @@ class Provenance(Mapping[str, object]):
                 known[name] = _KINDS[name].validate_python(value, strict=True)
             except (KeyError, ValidationError):
                 additional[name] = value
-        return cls(**known, more=additional)
+        return cls(**known, extra=additional)
 
     @property
     def frame(self) -> XAxis:
@@ -82,7 +82,7 @@ class Provenance(Mapping[str, object]):
         """Return everything as JSON has it."""
         entries: dict[str, object] = {}
         for name, value in vars(self).items():
-            entries |= self.more if name == "more" else {} if value is None else {name: value}
+            entries |= self.extra if name == "extra" else {} if value is None else {name: value}
         return entries
 
     def __getitem__(self, name: str) -> object:
@@ -96,4 +96,4 @@ class Provenance(Mapping[str, object]):
         return len(self.entries())
 
 
-_KINDS = {name: TypeAdapter(kind) for name, kind in get_type_hints(Provenance).items() if name != "more"}
+_KINDS = {name: TypeAdapter(kind) for name, kind in get_type_hints(Provenance).items() if name != "extra"}

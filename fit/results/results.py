@@ -1,9 +1,9 @@
 """The result of a calibration and its JSON form, schema ``lpf-results/1``."""
 
-from collections.abc import Iterator
-from dataclasses import dataclass, field
+from collections.abc import Iterator, Mapping
+from dataclasses import MISSING, dataclass, field, fields, is_dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +15,7 @@ from fit.files import atomic, documents, place
 from fit.results.estimates import Diagnostics, Estimate, SolvedModel, Stiffness
 from fit.results.provenance import Provenance
 from fit.telemetry import Telemetry
-from fit.warnings import FitWarning
+from fit.warnings import Cause, FitWarning
 
 if TYPE_CHECKING:
     from lmfit import Minimizer, Parameters
@@ -221,46 +221,25 @@ def write(results: Results, path: Path) -> str:
     FitError
         If a number is not finite: such a result must not look like one.
     """
-    document = {
-        "schema": SCHEMA,
-        "joint": results.joint and _fit_to_json(results.joint),
-        **{
-            section: {name: _fit_to_json(fit) for name, fit in getattr(results, section).items()}
-            for section in _SECTIONS
-        },
-        "provenance": results.provenance.entries(),
-    }
+    sections = {section: getattr(results, section) for section in ("joint", *_SECTIONS)}
+    document = {"schema": SCHEMA, **_to_json(sections), "provenance": results.provenance.entries()}
     return atomic.write_json(path, document)
 
 
-def _fit_to_json(fit: Fit) -> dict[str, object]:
-    def without_none(**entries: object) -> dict[str, object]:
-        return {key: value for key, value in entries.items() if value is not None}
-
-    return without_none(
-        parameters={name: without_none(**vars(e)) for name, e in fit.parameters.items()},
-        names=list(fit.parameters),
-        covariance=fit.covariance.tolist(),
-        chi2=fit.chi2,
-        dof=fit.dof,
-        converged=fit.converged,
-        sound=not fit.unsound,
-        warnings=[
-            without_none(
-                code=w.code,
-                parameters=list(w.parameters),
-                combination=w.combination and dict(w.combination),
-                message=w.message,
-                spans=w.spans or None,
-                causes=[cause.as_dict() for cause in w.causes] or None,
-            )
-            for w in fit.warnings
-        ],
-        masked_samples=fit.masked_samples,
-        diagnostics=fit.diagnostics and vars(fit.diagnostics),
-        centrifugal=fit.centrifugal and without_none(**vars(fit.centrifugal)),
-        stiffness=[vars(known) for known in fit.stiffness] or None,
-    )
+def _to_json(value: Any) -> Any:
+    """Return records as JSON has them, without the fields that have their default."""
+    if isinstance(value, Cause):
+        return value.as_dict()
+    if is_dataclass(value):
+        values = {f: getattr(value, f.name) for f in fields(value) if f.compare}
+        stated = {f.name: x for f, x in values.items() if f.default is MISSING or x != f.default}
+        derived = {"names": list(value), "sound": not value.unsound} if isinstance(value, Fit) else {}
+        return _to_json(stated | derived)
+    if isinstance(value, Mapping):
+        return {name: _to_json(x) for name, x in value.items()}
+    if isinstance(value, tuple | list):
+        return [_to_json(x) for x in value]
+    return value.tolist() if isinstance(value, np.ndarray) else value
 
 
 class _FitJson(BaseModel, strict=True, allow_inf_nan=False):
@@ -270,12 +249,12 @@ class _FitJson(BaseModel, strict=True, allow_inf_nan=False):
     chi2: float
     dof: _Count
     converged: bool
-    sound: bool | None = None  # what the warnings do not tell, see `_untold`
-    warnings: list[FitWarning]
+    sound: bool | None = None  # what the warnings do not say, see `_missing_warnings`
+    warnings: tuple[FitWarning, ...]
     masked_samples: _Count | None = None
     diagnostics: Diagnostics | None = None
     centrifugal: Estimate | None = None
-    stiffness: list[Stiffness] = []
+    stiffness: tuple[Stiffness, ...] = ()
 
 
 class _ResultsJson(BaseModel, strict=True, allow_inf_nan=False):
@@ -304,7 +283,7 @@ def load(path: Path) -> Results:
     }
     return Results(
         joint=None if content.joint is None else _fit_from_json(content.joint, f"{path}: joint"),
-        provenance=Provenance.of(content.provenance),
+        provenance=Provenance.from_entries(content.provenance),
         **sections,
     )
 
@@ -323,18 +302,12 @@ def _fit_from_json(fit: _FitJson, place: str) -> Fit:
         raise InputError(f"{place}.covariance: expected the squares of positive sigmas on the diagonal")
     if np.any(np.abs(covariance / sigmas / sigmas[:, None]) > 1 + 1e-6):
         raise InputError(f"{place}.covariance: expected correlations of at most 1")
-    return Fit(
-        parameters={name: fit.parameters[name] for name in fit.names},
-        covariance=covariance,
-        chi2=fit.chi2,
-        dof=fit.dof,
-        converged=fit.converged,
-        warnings=(*fit.warnings, *_missing_warnings(fit)),
-        masked_samples=fit.masked_samples,
-        diagnostics=fit.diagnostics,
-        centrifugal=fit.centrifugal,
-        stiffness=tuple(fit.stiffness),
-    )
+    entries = {f.name: getattr(fit, f.name) for f in fields(Fit) if f.compare} | {
+        "parameters": {name: fit.parameters[name] for name in fit.names},
+        "covariance": covariance,
+        "warnings": (*fit.warnings, *_missing_warnings(fit)),
+    }
+    return Fit(**entries)
 
 
 def _missing_warnings(fit: _FitJson) -> list[FitWarning]:

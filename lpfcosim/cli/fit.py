@@ -86,7 +86,7 @@ def calibrated(
         results,
         provenance=replace(
             results.provenance,
-            more={**results.provenance.more, **(origin or {})},
+            extra={**results.provenance.extra, **(origin or {})},
             versions={name: metadata.version(name) for name in VERSIONS},
             telemetry=[os.path.relpath(t.path, directory) for t in telemetries],
         ),

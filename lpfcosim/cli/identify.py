@@ -214,8 +214,8 @@ def _found(
     with ours():
         found = identify(experiments, free, loop, results, chosen, loop.fixed_values)
     sought = {t.name: {"model": t.model, "variable": t.variable} for t in loop.targets}
-    more = {**found.provenance.more, "identified": sought}
-    found = replace(found, provenance=replace(found.provenance, more=more))
+    extra = {**found.provenance.extra, "identified": sought}
+    found = replace(found, provenance=replace(found.provenance, extra=extra))
     if loop.other_loop_description and found.joint is not None:
         message = f"the telemetry says that it was simulated otherwise: {loop.other_loop_description}"
         warnings = (*found.joint.warnings, FitWarning("loop_mismatch", (), message))

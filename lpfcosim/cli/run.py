@@ -120,8 +120,8 @@ def _with_missing(results: Results, missing: Mapping[str, str], causes: str) -> 
     def warned(fit: Fit) -> Fit:
         return replace(fit, warnings=(warning, *fit.warnings))
 
-    more = {**results.provenance.more, "missing": dict(missing)}
-    provenance = replace(results.provenance, more=more)
+    extra = {**results.provenance.extra, "missing": dict(missing)}
+    provenance = replace(results.provenance, extra=extra)
     if results.joint is not None:
         return replace(results, joint=warned(results.joint), provenance=provenance)
     experiments = {name: warned(fit) for name, fit in results.experiments.items()}

@@ -77,7 +77,9 @@ def test_round_trip(tmp_path):
             ),
         },
         inertial={"0": make_fit(delta_phi=-4e-4)},
-        provenance=Provenance.of({"version": "0.1.0", "files": ["a.h5"], "options": {"short": False}}),
+        provenance=Provenance.from_entries(
+            {"version": "0.1.0", "files": ["a.h5"], "options": {"short": False}}
+        ),
     )
     write(results, tmp_path / "results.json")
     loaded = load(tmp_path / "results.json")

@@ -182,7 +182,7 @@ def saved(folder, joint, *runs, seed=None, t0="2016-04-16T00:00:00Z", keep=True,
         write_contract_file(path, run=run, t0=t0, seed=seed)
         if not keep:
             path.unlink()
-    said = {"telemetry": [f"telemetry/{run}.h5" for run in runs], "more": {"seed": seed} if seed else {}}
+    said = {"telemetry": [f"telemetry/{run}.h5" for run in runs], "extra": {"seed": seed} if seed else {}}
     results(joint, joint_runs=list(runs), noise_runs={}, **said).save(folder / name)
     return folder
 

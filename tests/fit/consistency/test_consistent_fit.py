@@ -247,7 +247,7 @@ def test_attenuated_cross_talk_is_no_contradiction():
         "high_leverage",
         "instrumental_variables",
     }
-    assert told.provenance.more["agreement"][""]["p"] > 1e-3
+    assert told.provenance.extra["agreement"][""]["p"] > 1e-3
     scaled = calibrate(of("B1", channel("f_x_2", lambda f: 1.01 * f))(runs)).joint
     (said,) = (w.message for w in scaled.warnings if w.code == "rejected")
     assert said.startswith("left out of the joint fit: B1")

@@ -103,7 +103,7 @@ def test_derivatives_hold_while_parameters_move_within_their_sigmas(flown, uncon
 
 
 def test_recorded_commands_are_those_of_the_controller(unconstrained):
-    assert unconstrained.provenance.more["commands"]["A"] < 1e-9
+    assert unconstrained.provenance.extra["commands"]["A"] < 1e-9
 
 
 @pytest.mark.slow

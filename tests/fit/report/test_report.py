@@ -161,7 +161,9 @@ def test_the_whole_report(tmp_path, campaign):
         results(
             joint=joint_fit({"C_2": 1.7}),
             experiments={"A1": experiment_fit(), "B2": experiment_fit()},
-            provenance=Provenance.of({"campaign": "quickstart", "fit_version": "0.1.0", "files": ["a", "b"]}),
+            provenance=Provenance.from_entries(
+                {"campaign": "quickstart", "fit_version": "0.1.0", "files": ["a", "b"]}
+            ),
         ),
         runs,
     )
@@ -226,7 +228,9 @@ def test_every_foreign_text_is_escaped(tmp_path, campaign):
     odd.parameters[EVIL] = odd.parameters.pop("C_2")
     page = written(
         tmp_path,
-        results(joint=odd, experiments={EVIL: fit}, provenance=Provenance.of({EVIL: {EVIL: [EVIL]}})),
+        results(
+            joint=odd, experiments={EVIL: fit}, provenance=Provenance.from_entries({EVIL: {EVIL: [EVIL]}})
+        ),
         runs,
     )
     own = [tag for tag, name, value in page.attributes if (name, value) == ("type", "application/json")]
@@ -273,7 +277,9 @@ def test_what_was_run_is_told_at_the_top(tmp_path, campaign):
     origin = {"campaign_digest": 64 * "a", "seed": 5, "f_max": 0.1}
     origin["versions"] = {"lpfcosim": "0.1.0", "numpy": "2.1"}
     page = written(
-        tmp_path, results(experiments={"A1": experiment_fit()}, provenance=Provenance.of(origin)), campaign()
+        tmp_path,
+        results(experiments={"A1": experiment_fit()}, provenance=Provenance.from_entries(origin)),
+        campaign(),
     )
     top, whole = page.text.split("Provenance", maxsplit=1)
     for text in ("lpfcosim 0.1.0, numpy 2.1", "aaaaaaaaaaaa", "up to 0.1 Hz"):

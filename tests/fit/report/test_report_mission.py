@@ -276,18 +276,6 @@ def test_the_stiffness_of_test_mass_1_is_the_difference(mission):
         assert point.omega2.sigma == pytest.approx(5e-9)  # of 3e-9 and 4e-9, no correlation
 
 
-def test_where_one_authority_alone_varies_a_line_through_the_experiments_is_the_model():
-    F = 1e-12 * np.array([50.0, 1100.0, 2200.0, 800.0])
-    N = 1e-12 * np.array([10.4, 10.4, 10.4, 1.0])
-    points = [
-        StiffnessPoint(f"{f}", 2, f, n, Estimate(-7e-7 - 317 * f, 1e-9, "s-2"))
-        for f, n in zip(F, N, strict=True)
-    ]
-    (panel,) = figures_stiffness.against_authority(points, None).panels
-    (line,) = (line for line in panel.lines if line.name == "10.4 pN m")
-    assert line.y == pytest.approx([-7.0, -7.0 - 1e7 * 317 * 1e-12 * line.x[1]])
-
-
 def test_the_leakage_stands_beside_the_design(mission):
     results, runs = mission
     (picture,) = sections(results, runs)["leakage"].figures
