@@ -15,7 +15,7 @@ d delta_phi phi'' and -d delta_eta eta'', which has the shape of b_1 and b_2.
 Both are subtracted only up to the end of the band that b_1 to b_6 were fitted in: above, where the read-outs
 of angles and positions are noise, twice differentiated, they would add more than they take away.
 
-Where Delta g is louder than Delta g_x all the same, a note of the product gives the band (`Excess`).
+Where Delta g is nevertheless louder than Delta g_x, a note of the product gives the band (`Excess`).
 
 The run is read twice, in stretches: once for the slow part of Omega, which needs all of the star tracker,
 and once for the terms. Memory does not grow with the run, and the numbers do not depend on the stretches.

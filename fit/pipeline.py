@@ -92,8 +92,8 @@ def calibrate_inertial(
         check_frame(calibration, run)
     if not any(map(euler_fit.takes_part, telemetries)):
         raise InputError(
-            f"{_paths(telemetries)}: no noise run of {euler_fit.SHORTEST / 3600:g} h or more with torques "
-            "about phi and eta (N_phi_1, N_eta_1), expected at least one"
+            f"{_paths(telemetries)}: no noise run of {euler_fit.MIN_DURATION / 3600:g} h or more with "
+            "torques about phi and eta (N_phi_1, N_eta_1), expected at least one"
         )
     constraints.check(parameters or {}, euler_fit.names(telemetries), PARAMETERS)
     turned = replace(calibration.provenance, x_axis=common_x_axis(telemetries))

@@ -1,9 +1,9 @@
 """The coefficient of g_Omega: whether the centrifugal term is there as the stated frame has it.
 
 The sign of g_Omega = -d Omega^2 is that of d = x_2 - x_1, whatever that of Omega. So its coefficient must
-come out as 1. Where the spacecraft turns as in flight, half a day tells it to 0.1, three days to 0.05. At -1
+come out as 1. Where the spacecraft turns as in flight, half a day gives it to 0.1, three days to 0.05. At -1
 the telemetry is in the other frame, or all read-outs and forces along x are of the other sign. At neither,
-the rotation is not what torques and star tracker say.
+the rotation is not that measured by torques and star tracker.
 """
 
 from dataclasses import replace
@@ -41,7 +41,9 @@ def frame_warnings(estimate: Estimate, x_axis: XAxis) -> list[FitWarning]:
             f"{opposite!r} it would be {-estimate.value:.3g}"
         )
         return [FitWarning(FRAME, _ANGLES, message)]
-    message = f"{observation}, expected 1: torques and star tracker do not tell the rotation that x feels"
+    message = (
+        f"{observation}, expected 1: torques and star tracker do not measure the rotation that acts along x"
+    )
     return [FitWarning(STRENGTH, _ANGLES, message)]
 
 

@@ -49,7 +49,7 @@ def cross_talk(
     to expect of read-outs without noise, where no instruments free them of it; ``instrumental_variables``
     where they do; ``cross_talk_drift`` of b_1 and b_2; ``correlation`` of delta_ifo with every b_i.
 
-    The sigma of an attenuated coefficient holds the attenuation to expect; where that cannot be told, the
+    The sigma of an attenuated coefficient includes the expected attenuation; where that is unknown, the
     coefficient is not in the fit.
 
     Parameters
@@ -113,7 +113,7 @@ def subtraction_coefficients(results: Results, epoch: str) -> dict[str, float]:
 
 
 def without_euler(results: Results, epoch: str) -> dict[str, float]:
-    """Return those of `subtraction_coefficients` without the Euler force, where that has been told apart."""
+    """Return those of `subtraction_coefficients` without the Euler force, where that is separated."""
     coefficients, fit = subtraction_coefficients(results, epoch), results.cross_talk.get(epoch)
     if fit is None or not is_separated(fit):
         return coefficients
@@ -152,17 +152,15 @@ def _attenuated(
         if p.name in names and not outcome.undetermined[i] and not is_small:
             value = float(outcome.solution.theta[i])
             free = f"{value:.4g} instead of {value - shift[i]:.4g} {p.unit}".removesuffix(" 1")
-            biased[names[p.name]] = (
-                f"{free} expected" if np.isfinite(shift[i]) else "by how much cannot be told"
-            )
+            biased[names[p.name]] = f"{free} expected" if np.isfinite(shift[i]) else "by an unknown amount"
     if not biased:
         return []
     row = [p.name for p in outcome.parameters].index(delta_ifo)
     message = (
         "the noise of the read-outs of spacecraft motion attenuates "
         + ", ".join(f"{name} ({bias})" for name, bias in biased.items())
-        + "; these coefficients subtract best but are no unbiased couplings: their sigmas hold the shift to "
-        "expect, and where that cannot be told none is given"
+        + "; these coefficients subtract best but are no unbiased couplings: their sigmas include the "
+        "expected shift, and where that is unknown none is given"
     )
     if np.isfinite(shift[row]):
         message += f"; {delta_ifo} moves by {shift[row] / sigma[row]:+.2f} sigma"
@@ -226,7 +224,7 @@ def with_euler_warning(cross_talk: Fit) -> Fit:
     names = tuple(name for name in _TURNED if name in cross_talk.parameters)
     message = (
         "b_1 and b_2 include d delta_phi and -d delta_eta, the Euler force above 10 mHz: without an inertial "
-        "fit of the same period these cannot be told apart"
+        "fit of the same period these cannot be separated"
     )
     return replace(cross_talk, warnings=(*cross_talk.warnings, FitWarning(INCLUDED, names, message)))
 

@@ -1,6 +1,6 @@
 """Euler fit: delta_phi and delta_eta of a period, from all its long noise runs at once.
 
-What is made least is the noise Delta g between 30 uHz and 2 mHz: each run windowed as a whole, constant and
+The fit minimises the noise of Delta g between 30 uHz and 2 mHz: each run windowed as a whole, constant and
 ramp projected out, weighted by a smooth PSD of its own residual until nothing moves; chi^2 is then one per
 degree of freedom whatever the fit is worth.
 
@@ -27,19 +27,9 @@ from numpy.typing import NDArray
 
 from fit.crosstalk import centrifugal, torque_noise
 from fit.errors import FitError
-from fit.fitting import (
-    HARMLESS,
-    MAX_ITERATIONS,
-    TOLERANCE,
-    Convergence,
-    IRLSResult,
-    Prior,
-    PriorSet,
-    constraint_test,
-    iterate,
-)
+from fit.fitting import IRLSResult, Prior, PriorSet, constraint_test, iterate
 from fit.model import Dynamics, dynamics, dynamics_of, inertial, rate, rotation
-from fit.parameters import Parameter, cross_talk_parameter, misalignments
+from fit.parameters import cross_talk_parameter, misalignments
 from fit.quality import long_noise
 from fit.results import Estimate, Fit
 from fit.settings import ParameterSettings
@@ -64,13 +54,13 @@ PARAMETERS = (*misalignments("none flown"), *_LENGTHS)
 CENTRIFUGAL = 1 + len(PARAMETERS)  # the column behind those of Delta g and `PARAMETERS`: g_Omega
 BAND = (30e-6, 2e-3)  # Hz
 PER_CYCLE = 50.0  # instants in a cycle of the highest frequency, at which glitches are made
-SHORTEST = 43200.0  # s: below, Omega and the PSD rest on a handful of bins
+MIN_DURATION = 43200.0  # s: below, Omega and the PSD depend on a handful of bins
 
 
 def takes_part(run: Telemetry) -> bool:
-    """Tell whether a run is a noise run, long enough, with torques about both axes."""
+    """Return whether a run is a noise run, long enough, with torques about both axes."""
     torques = all(any(f"N_{axis}_{j}" in run.channels for j in (1, 2)) for axis in rotation.AXES)
-    return run.kind == "noise" and run.duration >= SHORTEST * 0.995 and torques
+    return run.kind == "noise" and run.duration >= MIN_DURATION * 0.995 and torques
 
 
 def names(runs: Sequence[Telemetry]) -> list[str]:
@@ -96,7 +86,7 @@ def fit_period(
     joint : Fit
         The calibration of the dynamics.
     settings : mapping of str to ParameterSettings, optional
-        What the user says of the angles, by `NAMES`.
+        Constraints of the angles, by `NAMES`.
 
     Raises
     ------
@@ -106,10 +96,9 @@ def fit_period(
         If the iteration does not settle.
     """
     x_axis = common_x_axis(runs)
-    weighings = [_Turning(run, joint) for run in runs]
-    rule = Convergence(MAX_ITERATIONS, TOLERANCE, HARMLESS, moving=f"{' and '.join(NAMES)} still move")
-    outcome = iterate(weighings, PARAMETERS, weak_priors, rule, settings=settings)
-    turning = _centrifugal(weighings, rule, settings)
+    weighings = [_EulerWeighing(run, joint) for run in runs]
+    outcome = iterate(weighings, PARAMETERS, weak_priors, settings=settings)
+    g_Omega = _centrifugal(weighings, settings)
     solution = outcome.solution
     theta, covariance, is_noise = torque_noise.bias_corrected(outcome, weighings[0].correlation)
     sigma = np.sqrt(np.diag(covariance))
@@ -124,11 +113,11 @@ def fit_period(
         warnings=(
             *_warnings([(w.name, warning) for w in weighings for warning in w.warnings]),
             *([torque_noise_warning()] if is_noise else []),
-            *(centrifugal.frame_warnings(turning, x_axis)),
+            *(centrifugal.frame_warnings(g_Omega, x_axis)),
             *constraint_test.refit_unconstrained(outcome).warnings(),
         ),
         masked_samples=sum(w.missing for w in weighings),
-        centrifugal=turning,
+        centrifugal=g_Omega,
         solved=outcome.solved,
     )
 
@@ -142,20 +131,20 @@ def angle_estimates(outcome: IRLSResult, theta: Array, sigma: Array) -> dict[str
 
 
 @dataclass(frozen=True)
-class _Rotation(whitened_run.LinearRun):
+class _WhitenedRotation(whitened_run.LinearRun):
     """A whitened run; its columns: Delta g_x + g_Omega, the two of `inertial.euler`, those of b_1 and b_2.
 
     Where the coefficient of g_Omega is left free, that is the last column.
 
     Attributes
     ----------
-    uncertain : ndarray of complex, shape (B, K)
+    calibration_error : ndarray of complex, shape (B, K)
         What 1 sigma of each parameter of the calibration adds to the first column.
     disagreement : ndarray of complex, shape (B, 2)
         Half of what the test masses disagree on the two columns of `inertial.euler`.
     """
 
-    uncertain: Spectrum = field(kw_only=True)
+    calibration_error: Spectrum = field(kw_only=True)
     disagreement: Spectrum = field(kw_only=True)
 
     def torque_noise(self, theta: Array) -> tuple[Array, Array]:
@@ -168,18 +157,18 @@ class _Rotation(whitened_run.LinearRun):
 
     def calibration_moments(self) -> Array:
         """As that of `torque_noise.NoisyRotation`."""
-        return np.asarray((self.columns[:, 1:].conj().T @ self.uncertain).real)
+        return np.asarray((self.columns[:, 1:].conj().T @ self.calibration_error).real)
 
 
 @dataclass(frozen=True)
 class _Columns:
-    """Columns of a run as `_Turning` fits them, without mean; missing samples, what is odd about its rate.
+    """Columns of a run without their mean, number of missing samples, and warnings about its rate.
 
-    The columns `uncertain` of `_Rotation` come as spectra: as series they would take most of the memory.
+    The columns `calibration_error` come as spectra: as series they would take most of the memory.
     """
 
     terms: dynamics.Columns
-    uncertain: Spectrum
+    calibration_error: Spectrum
     missing: int
     warnings: tuple[FitWarning, ...]
 
@@ -206,12 +195,12 @@ def _columns(run: Telemetry, sources: rotation.Sources, of_run: Dynamics) -> _Co
         # Constants and ramps are projected out later; large ones would cost digits.
         values -= values.mean(axis=0)
     spread = dynamics.gradient(of_run.theta, terms.tau) @ of_run.share
-    uncertain = windowing.transform(terms.values, valid, terms.fs, band=BAND).columns @ spread
+    calibration_error = windowing.transform(terms.values, valid, terms.fs, band=BAND).columns @ spread
     terms_of_fit = replace(terms, names=(), values=columns, valid=valid)
-    return _Columns(terms_of_fit, uncertain, channels.missing, tuple(slow.warnings))
+    return _Columns(terms_of_fit, calibration_error, channels.missing, tuple(slow.warnings))
 
 
-class _Turning:
+class _EulerWeighing:
     """Weighs a run by the smooth PSD of its own residual.
 
     Attributes
@@ -244,82 +233,69 @@ class _Turning:
         shaped = [windowing.windowed_spectra(part, window, fs, spectra.bins) for part in templates]
         self._terms = replace(
             spectra,
-            columns=np.hstack([spectra.columns, columns.uncertain]),
+            columns=np.hstack([spectra.columns, columns.calibration_error]),
             nuisance=np.hstack([spectra.nuisance, *shaped]),
         )
         self._model: NoiseModel | None = None
         self.name, self.correlation, self.missing = run.run, of_run.correlation, columns.missing
-        glitched = long_noise.glitch_warning(run.run, glitches, run.duration)
-        self.warnings = [
-            *sources.warnings,
-            *columns.warnings,
-            *of_run.warnings,
-            *([glitched] if glitched else []),
-        ]
+        self.warnings = [*sources.warnings, *columns.warnings, *of_run.warnings]
+        if warning := long_noise.glitch_warning(run.run, glitches, run.duration):
+            self.warnings.append(warning)
 
-    def block(self, theta: Array, covariance: Array, _: int) -> _Rotation:
+    def block(self, theta: Array, covariance: Array, _: int) -> _WhitenedRotation:
         """Return the run weighed at the estimate theta of that covariance."""
         c, share = np.array([1.0, *theta]), np.eye(theta.size)
         gradient = np.eye(c.size, theta.size, k=-1), covariance
-        if self._model is None:
-            self._model = fit_residual_noise(ResidualSpectrum(self._terms, c, gradient), None)
-        self._model = fit_residual_noise(ResidualSpectrum(self._terms, c, gradient), self._model)
-        terms = self._terms
+        terms, residual = self._terms, ResidualSpectrum(self._terms, c, gradient)
+        self._model = fit_residual_noise(residual, self._model or fit_residual_noise(residual, None))
         U, _fraction = whitened_run.whiten(terms, self._model.expected(terms.f))
         even, fitted = weights("gaussian", terms.f, np.ones(terms.f.size)), U[:, : c.size]
-        disagreement, uncertain = np.split(U[:, CENTRIFUGAL + 1 :], [len(NAMES)], axis=1)
-        placed = (terms.tau, fitted, even, terms.window, share, terms.first)
-        return _Rotation(*placed, uncertain=uncertain, disagreement=disagreement)
+        disagreement, calibration_error = np.split(U[:, CENTRIFUGAL + 1 :], [len(NAMES)], axis=1)
+        common = (terms.tau, fitted, even, terms.window, share, terms.first)
+        return _WhitenedRotation(*common, calibration_error=calibration_error, disagreement=disagreement)
 
 
 def weak_priors(whitened_runs: Sequence[whitened_run.WhitenedRun], theta: Array, _: Array) -> PriorSet:
     """Return the weak priors of all but the angles, about zero."""
     nuisance = [*PARAMETERS, centrifugal.EXCESS][len(NAMES) : theta.size]
     H = whitened_run.information(whitened_runs, theta)
-    H[range(len(NAMES), theta.size), range(len(NAMES), theta.size)] += 1 / _widths(nuisance) ** 2
+    H += np.diag([0.0] * len(NAMES) + [p.prior_sigma**-2 for p in nuisance])
     scale = np.sqrt(np.diag(H))
     if not np.all(scale > 0) or np.linalg.cond(H / np.outer(scale, scale)) > 1e12:
-        raise FitError("the torques tell no rotation about phi and eta apart; a run that turns is needed")
+        raise FitError("the torques do not separate rotation about phi and eta; a run that turns is needed")
     priors = {i: Prior(0.0, p.prior_sigma) for i, p in enumerate(nuisance, len(NAMES))}
     return PriorSet(priors, np.zeros(theta.size, dtype=bool), np.empty((0, theta.size)))
 
 
-def _widths(parameters: Sequence[Parameter]) -> Array:
-    return np.array([p.prior_sigma for p in parameters])
-
-
 def _centrifugal(
-    weighings: Sequence[_Turning], rule: Convergence, settings: Mapping[str, ParameterSettings] | None
+    weighings: Sequence[_EulerWeighing], settings: Mapping[str, ParameterSettings] | None
 ) -> Estimate:
     """Estimate the coefficient of g_Omega, all else left free as well."""
     parameters = (*PARAMETERS, centrifugal.EXCESS)
-    outcome = iterate(weighings, parameters, weak_priors, rule, settings=settings)
+    outcome = iterate(weighings, parameters, weak_priors, settings=settings)
     correlation = weighings[0].correlation
     covariance = outcome.solution.covariance + torque_noise.calibration_covariance(outcome, correlation)
     return Estimate(1 + float(outcome.solution.theta[-1]), float(np.sqrt(covariance[-1, -1])), "1")
 
 
 def torque_noise_warning() -> FitWarning:
-    """Return the warning of angles that noise of the torques attenuates by what cannot be told."""
+    """Return the warning of angles that noise of the torques attenuates by an unknown amount."""
     message = (
         "the two test masses disagree on more than half of dOmega: noise of the torques attenuates delta_phi "
-        "and delta_eta, by how much cannot be told"
+        "and delta_eta by an unknown amount"
     )
     return FitWarning("torque_noise", NAMES, message)
 
 
 def _warnings(warnings_of_runs: Sequence[tuple[str, FitWarning]]) -> tuple[FitWarning, ...]:
-    """Return what was told of several runs, each sentence once, and what holds for all data."""
+    """Return the warnings of several runs, each sentence once, and that which holds for all data."""
     runs: dict[str, list[str]] = {}
     for run, warning in warnings_of_runs:
         runs.setdefault(warning.message, []).append(run)
     unique = {warning.message: warning for _, warning in warnings_of_runs}
-    of_runs = [
-        replace(warning, message=f"{', '.join(runs[message])}: {message}")
-        for message, warning in unique.items()
-    ]
+    of_runs = [replace(w, message=f"{', '.join(runs[message])}: {message}") for message, w in unique.items()]
     message = (
         "a force along x that the torques on the test masses leak (actuation cross-talk) has the shape of "
-        "the Euler force and counts as part of delta_phi and delta_eta; these data cannot tell the two apart"
+        "the Euler force and counts as part of delta_phi and delta_eta; these data cannot separate the two"
     )
     return FitWarning("degenerate_with_actuation_crosstalk", NAMES, message), *of_runs

@@ -12,12 +12,12 @@ noise: y = j - T m, of which the instruments see
 
     E[c* m] = (1 - T*) S_m .
 
-Above the bandwidth T is small, near it a few per cent of b_3 hang on it, and nobody tells its shape. But T
+Above the bandwidth T is small, near it a few per cent of b_3 depend on it, and its shape is unknown. But T
 is causal: the spacecraft answers to noise after it was read, not before. So T is fitted along, as a sum of
 causal (Laguerre) functions t_k T_k. Instruments for the t_k are c times T_k* S_m / S_c, the shapes in which
-c tells m. A bin has no say in the S_c it is divided by: what it told of itself would tie the instruments to
+c contains m. A bin does not contribute to the S_c it is divided by: that would tie the instruments to
 the very noise they are to be free of, and pull b back by some 0.2 sigma. In the time domain, the half of the
-correlation of residual and read-outs in which the read-out comes first then tells b_3, and the other half
+correlation of residual and read-outs in which the read-out comes first then gives b_3, and the other half
 the loop. That costs a factor of two to three in sigma.
 
 What is subtracted from Delta g_x stays least squares: that subtracts best, attenuated or not.
@@ -282,7 +282,7 @@ def _epoch(w: FittedRun) -> int:
 
 
 def _is_shifted(outcome: IRLSResult, w: FittedRun, name: str, shifts: Container[str]) -> bool:
-    """Tell whether a coefficient of a mean is off; none is, if that of its acceleration is lost."""
+    """Return whether a coefficient of a mean is shifted, and that of its acceleration is determined."""
     rows = w.block.parameter_map[[w.experiment.parameters.index(b) for b in COEFFICIENTS_OF[name]]]
     parameters_of_mean = [
         p.name for p, used in zip(outcome.parameters, np.any(rows, axis=0).tolist(), strict=True) if used

@@ -11,9 +11,7 @@ from fit.whitening import Run
 
 Array = NDArray[np.float64]
 
-MIN_FREQUENCY = (
-    20e-3  # Hz, above which read-outs differ by rotation and noise only; below, the masses move apart
-)
+MIN_FREQUENCY = 20e-3  # Hz, above which read-outs differ only by rotation and noise
 MIN_LEVER = 0.2  # of the lever arm of the baseline, at least, in the difference of read-outs to know its sign
 MAX_IMBALANCE = 0.25  # of the noise power below half of the band relative to that above
 ANGLE_OF: Mapping[str, str] = {"y": "phi", "z": "eta"}  # by whose rotation a mean differs between test masses
@@ -31,8 +29,8 @@ DIFFERENCES: Mapping[str, tuple[Mapping[str, float], float]] = {
 def noise_psd(run: Run) -> dict[str, float]:
     """Measure the noise floor of the means of eq. bump in the upper half of the band.
 
-    It is what the `DIFFERENCES` of the read-outs hold besides rotation, which the mean angles measure. Noise
-    common to both read-outs does not show; without the angles, rotation counts as noise.
+    It is the noise of the `DIFFERENCES` of the read-outs without rotation, which the mean angles measure.
+    Noise common to both read-outs does not show; without the angles, rotation counts as noise.
 
     Returns
     -------

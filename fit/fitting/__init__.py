@@ -5,11 +5,12 @@ of such runs is what every fit minimises, and what a user gets for whatever else
 iteration, `irls.iterate`, moves weights, delays and parameters until nothing moves.
 """
 
-from fit.fitting.irls import HARMLESS, MAX_ITERATIONS, TOLERANCE, Convergence, IRLSResult, iterate
+from fit.fitting.irls import Convergence, IRLSResult, iterate
 from fit.fitting.joint_fit import (
     constraints_of,
     fit_experiment,
     fit_joint,
+    joint_parameters,
     linear_combination,
     stiffnesses,
 )
@@ -37,9 +38,6 @@ from fit.fitting.run_estimate import (
 
 __all__ = [
     "FREE",
-    "HARMLESS",
-    "MAX_ITERATIONS",
-    "TOLERANCE",
     "Convergence",
     "Heterogeneity",
     "IRLSResult",
@@ -64,6 +62,7 @@ __all__ = [
     "heterogeneity",
     "irls",
     "iterate",
+    "joint_parameters",
     "linear_combination",
     "lmfit_symbol",
     "moments",

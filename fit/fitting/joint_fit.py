@@ -4,17 +4,20 @@ import math
 from collections.abc import Mapping, Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fit.errors import FitError, InputError
 from fit.fitting import constraints, random_effects
 from fit.fitting.irls import IRLSResult, reweight
 from fit.fitting.width_posterior import marginalise_widths
 from fit.model import Sharing, dynamics
-from fit.parameters import cross_talk_parameter, experiment_parameters, stiffness_terms
+from fit.parameters import Parameter, cross_talk_parameter, experiment_parameters, stiffness_terms
 from fit.results import Stiffness
 from fit.settings import Estimator, ParameterSettings, Settings
 from fit.telemetry import Telemetry
 from fit.whitening import Experiment, whitened_run
+
+Array = NDArray[np.float64]
 
 KNOWN = 0.1  # sigma of a determined combination over the width of its weak prior, which is then 1 % of it
 OF_EPOCH = ("delta_ifo", *dynamics.CROSS_TALK)  # parameters whose names in the joint fit end with the epoch
@@ -98,6 +101,40 @@ def _weighed(fits: Mapping[str, IRLSResult | FitError | None]) -> dict[str, whit
     return {name: fit.whitened_runs[0] for name, fit in fits.items() if isinstance(fit, IRLSResult)}
 
 
+def joint_parameters(
+    experiments: Sequence[Experiment], settings: Settings, scattering: Sequence[str] = ()
+) -> tuple[list[Parameter], list[Array], list[random_effects.ScaleParameter]]:
+    """Return the parameters of a joint fit, and how those of each experiment follow from them.
+
+    Parameters
+    ----------
+    experiments : sequence of Experiment
+        To be fitted together.
+    settings : Settings
+        They state what the experiments share.
+    scattering : sequence of str
+        Parameters that depart from experiment to experiment.
+
+    Returns
+    -------
+    parameters : list of Parameter
+        The P parameters: the shared ones, then departures.
+    maps : list of ndarray, shape (K, P)
+        For each experiment, see `WhitenedRun`.
+    widths : list of ScaleParameter
+        Of the departures.
+    """
+    sharing, N = Sharing(settings.shared), len(experiments)
+    shared = sharing.parameters([(e.sysid.telemetry, e.parameters) for e in experiments])
+    names = [p.name for p in shared]
+    deviations, widths = random_effects.parameters(scattering, [e.name for e in experiments], len(names))
+    maps = [
+        random_effects.extend_map(sharing.matrix(e.sysid.telemetry, e.parameters, names), scattering, n, N)
+        for n, e in enumerate(experiments)
+    ]
+    return [*shared, *deviations], maps, widths
+
+
 def _fitted(
     experiments: Sequence[Experiment],
     settings: Settings,
@@ -105,18 +142,12 @@ def _fitted(
     initial: Mapping[str, whitened_run.WhitenedRun],
 ) -> IRLSResult:
     """Fit all experiments together, with random effects of the named parameters."""
-    sharing, N = Sharing(settings.shared), len(experiments)
-    parameters = sharing.parameters([(e.sysid.telemetry, e.parameters) for e in experiments])
+    parameters, maps, widths = joint_parameters(experiments, settings, scattering)
     names = [p.name for p in parameters]
-    deviations, widths = random_effects.parameters(scattering, [e.name for e in experiments], len(names))
-    shares = [
-        random_effects.extend_map(sharing.matrix(e.sysid.telemetry, e.parameters, names), scattering, n, N)
-        for n, e in enumerate(experiments)
-    ]
     outcome = reweight(
         experiments,
-        shares,
-        [*parameters, *deviations],
+        maps,
+        parameters,
         estimator=settings.estimator,
         random_effects=widths,
         initial=initial,

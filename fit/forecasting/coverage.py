@@ -1,4 +1,4 @@
-"""What simulated truth says of estimates: pulls of one calibration, coverage of many, with its errors."""
+"""Estimates compared with simulated truth: pulls of one calibration, coverage of many, with errors."""
 
 import math
 from collections.abc import Callable, Mapping, Sequence
@@ -29,7 +29,7 @@ def with_truth(
 ) -> Results:
     """Return `results` with truth and pull wherever the truth is known.
 
-    The joint fit tells of a gain that scatters between experiments what it scatters about, a fit of
+    The joint fit estimates of a gain that scatters between experiments the mean, a fit of
     cross-talk that drifts the mean over its runs, the longer counting for more. Any other value that differs
     between the runs of a fit is no truth of that fit. Only runs that a section was fitted to count: what was
     carried over from an earlier calibration stays as it is.
@@ -98,7 +98,7 @@ def _over_time(fit: Fit, epoch: str, driven: _Truths, d: float) -> dict[str, flo
 
 
 def _truth_of_fit(fit: Fit, truth: dict[str, float], d: float) -> dict[str, float]:
-    """Return what is true of what a fit tells: where its b_1 and b_2 hold the Euler force, of these sums."""
+    """Return the true values of the parameters of a fit; its b_1 and b_2 may include the Euler force."""
     return crosstalk_fit.add_euler_force(truth, truth, d) if crosstalk_fit.includes_euler(fit) else truth
 
 

@@ -2,7 +2,7 @@
 
 All that the fit takes from a noise run are sums of products of columns over bins (`inertial`). On average
 these are sums of the cross-spectra of the columns, which follow from those of the channels. Of the
-centrifugal term there is what is linear about the steady turn, with the rate that the torques tell; the star
+centrifugal term there is what is linear about the steady turn, with the rate that the torques give; the star
 tracker, in charge below 25 uHz, is left out. Everything else is as in the fit: band, window, weights, weak
 priors, torque noise, errors of the calibration.
 """
@@ -38,7 +38,7 @@ RULE = Convergence(
 )
 _FITTED = slice(1, 1 + len(euler_fit.PARAMETERS))  # columns, behind that of Delta g
 _DIFFERENCE = slice(_FITTED.stop, _FITTED.stop + len(rotation.AXES))
-_UNCERTAIN = slice(_DIFFERENCE.stop, None)
+_CALIBRATION_ERROR = slice(_DIFFERENCE.stop, None)
 
 
 @dataclass(frozen=True)
@@ -74,7 +74,7 @@ def expected_periods(
     joint : Fit
         The joint fit to expect.
     parameters : mapping of str to ParameterSettings, optional
-        What the user says of parameters, the angles of a period among them.
+        Constraints of parameters, the angles of a period among them.
 
     Raises
     ------
@@ -117,13 +117,13 @@ def _expected(runs: Sequence["_ExpectedWeighing"], settings: Mapping[str, Parame
         warnings=(
             *lacking.values(),
             *([euler_fit.torque_noise_warning()] if is_noise else []),
-            *([_still()] if len(determined) < size else []),
+            *([_undetermined_angles()] if len(determined) < size else []),
         ),
     )
 
 
-def _still() -> FitWarning:
-    message = "the spacecraft hardly turns: its noise runs do not tell both delta_phi and delta_eta"
+def _undetermined_angles() -> FitWarning:
+    message = "the spacecraft hardly turns: its noise runs do not determine both delta_phi and delta_eta"
     return FitWarning("indeterminable", euler_fit.NAMES, message)
 
 
@@ -135,14 +135,14 @@ class _ExpectedRotation(CompressedRun, whitened_run.LinearRun):
     ----------
     difference : ndarray, shape (B, 2, 2)
         Expected power of half of what the test masses disagree on.
-    uncertain : ndarray, shape (P, K)
+    calibration_error : ndarray, shape (P, K)
         Products of the columns with what 1 sigma of the calibration adds to Delta g.
     spread : float
         What the window adds to the scatter of sums over bins.
     """
 
     difference: Array = field(kw_only=True)
-    uncertain: Array = field(kw_only=True)
+    calibration_error: Array = field(kw_only=True)
     spread: float = field(kw_only=True)
 
     def torque_noise(self, theta: Array) -> tuple[Array, Array]:
@@ -157,7 +157,7 @@ class _ExpectedRotation(CompressedRun, whitened_run.LinearRun):
 
     def calibration_moments(self) -> Array:
         """As that of `torque_noise.NoisyRotation`."""
-        return self.uncertain
+        return self.calibration_error
 
 
 class _ExpectedWeighing:
@@ -178,11 +178,11 @@ class _ExpectedWeighing:
     def __init__(self, noise_run: PlannedNoiseRun, joint: Fit) -> None:
         of_run = dynamics_of(noise_run.run, joint)
         n = round(noise_run.run.duration * RATE)
-        self._still = windowing.transform(np.zeros((n, 1)), np.ones(n, dtype=bool), RATE).band(
+        self._empty_spectra = windowing.transform(np.zeros((n, 1)), np.ones(n, dtype=bool), RATE).band(
             *euler_fit.BAND
         )
-        self.name, self.bins = noise_run.run.run, self._still.f.size
-        self._spread = windowing.variance_factor(self._still.window)
+        self.name, self.bins = noise_run.run.run, self._empty_spectra.f.size
+        self._spread = windowing.variance_factor(self._empty_spectra.window)
         self.correlation, self.warnings = of_run.correlation, of_run.warnings
         low, high = euler_fit.BAND
         self._f = np.geomspace(0.99 * low, 1.01 * high, round(GRID * np.log10(high / low)))
@@ -202,13 +202,13 @@ class _ExpectedWeighing:
         fitted = slice(0, c.size)
         residual = np.einsum("k,bkl,l->b", c, self._power[:, fitted, fitted], c)
         S = np.exp(self._spline(np.log(residual)))
-        weight = 2 * whitened_run.whiten(self._still, S)[1] / S
+        weight = 2 * whitened_run.whiten(self._empty_spectra, S)[1] / S
         products = np.einsum("b,bkl->kl", weight, self._of_bins)
         H = products[fitted, fitted]
         difference = weight[:, None, None] * self._of_bins[:, _DIFFERENCE, _DIFFERENCE]
         none = weights("gaussian", np.zeros(0), np.zeros(0))
         return _ExpectedRotation(
-            tau=self._still.tau,
+            tau=self._empty_spectra.tau,
             columns=np.zeros((0, c.size), np.complex128),
             weights=none,
             window=None,
@@ -216,13 +216,13 @@ class _ExpectedWeighing:
             sums=(whitened_run.qr_factor(whitened_run.matrix_sqrt(H)), H, H * self._spread),
             bins=self.bins,
             difference=difference,
-            uncertain=products[_FITTED, _UNCERTAIN],
+            calibration_error=products[_FITTED, _CALIBRATION_ERROR],
             spread=self._spread,
         )
 
     def _spline(self, values: Array) -> Array:
         spline = scipy.interpolate.CubicSpline(np.log(self._f), values)
-        return np.asarray(spline(np.log(self._still.f)))
+        return np.asarray(spline(np.log(self._empty_spectra.f)))
 
 
 def _rows(
@@ -243,7 +243,7 @@ def _rows(
     terms[:, :, : len(dynamics.CHANNELS)] = responses(at_rest, tau, dynamics.CHANNELS, f)
 
     def angular(acceleration: Spectrum, angle: Spectrum, axis: str) -> Spectrum:
-        """Return what torque and angle tell of dOmega, of their rows over channels."""
+        """Return the row of dOmega over channels from those of torque and angle."""
         return np.asarray(acceleration + np.multiply.outer(omega**2 - sources.omega2[axis], angle))
 
     turned, lengths, difference = [], [], []
@@ -259,8 +259,8 @@ def _rows(
     rate = np.stack(turned, axis=1) / (1j * omega[:, None, None])
     g_Omega = -2 * d * np.einsum("k,bkc->bc", noise_run.Omega, rate)
     delta_g = np.einsum("k,bkc->bc", dynamics.coefficients(theta, tau), terms) + g_Omega
-    uncertain = np.einsum("kp,bkc->bpc", dynamics.gradient(theta, tau) @ share, terms)
-    columns = (delta_g[:, None], euler, np.stack(lengths, axis=1), disagreed, uncertain)
+    calibration_error = np.einsum("kp,bkc->bpc", dynamics.gradient(theta, tau) @ share, terms)
+    columns = (delta_g[:, None], euler, np.stack(lengths, axis=1), disagreed, calibration_error)
     return names, np.concatenate(columns, axis=1)
 
 

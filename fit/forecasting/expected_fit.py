@@ -1,7 +1,7 @@
 """The joint fit to expect before there are data: the fit of what a campaign is expected to measure.
 
 Every run is its noise-free response to the injections and the closed-loop noise of its channels, known by its
-cross-spectra. The noise in the columns carries information like any signal does (jitter of x_1 tells most of
+cross-spectra. The noise in the columns carries information like any signal does (jitter of x_1 determines
 delta_ifo), and it makes the residual. Both enter here as expected sums over the bins, in place of those over
 data; everything else is as in the fit: weights, window, weak priors, and where the estimates end up.
 
@@ -23,9 +23,11 @@ from fit.fitting import (
     FREE,
     Convergence,
     IRLSResult,
+    ScaleParameter,
     constraints,
     flscov,
     iterate,
+    joint_parameters,
     random_effects,
     weak_priors,
 )
@@ -53,7 +55,7 @@ Spectrum = NDArray[np.complex128]
 CrossSpectra = Callable[[Sequence[str], Array], Spectrum]
 
 SCHEMA = "lpf-forecast/1"
-MIN_EXPERIMENTS = 4  # experiments that tell a scatter, and more
+MIN_EXPERIMENTS = 4  # of which a scatter is not estimated
 GRID = 40  # frequencies per decade at which cross-spectra are asked for; a spline leads from one to the next
 MAX_RESIDUAL = (
     0.3  # root of the chi^2 of what a move leaves in a run, below which its weights stay as they are
@@ -150,25 +152,13 @@ def joint_weighings(plan: Sequence[PlannedExperiment], settings: Settings) -> "l
 
 def share_parameters(
     weighings: "Sequence[ExpectedWeighing]", settings: Settings, departing: Sequence[str] = ()
-) -> list[Parameter]:
-    """Return the parameters that experiments share, and map them to those of each run.
-
-    Parameters
-    ----------
-    weighings : sequence of ExpectedWeighing
-        The experiments; their `parameter_map` is set.
-    settings : Settings
-        Of the fit.
-    random_effects : sequence of str
-        Parameters that depart from experiment to experiment.
-    """
-    sharing, N = Sharing(settings.shared), len(weighings)
-    runs = [(w.experiment.sysid.telemetry, w.experiment.parameters) for w in weighings]
-    parameters = sharing.parameters(runs)
-    names = [p.name for p in parameters]
-    for n, (w, run) in enumerate(zip(weighings, runs, strict=True)):
-        w.parameter_map = random_effects.extend_map(sharing.matrix(*run, names), departing, n, N)
-    return parameters
+) -> tuple[list[Parameter], list[ScaleParameter]]:
+    """Map the parameters of a joint fit to those of each run; return them with the widths of departures."""
+    experiments = [w.experiment for w in weighings]
+    parameters, maps, widths = joint_parameters(experiments, settings, departing)
+    for w, parameter_map in zip(weighings, maps, strict=True):
+        w.parameter_map = parameter_map
+    return parameters, widths
 
 
 def expected_result(
@@ -178,30 +168,27 @@ def expected_result(
 ) -> IRLSResult:
     """Return the joint fit to expect of experiments; arguments as those of `expected_fit`."""
     departing = _departing(settings, scatter or {}, len(weighings))
-    parameters = share_parameters(weighings, settings, [*departing])
-    constraints_of_fit = constraints_of_joint(settings, parameters)
-    experiments = [w.experiment.name for w in weighings]
-    departures_of_fit, widths = random_effects.parameters([*departing], experiments, len(parameters))
+    parameters, widths = share_parameters(weighings, settings, [*departing])
     members = {
         kind.name: [n for n in kind.parameters if n in departing] for kind in random_effects.RANDOM_EFFECTS
     }
     widths = [replace(w, scale=max(departing[n] for n in members[w.name]) / FREE) for w in widths]
-    parameters += departures_of_fit
     truth = {name: value for w in weighings for name, value in w.plan.truth.items()}
     initial = [replace(p, value=truth.get(p.name, p.value)) for p in parameters]
-
+    n_shared = len(parameters) - sum(len(w.members) for w in widths)
+    constraints_of_fit = constraints_of_joint(settings, parameters[:n_shared])
     priors = partial(weak_priors, parameters)
     result = iterate(weighings, initial, priors, RULE, widths, settings=constraints_of_fit)
     return replace(result, parameters=tuple(parameters))
 
 
 def constraints_of_joint(settings: Settings, parameters: Sequence[Parameter]) -> dict[str, ParameterSettings]:
-    """Return what the settings say of the parameters of a joint fit.
+    """Return the constraints of the parameters of a joint fit.
 
     Raises
     ------
     InputError
-        If they say something of others, but for the angles of inertial periods.
+        If there are any of other parameters, except the angles of inertial periods.
     """
     names = [p.name for p in parameters]
     angles = filter(euler_fit.is_angle, settings.parameters)
@@ -212,7 +199,7 @@ def constraints_of_joint(settings: Settings, parameters: Sequence[Parameter]) ->
 def _departing(settings: Settings, scatter: Mapping[str, float], N: int) -> dict[str, float]:
     """Return what departs in a fit of N experiments, and the relative width that it will be given there.
 
-    A width that N departures tell is not known well; given its mean square, the sigmas are those to expect.
+    A width estimated from N departures is uncertain; with its mean square, the sigmas are those to expect.
     """
     scales = {name: kind.scale for kind in random_effects.RANDOM_EFFECTS for name in kind.parameters}
     names: Sequence[str] = settings.scatter
@@ -240,7 +227,7 @@ def _document(expected: Fit) -> dict[str, object]:
 
 
 def _entry(estimate: Estimate) -> dict[str, object]:
-    """Return what a forecast says of a parameter; one that the settings fix has no sigma."""
+    """Return the entry of a parameter; one that the settings fix has no sigma."""
     if estimate.fixed:
         return {"sigma": None, "unit": estimate.unit, "fixed": estimate.value}
     return {"sigma": estimate.sigma, "unit": estimate.unit}
@@ -333,7 +320,7 @@ class ExpectedWeighing:
     def _noise_functions(
         self, run: Run, tau: tuple[float, float], theta: Array
     ) -> Callable[[Array], tuple[Array, Array]]:
-        """Return what tells cross powers of the columns and PSD of the residual at any frequencies."""
+        """Return a function for cross powers of the columns and PSD of the residual at any frequencies."""
         f, power, residual = self.noise(run, tau, theta)
         if not np.all(residual > 0):
             raise NoiselessError(run.telemetry.run)

@@ -126,7 +126,7 @@ def fisher_information(plan: Sequence[PlannedExperiment], settings: Settings) ->
     """
     settings = _likelihood_settings(settings)
     weighings = joint_weighings(plan, settings)
-    parameters = share_parameters(weighings, settings)
+    parameters, _ = share_parameters(weighings, settings)
     truth = {name: value for w in weighings for name, value in w.plan.truth.items()}
     problem = Problem(parameters, (), constraints_of_joint(settings, parameters))
     params = problem.params(np.array([truth.get(p.name, p.value) for p in parameters]))
@@ -154,7 +154,7 @@ def expected_parameters(plan: Sequence[PlannedExperiment], settings: Settings) -
     settings = _likelihood_settings(settings).model_copy(update={"scatter": []})
     weighings = joint_weighings(plan, settings)
     known = {name for w in weighings for name in w.plan.truth}
-    if all(p.name in known for p in share_parameters(weighings, settings)):
+    if all(p.name in known for p in share_parameters(weighings, settings)[0]):
         return {}
     result = expected_result(weighings, settings)
     estimates = zip(result.parameters, result.solution.theta.tolist(), strict=True)

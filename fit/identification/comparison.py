@@ -25,7 +25,7 @@ from fit.whitening import Experiment, Run
 
 Array = NDArray[np.float64]
 
-METHOD_SIGMA = 0.3  # sigma: what both make of the same data differs by some hundredths
+METHOD_SIGMA = 0.3  # sigma, allowed difference of the two methods; it is some hundredths
 COMMAND_ROUNDING = 1e-4  # relative, of the command: less is rounding of archives
 TRANSIENT = 600.0  # s, after which the state that a controller began with is forgotten
 #: Codes of warnings about the data as prepared for the fit, which hold for the loop as well.
@@ -36,7 +36,7 @@ DATA_CODES = (
 
 
 def data_warnings(calibrated: Results) -> list[FitWarning]:
-    """Return what was said of the data when they were prepared for the fit."""
+    """Return the warnings about the data as they were prepared for the fit."""
     return [w for w in (calibrated.joint.warnings if calibrated.joint else ()) if w.code in DATA_CODES]
 
 
@@ -52,7 +52,7 @@ def differences(joint_fit: Fit, calibrated: Fit | None) -> dict[str, float]:
 
 @dataclass(frozen=True)
 class LoopContext:
-    """What the simulated loop has beside its estimates.
+    """The simulated loop besides its estimates.
 
     Attributes
     ----------
@@ -80,7 +80,7 @@ class _Difference:
     parameters: tuple[str, ...]
 
     def is_significant(self, limit: float) -> bool:
-        """Return whether it is more than two methods make of the same data, within `limit` sigma."""
+        """Return whether it exceeds the differences of two methods in the same data."""
         return abs(self.sigmas) > METHOD_SIGMA + limit * math.sqrt(abs(1 - self.sigma_ratio**2))
 
 
@@ -92,10 +92,10 @@ def discrepancies(
     *,
     same_loop: bool,
 ) -> list[FitWarning]:
-    """Warn of differences that are beyond what the two methods make of the same data.
+    """Warn of differences larger than those of the two methods in the same data.
 
     Where one of them has parameters that the other has not, their sigmas differ, and with them the estimates.
-    Neither is sound if the data do not tell which of the two is wrong, nor that it was the loop that made
+    Neither is sound if the data do not show which of the two is wrong, nor that the loop simulated
     them (`same_loop`): a loop whose fixed values the fit contradicts did not.
 
     Parameters
@@ -106,7 +106,7 @@ def discrepancies(
         Of the equation: parameters are compared with those of the joint fit, and what follows from them for a
         run, such as its stiffness, with the fit of that run alone.
     context : LoopContext
-        What the loop has beside its estimates.
+        The loop besides its estimates.
     bounded : set of str
         Parameters at a bound, which are not compared.
     same_loop : bool
@@ -127,7 +127,7 @@ def discrepancies(
     is_simulated = same_loop and not fixed_value_conflicts(context.fixed_values, joint)
     is_sound = joint is not None and not joint.unsound
     if is_sound and not is_simulated and max(abs(difference.sigmas) for difference in significant) > limit:
-        message += "; chi2 does not tell which of them is wrong"
+        message += "; chi2 does not show which of them is wrong"
         return [FitWarning("loop_contradiction", names, message)]
     return [FitWarning("loop_discrepancy", names, message)]
 
@@ -186,7 +186,7 @@ def fixed_value_conflicts(fixed_values: Mapping[str, float], calibrated: Fit | N
 
 @dataclass(frozen=True)
 class CommandMismatch:
-    """By how much, relative, recorded commands differ from what the controller makes of the read-outs.
+    """Relative difference of recorded commands from those of the controller for the same read-outs.
 
     Attributes
     ----------
@@ -258,7 +258,7 @@ def _rms(x: Array, telemetry: Telemetry, grid: series.ReducedGrid) -> float:
 def command_warnings(
     mismatches: Mapping[str, CommandMismatch], parameters: Sequence[str]
 ) -> list[FitWarning]:
-    """Warn of commands that are not those of the controller, by run; `parameters` rest on it."""
+    """Warn of commands that are not those of the controller, by run; `parameters` depend on it."""
     limit = sigma_limit("model", len(mismatches))
     significant = {
         run: command.mismatch
@@ -271,6 +271,6 @@ def command_warnings(
     dependent = tuple(name for name in parameters if name in ("lambda_2", "C_2"))
     message = (
         f"the commands on test mass 2 are not those of the simulated controller, relative: {listed}; "
-        f"chi2 does not see that{', and ' + ' and '.join(dependent) + ' rest on it' if dependent else ''}"
+        f"chi2 does not depend on them{', but ' + ' and '.join(dependent) + ' do' if dependent else ''}"
     )
     return [FitWarning("controller_mismatch", dependent, message)]

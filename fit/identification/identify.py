@@ -53,7 +53,7 @@ def identify(
     settings : Settings
         Of the fit; constraints of parameters hold here too.
     fixed_values : mapping of str to float
-        What the loop has of the parameters of the fit that are not sought.
+        Values in the loop of parameters of the fit that are not identified.
     params : lmfit.Parameters, optional
         Constraints in addition to those of the settings, see `make_params`.
 

@@ -57,7 +57,7 @@ class LinearisedRun(NonstationaryRun):
 
 @dataclass(frozen=True)
 class InvertedLoop:
-    """The loop that is inverted to tell a force from a motion; it stays while parameters move.
+    """The loop by which a force is computed from a motion; it stays while parameters move.
 
     Attributes
     ----------
@@ -81,7 +81,7 @@ class MeasuredInputs:
     loop : Loop
         Simulates it.
     reference : InvertedLoop
-        With which forces are told from motions.
+        By which forces are computed from motions.
     """
 
     def __init__(self, run: Run, loop: Loop, reference: InvertedLoop) -> None:
@@ -100,7 +100,7 @@ class MeasuredInputs:
         """Return the derivatives of the residual by parameters of the equation, shape (names, N).
 
         From what was measured, as in the fit, and zero where the run has nothing of it: of motion that the
-        loop is not asked to predict, and of gains and delays that are not sought but differ between runs.
+        loop does not predict, and of gains and delays that are not identified but differ between runs.
         """
         theta, run = self._reference.dynamics, self._run
         tau = dynamics.delays(theta)
@@ -152,7 +152,7 @@ class MeasuredInputs:
         return self._excess_force(low["o_1"] - high["o_1"], low["o_12"] - high["o_12"])
 
     def _excess_force(self, o_1: Array, o_12: Array) -> Array:
-        """Return the force of a motion beyond that which a stray thrust makes of o_1."""
+        """Return the force of a motion in excess of that of the stray thrust that moves o_1."""
         return self._force(o_12) - series.response_force(o_1, self._motion_response, self._force_response)
 
     def transformed(self, columns: Sequence[Array]) -> Spectra:

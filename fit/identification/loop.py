@@ -1,4 +1,4 @@
-"""What an identification asks of whoever simulates the loop; and the parameters it looks for."""
+"""The interface of a simulated loop, and the parameters to be identified."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -22,7 +22,7 @@ class Loop(Protocol):
 
     @property
     def simulated_telemetry(self) -> bool:
-        """Whether the telemetry says of itself that this very loop simulated it."""
+        """Whether the telemetry states that this very loop simulated it."""
 
     def response(
         self, run: Telemetry, theta: Mapping[str, float], inputs: Mapping[str, Array]
@@ -70,9 +70,9 @@ class FreeParameter:
     name : str
         Of the fit where that has the same, or ``Model.parameter``.
     start : float, optional
-        Where to begin; what the fit found, or else its flight value.
+        Start of the search; by default the estimate of the fit, or else its flight value.
     width : float, optional
-        Its natural scale. Data that tell it worse leave it undetermined.
+        Its natural scale. Data that determine it worse leave it undetermined.
     bounds : tuple of float
         Least and largest value that are tried.
     shared : str
@@ -90,7 +90,7 @@ class FreeParameter:
 
     @property
     def scale(self) -> float:
-        """Its natural scale; where it is not told, that of the fit, or the start."""
+        """Its natural scale; where it is not stated, that of the fit, or the start."""
         return self._known(1).prior_sigma if self.width is None else self.width
 
     def parameter(self, run: Telemetry) -> Parameter:

@@ -1,4 +1,4 @@
-"""The parameters of an identification: which there are, where they begin, what each experiment sees of them.
+"""The parameters of an identification: their start, and the map to those of each experiment.
 
 Those of the loop come first, then cross-talk, which is estimated along, then what departs in each experiment
 where the fit lets gains or delays scatter.
@@ -30,7 +30,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class ExperimentView:
-    """What an experiment sees.
+    """The parameters of an experiment.
 
     Attributes
     ----------
@@ -262,7 +262,7 @@ def _view(
 
 
 def run_dynamics(experiment: Experiment, calibrated: Results, settings: Settings) -> Array:
-    """Return what a calibration says of `dynamics.PARAMETERS` of a run, shape (7,), or else the flight."""
+    """Return `dynamics.PARAMETERS` of a run as calibrated, shape (7,), or else as in flight."""
     run, sharing = experiment.sysid.telemetry, Sharing(settings.shared)
     fitted_values = calibrated.joint.values if calibrated.joint else {}
     parameters = sharing.parameters([(run, dynamics.PARAMETERS)])

@@ -25,7 +25,7 @@ DEPENDENT_VARIANCE = 0.5  # of the variance of a parameter, due to undetermined 
 
 
 class Search:
-    """A search for the joint parameters: the runs that tell them, and how far a step may go.
+    """A search for the joint parameters: its runs, and how far a step may go.
 
     Attributes
     ----------
@@ -75,7 +75,7 @@ class Search:
         Raises
         ------
         InputError
-            If the loop cannot be simulated where the search was told to begin.
+            If the loop cannot be simulated where the user lets the search begin.
         FitError
             If it cannot be simulated elsewhere, or the search does not settle.
         """
@@ -125,8 +125,8 @@ class Search:
     def limit_step(self, theta: Array, target: Array) -> Array:
         """Return the next estimate, shape (P,), with loops that can be simulated.
 
-        Of a step that cannot be, what the data do not tell goes back to its start first: it strays. Then only
-        those parameters go half their way that cannot go all of it even alone; without such, all do.
+        Where one cannot, undetermined parameters go back to their start first. Then only those parameters go
+        half their way that cannot go all of it even alone; without such, all do.
         """
         for attempt in range(STEP_HALVINGS):
             outcomes = parallel_map(partial(_simulation_error, theta=target), self.weighings)

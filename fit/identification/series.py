@@ -1,4 +1,4 @@
-"""The channels of a run at the rate of the loop, and what made it move: forces from motions, both ways."""
+"""The channels of a run at the rate of the loop, forces from motions, and motions from forces."""
 
 from dataclasses import dataclass
 
@@ -26,7 +26,7 @@ TRANSIENT_TIMES = (
     5.0,
     20.0,
     60.0,
-)  # s since an answer: what is left of it then is all that a state does
+)  # s after a response, at which the remaining transient is that of the state
 SINGULAR_MODE = 1e-4  # relative strength below which there is none
 IMPULSE_DURATION = 4096.0  # s, after which the loop has forgotten a push
 
@@ -143,7 +143,7 @@ def stray_thrust(motion: Array, impulse: Array, motion_response: Array) -> Array
     motion : ndarray, shape (N,)
         Of o_1 [m].
     impulse, motion_response : ndarray, shape (M,)
-        A stray thrust, and what o_1 makes of it.
+        A stray thrust, and the response of o_1.
     """
     return _transfer(motion, motion_response, impulse, RATE, HIGH_EDGE)
 
@@ -180,7 +180,7 @@ def response_force(motion: Array, motion_response: Array, force_response: Array)
     motion_response : ndarray, shape (M,)
         The same after a single blow.
     force_response : ndarray
-        What `force` makes of that.
+        The result of `force` for it.
 
     Returns
     -------

@@ -1,4 +1,4 @@
-"""Markov chain Monte Carlo over the joint posterior: an estimate beside least squares, without linearisation.
+"""Markov chain Monte Carlo over the joint posterior: an estimate without linearisation.
 
 An ensemble of walkers moves in two ways. Two steps of three are guesses: points of a distribution near the
 posterior, whatever the walker's own place, accepted as often as the ratio of the two densities says. That is

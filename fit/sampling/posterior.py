@@ -7,7 +7,7 @@ information than there is: its logarithm is divided by the mean ratio of true va
 some 1.06 for Tukey 0.1, that is 3 % in sigma. One factor for all directions of a run is not exact, as signals
 differ in where in the window they lie: on the mission campaigns sigmas are off by up to 0.8 %.
 
-What the user says of parameters holds in the posterior as in the fit: fixed parameters are no coordinates of
+Constraints of parameters hold in the posterior as in the fit: fixed parameters are no coordinates of
 it, tied ones follow their expressions, the density is zero beyond bounds, and priors enter it.
 
 Where experiments depart from what they share, the logarithms of the widths are sampled along, with their
@@ -126,7 +126,7 @@ class Posterior:
 
 
 class _Constraints:
-    """What the settings and the weak priors say of the P parameters that runs share.
+    """Constraints and weak priors of the P parameters that runs share.
 
     Attributes
     ----------

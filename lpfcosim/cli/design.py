@@ -120,7 +120,7 @@ def foresight(plan: Campaign, chosen: Settings) -> Foresight:
                 name: s for period, fit in periods.items() for name, s in sigmas(fit, f"_{period}").items()
             }
 
-        return Calibration(told, euler_fit.SHORTEST)
+        return Calibration(told, euler_fit.MIN_DURATION)
 
     @cache
     def more() -> dict[str, float]:

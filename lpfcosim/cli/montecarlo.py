@@ -329,6 +329,6 @@ def _drawn(run: Run, generator: np.random.Generator) -> Telemetry:
 def _channels(run: Run) -> list[str]:
     """Return what fits read of what is recorded; of the star tracker that is long noise runs alone."""
     of_means = (name for parts in dynamics.MEANS.values() for name in parts)
-    turning = run.kind == "noise" and run.n_samples / run.fs >= euler_fit.SHORTEST
+    turning = run.kind == "noise" and run.n_samples / run.fs >= euler_fit.MIN_DURATION
     stars = [f"ast_{axis}" for axis in rotation.AXES] if turning else []
     return [*dynamics.CHANNELS, *(name for name in (*of_means, *stars) if name in world_of(run).record)]

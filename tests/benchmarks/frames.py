@@ -22,7 +22,7 @@ os.environ["OPENBLAS_NUM_THREADS"] = "1"
 
 import numpy as np
 
-from fit.crosstalk.euler_fit import SHORTEST, fit_period
+from fit.crosstalk.euler_fit import MIN_DURATION, fit_period
 from tests.oracles import rotation_synthetic as synthetic
 
 #: Noise of Delta g [m s^-2 Hz^-0.5], and how much of the rate and of the noise of the star tracker is left.
@@ -42,7 +42,7 @@ def turning(plateau: float, share: float) -> synthetic.World:
 
 def draw(world: synthetic.World, number: int) -> dict[str, Any]:
     """Draw a run and fit it: the coefficient, its sigma, and what is said."""
-    run, _ = synthetic.run(world, duration=SHORTEST, seed=number)
+    run, _ = synthetic.run(world, duration=MIN_DURATION, seed=number)
     fit = fit_period([run], synthetic.calibration(world).joint)
     assert fit.centrifugal is not None
     said = [w.code for w in fit.warnings if w.code != "degenerate_with_actuation_crosstalk"]

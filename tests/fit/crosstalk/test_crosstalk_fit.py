@@ -197,7 +197,7 @@ def test_test_masses_that_move_apart_slowly_do_no_harm():
 
 
 def test_gains_that_may_scatter_leave_the_couplings_as_they_are(noisy):
-    """A gain of each experiment's own and one for all are told apart by the width that the data gave."""
+    """A gain of each experiment's own and one for all are separated by the width that the data gave."""
     runs, _, plain = noisy
     outcome = fit_joint(runs, settings({"scatter": ["lambda_2"]}))
     fits = cross_talk(outcome, runs, SHARING, attenuation.correct_attenuation(outcome, runs))
@@ -373,7 +373,7 @@ def test_jitter_below_the_noise_determines_nothing():
 def test_read_outs_of_nothing_but_noise_are_told():
     runs = pair(Motion(grs=50e-9), LATE)
     _, fits = fitted(experiments(runs))
-    assert "b_3 (by how much cannot be told)" in warning(fits["1"], "attenuation_bias").message
+    assert "b_3 (by an unknown amount)" in warning(fits["1"], "attenuation_bias").message
 
 
 @pytest.mark.long

@@ -35,7 +35,7 @@ def test_recovers_both_angles_with_the_expected_sigmas(three_day_fit):
     assert np.sqrt(np.diag(fit.covariance)) == pytest.approx([e.sigma for e in fit.parameters.values()])
     assert fit.chi2 / fit.dof == pytest.approx(1, abs=0.05)
     assert codes(fit) == {"degenerate_with_actuation_crosstalk"}
-    assert "cannot tell" in fit.warnings[0].message
+    assert "cannot separate" in fit.warnings[0].message
 
 
 def test_runs_of_a_period_are_fitted_together(three_days, three_day_fit):
