@@ -3,7 +3,6 @@
 import re
 from collections.abc import Mapping
 from decimal import Decimal
-from fractions import Fraction
 from functools import cache
 from typing import TYPE_CHECKING
 
@@ -16,27 +15,6 @@ _BARE_POWER = re.compile(r"(?<=[^\W\d_])(?=[+-]?\d)")  # the 2 of m/s2, the -2 o
 # No unit needs 9^9^9^9 or (9 m)^9999, and none may take for ever.
 _ENDLESS = re.compile(r"\d\s*(?:\^|\*\*)|\d{4}|(?:\)\s*(?:\^|\*\*).*){2}")
 _LONGEST = 80  # letters
-
-#: What is read without pint, which takes its time: each as so many of pint's root units, with their powers.
-_SYMBOLS = {
-    "m": (1, {"meter": 1}),
-    "s": (1, {"second": 1}),
-    "g": (1, {"gram": 1}),
-    "rad": (1, {"radian": 1}),
-    "K": (1, {"kelvin": 1}),
-    "N": (1000, {"gram": 1, "meter": 1, "second": -2}),
-    "Hz": (1, {"second": -1}),
-}
-_PREFIXES = {"f": "1e-15", "p": "1e-12", "n": "1e-9", "u": "1e-6", "m": "1e-3", "": "1", "k": "1e3"}
-_PLAIN = {
-    p + s: (Fraction(k) * n, dimensions)
-    for p, k in _PREFIXES.items()
-    for s, (n, dimensions) in _SYMBOLS.items()
-}
-_PLAIN |= {
-    s: (Fraction(n), {"second": 1}) for s, n in (("min", 60), ("h", 3600), ("d", 86400), ("day", 86400))
-}
-_FACTOR = re.compile(r"([A-Za-z]+)(?:\^([+-]?[0-9](?:\.5)?))?")
 
 
 class UnknownUnitError(ValueError):
@@ -86,7 +64,7 @@ def in_base_units(unit: str) -> tuple[dict[str, int], float, float]:
     """
     try:
         zero, one = (registry().Quantity(x, unit).to_base_units() for x in (0.0, 1.0))
-    except Exception as error:  # as above
+    except Exception as error:  # as in `_root`
         raise ValueError(f"unit {unit!r} is not known") from error
     powers = {name: round(float(str(power))) for name, power in one.unit_items()}
     return powers, one.magnitude - zero.magnitude, zero.magnitude
@@ -142,29 +120,7 @@ def _root(unit: str) -> tuple[float, Mapping[str, object]]:
     if len(unit) > _LONGEST or _ENDLESS.search(unit):
         raise UnknownUnitError(f"unit {unit!r} is not known")
     try:
-        if plain := _plain(text):
-            return plain
         root = registry().Quantity(1.0, registry().parse_units(text)).to_root_units()
         return float(root.magnitude), dict(root.unit_items())
     except Exception as error:  # pint raises whatever its tokeniser, its parser or its arithmetic raise
         raise UnknownUnitError(f"unit {unit!r} is not known") from error
-
-
-def _plain(text: str) -> tuple[float, Mapping[str, object]] | None:
-    """Return what `_root` does of a product of symbols, at most one below a stroke; None of all else."""
-    numerator, stroke, denominator = text.partition("/")
-    factors = [(factor, 1) for factor in numerator.split() if not stroke or numerator.strip() != "1"]
-    factors += [(denominator.strip(), -1)] if stroke else []
-    number, powers = Fraction(1), dict[str, Fraction]()
-    for factor, sign in factors:
-        match = _FACTOR.fullmatch(factor)
-        if match is None or match[1] not in _PLAIN:
-            return None
-        size, dimensions = _PLAIN[match[1]]
-        power = sign * Fraction(match[2] or 1)
-        if size != 1 and power.denominator != 1:  # an irrational number
-            return None
-        number *= size ** int(power)
-        for name, exponent in dimensions.items():
-            powers[name] = powers.get(name, Fraction(0)) + exponent * power
-    return float(number), {name: power for name, power in powers.items() if power}

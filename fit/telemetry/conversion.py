@@ -6,7 +6,7 @@ the way, so that a message names the file and the column that somebody can look 
 
 import hashlib
 import tempfile
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from contextlib import ExitStack
 from pathlib import Path
 
@@ -19,7 +19,7 @@ from fit.files import refuse_links
 from fit.telemetry import grid, sandbox, stamps
 from fit.telemetry.archives import is_text, validate
 from fit.telemetry.contract import REQUIRED, SCHEMA, check_root
-from fit.telemetry.maps import Map, Place, attributes_of, load, places_of_run
+from fit.telemetry.maps import Map, attributes_of, load, places_of_run
 from fit.telemetry.markers import check_markers, replace_markers
 from fit.telemetry.sources import ArchiveColumn, Archives, describe
 from fit.telemetry.validation import MAX_SAMPLES, check_missing, check_values
@@ -71,12 +71,14 @@ def convert(paths: Sequence[Path], folder: Path, *, any_gaps: bool) -> list[Path
             twin = places.setdefault(source.run, place)
             if twin is not place:
                 raise InputError(f"{place}.run: {source.run!r} is also that of {twin}, expected unique names")
-    _check_tables(
-        place
-        for p, mapping in maps.items()
+    tables = dict.fromkeys(
+        table
+        for path, mapping in maps.items()
         for i in range(len(mapping.runs))
-        for place in places_of_run(p, mapping, i)
+        for table in places_of_run(path, mapping, i)
+        if not is_text(table.archive)
     )
+    sandbox.check(validate, [t.archive for t in tables], [t.table for t in tables])
     existing = _converted(folder)
     parent = next(p for p in folder.resolve().parents if p.is_dir())
     with tempfile.TemporaryDirectory(prefix=".conversion-", dir=parent) as workspace:
@@ -90,17 +92,6 @@ def convert(paths: Sequence[Path], folder: Path, *, any_gaps: bool) -> list[Path
             (Path(workspace) / f"{run}.h5").replace(folder / f"{run}.h5")
     runs = {path: [folder / f"{source.run}.h5" for source in mapping.runs] for path, mapping in maps.items()}
     return [file for path in dict.fromkeys(paths) for file in runs.get(path, [path])]
-
-
-def _check_tables(places: Iterable[Place]) -> None:
-    """Have another process look at all tables first; of each file it takes one at a time."""
-    tables: dict[Path, list[str | int | None]] = {}
-    for place in dict.fromkeys(places):
-        if not is_text(place.archive):
-            tables.setdefault(place.archive, []).append(place.table)
-    for n in range(max(map(len, tables.values()), default=0)):
-        some = {path: of_file[n] for path, of_file in tables.items() if n < len(of_file)}
-        sandbox.check(validate, list(some), some)
 
 
 def _converted(folder: Path) -> list[Path]:

@@ -71,8 +71,7 @@ def draft(name: str, archives: Sequence[Path], folder: Path) -> str:
     InputError
         If an archive cannot be read.
     """
-    binary = [path for path in archives if not is_text(path)]
-    sandbox.check(validate, binary, dict.fromkeys(binary))
+    sandbox.check(validate, [path for path in archives if not is_text(path)])
     known = [_read(path) for path in archives]
     head = _HEAD.format(name=name, stem=Path(name).stem, blank=BLANK)
     if not known:
@@ -258,11 +257,11 @@ def _unit(channel: str) -> str:
 
 
 def _comment(column: Column) -> str:
-    about = column.reason or ("text" if column.is_text else column.unit or "")
+    description = column.reason or ("text" if column.is_text else column.unit or "")
     return (
-        f"{about}, {column.size} rows"
-        if about and column.size is not None
-        else about or f"{column.size} rows"
+        f"{description}, {column.size} rows"
+        if description and column.size is not None
+        else description or f"{column.size} rows"
     )
 
 

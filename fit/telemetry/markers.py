@@ -15,18 +15,7 @@ from fit.telemetry.contract import CHANNELS
 Array = NDArray[np.float64]
 
 #: What archives write for a missing sample, signs aside: nines, and the ends of integers.
-USUAL: tuple[float, ...] = (
-    999.0,
-    9999.0,
-    99999.0,
-    999999.0,
-    9999999.0,
-    99999999.0,
-    999999999.0,
-    999.9,
-    9999.9,
-)
-USUAL += (32767.0, 32768.0, 2147483647.0, 2147483648.0)
+USUAL = (*(10.0**n - 1 for n in range(3, 10)), 999.9, 9999.9, *(2.0**n - k for n in (15, 31) for k in (0, 1)))
 _HUGE = 1e10  # in any unit of an archive; default fills of netCDF and others are beyond
 _DOUBLE = 1e-15  # relative: rounding by a scale that the archive states
 _MARKER_RATIO, _NUMBER_RATIO = 5.0, 100.0  # times the largest other sample: of a usual marker, of any number
@@ -52,7 +41,7 @@ def check_markers(
     cure : str
         What is expected, with ``{marker}`` for the number; by default NaN.
     """
-    extreme = Extreme.of(values)
+    extreme = Extreme.find(values)
     if not is_complete and extreme.is_marker(channel):
         expected = cure.format(marker=extreme.spell()) if cure else "NaN for each"
         raise InputError(
@@ -100,8 +89,8 @@ class Extreme:
     n_samples: int
 
     @classmethod
-    def of(cls, values: Array) -> "Extreme":
-        """Return that of a channel."""
+    def find(cls, values: Array) -> "Extreme":
+        """Find that of a channel."""
         size = np.where(np.isfinite(values), np.abs(values), -1.0)
         extreme = size == size.max(initial=0.0)
         n = int(np.argmax(extreme)) if size.size else 0

@@ -25,21 +25,24 @@ _PACE = 2e7  # bytes per s that are read at least
 Validator = Callable[..., object]
 
 
-def check(validate: Validator, paths: Sequence[Path], arguments: Mapping[Path, object] | None = None) -> None:
-    """Refuse files that cannot be read, or not within the limits; what is no file is left to who opens it.
+def check(validate: Validator, paths: Sequence[Path], *arguments: Sequence[object]) -> None:
+    """Refuse files that cannot be read, or not within the limits; what is no file is not tried.
+
+    See `rejections`.
 
     Raises
     ------
     InputError
         For the first of them.
     """
-    for rejection in rejections(validate, [path for path in paths if is_file(path)], arguments):
+    calls = [call for call in zip(paths, *arguments, strict=True) if is_file(call[0])]
+    for rejection in rejections(validate, *zip(*calls, strict=True)):
         if rejection is not None:
             raise InputError(rejection)
 
 
 def rejections(
-    validate: Validator, files: Sequence[Path], arguments: Mapping[Path, object] | None = None
+    validate: Validator, files: Sequence[Path] = (), *arguments: Sequence[object]
 ) -> list[str | None]:
     """Return why files are rejected, None for sound ones, up to the first that ends the process.
 
@@ -50,13 +53,13 @@ def rejections(
         fault. A function of a module: the process imports it by its name.
     files : sequence of Path
         The files.
-    arguments : mapping of Path to str, int or None, optional
-        A second argument of `validate` for each.
+    *arguments : sequence of str, int or None
+        Further arguments of `validate`, one for each file.
     """
     if not files:
         return []
     limit = PATIENCE + sum(path.stat().st_size for path in files) / _PACE
-    calls = [[str(path), *([] if arguments is None else [arguments[path]])] for path in files]
+    calls = list(zip(map(str, files), *arguments, strict=True))
     task = {"module": validate.__module__, "name": validate.__name__, "memory": MEMORY, "calls": calls}
     try:
         process = subprocess.run(

@@ -298,5 +298,5 @@ def _local_dataset(file: h5py.File, path: Path, place: str, name: str) -> h5py.D
     link = file.get(name, getlink=True)
     if link is not None and not isinstance(link, h5py.HardLink):
         raise InputError(f"{path}: {place}: a link, expected the dataset itself")
-    found = None if link is None else file[name]
-    return found if isinstance(found, h5py.Dataset) else None
+    item = None if link is None else file[name]
+    return item if isinstance(item, h5py.Dataset) else None

@@ -41,8 +41,9 @@ class Writer:
         Refuse values that are not.
     alphabetical : bool
         Of a channel, write what it is before its unit; the order is part of the bytes.
-    settled : bool
-        Have the file on disk before it has its name. To wait for the disk is no use where it gets another.
+    is_final : bool
+        Whether the file is on disk before it has its name. To wait for the disk is no use where the file gets
+        another name later.
 
     Raises
     ------
@@ -62,9 +63,9 @@ class Writer:
         complete: Collection[str] = (),
         finite: bool = False,
         alphabetical: bool = False,
-        is_complete: bool = True,
+        is_final: bool = True,
     ) -> None:
-        self._path, self._settled = path, is_complete
+        self._path, self._is_final = path, is_final
         self._partial = atomic.temporary(path)
         self._size, self._done, self._finite = size, 0, finite
         self._channels: dict[str, h5py.Dataset] = {}
@@ -107,12 +108,11 @@ class Writer:
                 raise FitError(f"{name} is {values[i]} at t = {time[i]:g} s, nothing is recorded")
         part = slice(self._done, self._done + time.size)
         with self._write_errors():
-            inside = h5py.h5s.create_simple((time.size,))
-            of_file = h5py.h5s.create_simple((self._size,))
-            of_file.select_hyperslab((part.start,), (time.size,))
             for name, dataset in self._channels.items():  # room in the file is given in this order
-                values = time if name == "time" else _received(channels[name], missing)
-                dataset.id.write(inside, of_file, np.ascontiguousarray(values, dtype=np.float64))
+                values = time if name == "time" else channels[name]
+                if missing is not None and name != "time":
+                    values = np.where(missing, np.nan, values)
+                dataset[part] = values
         self._done = part.stop
 
     def annotate(self, name: str, value: object) -> None:
@@ -132,7 +132,7 @@ class Writer:
                 if kind is None:
                     if self._done != self._size:
                         raise FitError(f"{self._done} samples came, expected {self._size}")
-                    if self._settled:
+                    if self._is_final:
                         atomic.settle(self._partial, self._path)
                     else:
                         self._partial.replace(self._path)
@@ -155,12 +155,8 @@ class Writer:
             raise FitError(f"{self._path}: cannot be written ({_reason(error)})") from error
 
 
-def _received(values: Array, missing: NDArray[np.bool_] | None) -> Array:
-    return values if missing is None else np.where(missing, np.nan, values)
-
-
 def _create(path: Path) -> h5py.File:
-    """Create a file as h5py does, but let HDF5 write samples at once, not when a channel is closed."""
+    """Create a file to which HDF5 writes at once: what it cannot write on closing ends the process."""
     with h5py.File(path, "w") as file:
         access = file.id.get_access_plist()
     access.set_sieve_buf_size(0)

@@ -303,7 +303,7 @@ def record(
     world = world_of(run)
     found = placement.interfaces(run, fmus)
     untold = world.untold(run, placement.ignored(found))
-    with telemetry.writer(path, run, world.record, origin, untold, is_complete=False) as writer:
+    with telemetry.writer(path, run, world.record, origin, untold, is_final=False) as writer:
 
         def told() -> Iterator[Mapping[str, master.Array]]:
             nonlocal saturated

@@ -43,7 +43,7 @@ def writer(
     provenance: Mapping[str, str | int | float],
     untold: Container[str] = (),
     *,
-    is_complete: bool = True,
+    is_final: bool = True,
 ) -> Iterator[Recording]:
     """Write a run's telemetry, in memory that does not grow with the run.
 
@@ -61,7 +61,7 @@ def writer(
         Further root attributes: version, digests, seed.
     untold : container of str
         Parameters of which the run's truth is not what was simulated; they stay out of /truth.
-    is_complete : bool
+    is_final : bool
         As of `Writer`.
 
     Raises
@@ -88,7 +88,7 @@ def writer(
             truths=events.truths(run),
             finite=True,
             alphabetical=True,
-            is_complete=is_complete,
+            is_final=is_final,
         ) as file,
     ):
         yield Recording(file, run, grid)

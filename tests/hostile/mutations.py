@@ -229,22 +229,20 @@ def raw_archive(path: Path, entries: list[tuple[str, bytes]], **fields: int) -> 
     return path
 
 
-def all_refusals(validate: Validator, files: list[Path], *more: dict[Path, None]) -> dict[Path, str | None]:
+def all_refusals(validate: Validator, files: list[Path]) -> dict[Path, str | None]:
     """Look at many files, with as few processes as they leave."""
     found: dict[Path, str | None] = {}
     while files:
-        said = rejections(validate, files, *more)
+        said = rejections(validate, files)
         found.update(zip(files, said, strict=False))
         files = files[len(said) :]
     return found
 
 
-def try_all(
-    made: dict[Path, str], reader: Callable[[Path], object], validate: Validator, *more: dict[Path, None]
-) -> dict[str, int]:
+def try_all(made: dict[Path, str], reader: Callable[[Path], object], validate: Validator) -> dict[str, int]:
     """Try files in the other process, and those it gets through in this one; count what becomes of them."""
     counts = {"sound": 0, "refused": 0, "ended the process": 0}
-    for path, said in all_refusals(validate, list(made), *more).items():
+    for path, said in all_refusals(validate, list(made)).items():
         if said is None:
             said = survives(lambda path=path: reader(path), path, made[path])
         else:

@@ -137,7 +137,7 @@ def test_damaged_archives(tmp_path, cases, monkeypatch):
         path = tmp_path / f"{n}{suffix}"
         path.write_bytes(damaged(rng.choice(sources[suffix]), rng))
         made[path] = f"archive {n}"
-    counts = try_all(made, read_table, validate_table, dict.fromkeys(made))
+    counts = try_all(made, read_table, validate_table)
     assert min(counts["sound"], counts["refused"]) > 0
 
 
@@ -149,4 +149,4 @@ def test_a_bomb_of_an_archive(tmp_path, monkeypatch):
         gzip.compress(fits(tmp_path / "c.fits").read_bytes()) + 400 * gzip.compress(bytes(2**24))
     )
     assert path.stat().st_size < 2**25
-    survives(lambda: sandbox.check(validate_table, [path], {path: None}), path, "bomb")
+    survives(lambda: sandbox.check(validate_table, [path]), path, "bomb")

@@ -58,7 +58,7 @@ def open_table(path: Path, table: str | int | None) -> Iterator[Table]:
         yield archive
 
 
-def validate(path: Path, table: str | int | None) -> None:
+def validate(path: Path, table: str | int | None = None) -> None:
     """Read all columns of a table; InputError as `open_table`."""
     with open_table(path, table) as archive:
         for name, column in archive.columns.items():

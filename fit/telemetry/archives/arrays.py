@@ -34,7 +34,7 @@ class LazyArray:
     load: Callable[[], Any]
 
     @classmethod
-    def of(cls, array: Any) -> "LazyArray":
+    def wrap(cls, array: Any) -> "LazyArray":
         """Wrap an array of NumPy, or a dataset of HDF5 with the axes that it has in MATLAB."""
         if isinstance(array, h5py.Dataset):
             if "MATLAB_class" in array.attrs:  # stored column by column
@@ -101,11 +101,11 @@ def _plain_columns(name: str, array: LazyArray, unit: str | None) -> dict[str, C
         return {name: Column(None, unit, f"an array of shape {array.shape}" if array.shape else scalar)}
     if len(axes) < 2:
         return {name: array.row(int(np.argmax(array.shape)), {}, unit)}
-    time, other = axes if array.shape[axes[0]] >= array.shape[axes[1]] else axes[::-1]
-    if array.shape[other] > MOST_COLUMNS:
+    time, across = axes if array.shape[axes[0]] >= array.shape[axes[1]] else axes[::-1]
+    if array.shape[across] > MOST_COLUMNS:
         return {name: Column(None, unit, f"a matrix of shape {array.shape}")}
-    names = [f"{name}[{k + 1}]" if name else f"{k + 1}" for k in range(array.shape[other])]
-    return {names[k]: array.row(time, {other: k}, unit) for k in range(len(names))}
+    names = [f"{name}[{k + 1}]" if name else f"{k + 1}" for k in range(array.shape[across])]
+    return {names[k]: array.row(time, {across: k}, unit) for k in range(len(names))}
 
 
 def select_table(path: Path, columns: Mapping[str, Column], table: str | int | None) -> Mapping[str, Column]:

@@ -44,23 +44,23 @@ def _frame(group: h5py.Group) -> dict[str, Column]:
     for i in range(int(group.attrs["nblocks"])):
         dataset, items = group[f"block{i}_values"], _labels(group[f"block{i}_items"])
         kind, by_rows = plain(dataset.attrs.get("value_type", "")), bool(dataset.attrs.get("transposed"))
-        columns |= _block(LazyArray.of(dataset), items, kind, by_rows=by_rows)
+        columns |= _block(LazyArray.wrap(dataset), items, kind, by_rows=by_rows)
     order = _labels(group["axis0"])
     index = group["axis1"]
-    index_column = _column(LazyArray.of(index), plain(index.attrs.get("kind", "")))
+    index_column = _column(LazyArray.wrap(index), plain(index.attrs.get("kind", "")))
     return {"index": index_column, **{label: columns[label] for label in order if label in columns}}
 
 
 def _series(group: h5py.Group) -> dict[str, Column]:
     index, values = group["index"], group["values"]
     return {
-        "index": _column(LazyArray.of(index), plain(index.attrs.get("kind", ""))),
-        "values": _column(LazyArray.of(values), plain(values.attrs.get("value_type", ""))),
+        "index": _column(LazyArray.wrap(index), plain(index.attrs.get("kind", ""))),
+        "values": _column(LazyArray.wrap(values), plain(values.attrs.get("value_type", ""))),
     }
 
 
 def _table(group: h5py.Group) -> dict[str, Column]:
-    attributes, table = group["table"].attrs, LazyArray.of(group["table"])
+    attributes, table = group["table"].attrs, LazyArray.wrap(group["table"])
     columns: dict[str, Column] = {}
     for field in table.dtype.names or ():
         values = table.field(field)

@@ -77,7 +77,7 @@ def _columns(hdu: Any) -> dict[str, Column]:
             values, unit = _ascii_numbers(stored[column.name], column), column.unit
         else:
             values, unit = _numbers(hdu, stored, column), column.unit
-        columns |= columns_of(column.name, LazyArray.of(values), unit)
+        columns |= columns_of(column.name, LazyArray.wrap(values), unit)
     return {name: replace(column, source=hdu.name) for name, column in columns.items()}
 
 

@@ -79,4 +79,4 @@ def _dataset_columns(name: str, dataset: h5py.Dataset) -> dict[str, Column]:
         return matlab73.members(dataset, struct, field)
     if matlab == "cell":
         return matlab73.cells(dataset, name)
-    return netcdf.decoded_columns(name, LazyArray.of(dataset), dataset.attrs)
+    return netcdf.decoded_columns(name, LazyArray.wrap(dataset), dataset.attrs)

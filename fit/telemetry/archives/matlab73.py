@@ -68,7 +68,7 @@ def _numbers(dataset: h5py.Dataset, name: Callable[[int], str]) -> dict[str, Col
     for k, reference in enumerate(references if len(references) <= _MOST_CELLS else [], 1):
         cell = dataset.file[reference]
         if _are_numbers(cell):
-            columns |= columns_of(name(k), LazyArray.of(cell))
+            columns |= columns_of(name(k), LazyArray.wrap(cell))
     return columns
 
 

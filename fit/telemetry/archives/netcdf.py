@@ -34,7 +34,7 @@ def file_columns(path: Path) -> dict[str, Column]:
             with scipy.io.netcdf_file(path, mmap=False) as file:
                 for name, variable in file.variables.items():
                     attributes = {k: getattr(variable, k) for k in _ATTRIBUTES if hasattr(variable, k)}
-                    columns |= decoded_columns(name, LazyArray.of(np.array(variable.data)), attributes)
+                    columns |= decoded_columns(name, LazyArray.wrap(np.array(variable.data)), attributes)
     except Exception as error:  # a damaged file makes it raise almost anything
         raise read_error(path, error, "netCDF") from error
     return columns

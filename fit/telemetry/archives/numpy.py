@@ -19,11 +19,11 @@ def open_table(path: Path, table: str | int | None) -> Iterator[Table]:
     try:
         loaded = np.load(path, mmap_mode=None if zipfile.is_zipfile(path) else "r", allow_pickle=False)
         if isinstance(loaded, np.ndarray):
-            array = LazyArray.of(loaded)
+            array = LazyArray.wrap(loaded)
             columns = {name or "1": column for name, column in columns_of("", array).items()}
         else:
             with loaded:
-                arrays = {name: LazyArray.of(loaded[name]) for name in loaded.files}
+                arrays = {name: LazyArray.wrap(loaded[name]) for name in loaded.files}
             columns = {
                 k: column for name, array in arrays.items() for k, column in columns_of(name, array).items()
             }

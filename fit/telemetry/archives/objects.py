@@ -115,8 +115,8 @@ def flatten(name: str, value: Any, depth: int = 0) -> dict[str, Column]:
     if value.dtype.kind == "m":  # durations
         years = np.datetime_data(value.dtype)[0] in ("Y", "M")
         seconds = (value.astype("m8[s]") if years else value) / np.timedelta64(1, "s")
-        return columns_of(name, LazyArray.of(seconds), "s")
-    return columns_of(name, LazyArray.of(value))
+        return columns_of(name, LazyArray.wrap(seconds), "s")
+    return columns_of(name, LazyArray.wrap(value))
 
 
 def _members(value: Any) -> Iterable[tuple[str, Any]] | None:
@@ -145,7 +145,7 @@ def _of_items(name: str, value: np.ndarray[Any, Any], depth: int) -> dict[str, C
         return flatten(name, items[0], depth + 1)
     texts = [item.item() if isinstance(item, np.ndarray) and item.size == 1 else item for item in items]
     if items and all(isinstance(text, str) for text in texts):
-        return columns_of(name, LazyArray.of(np.array(texts)))
+        return columns_of(name, LazyArray.wrap(np.array(texts)))
     if not 0 < len(items) <= _MOST_ITEMS:
         return {name: Column(reason="a cell array", source=name)}
     columns: dict[str, Column] = {}

@@ -20,14 +20,14 @@ NAN = float("nan")
 def read(path, table=None):
     """All columns of numbers and of texts, by name."""
     validate(path, table)
-    found = {}
+    columns = {}
     with open_table(path, table) as archive:
         for name, column in archive.columns.items():
             assert (column.size is None or column.is_text) == bool(column.reason), name
             if column.size is not None:
-                found[name] = np.array((archive.texts if column.is_text else archive.numbers)(name))
-                assert found[name].size == column.size
-    return found
+                columns[name] = np.array((archive.texts if column.is_text else archive.numbers)(name))
+                assert columns[name].size == column.size
+    return columns
 
 
 def reasons(path):
@@ -40,10 +40,10 @@ def units(path):
         return {name: column.unit for name, column in archive.columns.items() if column.unit}
 
 
-def same(found, expected):
-    assert list(found) == list(expected)
+def assert_same(columns, expected):
+    assert list(columns) == list(expected)
     for name, values in expected.items():
-        np.testing.assert_array_equal(found[name], values, name)
+        np.testing.assert_array_equal(columns[name], values, name)
 
 
 def message(path, key, table=None):

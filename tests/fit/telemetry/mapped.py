@@ -64,7 +64,7 @@ def listed(channels):
     return {name: values.tolist() for name, values in channels.items()}
 
 
-def same(run, channels, rtol=1e-15):
+def assert_same(run, channels, rtol=1e-15):
     for name, values in channels.items():
         np.testing.assert_allclose(run.channels[name], values, rtol=rtol, atol=0)
 

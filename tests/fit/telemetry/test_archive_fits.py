@@ -10,7 +10,20 @@ from astropy.table import Table as AstropyTable
 
 from fit.errors import InputError
 from fit.telemetry.archives import open_table
-from tests.fit.telemetry.columns import NAN, OUT, STAMPS, WHEN, N, T, X, message, read, reasons, same, units
+from tests.fit.telemetry.columns import (
+    NAN,
+    OUT,
+    STAMPS,
+    WHEN,
+    N,
+    T,
+    X,
+    assert_same,
+    message,
+    read,
+    reasons,
+    units,
+)
 
 
 def test_numpy(tmp_path):
@@ -20,14 +33,14 @@ def test_numpy(tmp_path):
     np.savez(tmp_path / "set.npz", t=T, out=OUT, utc=WHEN)
     np.savez_compressed(tmp_path / "objects.npz", a=np.array([1, "a"], dtype=object))
     by_number = {str(k + 1): OUT[:, k] for k in range(3)}
-    same(read(tmp_path / "matrix.npy"), by_number)
-    same(read(tmp_path / "row.npy"), {"1": X})
-    same(read(tmp_path / "records.npy"), {"t": T, "x": X.astype("f4")})
-    same(
+    assert_same(read(tmp_path / "matrix.npy"), by_number)
+    assert_same(read(tmp_path / "row.npy"), {"1": X})
+    assert_same(read(tmp_path / "records.npy"), {"t": T, "x": X.astype("f4")})
+    assert_same(
         read(tmp_path / "set.npz"),
         {"t": T, **{f"out[{k}]": values for k, values in by_number.items()}, "utc": STAMPS},
     )
-    same(read(tmp_path / "set.npz", "out"), by_number)
+    assert_same(read(tmp_path / "set.npz", "out"), by_number)
     (tmp_path / "cut.npy").write_bytes((tmp_path / "matrix.npy").read_bytes()[:300])
     for name in ("objects.npz", "cut.npy"):
         with pytest.raises(InputError, match=f"{re.escape(name)}: cannot be read as arrays of NumPy without"):
@@ -53,7 +66,7 @@ def test_binary_tables_of_fits(tmp_path):
     fits.HDUList([fits.PrimaryHDU(), fits.BinTableHDU.from_columns(columns, name="OMS")]).writeto(path)
     fits.setval(path, "TSCAL2", value=0.5, ext=1)
     fits.setval(path, "TZERO2", value=7.0, ext=1)
-    same(
+    assert_same(
         read(path),
         {
             "t": T,
@@ -98,7 +111,7 @@ def test_ascii_tables_of_fits(tmp_path, null):
         fits.setval(path, key, value=value, ext=1)
     x, n = X.copy(), 7.0 + 0.5 * np.arange(N)
     x[4] = n[7] = NAN
-    same(read(path), {"t": T, "x": x, "n": n, "label": ["ab"] * N})
+    assert_same(read(path), {"t": T, "x": x, "n": n, "label": ["ab"] * N})
     assert units(path) == {"t": "s", "x": "m"}
 
 
@@ -107,7 +120,9 @@ def test_masked_columns_of_astropy(tmp_path):
     table = AstropyTable({"n": MaskedColumn(np.arange(N), mask=mask), "x": MaskedColumn(X, mask=mask)})
     table["x"].unit = "nm"
     table.write(tmp_path / "a.fits")
-    same(read(tmp_path / "a.fits"), {"n": np.where(mask, NAN, np.arange(N)), "x": np.where(mask, NAN, X)})
+    assert_same(
+        read(tmp_path / "a.fits"), {"n": np.where(mask, NAN, np.arange(N)), "x": np.where(mask, NAN, X)}
+    )
     assert units(tmp_path / "a.fits") == {"x": "nm"}
 
 

@@ -19,11 +19,11 @@ from tests.fit.telemetry.columns import (
     T,
     X,
     Y,
+    assert_same,
     message,
     pandas_file,
     read,
     reasons,
-    same,
     units,
 )
 
@@ -57,11 +57,11 @@ def test_hdf5_of_any_layout(tmp_path):
         "utc": STAMPS,
         "z [nm]": Y,
     }
-    same(read(tmp_path / "a.h5"), expected)
+    assert_same(read(tmp_path / "a.h5"), expected)
     assert units(tmp_path / "a.h5") == {"oms.x": "nm", "packed": "pm s^(-2)", "z [nm]": "nm"}
-    same(read(tmp_path / "a.h5", "oms"), {"t": T, "x": X.astype("f4")})
-    same(read(tmp_path / "a.h5", "/oms"), {"t": T, "x": X.astype("f4")})
-    same(read(tmp_path / "a.h5", "rows"), {str(k + 1): OUT[:, k] for k in range(3)})
+    assert_same(read(tmp_path / "a.h5", "oms"), {"t": T, "x": X.astype("f4")})
+    assert_same(read(tmp_path / "a.h5", "/oms"), {"t": T, "x": X.astype("f4")})
+    assert_same(read(tmp_path / "a.h5", "rows"), {str(k + 1): OUT[:, k] for k in range(3)})
     with open_table(tmp_path / "a.h5", "records") as archive:
         assert [archive.column(k) for k in (1, "f1", 3)] == ["f0", "f1", "f2"]
     with open_table(tmp_path / "a.h5", None) as archive:
@@ -75,7 +75,7 @@ def test_hdf5_of_any_layout(tmp_path):
         "column f3: a matrix, expected one of its columns, f3[1] to f3[3]"
     )
     (tmp_path / "a.mat").write_bytes((tmp_path / "a.h5").read_bytes())
-    same(read(tmp_path / "a.mat"), expected)
+    assert_same(read(tmp_path / "a.mat"), expected)
 
 
 def test_what_in_hdf5_is_no_column(tmp_path):
@@ -121,10 +121,10 @@ def test_missing_samples_and_scale_of_netcdf(tmp_path):
     data.to_netcdf(tmp_path / "a.nc", engine="h5netcdf", encoding=packed)
     data.to_netcdf(tmp_path / "old.nc", engine="scipy", format="NETCDF3_CLASSIC", encoding=packed)
     for path in (tmp_path / "a.nc", tmp_path / "old.nc"):
-        found = read(path)
-        np.testing.assert_array_equal(found["x"], data["x"])
-        np.testing.assert_array_equal(found["y"], data["y"])
-        np.testing.assert_allclose(found["time"] * {"milliseconds": 1e-3}[units(path)["time"]], T)
+        columns = read(path)
+        np.testing.assert_array_equal(columns["x"], data["x"])
+        np.testing.assert_array_equal(columns["y"], data["y"])
+        np.testing.assert_allclose(columns["time"] * {"milliseconds": 1e-3}[units(path)["time"]], T)
         assert units(path)["x"] == "nm"
 
 
@@ -133,7 +133,7 @@ def test_netcdf_3_of_scipy(tmp_path):
         file.createDimension("n", N)
         file.createVariable("x", "f8", ("n",))[:] = X
         file.variables["x"].units = "nm"
-    same(read(tmp_path / "a.nc"), {"x": X})
+    assert_same(read(tmp_path / "a.nc"), {"x": X})
     assert units(tmp_path / "a.nc") == {"x": "nm"}
     (tmp_path / "a.nc").write_bytes((tmp_path / "a.nc").read_bytes()[:90])
     with pytest.raises(InputError, match=r"a\.nc: cannot be read as netCDF, expected a whole file"):
@@ -143,10 +143,10 @@ def test_netcdf_3_of_scipy(tmp_path):
 def test_data_frames_of_pandas(tmp_path):
     pandas_file(tmp_path / "a.h5")
     micro = [stamp[:-3] for stamp in STAMPS]
-    found = read(tmp_path / "a.h5")
+    frames = read(tmp_path / "a.h5")
     columns = {"t": T, "x": X, "y": Y}
-    same(
-        found,
+    assert_same(
+        frames,
         {
             **{f"by.columns.{name}": values for name, values in {"index": micro, **columns}.items()},
             **{f"fixed.{name}": values for name, values in {"index": STAMPS, **columns}.items()},
@@ -167,9 +167,9 @@ def test_data_frames_that_are_compressed_otherwise_are_named(tmp_path):
         del file["fixed/block1_values"]
         file.create_dataset("fixed/block1_values", data=values, chunks=(10, 2), scaleoffset=3)
         file["fixed/block1_values"].attrs["transposed"] = np.uint8(1)
-    found = message(tmp_path / "a.h5", "fixed.t")
+    columns = message(tmp_path / "a.h5", "fixed.t")
     reason = "a data frame of pandas in chunks of 20 values through the filters [6], where at most"
-    assert found.startswith(f'column "fixed.t": fixed is {reason}')
+    assert columns.startswith(f'column "fixed.t": fixed is {reason}')
 
 
 def test_pickles_of_pandas_are_not_unpickled(tmp_path):
@@ -178,8 +178,8 @@ def test_pickles_of_pandas_are_not_unpickled(tmp_path):
     with h5py.File(tmp_path / "a.h5", "a") as file:
         file["table/table"].attrs["values_block_0_kind"] = np.bytes_(trap)
         file["table"].attrs["non_index_axes"] = np.bytes_(trap)
-    found = read(tmp_path / "a.h5", "table")
-    assert list(found) == ["index", *(f"values_block_0[{k}]" for k in (1, 2, 3))]
+    columns = read(tmp_path / "a.h5", "table")
+    assert list(columns) == ["index", *(f"values_block_0[{k}]" for k in (1, 2, 3))]
     assert not (tmp_path / "ran").exists()
 
 
@@ -218,6 +218,7 @@ def misfits():
         "a word as a count": ({"pandas_type": np.bytes_(b"frame"), "nblocks": "many"}, {"x": T}),
         "an infinite count": ({"pandas_type": np.bytes_(b"frame"), "nblocks": np.inf}, {"x": T}),
         "scalars as axes": ({"pandas_type": np.bytes_(b"frame"), "nblocks": 1}, fixed),
+        "times in no unit": ({"pandas_type": np.bytes_(b"series")}, {"index": T, "values": T}),
         "a table without fields": ({"pandas_type": np.bytes_(b"frame_table")}, {"table": T}),
     }
 
@@ -230,16 +231,8 @@ def test_a_group_that_is_no_data_frame_is_one_of_arrays(tmp_path, case):
         group.attrs.update(attributes)
         for name, values in members.items():
             group[name] = values
-    same(read(tmp_path / "a.h5"), {f"d.{name}": T for name in members if len(members) == 1})
-
-
-def test_a_data_frame_with_times_in_no_unit_is_one_of_arrays(tmp_path):
-    with h5py.File(tmp_path / "a.h5", "w") as file:
-        group = file.create_group("d")
-        group.attrs["pandas_type"] = np.bytes_(b"series")
-        group["index"], group["values"] = np.arange(N), X
-        group["index"].attrs["kind"] = np.bytes_(b"datetime64[furlong]")
-    same(read(tmp_path / "a.h5"), {"d.index": np.arange(N), "d.values": X})
+            group[name].attrs["kind"] = np.bytes_(b"datetime64[furlong]")
+    assert_same(read(tmp_path / "a.h5"), {f"d.{name}": T for name in members if members[name] is T})
 
 
 @pytest.mark.parametrize("name", ["_FillValue", "missing_value"])
@@ -254,8 +247,8 @@ def test_missing_samples_of_records(tmp_path, name):
         file["one"], file["each"] = records, records
         file["one"].attrs[name] = np.float64(-9999)
         file["each"].attrs[name] = of_each[["t", "x", "n"]]
-    found = read(tmp_path / "a.h5")
-    lost = {k: np.flatnonzero(np.isnan(v)).tolist() for k, v in found.items() if v.dtype.kind == "f"}
+    columns = read(tmp_path / "a.h5")
+    lost = {k: np.flatnonzero(np.isnan(v)).tolist() for k, v in columns.items() if v.dtype.kind == "f"}
     assert {k: n for k, n in lost.items() if n} == {
         "each.n": [5],
         "each.t": [7],

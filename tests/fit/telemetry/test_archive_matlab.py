@@ -12,7 +12,7 @@ from scipy.io.matlab import MatlabObject
 
 from fit.errors import InputError
 from fit.telemetry.archives import open_table
-from tests.fit.telemetry.columns import OUT, STAMPS, WHEN, N, T, X, Y, message, read, reasons, same
+from tests.fit.telemetry.columns import OUT, STAMPS, WHEN, N, T, X, Y, assert_same, message, read, reasons
 
 
 def test_matlab(tmp_path):
@@ -38,15 +38,15 @@ def test_matlab(tmp_path):
         "runs[2].x": Y,
     }
     savemat(tmp_path / "a.mat", variables)
-    same(read(tmp_path / "a.mat"), expected)
+    assert_same(read(tmp_path / "a.mat"), expected)
     assert reasons(tmp_path / "a.mat") == {"label": "text", "n": "a single value", "z": "complex numbers"}
-    same(read(tmp_path / "a.mat", "data.oms"), {"x": X})
+    assert_same(read(tmp_path / "a.mat", "data.oms"), {"x": X})
     savemat(tmp_path / "old.mat", {"out": OUT}, format="4")
-    same(read(tmp_path / "old.mat"), {f"out[{k + 1}]": OUT[:, k] for k in range(3)})
+    assert_same(read(tmp_path / "old.mat"), {f"out[{k + 1}]": OUT[:, k] for k in range(3)})
     with open_table(tmp_path / "old.mat", None) as archive:
         assert [archive.column(2), archive.column("out[3]")] == ["out[2]", "out[3]"]
     save_to_mat(tmp_path / "new.mat", {name: variables[name] for name in ("out", "row", "data", "flags")})
-    same(
+    assert_same(
         read(tmp_path / "new.mat"),
         {name: expected[name] for name in sorted(expected, key=str) if not name.startswith(("runs", "utc"))},
     )
@@ -70,7 +70,7 @@ def test_every_version_of_matlab_gives_the_same(tmp_path, version):
         "single": X.astype("f4"),
     }
     save_to_mat(tmp_path / "a.mat", variables, version=version)
-    found = {name: values for name, values in read(tmp_path / "a.mat").items() if values.size > 1}
+    columns = {name: values for name, values in read(tmp_path / "a.mat").items() if values.size > 1}
     expected = {
         **{f"square[{k + 1}]": np.arange(9.0).reshape(3, 3)[:, k] for k in range(3)},
         **{f"across[{k + 1}]": OUT[:, k] for k in range(3)},
@@ -83,7 +83,7 @@ def test_every_version_of_matlab_gives_the_same(tmp_path, version):
         "logical": T > 3,
         "single": X.astype("f4"),
     }
-    same(dict(sorted(found.items())), dict(sorted(expected.items())))
+    assert_same(dict(sorted(columns.items())), dict(sorted(expected.items())))
     assert reasons(tmp_path / "a.mat")["z"] == "complex numbers"
 
 
@@ -91,7 +91,7 @@ def test_objects_of_the_first_matlab(tmp_path):
     """An object before `classdef`, as old versions of LTPDA have it, is a struct with the name of a class."""
     fields = np.array([(X[:, None], "m")], dtype=[("y", "O"), ("yunits", "O")])
     savemat(tmp_path / "a.mat", {"a": MatlabObject(fields, "ao")})
-    same(read(tmp_path / "a.mat"), {"a.y": X})
+    assert_same(read(tmp_path / "a.mat"), {"a.y": X})
 
 
 OBJECTS = {
@@ -134,13 +134,13 @@ def matlab_objects(path, version):
 def test_objects_of_matlab_and_ltpda(tmp_path, version):
     path = tmp_path / "a.mat"
     matlab_objects(path, version)
-    found = {name: values for name, values in read(path).items() if values.size > 1}
-    same(dict(sorted(found.items())), dict(sorted(OBJECTS.items())))
+    columns = {name: values for name, values in read(path).items() if values.size > 1}
+    assert_same(dict(sorted(columns.items())), dict(sorted(OBJECTS.items())))
     assert reasons(path)["a"] == "an object of class ao with the columns a.data.xaxis, a.data.yaxis"
     assert reasons(path)["times"] == (
         "an object of class timetable with the columns times.Time, times.x, times.y"
     )
-    same(read(path, "nested.ao.data"), {"xaxis": T, "yaxis": X})
+    assert_same(read(path, "nested.ao.data"), {"xaxis": T, "yaxis": X})
     with open_table(path, "times") as archive:
         assert archive.column(2) == "x"
 
@@ -151,7 +151,7 @@ def test_objects_without_mat_io_are_named(tmp_path, monkeypatch, version):
     save_to_mat(tmp_path / "a.mat", {"a": MatlabOpaque({"y": X[:, None]}, "ao"), "x": X}, version=version)
     why = "which is read with the extra lpfcosim[matlab] alone; save it from MATLAB as a struct"
     assert reasons(tmp_path / "a.mat") == {"a": f"an object of class ao, {why}"}
-    same(read(tmp_path / "a.mat"), {"x": X})
+    assert_same(read(tmp_path / "a.mat"), {"x": X})
     assert message(tmp_path / "a.mat", "a.y") == f'column "a.y": a is an object of class ao, {why}'
     with pytest.raises(InputError, match=r"a\.mat: table 'a': an object of class ao, which is read with"):
         read(tmp_path / "a.mat", "a")

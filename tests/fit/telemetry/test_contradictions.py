@@ -43,17 +43,17 @@ def test_the_unit_of_a_column(archive, written, units, unit, factor):
 
 def test_units_of_file_and_map_that_contradict_each_other(archive, written):
     mapped, _ = written(unit='unit = "nm"')
-    said = archive.refusal(**mapped)
-    assert "column x1 (channel o_1): in 'pm' by the file, but in 'nm' by the map" in said
+    message = archive.refusal(**mapped)
+    assert "column x1 (channel o_1): in 'pm' by the file, but in 'nm' by the map" in message
 
 
 def test_two_channels_of_one_column(archive, written):
     mapped, _ = written(o_12="x1")
-    said = archive.refusal(**mapped)
-    assert "column x1 (channel o_12): also that of channel o_1, expected a column" in said
+    message = archive.refusal(**mapped)
+    assert "column x1 (channel o_12): also that of channel o_1, expected a column" in message
 
 
 def test_seconds_of_a_gps_week(archive, written):
     mapped, _ = written(start=568817.0)
-    said = archive.refusal(clock='column = "t"\nformat = "gps"', t0="", **mapped)
-    assert "seconds of a GPS week; expected seconds since 1980-01-06" in said
+    message = archive.refusal(clock='column = "t"\nformat = "gps"', t0="", **mapped)
+    assert "seconds of a GPS week; expected seconds since 1980-01-06" in message

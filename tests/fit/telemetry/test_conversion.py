@@ -10,7 +10,7 @@ from astropy.time import Time, TimeDelta
 
 from fit.errors import InputError
 from fit.telemetry.reader import read, utc
-from tests.fit.telemetry.mapped import CHANNELS, M_TM, T0, N, instants, isot, listed, same, write
+from tests.fit.telemetry.mapped import CHANNELS, M_TM, T0, N, assert_same, instants, isot, listed, write
 
 
 def blank_z(times):
@@ -61,7 +61,7 @@ def test_time_stamps(archive, channels, stamps, fs):
     run = archive.convert(clock=f'column = "t"\n{keys}', t0="")
     assert (run.t0, run.fs) == (T0, fs)
     np.testing.assert_array_equal(run.time, np.arange(N) / fs)
-    same(run, channels)
+    assert_same(run, channels)
 
 
 @pytest.mark.parametrize(("fs", "error"), [(3.0, 1e-12), (8.0, 1e-12), (2.99998, 1e-6)])
@@ -97,8 +97,8 @@ def test_t0_is_the_first_stamp(archive, channels, start):
 def test_a_t0_that_is_stated_too(archive, channels):
     write(archive.folder / "A.csv", {"t": isot(instants(1.0)), **listed(channels)})
     assert archive.convert(t0="2016-04-16T14:00:00.4Z").t0 == T0
-    said = archive.refusal(t0="2016-04-16T15:00:00Z")
-    assert said.startswith(
+    message = archive.refusal(t0="2016-04-16T15:00:00Z")
+    assert message.startswith(
         "map.toml: runs[0].t0: '2016-04-16T15:00:00+00:00' is 3600 s after the first time stamp"
     )
 
@@ -165,8 +165,8 @@ TIME_FAULTS = {
 def test_a_fault_of_time_stamps(archive, channels, fault):
     spell, keys, expected = TIME_FAULTS[fault]
     write(archive.folder / "A.csv", {"t": spell(instants(10.0)), **listed(channels)})
-    said = archive.refusal(clock=f'column = "t"\n{keys}')
-    assert expected in said, said
+    message = archive.refusal(clock=f'column = "t"\n{keys}')
+    assert expected in message, message
 
 
 @pytest.mark.parametrize(
@@ -175,8 +175,8 @@ def test_a_fault_of_time_stamps(archive, channels, fault):
 @pytest.mark.parametrize("keys", ["", 'format = "gps"', 'format = "unix"'])
 def test_hardly_any_samples(archive, samples, expected, keys):
     np.savez(archive.folder / "A.npz", **{name: np.full(samples, 1.1e9) for name in ("t", *CHANNELS)})
-    said = archive.refusal(run='file = "A.npz"', clock=f'column = "t"\n{keys}')
-    assert said.startswith("A.npz: ") and expected in said
+    message = archive.refusal(run='file = "A.npz"', clock=f'column = "t"\n{keys}')
+    assert message.startswith("A.npz: ") and expected in message
 
 
 # Missing samples -----------------------------------------------------------------------------------------
@@ -211,17 +211,17 @@ def test_numbers_of_missing_samples(archive, channels, marker, top, key):
     run = archive.convert(top=top, columns=columns)
     expected = channels["o_12"].copy()
     expected[50::150] = np.nan
-    same(run, channels | {"o_12": expected}, rtol=1e-14)
+    assert_same(run, channels | {"o_12": expected}, rtol=1e-14)
 
 
 @pytest.mark.parametrize("name", CHANNELS)
 @pytest.mark.parametrize("marker", [-9999, 999, 1e20, 9.96921e36, -32768])
 def test_a_marker_that_the_map_does_not_state(archive, channels, name, marker):
     write(archive.folder / "A.csv", listed(marked(channels, marker, name)))
-    said = archive.refusal(columns=SCALED)
-    where = f"A.csv: column {name} (channel {name}): {marker:.7g} at sample 50 (t = 5 s), 16 times in all"
-    assert said.startswith(where)
-    assert f"expected missing = {marker:.7g} in the map, at its top or in channels.{name}" in said
+    message = archive.refusal(columns=SCALED)
+    place = f"A.csv: column {name} (channel {name}): {marker:.7g} at sample 50 (t = 5 s), 16 times in all"
+    assert message.startswith(place)
+    assert f"expected missing = {marker:.7g} in the map, at its top or in channels.{name}" in message
 
 
 @pytest.mark.parametrize("marker", [-9999.0, -99.0, 3e-3, 1e20, 9.96921e36])
@@ -232,9 +232,9 @@ def test_a_marker_in_telemetry(archive, channels, marker):
         file["o_12"][50::500] = marker
     with pytest.raises(InputError) as refused:
         read(path)
-    said = str(refused.value)
-    assert f"A.h5: channel o_12: {marker:.7g} at sample 50 (t = 50 s)" in said
-    assert "seems to mark missing samples, expected NaN" in said
+    message = str(refused.value)
+    assert f"A.h5: channel o_12: {marker:.7g} at sample 50 (t = 50 s)" in message
+    assert "seems to mark missing samples, expected NaN" in message
 
 
 def test_what_is_no_marker(archive, channels):
@@ -244,7 +244,7 @@ def test_what_is_no_marker(archive, channels):
     table = {**channels, **steps, "o_1": spike}
     write(archive.folder / "A.csv", {"t": np.arange(N).tolist(), **listed(table)})
     columns = {name: f'{{ column = "{name}" }}' for name in steps}
-    same(archive.convert(columns=columns), table)
+    assert_same(archive.convert(columns=columns), table)
 
 
 # Units ---------------------------------------------------------------------------------------------------
@@ -256,12 +256,12 @@ def test_forces_are_divided_by_the_mass(archive, channels):
     run = archive.convert(
         columns=dict.fromkeys(forces, "") | {n: f'{{ column = "{n}", unit = "pN" }}' for n in forces}
     )
-    same(run, channels, rtol=1e-14)
+    assert_same(run, channels, rtol=1e-14)
     assert run.units["f_x_1"] == "m s-2"
     for unit in ("m/s", "pN m", "N/m"):
-        said = archive.refusal(columns={"f_x_1": f'{{ column = "f_x_1", unit = "{unit}" }}'})
-        assert f"map.toml: channels.f_x_1.unit: unit '{unit}' does not measure what 'm s-2' does" in said
-        assert "expected 'm s-2', 'N' or a multiple of one" in said
+        message = archive.refusal(columns={"f_x_1": f'{{ column = "f_x_1", unit = "{unit}" }}'})
+        assert f"map.toml: channels.f_x_1.unit: unit '{unit}' does not measure what 'm s-2' does" in message
+        assert "expected 'm s-2', 'N' or a multiple of one" in message
 
 
 # Files and tables ----------------------------------------------------------------------------------------

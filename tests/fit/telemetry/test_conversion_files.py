@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.io import savemat
 
-from tests.fit.telemetry.mapped import CHANNELS, T0, N, instants, isot, listed, same, write
+from tests.fit.telemetry.mapped import CHANNELS, T0, N, assert_same, instants, isot, listed, write
 
 
 def export(folder, channels, change=None):
@@ -37,10 +37,10 @@ FILES = {
 def test_a_file_for_each_channel(archive, channels, way):
     run, clock, columns = FILES[way]
     export(archive.folder, channels)
-    found = archive.convert(run=run, clock=clock, columns=columns)
-    assert (found.t0[:19], found.fs) == (T0[:19], 10.0)
-    same(found, channels)
-    with h5py.File(found.path) as file:
+    run = archive.convert(run=run, clock=clock, columns=columns)
+    assert (run.t0[:19], run.fs) == (T0[:19], 10.0)
+    assert_same(run, channels)
+    with h5py.File(run.path) as file:
         names, digests = (file.attrs[key].split(", ") for key in ("archive", "archive_sha256"))
     assert set(names) == {f"A_{name}.txt" for name in CHANNELS}
     assert len(set(digests)) == 4 and all(re.fullmatch("[0-9a-f]{64}", digest) for digest in digests)
@@ -50,20 +50,20 @@ def test_a_list_of_files_is_searched_for_the_columns(archive, channels):
     times = {"t": isot(instants(10.0))}
     for file, names in (("oms", CHANNELS[:2]), ("fee", CHANNELS[2:])):
         write(archive.folder / f"{file}.csv", times | listed({name: channels[name] for name in names}))
-    found = archive.convert(run='file = ["oms.csv", "fee.csv"]', t0="")
-    assert found.t0 == T0
-    same(found, channels)
+    run = archive.convert(run='file = ["oms.csv", "fee.csv"]', t0="")
+    assert run.t0 == T0
+    assert_same(run, channels)
     write(archive.folder / "both.csv", times | listed({name: channels[name] for name in CHANNELS[1:]}))
-    said = archive.refusal(run='file = ["oms.csv", "both.csv"]')
+    message = archive.refusal(run='file = ["oms.csv", "both.csv"]')
     assert (
         "map.toml: runs[0].file: column o_12 (channel o_12): in each of oms.csv, both.csv, expected it in one"
-        in said
+        in message
     )
-    said = archive.refusal(run='file = ["oms.csv", "oms.csv"]')
-    assert "oms.csv: column f_x_1 (channel f_x_1): missing" in said
+    message = archive.refusal(run='file = ["oms.csv", "oms.csv"]')
+    assert "oms.csv: column f_x_1 (channel f_x_1): missing" in message
     write(archive.folder / "more.csv", times)
-    said = archive.refusal(run='file = ["oms.csv", "more.csv"]')
-    assert "column f_x_1 (channel f_x_1): in none of oms.csv, more.csv" in said
+    message = archive.refusal(run='file = ["oms.csv", "more.csv"]')
+    assert "column f_x_1 (channel f_x_1): in none of oms.csv, more.csv" in message
 
 
 DISAGREEMENTS = {
@@ -91,9 +91,9 @@ def test_files_that_disagree_about_the_time(archive, channels, fault):
     change, expected = DISAGREEMENTS[fault]
     export(archive.folder, channels, change)
     run, clock, columns = FILES["template"]
-    said = archive.refusal(run=run, clock=clock, columns=columns)
-    assert said.startswith(expected) and "A_o_1.txt" in said
-    assert said.endswith("expected the same time stamps in all files of a run")
+    message = archive.refusal(run=run, clock=clock, columns=columns)
+    assert message.startswith(expected) and "A_o_1.txt" in message
+    assert message.endswith("expected the same time stamps in all files of a run")
 
 
 def test_files_of_different_lengths(archive, channels):
@@ -101,22 +101,26 @@ def test_files_of_different_lengths(archive, channels):
     path = archive.folder / "A_f_x_2.txt"
     path.write_text("\n".join(path.read_text().splitlines()[:-1]))
     run, clock, columns = FILES["template"]
-    said = archive.refusal(run=run, clock=clock, columns=columns)
-    assert said.startswith("A_f_x_2.txt: column 1: 2399 samples, but A_o_1.txt: column 1 has 2400, expected")
+    message = archive.refusal(run=run, clock=clock, columns=columns)
+    assert message.startswith(
+        "A_f_x_2.txt: column 1: 2399 samples, but A_o_1.txt: column 1 has 2400, expected"
+    )
 
 
 def test_a_table_for_each_channel(archive, channels):
     structs = {name: {"t": np.arange(N) / 10, "y": values} for name, values in channels.items()}
     savemat(archive.folder / "A.mat", structs)
     columns = dict.fromkeys(CHANNELS, '{ column = "y" }')
-    same(archive.convert(run='file = "A.mat"\ntable = "{channel}"', columns=columns), channels)
+    assert_same(archive.convert(run='file = "A.mat"\ntable = "{channel}"', columns=columns), channels)
     tables = {name: f'{{ column = "y", table = "{name}" }}' for name in CHANNELS}
-    same(archive.convert(run='file = "A.mat"', clock='column = "t"\ntable = "o_1"', columns=tables), channels)
+    assert_same(
+        archive.convert(run='file = "A.mat"', clock='column = "t"\ntable = "o_1"', columns=tables), channels
+    )
 
 
 def test_columns_of_a_matrix(archive, channels):
     savemat(archive.folder / "out.mat", {"out": np.column_stack([np.arange(N) / 10, *channels.values()])})
     by_name = {name: f'{{ column = "out[{k}]" }}' for k, name in enumerate(CHANNELS, 2)}
-    same(archive.convert(run='file = "out.mat"', clock='column = "out[1]"', columns=by_name), channels)
+    assert_same(archive.convert(run='file = "out.mat"', clock='column = "out[1]"', columns=by_name), channels)
     by_number = {name: f"{{ column = {k} }}" for k, name in enumerate(CHANNELS, 2)}
-    same(archive.convert(run='file = "out.mat"', clock="column = 1", columns=by_number), channels)
+    assert_same(archive.convert(run='file = "out.mat"', clock="column = 1", columns=by_number), channels)

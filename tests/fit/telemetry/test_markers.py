@@ -5,38 +5,29 @@ import numpy as np
 import pytest
 
 from fit.errors import InputError
-from fit.telemetry.conversion import convert
 from fit.telemetry.markers import Extreme, replace_markers
-from fit.telemetry.reader import read
+from tests.fit.telemetry.mapped import CHANNELS, N
 
-N = 2400
-UNITS = {"o_1": "nm", "o_12": "nm", "f_x_1": "pm s-2", "f_x_2": "pm s-2"}
+UNITS = dict(zip(CHANNELS, ("nm", "nm", "pm s-2", "pm s-2"), strict=True))
 
 
 @pytest.fixture
 def columns():
     rng = np.random.default_rng(15)
-    return {name: rng.normal(size=N) for name in UNITS}
+    return {name: rng.normal(size=N) for name in CHANNELS}
 
 
-def converted(folder, columns, *, top="", keys="", **units):
+def converted(archive, columns, *, top="", keys="", **units):
     """Telemetry that a map makes of columns in HDF5; `keys` are those of its channel o_12."""
-    with h5py.File(folder / "A.hdf5", "w") as file:
+    with h5py.File(archive.folder / "A.hdf5", "w") as file:
         for name, values in columns.items():
             file[name] = values
     more = {"o_12": keys}
-    lines = "".join(
-        f'{name} = {{ column = "{name}", unit = "{unit}"{more.get(name, "")} }}\n'
+    described = {
+        name: f'{{ column = "{name}", unit = "{unit}"{more.get(name, "")} }}'
         for name, unit in {**UNITS, **units}.items()
-    )
-    (folder / "map.toml").write_text(
-        f'schema = "lpf-map/1"\n{top}\n[attributes]\nm_tm = 1.928\nF_max_1 = 0.0\nF_max_2 = 2.2e-9\n'
-        "N_max_1 = 1e-11\nN_max_2 = 1e-11\nalignment_epoch = 1\nfs = 10.0\n"
-        f'[channels]\n{lines}\n[[runs]]\nfile = "A.hdf5"\nrun = "A"\nexperiment = "A"\nkind = "sysid"\n'
-        "t0 = 2016-04-16T14:00:00Z\n"
-    )
-    (path,) = convert([folder / "map.toml"], folder / "out", any_gaps=False)
-    return read(path)
+    }
+    return archive.convert(clock="", columns=described, run='file = "A.hdf5"', top=top, more="fs = 10.0")
 
 
 @pytest.mark.parametrize("marker", [9999.0, -999.9, 32768.0])
@@ -58,36 +49,36 @@ def test_a_marker_in_single_precision_or_scaled_is_found(marker):
 @pytest.mark.parametrize(
     "value", [-123456.789, float(np.float32(-9999.9)), float(np.float32(1e20)), 32768.0, -1e30]
 )
-def test_the_map_that_a_message_asks_for_is_enough(tmp_path, columns, value):
+def test_the_map_that_a_message_asks_for_is_enough(archive, columns, value):
     columns["o_12"][50:900:200] = value
     with pytest.raises(
         InputError, match=r"missing = \S+ in the map, .* or missing = \[\] in channels"
     ) as refused:
-        converted(tmp_path, columns)
+        converted(archive, columns)
     cure = str(refused.value).partition("expected ")[2].partition(" in the map")[0]
-    run = converted(tmp_path, columns, top=cure)
+    run = converted(archive, columns, top=cure)
     assert np.flatnonzero(np.isnan(run.channels["o_12"])).tolist() == list(range(50, 900, 200))
 
 
 @pytest.mark.parametrize("value", [999.0, 32768.0, -4321.0])
-def test_a_channel_without_markers_is_said_to_be_so(tmp_path, columns, value):
+def test_a_channel_without_markers_is_said_to_be_so(archive, columns, value):
     columns["o_12"][[50, 250]] = value
-    run = converted(tmp_path, columns, keys=", missing = []")
+    run = converted(archive, columns, keys=", missing = []")
     np.testing.assert_allclose(run.channels["o_12"], 1e-9 * columns["o_12"], rtol=1e-14)
     with h5py.File(run.path) as file:
         assert [name for name in file if "missing_value" in file[name].attrs] == ["o_12"]
         assert np.isnan(file["o_12"].attrs["missing_value"])
     columns["o_1"][[50, 250]] = value
     with pytest.raises(InputError, match=r"\(channel o_1\): .* seems to mark missing samples"):
-        converted(tmp_path, columns, keys=", missing = []")
+        converted(archive, columns, keys=", missing = []")
 
 
 @pytest.mark.parametrize("step", [999.0, 999.9, -32768.0, 9999.0])
-def test_guidance_may_step_by_any_number(tmp_path, columns, step):
+def test_guidance_may_step_by_any_number(archive, columns, step):
     columns["guidance_o_12"] = np.where(np.arange(N) // 300 % 2, step, 0.0)
-    run = converted(tmp_path, columns, guidance_o_12="nm")
+    run = converted(archive, columns, guidance_o_12="nm")
     np.testing.assert_allclose(run.channels["guidance_o_12"], 1e-9 * columns["guidance_o_12"], rtol=1e-14)
 
 
 def test_guidance_is_not_a_fill_value():
-    assert Extreme.of(np.where(np.arange(N) % 100, 0.0, -1e20)).is_marker("guidance_o_12")
+    assert Extreme.find(np.where(np.arange(N) % 100, 0.0, -1e20)).is_marker("guidance_o_12")

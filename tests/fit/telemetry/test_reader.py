@@ -107,6 +107,9 @@ ATTRIBUTE_FAULTS = [
     ("kind", "Noise", "'Noise'"),
     ("t0", "yesterday", "t0: 'yesterday'"),
     ("t0", 0.0, "t0: 0.0"),
+    ("t0", "2016-04-16", "is a date without the time"),
+    ("t0", "2016-13-01T00:00:00Z", "such as '2016-04-16T14:00:00Z'"),
+    ("t0", "0000-01-01T00:00:00Z", "is not a time"),
     ("fs", None, "fs: missing"),
     ("fs", "10", "fs: '10'"),
     ("fs", 0.0, "fs: 0.0"),
@@ -236,12 +239,12 @@ def test_a_time_axis_that_single_precision_rounded_is_exact_again(tmp_path, kind
     wanted = begin + np.arange(size) / 10
     with h5py.File(path, "a") as h5:
         replace(h5, "time", wanted.astype("f4").astype(kind), "s")
-    found = read(path).time
+    loaded = read(path).time
     assert (
         np.abs(np.diff(wanted.astype("f4").astype("f8")) - 0.1).max() > 1e-3
     )  # of which the tolerance is 1e-4
-    np.testing.assert_allclose(found, wanted, rtol=0, atol=1e-4)
-    np.testing.assert_allclose(np.diff(found), 0.1, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(loaded, wanted, rtol=0, atol=1e-4)
+    np.testing.assert_allclose(np.diff(loaded), 0.1, rtol=0, atol=1e-9)
 
 
 TIME_FAULTS = {

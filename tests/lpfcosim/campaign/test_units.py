@@ -4,10 +4,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from fit import units
-from lpfcosim.campaign import loading
 from lpfcosim.campaign.units import Quantity
-from tests import ROOT
 
 LENGTH = Quantity("a length", "m", "10 nm")
 ACCELERATION_NOISE = Quantity("an acceleration noise", "m s^-2 Hz^-0.5", "5.6 fm s^-2 Hz^-0.5")
@@ -33,14 +30,3 @@ def test_one_length_many_spellings(text):
 )
 def test_one_density_many_spellings(text):
     assert ACCELERATION_NOISE.to_si(text) == 5.6e-15
-
-
-@pytest.mark.parametrize("path", sorted((ROOT / "campaigns").glob("*.toml")), ids=lambda path: path.stem)
-def test_our_campaigns_are_read_without_pint_as_with_it(path, monkeypatch):
-    units._root.cache_clear()
-    with monkeypatch.context() as patch:
-        patch.setattr(units, "registry", lambda: pytest.fail("asked"))
-        plainly = loading.load(path)
-    units._root.cache_clear()
-    monkeypatch.setattr(units, "_plain", lambda _: None)
-    assert loading.load(path) == plainly
