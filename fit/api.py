@@ -68,7 +68,7 @@ def _paths(paths: PathLike | Iterable[PathLike]) -> list[Path]:
     return [Path(path) for path in files]
 
 
-def make_params(runs: Sequence[Telemetry], **chosen: object) -> lmfit.Parameters:
+def make_params(runs: Sequence[Telemetry], **options: object) -> lmfit.Parameters:
     """Return the parameters of the joint fit, for `calibrate`: names and order are those of the results.
 
     They start at the values found in flight. Fix them, give them bounds or ties as lmfit has them, or a
@@ -79,7 +79,7 @@ def make_params(runs: Sequence[Telemetry], **chosen: object) -> lmfit.Parameters
     ----------
     runs : sequence of Telemetry
         As for `calibrate`.
-    **chosen
+    **options
         Settings, as for `calibrate`; only ``shared`` counts.
 
     Raises
@@ -87,10 +87,12 @@ def make_params(runs: Sequence[Telemetry], **chosen: object) -> lmfit.Parameters
     InputError
         If a setting is not known, or no run has injections.
     """
-    return user_params.make_params(runs, settings(chosen, "make_params"))
+    return user_params.make_params(runs, settings(options, "make_params"))
 
 
-def calibrate(runs: Sequence[Telemetry], params: lmfit.Parameters | None = None, **chosen: object) -> Results:
+def calibrate(
+    runs: Sequence[Telemetry], params: lmfit.Parameters | None = None, **options: object
+) -> Results:
     """Calibrate the dynamics, and the inertial forces if there are long noise runs with torques.
 
     Parameters
@@ -99,7 +101,7 @@ def calibrate(runs: Sequence[Telemetry], params: lmfit.Parameters | None = None,
         Each run with injections (kind ``sysid``) is paired with the noise run of the same experiment.
     params : lmfit.Parameters, optional
         What is known of parameters: see `make_params`.
-    **chosen
+    **options
         Settings, named as in table ``[fit]`` of a campaign, such as ``estimator="student_t"`` or
         ``shared={"C_1": "experiment"}``. ``fit/default.toml`` explains them.
 
@@ -116,10 +118,10 @@ def calibrate(runs: Sequence[Telemetry], params: lmfit.Parameters | None = None,
         If no estimate comes out that can be trusted.
     """
     if params is not None:
-        if "parameters" in chosen:
+        if "parameters" in options:
             raise InputError("calibrate: both params and parameters, expected one of them")
-        chosen["parameters"] = user_params.as_settings(params)
-    results = pipeline.calibrate(runs, settings(chosen, "calibrate"))
+        options["parameters"] = user_params.as_settings(params)
+    results = pipeline.calibrate(runs, settings(options, "calibrate"))
     return coverage.with_truth(results, runs)  # now that the fit is done: it must not see them
 
 

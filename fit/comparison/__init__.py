@@ -1,6 +1,5 @@
 """Results side by side: estimates, their differences in sigma, and whether their data are independent."""
 
-from fit.comparison import text  # noqa: F401 - registers how a comparison is printed
 from fit.comparison.comparison import Comparison
 from fit.comparison.differences import compare
 

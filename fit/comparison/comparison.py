@@ -1,4 +1,4 @@
-"""What a comparison of results holds, as a table and as JSON of schema ``lpf-compare/1``."""
+"""What a comparison of results holds, as a table in print and as JSON of schema ``lpf-compare/1``."""
 
 import json
 import math
@@ -6,14 +6,18 @@ from dataclasses import dataclass
 from importlib import import_module
 from typing import TYPE_CHECKING
 
-from fit.display import Displayed
+from markupsafe import Markup
+
+from fit.display import Displayed, html, text
 from fit.errors import InputError
-from fit.results import Estimate
+from fit.results import FIXED, Estimate
+from fit.tables import Table, estimate_text, measurement, power_of_ten
 
 if TYPE_CHECKING:
     import pandas
 
 SCHEMA = "lpf-compare/1"
+_NONE = "-"
 SECTIONS = ("joint", "inertial", "cross_talk", "experiments")
 
 
@@ -46,7 +50,7 @@ class ParameterComparison:
 
     @property
     def truths(self) -> list[float]:
-        """The true values that results state; what agrees to nine digits is one."""
+        """The true values that results state, distinct to nine digits."""
         known = [e.truth for e in self.estimates if e is not None and e.truth is not None]
         return list({f"{truth:.9g}": truth for truth in known}.values())
 
@@ -83,7 +87,7 @@ class Comparison(Displayed):
     Attributes
     ----------
     labels : tuple of str, length N
-        Paths of the results, or what they were called.
+        Paths of the results, or labels given to them.
     parameters : tuple of ParameterComparison
         Of the joint fits, then of inertial periods and of the cross-talk; those of experiments where a
         result has no joint fit.
@@ -110,6 +114,40 @@ class Comparison(Displayed):
         if name not in joint:
             raise InputError(f"{name}: in no joint fit, expected one of {', '.join(joint) or 'none'}")
         return joint[name]
+
+    def table(self) -> Table:
+        """Return a row for each parameter: values, and differences from the first result in sigma."""
+        reference, *labels = self.labels
+        truth = any(p.truth is not None for p in self.parameters)
+        head = ["parameter", "unit", reference]
+        for label in labels:
+            head += [label, "difference/sigma"]
+        rows = []
+        for p in self.parameters:
+            cells = [p.name + (f" ({p.key})" if p.key else ""), p.unit]
+            for n, (estimate, sound) in enumerate(zip(p.estimates, p.sound, strict=True)):
+                difference = p.differences[n]
+                cells.append(_concise(estimate, sound=sound))
+                cells += [_NONE if difference is None else f"{round(difference, 2) + 0.0:+.2f}"] if n else []
+            rows.append((*cells, *([_truth(p)] if truth else [])))
+        return Table((*head, *(["truth"] if truth else [])), tuple(rows))
+
+    def sentences(self) -> list[str]:
+        """Return the statements of the comparison, a sentence each."""
+        reference, statements = self.labels[0], []
+        for agreement in self.agreements:
+            if agreement.dependence:
+                statements.append(
+                    f"{agreement.label} is not independent of {reference} ({agreement.dependence}): the "
+                    "estimates are correlated, so that sqrt(sigma_1^2 + sigma_2^2) is not the standard "
+                    "deviation of a difference, and no chi2 is given"
+                )
+            statements += [
+                f"{agreement.label}: {place}: chi2 = {chi2:.1f} of {dof} differences from {reference}, "
+                f"p = {p:.2g}"
+                for place, (chi2, dof, p) in agreement.tests.items()
+            ]
+        return [*statements, *self.notes]
 
     def to_dataframe(self) -> "pandas.DataFrame":
         """Return a table: a row for each parameter; for each result value, sigma, difference, sound.
@@ -163,3 +201,37 @@ class Comparison(Displayed):
 def _estimate(estimate: Estimate, sound: bool) -> dict[str, object]:
     stated = {name: value for name, value in vars(estimate).items() if value is not None and name != "unit"}
     return {**stated, "sound": sound}
+
+
+@text.register
+def _(comparison: Comparison) -> str:
+    return "\n".join([*comparison.table().aligned(), *comparison.sentences()])
+
+
+@html.register
+def _(comparison: Comparison) -> str:
+    items = Markup().join(Markup("<li>{}</li>").format(sentence) for sentence in comparison.sentences())
+    return Markup("<div>{}<ul>{}</ul></div>").format(comparison.table().html(2), items)
+
+
+def _concise(estimate: Estimate | None, *, sound: bool) -> str:
+    """Return a value with its uncertainty in units of the last digits, as ``-3.983(52)e-07``."""
+    if estimate is None:
+        return _NONE
+    if estimate.fixed:
+        return f"{estimate.value:.8g} ({FIXED})"
+    exponent = power_of_ten(estimate.value)
+    return _ascii(estimate_text(estimate, exponent, sound=sound).concise, exponent)
+
+
+def _truth(p: ParameterComparison) -> str:
+    if p.truth is None:
+        return _NONE
+    exponent = power_of_ten(p.truth)
+    sigmas = [(bool(e.fixed), e.sigma) for e in p.estimates if e is not None]
+    _, sigma = min(sigmas)  # that of a fixed parameter if there is no other
+    return _ascii(measurement(p.truth, sigma, exponent).value, exponent)
+
+
+def _ascii(number: str, exponent: int) -> str:
+    return number.replace("−", "-") + (f"e{exponent:+03d}" if exponent else "")

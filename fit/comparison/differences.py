@@ -94,7 +94,7 @@ def _labelled(
 
 
 def _aligned(labels: Sequence[str], results: Sequence[Results]) -> tuple[list[Fits], list[str]]:
-    """Return the fits in units and frame of the first result, and what is to be said of that."""
+    """Return the fits in units and frame of the first result, and notes on reversed signs."""
     experiments = not all(r.joint and r.joint.parameters for r in results)
     units: dict[tuple[Place, str], tuple[str, str]] = {}
     aligned, notes = [], []
@@ -171,7 +171,7 @@ def _parameters(fits: Sequence[Fits]) -> Iterator[ParameterComparison]:
 
 
 def _union(lists: Iterable[Iterable[_Item]]) -> list[_Item]:
-    """Return what stands in any of several lists, in an order that is that of each where they agree."""
+    """Return the union of several lists, in the order of each where they agree."""
     union: list[_Item] = []
     for items in lists:
         position = 0

@@ -1,4 +1,4 @@
-"""What figures of a run show: Delta g and its terms over time, and their spectra."""
+"""Delta g of a run and its terms over time, and their spectra."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -20,7 +20,7 @@ SLOW, FAST = 200.0, 20.0  # s, lengths of the windows over which the residual is
 
 @dataclass(frozen=True)
 class Terms:
-    """Delta g of a run and what it is made of, up to the `HIGHEST` frequency that is shown.
+    """Delta g of a run and its terms, up to the `HIGHEST` frequency shown.
 
     Attributes
     ----------
@@ -63,10 +63,10 @@ def split(telemetry: Telemetry, parameters: Mapping[str, float]) -> Terms:
 
 @dataclass(frozen=True)
 class Analysis:
-    """What the figures of a run show: its residual over time, and spectra. What is zero throughout has none.
+    """Residual of a run over time, and spectra of the terms that are not zero throughout.
 
     Series are pairs of hours since the start of the run and values [fm s^-2] less their mean, NaN where
-    samples are missing; None where nothing is left of the run.
+    samples are missing; None for a run without valid samples.
 
     Attributes
     ----------
@@ -79,7 +79,7 @@ class Analysis:
     signal : tuple of ndarray, or None
         Second derivative of o_12 averaged over `FAST`; None of a noise run.
     asd : Binned or None
-        Of Delta g without what was masked; None of a simulation without noise.
+        Of Delta g outside the masked intervals; None of a simulation without noise.
     terms : mapping of str to Binned
         Of its terms; none of a noise run.
     """
@@ -97,9 +97,9 @@ class Analysis:
 def analyse(
     telemetry: Telemetry, parameters: Mapping[str, float], masked: Sequence[tuple[float, float]] = ()
 ) -> Analysis:
-    """Return what the figures of a run show; see `split`.
+    """Analyse a run for its figures; see `split`.
 
-    The spectrum of Delta g leaves out what was `masked`, begin and end [s], unless that is half of the run.
+    The spectrum of Delta g excludes the `masked` intervals, begin and end [s], unless they cover half of it.
     """
     run, start = split(telemetry, parameters), float(telemetry.time[0])
     asd, spectra = None, {}

@@ -1,4 +1,4 @@
-"""What a figure is made of, whoever draws it: axes, what stands in them, and the numbers in its table.
+"""Records of figures: axes, their marks, and the numbers in their tables.
 
 `fit.plotting` draws these records for print, `fit.report` puts them into the page.
 """
@@ -16,7 +16,7 @@ Shape = Literal["dot", "ring", "square"]
 Dash = Literal["-", "--", ":"]
 Columns = dict[str, Sequence[object] | NDArray[np.generic]]
 
-_ROOM = 0.05  # of an axis beyond what it shows, on either side
+_ROOM = 0.05  # margin of an axis on either side, relative to its range
 
 
 @dataclass(frozen=True)
@@ -62,7 +62,7 @@ class Curve:
     name : str
         Plain words, for the table.
     label : str
-        For the legend, with subscripts as in ``Δg_x``; empty for what has no line in it.
+        For the legend, with subscripts as in ``Δg_x``; empty for none.
     role : str
         Of the `COLOURS`.
     x, y : ndarray, shape (N,)
@@ -102,7 +102,7 @@ class Curve:
 
 @dataclass(frozen=True, kw_only=True)
 class Points:
-    """Marks with error bars from `low` to `high`, and `names` to tell them by; otherwise as `Curve`.
+    """Marks with error bars from `low` to `high`, and their `names`; otherwise as `Curve`.
 
     Those that would hide each other are drawn at an `offset` from their places, in the unit of x.
     A `mark` is a dot, a ring, or a square; `caps` end the bars.
@@ -128,7 +128,7 @@ class Points:
 
 @dataclass(frozen=True, kw_only=True)
 class Span:
-    """What lies between two places along x or y, shaded; with a `label` it is in the legend."""
+    """A shaded interval along x or y; with a `label` it is in the legend."""
 
     low: float
     high: float
@@ -141,7 +141,7 @@ class Span:
 
 @dataclass(frozen=True, kw_only=True)
 class Note:
-    """Words beside the place (x, y); y is None at the lower edge."""
+    """A text next to (x, y); y is None at the lower edge."""
 
     text: str
     x: float
@@ -153,7 +153,7 @@ Mark = Curve | Points | Span | Note
 
 @dataclass(frozen=True)
 class Panel:
-    """Axes and what stands in them, from behind to the front.
+    """Axes and their marks, from back to front.
 
     Attributes
     ----------
@@ -164,7 +164,7 @@ class Panel:
     across, up : tuple of float
         What the axes show before anybody zooms.
     height : float
-        Of the panel with its legend, but without what is below the last panel [inch].
+        Of the panel with its legend, but without the tick labels of the last panel [inch].
     title : str
         Above it.
     """
@@ -190,9 +190,9 @@ class Chart:
     Attributes
     ----------
     panels : tuple of Panel
-        Above each other with a common x axis, unless there is more than one beside each other.
+        Stacked with a common x axis, unless `n_across` exceeds 1.
     n_across : int
-        Panels beside each other; they share both axes.
+        Number of panels side by side; they share both axes.
     """
 
     panels: tuple[Panel, ...]
@@ -287,7 +287,7 @@ def measured(
 
 
 def aside(x: Array, step: float = 0.0) -> Array:
-    """Return by how much to move places, so that those that are the same stand side by side.
+    """Return offsets that place marks of equal x side by side.
 
     Parameters
     ----------
@@ -307,12 +307,12 @@ def posix(moments: Sequence[np.datetime64]) -> Array:
 
 
 def limits(axis: Axis, marks: Iterable[Mark], across: Limits | None = None, *, key: str = "y") -> Limits:
-    """Return what an axis has to show, with a little room on either side.
+    """Return the range of an axis that shows all marks, with a margin on either side.
 
     Parameters
     ----------
     axis : Axis
-        A logarithmic one passes over what is not positive.
+        A logarithmic one ignores values that are not positive.
     marks : iterable of Mark
         Of the panel.
     across : tuple of float, optional

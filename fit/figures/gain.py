@@ -45,7 +45,7 @@ def gain_evolution(points: Sequence[GainPoint], joint: Estimate | None) -> Chart
     """Draw lambda_2 of every experiment against its date, with their mean and the joint value."""
     points = sorted(points, key=lambda p: p.start)
     axis, when = START, posix([p.start for p in points])
-    if np.unique(when).size < when.size:  # dates that nobody cared for
+    if np.unique(when).size < when.size:  # dates without meaning
         axis, when = _EXPERIMENT, np.arange(1.0, when.size + 1)
     return _gains(axis, when, points, joint, np.zeros(when.size))
 

@@ -29,7 +29,7 @@ _LEAKAGE = Axis("δifo", "10⁻⁵", "delta_ifo [1e-5]")
 def leakage(
     joint: Mapping[int, Estimate], single: Sequence[tuple[str, int, Estimate]], flight: Mapping[int, Estimate]
 ) -> Chart:
-    """Draw delta_ifo by alignment epoch beside what the design of the optical bench allows, and magnified.
+    """Draw delta_ifo by alignment epoch with the range that the design allows, and magnified.
 
     Parameters
     ----------

@@ -12,7 +12,7 @@ from fit.results import Diagnostics, Fit
 
 Array = NDArray[np.float64]
 
-_COLUMNS = 5  # panels beside each other
+_COLUMNS = 5  # panels side by side
 _QUANTILE = Axis("quantile of a normal variable", "σ", "normal quantile [sigma]")
 _DEPARTURE = Axis("residual − normal quantile", "σ", "residual - normal quantile [sigma]")
 

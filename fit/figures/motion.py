@@ -1,4 +1,4 @@
-"""Figures of what Delta g is made of: the terms that add up to it, and the correction for rotation."""
+"""Figures of the terms that add up to Delta g, and of the correction for rotation."""
 
 from collections.abc import Mapping, Sequence
 
@@ -43,7 +43,7 @@ def spectra(series: Series, fs: float) -> dict[str, LogSpectrum]:
 
 
 def gain(log_spectra: Mapping[str, LogSpectrum]) -> tuple[float, float]:
-    """Return by what factor the correction lowers the ASD at `CORRECTION_FREQUENCY`, and its 1-sigma error.
+    """Return the factor by which the correction lowers the ASD at `CORRECTION_FREQUENCY`, and its error.
 
     The two spectra share most of their noise only where the correction is small; the error is that of
     independent averages, an upper limit.
@@ -55,14 +55,14 @@ def gain(log_spectra: Mapping[str, LogSpectrum]) -> tuple[float, float]:
 
 
 def breakdown(log_spectra: Mapping[str, LogSpectrum]) -> Chart:
-    """Draw the terms of Delta g, and what they leave."""
+    """Draw the terms of Delta g and their sum."""
     return _drawn(log_spectra, _TERMS, (1e-4, 1e-1))
 
 
 def rotation(log_spectra: Mapping[str, LogSpectrum]) -> Chart:
     """Draw Delta g before and after the correction for rotation, and the two terms of it.
 
-    Above, motion counts as well: it takes off what rotation adds, and is not drawn here.
+    At higher frequencies the motion of the spacecraft, not drawn here, cancels the contribution of rotation.
     """
     return _drawn(log_spectra, _ROTATION, (3e-5, 3e-3))
 

@@ -1,4 +1,4 @@
-"""Figures of the noise of Delta g: spectra beside what LISA asks, levels against date and authority."""
+"""Figures of the noise of Delta g: spectra with the LISA requirement, levels against date and authority."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -64,7 +64,7 @@ class NoisePoint:
 
 
 def spectra(log_spectra: Mapping[str, LogSpectrum]) -> Chart:
-    """Draw the spectra of Delta g of some runs, by name, with what LISA asks."""
+    """Draw the spectra of Delta g of some runs, by name, with the LISA requirement."""
     marks = []
     for role, (name, s) in zip(_ROLES, log_spectra.items(), strict=False):
         inside = (s.f >= _SHOWN[0]) & (s.f <= _SHOWN[1] * 1.01)
@@ -77,7 +77,7 @@ def spectra(log_spectra: Mapping[str, LogSpectrum]) -> Chart:
 
 
 def by_date(points: Sequence[NoisePoint]) -> Chart:
-    """Draw the levels against date, with those of the flight and what LISA asks."""
+    """Draw the levels against date, with those of the flight and the LISA requirement."""
     points = sorted(points, key=lambda p: p.start)
     when, flown = posix([p.start for p in points]), _flown()
     levels = {band: _points("noise runs", points, when, band) for band in BANDS}

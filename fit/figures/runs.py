@@ -48,7 +48,7 @@ _DRAWN: Mapping[str, tuple[str, Literal["-", "--", ":"]]] = {
 
 
 def responses(run: Telemetry) -> Chart:
-    """Draw what was injected and how o_1, o_12 (and a commanded f_x_1) responded, against time."""
+    """Draw the injections and the responses of o_1, o_12 (and a commanded f_x_1) against time."""
     shown = [("o_1", "drag-free loop", "m"), ("o_12", "suspension loop", "m")]
     shown.append(("f_x_1", "force on test mass 1", "m s⁻²"))
     panels = []
@@ -150,16 +150,16 @@ def _shown(fs: float) -> Limits:
 
 
 def _outside(across: Limits) -> tuple[Mark, ...]:
-    """Return what marks the frequencies that are not fitted."""
+    """Return marks of the frequencies that are not fitted."""
     end = derivatives.F_MAX
     shade = Span(low=end, high=max(end, across[1]), role="grid", opacity=0.6)
     return shade, Note(text="not fitted", x=end)
 
 
 def residual(run: Telemetry, analysed: Analysis, noise: Analysis | None = None) -> Chart:
-    """Draw signal and residual Delta g over time, and below, magnified, the residual beside the noise run.
+    """Draw signal and residual Delta g over time, and below, magnified, the residual with the noise run.
 
-    Magnified, it is the residual less its mean: slow part, extremes of the fast one, what is missing.
+    Magnified, it is the residual less its mean: slow part, extremes of the fast one, missing samples.
 
     Parameters
     ----------
@@ -197,7 +197,7 @@ def residual(run: Telemetry, analysed: Analysis, noise: Analysis | None = None) 
 
 
 def _smoothed(series: Series, hours: Array) -> Curve:
-    """Return what a panel has to show of a series: a glitch may be louder by far, and runs out of it."""
+    """Return a series without glitches, which may exceed the range of a panel by far."""
     x, y = series
     half_width = SLOW / 3600  # from where on averages hold it
     unmasked = np.where(glitch_mask(x, hours + np.array([-half_width, half_width])), np.nan, y)
@@ -205,7 +205,7 @@ def _smoothed(series: Series, hours: Array) -> Curve:
 
 
 def _signal(analysed: Analysis, across: Limits) -> list[Panel]:
-    """Return the panel of what was injected, as o_12 has it, with the residual on the same scale."""
+    """Return the panel of the injected signal in o_12, with the residual on the same scale."""
     if analysed.signal is None or analysed.fast is None:
         return []
     (x, y), (hours, residual) = analysed.signal, analysed.fast
@@ -226,7 +226,7 @@ def _smooth(name: str, label: str, role: str, series: Series, width: float) -> C
 
 
 def _missing(analysed: Analysis) -> list[Span]:
-    """Return what is missing of a run, and what was masked, as shades."""
+    """Return shaded intervals of missing and of masked samples."""
     spans = []
     groups = (
         ("missing samples", analysed.missing, "blue"),

@@ -28,7 +28,7 @@ def envelope(time: Array, values: Array) -> tuple[Array, Array]:
 
 
 def glitch_mask(time: Array, spans: Iterable[Sequence[float]]) -> NDArray[np.bool_]:
-    """Return which samples glitches reach: the loudest take twice as long to fade as their spans tell."""
+    """Return a mask of samples affected by glitches: the loudest take twice their spans to fade."""
     mask = np.zeros(time.size, dtype=bool)
     for begin, end in spans:
         mask |= (time >= begin) & (time <= 2 * end - begin)

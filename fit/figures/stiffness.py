@@ -54,7 +54,7 @@ class StiffnessPoint:
 
 
 def reconstruction(joint: Fit | None, j: int, F_max: float, N_max: float) -> tuple[float, float] | None:
-    """Return omega2_j and its sigma [s-2] of the joint fit, None where it knows neither sum nor parts."""
+    """Return omega2_j and its sigma [s-2] of the joint fit, None if it is not determined."""
     terms = stiffness_terms(j, F_max, N_max)
     if joint is None:
         return None
@@ -125,7 +125,7 @@ def varies(points: Sequence[StiffnessPoint]) -> bool:
 def _model(joint: Fit | None, points: Sequence[StiffnessPoint], reach: float) -> list[Mark]:
     """Return eq. stiff_model as the joint fit has it against F_max [pN], a line for each N_max [N m].
 
-    Where it knows sums alone, two forces of one N_max make the line.
+    Where it determines sums alone, two forces of one N_max make the line.
     """
     marks: list[Mark] = []
     for N_max in sorted({p.N_max for p in points}):

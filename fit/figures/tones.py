@@ -1,4 +1,4 @@
-"""Figure of the tones of a design: what tones would tell by frequency, and what those chosen are for."""
+"""Figure of the tones of a design: information by frequency, and the parameters that each tone determines."""
 
 from collections.abc import Mapping, Sequence
 
@@ -8,11 +8,11 @@ from numpy.typing import NDArray
 from fit.figures.charts import FREQUENCY, Axis, Chart, Curve, Mark, Panel, Points, limits
 
 Array = NDArray[np.float64]
-Chosen = tuple[str, float, Mapping[str, float]]
+Tone = tuple[str, float, Mapping[str, float]]
 
-_INFORMATION = Axis("told by one tone", "", "information, relative to what is wanted", log=True)
-_GROWN = Axis("growth without it", "%", "growth of sigma without the tone [%]", log=True)
-_SMALLEST = 0.1  # %, where tones stand that shape the wave alone
+_INFORMATION = Axis("information of one tone", "", "information, relative to the goal", log=True)
+_GROWTH = Axis("growth without it", "%", "growth of sigma without the tone [%]", log=True)
+_SMALLEST = 0.1  # %, place of tones that only shape the waveform
 _RANGE = 1e-6  # of the largest information, that is shown
 _GROUPS = {  # by the beginning of a parameter's name: words, label, role
     "lambda": ("gains", "λ", "blue"),
@@ -22,38 +22,38 @@ _GROUPS = {  # by the beginning of a parameter's name: words, label, role
 }
 
 
-def tones(frequency: Array, information: Mapping[str, Array], chosen: Sequence[Chosen]) -> Chart:
-    """Draw what tones tell.
+def tones(frequency: Array, information: Mapping[str, Array], design: Sequence[Tone]) -> Chart:
+    """Draw the information of tones by frequency, and the effect of leaving out each tone of a design.
 
     Parameters
     ----------
     frequency : ndarray, shape (N,)
         Hz.
     information : mapping of str to ndarray, shape (N,)
-        By parameter, what a tone at its limits would tell.
-    chosen : sequence of tuple
+        By parameter, the information of a tone at its limits.
+    design : sequence of tuple
         The tones: where, frequency [Hz], and by parameter how many times as large its sigma would be without,
         the largest first.
     """
     across = (float(frequency[0]), float(frequency[-1]))
-    marks_above: list[Mark] = []
+    information_marks: list[Mark] = []
     for group, (words, label, role) in _GROUPS.items():
         of_group = [x for name, x in information.items() if _group(name) == group]
         if of_group:
             largest = np.max(of_group, axis=0)
-            marks_above.append(Curve(name=words, label=label, role=role, x=frequency, y=largest))
-    marks_below: list[Mark] = []
+            information_marks.append(Curve(name=words, label=label, role=role, x=frequency, y=largest))
+    growth_marks: list[Mark] = []
     for group, (words, _, role) in {**_GROUPS, "none": ("waveform", "", "grey")}.items():
-        rows = [(name, f, *_largest(grown)) for name, f, grown in chosen]
+        rows = [(name, f, *_largest(growth)) for name, f, growth in design]
         rows = [row for row in rows if row[3] == group]
         if rows:
-            marks_below.append(_points(f"tones for {words}", role, [row[:3] for row in rows]))
-    top = max(float(mark.y.max()) for mark in marks_above if isinstance(mark, Curve))
+            growth_marks.append(_points(f"tones for {words}", role, [row[:3] for row in rows]))
+    top = max(float(mark.y.max()) for mark in information_marks if isinstance(mark, Curve))
     up = (top * _RANGE, 2 * top)
     return Chart(
         (
-            Panel(FREQUENCY, _INFORMATION, tuple(marks_above), across, up, 1.9),
-            Panel(FREQUENCY, _GROWN, tuple(marks_below), across, limits(_GROWN, marks_below), 1.6),
+            Panel(FREQUENCY, _INFORMATION, tuple(information_marks), across, up, 1.9),
+            Panel(FREQUENCY, _GROWTH, tuple(growth_marks), across, limits(_GROWTH, growth_marks), 1.6),
         )
     )
 
@@ -62,15 +62,15 @@ def _group(name: str) -> str:
     return next(group for group in _GROUPS if name.startswith(group))
 
 
-def _largest(grown: Mapping[str, float]) -> tuple[float, str]:
+def _largest(growth: Mapping[str, float]) -> tuple[float, str]:
     """Return the largest growth [%] and the group of its parameter."""
-    if not grown:
+    if not growth:
         return _SMALLEST, "none"
-    name, factor = next(iter(grown.items()))
+    name, factor = next(iter(growth.items()))
     return max(100 * (factor - 1), _SMALLEST), _group(name)
 
 
 def _points(name: str, role: str, rows: Sequence[tuple[str, float, float]]) -> Points:
-    y = np.array([grown for _, _, grown in rows])
+    y = np.array([growth for _, _, growth in rows])
     x = np.array([f for _, f, _ in rows])
     return Points(name=name, label="", role=role, x=x, y=y, low=y, high=y, names=[n for n, _, _ in rows])

@@ -1,6 +1,6 @@
-"""Figures for print: matplotlib draws what `fit.figures` describes, and writes it as SVG, PDF and CSV.
+"""Figures for print: matplotlib draws the records of `fit.figures`, written as SVG, PDF and CSV.
 
-The only user of matplotlib, which takes its time: nothing comes here unless somebody asks for it.
+The only user of matplotlib, imported when a figure is requested.
 """
 
 from fit.plotting.files import Plot, drawn, save, svg, write

@@ -19,7 +19,7 @@ from fit.parallel import update_progress
 from fit.plotting import matrix, panels
 from fit.plotting.style import STYLE
 
-logging.getLogger("fontTools").setLevel(logging.WARNING)  # it tells of every glyph
+logging.getLogger("fontTools").setLevel(logging.WARNING)  # it logs every glyph
 
 
 @dataclass(frozen=True)
@@ -55,7 +55,7 @@ def svg(plot: Plot) -> str:
 
 
 def save(plot: Plot, path: Path) -> None:
-    """Write a figure alone, in the format that the suffix of `path` tells."""
+    """Write a figure alone, in the format of the suffix of `path`."""
     with mpl.rc_context(STYLE):
         plot.figure.savefig(path)
 
@@ -63,7 +63,7 @@ def save(plot: Plot, path: Path) -> None:
 def write(folder: Path, name: str, draw: Callable[..., Plot], *arguments: object) -> None:
     """Write NAME.svg, NAME.pdf and NAME.csv, the same bytes for the same arguments.
 
-    Whoever follows the work is told of each third of it, which take about as long.
+    Progress is reported in three steps of about equal duration.
 
     Parameters
     ----------
@@ -77,7 +77,7 @@ def write(folder: Path, name: str, draw: Callable[..., Plot], *arguments: object
         update_progress(1 / 3)
         document = svg(plot)
         update_progress(2 / 3)
-        plot.figure.set_layout_engine("none")  # what it has found stays: the second file is cheaper
+        plot.figure.set_layout_engine("none")  # the layout is fixed: the second file is cheaper
         nothing = {"CreationDate": None, "Creator": None, "Producer": None}
         pdf = io.BytesIO()
         plot.figure.savefig(pdf, format="pdf", metadata=nothing)

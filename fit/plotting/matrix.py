@@ -11,7 +11,7 @@ from fit.figures import COLOURS, Matrix
 from fit.parameters import joint_parameter
 from fit.plotting.style import WIDTH
 
-_LONGEST = 20  # letters of a name beside the matrix
+_LONGEST = 20  # letters of a name at the side of the matrix
 _GAP = 0.06  # between the cells, in cells
 
 
@@ -47,7 +47,7 @@ def _label(name: str) -> str:
 
 
 def _scale(ax: Axes, P: int) -> None:
-    """Draw what colour means what correlation, above the empty half of the matrix."""
+    """Draw the colour scale of correlations above the empty half of the matrix."""
     size = max(0.32 * (P - 1) / 9, 0.1)
     for k, r in enumerate(np.linspace(-1, 1, 9)):
         _cell(ax, (P - 1.5 + (k - 9) * size, -0.4 + size), float(r), size)

@@ -75,7 +75,7 @@ def _grid(chart: Chart) -> Figure:
 
 
 def _draw(ax: Axes, panel: Panel) -> None:
-    """Draw what stands in a panel, and set up its axes."""
+    """Draw the marks of a panel, and set up its axes."""
     if panel.x.log and panel.y.log:
         _loglog(ax)
     if panel.x.dates:
@@ -144,7 +144,7 @@ def _in_days(panel: Panel) -> Panel:
 
 
 def _dates(ax: Axes) -> None:
-    """Let an axis of days since 1970 tell dates."""
+    """Label an axis of days since 1970 with dates."""
     ticks = AutoDateLocator(maxticks=6)  # type: ignore[no-untyped-call]
     ax.xaxis.set_major_locator(ticks)
     ax.xaxis.set_major_formatter(ConciseDateFormatter(ticks))  # type: ignore[no-untyped-call]

@@ -21,7 +21,7 @@ _REACH = 4.0  # sigma, of a corner plot
 _BINS = 32
 _SMOOTH = 1.0  # bins
 _SIZE = (WIDE - 0.7) / 14  # inch per panel: 14 parameters fill both columns of a page
-_COLUMNS = 5  # histograms beside each other
+_COLUMNS = 5  # histograms side by side
 _HISTOGRAM_LIMIT = 4.5  # sigma, of a histogram
 
 
@@ -131,7 +131,7 @@ def _least_squares(axes: NDArray[np.object_], correlation: Array) -> None:
 
 
 def histograms(coverage: Mapping[str, Pulls], drawn: Sequence[Mapping[str, Sequence[float]]]) -> Plot:
-    """Draw the pulls of every parameter beside the normal distribution they should have.
+    """Draw the pulls of every parameter with the normal distribution they should have.
 
     Parameters
     ----------

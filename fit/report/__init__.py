@@ -1,7 +1,7 @@
 """The report: one page made from telemetry and results, with its figures.
 
-It decides what is shown, where, and with what words. What a figure consists of says `fit.figures`; in the
-page uPlot draws it. For print, and one by one for a notebook (`plot`), `fit.plotting` does.
+It selects and arranges tables, figures and text. The records of figures are in `fit.figures`; uPlot draws
+them in the page, and `fit.plotting` for print and, one by one, for a notebook (`plot`).
 """
 
 __all__ = ["page", "plot"]

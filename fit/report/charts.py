@@ -70,10 +70,8 @@ class _Arrays:
         self.encoded: list[object] = []
         self._known: dict[bytes, int] = {}
 
-    def add(self, values: Array | None, factor: float = 1.0) -> int | None:
+    def add(self, values: Array, factor: float) -> int:
         """Return where an array is."""
-        if values is None:
-            return None
         scaled = np.ascontiguousarray(values, dtype=np.float64) * factor
         key = scaled.tobytes()
         if key not in self._known:
@@ -89,47 +87,38 @@ class _Arrays:
 
 
 def _panel(panel: Panel, arrays: _Arrays) -> dict[str, Any]:
-    """Return what the script has to know of a panel."""
-    up = _factor(panel.y, panel.up)
+    """Return a panel as the script reads it."""
+    factor = _factor(panel.y, panel.up)
     return {
         "title": panel.title,
         "height": panel.height,
         "x": _axis(panel.x, panel.across, 1.0),
-        "y": _axis(panel.y, panel.up, up),
-        "marks": [_mark(mark, arrays, up) for mark in panel.marks],
+        "y": _axis(panel.y, panel.up, factor),
+        "marks": [_mark(mark, arrays, factor) for mark in panel.marks],
     }
 
 
 def _factor(axis: Axis, limits: tuple[float, float]) -> float:
-    """Return by what to multiply so that the smallest or largest number is about 1."""
+    """Return the factor that makes the smallest or largest number about 1."""
     size = limits[0] if axis.log else max(map(abs, limits))
     return 1.0 if size == 0 or 1e-3 < size < 1e6 else float(10.0 ** -np.floor(np.log10(size)))
 
 
 def _axis(axis: Axis, limits: tuple[float, float], factor: float) -> dict[str, Any]:
-    return {
-        "label": axis.label,
-        "unit": axis.unit,
-        "log": axis.log,
-        "dates": axis.dates,
-        "limits": [float(f"{limit * factor:.12g}") for limit in limits],
-        "factor": factor,
-    }
+    return {**vars(axis), "limits": [float(f"{limit * factor:.12g}") for limit in limits], "factor": factor}
 
 
-def _mark(mark: Curve | Points | Span | Note, arrays: _Arrays, up: float) -> dict[str, Any]:
-    if isinstance(mark, Note):
-        return {"kind": "note", "text": mark.text, "x": mark.x, "y": mark.y and mark.y * up}
-    document = {"kind": type(mark).__name__.lower(), "label": html(mark.label), "role": mark.role}
-    if isinstance(mark, Span):
-        factor = up if mark.along == "y" else 1.0
-        ends = {"low": mark.low * factor, "high": mark.high * factor}
-        return {**document, **ends, "along": mark.along, "opacity": mark.opacity, "edge": mark.edge}
-    places = {"x": arrays.add(mark.x)} | {k: arrays.add(getattr(mark, k), up) for k in ("y", "low", "high")}
-    if isinstance(mark, Points):
-        return {**document, **places, "names": list(mark.names), "mark": mark.mark, "caps": mark.caps}
-    look = {"width": mark.width, "opacity": mark.opacity, "dash": mark.dash, "dots": mark.dots}
-    return {**document, **places, "name": mark.name, **look}
+def _mark(mark: Curve | Points | Span | Note, arrays: _Arrays, factor: float) -> dict[str, Any]:
+    """Return a mark as the script reads it, along y in units of `factor`."""
+    document: dict[str, Any] = {"kind": type(mark).__name__.lower()}
+    along_y = {"y", "low", "high"} if not isinstance(mark, Span) or mark.along == "y" else set()
+    for name, value in vars(mark).items():
+        scale = factor if name in along_y else 1.0
+        if isinstance(value, np.ndarray):
+            document[name] = arrays.add(value, scale)
+        else:
+            document[name] = value * scale if isinstance(value, float) else value
+    return document | ({} if isinstance(mark, Note) else {"label": html(mark.label)})
 
 
 def html(label: str) -> Markup:

@@ -23,7 +23,7 @@ _DESCRIPTION = (
     "added without correlations."
 )
 
-# Of the figures: what they show in plain words, and what to see in them.
+# Description and caption of the figures.
 _RESPONSES = (
     "Guidance injections and read-outs of both loops against time",
     "Injections and responses. A loop makes its read-out follow the guidance while it has gain; the scatter "
@@ -129,7 +129,7 @@ def _section(i: int, name: str, results: Results, runs: Mapping[str, Telemetry])
 
 
 def parameters(results: Results, run: Telemetry) -> dict[str, float]:
-    """Return what the figures of a run are drawn with, those of `fit.model.dynamics.residual`.
+    """Return the parameters of `fit.model.dynamics.residual` with which the figures of a run are drawn.
 
     Undetermined parameters have their flight values, about which the fit has its weak priors.
     """
@@ -153,7 +153,7 @@ def figure_specs(
     Parameters
     ----------
     stem, slug : str
-        What makes their names unique (letters and digits), and what makes them readable.
+        Beginning of their names, unique (letters and digits), and a readable part of them.
     runs : tuple of Telemetry
         The run of the experiment, and its noise run or None.
     parameters : mapping

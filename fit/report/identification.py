@@ -29,7 +29,7 @@ def sections(results: Results, directory: Path) -> list[Section]:
     Raises
     ------
     InputError
-        If it is not what the command leaves.
+        If it does not have the schema of the command.
     """
     path = directory / NAME
     if not path.exists():

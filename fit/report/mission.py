@@ -20,8 +20,8 @@ from fit.parameters import (
     Parameter,
     joint_names,
     joint_parameter,
+    misalignments,
 )
-from fit.report import motion as report_motion
 from fit.report import stiffness as report_stiffness
 from fit.report.section import FigureSpec, Section, single_fits, start_time
 from fit.results import FIXED, Diagnostics, Estimate, Fit, Results
@@ -90,7 +90,7 @@ def _side_by_side(results: Results, telemetries: Sequence[Telemetry]) -> Section
         [
             (p, f" (period {period})", fit)
             for period, fit in results.inertial.items()
-            for p in report_motion.parameters(period, fit)
+            for p in misalignments(period)
             if p.flown
         ]
     )

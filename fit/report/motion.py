@@ -6,7 +6,7 @@ from functools import partial
 
 from fit.figures import motion as figures_motion
 from fit.parallel import parallel_map
-from fit.parameters import Parameter, cross_talk_parameter, misalignments
+from fit.parameters import cross_talk_parameter, misalignments
 from fit.report.noise import DeltaGCache
 from fit.report.section import FigureSpec, Section
 from fit.report.verdict import biased
@@ -39,20 +39,14 @@ def _cross_talk(epoch: str, fit: Fit) -> Section:
         "the same motion. Those that the warnings say are biased have no pull."
     )
     fit = replace(fit, parameters={**fit.parameters, **_without_pull(fit)})
-    table = parameter_table(fit, [_scaled(cross_talk_parameter(name), fit) for name in _B])
+    table = parameter_table(fit, list(map(cross_talk_parameter, _B)))
     return Section(f"b{epoch}", f"Cross-talk, alignment epoch {epoch}", caption, parameters=table)
 
 
 def _without_pull(fit: Fit) -> dict[str, Estimate]:
-    """Return what is known not to be the truth, so that it is not judged by it."""
+    """Return the biased estimates without a pull."""
     names = biased(fit) & fit.parameters.keys()
     return {name: replace(fit.parameters[name], pull=None) for name in names}
-
-
-def _scaled(parameter: Parameter, fit: Fit) -> Parameter:
-    """Return the parameter with its estimate as the value, which sets the power of ten in print."""
-    estimate = fit.parameters.get(parameter.name)
-    return replace(parameter, value=estimate.value) if estimate else parameter
 
 
 def _inertial(period: str, fit: Fit, x_axis: XAxis) -> Section:
@@ -66,13 +60,8 @@ def _inertial(period: str, fit: Fit, x_axis: XAxis) -> Section:
             f" The coefficient of the centrifugal term, left free, comes out as {coefficient}; 1 is expected "
             f"with +x {x_axis}, −1 in the other frame."
         )
-    table = parameter_table(fit, parameters(period, fit))
+    table = parameter_table(fit, misalignments(period))
     return Section(f"p{period}", f"Rotation, inertial period {period}", caption, parameters=table)
-
-
-def parameters(period: str, fit: Fit) -> list[Parameter]:
-    """Return the misalignments of an inertial period, with their flight values where it was flown."""
-    return [p if p.flown else _scaled(p, fit) for p in misalignments(period)]
 
 
 def _specs(

@@ -24,7 +24,7 @@ Array = NDArray[np.float64]
 
 _HIGHEST = max(high for _, high in figures.BANDS.values())
 _SHORTEST = 14400.0  # s, of a run whose lower band has ordinates enough
-_UNMASKED_SHARE = 0.5  # share of a run that glitches must leave for its level to be told
+_UNMASKED_SHARE = 0.5  # least share of a run outside glitches for an estimate of its level
 
 
 @dataclass(frozen=True)
@@ -36,7 +36,7 @@ class DeltaG:
 
 
 class DeltaGCache:
-    """Delta g of runs, calibrated once each: of what was asked for before, the total is kept."""
+    """Delta g of runs, computed once each."""
 
     def __init__(self, results: Results) -> None:
         self._results = results

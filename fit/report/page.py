@@ -25,14 +25,14 @@ from fit.telemetry import Telemetry
 
 #: In the order in which the page runs them.
 SCRIPTS = ("templates/ticks.js", "uplot/uPlot.iife.min.js", "templates/chart.js", "templates/page.js")
-N_OPEN = 4  # experiments at most, whose sections stand open
+N_OPEN = 4  # largest number of experiments whose sections are open
 _DIGITS = 12  # of a digest, in short
 _NESTED = ("settings", "versions")  # tables with a line for each entry
 
 
 @one_blas_thread
 def write_report(directory: Path, results: Results, telemetries: Sequence[Telemetry]) -> Path:
-    """Write ``report.html``; what ``identify``, ``mcmc`` and ``montecarlo`` left in the folder joins it.
+    """Write ``report.html``, with sections on ``identify``, ``mcmc`` and ``montecarlo`` if they were run.
 
     Parameters
     ----------
@@ -51,7 +51,7 @@ def write_report(directory: Path, results: Results, telemetries: Sequence[Teleme
     Raises
     ------
     InputError
-        If a telemetry file can no longer be read, or what another command left is not what it leaves.
+        If a telemetry file can no longer be read, or the output of another command breaks its schema.
     """
     joint = results.joint
     names = joint_names(t.alignment_epoch for t in telemetries if t.kind == "sysid")
@@ -90,7 +90,7 @@ def write_report(directory: Path, results: Results, telemetries: Sequence[Teleme
 
 
 def figure_specs(results: Results, telemetries: Sequence[Telemetry]) -> list[FigureSpec]:
-    """Return all figures of the report but those that other commands left, not yet drawn."""
+    """Return all figures of the report but those of other commands, not yet drawn."""
     delta_g = noise.DeltaGCache(results)
     sections = [
         *experiments.sections(results, telemetries),
@@ -113,7 +113,7 @@ def _rendered(sections: Sequence[Section]) -> list[Section]:
 
 @cache
 def _template() -> Template:
-    """Return what makes the page: to compile it takes a tenth of a second."""
+    """Return the compiled template of the page."""
     charts.ENVIRONMENT.globals.update(limit=LIMIT, signed=signed)
     return charts.ENVIRONMENT.get_template("report.html.jinja")
 
@@ -128,7 +128,7 @@ def _scripts() -> dict[str, object]:
 
 
 def _summary(results: Results, telemetries: Sequence[Telemetry]) -> dict[str, str]:
-    """Return what was run in a few words each; what is not known has no entry."""
+    """Return telemetry, software and settings in a few words each, as far as they are known."""
     facts = {
         "Telemetry": _extent(results, telemetries),
         "Software": ", ".join(map(" ".join, (results.provenance.versions or {}).items())),

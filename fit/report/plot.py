@@ -36,7 +36,7 @@ class Plot(Drawn):
         save(self, Path(path))
 
     def _repr_html_(self) -> str:
-        """Return what Jupyter shows: a picture on white, in any colour scheme of the notebook."""
+        """Return an image on white, for any colour scheme of the notebook."""
         data = base64.b64encode(svg(self).encode()).decode()
         width = round(96 * SCALE * self.figure.get_figwidth())
         return f'<img src="data:image/svg+xml;base64,{data}" style="width:{width}px;max-width:100%" alt="">'
@@ -58,7 +58,7 @@ def breakdown(results: Results, runs: Sequence[Telemetry], experiment: str) -> P
 
 
 def residual(results: Results, runs: Sequence[Telemetry], experiment: str) -> Plot:
-    """Draw signal and residual Delta g of an experiment against time, the residual beside its noise run."""
+    """Draw signal and residual Delta g of an experiment against time, the residual with its noise run."""
     return _experiment_plot(results, runs, experiment, "residual")
 
 

@@ -68,7 +68,7 @@ def sections(results: Results, directory: Path) -> list[Section]:
     Raises
     ------
     InputError
-        If one of them is not what the command leaves.
+        If one of them does not have the schema of its command.
     """
     sections_found = []
     if (path := directory / "mcmc.json").exists():
@@ -107,7 +107,9 @@ def _chain(chain: _Chain, results: Results, folder: Path) -> Section:
     if chain.constraints:
         text += " As the settings say: {}.".format("; ".join(chain.constraints))
     if not _belongs(chain, results):
-        text += highlight(" The chain is of another fit than this one; sample it anew (lpfcosim mcmc).", True)
+        text += highlight(
+            " The chain is of another fit than this one; sample it again (lpfcosim mcmc).", True
+        )
     caption = (
         "Posterior of the joint fit, sampled by Markov chain Monte Carlo: mean and standard deviation, their "
         "distance from least squares in its σ and as a ratio, autocorrelation time in steps; each ± the "
@@ -177,7 +179,7 @@ def _against(value: float, error: float, expected: float) -> str | Measurement:
 
 
 def _picture(folder: Path, name: str, description: str, caption: str) -> tuple[FigureSpec, ...]:
-    """Return a figure that another command left; as an image, so that whatever the file holds stays inert."""
+    """Return a figure of another command as an image, in which scripts do not run."""
     path = folder / f"{name}.svg"
     if not path.exists():
         return ()

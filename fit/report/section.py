@@ -22,7 +22,7 @@ class FigureSpec:
     name : str
         Of its files, unique in the report.
     description, caption : str
-        What it shows in plain words, for those who cannot see it; and what stands below.
+        Alternative text, and text below the figure.
     draw : callable
         Returns it, or an image that is there already.
     """
@@ -35,7 +35,7 @@ class FigureSpec:
 
 @dataclass(frozen=True)
 class RenderedFigure:
-    """A figure in the page: the element, what to see in it, the name of its files."""
+    """A figure in the page: its element, its caption, the name of its files."""
 
     element: Markup
     caption: str

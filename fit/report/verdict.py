@@ -24,7 +24,7 @@ class WarningItem:
 
 @dataclass(frozen=True)
 class WarningGroup:
-    """All warnings of one code, and what to do about them; empty where nobody knows."""
+    """All warnings of one code, and advice on them, which may be empty."""
 
     code: str
     messages: tuple[WarningItem, ...]
@@ -51,12 +51,12 @@ def fit_warnings(fit: Fit) -> list[FitWarning]:
 
 
 def biased(fit: Fit) -> set[str]:
-    """Return the parameters that a fit says differ from the truth by more than their sigma tells."""
+    """Return the parameters whose bias exceeds their sigma, according to the warnings of a fit."""
     return {name for w in fit.warnings if w.kind.biased for name in w.parameters}
 
 
 def warning_groups(results: Results) -> list[WarningGroup]:
-    """Return what there is to warn of, by code, in the order in which the fits raise it."""
+    """Return the warnings by code, in the order in which the fits raise them."""
     scopes: dict[str, dict[tuple[str, Markup | None], list[str]]] = {}
     advice: dict[str, str] = {}
     for scope, fit in fits(results):
@@ -79,7 +79,7 @@ def warning_groups(results: Results) -> list[WarningGroup]:
 
 
 def _sentence(message: str) -> str:
-    """Return a message with a capital, unless a symbol stands there, and a full stop."""
+    """Return a message with a full stop and, unless it begins with a symbol, a capital."""
     subject = message.partition(" ")[0]
     return f"{message if '_' in subject else message[:1].upper() + message[1:]}".removesuffix(".") + "."
 
@@ -112,7 +112,7 @@ def _false_alarms(budget: Mapping[str, float]) -> Markup:
 def verdict(results: Results, shown: Sequence[ParameterTable]) -> Verdict:
     """Say in one line whether the fits found the truth or, without one, agree with the flight.
 
-    Good is only what has a truth and nothing against it: a fit that did not converge, a chi2 that is off or
+    Good requires a truth and no objection: a fit that did not converge, a chi2 that is off or
     an estimate beyond the limit, in whatever fit, takes that away.
 
     Parameters

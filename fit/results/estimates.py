@@ -1,4 +1,4 @@
-"""What a fit holds of each parameter, and of what else it is made of."""
+"""Records of a fit: estimates, diagnostics, stiffness."""
 
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated, Protocol
@@ -12,8 +12,8 @@ if TYPE_CHECKING:
     from lmfit.minimizer import MinimizerResult
 
 QUANTILES = 27  # of a residual
-FIXED = "fixed"  # what tables show in the place of the sigma of a parameter that the settings fix
-WITHHELD = "?"  # what tables show in the place of a sigma that does not hold
+FIXED = "fixed"  # shown for the sigma of a parameter that the settings fix
+WITHHELD = "?"  # shown for a sigma that does not hold
 _Score = Annotated[float, Field(ge=-1e9, le=1e9)]
 
 
@@ -77,7 +77,7 @@ class Stiffness:
 
 
 class SolvedModel(Protocol):
-    """A joint model and what lmfit made of it, see `fit.fitting.SolvedModel`."""
+    """A joint model and its solution by lmfit, see `fit.fitting.SolvedModel`."""
 
     @property
     def result(self) -> "MinimizerResult":

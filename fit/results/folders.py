@@ -19,7 +19,7 @@ from fit.telemetry import sandbox, validate
 RESULTS, TELEMETRY = "results.json", "telemetry"
 _MAP = "lpf-map/"
 _ARCHIVES = (".csv", ".txt", ".dat", ".mat", ".fits", ".npy", ".gz")
-_PRODUCTS = ("mcmc.h5", "*-deltag.h5")  # what `mcmc` and `deltag` leave beside results
+_PRODUCTS = ("mcmc.h5", "*-deltag.h5")  # output of `mcmc` and `deltag` in a folder of results
 
 
 def results_file(path: Path) -> Path:
@@ -115,7 +115,7 @@ def telemetry_files(paths: Iterable[Path]) -> list[Path]:
     Returns
     -------
     list of Path
-        Named files are not looked at. Hidden files of folders are left out.
+        Files given by name are not opened. Hidden files of folders are ignored.
 
     Raises
     ------
@@ -164,7 +164,7 @@ def _load_sound(file: Path) -> Results | None:
 
 
 def _referenced(file: Path, name: str) -> Path:
-    """Return the path of what a file of results names."""
+    """Return the path of a file that results name."""
     return Path(os.path.normpath(file.parent / name))
 
 
@@ -184,7 +184,7 @@ def _check_alone(folder: Path, hdf5_files: Sequence[Path], files: Sequence[Path]
 
 
 def _hdf5(folder: Path) -> list[Path]:
-    """Return the files ``*.h5`` in a folder, without hidden ones, which systems leave beside others."""
+    """Return the files ``*.h5`` in a folder, without hidden ones."""
     try:
         with os.scandir(folder) as entries:  # glob is silent about what may not be read
             names = sorted(entry.name for entry in entries)
@@ -194,7 +194,7 @@ def _hdf5(folder: Path) -> list[Path]:
 
 
 def _instead(folder: Path) -> str:
-    """Say what to name instead of a folder without telemetry, if something in it suggests that."""
+    """Return a suggestion for a folder without telemetry, if its content allows one."""
     paths = sorted(folder.iterdir())
     maps = [path for path in paths if path.suffix == ".toml" and _schema(path).startswith(_MAP)]
     if maps:

@@ -28,7 +28,7 @@ class Provenance(Mapping[str, object]):
     subtraction : dict of str to dict
         By alignment epoch the coefficients of eq. bump that subtract best, not those of `Results.cross_talk`.
     settings : dict of str to object
-        What the user chose, see `fit.settings`.
+        Settings of the user, see `fit.settings`.
     scatter : dict of str to dict
         By parameter ``value`` and ``sigma`` of the width by which it differs between experiments.
     levels : list of str
@@ -40,7 +40,7 @@ class Provenance(Mapping[str, object]):
     x_axis : str
         Where +x points to in the runs; the signs of delta_eta, b_1, b_4 and b_6 depend on it.
     extra : dict of str to object
-        What the command line adds (campaign, digests, seed), and what is not known; whatever JSON holds.
+        Other entries of the JSON, such as campaign, digests and seed of the command line.
     versions, telemetry : dict of str to str, list of str
         Of the software; file names, relative to the folder of the results.
     """
@@ -63,7 +63,7 @@ class Provenance(Mapping[str, object]):
 
     @classmethod
     def from_entries(cls, entries: Mapping[str, object]) -> "Provenance":
-        """Return what JSON says; an entry that is not of its kind is kept, but not understood."""
+        """Return the entries of JSON; one of another type than documented is kept in `extra`."""
         known: dict[str, Any] = {}
         additional: dict[str, object] = {}
         for name, value in entries.items():

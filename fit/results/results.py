@@ -44,13 +44,13 @@ class Fit(Displayed):
     converged : bool
         Whether the iteration met its tolerance.
     warnings : tuple of FitWarning
-        What was left out or doubted, and why.
+        Exclusions and doubts, with their reasons.
     masked_samples : int, optional
         Missing samples that were masked, where they were counted.
     diagnostics : Diagnostics, optional
         Of the residual of a single experiment.
     centrifugal : Estimate, optional
-        Of an inertial period: coefficient of g_Omega as it comes out if left free; 1 expected.
+        Of an inertial period: coefficient of g_Omega if it is free; 1 expected.
     stiffness : tuple of Stiffness
         Of a joint fit: omega2_j at the authorities of its runs, also where the parts of that sum are lost.
     solved : SolvedModel, optional
@@ -132,7 +132,7 @@ class Fit(Displayed):
 
     @property
     def undetermined(self) -> tuple[str, ...]:
-        """The parameters that the data do not tell."""
+        """The parameters that the data do not determine."""
         names = (name for w in self.warnings if w.code == "indeterminable" for name in w.parameters)
         return tuple(dict.fromkeys(names))
 
@@ -198,7 +198,7 @@ def sound_joint(results: Results, place: str = "the results") -> Fit:
 
 
 def check_frame(results: Results, run: Telemetry) -> None:
-    """See that a run is in the frame of what a calibration knows beyond the dynamics along x.
+    """Check that a run is in the frame of the cross-talk and misalignments of a calibration.
 
     Raises
     ------
@@ -249,7 +249,7 @@ class _FitJson(BaseModel, strict=True, allow_inf_nan=False):
     chi2: float
     dof: _Count
     converged: bool
-    sound: bool | None = None  # what the warnings do not say, see `_missing_warnings`
+    sound: bool | None = None  # without a warning of that effect, see `_missing_warnings`
     warnings: tuple[FitWarning, ...]
     masked_samples: _Count | None = None
     diagnostics: Diagnostics | None = None
@@ -311,7 +311,7 @@ def _fit_from_json(fit: _FitJson, place: str) -> Fit:
 
 
 def _missing_warnings(fit: _FitJson) -> list[FitWarning]:
-    """Return a warning where a fit is said to be unsound, and no warning of a known kind tells why."""
+    """Return a warning for a fit whose file says it is unsound without a warning of a known kind."""
     if fit.sound is not False or any(w.kind.unsound for w in fit.warnings):
         return []
     reasons = "; ".join(w.message for w in fit.warnings) or "no warning"

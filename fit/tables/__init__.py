@@ -1,4 +1,4 @@
-"""Tables: numbers in print, rows of estimates, and what telemetry and results look like in a notebook."""
+"""Tables: numbers in print, rows of estimates, and the display of telemetry and results in a notebook."""
 
 from fit.tables.numbers import (
     Measurement,

@@ -1,4 +1,4 @@
-"""What telemetry and results look like in a terminal and in a notebook; see `fit.display`.
+"""Text and HTML of telemetry and results in a terminal and in a notebook; see `fit.display`.
 
 Importing the module registers it. The HTML leaves colours to the notebook, be it light or dark.
 """
@@ -104,7 +104,7 @@ def _state(fit: Fit) -> str:
 
 
 def _summary(results: Results) -> dict[str, str]:
-    """Return what there is besides the table of the joint fit."""
+    """Return the content of results other than the joint fit."""
     sections = {"joint": "none" if results.joint is None else _state(results.joint)}
     for name in ("experiments", "cross_talk", "inertial"):
         sections[name] = ", ".join(f"{key!r}" for key in getattr(results, name))
@@ -138,7 +138,7 @@ def _table(fit: Fit) -> Markup:
 
 
 def _described(names: Iterable[str]) -> Iterable[Parameter]:
-    """Yield what is known of parameters; those of a single experiment depend on its authority."""
+    """Yield descriptions of parameters; those of a single experiment depend on its authority."""
     for name in names:
         with suppress(KeyError):
             yield joint_parameter(name)

@@ -38,7 +38,7 @@ def measurement(value: float, sigma: float, exponent: int = 0) -> Measurement:
 
 
 def estimate_text(estimate: Estimate, exponent: int = 0, *, sound: bool = True) -> Measurement:
-    """Return an estimate in print; what stands for a sigma that is fixed, or that does not hold."""
+    """Return an estimate in print; a mark replaces a sigma that is fixed or does not hold."""
     text = measurement(estimate.value, estimate.sigma, exponent)
     return replace(text, sigma=FIXED if estimate.fixed else text.sigma if sound else WITHHELD)
 
@@ -50,7 +50,7 @@ def fit_estimate(fit: Fit, name: str, exponent: int = 0) -> Measurement | None:
 
 
 def signed(value: float, decimals: int) -> str:
-    """Return a number with a true minus sign; what rounds to zero carries none."""
+    """Return a number with a true minus sign; zero carries none."""
     text = f"{value:.{decimals}f}"
     return text.lstrip("-") if float(text) == 0 else text.replace("-", "−")
 
@@ -64,7 +64,7 @@ def significant(value: float, sigma: float) -> str:
 
 
 def power_of_ten(value: float) -> int:
-    """Return the exponent a row shares: none for what reads well as it is, thousands above."""
+    """Return the exponent a row shares: 0 from 0.01 to 9999, multiples of 3 above."""
     exponent = math.floor(math.log10(abs(value))) if value else 0
     if -2 <= exponent <= 3:
         return 0

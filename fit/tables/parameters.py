@@ -40,7 +40,7 @@ class ParameterTable:
 
 
 def parameter_table(fit: Fit, parameters: Sequence[Parameter] = ()) -> ParameterTable:
-    """Return the rows of a fit: `parameters`, undetermined ones too, then what else it estimates.
+    """Return the rows of a fit: `parameters`, undetermined ones too, then its other estimates.
 
     A parameter that was neither estimated nor found indeterminable, a gain never driven say, has no row.
     """
@@ -58,8 +58,8 @@ def _unlisted(name: str, estimate: Estimate) -> Parameter:
 
 
 def _row(parameter: Parameter, fit: Fit, has_truth: bool) -> ParameterRow:
-    exponent = power_of_ten(parameter.value)
     estimate = fit.parameters.get(parameter.name)
+    exponent = power_of_ten(parameter.value if parameter.flown or estimate is None else estimate.value)
     pull, truth = None, ""
     if estimate is not None:
         pull = estimate.pull
@@ -85,7 +85,7 @@ def estimates(fits: Mapping[str, Fit], *, fine: bool = False) -> Table:
     Parameters
     ----------
     fits : mapping of str to Fit
-        By what is added to the names of their parameters.
+        By the suffix of the names of their parameters.
     fine : bool
         Give every number down to the second digit of its sigma, rather than six digits, and truth and pull
         only where they are known.

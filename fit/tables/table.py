@@ -64,7 +64,7 @@ class Table:
 
 
 def highlight(text: str, condition: bool) -> str:
-    """Return a text in the colour of what is wrong, where it is."""
+    """Return a text, in the colour of errors if a condition holds."""
     return Markup('<span class="off">{}</span>').format(text) if condition else text
 
 

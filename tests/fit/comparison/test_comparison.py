@@ -9,7 +9,6 @@ import pytest
 from scipy.stats import chi2 as chi2_distribution
 
 import fit
-from fit.comparison.text import sentences, table
 from fit.results.estimates import Estimate
 from fit.results.provenance import Provenance
 from fit.results.results import Fit, Results
@@ -20,17 +19,17 @@ TO_1, TO_2 = "towards test mass 1", "towards test mass 2"
 UNSOUND = FitWarning("unsound_file", (), "the runs contradict each other")
 
 
-def made(values, sigmas, *, units="1", correlation=0.0, warnings=(), truth=None):
+def make_fit(values, sigmas, *, units="1", correlation=0.0, warnings=(), truth=None):
     """Return a fit of parameters a, b, c ... or of those that are named."""
     values = values if isinstance(values, dict) else dict(zip("abcdef", values, strict=False))
     units = dict.fromkeys(values, units) if isinstance(units, str) else units
     sigmas = np.array(sigmas, dtype=float)
-    of = np.full(2 * [len(sigmas)], correlation) + (1 - correlation) * np.eye(len(sigmas))
+    matrix = np.full(2 * [len(sigmas)], correlation) + (1 - correlation) * np.eye(len(sigmas))
     parameters = {
         name: Estimate(value, sigma, units[name], truth, None)
         for (name, value), sigma in zip(values.items(), sigmas, strict=True)
     }
-    return Fit(parameters, of * np.outer(sigmas, sigmas), 1.0, 1, True, warnings)
+    return Fit(parameters, matrix * np.outer(sigmas, sigmas), 1.0, 1, True, warnings)
 
 
 def results(joint=None, *, experiments=None, cross_talk=None, inertial=None, **provenance):
@@ -42,45 +41,51 @@ def results(joint=None, *, experiments=None, cross_talk=None, inertial=None, **p
 
 def test_difference_and_chi2_of_known_numbers():
     """3-4-5: a differs by 5 of sqrt(3^2 + 4^2) = 5, b by twice sqrt(0.6^2 + 0.8^2) = 1, unit and all."""
-    found = fit.compare(
-        {"one": results(made([10.0, 1.0], [3.0, 0.6])), "two": results(made([15.0, -1.0], [4.0, 0.8]))}
+    comparison = fit.compare(
+        {
+            "one": results(make_fit([10.0, 1.0], [3.0, 0.6])),
+            "two": results(make_fit([15.0, -1.0], [4.0, 0.8])),
+        }
     )
-    assert found["a"].differences == (None, pytest.approx(1.0))
-    assert found["b"].differences == (None, pytest.approx(-2.0))
-    ((chi2, dof, p),) = found.agreements[0].tests.values()
+    assert comparison["a"].differences == (None, pytest.approx(1.0))
+    assert comparison["b"].differences == (None, pytest.approx(-2.0))
+    ((chi2, dof, p),) = comparison.agreements[0].tests.values()
     assert (chi2, dof) == (pytest.approx(1 + 4), 2)
     assert p == pytest.approx(np.exp(-2.5))  # of two degrees of freedom
 
 
 def test_chi2_takes_the_covariances_of_both_and_what_they_have_in_common():
-    one = made([1e-7, 3e-7, -2e-7, 5e-7], [1e-8, 2e-8, 4e-8, 3e-8], correlation=0.5)
-    other = made({"b": 3.3e-7, "x": 0.0, "d": 4.6e-7}, [1e-8, 1.0, 2e-8], correlation=-0.3)
-    found = fit.compare([results(one), results(other)])
-    of = [list("abcd").index(name) for name in "bd"]
-    difference = np.array([other[name].value - one[name].value for name in "bd"])
-    total = one.covariance[np.ix_(of, of)] + other.covariance[np.ix_([0, 2], [0, 2])]
+    one = make_fit([1e-7, 3e-7, -2e-7, 5e-7], [1e-8, 2e-8, 4e-8, 3e-8], correlation=0.5)
+    two = make_fit({"b": 3.3e-7, "x": 0.0, "d": 4.6e-7}, [1e-8, 1.0, 2e-8], correlation=-0.3)
+    comparison = fit.compare([results(one), results(two)])
+    indices = [list("abcd").index(name) for name in "bd"]
+    difference = np.array([two[name].value - one[name].value for name in "bd"])
+    total = one.covariance[np.ix_(indices, indices)] + two.covariance[np.ix_([0, 2], [0, 2])]
     expected = difference @ np.linalg.inv(total) @ difference
-    chi2, dof, p = found.agreements[0].tests["joint"]
+    chi2, dof, p = comparison.agreements[0].tests["joint"]
     assert (chi2, dof) == (pytest.approx(expected, rel=1e-9), 2)
     assert p == pytest.approx(chi2_distribution.sf(expected, 2), rel=1e-9)
-    assert [p.name for p in found.parameters] == ["a", "b", "x", "c", "d"]
-    assert found["c"].estimates == (one["c"], None)
-    assert found["x"].differences == (None, None)
+    assert [p.name for p in comparison.parameters] == ["a", "b", "x", "c", "d"]
+    assert comparison["c"].estimates == (one["c"], None)
+    assert comparison["x"].differences == (None, None)
 
 
 @pytest.mark.stat
 def test_chi2_of_independent_results_that_agree_is_distributed_as_it_says():
     """2000 pairs; the p-values are uniform but for a Kolmogorov distance seen once in 10,000."""
     rng = np.random.default_rng(20160416)
-    one, two = made([0, 0, 0], [1, 2, 3], correlation=0.6), made([0, 0, 0], [2, 1, 1], correlation=-0.3)
+    one, two = (
+        make_fit([0, 0, 0], [1, 2, 3], correlation=0.6),
+        make_fit([0, 0, 0], [2, 1, 1], correlation=-0.3),
+    )
 
-    def drawn(of):
-        values = rng.multivariate_normal(np.zeros(3), of.covariance)
+    def drawn(joint):
+        values = rng.multivariate_normal(np.zeros(3), joint.covariance)
         return results(
-            made(
+            make_fit(
                 dict(zip("abc", values, strict=True)),
-                np.sqrt(np.diag(of.covariance)),
-                correlation=of.correlation[0, 1],
+                np.sqrt(np.diag(joint.covariance)),
+                correlation=joint.correlation[0, 1],
             )
         )
 
@@ -91,20 +96,20 @@ def test_chi2_of_independent_results_that_agree_is_distributed_as_it_says():
 
 def test_sections_follow_one_another_and_experiments_only_stand_in_for_a_joint_fit():
     whole = results(
-        made([1.0], [1.0]),
-        experiments={"A": made([3.0], [1.0])},
-        inertial={"1": made({"delta_phi": 1e-3}, [1e-5], units="rad")},
-        cross_talk={"2": made({"b_1": 1e-6}, [1e-7], units="m")},
+        make_fit([1.0], [1.0]),
+        experiments={"A": make_fit([3.0], [1.0])},
+        inertial={"1": make_fit({"delta_phi": 1e-3}, [1e-5], units="rad")},
+        cross_talk={"2": make_fit({"b_1": 1e-6}, [1e-7], units="m")},
     )
-    alone = results(experiments={"A": made([4.0], [1.0])})
-    both = fit.compare([whole, replace(whole, joint=made([2.0], [1.0]))])
+    single = results(experiments={"A": make_fit([4.0], [1.0])})
+    both = fit.compare([whole, replace(whole, joint=make_fit([2.0], [1.0]))])
     assert [(p.section, p.key, p.name) for p in both.parameters] == [
         ("joint", "", "a"), ("inertial", "1", "delta_phi"), ("cross_talk", "2", "b_1"),
     ]  # fmt: skip
-    found = fit.compare([whole, alone])
-    assert [(p.section, p.key) for p in found.parameters][-1] == ("experiments", "A")
-    assert found.parameters[-1].differences[1] == pytest.approx(1 / np.sqrt(2))
-    assert list(found.agreements[0].tests) == ["experiments.A"]
+    comparison = fit.compare([whole, single])
+    assert [(p.section, p.key) for p in comparison.parameters][-1] == ("experiments", "A")
+    assert comparison.parameters[-1].differences[1] == pytest.approx(1 / np.sqrt(2))
+    assert list(comparison.agreements[0].tests) == ["experiments.A"]
 
 
 def test_another_frame_reverses_what_depends_on_it():
@@ -112,63 +117,63 @@ def test_another_frame_reverses_what_depends_on_it():
     reversed_ = {n: -x if n in ("b_1", "b_4", "b_6") else x for n, x in couplings.items()}
     one, two = (
         results(
-            made([1.0 + k], [1.0]),
-            cross_talk={"1": made(b, [1e-7] * 6, units="m", correlation=0.4, truth=b["b_1"])},
-            inertial={"1": made({"delta_phi": 1e-3, "delta_eta": sign * 2e-3}, [1e-5] * 2, units="rad")},
+            make_fit([1.0 + k], [1.0]),
+            cross_talk={"1": make_fit(b, [1e-7] * 6, units="m", correlation=0.4, truth=b["b_1"])},
+            inertial={"1": make_fit({"delta_phi": 1e-3, "delta_eta": sign * 2e-3}, [1e-5] * 2, units="rad")},
             x_axis=frame,
         )
         for k, b, sign, frame in ((0, couplings, 1, TO_2), (1, reversed_, -1, TO_1))
     )
-    found = fit.compare({"one": one, "two": two})
-    assert all(p.differences[1] == 0 for p in found.parameters if p.section != "joint")
-    assert found["a"].estimates[1].value == 2.0
-    assert found.agreements[0].tests["cross_talk.1"][0] == 0
-    assert sum("with the other sign" in note for note in found.notes) == 2
+    comparison = fit.compare({"one": one, "two": two})
+    assert all(p.differences[1] == 0 for p in comparison.parameters if p.section != "joint")
+    assert comparison["a"].estimates[1].value == 2.0
+    assert comparison.agreements[0].tests["cross_talk.1"][0] == 0
+    assert sum("with the other sign" in note for note in comparison.notes) == 2
 
 
 def test_units_are_converted_or_refused():
-    one = results(made({"C_2": 0.2}, [0.01], units="s"))
-    two = results(made({"C_2": 210.0}, [10.0], units="ms"))
+    one = results(make_fit({"C_2": 0.2}, [0.01], units="s"))
+    two = results(make_fit({"C_2": 210.0}, [10.0], units="ms"))
     assert fit.compare([one, two])["C_2"].differences[1] == pytest.approx(0.01 / np.hypot(0.01, 0.01))
     with pytest.raises(fit.InputError, match=r"^b: joint\.parameters\.C_2: unit 'm', expected 's' as in a$"):
-        fit.compare({"a": one, "b": results(made({"C_2": 0.2}, [0.01], units="m"))})
+        fit.compare({"a": one, "b": results(make_fit({"C_2": 0.2}, [0.01], units="m"))})
 
 
-@pytest.mark.parametrize("first", [True, False])
-def test_sigmas_that_do_not_hold_make_no_difference(first):
-    good, bad = results(made([1.0], [0.1])), results(made([2.0], [0.1], warnings=(UNSOUND,)))
-    found = fit.compare({"x": bad, "y": good} if first else {"y": good, "x": bad})
-    assert found["a"].differences == (None, None)
-    assert found.agreements[0].tests == {}
-    (note,) = found.notes
+@pytest.mark.parametrize("is_reference", [True, False])
+def test_sigmas_that_do_not_hold_make_no_difference(is_reference):
+    good, bad = results(make_fit([1.0], [0.1])), results(make_fit([2.0], [0.1], warnings=(UNSOUND,)))
+    comparison = fit.compare({"x": bad, "y": good} if is_reference else {"y": good, "x": bad})
+    assert comparison["a"].differences == (None, None)
+    assert comparison.agreements[0].tests == {}
+    (note,) = comparison.notes
     assert note == "x: joint: not sound (the runs contradict each other); its sigmas do not hold"
-    assert "2.0(?)" in str(found)
+    assert "2.0(?)" in str(comparison)
 
 
 def test_truth_is_shown_and_other_truths_are_reported():
-    one, two, other = (
-        results(made([x], [0.1], truth=truth)) for x, truth in ((1.0, 1.1), (1.05, 1.1), (2.0, 2.2))
+    one, two, three = (
+        results(make_fit([x], [0.1], truth=truth)) for x, truth in ((1.0, 1.1), (1.05, 1.1), (2.0, 2.2))
     )
-    found = fit.compare([one, two])
-    assert found["a"].truth == 1.1
-    assert table(found).head[-1] == "truth"
-    assert found.notes == ()
-    found = fit.compare([one, other])
-    assert found["a"].truth is None
-    assert found.notes == ("the true values differ, and with them the estimates: a",)
+    comparison = fit.compare([one, two])
+    assert comparison["a"].truth == 1.1
+    assert comparison.table().head[-1] == "truth"
+    assert comparison.notes == ()
+    comparison = fit.compare([one, three])
+    assert comparison["a"].truth is None
+    assert comparison.notes == ("the true values differ, and with them the estimates: a",)
 
 
 def test_a_fixed_parameter_is_shown_as_such():
-    free, held = made([1.1], [0.1], truth=1.0), made([1.0], [1e-9], truth=1.0)
-    held = replace(held, parameters={"a": replace(held["a"], fixed=True)})
-    (row,) = table(fit.compare([results(held), results(free)])).rows
+    free, fixed = make_fit([1.1], [0.1], truth=1.0), make_fit([1.0], [1e-9], truth=1.0)
+    fixed = replace(fixed, parameters={"a": replace(fixed["a"], fixed=True)})
+    (row,) = fit.compare([results(fixed), results(free)]).table().rows
     assert row == ("a", "1", "1 (fixed)", "1.1(1)", "+1.00", "1.0")
 
 
 def test_nothing_in_common():
-    found = fit.compare([results(made({"a": 1.0}, [1.0])), results(made({"b": 1.0}, [1.0]))])
-    assert found.notes == ("no parameter is estimated by more than one of the results",)
-    assert found.agreements[0].tests == {}
+    comparison = fit.compare([results(make_fit({"a": 1.0}, [1.0])), results(make_fit({"b": 1.0}, [1.0]))])
+    assert comparison.notes == ("no parameter is estimated by more than one of the results",)
+    assert comparison.agreements[0].tests == {}
 
 
 # Independence ---------------------------------------------------------------------------------------------
@@ -182,8 +187,11 @@ def saved(folder, joint, *runs, seed=None, t0="2016-04-16T00:00:00Z", keep=True,
         write_contract_file(path, run=run, t0=t0, seed=seed)
         if not keep:
             path.unlink()
-    said = {"telemetry": [f"telemetry/{run}.h5" for run in runs], "extra": {"seed": seed} if seed else {}}
-    results(joint, joint_runs=list(runs), noise_runs={}, **said).save(folder / name)
+    provenance = {
+        "telemetry": [f"telemetry/{run}.h5" for run in runs],
+        "extra": {"seed": seed} if seed else {},
+    }
+    results(joint, joint_runs=list(runs), noise_runs={}, **provenance).save(folder / name)
     return folder
 
 
@@ -202,8 +210,8 @@ def saved(folder, joint, *runs, seed=None, t0="2016-04-16T00:00:00Z", keep=True,
     ],
 )  # fmt: skip
 def test_results_of_other_data_are_independent(tmp_path, one, two, reason):
-    a = saved(tmp_path / "a", made([1.0], [0.1]), "A", "B", **one)
-    b = saved(tmp_path / "b", made([1.1], [0.1]), "A", "B", **two)
+    a = saved(tmp_path / "a", make_fit([1.0], [0.1]), "A", "B", **one)
+    b = saved(tmp_path / "b", make_fit([1.1], [0.1]), "A", "B", **two)
     (agreement,) = fit.compare([a, b]).agreements
     assert agreement.dependence.startswith(reason)
     assert bool(agreement.dependence) == bool(reason)
@@ -211,18 +219,18 @@ def test_results_of_other_data_are_independent(tmp_path, one, two, reason):
 
 
 def test_results_of_the_same_files_are_not_independent(tmp_path):
-    folder = saved(tmp_path / "a", made([1.0], [0.1]), "A", "B", seed=1)
-    saved(folder, made([1.2], [0.2]), "B", seed=1, name="identified.json")
-    found = fit.compare([folder, folder / "identified.json"])
-    assert found.agreements[0].dependence == "the same telemetry: B"
-    assert found["a"].differences[1] == pytest.approx(0.2 / np.hypot(0.1, 0.2))
-    (sentence,) = sentences(found)
+    folder = saved(tmp_path / "a", make_fit([1.0], [0.1]), "A", "B", seed=1)
+    saved(folder, make_fit([1.2], [0.2]), "B", seed=1, name="identified.json")
+    comparison = fit.compare([folder, folder / "identified.json"])
+    assert comparison.agreements[0].dependence == "the same telemetry: B"
+    assert comparison["a"].differences[1] == pytest.approx(0.2 / np.hypot(0.1, 0.2))
+    (sentence,) = comparison.sentences()
     assert "not independent" in sentence
     assert "correlated" in sentence
 
 
 def test_a_joint_fit_carried_over_is_no_second_one(tmp_path):
-    joint = made([1.0], [0.1])
+    joint = make_fit([1.0], [0.1])
     a = saved(tmp_path / "a", joint, "A", seed=1)
     b = saved(tmp_path / "b", joint, "N", seed=2)
     assert fit.compare([a, b]).agreements[0].dependence == "the same joint fit in both"
@@ -233,8 +241,8 @@ def test_a_joint_fit_carried_over_is_no_second_one(tmp_path):
 
 @pytest.fixture
 def comparison():
-    one = results(made({"lambda_2": 1.0776, "alpha_x_2": -317.0, "omega": -4e-7}, [3e-5, 12.0, 5e-9]))
-    two = results(made({"lambda_2": 1.0777, "omega": -4.1e-7}, [4e-5, 5e-9]))
+    one = results(make_fit({"lambda_2": 1.0776, "alpha_x_2": -317.0, "omega": -4e-7}, [3e-5, 12.0, 5e-9]))
+    two = results(make_fit({"lambda_2": 1.0777, "omega": -4.1e-7}, [4e-5, 5e-9]))
     return fit.compare({"one": one, "two": two})
 
 
@@ -253,7 +261,7 @@ def test_as_text_and_as_html(comparison):
 def test_as_json(comparison):
     document = json.loads(comparison.to_json(), parse_constant=pytest.fail)
     assert (document["schema"], document["results"]) == ("lpf-compare/1", ["one", "two"])
-    first, second = document["joint"]["lambda_2"]["estimates"]
+    reference, second = document["joint"]["lambda_2"]["estimates"]
     assert second == {"value": 1.0777, "sigma": 4e-5, "sound": True}
     assert document["joint"]["lambda_2"]["differences"] == [None, pytest.approx(2.0)]
     assert document["joint"]["alpha_x_2"]["estimates"][1] is None
@@ -261,7 +269,7 @@ def test_as_json(comparison):
     assert agreement["independent"] is True
     assert agreement["tests"]["joint"]["dof"] == 2
     assert agreement["tests"]["joint"]["p"] == pytest.approx(np.exp(-agreement["tests"]["joint"]["chi2"] / 2))
-    assert first["sigma"] == 3e-5
+    assert reference["sigma"] == 3e-5
 
 
 def test_as_data_frame(comparison):
@@ -273,7 +281,7 @@ def test_as_data_frame(comparison):
 
 
 @pytest.mark.parametrize(
-    ("given", "said"),
+    ("paths", "message"),
     [
         ([], "compare: 0 given, expected two or more results"),
         (["q"], "q: 1 given, expected two or more results"),
@@ -285,13 +293,13 @@ def test_as_data_frame(comparison):
         (["a", "b/montecarlo.json"], "schema is 'lpf-montecarlo/1', expected 'lpf-results/1'"),
     ],
 )
-def test_what_cannot_be_compared(tmp_path, monkeypatch, given, said):
-    saved(tmp_path / "a", made([1.0], [0.1]), "A")
+def test_what_cannot_be_compared(tmp_path, monkeypatch, paths, message):
+    saved(tmp_path / "a", make_fit([1.0], [0.1]), "A")
     (tmp_path / "b").mkdir()
     (tmp_path / "b" / "montecarlo.json").write_text('{"schema": "lpf-montecarlo/1"}')
     monkeypatch.chdir(tmp_path)
-    with pytest.raises(fit.InputError, match=re.escape(said)) as raised:
-        fit.compare(given)
+    with pytest.raises(fit.InputError, match=re.escape(message)) as raised:
+        fit.compare(paths)
     assert "\n" not in str(raised.value)
 
 

@@ -26,8 +26,8 @@ def runs():
 @pytest.fixture(scope="module")
 def charts(runs):
     """The figures of an experiment by what they show."""
-    found = figure_specs("e1", "A", tuple(runs), TRUTH, [])
-    return {drawing.name.rpartition("-")[2]: drawing.draw() for drawing in found}
+    specs = figure_specs("e1", "A", tuple(runs), TRUTH, [])
+    return {drawing.name.rpartition("-")[2]: drawing.draw() for drawing in specs}
 
 
 def test_a_column_stands_where_any_curve_has_it():
@@ -43,8 +43,8 @@ def test_a_column_stands_where_any_curve_has_it():
     assert [*columns["start"]] == ["1970-01-01T00:00:00", "1970-01-01T00:00:01"] * 2
     assert columns["name"] == ["A", "B", "", ""]
     assert np.isnan(columns["low"][2:]).all()
-    other = replace(panel, y=TIME, title="below")
-    assert {"value", "quantity", "unit", "panel"} <= Chart((panel, other)).columns.keys()
+    untitled = replace(panel, y=TIME, title="below")
+    assert {"value", "quantity", "unit", "panel"} <= Chart((panel, untitled)).columns.keys()
 
 
 def curves(chart):
@@ -57,11 +57,11 @@ def test_the_table_holds_what_is_drawn(charts):
         names, x, y = list(chart.columns.values())[:3]
         assert len({len(column) for column in chart.columns.values()}) == 1
         for name, line in curves(chart).items():
-            own = np.array(names) == name
-            np.testing.assert_array_equal(x[own], line.x)
-            np.testing.assert_array_equal(y[own], line.y)
+            rows = np.array(names) == name
+            np.testing.assert_array_equal(x[rows], line.x)
+            np.testing.assert_array_equal(y[rows], line.y)
             if line.low is not None:
-                np.testing.assert_array_equal(np.asarray(chart.columns["low"])[own], line.low)
+                np.testing.assert_array_equal(np.asarray(chart.columns["low"])[rows], line.low)
 
 
 def test_the_axes_show_every_value_with_a_little_room():
@@ -78,9 +78,9 @@ def test_the_one_of_least_ink_is_in_front(runs):
     slow = 1e-9 * np.sin(1e-3 * runs[0].time)
     for name, order in (("o_1", ["o_1", "guidance_o_1"]), ("o_12", ["guidance_o_12", "o_12"])):
         rough = slow + 1e-9 * np.sin(runs[0].time)
-        told = {order[0]: rough, order[1]: slow}
-        run = replace(runs[0], channels={**runs[0].channels, **told})
-        panel = next(p for p in figures_runs.responses(run).panels if p.lines[0].name in told)
+        series_by_name = {order[0]: rough, order[1]: slow}
+        run = replace(runs[0], channels={**runs[0].channels, **series_by_name})
+        panel = next(p for p in figures_runs.responses(run).panels if p.lines[0].name in series_by_name)
         assert [line.name for line in panel.lines] == order, name
 
 
@@ -92,14 +92,14 @@ def test_terms_are_those_of_newton():
     f = {"o_1": 5e-3, "o_12": 0.02, "f_x_1": 0.11, "f_x_2": 0.3}
     wave = {name: np.sin(2 * np.pi * f[name] * t) for name in f}
     run = type(run)(**{**vars(run), "fs": fs, "time": t, "channels": wave})
-    found = analysis.split(run, {**TRUTH, "delta_ifo": 2e-5})
-    inner = found.time
+    terms = analysis.split(run, {**TRUTH, "delta_ifo": 2e-5})
+    inner = terms.time
     assert np.diff(inner) == pytest.approx(0.3)
 
     def tone(name, order=0, late=0.0):
         w = 2 * np.pi * f[name]
-        hold = np.sinc(f[name] * 0.1) if name.startswith("f") else 1.0
-        return hold * w**order * np.sin(w * (inner - late) + order * np.pi / 2)
+        attenuation = np.sinc(f[name] * 0.1) if name.startswith("f") else 1.0
+        return attenuation * w**order * np.sin(w * (inner - late) + order * np.pi / 2)
 
     tau = [TRUTH[f"C_{j}"] / TRUTH[f"lambda_{j}"] for j in (1, 2)]
     expected = {
@@ -110,15 +110,15 @@ def test_terms_are_those_of_newton():
         "domega2_12 o_1": (TRUTH["domega2_12"] - 2e-5 * TRUTH["omega2_2"]) * tone("o_1"),
         "delta_ifo ddo_1": -2e-5 * tone("o_1", 2),
     }
-    assert found.terms.keys() == expected.keys()
+    assert terms.terms.keys() == expected.keys()
     for name, term in expected.items():
-        np.testing.assert_allclose(found.terms[name], term, atol=1e-5 * np.abs(term).max(), err_msg=name)
-    np.testing.assert_allclose(found.delta_g, sum(expected.values()), atol=1e-5)
+        np.testing.assert_allclose(terms.terms[name], term, atol=1e-5 * np.abs(term).max(), err_msg=name)
+    np.testing.assert_allclose(terms.delta_g, sum(expected.values()), atol=1e-5)
 
 
 def test_the_residual_lies_on_the_noise_and_its_tones_stand_out(charts):
-    found = curves(charts["spectra"])
-    residual, signal = found["residual Delta g"], found["signal ddo_12"]
+    spectra = curves(charts["spectra"])
+    residual, signal = spectra["residual Delta g"], spectra["signal ddo_12"]
     flat = (residual.x > 2e-3) & (residual.x < 2e-2)
     assert np.median(residual.y[flat]) == pytest.approx(4e-15, rel=0.15)  # the plateau of the synthetic world
     assert signal.y.max() > 300 * 4e-15
@@ -132,21 +132,21 @@ def test_what_was_decimated_for_the_eye_is_flat_up_to_the_edge():
     run = telemetry(World(), "A", "sysid", noisy=False)
     n = 60_000
     rng = np.random.default_rng(4)
-    quiet = {name: np.zeros(n) for name in ("o_1", "f_x_1", "f_x_2")}
-    channels = {**quiet, "o_12": 1e-12 * rng.standard_normal(n)}
+    zeros = {name: np.zeros(n) for name in ("o_1", "f_x_1", "f_x_2")}
+    channels = {**zeros, "o_12": 1e-12 * rng.standard_normal(n)}
     run = type(run)(**{**vars(run), "fs": 10.0, "time": np.arange(n) / 10, "channels": channels})
-    found = analysis.analyse(run, {"lambda_2": 1.0}).terms["ddo_12"]
-    level = found.asd / (2 * np.pi * found.f) ** 2 / (1e-12 * np.sqrt(2 / 10))
+    asd = analysis.analyse(run, {"lambda_2": 1.0}).terms["ddo_12"]
+    level = asd.asd / (2 * np.pi * asd.f) ** 2 / (1e-12 * np.sqrt(2 / 10))
     for low, high in ((0.03, 0.1), (0.1, 0.4), (0.4, 0.99)):
-        assert np.median(level[(found.f > low) & (found.f < high)]) == pytest.approx(1, abs=0.06)
+        assert np.median(level[(asd.f > low) & (asd.f < high)]) == pytest.approx(1, abs=0.06)
 
 
 def test_an_average_lets_no_high_frequency_through_at_an_edge():
     t = np.arange(0, 3600, 0.3)
     x = np.where((t > 1000) & (t < 1030), np.nan, np.sin(2 * np.pi * t))
-    found = series.averaged(x, 20 / 0.3, 1)
-    assert np.nanmax(np.abs(found)) < 5e-4
-    assert np.isfinite(found).mean() > 0.97
+    average = series.averaged(x, 20 / 0.3, 1)
+    assert np.nanmax(np.abs(average)) < 5e-4
+    assert np.isfinite(average).mean() > 0.97
 
 
 def test_gaps_and_glitches_are_marked(runs, charts):
@@ -156,9 +156,9 @@ def test_gaps_and_glitches_are_marked(runs, charts):
         TimeSpan("another", 5.0, 6.0),
         TimeSpan(gone.run, 900.0, 907.0),
     )
-    told = masked_spans([FitWarning("glitches", (), "masked", spans=spans)], gone.run)
-    assert told == [(100.0, 112.0), (900.0, 907.0)]
-    chart = figures_runs.residual(gone, analysis.analyse(gone, TRUTH, told))
+    masked = masked_spans([FitWarning("glitches", (), "masked", spans=spans)], gone.run)
+    assert masked == [(100.0, 112.0), (900.0, 907.0)]
+    chart = figures_runs.residual(gone, analysis.analyse(gone, TRUTH, masked))
     shades = [mark for mark in chart.panels[1].marks if isinstance(mark, Span)]
     assert [mark.label for mark in shades] == ["missing samples", "", "masked, or a glitch", ""]
     assert (shades[2].low, shades[2].high) == pytest.approx((100 / 3600, 112 / 3600))
@@ -171,30 +171,33 @@ def test_gaps_and_glitches_are_marked(runs, charts):
 def test_a_glitch_hides_neither_the_residual_nor_its_spectrum(runs):
     run = runs[0]
     hit = np.where((run.time >= 5000) & (run.time < 5030), 1e-10, 0.0)  # a force that o_12 does not follow
-    struck = replace(run, channels={**run.channels, "f_x_2": run.channels["f_x_2"] + hit})
-    quiet = analysis.analyse(run, TRUTH)
-    loud, told = (analysis.analyse(struck, TRUTH, spans) for spans in ((), [(4998.0, 5032.0)]))
-    levels = [np.mean(x.asd.asd[(x.asd.f > 1e-3) & (x.asd.f < 1e-2)]) for x in (told, loud, quiet)]
+    disturbed = replace(run, channels={**run.channels, "f_x_2": run.channels["f_x_2"] + hit})
+    undisturbed = analysis.analyse(run, TRUTH)
+    unmasked, masked = (analysis.analyse(disturbed, TRUTH, spans) for spans in ((), [(4998.0, 5032.0)]))
+    levels = [
+        np.mean(x.asd.asd[(x.asd.f > 1e-3) & (x.asd.f < 1e-2)]) for x in (masked, unmasked, undisturbed)
+    ]
     assert levels[0] == pytest.approx(levels[2], rel=0.2)
     assert levels[1] > 3 * levels[2]
     up, hidden, right = (
-        np.ptp(figures_runs.residual(run, found).panels[1].up) for found in (told, loud, quiet)
+        np.ptp(figures_runs.residual(run, analysed).panels[1].up)
+        for analysed in (masked, unmasked, undisturbed)
     )
     assert up == pytest.approx(right, rel=0.2)
     assert hidden > 5 * right
 
 
 def test_the_signal_dwarfs_the_residual_which_magnified_is_the_noise(charts):
-    above, below = charts["residual"].panels
-    signal, own = above.lines
-    assert (above.y.unit, below.y.unit) == ("pm s⁻²", "fm s⁻²")
-    assert np.nanmax(np.abs(signal.y)) > 50 * np.nanmax(np.abs(own.y))
-    found = curves(charts["residual"])
-    noise, residual = (found[f"{name} averaged over 200 s"] for name in ("noise run", "residual"))
+    signal_panel, residual_panel = charts["residual"].panels
+    signal, small = signal_panel.lines
+    assert (signal_panel.y.unit, residual_panel.y.unit) == ("pm s⁻²", "fm s⁻²")
+    assert np.nanmax(np.abs(signal.y)) > 50 * np.nanmax(np.abs(small.y))
+    by_name = curves(charts["residual"])
+    noise, residual = (by_name[f"{name} averaged over 200 s"] for name in ("noise run", "residual"))
     assert np.nanstd(residual.y) == pytest.approx(np.nanstd(noise.y), rel=0.3)
-    assert noise.x[-1] <= below.across[1]
+    assert noise.x[-1] <= residual_panel.across[1]
     units = np.array(charts["residual"].columns["unit"])
-    assert set(units[: above.lines[0].x.size]) == {"pm s⁻²"}
+    assert set(units[: signal_panel.lines[0].x.size]) == {"pm s⁻²"}
 
 
 def test_a_warning_holds_where_it_masked(runs):

@@ -15,12 +15,12 @@ NOMINAL, LOWEST = ((0.0, 10.4e-12), (2200e-12, 10.4e-12)), ((0.0, 1.5e-12), (50e
 
 def points(levels):
     """Points of known power: by authority [N], the ASD in the lower band."""
-    found = []
+    runs = []
     for k, (authority, asd) in enumerate(levels):
-        own = Level(asd, 0.9 * asd, 1.1 * asd)
+        level = Level(asd, 0.9 * asd, 1.1 * asd)
         start = np.datetime64(f"201{6 + k % 2}-0{1 + k % 9}-01")
-        found.append(NoisePoint(f"run {k}", start, authority, {PLAIN: own, LOW: own}))
-    return found
+        runs.append(NoisePoint(f"run {k}", start, authority, {PLAIN: level, LOW: level}))
+    return runs
 
 
 def test_what_lisa_asks_at_places_worked_out_by_hand():
@@ -55,10 +55,10 @@ def test_the_level_of_white_noise_is_its_asd_and_its_interval_holds_it():
 def test_levels_stand_beside_flight_and_requirement():
     chart = noise.by_date(points([(1e-9, 5e-15), (2e-9, 2e-15)]))
     plain, low = chart.panels
-    found = {line.label: line for line in plain.lines}
-    assert found["flight"].y == pytest.approx([1e15 * flown.asd for flown in PLATEAU])
-    assert found["noise runs"].y.tolist() == pytest.approx([5.0, 2.0])
-    assert found["LISA"].y[0] == pytest.approx(1e15 * noise.required(BANDS[PLAIN]))
+    by_label = {line.label: line for line in plain.lines}
+    assert by_label["flight"].y == pytest.approx([1e15 * flown.asd for flown in PLATEAU])
+    assert by_label["noise runs"].y.tolist() == pytest.approx([5.0, 2.0])
+    assert by_label["LISA"].y[0] == pytest.approx(1e15 * noise.required(BANDS[PLAIN]))
     assert "flight" not in {line.label for line in low.lines}
     assert len({len(column) for column in chart.columns.values()}) == 1
 

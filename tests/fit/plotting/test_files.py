@@ -38,23 +38,25 @@ def folder(charts, tmp_path_factory):
 
 def table(path):
     """The rows of a CSV by the name of the curve, numbers as such, NaN where there are none."""
-    found = defaultdict(list)
+    rows_by_name = defaultdict(list)
     with path.open(encoding="utf-8", newline="") as file:
         head, *rows = csv.reader(file)
     for name, *cells in rows:
-        found[name].append([float(c) if re.fullmatch(r"-?[\d.]+(?:e-?\d+)?", c) else np.nan for c in cells])
-    return head, {name: np.array(values) for name, values in found.items()}
+        rows_by_name[name].append(
+            [float(c) if re.fullmatch(r"-?[\d.]+(?:e-?\d+)?", c) else np.nan for c in cells]
+        )
+    return head, {name: np.array(values) for name, values in rows_by_name.items()}
 
 
 @pytest.mark.parametrize("name", ["r-A-responses", "s-A-spectra", "b-A-breakdown", "t-A-residual"])
 def test_the_table_holds_the_curves(charts, folder, name):
-    head, told = table(folder / f"e1{name}.csv")
+    head, columns = table(folder / f"e1{name}.csv")
     assert head[0] == "curve"
     assert re.fullmatch(r".* \[.*\]", head[1])
     lines = {line.name: line for panel in charts[f"e1{name}"].panels for line in panel.lines}
-    assert told.keys() == lines.keys()
+    assert columns.keys() == lines.keys()
     for key, line in lines.items():
-        np.testing.assert_allclose(told[key][:, :2], np.stack([line.x, line.y], axis=1), rtol=1e-7)
+        np.testing.assert_allclose(columns[key][:, :2], np.stack([line.x, line.y], axis=1), rtol=1e-7)
 
 
 def test_matplotlib_draws_every_curve_where_it_is(charts):
@@ -64,8 +66,8 @@ def test_matplotlib_draws_every_curve_where_it_is(charts):
             assert (ax.get_xlim(), ax.get_ylim()) == (pytest.approx(panel.across), pytest.approx(panel.up))
             assert panel.y.unit in ax.get_ylabel()
             drawn = [line.get_xydata() for line in ax.lines]
-            for line, found in zip(panel.lines, drawn, strict=True):
-                np.testing.assert_array_equal(found, np.stack([line.x, line.y], axis=1))
+            for line, points in zip(panel.lines, drawn, strict=True):
+                np.testing.assert_array_equal(points, np.stack([line.x, line.y], axis=1))
 
 
 def test_dates_error_bars_and_grids():
@@ -77,9 +79,9 @@ def test_dates_error_bars_and_grids():
     assert [bar[:, 0].tolist() for bar in bars] == [[16907.5] * 2, [16983.0] * 2]  # days since 1970
     assert bars[0][:, 1] == pytest.approx([1.0775, 1.0777])
     assert "joint fit, ±1 σ" in [text.get_text() for text in ax.get_legend().get_texts()]
-    found = {n: Diagnostics(1.0, 0.03, 0.4, 0.02, 0.075, NORMAL_SCORES.tolist()) for n in "ABCDEFG"}
-    figure = plotting.drawn(mission.quantiles(found, dict.fromkeys(found, 4304))).figure
-    assert [ax.get_title(loc="left") for ax in figure.axes if ax.get_visible()] == list(found)
+    diagnostics = {n: Diagnostics(1.0, 0.03, 0.4, 0.02, 0.075, NORMAL_SCORES.tolist()) for n in "ABCDEFG"}
+    figure = plotting.drawn(mission.quantiles(diagnostics, dict.fromkeys(diagnostics, 4304))).figure
+    assert [ax.get_title(loc="left") for ax in figure.axes if ax.get_visible()] == list(diagnostics)
 
 
 def test_files_are_for_a_journal(folder):
@@ -110,8 +112,8 @@ def test_bytes_are_the_same_in_another_process(folder, tmp_path):
 
 def test_long_names_do_not_break_a_figure(tmp_path):
     names = ["lambda_2", "a parameter whose name somebody chose to be as long as this one is $\\frac{"]
-    found = Fit({n: Estimate(1.0, 1.0, "1") for n in names}, np.eye(2), 1.0, 1, True, ())
-    plotting.write(tmp_path, "c", plotting.drawn, mission.correlations(found))
+    joint = Fit({n: Estimate(1.0, 1.0, "1") for n in names}, np.eye(2), 1.0, 1, True, ())
+    plotting.write(tmp_path, "c", plotting.drawn, mission.correlations(joint))
     assert (tmp_path / "c.csv").read_text().splitlines()[1].endswith(",0")
     line = Curve(name="x", label="", role="ink", x=np.arange(3.0), y=np.arange(3.0))
     chart = Chart((Panel(TIME, TIME, (line,), (0, 2), (0, 2), 1.0, names[1]),))
@@ -122,5 +124,5 @@ def test_subscripts_are_set():
     line = {"name": "x", "role": "ink", "x": np.arange(3.0), "y": np.arange(3.0)}
     marks = tuple(Curve(label=label, **line) for label in ("Δg_x", "g_dΩ", "ω²₂ o₁₂"))
     (ax,) = plotting.drawn(Chart((Panel(TIME, TIME, marks, (0, 2), (0, 2), 1.0),))).figure.axes
-    told = [text.get_text() for text in ax.get_legend().get_texts()]
-    assert told == ["Δg$_{x}$", r"g$_{\dot\Omega}$", "ω²₂ o₁₂"]
+    texts = [text.get_text() for text in ax.get_legend().get_texts()]
+    assert texts == ["Δg$_{x}$", r"g$_{\dot\Omega}$", "ω²₂ o₁₂"]

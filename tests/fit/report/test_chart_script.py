@@ -17,8 +17,8 @@ HOURS = Axis("time", "h", "t [h]")
 SHIFT = Axis("o₁", "nm", "value [nm]")
 
 
-def curve(name, role, x, y, **more):
-    return Curve(name=name, label=name, role=role, x=x, y=y, **more)
+def curve(name, role, x, y, **style):
+    return Curve(name=name, label=name, role=role, x=x, y=y, **style)
 
 
 def spectra():
@@ -47,7 +47,7 @@ def points():
 
 @pytest.fixture(scope="module")
 def path(tmp_path_factory):
-    made = [
+    rendered = [
         charts.render(FigureSpec(f.__name__, f"about {f.__name__}", "", f)) for f in (spectra, series, points)
     ]
     colours = "".join(f"--{role}: {colour};" for role, colour in COLOURS.items())
@@ -58,7 +58,7 @@ def path(tmp_path_factory):
     path.write_text(
         f"<!DOCTYPE html><meta charset=utf-8><style>{style} :root {{{colours}}}"
         "figure {width: 600px}</style>"
-        + "".join(f"<figure>{shown.element}</figure>" for shown in made)
+        + "".join(f"<figure>{shown.element}</figure>" for shown in rendered)
         + "".join(f"<script>{script}</script>" for script in scripts),
         encoding="utf-8",
     )
@@ -82,7 +82,7 @@ def place(page, n, across, up):
     return x + across * width, y + (1 - up) * height
 
 
-def at(page, n, across, up=0.5):
+def pointer(page, n, across, up=0.5):
     """What is read off at a place: the legend's texts by name, numbers as such."""
     page.mouse("mouseMoved", *place(page, n, across, up))
     page.evaluate("new Promise(done => requestAnimationFrame(() => requestAnimationFrame(done)))")
@@ -91,10 +91,10 @@ def at(page, n, across, up=0.5):
 
 def read(page, n):
     rows = f"[...document.querySelectorAll('.uplot')[{n}].querySelectorAll('.u-series')]"
-    told = page.evaluate(
+    texts = page.evaluate(
         rows + ".map(r => [r.querySelector('th').innerText.trim(), r.querySelector('td')?.innerText])"
     )
-    return {name: text and number(text) for name, text in told}
+    return {name: text and number(text) for name, text in texts}
 
 
 def number(text):
@@ -121,94 +121,94 @@ def ink(page, n):
 
 
 def test_the_pointer_reads_what_was_drawn(shown):
-    found = at(shown, 0, 0.25)
-    assert found["frequency"] == pytest.approx(1e-3, rel=0.06)
-    assert found["falling"] == pytest.approx(
-        1e-15 / found["frequency"], rel=0.07
+    readings = pointer(shown, 0, 0.25)
+    assert readings["frequency"] == pytest.approx(1e-3, rel=0.06)
+    assert readings["falling"] == pytest.approx(
+        1e-15 / readings["frequency"], rel=0.07
     )  # the next of its own points
-    assert found["flat"] == pytest.approx(1e-13, rel=1e-3)
-    found = at(shown, 1, 0.25)  # 1.5 h, in the gap
-    assert found["time"] == pytest.approx(1.5, abs=0.06)
+    assert readings["flat"] == pytest.approx(1e-13, rel=1e-3)
+    readings = pointer(shown, 1, 0.25)  # 1.5 h, in the gap
+    assert readings["time"] == pytest.approx(1.5, abs=0.06)
     assert read(shown, 2)["down"] == pytest.approx(1.5, abs=0.06)  # the pointer of one panel is that of all
 
 
 def test_points_tell_their_sigma_and_whose_they_are(shown):
-    at(shown, 3, 1 / 6)
+    pointer(shown, 3, 1 / 6)
     text = "document.querySelectorAll('.uplot')[3].querySelector('.points td').innerText"
     assert shown.evaluate(text).split() == ["1.07760", "±", "0.00010", "(A)"]
 
 
 def test_a_rectangle_zooms_and_a_double_click_goes_back(shown):
-    before = ink(shown, 0)
+    initial = ink(shown, 0)
     drag(shown, 0, (0.25, 0.3), (0.5, 0.7))  # 1 to 10 mHz, 10^-14.2 to 10^-11.8
-    assert at(shown, 0, 0.5)["frequency"] == pytest.approx(10**-2.5, rel=0.06)
-    assert at(shown, 0, 0.999)["frequency"] == pytest.approx(1e-2, rel=0.07)
-    assert ink(shown, 0) != before
+    assert pointer(shown, 0, 0.5)["frequency"] == pytest.approx(10**-2.5, rel=0.06)
+    assert pointer(shown, 0, 0.999)["frequency"] == pytest.approx(1e-2, rel=0.07)
+    assert ink(shown, 0) != initial
     for count in (1, 2):
-        where = place(shown, 0, 0.5, 0.5)
-        shown.mouse("mousePressed", *where, button="left", buttons=1, clickCount=count)
-        shown.mouse("mouseReleased", *where, button="left", clickCount=count)
+        centre = place(shown, 0, 0.5, 0.5)
+        shown.mouse("mousePressed", *centre, button="left", buttons=1, clickCount=count)
+        shown.mouse("mouseReleased", *centre, button="left", clickCount=count)
     shown.mouse("mouseMoved", 1, 1)
-    assert at(shown, 0, 0.25)["frequency"] == pytest.approx(1e-3, rel=0.06)
-    assert ink(shown, 0) == before
+    assert pointer(shown, 0, 0.25)["frequency"] == pytest.approx(1e-3, rel=0.06)
+    assert ink(shown, 0) == initial
 
 
 def test_panels_share_their_time(shown):
     drag(shown, 2, (0.5, 0.5), (0.75, 0.52))  # of the lower one: 3 to 4.5 h
-    assert at(shown, 1, 0.99)["time"] == pytest.approx(4.45, abs=0.11)
-    assert at(shown, 2, 0.01)["time"] == pytest.approx(3.05, abs=0.11)
+    assert pointer(shown, 1, 0.99)["time"] == pytest.approx(4.45, abs=0.11)
+    assert pointer(shown, 2, 0.01)["time"] == pytest.approx(3.05, abs=0.11)
 
 
 def test_a_name_hides_its_curve(shown):
-    before = ink(shown, 0)
+    initial = ink(shown, 0)
     name = "[...document.querySelectorAll('.u-series th')].find(e => e.innerText.trim() === 'falling')"
     shown.evaluate(f"{name}.click()")
     hidden = ink(shown, 0)
-    assert hidden != before
+    assert hidden != initial
     shown.evaluate(f"{name}.focus()")
     shown.key("Enter")
-    assert ink(shown, 0) == before
+    assert ink(shown, 0) == initial
     assert shown.evaluate(f"[{name}.tabIndex, {name}.role]") == [0, "button"]
 
 
 def test_the_wheel_scrolls_the_page_until_a_figure_is_chosen(shown):
-    before, where = ink(shown, 0), place(shown, 0, 0.5, 0.5)
-    shown.mouse("mouseWheel", *where, deltaX=0, deltaY=-100)
-    assert ink(shown, 0) == before
+    initial, centre = ink(shown, 0), place(shown, 0, 0.5, 0.5)
+    shown.mouse("mouseWheel", *centre, deltaX=0, deltaY=-100)
+    assert ink(shown, 0) == initial
     drag(shown, 0, (0.5, 0.5), (0.5, 0.5))  # a click
-    shown.mouse("mouseWheel", *where, deltaX=0, deltaY=-300)
+    shown.mouse("mouseWheel", *centre, deltaX=0, deltaY=-300)
     shown.evaluate("new Promise(done => setTimeout(done, 200))")
-    assert ink(shown, 0) != before
+    assert ink(shown, 0) != initial
 
 
 def test_keys_do_the_same(shown):
     shown.evaluate("document.querySelector('.u-over').focus()")
-    before = ink(shown, 0)
+    initial = ink(shown, 0)
     shown.key("ArrowRight")
-    first = read(shown, 0)["frequency"]
+    frequency = read(shown, 0)["frequency"]
     for _ in range(10):
         shown.key("ArrowRight")
-    assert read(shown, 0)["frequency"] > 1.1 * first
+    assert read(shown, 0)["frequency"] > 1.1 * frequency
     shown.key("+")
-    assert ink(shown, 0) != before
+    assert ink(shown, 0) != initial
     shown.key("Escape")
-    assert ink(shown, 0) == before
+    assert ink(shown, 0) == initial
 
 
 def test_two_fingers_zoom(shown):
     def touch(kind, *shares):
-        where = [
+        centre = [
             dict(zip("xy", place(shown, 0, *share), strict=True), id=i) for i, share in enumerate(shares)
         ]
-        shown.send("Input.dispatchTouchEvent", type=kind, touchPoints=where)
+        shown.send("Input.dispatchTouchEvent", type=kind, touchPoints=centre)
 
-    before = ink(shown, 0)
+    initial = ink(shown, 0)
     touch("touchStart", (0.4, 0.5), (0.6, 0.5))
-    for apart in (0.25, 0.35, 0.45):
-        touch("touchMove", (0.5 - apart, 0.5), (0.5 + apart, 0.5))
+    for distance in (0.25, 0.35, 0.45):
+        touch("touchMove", (0.5 - distance, 0.5), (0.5 + distance, 0.5))
     touch("touchEnd")
     shown.evaluate("new Promise(done => setTimeout(done, 200))")
-    assert ink(shown, 0) != before
+    assert ink(shown, 0) != initial
 
 
 def test_every_plot_is_drawn_finely(shown):

@@ -19,8 +19,8 @@ GAIN = Axis("λ₂", "1", "lambda_2 [1]")
 EVIL = "</script><script>alert(1)</script>"
 
 
-def line(x, y, **more):
-    return Curve(**{"name": "a line", "label": "Δg_x", "role": "blue", "x": x, "y": y, **more})
+def line(x, y, **style):
+    return Curve(**{"name": "a line", "label": "Δg_x", "role": "blue", "x": x, "y": y, **style})
 
 
 def shown(chart):
@@ -28,35 +28,35 @@ def shown(chart):
     return charts.render(drawing).element
 
 
-def told(element):
+def document(element):
     """Read back what the script reads."""
     (data,) = re.findall(r'<script type="application/json">(.*?)</script>', element, re.DOTALL)
-    found = json.loads(data)
-    found["arrays"] = [
+    content = json.loads(data)
+    content["arrays"] = [
         np.array([np.nan if v is None else v for v in a])
         if isinstance(a, list)
         else np.frombuffer(base64.b64decode(a), "<f4")
-        for a in found["arrays"]
+        for a in content["arrays"]
     ]
-    return found
+    return content
 
 
 def test_the_script_gets_what_the_figure_holds():
     y = 1e-15 / F
     y[100] = np.nan
     spectra = line(F, y, low=0.5 * y, high=2 * y, dash="--")
-    other = line(F, 3 * y, label="")
-    panel = Panel(FREQUENCY, ASD, (spectra, other), (1e-4, 1.0), (1e-16, 1e-10), 2.2)
-    found = told(shown(Chart((panel,))))
-    (there,) = found["panels"]
-    factor = there["y"]["factor"]
-    first, second = there["marks"]
-    assert first["x"] == second["x"]  # an array is told once
-    assert len(found["arrays"]) == 5
+    triple = line(F, 3 * y, label="")
+    panel = Panel(FREQUENCY, ASD, (spectra, triple), (1e-4, 1.0), (1e-16, 1e-10), 2.2)
+    content = document(shown(Chart((panel,))))
+    (drawn_panel,) = content["panels"]
+    factor = drawn_panel["y"]["factor"]
+    banded, second = drawn_panel["marks"]
+    assert banded["x"] == second["x"]  # an array is told once
+    assert len(content["arrays"]) == 5
     for key, values in (("x", F), ("y", y * factor), ("low", 0.5 * y * factor), ("high", 2 * y * factor)):
-        np.testing.assert_allclose(found["arrays"][first[key]], values, rtol=1e-7)
-    assert np.array(there["y"]["limits"]) / factor == pytest.approx([1e-16, 1e-10])
-    assert (first["label"], first["dash"], second["label"]) == ("Δg<sub>x</sub>", "--", "")
+        np.testing.assert_allclose(content["arrays"][banded[key]], values, rtol=1e-7)
+    assert np.array(drawn_panel["y"]["limits"]) / factor == pytest.approx([1e-16, 1e-10])
+    assert (banded["label"], banded["dash"], second["label"]) == ("Δg<sub>x</sub>", "--", "")
 
 
 def test_dates_and_small_differences_keep_their_digits():
@@ -65,10 +65,10 @@ def test_dates_and_small_differences_keep_their_digits():
         name="p", label="alone", role="ink", x=when, y=np.array([1.07760001, 1.0776]),
         low=np.array([1.0, 1.0]), high=np.array([2.0, 2.0]), names=("A", EVIL),
     )  # fmt: skip
-    found = told(shown(Chart((Panel(DATES, GAIN, (dots,), (1.46e9, 1.47e9), (1.0, 2.0), 2.0),))))
-    (mark,) = found["panels"][0]["marks"]
-    assert found["arrays"][mark["x"]].tolist() == when.tolist()
-    assert found["arrays"][mark["y"]].tolist() == [1.07760001, 1.0776]
+    content = document(shown(Chart((Panel(DATES, GAIN, (dots,), (1.46e9, 1.47e9), (1.0, 2.0), 2.0),))))
+    (mark,) = content["panels"][0]["marks"]
+    assert content["arrays"][mark["x"]].tolist() == when.tolist()
+    assert content["arrays"][mark["y"]].tolist() == [1.07760001, 1.0776]
     assert mark["names"] == ["A", EVIL]
 
 
@@ -79,9 +79,9 @@ def test_nothing_ends_the_script_or_becomes_markup():
     element = shown(Chart((panel, panel), n_across=2))
     assert "<script>" not in element
     assert element.count("</script>") == 1
-    assert told(element)["panels"][0]["title"] == EVIL
+    assert document(element)["panels"][0]["title"] == EVIL
     assert (
-        told(element)["panels"][0]["marks"][0]["label"]
+        document(element)["panels"][0]["marks"][0]["label"]
         == "&lt;/script&gt;&lt;script&gt;alert(1)&lt;/script&gt;"
     )
 
@@ -89,9 +89,9 @@ def test_nothing_ends_the_script_or_becomes_markup():
 @given(size=st.floats(1e-25, 1e25), sign=st.sampled_from([-1, 1]))
 def test_numbers_of_any_size_are_told_near_one(size, sign):
     panel = Panel(TIME, TIME, (line(F, sign * size * F),), (0, 1), (-size, size), 1.0)
-    found = told(shown(Chart((panel,))))["panels"][0]["y"]
-    assert 1e-3 < max(np.abs(found["limits"])) < 1e6
-    assert np.array(found["limits"]) / found["factor"] == pytest.approx([-size, size])
+    content = document(shown(Chart((panel,))))["panels"][0]["y"]
+    assert 1e-3 < max(np.abs(content["limits"])) < 1e6
+    assert np.array(content["limits"]) / content["factor"] == pytest.approx([-size, size])
 
 
 def test_spans_and_notes_move_with_the_axes():
@@ -101,12 +101,12 @@ def test_spans_and_notes_move_with_the_axes():
         Note(text="here", x=0.5, y=1e-13),
         Note(text="below", x=0.5),
     )
-    across, along, here, below = told(
+    across, along, note, edge_note = document(
         shown(Chart((Panel(FREQUENCY, ASD, marks, (1e-3, 1), (1e-14, 1e-12), 1.0),)))
     )["panels"][0]["marks"]
     assert (across["low"], across["high"]) == pytest.approx((10, 20))
     assert (along["low"], along["high"], along["label"]) == (0.1, 1, "masked")
-    assert (here["y"], below["y"]) == (pytest.approx(10), None)
+    assert (note["y"], edge_note["y"]) == (pytest.approx(10), None)
 
 
 def test_a_matrix_is_a_table_in_colours():

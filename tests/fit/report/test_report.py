@@ -40,7 +40,7 @@ ORDER = (
 )
 EVIL = "<script>alert('x')</script>\"><img src=x onerror=alert(1)> & $\\frac{"
 TRUTH = {name: p.value for name, p in FLIGHT.items()}
-LOST = FitWarning("indeterminable", ("lambda_1",), "nothing drives test mass 1", {"lambda_1": 1.0})
+UNDETERMINED = FitWarning("indeterminable", ("lambda_1",), "nothing drives test mass 1", {"lambda_1": 1.0})
 
 
 def make_fit(values, warnings=(), converged=True):
@@ -62,7 +62,7 @@ def joint_fit(pulls=(), **options):
     """The twelve joint parameters at their flight values but for `pulls` sigma."""
     names = [n for n in joint_names([1, 2]) if n != "lambda_1"]
     values = {n: FLIGHT[n].value + dict(pulls).get(n, 0.0) * FLIGHT[n].sigma for n in names}
-    return make_fit(values, **{"warnings": [LOST], **options})
+    return make_fit(values, **{"warnings": [UNDETERMINED], **options})
 
 
 def experiment_fit():
@@ -178,8 +178,8 @@ def test_the_whole_report(tmp_path, campaign):
     assert page.tags.count("figure") == 14
     stems = ["correlation", "gain", "gain-authority", "leakage", "stiffness-1", "stiffness-2"]
     for experiment in ("1{}-A1", "2{}-B2"):
-        for letter, what in {"r": "responses", "s": "spectra", "b": "breakdown", "t": "residual"}.items():
-            stems.append(f"e{experiment.format(letter)}-{what}")
+        for letter, name in {"r": "responses", "s": "spectra", "b": "breakdown", "t": "residual"}.items():
+            stems.append(f"e{experiment.format(letter)}-{name}")
     assert {d.name for d in figure_specs(page.results, runs)} == set(stems)
     assert all(f"<code>{stem}</code></figcaption>" in page.source for stem in stems)
     headings = [page.text.index(text) for text in ORDER]
@@ -188,15 +188,15 @@ def test_the_whole_report(tmp_path, campaign):
 
 def test_the_page_needs_nothing_but_itself(tmp_path, campaign):
     page = written(tmp_path, results(joint=joint_fit(), experiments={"A1": experiment_fit()}), campaign())
-    within = {link[1:] for link in page.links if link.startswith("#")}
-    beside = {link for link in page.links if not link.startswith("#")}
-    assert within <= set(page.ids)
+    anchors = {link[1:] for link in page.links if link.startswith("#")}
+    files = {link for link in page.links if not link.startswith("#")}
+    assert anchors <= set(page.ids)
     assert len(page.ids) == len(set(page.ids))
-    assert beside == {"results.json"}  # offered, but not needed
+    assert files == {"results.json"}  # offered, but not needed
     assert not {"link", "iframe", "img", "object"} & set(page.tags)
-    without = re.sub(r"<script[^>]*>.*?</script>", "", page.source, flags=re.DOTALL).replace("http-equiv", "")
+    markup = re.sub(r"<script[^>]*>.*?</script>", "", page.source, flags=re.DOTALL).replace("http-equiv", "")
     for remote in ("http", "@import", "url(h", "//"):
-        assert remote not in without
+        assert remote not in markup
     scripts = re.findall(r"<script>(.*?)</script>", page.source, flags=re.DOTALL)
     digests = [base64.b64encode(hashlib.sha256(text.encode()).digest()).decode() for text in scripts]
     (policy,) = [value for _, name, value in page.attributes if name == "content" and "-src" in value]
@@ -214,9 +214,9 @@ def test_the_page_needs_nothing_but_itself(tmp_path, campaign):
 @pytest.mark.slow
 def test_the_same_input_gives_the_same_bytes(tmp_path, campaign):
     runs = campaign()
-    told = results(joint=joint_fit(), experiments={"A1": experiment_fit()})
-    first = write_report(tmp_path, told, runs).read_bytes()
-    assert write_report(tmp_path, told, runs).read_bytes() == first
+    calibration = results(joint=joint_fit(), experiments={"A1": experiment_fit()})
+    content = write_report(tmp_path, calibration, runs).read_bytes()
+    assert write_report(tmp_path, calibration, runs).read_bytes() == content
 
 
 def test_every_foreign_text_is_escaped(tmp_path, campaign):
@@ -224,17 +224,19 @@ def test_every_foreign_text_is_escaped(tmp_path, campaign):
     warning = FitWarning(EVIL, (EVIL,), EVIL, {EVIL: 1.0, "C_2": -0.2})
     fit = replace(experiment_fit(), warnings=(warning, replace(warning, code="indeterminable")))
     fit.parameters[EVIL] = Estimate(1.0, 0.1, EVIL)
-    odd = replace(make_fit({"lambda_2": 1.0, "C_2": 0.2}), warnings=fit.warnings)
-    odd.parameters[EVIL] = odd.parameters.pop("C_2")
+    foreign_fit = replace(make_fit({"lambda_2": 1.0, "C_2": 0.2}), warnings=fit.warnings)
+    foreign_fit.parameters[EVIL] = foreign_fit.parameters.pop("C_2")
     page = written(
         tmp_path,
         results(
-            joint=odd, experiments={EVIL: fit}, provenance=Provenance.from_entries({EVIL: {EVIL: [EVIL]}})
+            joint=foreign_fit,
+            experiments={EVIL: fit},
+            provenance=Provenance.from_entries({EVIL: {EVIL: [EVIL]}}),
         ),
         runs,
     )
-    own = [tag for tag, name, value in page.attributes if (name, value) == ("type", "application/json")]
-    assert page.tags.count("script") == page.source.count("sha256-") + len(own)
+    documents = [tag for tag, name, value in page.attributes if (name, value) == ("type", "application/json")]
+    assert page.tags.count("script") == page.source.count("sha256-") + len(documents)
     assert "img" not in page.tags
     assert not [name for _, name, _ in page.attributes if name.startswith("on")]
     assert EVIL.partition(" & ")[0] in page.text
@@ -266,9 +268,9 @@ def test_results_whose_telemetry_is_gone(tmp_path):
 
 
 def test_long_missions_fold_their_experiments(tmp_path):
-    few, many = ({f"E{i}": experiment_fit() for i in range(n)} for n in (4, 5))
-    assert ("details", "open", None) in written(tmp_path, results(experiments=few), []).attributes
-    page = written(tmp_path, results(experiments=many), [])
+    small, large = ({f"E{i}": experiment_fit() for i in range(n)} for n in (4, 5))
+    assert ("details", "open", None) in written(tmp_path, results(experiments=small), []).attributes
+    page = written(tmp_path, results(experiments=large), [])
     assert ("details", "open", None) not in page.attributes
     assert {f"#e{i}" for i in range(1, 6)} <= set(page.links)  # of the table above them
 
@@ -366,27 +368,27 @@ def test_a_sum_is_drawn_where_its_parts_are_lost():
     points = [stiffness.StiffnessPoint("", 2, F, 1e-11, Estimate(y, 1e-8, "s-2")) for F, y in line.items()]
     known = tuple(Stiffness(2, F, 1e-11, y, 3e-9) for F, y in line.items())
     joint = replace(make_fit({"C_2": 0.186}), stiffness=known)
-    above, below = stiffness.against_authority(points, joint).panels
-    (curve,) = (mark for mark in above.marks if getattr(mark, "name", "") == "10 pN m")
+    main_panel, pull_panel = stiffness.against_authority(points, joint).panels
+    (curve,) = (mark for mark in main_panel.marks if getattr(mark, "name", "") == "10 pN m")
     assert curve.y == pytest.approx([-7.0, -7.0 - 3.17 * 2.12])
-    assert any(getattr(mark, "name", "") == "pull" for mark in below.marks)
+    assert any(getattr(mark, "name", "") == "pull" for mark in pull_panel.marks)
     # the other test mass: nothing of its own varies
-    other = [
+    test_mass_1 = [
         stiffness.StiffnessPoint("", 1, 0.0, 1e-11, Estimate(-7e-7, 1e-8, "s-2"), F_max_other=F) for F in line
     ]
     joint = replace(joint, stiffness=(Stiffness(1, 0.0, 1e-11, -7e-7, 3e-9),))
-    above, _ = stiffness.against_authority(other, joint).panels
-    assert above.x.head == "F_max_2 [pN]"
-    (curve,) = (mark for mark in above.marks if getattr(mark, "name", "") == "10 pN m")
+    main_panel, _ = stiffness.against_authority(test_mass_1, joint).panels
+    assert main_panel.x.head == "F_max_2 [pN]"
+    (curve,) = (mark for mark in main_panel.marks if getattr(mark, "name", "") == "10 pN m")
     assert curve.y == pytest.approx([-7.0, -7.0])
 
 
 def test_drawing_leaves_no_trace_in_matplotlib():
-    before = dict(mpl.rcParams)
+    settings = dict(mpl.rcParams)
     points = [stiffness.StiffnessPoint("A", 2, F, 1e-12, Estimate(-4e-7, 1e-9, "s-2")) for F in (0.0, 0.0)]
     plot = plotting.drawn(stiffness.against_authority(points, None))
     assert plotting.svg(plot).startswith("<?xml")
-    assert dict(mpl.rcParams) == before
+    assert dict(mpl.rcParams) == settings
     code = "import sys, fit.report.page; print('matplotlib' in sys.modules)"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "False"

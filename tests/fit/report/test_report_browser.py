@@ -117,7 +117,7 @@ def report(tmp_path_factory):
 
 def sampled(folder, results):
     """What `lpfcosim mcmc` would leave, of a chain that found what least squares did."""
-    told = {
+    chain = {
         name: {
             "unit": e.unit, "mean": e.value, "sigma": e.sigma, "tau": 60.0, "shift_in_sigma": 0.0,
             "shift_error": 0.01, "sigma_ratio": 1.0, "sigma_ratio_error": 0.01,
@@ -126,7 +126,7 @@ def sampled(folder, results):
     }  # fmt: skip
     document = {
         "schema": emcee_sampling.SCHEMA,
-        "parameters": told,
+        "parameters": chain,
         "steps": 9000,
         "burn_in": 900,
         "walkers": 40,
@@ -138,9 +138,9 @@ def sampled(folder, results):
 def repeated(folder):
     """What `lpfcosim montecarlo` would leave."""
     drawn = [{"lambda_2": (0.3 * i - 1, 3e-5), "lambda_2_A": (1 - 0.2 * i, 1.0)} for i in range(8)]
-    found = coverage.summary(drawn)
-    coverage.write(found, 8, {3: EVIL[0]}, {"campaign": EVIL[1]}, folder / "montecarlo.json")
-    write(folder / "figures", "pulls", studies.histograms, found, drawn)
+    pulls = coverage.summary(drawn)
+    coverage.write(pulls, 8, {3: EVIL[0]}, {"campaign": EVIL[1]}, folder / "montecarlo.json")
+    write(folder / "figures", "pulls", studies.histograms, pulls, drawn)
 
 
 def in_order(page, figures):
@@ -156,9 +156,9 @@ def in_order(page, figures):
             assert time.monotonic() < deadline
             time.sleep(0.2)
         assert page.evaluate(OVERFLOW) == []
-        found = page.evaluate(FIGURES)
-        assert len(found) == figures
-        for figure in found:
+        rendered = page.evaluate(FIGURES)
+        assert len(rendered) == figures
+        for figure in rendered:
             assert figure["width"] > 250, figure["what"]
             assert figure["height"] > 90, figure["what"]
             assert figure["image"] > 0 or figure["parts"], figure["what"]

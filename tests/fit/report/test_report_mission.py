@@ -46,7 +46,7 @@ def experiment(lambda_2, F, N, diagnostics=None, warnings=()):
     return fit(values, [5e-5, 3e-9, 4e-9, 3e-7], diagnostics=diagnostics, warnings=warnings)
 
 
-def quiet(**changes):
+def diagnostics(**changes):
     return replace(Diagnostics(1.01, 0.03, 0.4, 0.02, 0.075, NORMAL_SCORES.tolist()), **changes)
 
 
@@ -57,7 +57,7 @@ def mission():
     for k, name in enumerate("ABCD"):
         run = telemetry(WORLD, name, duration=1800.0, noisy=False)
         runs.append(replace(run, t0=f"2016-0{k + 4}-16T00:00:00Z"))
-        bad = quiet(whiteness=2e-4, kurtosis=3.0, chi2_red=1.5) if name == "D" else quiet()
+        bad = diagnostics(whiteness=2e-4, kurtosis=3.0, chi2_red=1.5) if name == "D" else diagnostics()
         F, N = 1e-12 * AUTHORITIES[name][1], 1e-12 * AUTHORITIES[name][3]
         fits[name] = experiment(1.0776 + 4e-5 * k, F, N, bad)
     return Results(joint(), fits, {}, {}, Provenance(joint_runs=[run.run for run in runs])), runs
@@ -75,9 +75,17 @@ def cells(table):
 
 def test_every_section_is_there(mission):
     results, runs = mission
-    found = sections(results, runs)
-    assert list(found) == ["gain", "stiffness", "prediction", "leakage", "paper", "residuals", "correlation"]
-    names = {drawing.name for part in found.values() for drawing in part.figures}
+    by_anchor = sections(results, runs)
+    assert list(by_anchor) == [
+        "gain",
+        "stiffness",
+        "prediction",
+        "leakage",
+        "paper",
+        "residuals",
+        "correlation",
+    ]
+    names = {drawing.name for part in by_anchor.values() for drawing in part.figures}
     assert names == {
         "correlation",
         "gain",
@@ -100,8 +108,8 @@ def test_the_page_takes_them_in(mission, tmp_path, monkeypatch):
 
 def test_side_by_side(mission):
     results, runs = mission
-    told = replace(results, joint=joint({"C_2": 2.0, "lambda_1": -9.0}))
-    part = sections(told, runs)["paper"]
+    calibration = replace(results, joint=joint({"C_2": 2.0, "lambda_1": -9.0}))
+    part = sections(calibration, runs)["paper"]
     (grid,) = part.tables
     lines = {head.split("C_")[0]: texts for head, texts in cells(grid).items()}
     assert len(grid.rows) == 11  # runs of epoch 1 alone
@@ -113,14 +121,14 @@ def test_side_by_side(mission):
 
 def test_what_is_not_determined_is_said(mission):
     results, runs = mission
-    lost = FitWarning("indeterminable", ("lambda_1",), "…", {"lambda_1": 1.0, "C_1": -0.2})
-    bare = joint(warnings=[lost])
+    warning = FitWarning("indeterminable", ("lambda_1",), "…", {"lambda_1": 1.0, "C_1": -0.2})
+    bare = joint(warnings=[warning])
     del bare.parameters["lambda_1"]
     bare = replace(bare, covariance=bare.covariance[1:, 1:])
-    found = sections(replace(results, joint=bare), runs)
-    _, estimate, _, *comparison = found["paper"].tables[0].rows[0]
+    by_anchor = sections(replace(results, joint=bare), runs)
+    _, estimate, _, *comparison = by_anchor["paper"].tables[0].rows[0]
     assert (estimate, comparison) == (None, ["not determined", ""])
-    assert "Not determined: 1 λ<sub>1</sub> − 0.2 C<sub>1</sub>." in found["correlation"].text
+    assert "Not determined: 1 λ<sub>1</sub> − 0.2 C<sub>1</sub>." in by_anchor["correlation"].text
 
 
 def test_table_eulerfit_where_a_period_was_flown():
@@ -136,10 +144,10 @@ def test_table_eulerfit_where_a_period_was_flown():
 
 def test_correlations_on_the_pointer(mission):
     results, runs = mission
-    told = joint()
-    sigma = np.sqrt(np.diag(told.covariance))
-    told.covariance[0, 1] = told.covariance[1, 0] = -0.95 * sigma[0] * sigma[1]
-    part = sections(replace(results, joint=told), runs)["correlation"]
+    correlated = joint()
+    sigma = np.sqrt(np.diag(correlated.covariance))
+    correlated.covariance[0, 1] = correlated.covariance[1, 0] = -0.95 * sigma[0] * sigma[1]
+    part = sections(replace(results, joint=correlated), runs)["correlation"]
     element = charts.render(part.figures[0]).element
     assert 'title="lambda_1, lambda_2: −0.9500">−95</td>' in element
     assert element.count("title=") == 12 * 11 / 2
@@ -154,8 +162,8 @@ def test_stationarity(mission):
     assert lines["weighted mean of the experiments"][0] == "1.077660 ± 0.000025"
     assert lines["χ² / degrees of freedom about the mean"] == ["1.07", "≈ 90"]
     assert "agree with one" in part.text
-    apart = {n: experiment(1.07 + 0.01 * k, 0.0, 0.0) for k, n in enumerate("ABC")}
-    part = sections(replace(results, experiments=apart), runs)["gain"]
+    scattered = {n: experiment(1.07 + 0.01 * k, 0.0, 0.0) for k, n in enumerate("ABC")}
+    part = sections(replace(results, experiments=scattered), runs)["gain"]
     assert "not the same in every experiment" in part.text
     assert cells(part.tables[0])["scatter beyond noise"][0] == "0.93 %"
 
@@ -202,23 +210,23 @@ def test_pulls_of_the_stiffness_model_are_normal():
     covariance = np.linalg.inv((design / sigma[:, None] ** 2).T @ design)
     truth = np.array([-4.19e-7, -317.0, -27.4e3])
     names = ("omega2_2_0", "alpha_x_2", "alpha_phi_2")
-    pulls, apart = [], []
+    pulls, independent_pulls = [], []
     for _ in range(300):
         measured = design @ truth + sigma * rng.standard_normal(7)
-        found = covariance @ (design.T @ (measured / sigma**2))
-        parameters = {n: Estimate(v, 1.0, "") for n, v in zip(names, found, strict=True)}
+        estimate = covariance @ (design.T @ (measured / sigma**2))
+        parameters = {n: Estimate(v, 1.0, "") for n, v in zip(names, estimate, strict=True)}
         model = Fit(parameters, covariance, 1.0, 1, True, ())
         points = [
             StiffnessPoint("", 2, f, n, Estimate(m, s, "s-2"))
             for f, n, m, s in zip(F, N, measured, sigma, strict=True)
         ]
         pulls += [stiffness_pull(point, model) for point in points]
-        other = StiffnessPoint(
+        independent = StiffnessPoint(
             "", 2, F[0], N[0], Estimate(design[0] @ truth + 4e-9 * rng.standard_normal(), 4e-9, "s-2"), False
         )
-        apart.append(stiffness_pull(other, model))
+        independent_pulls.append(stiffness_pull(independent, model))
     assert np.std(pulls) == pytest.approx(1, rel=0.06)
-    assert np.std(apart) == pytest.approx(1, rel=0.15)  # 300: 4 %
+    assert np.std(independent_pulls) == pytest.approx(1, rel=0.15)  # 300: 4 %
 
 
 def test_a_pull_needs_a_model_that_is_known_better():
@@ -242,8 +250,8 @@ def test_residuals(mission):
     lines = cells(part.tables[0])
     assert lines["A"] == ["1.01 ± 0.03", "0.3", "0.400", "0.020 ± 0.075", None]
     assert lines["D"] == ["1.50 ± 0.03", "16.7", "< 0.001", "3.000 ± 0.075", "6"]
-    own = {"A": replace(results.experiments["A"], diagnostics=quiet(chi2_red_sigma=0.0))}
-    part = sections(replace(results, experiments=own), runs)["residuals"]
+    residual_level = {"A": replace(results.experiments["A"], diagnostics=diagnostics(chi2_red_sigma=0.0))}
+    part = sections(replace(results, experiments=residual_level), runs)["residuals"]
     assert cells(part.tables[0])["A"][:2] == ["1.010", None]
 
 
@@ -254,13 +262,13 @@ def test_nothing_to_say():
 def test_the_pulls_stand_side_by_side_over_their_authority(mission):
     results, _ = mission
     points = [StiffnessPoint(n, 2, 1.1e-9, 1e-12, Estimate(-8e-7, 9e-9, "s-2")) for n in "AB"]
-    above, below = figures_stiffness.against_authority(points, results.joint).panels
-    (stems,) = (line for line in below.lines if isinstance(line, Points))
+    main_panel, pull_panel = figures_stiffness.against_authority(points, results.joint).panels
+    (stems,) = (line for line in pull_panel.lines if isinstance(line, Points))
     assert np.diff(stems.x) > 0
     assert np.mean(stems.x) == pytest.approx(1100)
     model = figures_stiffness.reconstruction(results.joint, 2, 1.1e-9, 1e-12)
     assert stems.y == pytest.approx([stiffness_pull(points[0], results.joint)] * 2)
-    squares = next(line for line in above.lines if line.label == "joint fit")
+    squares = next(line for line in main_panel.lines if line.label == "joint fit")
     assert squares.y == pytest.approx([1e7 * model[0]] * 2)
     assert squares.high - squares.low == pytest.approx([2e7 * model[1]] * 2)
 
@@ -283,10 +291,10 @@ def test_the_leakage_stands_beside_the_design(mission):
     rms = next(mark for mark in panel.marks if getattr(mark, "label", "") == "design, rms")
     assert (rms.low, rms.high) == pytest.approx((-6.3, 6.3))
     assert panel.up[0] < -17 < 17 < panel.up[1]
-    found = {line.label: line for line in magnified.lines}
-    assert {line.name for line in panel.lines} > found.keys()
+    by_label = {line.label: line for line in magnified.lines}
+    assert {line.name for line in panel.lines} > by_label.keys()
     assert -5 < magnified.up[0] < -2.2 < -1.4 < magnified.up[1] < 2
-    assert found["joint fit"].y == pytest.approx([-2.2, -1.4])
-    assert found["flight"].y == pytest.approx([-2.2, -1.4])
-    assert found["each experiment alone"].y == pytest.approx([-2.2] * 4)
-    assert found["each experiment alone"].names == ["A", "B", "C", "D"]
+    assert by_label["joint fit"].y == pytest.approx([-2.2, -1.4])
+    assert by_label["flight"].y == pytest.approx([-2.2, -1.4])
+    assert by_label["each experiment alone"].y == pytest.approx([-2.2] * 4)
+    assert by_label["each experiment alone"].names == ["A", "B", "C", "D"]

@@ -24,7 +24,7 @@ pytestmark = pytest.mark.slow
 
 
 @pytest.fixture(scope="module")
-def found(tmp_path_factory):
+def calibration(tmp_path_factory):
     folder = tmp_path_factory.mktemp("rotating")
     runs = [
         synthetic.run(seed=k, name=f"night-{k}", duration=2 * 86400.0, inertial_period=3)[0] for k in (1, 2)
@@ -34,8 +34,8 @@ def found(tmp_path_factory):
 
 
 @pytest.mark.slow
-def test_page_shows_the_period_with_figures(found, tmp_path):
-    results, telemetries = found
+def test_page_shows_the_period_with_figures(calibration, tmp_path):
+    results, telemetries = calibration
     page = report.write_report(tmp_path, results, telemetries).read_text()
     assert 'id="p3"' in page
     assert "Rotation, inertial period 3" in page
@@ -44,8 +44,8 @@ def test_page_shows_the_period_with_figures(found, tmp_path):
     assert "4 days in 2 runs" in page
 
 
-def test_correction_quietens_what_rotation_made(found):
-    results, telemetries = found
+def test_correction_quietens_what_rotation_made(calibration):
+    results, telemetries = calibration
     (section,) = [p for p in sections(results, telemetries, DeltaGCache(results)) if p.anchor == "p3"]
     assert [row.name for row in section.parameters.rows] == ["delta_phi", "delta_eta"]
     assert section.parameters.rows[0].flight.value == "−3.9"  # table Eulerfit, 1e-4 rad
@@ -53,8 +53,8 @@ def test_correction_quietens_what_rotation_made(found):
     assert 1.2 < ratio < 4
 
 
-def test_the_levels_of_the_noise_runs_stand_in_a_section(found, monkeypatch):
-    results, telemetries = found
+def test_the_levels_of_the_noise_runs_stand_in_a_section(calibration, monkeypatch):
+    results, telemetries = calibration
     products = DeltaGCache(results)
     sections(results, telemetries, products)
     monkeypatch.setattr(report_noise.deltag, "delta_g", None)  # nothing is calibrated twice
@@ -64,20 +64,20 @@ def test_the_levels_of_the_noise_runs_stand_in_a_section(found, monkeypatch):
         "noise-date",
         "noise-authority",
     ]
-    *runs, asked = section.tables[0].rows
+    *runs, requirement = section.tables[0].rows
     assert [str(name) for name, *_ in runs] == [t.run for t in telemetries]
-    assert asked[3:] == ("5.30", "6.84")  # sqrt 2 * 3 fm with both slopes, over the bands
+    assert requirement[3:] == ("5.30", "6.84")  # sqrt 2 * 3 fm with both slopes, over the bands
     for row in runs:
         plain, low = (float(cell.value) for cell in row[3:])
         assert 1 < plain < low  # a plateau, and a tail that rises to low frequencies
 
 
-def test_glitches_are_no_noise(found):
-    results, telemetries = found
+def test_glitches_are_no_noise(calibration):
+    results, telemetries = calibration
     spans = (TimeSpan("night-1", 1e4, 2e4), TimeSpan("night-2", 0.0, 1e5))
     warning = FitWarning("glitches", (), "some", spans=spans)
-    struck = replace(results.inertial["3"], warnings=(warning,))
-    products = DeltaGCache(replace(results, inertial={"3": struck}))
+    inertial = replace(results.inertial["3"], warnings=(warning,))
+    products = DeltaGCache(replace(results, inertial={"3": inertial}))
     product = products.terms(telemetries[0])
     inside = (product.time >= 1e4) & (product.time <= 3e4)
     for name in ("delta_g", "delta_g_x", "g_dOmega"):
@@ -85,26 +85,26 @@ def test_glitches_are_no_noise(found):
     assert report_noise.sections(results, telemetries, products) == []  # of the other too little is left
 
 
-def test_a_calibration_without_a_joint_fit_has_no_levels(found):
+def test_a_calibration_without_a_joint_fit_has_no_levels(calibration):
     nothing = fit_results.Results(None, {}, {}, {}, fit_results.Provenance())
-    assert report_noise.sections(nothing, found[1], DeltaGCache(nothing)) == []
+    assert report_noise.sections(nothing, calibration[1], DeltaGCache(nothing)) == []
 
 
-def test_without_telemetry_the_table_remains(found):
-    (section,) = [p for p in sections(found[0], [], DeltaGCache(found[0])) if p.anchor == "p3"]
+def test_without_telemetry_the_table_remains(calibration):
+    (section,) = [p for p in sections(calibration[0], [], DeltaGCache(calibration[0])) if p.anchor == "p3"]
     assert section.figures == ()
 
 
 def test_gain_of_known_spectra():
     rng = np.random.default_rng(5)
-    quiet = rng.standard_normal(200_000)
-    spectra = figures_motion.spectra([{"delta_g_x": 2 * quiet, "delta_g": quiet}], 1.0)
+    corrected = rng.standard_normal(200_000)
+    spectra = figures_motion.spectra([{"delta_g_x": 2 * corrected, "delta_g": corrected}], 1.0)
     ratio, error = figures_motion.gain(spectra)
     assert ratio == pytest.approx(2)
     assert 0 < error < 1
 
 
-def test_cross_talk_has_a_section(found, tmp_path):
+def test_cross_talk_has_a_section(calibration, tmp_path):
     values = {f"b_{i}": Estimate(1e-5, 1e-7, "1", truth=1e-5, pull=0.0) for i in range(1, 7)}
     cross_talk = {"2": Fit(values, np.eye(6) * 1e-14, 1.0, 1, True, ())}
     results = fit_results.Results(None, {}, cross_talk, {}, fit_results.Provenance())
@@ -114,14 +114,14 @@ def test_cross_talk_has_a_section(found, tmp_path):
     assert 'id="b2"' in report.write_report(tmp_path, results, []).read_text()
 
 
-def test_what_was_separated_is_put_back_for_the_correction(found):
-    inertial = found[0].inertial["3"]
+def test_what_was_separated_is_put_back_for_the_correction(calibration):
+    inertial = calibration[0].inertial["3"]
     sums = Fit(
         {"b_1": Estimate(1e-5, 1e-7, "m rad-1"), "b_2": Estimate(2e-5, 1e-7, "m rad-1")},
         np.eye(2) * 1e-14, 1.0, 1, True, (),
     )  # fmt: skip
-    apart = crosstalk_fit.subtract_euler_force(sums, inertial, "3", 0.376)
+    lengths = crosstalk_fit.subtract_euler_force(sums, inertial, "3", 0.376)
     back = crosstalk_fit.add_euler_force(
-        {name: e.value for name, e in apart.parameters.items()}, inertial.values, 0.376
+        {name: e.value for name, e in lengths.parameters.items()}, inertial.values, 0.376
     )
     assert back == pytest.approx({"b_1": 1e-5, "b_2": 2e-5})

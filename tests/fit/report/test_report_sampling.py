@@ -15,7 +15,7 @@ from tests.fit.report.test_report import joint_fit, results
 
 def chain(fit, **changes):
     """What `lpfcosim mcmc` leaves of a chain whose means lie 0.02 sigma off least squares."""
-    told = {
+    document = {
         name: {
             "unit": e.unit,
             "mean": e.value + 0.02 * e.sigma,
@@ -30,7 +30,7 @@ def chain(fit, **changes):
     }
     document = {
         "schema": emcee_sampling.SCHEMA,
-        "parameters": told,
+        "parameters": document,
         "steps": 9000,
         "burn_in": 900,
         "walkers": 40,
@@ -38,7 +38,7 @@ def chain(fit, **changes):
     return document | {"acceptance": 0.314, "largest_tau": 61.4} | changes
 
 
-def left(folder, name, document):
+def sections_of(folder, name, document):
     (folder / name).write_text(json.dumps(document))
     return sections(results(joint=joint_fit()), folder)
 
@@ -48,7 +48,7 @@ def test_nothing_was_left(tmp_path):
 
 
 def test_a_chain(tmp_path):
-    (part,) = left(tmp_path, "mcmc.json", chain(joint_fit()))
+    (part,) = sections_of(tmp_path, "mcmc.json", chain(joint_fit()))
     assert part.text == (
         "9000 steps of 40 walkers, the first 900 left out; 31 % of the proposals accepted, autocorrelation "
         "time at most 61 steps. Means within 0.02 σ of least squares, sigmas within 3 %."
@@ -78,14 +78,14 @@ def test_a_chain_of_another_fit(tmp_path):
     assert "The chain is of another fit" in part.text
     fewer = chain(joint_fit())
     del fewer["parameters"]["C_2"]
-    (part,) = left(tmp_path, "mcmc.json", fewer)
+    (part,) = sections_of(tmp_path, "mcmc.json", fewer)
     assert "The chain is of another fit" in part.text
 
 
 def test_a_monte_carlo(tmp_path):
     true = coverage.Pulls(200, 0.05, 0.07, 1.01, 0.05, 0.68, 0.033, 3e-5)
-    found = {"lambda_2": true, "C_2": replace(true, pull_mean=0.5, coverage_1sigma=0.40)}
-    coverage.write(found, 200, {7: "no"}, {"campaign": "<b>", "redraw": True}, tmp_path / "montecarlo.json")
+    pulls = {"lambda_2": true, "C_2": replace(true, pull_mean=0.5, coverage_1sigma=0.40)}
+    coverage.write(pulls, 200, {7: "no"}, {"campaign": "<b>", "redraw": True}, tmp_path / "montecarlo.json")
     (part,) = sections(results(), tmp_path)
     assert part.text == "200 calibrations of <b> with new noise and new truths; 1 failed."
     good, bad = ([getattr(c, "value", c) for c in row[1:]] for row in part.tables[0].rows)
@@ -98,7 +98,7 @@ def test_a_monte_carlo(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("content", "told"),
+    ("content", "message"),
     [
         ("{", "expected a JSON object of schema 'lpf-mcmc/1'"),
         ("[]", "expected a JSON object of schema 'lpf-mcmc/1'"),
@@ -106,8 +106,8 @@ def test_a_monte_carlo(tmp_path):
         ('{"schema": "lpf-mcmc/1", "parameters": {}, "steps": "many"}', "steps: "),
     ],
 )
-def test_what_is_no_summary_of_a_chain(tmp_path, content, told):
+def test_what_is_no_summary_of_a_chain(tmp_path, content, message):
     (tmp_path / "mcmc.json").write_text(content)
     with pytest.raises(InputError, match=r"mcmc\.json: ") as error:
         sections(results(), tmp_path)
-    assert told in str(error.value)
+    assert message in str(error.value)

@@ -12,7 +12,7 @@ from fit.results.estimates import Estimate
 from fit.tables import parameter_table
 from fit.warnings import WARNING_KINDS, FitWarning, Severity
 from tests import ROOT
-from tests.fit.report.test_report import LOST, experiment_fit, joint_fit, make_fit, results
+from tests.fit.report.test_report import UNDETERMINED, experiment_fit, joint_fit, make_fit, results
 
 
 def told_truth(fit, truth=None):
@@ -24,33 +24,35 @@ def told_truth(fit, truth=None):
     return replace(fit, parameters=parameters)
 
 
-def judged(fit, told=True, **others):
-    fit = told_truth(fit) if told else fit
+def judged(fit, with_truth=True, **fits):
+    fit = told_truth(fit) if with_truth else fit
     table = parameter_table(fit, [joint_parameter(n) for n in joint_names([1, 2])])
-    return verdict(results(joint=fit, **others), [table])
+    return verdict(results(joint=fit, **fits), [table])
 
 
 def test_all_parameters_within_the_limit():
-    found = judged(joint_fit({"C_2": 1.7}))
-    assert found.state == "good"
-    assert found.text == (
+    conclusion = judged(joint_fit({"C_2": 1.7}))
+    assert conclusion.state == "good"
+    assert conclusion.text == (
         "All 11 joint parameters lie within 4 σ of truth; largest |pull| 1.7 (C<sub>2</sub>). "
         "Not determined by these data: λ<sub>1</sub>."
     )
 
 
 def test_a_parameter_beyond_the_limit():
-    found = judged(joint_fit({"C_2": -4.2, "alpha_x_1": 9.0}))
-    assert found.state == "bad"
-    assert found.text.startswith("2 of 11 joint parameters lie further than 4 σ of truth: C<sub>2</sub>, α")
-    assert "largest |pull| 9.0 (α<sub>x,1</sub>)" in found.text
+    conclusion = judged(joint_fit({"C_2": -4.2, "alpha_x_1": 9.0}))
+    assert conclusion.state == "bad"
+    assert conclusion.text.startswith(
+        "2 of 11 joint parameters lie further than 4 σ of truth: C<sub>2</sub>, α"
+    )
+    assert "largest |pull| 9.0 (α<sub>x,1</sub>)" in conclusion.text
 
 
 def test_flight_data_are_never_green():
-    found = judged(joint_fit({"C_2": 2.0}), told=False)
-    assert found.state == "open"
-    assert "largest |difference / σ| 1.4 (C<sub>2</sub>)" in found.text  # 2 / sqrt(2)
-    assert "Nothing to compare" in judged(make_fit({}), told=False).text
+    conclusion = judged(joint_fit({"C_2": 2.0}), with_truth=False)
+    assert conclusion.state == "open"
+    assert "largest |difference / σ| 1.4 (C<sub>2</sub>)" in conclusion.text  # 2 / sqrt(2)
+    assert "Nothing to compare" in judged(make_fit({}), with_truth=False).text
 
 
 def warned(code, *names):
@@ -59,21 +61,21 @@ def warned(code, *names):
 
 @pytest.mark.parametrize("code", ["not_converged", "chi2", "noise_mismatch", "contradiction"])
 def test_what_spoils_the_judged_fit(code):
-    assert judged(joint_fit(warnings=[LOST, warned(code)])).state == "bad"
-    alone = replace(experiment_fit(), warnings=(warned(code),))
-    found = judged(joint_fit(), experiments={"A1": experiment_fit(), "B2": alone})
-    assert found.state == "doubtful"
-    assert found.text.endswith(": experiment B2.")
-    shown = [parameter_table(alone, [])]
-    assert verdict(results(experiments={"B2": alone}), shown).state == "bad"
+    assert judged(joint_fit(warnings=[UNDETERMINED, warned(code)])).state == "bad"
+    single = replace(experiment_fit(), warnings=(warned(code),))
+    conclusion = judged(joint_fit(), experiments={"A1": experiment_fit(), "B2": single})
+    assert conclusion.state == "doubtful"
+    assert conclusion.text.endswith(": experiment B2.")
+    shown = [parameter_table(single, [])]
+    assert verdict(results(experiments={"B2": single}), shown).state == "bad"
 
 
 def test_a_fit_that_did_not_converge_need_not_say_so():
-    found = judged(joint_fit(converged=False))
-    assert found.state == "bad"
-    assert found.text.startswith("Did not converge. All 11")
-    found = judged(joint_fit(), inertial={"3": make_fit({"C_2": 1.0}, converged=False)})
-    assert (found.state, found.text[-18:]) == ("doubtful", "inertial period 3.")
+    conclusion = judged(joint_fit(converged=False))
+    assert conclusion.state == "bad"
+    assert conclusion.text.startswith("Did not converge. All 11")
+    conclusion = judged(joint_fit(), inertial={"3": make_fit({"C_2": 1.0}, converged=False)})
+    assert (conclusion.state, conclusion.text[-18:]) == ("doubtful", "inertial period 3.")
 
 
 @pytest.mark.parametrize("code", ["missing_run", "no_noise_run", "too_many_glitches", "saturated_too_long"])
@@ -86,21 +88,23 @@ def test_other_fits_must_find_the_truth_unless_they_say_they_do_not():
     off = replace(
         off, parameters={n: Estimate(e.value, e.sigma, "1", 0.0, 9.0) for n, e in off.parameters.items()}
     )
-    found = judged(joint_fit(), cross_talk={"1": replace(off, warnings=(warned("attenuation_bias", "b_3"),))})
-    assert found.state == "doubtful"
-    assert found.text.endswith("Further than 4 σ of truth: b<sub>1</sub> of cross-talk of epoch 1.")
-    told = (warned("attenuation_bias", "b_3"), warned("euler_included", "b_1", "b_2"))
-    assert judged(joint_fit(), cross_talk={"1": replace(off, warnings=told)}).state == "good"
+    conclusion = judged(
+        joint_fit(), cross_talk={"1": replace(off, warnings=(warned("attenuation_bias", "b_3"),))}
+    )
+    assert conclusion.state == "doubtful"
+    assert conclusion.text.endswith("Further than 4 σ of truth: b<sub>1</sub> of cross-talk of epoch 1.")
+    warnings = (warned("attenuation_bias", "b_3"), warned("euler_included", "b_1", "b_2"))
+    assert judged(joint_fit(), cross_talk={"1": replace(off, warnings=warnings)}).state == "good"
 
 
 def test_warnings_are_told_once_with_all_fits_that_raise_them():
-    fits = {name: replace(experiment_fit(), warnings=(LOST, warned("glitches"))) for name in "AB"}
-    found = warning_groups(results(joint=joint_fit(), experiments=fits))
-    assert [matter.code for matter in found] == ["indeterminable", "glitches"]
-    (notice,) = found[0].messages
+    fits = {name: replace(experiment_fit(), warnings=(UNDETERMINED, warned("glitches"))) for name in "AB"}
+    conclusion = warning_groups(results(joint=joint_fit(), experiments=fits))
+    assert [matter.code for matter in conclusion] == ["indeterminable", "glitches"]
+    (notice,) = conclusion[0].messages
     assert notice.message == "Nothing drives test mass 1."
     assert notice.scopes == ("joint fit", "experiment A", "experiment B")
-    assert "<code>lpfcosim forecast</code>" in found[0].advice
+    assert "<code>lpfcosim forecast</code>" in conclusion[0].advice
 
 
 def test_a_symbol_at_the_start_keeps_its_case():
@@ -113,8 +117,8 @@ def codes(tree):
     """Codes that a module hands to `FitWarning` as they stand, and those of `WARNING_KINDS` that it names."""
     strings = {n.value for n in ast.walk(tree) if isinstance(n, ast.Constant) and isinstance(n.value, str)}
     calls = [n for n in ast.walk(tree) if isinstance(n, ast.Call) and ast.unparse(n.func) == "FitWarning"]
-    given = {call.args[0].value for call in calls if isinstance(call.args[0], ast.Constant)}
-    return given | (strings & WARNING_KINDS.keys())
+    names = {call.args[0].value for call in calls if isinstance(call.args[0], ast.Constant)}
+    return names | (strings & WARNING_KINDS.keys())
 
 
 def test_every_warning_comes_with_advice():
