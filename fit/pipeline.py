@@ -115,10 +115,8 @@ def _with_inertial(
         return results
 
     def fitted(period: str) -> tuple[str, Fit]:
-        constraints_of_period = constraints.of_fit(
-            parameters, {f"{name}_{period}": name for name in euler_fit.NAMES}
-        )
-        return period, _doubted(euler_fit.fit_period(periods[period], joint, constraints_of_period), joint)
+        angles = euler_fit.constraints_of_period(parameters, period)
+        return period, _doubted(euler_fit.fit_period(periods[period], joint, angles, len(periods)), joint)
 
     fits = dict(parallel_map(fitted, periods))
     names = {name: [run.run for run in runs] for name, runs in periods.items()}

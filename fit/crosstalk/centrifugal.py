@@ -21,7 +21,7 @@ _ANGLES = ("delta_phi", "delta_eta")
 EXCESS: Parameter = replace(cross_talk_parameter("b_1"), name="g_Omega", unit="1", prior_sigma=10.0)
 
 
-def frame_warnings(estimate: Estimate, x_axis: XAxis) -> list[FitWarning]:
+def frame_warnings(estimate: Estimate, x_axis: XAxis, n_periods: int = 1) -> list[FitWarning]:
     """Warn of a coefficient of g_Omega that the data say is not 1.
 
     Parameters
@@ -30,9 +30,11 @@ def frame_warnings(estimate: Estimate, x_axis: XAxis) -> list[FitWarning]:
         The coefficient.
     x_axis : str
         The frame that the telemetry states.
+    n_periods : int
+        Number of periods that are tested.
     """
     observation = f"the coefficient of g_Omega comes out as {estimate.value:.3g} ± {estimate.sigma:.2g}"
-    if abs(estimate.value - 1) <= max(sigma_limit("frame") * estimate.sigma, NOTABLE):
+    if abs(estimate.value - 1) <= max(sigma_limit("frame", n_periods) * estimate.sigma, NOTABLE):
         return []
     if estimate.value < -0.5:
         opposite = TOWARDS_2 if x_axis == TOWARDS_1 else TOWARDS_1

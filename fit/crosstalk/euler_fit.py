@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 
 from fit.crosstalk import centrifugal, torque_noise
 from fit.errors import FitError
-from fit.fitting import IRLSResult, Prior, PriorSet, constraint_test, iterate
+from fit.fitting import IRLSResult, Prior, PriorSet, constraint_test, constraints, iterate
 from fit.model import Dynamics, dynamics, dynamics_of, inertial, rate, rotation
 from fit.parameters import cross_talk_parameter, misalignments
 from fit.quality import long_noise
@@ -74,8 +74,18 @@ def is_angle(name: str) -> bool:
     return name.startswith(tuple(f"{angle}_" for angle in NAMES))
 
 
+def constraints_of_period(
+    settings: Mapping[str, ParameterSettings], period: str
+) -> dict[str, ParameterSettings]:
+    """Return the constraints of the angles of a period, by `NAMES`."""
+    return constraints.of_fit(settings, {f"{name}_{period}": name for name in NAMES})
+
+
 def fit_period(
-    runs: Sequence[Telemetry], joint: Fit, settings: Mapping[str, ParameterSettings] | None = None
+    runs: Sequence[Telemetry],
+    joint: Fit,
+    settings: Mapping[str, ParameterSettings] | None = None,
+    n_periods: int = 1,
 ) -> Fit:
     """Fit one inertial period.
 
@@ -87,6 +97,8 @@ def fit_period(
         The calibration of the dynamics.
     settings : mapping of str to ParameterSettings, optional
         Constraints of the angles, by `NAMES`.
+    n_periods : int
+        Number of periods of the campaign, in each of which the frame is tested.
 
     Raises
     ------
@@ -113,7 +125,7 @@ def fit_period(
         warnings=(
             *_warnings([(w.name, warning) for w in weighings for warning in w.warnings]),
             *([torque_noise_warning()] if is_noise else []),
-            *(centrifugal.frame_warnings(g_Omega, x_axis)),
+            *(centrifugal.frame_warnings(g_Omega, x_axis, n_periods)),
             *constraint_test.refit_unconstrained(outcome).warnings(),
         ),
         masked_samples=sum(w.missing for w in weighings),

@@ -87,13 +87,12 @@ def expected_periods(
     for noise_run in noise_runs:
         if euler_fit.takes_part(noise_run.run):
             periods.setdefault(inertial_period(noise_run.run), []).append(noise_run)
-    constraints_of = {period: {f"{name}_{period}": name for name in euler_fit.NAMES} for period in periods}
     angles = {name: constraint for name, constraint in (parameters or {}).items() if euler_fit.is_angle(name)}
-    constraints.check(angles, [name for names in constraints_of.values() for name in names], "fit.parameters")
+    constraints.check(angles, euler_fit.names([noise_run.run for noise_run in noise_runs]), "fit.parameters")
     return {
         period: _expected(
             [_ExpectedWeighing(noise_run, joint) for noise_run in runs],
-            constraints.of_fit(angles, constraints_of[period]),
+            euler_fit.constraints_of_period(angles, period),
         )
         for period, runs in periods.items()
     }

@@ -74,7 +74,7 @@ def test_it_is_telemetry_that_others_read(recorded):
     np.testing.assert_array_equal(np.diff(file.time), 1.0)
 
 
-def test_what_subtracts_best_is_subtracted_whatever_the_couplings(recorded, tmp_path):
+def test_subtraction_does_not_depend_on_the_couplings(recorded, tmp_path):
     path, _, file, _ = recorded
     right = calibrated(LATE)
     couplings = fit_of(b_1=3e-5, b_2=-3e-5)
@@ -158,7 +158,7 @@ def level_ratio(y, x, f_min):
     return np.sqrt(np.mean(Y**2) / np.mean(X**2))
 
 
-def test_what_adds_noise_is_told_with_its_band(recorded, tmp_path):
+def test_added_noise_is_reported_with_its_band(recorded, tmp_path):
     wrong = replace(calibrated(LATE), inertial={"0": fit_of(delta_phi=2e-3, delta_eta=1e-3)})
     file, notes = product(recorded[0], tmp_path / "p.h5", wrong)
     (note,) = notes
@@ -182,7 +182,7 @@ def test_gaps_do_not_hide_that_noise_is_added(recorded, tmp_path, fraction, word
 
 
 @pytest.mark.slow
-def test_pieces_and_gaps_change_nothing(recorded, tmp_path, monkeypatch):
+def test_stretches_and_gaps_change_nothing(recorded, tmp_path, monkeypatch):
     path = tmp_path / "gaps.h5"
     path.write_bytes(recorded[0].read_bytes())
     with h5py.File(path, "a") as file:
@@ -258,7 +258,7 @@ def test_quaternion_instead_of_angles(recorded, tmp_path):
         (("ast_eta",), set(), "without star tracker"),
     ],
 )
-def test_what_a_file_lacks_is_left_out_and_told(recorded, tmp_path, missing, lacking, note):
+def test_missing_channels_are_reported(recorded, tmp_path, missing, lacking, note):
     path = tmp_path / "less.h5"
     path.write_bytes(recorded[0].read_bytes())
     with h5py.File(path, "a") as file:
@@ -271,7 +271,7 @@ def test_what_a_file_lacks_is_left_out_and_told(recorded, tmp_path, missing, lac
     assert np.isfinite(file.delta_g).all()
 
 
-def test_what_the_calibration_lacks_is_left_out_and_told(recorded, tmp_path):
+def test_missing_parts_of_the_calibration_are_reported(recorded, tmp_path):
     bare = replace(calibrated(LATE, cross_talk=False), inertial={"3": fit_of(delta_phi=1.0, delta_eta=1.0)})
     file, notes = product(recorded[0], tmp_path / "p.h5", bare)
     assert set(PRODUCT) - set(file.data_vars) == {"delta_g_SC", "g_dOmega"}
@@ -279,7 +279,7 @@ def test_what_the_calibration_lacks_is_left_out_and_told(recorded, tmp_path):
     assert "no inertial period 0" in notes[1]
 
 
-def test_nothing_is_left_of_what_fails(recorded, tmp_path):
+def test_failures_leave_no_file(recorded, tmp_path):
     results = calibrated(LATE)
     path = tmp_path / "short.h5"
     write(tmp_path, replace(run(LATE, duration=DAY / 8, name="short")[0]), LATE)
@@ -358,7 +358,7 @@ def test_a_calibration_that_is_not_sound_gives_no_product(recorded, tmp_path, mo
     assert sorted(p.name for p in tmp_path.iterdir()) == ["R.json", "a.h5"]
 
 
-def test_what_is_not_sound_beside_the_joint_fit_is_left_out(recorded, tmp_path):
+def test_unsound_parts_of_the_calibration_are_left_out(recorded, tmp_path):
     results = calibrated(LATE)
     reason = FitWarning("invalid_data", (), "the star tracker turns the other way")
 

@@ -77,7 +77,7 @@ def test_every_term_has_its_sign_and_size(name):
     assert in_band(delta_g_SC - expected, 1e-3, 0.1) < 1e-6 * in_band(expected, 1e-3, 0.1)
 
 
-def test_delta_g_is_what_was_put_in():
+def test_delta_g_is_the_simulated_one():
     noiseless = replace(LATE, oms=0.0)
     recorded, truth = run(CLEAN, noiseless, kind="noise", duration=7200.0)
     parameters = of_run(noiseless, "A")
@@ -135,7 +135,7 @@ def test_each_epoch_has_its_own_coefficients():
     assert max(abs(p) for p in pulls(joint, vars(LATE)).values()) < 4.5
 
 
-def test_noisy_read_outs_attenuate_what_subtracts_best(noisy):
+def test_noisy_read_outs_attenuate_least_squares(noisy):
     # The PSDs of true motion and read-out noise are known here: so is the least-squares limit, but for the
     # weights, that depend little on frequency where the bump is large.
     runs, outcome, _ = noisy
@@ -165,7 +165,7 @@ def test_two_sensors_of_the_same_motion_free_the_couplings(noisy):
         assert np.array_equal(fit.covariance, fit.covariance.T)
 
 
-def test_no_bin_has_a_say_in_its_own_instruments(noisy):
+def test_instruments_of_a_bin_do_not_depend_on_the_bin(noisy):
     # louder by a tenth, it moves those of its neighbours; tied to its own noise, instruments would attenuate
     runs, outcome, _ = noisy
     w, theta = fitted_runs(outcome, runs)[0], outcome.solution.theta
@@ -180,7 +180,7 @@ def test_no_bin_has_a_say_in_its_own_instruments(noisy):
         assert change[i] < 0.2 * change[i + 1]
 
 
-def test_a_calibration_keeps_what_subtracts_best():
+def test_a_calibration_keeps_least_squares_for_subtraction():
     results = calibrate(pair(Motion(), LATE))
     coefficients = results.provenance.subtraction["1"]
     assert list(coefficients) == NAMES
@@ -188,7 +188,7 @@ def test_a_calibration_keeps_what_subtracts_best():
     assert not any(name.startswith("b_") for name in results.joint.parameters)
 
 
-def test_test_masses_that_move_apart_slowly_do_no_harm():
+def test_slow_relative_motion_leaves_the_couplings():
     # as the suspension lets them: by 2.5 nm Hz^-0.5 at 6 mHz, as much as all motion of y at 3 mHz
     fit = fitted(experiments(pair(Motion(apart=2.5e-9), LATE)))[1]["1"]
     assert warning(fit, "instrumental_variables").parameters == ("b_3", "b_4", "b_5", "b_6")
@@ -370,7 +370,7 @@ def test_jitter_below_the_noise_determines_nothing():
     assert not any("b_" in name for w in as_fit(outcome, runs).warnings for name in w.parameters)
 
 
-def test_read_outs_of_nothing_but_noise_are_told():
+def test_read_outs_of_pure_noise_are_reported():
     runs = pair(Motion(grs=50e-9), LATE)
     _, fits = fitted(experiments(runs))
     assert "b_3 (by an unknown amount)" in warning(fits["1"], "attenuation_bias").message

@@ -59,7 +59,7 @@ def test_the_centrifugal_term_has_the_coefficient_1(half_day_fit):
     assert not half_day_fit.unsound
 
 
-def test_in_the_papers_frame_delta_eta_changes_sign_and_nothing_else(half_a_day, half_day_fit):
+def test_only_delta_eta_changes_sign_in_the_papers_frame(half_a_day, half_day_fit):
     fit = period(stating(half_turn(half_a_day[0]), TO_1))
     assert fit["delta_phi"].value == pytest.approx(half_day_fit["delta_phi"].value, rel=1e-9)
     assert fit["delta_eta"].value == pytest.approx(-half_day_fit["delta_eta"].value, rel=1e-9)

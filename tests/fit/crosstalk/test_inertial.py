@@ -116,7 +116,7 @@ def test_integral_is_trapezoid_and_the_same_in_pieces():
     np.testing.assert_allclose(pieces, whole, rtol=1e-13, atol=1e-12)
 
 
-def test_without_angles_the_bias_is_told_and_is_what_is_told(quiet_day):
+def test_without_angles_the_bias_is_the_reported_one(quiet_day):
     fit = fitted(lacking(quiet_day[0], "o_phi", "o_eta"), world=LOW_NOISE)
     warnings = [w for w in fit.warnings if w.code == "no_wavefront_angle"]
     assert [w.parameters for w in warnings] == [("delta_phi",), ("delta_eta",)]
@@ -148,7 +148,7 @@ def test_two_test_masses_free_the_angles_of_their_torque_noise():
     assert warning.parameters == ("delta_phi",)
 
 
-def test_what_two_test_masses_disagree_on_is_their_noise():
+def test_the_difference_of_two_test_masses_is_their_noise():
     # dOmega itself is ten times as loud
     telemetry, truth = run(LOW_NOISE, duration=DAY)
     sources = rotation.sources(telemetry)
@@ -163,7 +163,7 @@ def test_what_two_test_masses_disagree_on_is_their_noise():
         assert S[band].mean() == pytest.approx(expected[band].mean(), rel=0.4)
 
 
-def test_torques_of_nothing_but_noise_are_told(quiet_day):
+def test_torques_of_pure_noise_are_reported(quiet_day):
     telemetry = quiet_day[0]
     rng = np.random.default_rng(0)
     noise = {f"N_phi_{j}": 6.8e-4 * 1e-9 * rng.standard_normal(telemetry.time.size) for j in (1, 2)}
@@ -187,7 +187,7 @@ def test_torsional_stiffness_counts(quiet_day):
     assert double == pytest.approx(2 * single, rel=0.15)  # not exactly: Omega doubles too
 
 
-def test_quaternion_tells_what_the_angles_tell(three_days, three_day_fit):
+def test_quaternion_and_angles_give_the_same(three_days, three_day_fit):
     telemetry = three_days[0]
     start = Rotation.from_euler("xyz", [0.3, -1.2, 2.0])
     turned = fitted(as_quaternion(telemetry, start, 3))
@@ -205,7 +205,7 @@ def test_an_attitude_of_the_other_sense_is_seen_and_reversed(quiet_day):
         assert fit.parameters[name].value == pytest.approx(estimate.value, rel=1e-9)
 
 
-def test_without_star_tracker_sigma_widens_and_it_is_told(three_days, three_day_fit):
+def test_without_star_tracker_sigma_widens(three_days, three_day_fit):
     fit = fitted(lacking(three_days[0], "ast"))
     assert "no_star_tracker" in codes(fit)
     assert max(map(abs, pulls(fit))) < 4.5
@@ -243,7 +243,7 @@ def test_pulls_are_standard_normal(world, n, mean, squares):
     assert np.all((total > squares[0]) & (total < squares[1]))
 
 
-def test_what_is_said_of_the_angles_holds(three_days):
+def test_constraints_of_the_angles(three_days):
     joint = calibration().joint
     free = fit_period([three_days[0]], joint)
     e = free["delta_phi"]

@@ -93,7 +93,7 @@ def test_a_quaternion_of_another_norm_is_refused(quiet_day):
         fitted(turned, world=LOW_NOISE)
 
 
-def test_periods_are_kept_apart(quiet_day):
+def test_periods_are_fitted_separately(quiet_day):
     second_world = replace(LOW_NOISE, phi=Plane(0.13e-3, 2e-7, 0.2e-3))
     runs = [
         run(LOW_NOISE, duration=DAY, name="a", inertial_period=1.0)[0],
@@ -109,7 +109,7 @@ def test_periods_are_kept_apart(quiet_day):
     assert results.inertial["1"].parameters["delta_phi"].value == pytest.approx(-0.4e-3, rel=0.05)
 
 
-def test_what_takes_part(quiet_day):
+def test_runs_that_take_part(quiet_day):
     telemetry = quiet_day[0]
     short = replace(telemetry, time=telemetry.time[:40_000])
     for unfit in (replace(telemetry, kind="sysid"), lacking(telemetry, "N_eta"), short):
@@ -120,7 +120,7 @@ def test_what_takes_part(quiet_day):
         calibrate_inertial([replace(telemetry, kind="sysid")], calibration())
 
 
-def test_what_the_calibration_lacks_widens_the_sigmas_and_is_told(quiet_day):
+def test_missing_parameters_of_the_calibration_widen_the_sigmas(quiet_day):
     results = calibration(LOW_NOISE)
     names = [name for name in results.joint.parameters if name not in ("lambda_1", "C_1", "delta_ifo_1")]
     joint = replace(
@@ -192,7 +192,7 @@ def test_command_refuses_a_calibration_without_dynamics(files, monkeypatch, capf
     assert command(monkeypatch, "fit", "inertial.h5", "--calibration", "nowhere.json") == 2
 
 
-def test_files_tell_the_same_as_memory(files, quiet_day):
+def test_files_and_memory_give_the_same(files, quiet_day):
     (from_file,) = read_all([files / "inertial.h5"])
     file_fit, memory_fit = fitted(from_file, world=LOW_NOISE), fitted(quiet_day[0], world=LOW_NOISE)
     for name, estimate in memory_fit.parameters.items():

@@ -41,7 +41,7 @@ def test_by_hand():
     assert not is_separated(sums)
 
 
-def test_what_was_not_determined_stays_away():
+def test_undetermined_coefficients_stay_undetermined():
     separated_fit = subtract_euler_force(
         fit({"b_1": 1e-5, "b_3": 2e-5}, [1e-7, 1e-7]), MISALIGNED, "1", 0.376
     )
@@ -55,7 +55,7 @@ def test_the_sums_are_called_sums():
     assert [w.code for w in separated_fit.warnings] == [SEPARATED]
 
 
-def test_what_subtracts_best_is_kept_apart_from_the_couplings():
+def test_subtraction_coefficients_are_not_the_couplings():
     couplings = fit({"b_1": 1.2e-5 - 0.376 * 4e-4, "b_3": 2.2e-5}, [1e-7, 1e-7])
     coefficients = {"b_1": 1.1e-5 - 0.376 * 4e-4, "b_3": 1.8e-5}
     provenance = Provenance(cross_talk_periods={"1": "3"}, subtraction={"1": coefficients})

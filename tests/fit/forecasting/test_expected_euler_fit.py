@@ -79,7 +79,7 @@ def test_loud_torques_widen_as_they_do_in_fits(plan):
 
 
 @pytest.mark.slow
-def test_monte_carlo_fits_tell_as_much(plan):
+def test_monte_carlo_fits_have_these_sigmas(plan):
     run, joint = next(run for run in plan.runs if run.experiment == "P3a"), calibration().joint
     fits = [fit_period([montecarlo._drawn(run, np.random.default_rng(i))], joint) for i in range(3)]
     for name, sigma in sigmas(expected_fits(run)["3"]).items():
@@ -112,7 +112,7 @@ def test_drowned_in_torque_noise_as_the_fit_is(plan):
     assert "torque_noise" in {w.code for w in fit.warnings}
 
 
-def test_a_spacecraft_that_does_not_turn_tells_nothing(plan):
+def test_a_spacecraft_without_rotation_determines_nothing(plan):
     run = next(run for run in plan.runs if run.experiment == "P1")
     along_x = {name: getattr(run.noise, name) for name in ("oms", "plateau", "tail", "thruster")}
     (fit,) = expected_fits(replace(run, noise=Noise(**along_x))).values()
@@ -130,7 +130,7 @@ def short(tmp_path):
     return path
 
 
-def test_command_line_tells_the_angles(lpfcosim, short, tmp_path):
+def test_command_line_prints_the_angles(lpfcosim, short, tmp_path):
     status, out, err = lpfcosim("forecast", short, "--out", "told")
     assert status == 0, err
     period = json.loads((tmp_path / "told" / "forecast.json").read_text(encoding="utf-8"))["inertial"]["1"]

@@ -102,7 +102,7 @@ def test_degenerate_campaigns_are_named_as_the_fit_names_them(sets, options):
 
 
 @pytest.mark.parametrize("tones", [(3.333e-3,), ()])
-def test_a_single_tone_or_none_tells_as_little_as_in_the_fit(tones):
+def test_a_single_tone_or_none_determines_as_little_as_in_the_fit(tones):
     # which of many blind directions is named first is chance
     options = {"tones_12": tones, "tones_1": ()}
     forecasted, fitted = (
@@ -122,7 +122,7 @@ def mission():
     return planned(loading.load(CAMPAIGNS / "mission-x.toml"))
 
 
-def test_regressors_without_noise_tell_less_of_delta_ifo(mission):
+def test_regressors_without_noise_determine_delta_ifo_worse(mission):
     noise = {e.name: e.noise for e in loading.load(CAMPAIGNS / "mission-x.toml").experiments}
 
     def of_residual(levels):

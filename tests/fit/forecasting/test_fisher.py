@@ -30,7 +30,7 @@ def plan():
     )
 
 
-def test_tones_tell_what_the_forecast_says(plan):
+def test_information_of_tones_is_that_of_the_forecast(plan):
     expected = expected_fit(planned(plan))
     bare = replace(plan, experiments=tuple(replace(e, injections=()) for e in plan.experiments))
     campaign = fisher.fisher_information(planned(bare), settings())

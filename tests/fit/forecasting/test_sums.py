@@ -47,7 +47,7 @@ def test_a_sum_has_the_sigma_of_a_straight_line(outcome):
         assert sigma == pytest.approx(1e-9 * np.sqrt(share), rel=1e-3)
 
 
-def test_what_rests_on_weak_priors_is_no_knowledge(outcome):
+def test_weak_priors_are_no_knowledge(outcome):
     assert linear_combination(outcome, {"omega2_2_0": 1.0}) is None
     assert linear_combination(outcome, {"omega2_2_0": 1.0, "alpha_x_2": 0.0, "alpha_phi_2": 1e-12}) is None
     assert linear_combination(outcome, {"omega2_1_0": 1.0}) is None

@@ -51,7 +51,7 @@ def test_far_from_a_sound_fit_is_unsound_but_for_telemetry_of_that_very_loop():
         assert warning.kind.unsound == (code == "loop_contradiction")
 
 
-def test_a_loop_that_holds_what_the_fit_contradicts_did_not_make_the_telemetry():
+def test_fixed_values_that_the_fit_contradicts_are_of_another_loop():
     calibrated = fit_of({"lambda_2": (1.0776, 1e-4), "omega2_2_0": (-4.2e-7, 5e-9)})
     joint_fit = fit_of({"omega2_2_0": (-4.8e-7, 5e-9)})
     for fixed, code in ((1.0776, "loop_discrepancy"), (1.08, "loop_contradiction")):
@@ -64,7 +64,7 @@ def test_a_loop_that_holds_what_the_fit_contradicts_did_not_make_the_telemetry()
         assert (warning.code, warning.parameters) == (code, ("omega2_2_0",))
 
 
-def test_what_a_run_shows_alone_is_compared_where_the_joint_fit_has_nothing_like_it():
+def test_parameters_of_single_runs_are_compared():
     run = replace(thirteen.telemetry(replace(thirteen.made("B4", "sysid"), duration=600.0)), experiment="B4")
     (F_2, N_2) = run.authority[1]
     fixed = {"alpha_x_2": -317.0, "alpha_phi_2": -27.4e3, "C_2": 0.186}

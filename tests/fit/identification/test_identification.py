@@ -57,7 +57,7 @@ def unconstrained(flown):
     return identified(flown)
 
 
-def test_the_truth_is_found_and_is_what_the_equation_of_motion_finds(flown, unconstrained):
+def test_recovers_the_truth_as_the_equation_of_motion_does(flown, unconstrained):
     truth = {
         "lambda_2": 1.06,
         "C_2": 0.2,
@@ -139,7 +139,7 @@ def test_a_pole_of_the_controller_is_found_wherever_the_search_begins(flown):
 
 
 @pytest.mark.slow
-def test_steps_into_loops_that_cannot_be_simulated_are_taken_back_and_told(flown, unconstrained):
+def test_steps_into_unstable_loops_are_halved_and_reported(flown, unconstrained):
     tried: list[float] = []
 
     def refused(theta):  # the first value far from the start
@@ -255,14 +255,14 @@ def test_sigmas_allow_for_noise_that_changes_within_a_run(flown):
 
 
 @pytest.mark.slow
-def test_a_plant_that_did_not_fly_makes_chi2_say_so_by_name(flown):
+def test_another_plant_is_reported_by_chi2(flown):
     results = identified(flown, FREE[2:])  # the gain is 1.6 % off
     (mismatch,) = [w for w in results.joint.warnings if w.code == "noise_mismatch"]
     assert mismatch.message.startswith("A: the simulated loop leaves 10")
     assert results.joint.unsound
 
 
-def test_what_the_loop_holds_against_the_fit_is_told(flown):
+def test_fixed_values_that_the_fit_contradicts_are_reported(flown):
     calibrated = flown[2]
     fit = calibrated.experiments["A"]
     for calibration, count in (
@@ -279,7 +279,7 @@ def test_what_the_loop_holds_against_the_fit_is_told(flown):
     assert "lambda_2 is 1.0776, the fit finds 1.0600" in conflict.message
 
 
-def test_what_the_data_do_not_tell_goes_back_to_its_start_before_a_step_is_halved():
+def test_undetermined_parameters_return_to_their_start_before_a_step_is_halved():
     """A delay of a test mass that nothing drives strays to where no loop is."""
     start, target, tried = np.array([1.0, 0.15]), np.array([1.2, 0.01]), []
 

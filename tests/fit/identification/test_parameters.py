@@ -37,7 +37,7 @@ def test_a_gain_departs_with_the_delay_of_its_force(loop_names, departing, along
     np.testing.assert_array_equal(experiment_view.parameter_map, expected)
 
 
-def test_a_delay_that_departs_beside_a_gain_of_the_loop_counts_once():
+def test_a_delay_that_departs_with_a_gain_of_the_loop_counts_once():
     experiment_view = view(("lambda_2",), ["lambda_2", "C_2"])
     assert experiment_view.measured_names == ("C_2",)
     np.testing.assert_array_equal(experiment_view.parameter_map, [[1, 0, 1, 0, 0], [0, 0, 0, 0, 1]])

@@ -41,7 +41,7 @@ def identified(flown, free):
     return identify(pair(telemetries), free, LinearLoop(runs), calibrated, CHOSEN)
 
 
-def test_what_the_fit_lets_scatter_scatters_here_too(flown):
+def test_gains_scatter_as_in_the_fit(flown):
     fitted = flown[2]
     results = identified(flown, (FreeParameter("lambda_2"), *FREE))
     assert not results.joint.unsound
@@ -70,7 +70,7 @@ def test_gains_that_differ_and_are_not_let_contradict_each_other(flown):
     assert results.joint.unsound
 
 
-def test_a_gain_that_is_held_departs_by_what_was_measured(flown):
+def test_a_fixed_gain_departs_by_the_measured_motion(flown):
     """Though nobody seeks lambda_2, what else is found has no share of its scatter."""
     fitted, results = flown[2], identified(flown, FREE)
     assert not results.joint.unsound

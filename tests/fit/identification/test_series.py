@@ -31,7 +31,7 @@ def test_a_rate_that_does_not_divide_that_of_the_loop_is_refused():
         series.at_loop_rate(archive(3.0, np.zeros(10)), "x")
 
 
-def test_a_force_is_told_from_the_motion_that_it_makes():
+def test_a_force_is_computed_from_its_motion():
     omega2, lambda_2, delay = -1e-6, 1.0, 0.25  # a whole number of samples and half a hold
     theta = np.array([1.0, lambda_2, 0.0, lambda_2 * delay, omega2, 0.0, 0.0])
     n = 40000
@@ -66,7 +66,7 @@ def test_the_thrust_that_moved_a_loop_is_found():
     assert np.max(np.abs(thrust - stray_thrust)[inside]) < 1e-2
 
 
-def test_what_goes_along_with_a_motion_is_found():
+def test_the_force_of_a_motion():
     decay = scipy.signal.butter(1, [5e-4, 0.05], "bandpass", fs=series.RATE, output="sos")
     taps, factor = derivatives.low_pass(series.RATE)
 
@@ -84,7 +84,7 @@ def test_what_goes_along_with_a_motion_is_found():
     assert np.max(np.abs(result - force(stray_thrust))[inside]) < 1e-2 * np.max(np.abs(force(stray_thrust)))
 
 
-def test_what_a_controller_began_in_is_made_of_its_modes():
+def test_the_initial_transient_consists_of_the_modes_of_the_controller():
     n, poles = 50_000, (6e-3, 30e-3)  # Hz
     t = np.arange(n) / series.RATE
     answer = 2.0 + sum(k * np.exp(-2 * np.pi * p * t) for k, p in zip((1.0, 0.3), poles, strict=True))

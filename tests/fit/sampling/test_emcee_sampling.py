@@ -74,7 +74,7 @@ class Scattering:
 
 
 @pytest.mark.stat
-def test_widths_and_what_departs_by_them_have_their_long_tails(tmp_path, monkeypatch):
+def test_widths_and_departures_have_long_tails(tmp_path, monkeypatch):
     # seeded; 4.5 standard errors in 7 numbers: false positives 5e-5
     monkeypatch.setattr(emcee_sampling, "MIN_LENGTH", 500)
     posterior = Scattering(n_parameters=1)
@@ -160,7 +160,7 @@ def test_a_drift_is_refused(linear_case, tmp_path, monkeypatch):
         emcee_sampling.sample(posterior, tmp_path / "c.h5", "fit", steps=3000, seed=1)
 
 
-def test_a_chain_that_left_no_step_behind_starts_anew(linear_case, tmp_path):
+def test_a_chain_without_steps_starts_again(linear_case, tmp_path):
     posterior = Posterior(linear_case[0])
     for name in "ab":
         with pytest.raises(FitError):

@@ -98,7 +98,7 @@ def test_results_that_cannot_be_repeated(lpfcosim, calibrated, change, message):
     assert not (calibrated / "mcmc.h5").exists()
 
 
-def test_what_is_given_beside_instruments_is_moved_and_widened_as_the_results_are(lpfcosim, calibrated):
+def test_instruments_move_and_widen_the_posterior_as_the_results(lpfcosim, calibrated):
     path = calibrated / "results.json"
     document = json.loads(path.read_text())
     estimate = document["joint"]["parameters"]["lambda_2"]
