@@ -21,7 +21,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from fit.consistency.run_scores import NULL, RunScore, column_space, run_score
+from fit.consistency.run_scores import RunScore, run_score
 from fit.fitting import IRLSResult, run_estimate
 from fit.whitening import Experiment, whitened_run
 
@@ -120,25 +120,11 @@ class ConsistencyTest:
             remaining[self.rows[i]] = False
         return self._chi_square(self.residual_maker - self._projection(remaining))
 
-    def score_test(self, effects: Array) -> ChiSquare:
-        """Return by how much T falls with further effects, shape (N, Q), all parameters refitted."""
-        projected = self.residual_maker @ effects
-        Q = column_space(projected / np.maximum(np.linalg.norm(effects, axis=0), 1e-300))
-        return self._chi_square(Q @ Q.T)
-
     def column(self, i: int, values: Array) -> Array:
         """Return an effect on one run only as a column, shape (N, 1)."""
         column = np.zeros((self.residual.size, 1))
         column[self.rows[i], 0] = values
         return column
-
-    def amount(self, column: Array) -> tuple[float, float]:
-        """Return the size of an effect, shape (N, 1), and its sigma."""
-        projected = self.residual_maker @ column[:, 0]
-        power = float(projected @ projected)
-        if power <= (NULL * np.linalg.norm(column)) ** 2:
-            return 0.0, np.inf
-        return -float(projected @ self.residual) / power, power**-0.5
 
     def covariance(self) -> Array:
         """Return the covariance of the parameters in their natural scales, shape (P, P).
@@ -151,14 +137,15 @@ class ConsistencyTest:
     def step(self) -> Array:
         """Return the change from theta to the minimum of T, shape (P,), SI."""
         u, s, vt = np.linalg.svd(self.jacobian, full_matrices=False)
-        seen = s > DETERMINED
-        return np.asarray(-(vt[seen].T @ ((u[:, seen].T @ self.residual) / s[seen])) * self.width)
+        determined = s > DETERMINED
+        amplitudes = u[:, determined].T @ self.residual / s[determined]
+        return np.asarray(-(vt[determined].T @ amplitudes) * self.width)
 
     def chi2_of_subsets(self, subsets: Flags) -> tuple[Array, NDArray[np.intp]]:
         """Return T and its degrees of freedom over subsets of the runs, (M, R), each of shape (M,)."""
-        parts = [*self.rows, slice(self.rows[-1].stop, self.residual.size)]
-        X = [self.jacobian[rows] for rows in parts]
-        z = [self.residual[rows] for rows in parts]
+        slices = [*self.rows, slice(self.rows[-1].stop, self.residual.size)]
+        X = [self.jacobian[rows] for rows in slices]
+        z = [self.residual[rows] for rows in slices]
         include = np.column_stack([subsets, np.ones(len(subsets))]).astype(float)
         H = np.tensordot(include, np.array([x.T @ x for x in X]), 1)
         score = include @ np.array([x.T @ y for x, y in zip(X, z, strict=True)])
@@ -181,18 +168,18 @@ class ConsistencyTest:
     def _noise_errors(self) -> tuple[NDArray[np.intp], scipy.sparse.csr_array]:
         """Where the blocks of the runs lie in a projection, and the effect of the noise models on them."""
         index = np.arange(self.residual.size**2).reshape(self.residual.size, -1)
-        where = np.concatenate([index[rows, rows].ravel() for rows in self.rows])
-        whitened_runs = [
+        positions = np.concatenate([index[rows, rows].ravel() for rows in self.rows])
+        errors = [
             whitened_run.matrix_sqrt(run.knot_covariance) @ run.knot_effects.reshape(-1, run.residual.size**2)
             for run in self.runs
         ]
-        return where, scipy.sparse.csr_array(scipy.sparse.block_diag(whitened_runs))
+        return positions, scipy.sparse.csr_array(scipy.sparse.block_diag(errors))
 
     def _chi_square(self, projection: Array) -> ChiSquare:
         """Return the sum of squares in the range of a projection, shape (N, N)."""
         dof = float(np.trace(projection))
-        where, errors = self._noise_errors
-        scaled = errors @ projection.ravel()[where]
+        positions, errors = self._noise_errors
+        scaled = errors @ projection.ravel()[positions]
         variance = float(scaled @ scaled)
         noise_dof = 2 * dof**2 / variance + 4 if variance > 0 else np.inf
         return ChiSquare(float(self.residual @ projection @ self.residual), round(dof), noise_dof)

@@ -22,7 +22,7 @@ from fit.consistency.outlier_runs import (
     leverage,
 )
 from fit.consistency.run_scores import RunScore, run_score
-from fit.consistency.scatter import P_SCATTER, estimate_scatter
+from fit.consistency.scatter import estimate_scatter
 from fit.errors import FitError
 from fit.fitting import IRLSResult, fit_joint, run_estimate
 from fit.model import Sharing
@@ -71,10 +71,10 @@ class ConsistentFit:
             return None
         tests = {run.name: self.test.of_runs([i]) for i, run in enumerate(self.test.runs)}
         tests[""] = self.test.total
-        found = {name: {"chi2": t.value, "dof": t.dof, "p": t.p} for name, t in tests.items()}
+        statistics = {name: {"chi2": t.value, "dof": t.dof, "p": t.p} for name, t in tests.items()}
         for name, p in (self.probabilities or {}).items():
-            found.setdefault(name, {})["p_outlier"] = p
-        return found
+            statistics.setdefault(name, {})["p_outlier"] = p
+        return statistics
 
 
 @dataclass(frozen=True)
@@ -110,15 +110,15 @@ def fit_consistent_runs(
         If no trustworthy estimate comes out.
     """
     unusable = _unusable(experiments, misfits)
-    usable = _without(experiments, unusable)
+    usable = _remove(experiments, unusable)
     unsettled = _unsettled(usable, single_fits)
-    settled = _without(usable, unsettled)
+    converged = _remove(usable, unsettled)
     if settings.estimator in UNTESTED:
-        left_out = (*unusable, *unsettled) if settled else unusable
-        members = tuple(settled or usable)
+        left_out = (*unusable, *unsettled) if converged else unusable
+        members = tuple(converged or usable)
         fit = fit_joint(members, settings, single_fits)
         return ConsistentFit(fit, members, left_out, (_untested(settings),))
-    selection = _select(settled, single_fits, settings)
+    selection = _select(converged, single_fits, settings)
     chosen = settings.model_copy(update={"scatter": [*selection.scatter]})
     joint = fit_joint(selection.experiments, chosen, single_fits) if selection.experiments else None
     if together := _joint_with_unsettled(usable, selection, unsettled, joint, chosen, single_fits):
@@ -174,7 +174,7 @@ def _leave_out(
     scatter : sequence of str
         Parameters that scatter.
     candidates : sequence of str
-        Parameters that may be found to scatter if none does.
+        Parameters that may scatter if none does yet.
     single_fits : mapping of str to IRLSResult or FitError
         The fit of each experiment by itself.
     settings : Settings
@@ -193,10 +193,9 @@ def _leave_out(
         groups = _groups(experiments)
         bad = find_outlier_runs(test, groups)
         if candidates and not scatter:
-            found = estimate_scatter(test, candidates)
-            significant = found is not None and found.p < P_SCATTER
-            if found and significant and (not bad.runs or found.log_likelihood > bad.log_odds):
-                scatter = found.parameters
+            estimate = estimate_scatter(test, candidates)
+            if estimate and estimate.significant and (not bad.runs or estimate.log_likelihood > bad.log_odds):
+                scatter = estimate.parameters
                 continue
         probabilities |= bad.probabilities
         if not bad.runs:
@@ -221,8 +220,8 @@ def single_fit_test(
 
     def score(e: Experiment, block: WhitenedRun) -> RunScore:
         share = sharing.matrix(e.sysid.telemetry, e.parameters, names)
-        own = replace(block, parameter_map=share)
-        return run_score(e.name, own, run_estimate(e.name, own), theta)
+        single = replace(block, parameter_map=share)
+        return run_score(e.name, single, run_estimate(e.name, single), theta)
 
     fits = [
         (e, fit.whitened_runs[0]) for e in experiments if isinstance(fit := single_fits[e.name], IRLSResult)
@@ -230,8 +229,8 @@ def single_fit_test(
     runs = tuple(parallel_map(lambda one: score(*one), fits))
     test = ConsistencyTest(runs, width, np.zeros((0, theta.size)), np.zeros(0))
     for _ in range(2):  # coefficients are nearly linear in the parameters
-        moved = test.runs[0].theta + test.step()
-        test = replace(test, runs=tuple(replace(run, theta=moved) for run in test.runs))
+        joint_theta = test.runs[0].theta + test.step()
+        test = replace(test, runs=tuple(replace(run, theta=joint_theta) for run in test.runs))
     return test
 
 
@@ -266,7 +265,7 @@ def _untested(settings: Settings) -> FitWarning:
     return FitWarning("consistency_untested", (), message)
 
 
-def _without(experiments: Sequence[Experiment], left_out: Iterable[Exclusion]) -> list[Experiment]:
+def _remove(experiments: Sequence[Experiment], left_out: Iterable[Exclusion]) -> list[Experiment]:
     names = {exclusion.experiment for exclusion in left_out}
     return [e for e in experiments if e.name not in names]
 
@@ -274,7 +273,7 @@ def _without(experiments: Sequence[Experiment], left_out: Iterable[Exclusion]) -
 def _unusable(experiments: Sequence[Experiment], misfits: Mapping[str, str]) -> tuple[Exclusion, ...]:
     """Return the experiments that are left out for what each is by itself."""
     unfit = _minority([_misfit(e, misfits[e.name]) for e in experiments if e.name in misfits], experiments)
-    rest = _without(experiments, unfit)
+    rest = _remove(experiments, unfit)
     late = _minority(_late(rest, len(experiments)), rest)
     return (*unfit, *late)
 
@@ -292,13 +291,13 @@ def _joint_with_unsettled(
     experiments: Sequence[Experiment],
     selection: _Selection,
     unsettled: Sequence[Exclusion],
-    without: IRLSResult | None,
+    converged_fit: IRLSResult | None,
     settings: Settings,
     single_fits: SingleFits,
 ) -> IRLSResult | None:
     """Return the joint fit with the runs that have no single fit; None if they are to be left out.
 
-    `without` is the joint fit without them, None if no run has a single fit.
+    `converged_fit` is the joint fit without them, None if no run has a single fit.
 
     Raises
     ------
@@ -311,14 +310,14 @@ def _joint_with_unsettled(
     try:
         joint = fit_joint(together, settings, single_fits)
     except FitError:
-        if without is None:
+        if converged_fit is None:
             raise
         return None
-    if without is None:
+    if converged_fit is None:
         return joint
     if fit_quality.suspects({"": joint}):
         return None
-    loses = np.count_nonzero(joint.undetermined) > np.count_nonzero(without.undetermined)
+    loses = np.count_nonzero(joint.undetermined) > np.count_nonzero(converged_fit.undetermined)
     contradicted = is_contradicted(consistency_test(together, joint), _groups(together))
     return None if loses or contradicted else joint
 

@@ -12,7 +12,7 @@ import scipy
 from numpy.typing import NDArray
 
 from fit.consistency import scans
-from fit.consistency.run_test import BLOCK, Correction, RunTest
+from fit.consistency.run_test import BLOCK, MAX_LEVEL_CHANGE, Correction, RunTest
 from fit.consistency.score_test import ScoreTestResult
 from fit.consistency.templates import RUN_TEMPLATES, late_by_second
 from fit.false_alarms import p_limit
@@ -194,8 +194,10 @@ def _lag(
     lag = samples / fs if is_whole else lag
     if abs(lag) < SIGNIFICANT * sigma or (scaled and abs(scale - 1) < SIGNIFICANT * scale_sigma):
         return
-    by = f"{abs(samples)} sample{'s' * (abs(samples) > 1)}" if is_whole else f"{abs(lag):.3g} ± {sigma:.1g} s"
-    words = f"{name} is {'late' if lag > 0 else 'early'} by {by}"
+    text = (
+        f"{abs(samples)} sample{'s' * (abs(samples) > 1)}" if is_whole else f"{abs(lag):.3g} ± {sigma:.1g} s"
+    )
+    words = f"{name} is {'late' if lag > 0 else 'early'} by {text}"
     cost = AMOUNT * (1 + scaled) + PLACE * (samples != 0)
     correction = Correction(
         {name: scale * shifted(x, fs, lag)}, o_12_scale=1 / scale if name == "o_12" else 1.0
@@ -314,18 +316,20 @@ def _loud_segments(test: RunTest) -> Iterator[Candidate]:
         scipy.special.chdtri(recorded.block_dof, p_limit("consistency", recorded.block_powers.size))
     )
     level = max(1.0, float(np.median(recorded.block_powers)))
-    loud = np.flatnonzero(recorded.block_powers > limit / recorded.block_dof * level)
-    if not loud.size or loud.size * BLOCK > MAX_MASKED * np.ptp(recorded.columns.time):
+    excess_blocks = np.flatnonzero(recorded.block_powers > limit / recorded.block_dof * level)
+    if not excess_blocks.size or excess_blocks.size * BLOCK > MAX_MASKED * np.ptp(recorded.columns.time):
         return
     start = float(recorded.columns.time[0]) - MASK_MARGIN
-    groups = np.split(loud, np.flatnonzero(np.diff(loud) > 1) + 1)
+    groups = np.split(excess_blocks, np.flatnonzero(np.diff(excess_blocks) > 1) + 1)
     spans = tuple((start + BLOCK * g[0], start + BLOCK * (g[-1] + 1) + 2 * MASK_MARGIN) for g in groups)
     listed = ", ".join(f"{begin:.0f} to {end:.0f} s" for begin, end in spans[:MAX_SEGMENTS])
     count = f" in {len(spans)} segments, first" if len(spans) > MAX_SEGMENTS else ""
     words = f"Delta g contains something else{count} from {listed}"
     # every masked datum is as good as an amount
     yield Candidate(
-        Cause("", "", "segments", words=words), Correction(masked=spans), recorded.block_dof * loud.size
+        Cause("", "", "segments", words=words),
+        Correction(masked=spans),
+        recorded.block_dof * excess_blocks.size,
     )
 
 
@@ -349,24 +353,29 @@ def _segment(
     segment = scans.refine_segment(segment, delta_chi2)
     result = fit(segment)
     amount, sigma = float(result.amounts[0]), float(result.sigmas[0])
-    corrected = x
+    contained = segment.contains(channels.time)
+    corrected, cost = x, AMOUNT + PLACE * len(segment.edges)
     masked: tuple[tuple[float, float], ...] = ()
     if n == 0 and abs(amount - 1) < 2 * EXACT_SCALE:
         cause, corrected = Cause("", name, "excess", words=f"{name} contains data that cannot be real"), 0 * x
     elif n == 0:
         cause, factor = scale_cause(name, 1 / (1 - amount), sigma / (1 - amount) ** 2)
         corrected = x / factor
+        if (
+            name == "o_12" and 1 / MAX_LEVEL_CHANGE < abs(factor) < MAX_LEVEL_CHANGE
+        ):  # the noise is scaled along
+            n_data = 2 * test.recorded.S.size * float(np.mean(contained))
+            cost += 2 * n_data * float(np.log(abs(factor)))
     else:
         lag, error = (n / channels.fs, None) if n else (amount, sigma)
-        by = f"{abs(n)} sample" if n else f"{abs(lag):.3g} ± {sigma:.1g} s"
-        words = f"{name} is {'late' if lag > 0 else 'early'} by {by}"
+        text = f"{abs(n)} sample" if n else f"{abs(lag):.3g} ± {sigma:.1g} s"
+        words = f"{name} is {'late' if lag > 0 else 'early'} by {text}"
         cause = Cause("", name, "lag", lag, error, "s", words)
         corrected = shifted(x, channels.fs, float(np.clip(lag, -5 / channels.fs, 5 / channels.fs)))
         # there a sample is lost or comes twice
         masked = tuple((edge - EDGE, edge + EDGE) for edge in segment.edges) if n else ()
     cause = replace(cause, kind=f"{cause.kind} of a part", words=f"{cause.words} {segment.words}")
-    series = np.where(segment.contains(channels.time), corrected, x)
-    return Candidate(cause, Correction({name: series}, masked=masked), AMOUNT + PLACE * len(segment.edges))
+    return Candidate(cause, Correction({name: np.where(contained, corrected, x)}, masked=masked), cost)
 
 
 def _jump(test: RunTest, name: str, x: Array) -> Candidate:

@@ -74,10 +74,10 @@ def rank_causes(test: RunTest, lenders: Sequence[Experiment]) -> tuple[Cause, ..
     ratings += [rate(candidate) for candidate in segment_candidates(test, min_gain)]
     limit = INDISTINCT * max(1.0, min(rating.level for rating in ratings))
     ratings.sort(key=lambda rating: rating.chi2)
-    best = [rating for rating in ratings if rating.chi2 < ratings[0].chi2 + limit]
-    if not all(rating.is_noise for rating in best):
+    likely = [rating for rating in ratings if rating.chi2 < ratings[0].chi2 + limit]
+    if not all(rating.is_noise for rating in likely):
         return ()
-    causes = _simplest([rating.candidate.cause for rating in best])
+    causes = _simplest([rating.candidate.cause for rating in likely])
     named = [cause for one in causes for cause in _authorities(one, test)]
     return tuple(replace(cause, run=test.experiment.name) for cause in named[:MAX_CAUSES])
 
@@ -222,14 +222,14 @@ def contradiction_exclusions(
     exclusions = []
     for i, name in zip(outliers, names, strict=True):
         numbers = [k for k in outliers if k != i]
-        without = test.without(numbers)
+        remaining = test.without(numbers)
         position = i - sum(k < i for k in numbers)
-        agrees = test.runs[i].noise_level == 1 and without.of_runs([position]).p > p_limit("consistency")
+        agrees = test.runs[i].noise_level == 1 and remaining.of_runs([position]).p > p_limit("consistency")
         # from the other outliers, or from all
         largest = (
             _largest_pull(test, i, experiments[i])
             if agrees
-            else _largest_pull(without, position, experiments[i])
+            else _largest_pull(remaining, position, experiments[i])
         )
         cause = Cause(name, "", "contradiction", words=f"{observation}; {name} {largest}")
         exclusions.append(

@@ -21,7 +21,7 @@ from fit.false_alarms import chi2_limit, p_limit, sigma_limit
 from fit.model import dynamics
 from fit.parallel import parallel_map
 from fit.parameters import DELAYS
-from fit.quality import initial_fit
+from fit.quality import MODEL_MISFIT, initial_fit
 from fit.spectra import windowing
 from fit.warnings import Cause, FitWarning, either
 from fit.whitening import Experiment, whitened_run
@@ -29,9 +29,9 @@ from fit.whitening import Experiment, whitened_run
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
-CODE = "model_misfit"
 DRIVEN = 14.0  # amplitude of o_12'' in units of the noise, from which a bin is driven
-NEIGHBOURS = 60  # undriven bins that give the level of the noise around a driven one
+NEIGHBOURS = 60  # bins at most that give the level of the noise around a driven one
+MIN_NEIGHBOURS = 8  # half of them below it: the lowest bins have no level, and do not count
 EFFECTIVE = 0.3  # degrees of freedom of that level by those of the driven bins: neighbours are shared
 WIDESPREAD = 1 / 3  # of the runs: a misfit of so many is one of the model
 MIN_RUNS = 3  # with fewer, a fault of one run cannot be distinguished from a lack of the model
@@ -86,21 +86,26 @@ class RunMisfit:
             r = r - self.test.project(self.effects @ amounts)
         return np.asarray(np.sum(r.reshape(-1, 2) ** 2, axis=1) / 2)
 
-    def level(self, power: Array) -> Array:
-        """Return the power around each of the driven bins, that of the noise run at least, shape (D,)."""
-        quiet, driven = np.flatnonzero(~self.driven), np.flatnonzero(self.driven)
-        if quiet.size < NEIGHBOURS:
-            return np.ones(driven.size)
-        sums = np.concatenate([[0.0], np.cumsum(power[quiet])])
-        begin: NDArray[np.intp] = np.clip(
-            np.searchsorted(quiet, driven) - NEIGHBOURS // 2, 0, quiet.size - NEIGHBOURS
-        )
-        return np.asarray(np.maximum((sums[begin + NEIGHBOURS] - sums[begin]) / NEIGHBOURS, 1.0))
+    def relative_power(self) -> Array:
+        """Return the power of driven bins by the level of the noise, that of the noise run at least.
 
-    def excess(self, amounts: Array | None = None) -> float:
-        """Return the mean power at the driven bins over that around them; 1 for noise."""
-        power = self.power(amounts)
-        return float(np.mean(power[self.driven] / self.level(power))) if self.driven.any() else 1.0
+        The level is the mean of the next undriven bins or the median of as many bins below as above, if the
+        noise departs from its model at the lowest frequencies: all of these may be driven.
+        """
+        power, n = self.power(), self.driven.size
+        driven = np.flatnonzero(self.driven)
+        driven = driven[(driven >= MIN_NEIGHBOURS // 2) & (driven < n - MIN_NEIGHBOURS // 2)]
+        half = np.minimum(np.minimum(driven, n - 1 - driven), NEIGHBOURS // 2)
+        medians = [np.median(power[i - m : i + m + 1]) for i, m in zip(driven, half, strict=True)]
+        level = np.maximum(np.array(medians) / np.log(2), 1.0)
+        undriven = np.flatnonzero(~self.driven)
+        if undriven.size >= NEIGHBOURS:
+            sums = np.concatenate([[0.0], np.cumsum(power[undriven])])
+            begin: NDArray[np.intp] = np.clip(
+                np.searchsorted(undriven, driven) - NEIGHBOURS // 2, 0, undriven.size - NEIGHBOURS
+            )
+            level = np.maximum(level, (sums[begin + NEIGHBOURS] - sums[begin]) / NEIGHBOURS)
+        return np.asarray(power[driven] / level)
 
     def beyond_noise(self, amounts: Array | None = None) -> float:
         """Return the excess over all bins, as far as the noise does not make it, whatever its level."""
@@ -112,8 +117,9 @@ class RunMisfit:
     @cached_property
     def p(self) -> float:
         """Return how often noise makes the excess as large."""
-        dof = 2 * int(np.count_nonzero(self.driven)) / self.variance
-        return float(scipy.special.fdtrc(dof, EFFECTIVE * dof, self.excess())) if dof else 1.0
+        ratios = self.relative_power()
+        dof = 2 * ratios.size / self.variance
+        return float(scipy.special.fdtrc(dof, EFFECTIVE * dof, np.mean(ratios))) if dof else 1.0
 
 
 @dataclass(frozen=True)
@@ -132,6 +138,8 @@ class CommonEffect:
         Whether the amounts of the runs differ by more than noise makes them.
     epoch : int or None
         Alignment epoch of the runs; None for all.
+    run : str
+        Name of the only run that determines it; empty if several do.
     """
 
     template: Template
@@ -140,6 +148,7 @@ class CommonEffect:
     accounted: float
     scatters: bool
     epoch: int | None = None
+    run: str = ""
 
     @property
     def cause_size(self) -> tuple[float, float]:
@@ -264,13 +273,22 @@ def _common_effect(
     weights = sums / np.array(noise)[:, None]
     information, score = weights.sum(axis=0)
     amounts[i] = size = score / information
-    before, after = (sum(run.beyond_noise(a) for run in runs) for a in (None, amounts))
-    accounted = 1 - after / before if before else 1.0
+    total, remainder = (sum(run.beyond_noise(a) for run in runs) for a in (None, amounts))
+    accounted = 1 - remainder / total if total else 1.0
     z2 = size**2 * information
-    scatter = float(np.sum(_ratio(weights[:, 1] ** 2, weights[:, 0]))) - z2  # Cochran's Q of the amounts
+    contributions = _ratio(weights[:, 1] ** 2, weights[:, 0])
+    scatter = float(np.sum(contributions)) - z2  # Cochran's Q of the amounts
+    largest = int(np.argmax(contributions))
+    single = np.sum(np.delete(contributions, largest)) < chi2_limit("model", len(runs), len(MODEL_TEMPLATES))
     limit = chi2_limit("model", max(len(runs) - 1, 1), len(MODEL_TEMPLATES)) + INDISTINCT * z2
     return CommonEffect(
-        template, float(size), float(information**-0.5), accounted, bool(scatter > limit), epoch
+        template,
+        float(size),
+        float(information**-0.5),
+        accounted,
+        bool(scatter > limit),
+        epoch,
+        runs[largest].experiment.name if single else "",
     )
 
 
@@ -281,15 +299,15 @@ def _template_warning(effects: Sequence[CommonEffect], largest_force: tuple[floa
         template = effect.template
         force = largest_force[int(template.channel[-1]) - 1] if template.kind == "gain by force" else 0.0
         scope = "" if effect.epoch is None else f" in the runs of alignment epoch {effect.epoch}"
-        causes.append(template.cause(effect.size, effect.sigma, scope=scope, force=force))
+        causes.append(template.cause(effect.size, effect.sigma, effect.run, scope=scope, force=force))
     if effects[0].template is READOUT_LAG:
         names = tuple(f"delta_ifo_{effect.epoch}" for effect in effects)
         words = " and ".join(cause.words for cause in causes)
         return FitWarning("readout_lag", names, f"{words}; the sigmas do not hold", causes=tuple(causes))
-    message = (
-        f"{either(causes)}, in all runs alike; the equation of motion lacks that, and the sigmas do not hold"
-    )
-    return FitWarning(CODE, (), message, causes=tuple(causes))
+    run = effects[0].run
+    scope = f"shown by {run} alone" if run else "in all runs alike"
+    message = f"{either(causes)}, {scope}; the equation of motion lacks that, and the sigmas do not hold"
+    return FitWarning(MODEL_MISFIT, (), message, causes=tuple(causes))
 
 
 def _ratio(squares: Array, information: Array) -> Array:
@@ -304,7 +322,7 @@ def _force_warning(misfits: Sequence[RunMisfit], n_runs: int) -> FitWarning:
         f"{len(misfits)} of {n_runs} runs hold forces that no channel records, where driven: {words};"
         " no template accounts for that, the equation of motion lacks something, and the sigmas do not hold"
     )
-    return FitWarning(CODE, (), message, causes=causes)
+    return FitWarning(MODEL_MISFIT, (), message, causes=causes)
 
 
 def _strongest_tone(run: RunMisfit) -> Cause:
@@ -318,14 +336,14 @@ def _strongest_tone(run: RunMisfit) -> Cause:
 
 def _delays(tau: tuple[float, float], c: Array, sigmas: Array) -> Array:
     """Return delay and standard deviation [s] of both commands, shape (2, 2); infinite if not determined."""
-    found = np.empty((2, 2))
+    delays = np.empty((2, 2))
     for j, columns in enumerate(dynamics.FORCES):
         gain, slope = columns.start, columns.start + 1
         if c[gain] == 0:
-            found[j] = tau[j], np.inf
+            delays[j] = tau[j], np.inf
         else:
-            found[j] = tau[j] - c[slope] / c[gain], sigmas[slope - 1] / abs(c[gain])
-    return found
+            delays[j] = tau[j] - c[slope] / c[gain], sigmas[slope - 1] / abs(c[gain])
+    return delays
 
 
 def _delay_warnings(runs: Sequence[RunMisfit]) -> list[FitWarning]:
@@ -347,4 +365,4 @@ def _delay_warnings(runs: Sequence[RunMisfit]) -> list[FitWarning]:
         f"the delay C / lambda is {measured}, more than {MAX_DELAY:g} times that of the flight: {words}, or "
         "the commands are early in the files; the equation of motion lacks an average, and gains are biased"
     )
-    return [FitWarning(CODE, tuple(f"C_{j}" for j in late), message, causes=(cause,))]
+    return [FitWarning(MODEL_MISFIT, tuple(f"C_{j}" for j in late), message, causes=(cause,))]

@@ -5,11 +5,11 @@ A good run obeys the joint model; a bad one is off by anything. With S the bad r
 
     log p(S) = n(S) log(prior odds) - T(without S) / 2 - d(S) / 2 log(slab) + const,
 
-where T is the chisqr of the joint model without S, d(S) by how much its degrees of freedom fall and `SLAB`
-the variance of a bad run in units of that of the noise. The runs of one authority or one alignment epoch may
-all be bad for one reason and count as one. The probability that a run is bad is the sum of p over all subsets
-that hold it. Above one half the run is left out, if the contradiction itself is beyond the budget of false
-alarms; of two that may about as well be bad, both are.
+where T is the chisqr of the joint model without S, d(S) by how much its degrees of freedom fall and `slab`
+the variance of a bad run in units of that of the noise (`MixturePrior`). The runs of one authority or one
+alignment epoch may all be bad for one reason and count as one. The probability that a run is bad is the sum
+of p over all subsets that hold it. Above one half the run is left out, if the contradiction itself is beyond
+the budget of false alarms; of two that may about as well be bad, both are.
 """
 
 import math
@@ -20,21 +20,43 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
-from fit.consistency.consistency_test import ChiSquare, ConsistencyTest
+from fit.consistency.consistency_test import ConsistencyTest
 from fit.false_alarms import p_limit
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
-PRIOR_ODDS = 1 / 50  # of a run, or of a group of runs, to be bad
-MARGIN = 6.0  # of log p: noise in rows that are good makes it differ by some 2.5 between two runs
-MAX_INNOCENT = 1  # runs that are left out together with a bad one in whose place they may be bad
-SLAB = 30.0  # variance of what a bad run says, in units of its noise
 MAX_SUBSETS = 10_000  # that are enumerated; larger ones grow from the most probable of these
 LEVERAGE = 3.0  # factor by which a sigma grows without a run, from which it rests on that run
 
 #: Names of the runs of each group that may be bad for one reason.
 Groups = Collection[frozenset[str]]
+
+
+@dataclass(frozen=True)
+class MixturePrior:
+    """Prior knowledge of bad runs: what the mixture assumes, and when it is decided.
+
+    Attributes
+    ----------
+    odds : float
+        Of a run, or of a group of runs, to be bad.
+    slab : float
+        Variance of the residuals of a bad run, in units of that of the noise.
+    margin : float
+        Of log p, within which two subsets are about as probable: noise in the rows of good runs makes it
+        differ by some 2.5 between two runs.
+    max_innocent : int
+        Runs that are left out together with a bad one in whose place they may be bad.
+    """
+
+    odds: float = 1 / 50
+    slab: float = 30.0
+    margin: float = 6.0
+    max_innocent: int = 1
+
+
+PRIOR = MixturePrior()
 
 
 @dataclass(frozen=True)
@@ -51,16 +73,12 @@ class OutlierRuns:
         Those that may be bad, where several subsets are about as probable.
     log_odds : float
         Of the most probable subset of bad runs to none.
-    total, rest : ChiSquare
-        T of all runs, and without those that are left out.
     """
 
     probabilities: dict[str, float]
     runs: tuple[str, ...]
     undecided: tuple[str, ...]
     log_odds: float
-    total: ChiSquare
-    rest: ChiSquare
 
 
 def n_tests(test: ConsistencyTest, groups: Groups = ()) -> int:
@@ -89,25 +107,25 @@ def find_outlier_runs(test: ConsistencyTest, groups: Groups = ()) -> OutlierRuns
     """
     good = np.array(list(_good_runs(test, groups)))
     log_p = _log_probabilities(test, good, groups)
-    while (grown := _grown(good[np.argmax(log_p)], good)).size:
+    while (grown := _grow(good[np.argmax(log_p)], good)).size:
         good, log_p = np.vstack([good, grown]), np.append(log_p, _log_probabilities(test, grown, groups))
     p = np.exp(log_p - log_p.max())
     bad = (p / p.sum()) @ ~good
     names = [run.name for run in test.runs]
     reasons = _reasons(test, good, groups)
-    near = good[(log_p > log_p.max() - MARGIN) & (reasons <= reasons[np.argmax(log_p)])]
-    outliers, undecided = _decide(test, bad, near, groups)
+    probable = good[(log_p > log_p.max() - PRIOR.margin) & (reasons <= reasons[np.argmax(log_p)])]
+    outliers, undecided = _decide(test, bad, probable, groups)
     return OutlierRuns(
         dict(zip(names, bad.tolist(), strict=True)),
         tuple(names[i] for i in outliers),
         tuple(names[i] for i in undecided),
         float(log_p.max() - log_p[0]),
-        test.total,
-        test.without(outliers).total,
     )
 
 
-def _decide(test: ConsistencyTest, bad: Array, near: Flags, groups: Groups) -> tuple[list[int], list[int]]:
+def _decide(
+    test: ConsistencyTest, bad: Array, probable: Flags, groups: Groups
+) -> tuple[list[int], list[int]]:
     """Return the runs to leave out, or where that is not decided those that may be bad, by number.
 
     Parameters
@@ -116,7 +134,7 @@ def _decide(test: ConsistencyTest, bad: Array, near: Flags, groups: Groups) -> t
         All runs.
     bad : ndarray, shape (R,)
         Probability of each run to be bad.
-    near : ndarray of bool, shape (M, R)
+    probable : ndarray of bool, shape (M, R)
         Good runs of the subsets that are about as probable as the most probable one, for no more reasons.
     groups : collection of frozenset of str
         Runs, by name, that may be bad for one reason.
@@ -124,9 +142,9 @@ def _decide(test: ConsistencyTest, bad: Array, near: Flags, groups: Groups) -> t
     if not is_contradicted(test, groups):
         return [], []
     outliers = np.flatnonzero(bad > 0.5).tolist()
-    in_place = near[near[:, outliers].any(axis=1)]
+    in_place = probable[probable[:, outliers].any(axis=1)]
     doubtful = sorted({*outliers, *np.flatnonzero((~in_place).any(axis=0)).tolist()})
-    decided = len(doubtful) <= len(outliers) + MAX_INNOCENT and 2 * len(doubtful) < len(bad)
+    decided = len(doubtful) <= len(outliers) + PRIOR.max_innocent and 2 * len(doubtful) < len(bad)
     return (doubtful, []) if decided else ([], doubtful)
 
 
@@ -153,13 +171,13 @@ def _good_runs(test: ConsistencyTest, groups: Groups) -> Iterator[Flags]:
         yield good
 
 
-def _grown(good: Flags, known: NDArray[np.bool_]) -> NDArray[np.bool_]:
+def _grow(good: Flags, known: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """Return subsets with one more bad run than the most probable, those that are not known."""
     if 2 * (np.count_nonzero(~good) + 1) >= good.size:
         return np.empty((0, good.size), dtype=bool)
-    seen = {row.tobytes() for row in known}
+    known_rows = {row.tobytes() for row in known}
     grown = np.array([good & (np.arange(good.size) != i) for i in np.flatnonzero(good)])
-    return grown[[row.tobytes() not in seen for row in grown]]
+    return grown[[row.tobytes() not in known_rows for row in grown]]
 
 
 def _log_probabilities(test: ConsistencyTest, good: Flags, groups: Groups) -> Array:
@@ -168,12 +186,12 @@ def _log_probabilities(test: ConsistencyTest, good: Flags, groups: Groups) -> Ar
     Runs of a group that are bad for one reason still agree with each other.
     """
     chi2, dof = test.chi2_of_subsets(good)
-    alike = _is_group(test, good, groups)
-    chi2_alike, dof_alike = test.chi2_of_subsets(~good[alike])
-    chi2[alike] += chi2_alike
-    dof[alike] += dof_alike
+    is_group = _is_group(test, good, groups)
+    chi2_alike, dof_alike = test.chi2_of_subsets(~good[is_group])
+    chi2[is_group] += chi2_alike
+    dof[is_group] += dof_alike
     reasons = _reasons(test, good, groups)
-    return np.asarray(reasons * math.log(PRIOR_ODDS) - chi2 / 2 + dof / 2 * math.log(SLAB))
+    return np.asarray(reasons * math.log(PRIOR.odds) - chi2 / 2 + dof / 2 * math.log(PRIOR.slab))
 
 
 def _reasons(test: ConsistencyTest, good: Flags, groups: Groups) -> NDArray[np.intp]:
@@ -195,10 +213,10 @@ def _key(bad: Collection[int], n: int) -> bytes:
 def leverage(test: ConsistencyTest, undetermined: Flags) -> dict[str, dict[int, float]]:
     """Return the parameters that rest on a single run: by run and place, how much sigma grows without it."""
     sigma = np.sqrt(np.diag(test.covariance()))
-    found: dict[str, dict[int, float]] = {}
+    growths: dict[str, dict[int, float]] = {}
     for i, run in enumerate(test.runs):
         growth = np.sqrt(np.diag(test.without((i,)).covariance())) / sigma
         places = np.flatnonzero((growth > LEVERAGE) & ~undetermined)
         if places.size:
-            found[run.name] = {int(k): float(growth[k]) for k in places}
-    return found
+            growths[run.name] = {int(k): float(growth[k]) for k in places}
+    return growths

@@ -1,6 +1,6 @@
 """The residual of one compressed run at the parameters of a joint fit, in the directions that are trusted."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -73,10 +73,6 @@ class RunScore:
     def run_theta(self) -> Array:
         """Parameters of the run, shape (Q,)."""
         return np.asarray(self.equation.parameter_map @ self.theta)
-
-    def with_equation(self, equation: whitened_run.WhitenedRun) -> "RunScore":
-        """Return the same data with another equation."""
-        return replace(self, estimate=replace(self.estimate, equation=equation), equation=equation)
 
     def single_fit(self) -> tuple[Array, Array]:
         """Return the parameters of the run by itself and their sigmas, each of shape (Q,).

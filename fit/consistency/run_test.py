@@ -86,12 +86,12 @@ class RunTest:
         self,
         experiment: Experiment,
         joint: IRLSResult,
-        others: Sequence[Experiment],
+        experiments: Sequence[Experiment],
         sharing: Sharing,
         single_fit: IRLSResult | None = None,
     ) -> None:
         self.experiment, self._sharing = experiment, sharing
-        runs = [(e.sysid.telemetry, e.parameters) for e in (*others, experiment)]
+        runs = [(e.sysid.telemetry, e.parameters) for e in (*experiments, experiment)]
         priors = sharing.parameters(runs)
         names = [p.name for p in priors]
         values = np.array([p.value for p in priors])
@@ -107,7 +107,7 @@ class RunTest:
         self.parameters = dict(zip(names, values.tolist(), strict=True))
         self._covariance = covariance
         by_epoch = sharing.groups["delta_ifo"] == "alignment_epoch"
-        self.epochs = {e.sysid.telemetry.alignment_epoch for e in others} if by_epoch else set()
+        self.epochs = {e.sysid.telemetry.alignment_epoch for e in experiments} if by_epoch else set()
         self.theta, P = self._run_parameters(self.telemetry)
         estimates = [(self.theta, P)] if experiment.noise else []
         if single_fit:

@@ -131,17 +131,17 @@ def scan_segment(column: Array, residual: Array, spectra: Spectra, time: Array, 
 def refine_segment(segment: Segment, delta_chi2: Callable[[Segment], float]) -> Segment:
     """Move the ends of a segment to the second at which an effect explains most."""
 
-    def moved(begin_shift: float, end_shift: float) -> Segment:
+    def move(begin_shift: float, end_shift: float) -> Segment:
         shifted = Segment(segment.begin + begin_shift, segment.end + end_shift)
         return Segment(shifted.begin, shifted.end, delta_chi2(shifted))
 
-    segment = moved(0.0, 0.0)
+    segment = move(0.0, 0.0)
     for step in (30.0, 8.0, 2.0, 1.0):
         shifts = step * np.arange(-4, 5)
         if np.isfinite(segment.begin):
-            segment = max((segment, *(moved(s, 0.0) for s in shifts)), key=lambda s: s.delta_chi2)
+            segment = max((segment, *(move(s, 0.0) for s in shifts)), key=lambda s: s.delta_chi2)
         if np.isfinite(segment.end):
-            segment = max((segment, *(moved(0.0, s) for s in shifts)), key=lambda s: s.delta_chi2)
+            segment = max((segment, *(move(0.0, s) for s in shifts)), key=lambda s: s.delta_chi2)
     return segment
 
 

@@ -10,14 +10,16 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from fit.consistency.consistency_test import ChiSquare, ConsistencyTest
+from fit.consistency.consistency_test import ConsistencyTest
 from fit.fitting import estimate_widths, random_effects
 from fit.parameters import FLIGHT
 
 Array = NDArray[np.float64]
 
+# no false alarm but a choice of model: where nothing scatters sigmas get a little wider; missed, they are too
+# small by a factor of up to five
+P_SCATTER = 1e-3
 SENSITIVITY = 1e-3  # inverse sigma, of itself and relative to the most sensitive run, from which a run counts
-P_SCATTER = 1e-3  # where there is none sigmas get a little wider; missed, it makes them far too small
 FEWEST = 3  # runs that must be sensitive to a deviation
 GAIN, DELAY = (
     next(kind for kind in random_effects.RANDOM_EFFECTS if kind.name == name) for name in ("gain", "delay")
@@ -39,15 +41,17 @@ class Scatter:
         Logarithm of the likelihood ratio to no scatter.
     p : float
         Probability of as large a ratio without scatter.
-    rest : ChiSquare
-        What is left of T.
     """
 
     kinds: tuple[random_effects.RandomEffect, ...]
     widths: tuple[float, ...]
     log_likelihood: float
     p: float
-    rest: ChiSquare
+
+    @property
+    def significant(self) -> bool:
+        """Whether it is more than noise makes of none."""
+        return self.p < P_SCATTER
 
     @property
     def parameters(self) -> list[str]:
@@ -79,10 +83,8 @@ def _estimate(test: ConsistencyTest, kinds: Sequence[random_effects.RandomEffect
         if np.unique(np.flatnonzero(sensitive) % len(test.runs)).size < FEWEST:
             return None
         columns.append(Z[:, sensitive])
-    found = estimate_widths(test.residual_maker @ test.residual, columns)
-    total = test.total
-    rest = ChiSquare(total.value - found.explained, total.dof - len(kinds), total.noise_dof)
-    return Scatter(tuple(kinds), found.widths, found.log_likelihood, found.p, rest)
+    estimate = estimate_widths(test.residual_maker @ test.residual, columns)
+    return Scatter(tuple(kinds), estimate.widths, estimate.log_likelihood, estimate.p)
 
 
 def _deviations(test: ConsistencyTest, kind: random_effects.RandomEffect) -> Array:

@@ -10,10 +10,11 @@ from fit.quality.experiment_set import ExperimentSet
 from fit.quality.fit_quality import as_fit, indeterminable, report
 from fit.quality.initial_fit import has_spectra
 from fit.quality.jumps import command_jumps
-from fit.quality.masks import MaskedExperiment, glitch_search_enabled, mask_experiments
+from fit.quality.masks import MODEL_MISFIT, MaskedExperiment, glitch_search_enabled, mask_experiments
 from fit.quality.noise_tests import NORMAL_SCORES
 
 __all__ = [
+    "MODEL_MISFIT",
     "NORMAL_SCORES",
     "Exclusion",
     "ExperimentSet",

@@ -37,7 +37,7 @@ def shifted(run, offset):
     return RunScore(off, run.equation, run.theta, run.knot_effects, run.knot_covariance)
 
 
-def consistency(seed, n_runs, bad=(), by=50.0):
+def consistency(seed, n_runs, bad=(), shift=50.0):
     """Return the test of some runs; in those that are bad the coefficient of lambda_2 is off."""
     rng = np.random.default_rng(seed)
     runs = []
@@ -46,16 +46,16 @@ def consistency(seed, n_runs, bad=(), by=50.0):
         c = -np.linalg.solve(root, rng.standard_normal(K))
         estimate = RunEstimate(f"run {i}", c, root, equation)
         run = RunScore(estimate, equation, np.zeros(P), np.zeros((0, K, K)), np.zeros((0, 0)))
-        runs.append(shifted(run, by * np.eye(K)[1]) if i in bad else run)
+        runs.append(shifted(run, shift * np.eye(K)[1]) if i in bad else run)
     return ConsistencyTest(tuple(runs), np.ones(P), np.zeros((0, P)), np.zeros(0))
 
 
-def scattered(seed, n_runs, by, members=slice(0, 4)):
+def scattered(seed, n_runs, width, members=slice(0, 4)):
     """Return the test of runs of which some coefficients scatter by so many of their sigmas."""
     rng, test = np.random.default_rng(seed), consistency(seed, n_runs)
     runs = []
     for run in test.runs:
         offset = np.zeros(K)
-        offset[members] = by * rng.standard_normal(len(offset[members]))
+        offset[members] = width * rng.standard_normal(len(offset[members]))
         runs.append(shifted(run, offset))
     return ConsistencyTest(tuple(runs), test.width, test.prior_rows, test.prior_residual)

@@ -17,23 +17,21 @@ from tests.oracles.synthetic import World
 RUNS = 5
 
 
-def least(X, z):
+def least_squares_of(X, z):
     return float(np.sum((z - X @ np.linalg.lstsq(X, z)[0]) ** 2))
 
 
 def test_sums_of_squares_are_those_of_least_squares():
     test = consistency(1, RUNS)
     X, z = test.jacobian, test.residual
-    assert test.total.value == pytest.approx(least(X, z))
+    assert test.total.value == pytest.approx(least_squares_of(X, z))
     assert test.total.dof == RUNS * K - P
     rest = np.arange(z.size) >= K
-    assert test.of_runs([0]).value == pytest.approx(least(X, z) - least(X[rest], z[rest]))
+    assert test.of_runs([0]).value == pytest.approx(
+        least_squares_of(X, z) - least_squares_of(X[rest], z[rest])
+    )
     assert test.of_runs([0]).dof == K
-    assert test.without([0]).total.value == pytest.approx(least(X[rest], z[rest]))
-    column = test.column(2, test.runs[2].derivative("lambda_2"))
-    more = np.hstack([X, column])
-    assert test.score_test(column).value == pytest.approx(least(X, z) - least(more, z))
-    assert test.amount(column)[0] == pytest.approx(-np.linalg.lstsq(more, z)[0][-1])
+    assert test.without([0]).total.value == pytest.approx(least_squares_of(X[rest], z[rest]))
 
 
 def test_sums_over_subsets_are_those_of_the_runs_in_them():
@@ -48,8 +46,6 @@ def test_sums_over_subsets_are_those_of_the_runs_in_them():
 def test_offset_of_a_coefficient_is_measured():
     test = consistency(2, RUNS, bad=(3,))
     run = test.runs[3]
-    amount, sigma = test.amount(test.column(3, run.derivative("lambda_2")))
-    assert abs(amount - 50 / SCALE[1]) < 4.5 * sigma
     assert max(range(RUNS), key=lambda i: test.of_runs([i]).value) == 3
     value, sigmas = run.single_fit()
     assert abs(value[1] - 50 / SCALE[1]) < 4.5 * sigmas[1]
@@ -90,8 +86,8 @@ def test_run_with_a_tone_has_one_trusted_row_less():
     runs = [run for authority in "ABC" for run in synthetic.pair(World(), authority)]
     runs += synthetic.pair(World(), "D", tones_12=(3.333e-3,), tones_1=())
     experiments = pair(runs)
-    *others, tone = consistency_test(experiments, fit_joint(experiments, settings())).runs
-    assert {run.residual.size for run in others} == {tone.residual.size + 1}
+    *two_tone_runs, tone = consistency_test(experiments, fit_joint(experiments, settings())).runs
+    assert {run.residual.size for run in two_tone_runs} == {tone.residual.size + 1}
     # at the tone nothing changes if the gain follows the stiffness
     stiffness, gain = (
         dict(zip(tone.equation.names, tone.run_theta, strict=True))[name] for name in ("omega2_2", "lambda_2")

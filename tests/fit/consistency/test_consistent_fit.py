@@ -26,7 +26,7 @@ def campaign(seed=5, worlds=None, sets="ABCDE"):
     ]
 
 
-def of(name, fault, kinds=("sysid",)):
+def replace_runs(name, fault, kinds=("sysid",)):
     return lambda runs: [fault(r) if r.experiment == name and r.kind in kinds else r for r in runs]
 
 
@@ -34,16 +34,16 @@ def channel(name, f):
     return lambda run: replace(run, channels=run.channels | {name: f(run.channels[name])})
 
 
-def exchanged(first, second):
+def exchanged(name, partner):
     def fault(runs):
         data = {(r.experiment, r.kind): r.channels for r in runs}
-        other = {first: second, second: first}
-        return [replace(r, channels=data[other.get(r.experiment, r.experiment), r.kind]) for r in runs]
+        partners = {name: partner, partner: name}
+        return [replace(r, channels=data[partners.get(r.experiment, r.experiment), r.kind]) for r in runs]
 
     return fault
 
 
-def hold(joint, but=()):
+def check_estimates(joint, but=()):
     for name, estimate in joint.parameters.items():
         if name not in but:
             assert abs(estimate.value - getattr(World(), name)) < 5 * estimate.sigma, name
@@ -55,23 +55,23 @@ def left_out(results):
 
 FAULTS = {
     "F_max_2": (
-        of("B", lambda r: replace(r, F_max_2=2.2e-9), BOTH),
+        replace_runs("B", lambda r: replace(r, F_max_2=2.2e-9), BOTH),
         "B",
         (r"F_max_2 is 1\.[01]", "omega2_2 differs"),
     ),
     "f_x_2": (
-        of("C", channel("f_x_2", lambda f: 1.01 * f)),
+        replace_runs("C", channel("f_x_2", lambda f: 1.01 * f)),
         "C",
         (r"f_x_2 is 1\.0(10|099)", r"o_12 is 0\.990"),
     ),
-    "o_1": (of("D", channel("o_1", lambda o: -o)), "D", ("o_1 has the wrong sign",)),
+    "o_1": (replace_runs("D", channel("o_1", lambda o: -o)), "D", ("o_1 has the wrong sign",)),
     "late": (
-        of("A", channel("f_x_2", lambda f: np.roll(f, 1))),
+        replace_runs("A", channel("f_x_2", lambda f: np.roll(f, 1))),
         "A",
         ("f_x_2 is late by 1 sample",),
     ),
     "early": (
-        of("C", channel("o_12", lambda o: np.roll(o, -2))),
+        replace_runs("C", channel("o_12", lambda o: np.roll(o, -2))),
         "C",
         ("o_12 is early by 2 samples",),
     ),
@@ -82,47 +82,49 @@ def check(name):
     fault, run, causes = FAULTS[name]
     results = calibrate(fault(campaign()))
     assert not results.joint.unsound
-    hold(results.joint)
-    (said,) = left_out(results)
-    assert said.startswith(f"left out of the joint fit: {run}")
+    check_estimates(results.joint)
+    (message,) = left_out(results)
+    assert message.startswith(f"left out of the joint fit: {run}")
     for cause in causes:
-        assert re.search(cause, said), cause
+        assert re.search(cause, message), cause
     assert results.experiments[run].unsound
     return results
 
 
-def test_the_odd_one_is_left_out():
+def test_outlier_is_left_out():
     results = check("F_max_2")
-    said = results.provenance["agreement"]
-    assert set(said) == {"", "A", "B", "C", "D", "E"}
-    assert said["B"] == {"p_outlier": pytest.approx(1.0, abs=0.01)}
-    assert all(of_run["p"] > 1e-3 and of_run["dof"] > 0 for name, of_run in said.items() if name != "B")
-    assert all(said[name]["p_outlier"] < 0.01 for name in "ACDE")
+    agreement = results.provenance["agreement"]
+    assert set(agreement) == {"", "A", "B", "C", "D", "E"}
+    assert agreement["B"] == {"p_outlier": pytest.approx(1.0, abs=0.01)}
+    assert all(of_run["p"] > 1e-3 and of_run["dof"] > 0 for name, of_run in agreement.items() if name != "B")
+    assert all(agreement[name]["p_outlier"] < 0.01 for name in "ACDE")
 
 
 def test_weak_fault_of_an_epoch_biases_nothing_beyond_its_sigma():
     # in none of its runs is it as much as 5 sigma
     scaled = channel("o_1", lambda o: 1.1 * o)
-    alike = [scaled(r) for name in "BCD" for r in pair(World(), name, experiment=f"{name}2", epoch=2, seed=5)]
-    results = calibrate([*campaign(), *alike])
+    scaled_runs = [
+        scaled(r) for name in "BCD" for r in pair(World(), name, experiment=f"{name}2", epoch=2, seed=5)
+    ]
+    results = calibrate([*campaign(), *scaled_runs])
     assert not results.joint.unsound
-    hold(results.joint)
-    (said,) = left_out(results)
-    assert said.startswith("left out of the joint fit: B2")
+    check_estimates(results.joint)
+    (message,) = left_out(results)
+    assert message.startswith("left out of the joint fit: B2")
 
 
-def test_commands_that_are_late_in_every_run_are_told_and_cost_none():
+def test_commands_late_in_every_run_leave_out_none():
     results = calibrate([channel("f_x_2", lambda f: np.roll(f, 5))(run) for run in campaign()])
-    (said,) = results.joint.unsound
-    assert (said.code, said.parameters) == ("acausal", ("C_2",))
-    assert said.message.startswith("f_x_2 acts 4.83 ±")
+    (warning,) = results.joint.unsound
+    assert (warning.code, warning.parameters) == ("acausal", ("C_2",))
+    assert warning.message.startswith("f_x_2 acts 4.83 ±")
     assert not left_out(results)
     assert "glitches" not in {w.code for w in results.joint.warnings}
-    hold(results.joint, but=("C_2",))
+    check_estimates(results.joint, but=("C_2",))
 
 
 @pytest.mark.slow
-def test_what_one_authority_or_another_explains_leaves_out_neither():
+def test_ambiguous_authority_leaves_out_no_run():
     # 160 pN for 50 pN is 6 sigma of omega2_2_0; of four authorities of test mass 2 any may be wrong
     runs = campaign(sets="ABCE")
     for name, epoch in (("0", 1), ("1", 2), ("2", 2)):
@@ -131,9 +133,9 @@ def test_what_one_authority_or_another_explains_leaves_out_neither():
         runs += [replace(r, F_max_2=1.6e-10) for r in wrong] + pair(
             World(), "C", experiment=f"C{name}", **options
         )
-    (said,) = calibrate(runs).joint.unsound
-    assert said.code == "contradiction"
-    assert "which of them is wrong the data do not show" in said.message
+    (warning,) = calibrate(runs).joint.unsound
+    assert warning.code == "contradiction"
+    assert "which of them is wrong the data do not show" in warning.message
 
 
 @pytest.mark.slow
@@ -145,10 +147,10 @@ def test_the_cause_is_named(name):
 @pytest.mark.slow
 def test_an_exchange_of_two_runs_is_named():
     results = calibrate(exchanged("B", "E")(campaign(sets="ABCDE")))
-    said = " ".join([*left_out(results), *(w.message for w in results.joint.unsound)])
-    assert said
+    messages = " ".join([*left_out(results), *(w.message for w in results.joint.unsound)])
+    assert messages
     if not results.joint.unsound:
-        hold(results.joint)
+        check_estimates(results.joint)
 
 
 @pytest.mark.parametrize(
@@ -159,14 +161,14 @@ def test_an_exchange_of_two_runs_is_named():
     ],
 )
 def test_counts_of_a_converter_cost_no_other_run_its_fit(counts, expected):
-    results = calibrate(of("A", channel("o_12", lambda x: counts * x))(campaign()))
+    results = calibrate(replace_runs("A", channel("o_12", lambda x: counts * x))(campaign()))
     assert not results.joint.unsound
-    hold(results.joint)
-    (said,) = left_out(results)
-    assert re.search(expected, said)
+    check_estimates(results.joint)
+    (message,) = left_out(results)
+    assert re.search(expected, message)
 
 
-def test_of_two_nobody_knows_which_is_wrong():
+def test_two_runs_that_disagree_are_both_doubtful():
     results = calibrate(campaign(worlds={"E": World(lambda_2=1.0884)}, sets="AE"))
     assert [w.code for w in results.joint.unsound] == ["contradiction"]
 
@@ -198,11 +200,11 @@ def test_gains_and_delays_that_scatter_a_little_cost_no_run():
     results = calibrate(campaign(worlds=worlds))
     assert not results.joint.unsound
     assert not left_out(results)
-    hold(results.joint)
+    check_estimates(results.joint)
 
 
 @pytest.mark.slow
-def test_what_rests_on_one_run_is_called_so():
+def test_leverage_of_a_single_run_is_reported():
     notes = {
         w.message.split(" rest")[0] for w in calibrate(campaign()).joint.warnings if w.code == "high_leverage"
     }
@@ -217,22 +219,22 @@ def test_what_rests_on_one_run_is_called_so():
         156,  # by 1.4e-4, three sigma of one: no contradiction, but the joint sigma is a fifth of it
     ],
 )
-def test_gains_that_scatter_are_no_odd_runs_nor_sharper_than_that(number):
+def test_gains_that_scatter_are_no_outliers_and_have_wide_sigmas(number):
     campaign = sbc.drawn(number)
-    found = calibrate(campaign.runs)
-    joint = found.joint
+    results = calibrate(campaign.runs)
+    joint = results.joint
     assert not joint.unsound
-    assert not left_out(found)
+    assert not left_out(results)
     for name, estimate in joint.parameters.items():
         assert abs(estimate.value - campaign.truth[name]) < 4 * estimate.sigma, name
 
 
-def test_of_two_that_contradict_each_other_alone_no_cause_is_guessed():
+def test_two_runs_that_contradict_each_other_have_no_cause():
     runs = [run for name in "ABCDE" for run in pair(World(), name, seed=5, drive_1=1e-12 * (name in "DE"))]
-    scaled = of("D", channel("f_x_1", lambda f: 1.02 * f))(runs)
-    said = left_out(calibrate(scaled))
-    assert len(said) == 2
-    for message in said:
+    scaled = replace_runs("D", channel("f_x_1", lambda f: 1.02 * f))(runs)
+    messages = left_out(calibrate(scaled))
+    assert len(messages) == 2
+    for message in messages:
         assert "perhaps" not in message
         assert "alone puts lambda_1 at" in message
 
@@ -241,13 +243,13 @@ def test_attenuated_cross_talk_is_no_contradiction():
     # the noise of the inertial sensors attenuates b_3 ... b_6 of one epoch more in one run than in another
     noises = {"A": 1e-9, "B": 5e-9, "C": 1e-9}
     runs = [run for name, grs in noises.items() for run in bump_synthetic.pair(Motion(grs=grs), LATE, name)]
-    told = calibrate(runs)
-    assert {w.code for w in told.joint.warnings} == {
+    results = calibrate(runs)
+    assert {w.code for w in results.joint.warnings} == {
         "indeterminable",
         "high_leverage",
         "instrumental_variables",
     }
-    assert told.provenance.extra["agreement"][""]["p"] > 1e-3
-    scaled = calibrate(of("B1", channel("f_x_2", lambda f: 1.01 * f))(runs)).joint
-    (said,) = (w.message for w in scaled.warnings if w.code == "rejected")
-    assert said.startswith("left out of the joint fit: B1")
+    assert results.provenance.extra["agreement"][""]["p"] > 1e-3
+    scaled = calibrate(replace_runs("B1", channel("f_x_2", lambda f: 1.01 * f))(runs)).joint
+    (message,) = (w.message for w in scaled.warnings if w.code == "rejected")
+    assert message.startswith("left out of the joint fit: B1")

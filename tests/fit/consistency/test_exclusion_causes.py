@@ -21,8 +21,8 @@ N = 21600
 @cache
 def campaign():
     """Return the runs of two experiments, their joint fit, and the runs of a third one."""
-    others = [*pair(World(), "A", seed=1), *pair(World(), "E", seed=2, drive_1=1e-12)]
-    experiments = paired(others)
+    runs = [*pair(World(), "A", seed=1), *pair(World(), "E", seed=2, drive_1=1e-12)]
+    experiments = paired(runs)
     return experiments, fit_joint(experiments, settings()), pair(World(), "B", seed=3, drive_1=5e-13)
 
 
@@ -41,8 +41,8 @@ def late(x, samples):
     return interpolate.CubicSpline(n, x)(np.clip(n - samples, 0, n[-1]))
 
 
-def switched(start, x, y):
-    return np.where(np.arange(x.size) < start, x, y)
+def switched(begin, x, y):
+    return np.where(np.arange(x.size) < begin, x, y)
 
 
 def test_run_that_agrees_has_no_cause():

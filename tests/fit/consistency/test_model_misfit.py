@@ -35,24 +35,24 @@ def test_guidance_that_leaks_into_o_12_is_named(guidance):
 
 
 def test_an_actuator_that_acts_less_at_large_forces_is_named():
-    found = causes(every(lambda run: remade(run, hidden=gain(2, weaker_at_large_force(2e-4)))))
-    assert {cause.kind for cause in found} == {"gain by force"}
-    assert "f_x_2" in {cause.channel for cause in found}
-    sizes = {cause.channel: cause.size for cause in found}
+    named = causes(every(lambda run: remade(run, hidden=gain(2, weaker_at_large_force(2e-4)))))
+    assert {cause.kind for cause in named} == {"gain by force"}
+    assert "f_x_2" in {cause.channel for cause in named}
+    sizes = {cause.channel: cause.size for cause in named}
     assert abs(sizes["f_x_2"] + 2e-4) < 2e-5
 
 
 def test_forces_that_most_runs_do_not_record_are_named():
-    found = causes(pushed_at(1.667e-3, amplitude=2e-14, names=("A2", "B4", "D4")))
-    assert {cause.kind for cause in found} == {"unrecorded force"}
-    assert {cause.run for cause in found} == {"A2", "B4", "D4"}
-    assert all(1.5e-14 < cause.size < 2.5e-14 for cause in found)
+    named = causes(pushed_at(1.667e-3, amplitude=2e-14, names=("A2", "B4", "D4")))
+    assert {cause.kind for cause in named} == {"unrecorded force"}
+    assert {cause.run for cause in named} == {"A2", "B4", "D4"}
+    assert all(1.5e-14 < cause.size < 2.5e-14 for cause in named)
 
 
 def test_read_outs_that_are_averaged_are_named():
-    found = causes(averaged(1.0), tuple(name for name in thirteen.PLANS if name != "D3"))
-    assert {cause.kind for cause in found} == {"averaging"}
-    assert all(abs(cause.size - 1) < 0.1 for cause in found)
+    named = causes(averaged(1.0), tuple(name for name in thirteen.PLANS if name != "D3"))
+    assert {cause.kind for cause in named} == {"averaging"}
+    assert all(abs(cause.size - 1) < 0.1 for cause in named)
 
 
 def test_an_o_12_that_is_not_linear_is_named():
@@ -75,9 +75,9 @@ def softening(time, channels):
     return 0 * time, 0 * time, -2e-7 * np.clip(time / 21600 - 0.5, -0.5, 0.5) * x_2
 
 
-def late(by, *names):
-    """Return a spoil that makes o_1 of some runs later by so many samples."""
-    return all_of(*(changed(f"{name}-sysid", o_1=lambda x: np.roll(x, by)) for name in names))
+def late(samples, *names):
+    """Return a spoil that makes o_1 of some runs late by so many samples."""
+    return all_of(*(changed(f"{name}-sysid", o_1=lambda x: np.roll(x, samples)) for name in names))
 
 
 def test_stiffness_that_drifts_in_all_runs_alike_is_named():
@@ -87,13 +87,13 @@ def test_stiffness_that_drifts_in_all_runs_alike_is_named():
     assert cause.sigma < 2e-8
 
 
-@pytest.mark.parametrize("by", [1, -1])
-def test_o_1_that_is_late_in_all_runs_of_an_epoch_is_named(by):
-    (warning,) = model_warnings(pair(list(late(by, "B4", "C4", "D4")(clean(NAMES)).values())))
+@pytest.mark.parametrize("samples", [1, -1])
+def test_o_1_that_is_late_in_all_runs_of_an_epoch_is_named(samples):
+    (warning,) = model_warnings(pair(list(late(samples, "B4", "C4", "D4")(clean(NAMES)).values())))
     assert (warning.code, warning.parameters, warning.kind.unsound) == ("readout_lag", ("delta_ifo_4",), True)
     (cause,) = warning.causes
-    assert abs(cause.size - by) < 0.1  # to first order
-    assert f"o_1 is {'late' if by > 0 else 'early'} by" in warning.message
+    assert abs(cause.size - samples) < 0.1  # to first order
+    assert f"o_1 is {'late' if samples > 0 else 'early'} by" in warning.message
 
 
 def test_a_run_reports_its_lag():

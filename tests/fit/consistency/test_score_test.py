@@ -13,15 +13,15 @@ RESIDUAL = NOISE + J @ [1.0, -2.0, 0.5, 3.0] + E @ [0.3, -0.1]
 def least_squares(columns, r):
     """Return the sum of squares that columns leave, their amounts and sigmas."""
     amounts = np.linalg.lstsq(columns, r)[0]
-    left = r - columns @ amounts
-    return left @ left, amounts, np.sqrt(np.diag(np.linalg.inv(columns.T @ columns)))
+    residual = r - columns @ amounts
+    return residual @ residual, amounts, np.sqrt(np.diag(np.linalg.inv(columns.T @ columns)))
 
 
-def test_it_is_the_fit_of_everything_together():
+def test_amounts_are_those_of_the_fit_of_everything():
     result = ScoreTest(RESIDUAL, J).test(E)
-    before, _, _ = least_squares(J, RESIDUAL)
-    after, amounts, sigmas = least_squares(np.hstack([J, E]), RESIDUAL)
-    assert result.delta_chi2 == pytest.approx(before - after)
+    chi2_without, _, _ = least_squares(J, RESIDUAL)
+    chi2_with, amounts, sigmas = least_squares(np.hstack([J, E]), RESIDUAL)
+    assert result.delta_chi2 == pytest.approx(chi2_without - chi2_with)
     assert result.amounts == pytest.approx(amounts[4:])
     assert result.sigmas == pytest.approx(sigmas[4:])
 
@@ -43,7 +43,7 @@ def test_refitted_columns_have_their_amounts():
     assert test.refit.sigmas == pytest.approx([*sigmas, np.inf])
 
 
-def test_what_the_refitted_columns_absorb_has_no_amount():
+def test_absorbed_effect_has_no_amount():
     result = ScoreTest(RESIDUAL, J).test(np.column_stack([J @ [1.0, 1.0, 0.0, 0.0], E[:, 0]]))
     assert result.amounts[0] == 0
     assert np.isinf(result.sigmas[0])
