@@ -1,7 +1,7 @@
 """Archives that a map describes, written as telemetry of schema ``lpf-telemetry/1``.
 
-What an archive holds is converted once, run by run and in blocks, and passes the checks of `datasets` on
-the way, so that a message names the file and the column that somebody can look at. All else reads the result.
+What an archive holds is converted once, run by run, and passes the checks of `validation` on the way, so that
+a message names the file and the column that somebody can look at. All else reads the result.
 """
 
 import hashlib
@@ -16,12 +16,13 @@ from numpy.typing import NDArray
 
 from fit.errors import InputError
 from fit.files import refuse_links
-from fit.telemetry import grid, sandbox, stamps
+from fit.telemetry import sandbox, time_axis
+from fit.telemetry.archive_columns import ArchiveColumn, Archives, describe
 from fit.telemetry.archives import is_text, validate
 from fit.telemetry.contract import REQUIRED, SCHEMA, check_root
 from fit.telemetry.maps import Map, attributes_of, load, places_of_run
-from fit.telemetry.markers import check_markers, replace_markers
-from fit.telemetry.sources import ArchiveColumn, Archives, describe
+from fit.telemetry.missing_markers import check_markers, replace_markers
+from fit.telemetry.time_axis import Stamps
 from fit.telemetry.validation import MAX_SAMPLES, check_missing, check_values
 from fit.telemetry.writer import Writer
 
@@ -142,7 +143,10 @@ def _write(path: Path, mapping: Map, i: int, folder: Path, *, any_gaps: bool) ->
 
 
 def _time(
-    run: str, clock: tuple[str, stamps.Stamps] | None, attributes: dict[str, str | int | float], size: int
+    run: str,
+    clock: tuple[str, Stamps] | None,
+    attributes: dict[str, str | int | float],
+    size: int,
 ) -> Array:
     """Return the seconds since the first sample; rate and start join the attributes of a `run`."""
     fs = None
@@ -151,11 +155,11 @@ def _time(
     if clock is None:
         return np.arange(size) / float(attributes["fs"])
     place, column = clock
-    time, rate = grid.fit_grid(place, column, fs)
+    time, rate = time_axis.fit_grid(place, column, fs)
     attributes.setdefault("fs", rate)
     if column.t0 is not None:
         if "t0" in attributes:
-            grid.check_start(f"{run}.t0", str(attributes["t0"]), column, rate)
+            time_axis.check_start(f"{run}.t0", str(attributes["t0"]), column, rate)
         attributes["t0"] = column.t0
     elif "t0" not in attributes:
         raise InputError(

@@ -20,9 +20,9 @@ from fit.errors import InputError, shown
 from fit.files import key
 from fit.parallel import parallel_map
 from fit.telemetry import sandbox
-from fit.telemetry.channels import LazyChannels, check_schema, open_file
 from fit.telemetry.contract import REQUIRED, SCHEMA, TOWARDS_1, TOWARDS_2, Root, XAxis, check_root, utc, whole
-from fit.telemetry.markers import check_markers
+from fit.telemetry.lazy_channels import LazyChannels, check_schema, open_file
+from fit.telemetry.missing_markers import check_markers
 from fit.telemetry.validation import (
     channel_names,
     channel_units,

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from fit.errors import InputError, shown
 from fit.files import key
 from fit.telemetry.contract import REQUIRED, expected_unit
+from fit.telemetry.time_axis import check_time
 from fit.units import same_unit
 
 Array = NDArray[np.float64]
@@ -52,75 +53,6 @@ def read_time(file: h5py.File, path: Path, fs: float) -> Array:
     _check_size(dataset, path, "time", None)
     _check_plain(dataset, f"{path}: time")
     return check_time(f"{path}: time", np.asarray(dataset[()], dtype=np.float64), fs)
-
-
-def check_time(place: str, time: Array, fs: float, resolution: float = 0.0) -> Array:
-    """Return a time axis [s] with steps of 1/fs, exact where single precision has rounded it.
-
-    Parameters
-    ----------
-    place : str
-        File and dataset, for messages.
-    time : ndarray, shape (N,)
-        As it is stored.
-    fs : float
-        Sample rate [Hz].
-    resolution : float
-        What the last digit of the times stands for [s]; a message is about a larger fault, if there is one.
-
-    Raises
-    ------
-    InputError
-        If it is not uniform, or rounding leaves samples that cannot be told apart.
-    """
-    check_finite(place, time)
-    # A jitter of a thousandth of a sample, and a clock right to 1e-6, leave every estimate where it is.
-    steps = np.diff(time)
-    jitter = np.abs(steps * fs - 1)
-    if jitter.max() > 1e-3:
-        if (exact := _exact(place, time, fs)) is not None:
-            return exact
-        if np.ptp(steps) * fs <= 2e-3:
-            raise InputError(f"{place}: steps of {steps[0]:g} s, expected 1/fs = {1 / fs:g} s")
-        single = float(np.spacing(np.float32(np.abs(time).max()))) if _is_single(time) else 0.0
-        rounded = fs * max(single, resolution)
-        n = int(np.argmax(jitter > (1e-3 + rounded if jitter.max() > 1e-3 + rounded else 1e-3)))
-        raise InputError(
-            f"{place}: from {time[n]:.10g} s to {time[n + 1]:.10g} s at sample {n + 1}, "
-            f"expected uniform steps of 1/fs = {1 / fs:g} s"
-        )
-    span, duration = (time.size - 1) / fs, float(time[-1] - time[0])
-    if abs(duration - span) > 1e-6 * span + 1e-3 / fs:
-        raise InputError(f"{place}: spans {duration:.10g} s, expected (N-1)/fs = {span:.10g} s")
-    return time
-
-
-def _exact(place: str, time: Array, fs: float) -> Array | None:
-    """Return the uniform time axis [s] that single precision rounds to this one; None if there is none."""
-    if not _is_single(time):
-        return None
-    step = float(np.spacing(np.float32(np.abs(time).max())))
-    start = round(float(time[0]) * fs) / fs
-    exact = np.arange(time.size) / fs + (start if abs(start - time[0]) <= step / 2 else time[0])
-    if np.any(np.abs(time - exact) > step / 2 * (1 + 1e-9)):
-        return None
-    if step > 0.5 / fs:
-        raise InputError(
-            f"{place}: in single precision, in steps of {step:.2g} s at {time[-1]:.6g} s, which do not tell "
-            f"samples {1 / fs:g} s apart; expected double precision, or seconds since the start of the run"
-        )
-    return np.asarray(exact, dtype=np.float64)
-
-
-def _is_single(x: Array) -> bool:
-    return bool(np.array_equal(x.astype(np.float32), x))
-
-
-def check_finite(place: str, values: Array) -> None:
-    """Refuse a value that is missing or infinite."""
-    if not (finite := np.isfinite(values)).all():
-        n = int(np.argmin(finite))
-        raise InputError(f"{place}: {values[n]} at sample {n}, expected a finite value")
 
 
 def channel_units(file: h5py.File, path: Path, size: int) -> dict[str, str]:

@@ -37,7 +37,7 @@ def new(files: Sequence[Path]) -> None:
 
 def new_map(files: Sequence[Path]) -> None:
     """Write a commented map of archives, and its JSON Schema beside it for editors."""
-    from fit.telemetry import drafts  # takes its time, which a campaign need not
+    from fit.telemetry import map_draft  # takes its time, which a campaign need not
 
     maps = [file for file in files if file.suffix == ".toml"]
     archives = [file for file in files if file.suffix != ".toml"]
@@ -45,8 +45,8 @@ def new_map(files: Sequence[Path]) -> None:
         raise InputError(f"{maps[1]}: expected one name that ends in .toml, and archives")
     stem = archives[0].name.partition(".")[0] if archives else "map"
     file = maps[0] if maps else Path(f"{stem}.toml")
-    text = drafts.draft(file.name, archives, file.parent)
-    _write(file, text, MAP_SCHEMA, json.dumps(drafts.json_schema(), indent=1))
+    text = map_draft.draft(file.name, archives, file.parent)
+    _write(file, text, MAP_SCHEMA, json.dumps(map_draft.json_schema(), indent=1))
     print(f"{file}: written; check it, then: lpfcosim fit {shlex.quote(str(file))}")
 
 

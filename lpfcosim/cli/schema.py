@@ -4,13 +4,13 @@ import json
 from typing import Any
 
 from fit import settings as fit_settings
-from fit.telemetry import drafts
+from fit.telemetry import map_draft
 from lpfcosim.campaign import schema
 
 
 def print_schema(*, as_map: bool) -> None:
     """Print the JSON Schema of a campaign file, as ``campaign/lpf-campaign.json`` has it, or of a map."""
-    print(json.dumps(drafts.json_schema() if as_map else json_schema(), indent=1))
+    print(json.dumps(map_draft.json_schema() if as_map else json_schema(), indent=1))
 
 
 def json_schema() -> dict[str, Any]:

@@ -7,7 +7,7 @@ from pathlib import Path
 import h5py
 
 from fit.errors import InputError
-from fit.telemetry.archives import dataframes, matlab73, netcdf, objects
+from fit.telemetry.archives import matlab_hdf5, matlab_objects, netcdf, pandas_hdf5
 from fit.telemetry.archives.arrays import LazyArray, select_table
 from fit.telemetry.archives.table import Column, Table
 from fit.telemetry.validation import plain, storage_fault
@@ -37,12 +37,12 @@ def _columns(path: Path, file: h5py.File) -> dict[str, Column]:
         top = name.partition("/")[0]
         if top in _HIDDEN or any(name.startswith(f"{frame}/") for frame in frames):
             return
-        kind = matlab73.class_of(item)
+        kind = matlab_hdf5.class_of(item)
         if kind is not None:
             of_classes.setdefault(top, kind)
         elif isinstance(item, h5py.Group):
-            dotted, reason = name.replace("/", "."), matlab73.reason_of(item)
-            frame = dataframes.frame_columns(dotted, item)
+            dotted, reason = name.replace("/", "."), matlab_hdf5.reason_of(item)
+            frame = pandas_hdf5.frame_columns(dotted, item)
             if reason:
                 frame = {dotted: Column(reason=reason, source=dotted)}
             if frame is not None:
@@ -61,7 +61,7 @@ def _columns(path: Path, file: h5py.File) -> dict[str, Column]:
     file.visititems_links(visit_link)
     if of_classes:
         columns = {k: column for k, column in columns.items() if k.partition(".")[0] not in of_classes}
-        columns |= objects.object_columns(path, of_classes)
+        columns |= matlab_objects.object_columns(path, of_classes)
     return columns
 
 
@@ -73,10 +73,10 @@ def _dataset_columns(name: str, dataset: h5py.Dataset) -> dict[str, Column]:
     if fault := storage_fault(dataset):
         return {name: Column(reason=fault, source=name)}
     if matlab == "char":
-        return {name: matlab73.letters(dataset, name)}
-    if matlab is None and matlab73.is_member(dataset):
+        return {name: matlab_hdf5.letters(dataset, name)}
+    if matlab is None and matlab_hdf5.is_member(dataset):
         struct, _, field = name.rpartition(".")
-        return matlab73.members(dataset, struct, field)
+        return matlab_hdf5.members(dataset, struct, field)
     if matlab == "cell":
-        return matlab73.cells(dataset, name)
+        return matlab_hdf5.cells(dataset, name)
     return netcdf.decoded_columns(name, LazyArray.wrap(dataset), dataset.attrs)

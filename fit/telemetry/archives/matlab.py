@@ -10,7 +10,7 @@ import h5py
 import numpy as np
 import scipy
 
-from fit.telemetry.archives import hdf5, objects
+from fit.telemetry.archives import hdf5, matlab_objects
 from fit.telemetry.archives.arrays import select_table
 from fit.telemetry.archives.table import Column, Table, read_error
 
@@ -41,12 +41,12 @@ def _columns(path: Path) -> dict[str, Column]:
         kind = _class(value)
         if kind is not None and name == _NAMELESS:
             variable = str(value.ravel()[0]["s0"], "utf-8", "replace")
-            classes |= objects.classes(path, set(values)) or {variable: kind}
+            classes |= matlab_objects.classes(path, set(values)) or {variable: kind}
         elif kind is not None:
             classes[name] = kind
         elif not name.startswith("__"):
-            columns |= objects.flatten(name, value)
-    return columns | (objects.object_columns(path, classes) if classes else {})
+            columns |= matlab_objects.flatten(name, value)
+    return columns | (matlab_objects.object_columns(path, classes) if classes else {})
 
 
 def _class(value: Any) -> str | None:

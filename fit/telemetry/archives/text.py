@@ -15,8 +15,8 @@ import numpy as np
 
 from fit.errors import InputError, shown
 from fit.files import key
-from fit.telemetry.archives.layout import detect_layout, is_data, number, split_numbered, unique_names
 from fit.telemetry.archives.table import Array, Column, Table
+from fit.telemetry.archives.text_layout import detect_layout, is_data, number, split_numbered, unique_names
 
 _PACKED = {".gz": b"\x1f\x8b", ".bz2": b"BZh", ".xz": b"\xfd7zXZ\x00"}
 SUFFIXES = tuple(

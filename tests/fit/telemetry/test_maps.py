@@ -14,7 +14,7 @@ from scipy.io import savemat
 
 import fit
 from fit.errors import InputError
-from fit.telemetry import drafts, maps
+from fit.telemetry import map_draft, maps
 from fit.telemetry.contract import ATTRIBUTES, CHANNELS, check_root
 
 MAP = """\
@@ -150,7 +150,7 @@ def test_a_bad_start(written, tmp_path, t0):
 
 @pytest.fixture(scope="module")
 def schema():
-    loaded = json.loads(json.dumps(drafts.json_schema()))
+    loaded = json.loads(json.dumps(map_draft.json_schema()))
     jsonschema.Draft202012Validator.check_schema(loaded)
     return loaded
 
@@ -164,7 +164,7 @@ def broken(schema, document):
 
 def test_the_schema_takes_what_the_reader_takes(schema):
     assert broken(schema, tomllib.loads(MAP)) == []
-    assert broken(schema, tomllib.loads(drafts.draft("map.toml", [], None))) == []
+    assert broken(schema, tomllib.loads(map_draft.draft("map.toml", [], None))) == []
 
 
 @pytest.mark.parametrize(
@@ -207,8 +207,10 @@ def test_a_draft_of_an_archive_with_stamps_is_a_map(lpfcosim, tmp_path):
     assert (status, err) == (0, "")
     assert out == "E7.toml: written; check it, then: lpfcosim fit E7.toml\n"
     text = (tmp_path / "E7.toml").read_text(encoding="utf-8")
-    assert text.startswith("#:schema ./lpf-map.json\n") and drafts.BLANK not in tomllib.loads(text).values()
-    assert json.loads((tmp_path / "lpf-map.json").read_text(encoding="utf-8")) == drafts.json_schema()
+    assert (
+        text.startswith("#:schema ./lpf-map.json\n") and map_draft.BLANK not in tomllib.loads(text).values()
+    )
+    assert json.loads((tmp_path / "lpf-map.json").read_text(encoding="utf-8")) == map_draft.json_schema()
     noise, sysid = fit.load(tmp_path / "E7.toml", tmp_path / "out")
     assert (noise.run, noise.kind, noise.t0) == ("E7-noise", "noise", "2016-04-16T08:00:00Z")
     assert (sysid.run, sysid.kind, sysid.t0) == ("E7", "sysid", "2016-04-16T14:00:00Z")
@@ -319,7 +321,7 @@ def test_the_commands_without_archives(lpfcosim, tmp_path):
     with pytest.raises(InputError, match=r"attribute t0: 'FILL IN'"):
         maps.load(tmp_path / "map.toml")
     status, out, err = lpfcosim("schema", "--map")
-    assert (status, err, json.loads(out)) == (0, "", drafts.json_schema())
+    assert (status, err, json.loads(out)) == (0, "", map_draft.json_schema())
     status, _, err = lpfcosim("new", "a.toml", "A.csv")
     assert (
         status == 2 and "A.csv: expected one name; archives are described by a map: lpfcosim new --map" in err

@@ -8,7 +8,7 @@ from typing import Any
 
 import tomli_w
 
-from fit.telemetry import sandbox, stamps
+from fit.telemetry import sandbox, time_stamps
 from fit.telemetry.archives import is_text, open_table, validate
 from fit.telemetry.archives.table import Column, Table, split_unit
 from fit.telemetry.contract import ATTRIBUTES, CHANNELS, REQUIRED
@@ -171,7 +171,7 @@ def _is_time(table: Table, name: str) -> bool:
         return False
     if column.is_text:
         cells = table.texts(name)
-        return bool(cells) and stamps.format_of(cells[0]) is not None
+        return bool(cells) and time_stamps.format_of(cells[0]) is not None
     return _TIME_NAMES.fullmatch(_plain(name)) is not None
 
 

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from fit.errors import InputError
-from fit.telemetry.markers import Extreme, replace_markers
+from fit.telemetry.missing_markers import Extreme, replace_markers
 from tests.fit.telemetry.mapped import CHANNELS, N
 
 UNITS = dict(zip(CHANNELS, ("nm", "nm", "pm s-2", "pm s-2"), strict=True))

@@ -11,7 +11,7 @@ import re
 import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from fit.errors import InputError, quote
 from fit.telemetry.maps import SECONDS, Format, Scale
-from fit.telemetry.validation import check_finite
+from fit.telemetry.time_axis import Stamps, check_finite
 
 if TYPE_CHECKING:
     from astropy.time import Time
@@ -41,31 +41,6 @@ _EXPECTED = (
     'expected "2016-04-16T14:00:00Z" (format = "iso"), "2016:107:14:00:00" ("yday"), or numbers with format '
     '= "gps", "unix", "mjd" or "jd" in [time]'
 )
-
-
-@dataclass(frozen=True)
-class Stamps:
-    """The time column of a table.
-
-    Attributes
-    ----------
-    seconds : ndarray, shape (N,)
-        Time since the first sample [s].
-    resolution : float
-        What the last digit stands for [s].
-    is_single : bool
-        Whether that is the spacing of numbers in single precision.
-    t0 : str or None
-        UTC of the first sample, ISO 8601; None where the column counts from anywhere.
-    start : float
-        The first sample of a column that counts from anywhere [s].
-    """
-
-    seconds: Array
-    resolution: float
-    is_single: bool
-    t0: str | None = None
-    start: float = 0.0
 
 
 def read_elapsed(place: str, values: Array, factor: float) -> Stamps:

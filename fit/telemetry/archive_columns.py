@@ -8,7 +8,7 @@ from pathlib import Path
 
 from fit.errors import InputError, shown
 from fit.files import key
-from fit.telemetry import grid, stamps
+from fit.telemetry import time_axis, time_stamps
 from fit.telemetry.archives import open_table
 from fit.telemetry.archives.table import Table
 from fit.telemetry.contract import CHANNELS
@@ -23,6 +23,7 @@ from fit.telemetry.maps import (
     places_of,
     places_of_run,
 )
+from fit.telemetry.time_axis import Stamps
 
 
 @dataclass(frozen=True)
@@ -86,7 +87,7 @@ class Archives:
                 )
         return columns
 
-    def time(self, columns: Collection[ArchiveColumn]) -> tuple[str, stamps.Stamps] | None:
+    def time(self, columns: Collection[ArchiveColumn]) -> tuple[str, Stamps] | None:
         """Return the time column beside those of the channels and its place, None without one.
 
         Raises
@@ -110,7 +111,7 @@ class Archives:
         place, reference = self._stamps(having[0], having[0].column(clock.column))
         for table in having[1:]:
             other_place, stamps_there = self._stamps(table, table.column(clock.column))
-            grid.check_agreement(other_place, stamps_there, place, reference)
+            time_axis.check_agreement(other_place, stamps_there, place, reference)
         return place, reference
 
     def _table(self, place: Place) -> Table:
@@ -151,7 +152,7 @@ class Archives:
         missing = self._map.missing if column.missing is None else column.missing
         return ArchiveColumn(table, name, place, known.size, factor, missing, column.missing == [])
 
-    def _stamps(self, table: Table, name: str) -> tuple[str, stamps.Stamps]:
+    def _stamps(self, table: Table, name: str) -> tuple[str, Stamps]:
         clock = self._map.time
         assert clock is not None
         place = f"{table.path}: column {_key(name)}"
@@ -165,13 +166,13 @@ class Archives:
                 raise InputError(
                     f"{place}: texts, but the map has unit = {shown(clock.unit)}, expected numbers"
                 )
-            return place, stamps.read_texts(place, table.texts(name), clock.format, clock.scale, factor)
+            return place, time_stamps.read_texts(place, table.texts(name), clock.format, clock.scale, factor)
         values = table.numbers(name)
         if clock.format is None:
-            return place, stamps.read_elapsed(place, values, factor_of(place, unit or None, TIME, {}))
+            return place, time_stamps.read_elapsed(place, values, factor_of(place, unit or None, TIME, {}))
         stated = unit if clock.format in SECONDS else None
         factor = factor_of(place, stated or None, TIME, {})
-        return place, stamps.read_numbers(place, values, clock.format, clock.scale, factor)
+        return place, time_stamps.read_numbers(place, values, clock.format, clock.scale, factor)
 
 
 def _check_units(

@@ -1,22 +1,115 @@
-"""The uniform grid of the samples of a run, from the time stamps of one file or of several.
+"""The time axis of a run: uniform seconds, from those of a telemetry file or the time stamps of archives.
 
 Every function raises `fit.errors.InputError`; its message names the place and what was expected.
 """
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fit.errors import InputError
 from fit.telemetry.contract import utc
-from fit.telemetry.stamps import Stamps
-from fit.telemetry.validation import check_time
 
 Array = NDArray[np.float64]
 
 AGREEMENT = 1e-3  # s, of the clocks of two files: a shift of a channel is one of its delay
 CLOCK_ERROR = 1e-6  # of the rate of a clock, which changes no estimate
+
+
+@dataclass(frozen=True)
+class Stamps:
+    """The time column of a table.
+
+    Attributes
+    ----------
+    seconds : ndarray, shape (N,)
+        Time since the first sample [s].
+    resolution : float
+        What the last digit stands for [s].
+    is_single : bool
+        Whether that is the spacing of numbers in single precision.
+    t0 : str or None
+        UTC of the first sample, ISO 8601; None where the column counts from anywhere.
+    start : float
+        The first sample of a column that counts from anywhere [s].
+    """
+
+    seconds: Array
+    resolution: float
+    is_single: bool
+    t0: str | None = None
+    start: float = 0.0
+
+
+def check_time(place: str, time: Array, fs: float, resolution: float = 0.0) -> Array:
+    """Return a time axis [s] with steps of 1/fs, exact where single precision has rounded it.
+
+    Parameters
+    ----------
+    place : str
+        File and dataset, for messages.
+    time : ndarray, shape (N,)
+        As it is stored.
+    fs : float
+        Sample rate [Hz].
+    resolution : float
+        What the last digit of the times stands for [s]; a message is about a larger fault, if there is one.
+
+    Raises
+    ------
+    InputError
+        If it is not uniform, or rounding leaves samples that cannot be told apart.
+    """
+    check_finite(place, time)
+    # A jitter of a thousandth of a sample, and a clock right to 1e-6, leave every estimate where it is.
+    steps = np.diff(time)
+    jitter = np.abs(steps * fs - 1)
+    if jitter.max() > 1e-3:
+        if (exact := _exact(place, time, fs)) is not None:
+            return exact
+        if np.ptp(steps) * fs <= 2e-3:
+            raise InputError(f"{place}: steps of {steps[0]:g} s, expected 1/fs = {1 / fs:g} s")
+        single = float(np.spacing(np.float32(np.abs(time).max()))) if _is_single(time) else 0.0
+        rounded = fs * max(single, resolution)
+        n = int(np.argmax(jitter > (1e-3 + rounded if jitter.max() > 1e-3 + rounded else 1e-3)))
+        raise InputError(
+            f"{place}: from {time[n]:.10g} s to {time[n + 1]:.10g} s at sample {n + 1}, "
+            f"expected uniform steps of 1/fs = {1 / fs:g} s"
+        )
+    span, duration = (time.size - 1) / fs, float(time[-1] - time[0])
+    if abs(duration - span) > 1e-6 * span + 1e-3 / fs:
+        raise InputError(f"{place}: spans {duration:.10g} s, expected (N-1)/fs = {span:.10g} s")
+    return time
+
+
+def _exact(place: str, time: Array, fs: float) -> Array | None:
+    """Return the uniform time axis [s] that single precision rounds to this one; None if there is none."""
+    if not _is_single(time):
+        return None
+    step = float(np.spacing(np.float32(np.abs(time).max())))
+    start = round(float(time[0]) * fs) / fs
+    exact = np.arange(time.size) / fs + (start if abs(start - time[0]) <= step / 2 else time[0])
+    if np.any(np.abs(time - exact) > step / 2 * (1 + 1e-9)):
+        return None
+    if step > 0.5 / fs:
+        raise InputError(
+            f"{place}: in single precision, in steps of {step:.2g} s at {time[-1]:.6g} s, which do not tell "
+            f"samples {1 / fs:g} s apart; expected double precision, or seconds since the start of the run"
+        )
+    return np.asarray(exact, dtype=np.float64)
+
+
+def _is_single(x: Array) -> bool:
+    return bool(np.array_equal(x.astype(np.float32), x))
+
+
+def check_finite(place: str, values: Array) -> None:
+    """Refuse a value that is missing or infinite."""
+    if not (finite := np.isfinite(values)).all():
+        n = int(np.argmin(finite))
+        raise InputError(f"{place}: {values[n]} at sample {n}, expected a finite value")
 
 
 def fit_grid(place: str, stamps: Stamps, fs: float | None) -> tuple[Array, float]:
