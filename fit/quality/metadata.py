@@ -84,7 +84,8 @@ class Check:
             is_common = n_faulty >= MIN_EXPERIMENTS and 2 * n_faulty > len(experiments)
             if code == HARMLESS or (code and is_common):
                 causes = tuple(cause for fault in faults for cause in fault.observations)
-                notes.append(FitWarning(code, (), join_messages(faults), causes=causes))
+                common = "" if code == HARMLESS else "most of the experiments have a fault in common: "
+                notes.append(FitWarning(code, (), f"{common}{join_messages(faults)}", causes=causes))
                 continue
             for fault in faults:
                 exclusion = exclusions.setdefault(fault.experiment, replace(fault, observations=()))
@@ -119,12 +120,13 @@ def mislabelled(experiments: Sequence[Experiment], telemetries: Sequence[Telemet
     names = {e.name for e in experiments}
     unpaired = [t for t in telemetries if t.kind == "noise" and t.experiment not in names]
     noise_runs = [e.noise for e in experiments if e.noise]
-    faults = parallel_map(lambda run: _injections(run, noise_runs), unpaired)
-    return [
-        Exclusion(run.experiment, (cause,), evidence="cause")
-        for run, cause in zip(unpaired, faults, strict=True)
-        if cause
-    ]
+
+    def find(run: Telemetry) -> list[Cause]:
+        nearest = sorted(noise_runs, key=lambda noise: _gap(run, noise.telemetry))
+        return _injections(run, nearest[:COMPARED_RUNS])
+
+    faults = zip(unpaired, parallel_map(find, unpaired), strict=True)
+    return [Exclusion(run.experiment, tuple(causes), evidence="cause") for run, causes in faults if causes]
 
 
 def _per_experiment(
@@ -252,26 +254,19 @@ def _mislabelled_owners(e: Experiment, a: Run, copy: Experiment, b: Run, *, whol
     return [e.name, copy.name]
 
 
-def _injections(run: Telemetry, noise_runs: Sequence[Run]) -> Cause | None:
-    """Return the label of a noise run if it holds injections, next to most of the nearest noise runs."""
-    nearest = sorted(noise_runs, key=lambda noise: _gap(run, noise.telemetry))[:COMPARED_RUNS]
+def _injections(run: Telemetry, references: Sequence[Run]) -> list[Cause]:
+    """Return the wrong label of a noise run that holds injections, compared with most of other runs."""
     channels = dynamics.channels(run, motion=False)
-    readouts = [name for noise in nearest if (name := _injected_readout(channels, noise.channels))]
-    if 2 * len(readouts) <= len(nearest):
-        return None
+    readouts = [name for r in references if (name := _injected_readout(channels, r.channels))]
+    if 2 * len(readouts) <= len(references):
+        return []
     words = f"attribute kind: 'noise', but {readouts[0]} holds injections, expected 'sysid'"
-    return Cause(run.run, "kind", "attribute", words=words, file=str(run.path))
+    return [Cause(run.run, "kind", "attribute", words=words, file=str(run.path))]
 
 
-def _noise_runs_with_injections(experiments: Sequence[Experiment]) -> Iterator[Exclusion]:
-    """Yield the experiments whose noise run holds injections."""
-    for e in experiments:
-        name = _injected_readout(e.noise.channels, e.sysid.channels) if e.noise else ""
-        if e.noise and name:
-            run = e.noise.telemetry
-            words = f"a noise run, but {name} holds injections, expected noise alone"
-            cause = Cause(run.run, name, "injections", words=words, file=str(run.path))
-            yield Exclusion(e.name, (cause,), evidence="cause")  # there is no noise to compare the run with
+def _paired_injections(e: Experiment) -> list[Cause]:
+    """Return the wrong label of the noise run of an experiment that holds injections."""
+    return _injections(e.noise.telemetry, [e.sysid]) if e.noise else []
 
 
 def _injected_readout(run: dynamics.Channels, reference: dynamics.Channels) -> str:
@@ -301,7 +296,7 @@ CHECKS: Mapping[str, Check] = {
     "attributes of noise runs": Check(_per_experiment(_settings_mismatches)),
     "dates of noise runs": Check(_distant_noise_runs),
     "authority": Check(_per_experiment(_authority_faults)),
-    "injections in noise runs": Check(_noise_runs_with_injections),
+    "injections in noise runs": Check(_per_experiment(_paired_injections, evidence="cause")),
     "samples": Check(_per_experiment(_sample_faults), samples.CODES),
     "response to guidance": Check(response_faults, dict.fromkeys(("scale", "sign"), "guidance_scale")),
 }

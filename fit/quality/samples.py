@@ -37,7 +37,6 @@ SETTLING = 60.0  # s at either end: a loop may start from exact zeros, an archiv
 NEARBY = 33  # samples whose increments show how likely equal neighbours are
 MAX_CHANCE = 0.1  # probability up to which equal neighbours are counted
 CHANCE_ERROR = 2.0  # factor by which the number expected may be too small
-SMALL_INCREMENTS = 1e-3  # share of the increments that shows how many are about zero
 MIN_CHANGES, MAX_STEP = (
     1e-3,
     3.0,
@@ -160,17 +159,20 @@ def _repeated(channel: Channel) -> list[SampleFault]:
     """Return the samples that equal the one before, if there are more than chance makes (Poisson)."""
     edge, fs = int(SETTLING * channel.fs), channel.fs
     x = channel.x[edge : max(channel.x.size - edge, edge)]
-    equal, expected = x[1:] == x[:-1], 0.0
-    if channel.resolution is not None:
-        chance = _equality_chance(x, channel.resolution)
-        equal &= chance < MAX_CHANCE
-        expected = CHANCE_ERROR * float(np.sum(chance[chance < MAX_CHANCE]))
-    repeats = edge + np.flatnonzero(equal) + 1
+    if channel.resolution is None:  # double precision
+        largest = max(map(abs, channel.extremes))
+        steps = np.spacing(np.maximum(np.abs(x[1:]), 1e-6 * largest))
+    else:
+        steps = channel.resolution.step_at(x[1:])
+    chance = _equality_chance(np.abs(np.diff(x)) / steps)
+    repeats = np.flatnonzero((x[1:] == x[:-1]) & (chance < MAX_CHANCE))
     if not repeats.size:
         return []
-    expected = expected if channel.resolution else _expected_coincidences(channel.x)
+    # where x moves less than at all of the repeats, chance explains none of them
+    expected = CHANCE_ERROR * float(np.sum(chance[chance <= chance[repeats].max()]))
     if scipy.special.pdtrc(repeats.size - 1, expected) > p_limit("samples", CHANNELS_TESTED):
         return []
+    repeats += edge + 1
     zero, faults = channel.x[repeats] == 0, []
     for samples, verb in ((repeats[zero], "is exactly 0"), (repeats[~zero], "repeats a sample")):
         if samples.size:
@@ -214,22 +216,10 @@ def _period(x: Array) -> int:
     return next((int(n) for n in starts if np.array_equal(x[n:], x[:-n], equal_nan=True)), 0)
 
 
-def _equality_chance(x: Array, resolution: Resolution) -> Array:
-    """Return the probability that samples are equal to the next one, from how much x moves nearby."""
-    increments = np.abs(np.diff(x)) / resolution.step_at(x[1:])
+def _equality_chance(increments: Array) -> Array:
+    """Return the probability that samples are equal to the next one, from the increments nearby [steps]."""
     mean = scipy.ndimage.uniform_filter1d(np.nan_to_num(increments), NEARBY, mode="nearest")
     return np.where(np.isnan(increments), 1.0, chance_of_equality(mean))
-
-
-def _expected_coincidences(x: Array) -> float:
-    """Return how many neighbours to expect to be equal by chance, from the digits that values have."""
-    values, increments = x[np.isfinite(x)], np.abs(np.diff(x))
-    largest = float(np.max(np.abs(values)))
-    sample = values[: HEAD : HEAD // 200]
-    digits = next((d for d in range(5, 16) if all(float(f"{v:.{d}e}") == v for v in sample)), 16)
-    digit = 10.0 ** (np.floor(np.log10(largest)) - digits)
-    small = float(np.nanquantile(increments[increments > 0], SMALL_INCREMENTS))
-    return float(increments.size * SMALL_INCREMENTS * digit / (2 * small))
 
 
 def check_samples(sysid: Telemetry, noise: Telemetry | None) -> Iterator[Cause]:

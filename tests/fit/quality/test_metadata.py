@@ -1,4 +1,4 @@
-"""What does not belong into one fit stays out by name, and nothing else does."""
+"""Files that contradict themselves or each other are excluded by name, and no others."""
 
 import re
 from dataclasses import replace
@@ -70,7 +70,7 @@ def test_one_experiment_under_two_names(disguise, words):
     assert words in reason
 
 
-def test_of_one_read_out_under_two_names_nobody_knows_whose_it_is():
+def test_a_duplicate_read_out_excludes_both_experiments():
     campaign = runs("A", "B", "E")
     campaign["B-sysid"] = replace(
         campaign["B-sysid"],
@@ -79,7 +79,7 @@ def test_of_one_read_out_under_two_names_nobody_knows_whose_it_is():
     assert faults(campaign).keys() == {"A", "B"}
 
 
-def test_samples_that_are_said_to_be_of_two_authorities_are_of_none():
+def test_equal_samples_with_two_authorities_exclude_both_experiments():
     campaign = runs("A", "E")
     campaign["B-sysid"] = replace(renamed(campaign["A-sysid"], "B"), F_max_2=1100e-12)
     assert faults(campaign).keys() == {"A", "B"}
@@ -96,7 +96,7 @@ def test_kinds_that_are_exchanged():
     campaign = runs("A", "B")
     campaign |= {f"A-{kind}": replace(campaign[f"A-{label}"], kind=kind) for kind, label in _EXCHANGED}
     assert list(faults(campaign)) == ["A"]
-    assert "a noise run, but o_1 holds injections" in faults(campaign)["A"]
+    assert "attribute kind: 'noise', but o_1 holds injections" in faults(campaign)["A"]
 
 
 _EXCHANGED = (("sysid", "noise"), ("noise", "sysid"))
@@ -136,14 +136,14 @@ def test_an_experiment_that_is_a_noise_run():
     assert list(faults(campaign)) == ["A"]
 
 
-def test_a_noise_run_of_two_experiments_is_that_of_the_first():
+def test_a_shared_noise_run_excludes_the_second_experiment():
     campaign = runs("A", "B", "E")
     campaign["B-noise"] = replace(campaign["B-noise"], channels=campaign["A-noise"].channels)
     assert list(faults({name: replace(r, F_max_2=1100e-12) for name, r in campaign.items()})) == ["B"]
     assert list(faults(campaign)) == ["A", "B"]  # authorities differ: whose it is nobody knows
 
 
-def test_nine_times_one_experiment_counts_once():
+def test_copies_of_an_experiment_count_once():
     campaign = runs("A")
     for n in range(3):
         campaign |= {
@@ -179,7 +179,7 @@ def test_a_noise_run_of_another_authority_costs_one_experiment_only():
         ({"N_max_1": 10.4}, r"attribute N_max_1: 10.4 N m would make a stiffness"),
     ],
 )
-def test_an_authority_that_the_commands_or_reason_contradict(attributes, words):
+def test_implausible_authorities(attributes, words):
     campaign = runs("A", "B")
     campaign |= {name: replace(campaign[name], **attributes) for name in ("A-sysid", "A-noise")}
     ((name, reason),) = faults(campaign).items()
@@ -215,7 +215,7 @@ def test_a_noise_run_of_another_season():
 # --- nothing where there is nothing ---------------------------------------------------------------------
 
 
-def test_the_same_injections_are_no_copy():
+def test_equal_injections_are_no_duplicates():
     campaign = runs("A", "B", "C", "D", "E", drive_1=1e-12)
     assert not faults({name: replace(r, F_max_1=2200e-12) for name, r in campaign.items()})
 
