@@ -18,7 +18,7 @@ from fit.files import refuse_links
 from fit.fitting import user_params
 from fit.forecasting import coverage
 from fit.results import Results, results_file, telemetry_files
-from fit.settings import ParameterSettings, settings
+from fit.settings import ParameterSettings, refuse_fmu_parameters, settings
 from fit.tables import notebook  # noqa: F401 - for how what is returned shows itself
 from fit.telemetry import Telemetry, conversion, read_all
 
@@ -121,7 +121,9 @@ def calibrate(
         if "parameters" in options:
             raise InputError("calibrate: both params and parameters, expected one of them")
         options["parameters"] = user_params.as_settings(params)
-    results = pipeline.calibrate(runs, settings(options, "calibrate"))
+    fit_settings = settings(options, "calibrate")
+    refuse_fmu_parameters(fit_settings, "calibrate: parameters")
+    results = pipeline.calibrate(runs, fit_settings)
     return coverage.with_truth(results, runs)  # now that the fit is done: it must not see them
 
 

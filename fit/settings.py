@@ -1,6 +1,7 @@
 """What a user may choose about a fit: table ``[fit]`` of a campaign or of a file of settings."""
 
 import math
+import re
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Literal, Self
@@ -9,6 +10,7 @@ from pydantic import BeforeValidator, ConfigDict, Field, ValidationError, field_
 
 from fit.errors import InputError, quote
 from fit.files import Table, closest_match, documents, key, problem, validation_messages
+from fit.parameters import FLIGHT
 
 Estimator = Literal["gaussian", "student_t", "marginalised", "flscov"]  # of the likelihood, or LTPDA's
 Group = Literal["campaign", "alignment_epoch", "experiment"]  # over which a parameter has one value
@@ -18,6 +20,7 @@ LOWEST, HIGHEST = (
     0.02,
     0.1,
 )  # Hz, of f_max: below, C_1, C_2 and delta_ifo are lost; archives are flat up to 0.1
+_MODEL = re.compile(r"(?<![\w.])([A-Za-z_]\w*)\.[A-Za-z_]")  # of a parameter of an FMU
 _Finite = Annotated[float, Field(allow_inf_nan=False)]
 _UNBOUNDED = (-math.inf, math.inf)
 _PAIR = BeforeValidator(lambda given: tuple(given) if isinstance(given, list) else given)
@@ -138,6 +141,22 @@ def refuse_narrow_band(settings: Settings, command: str, context: str) -> None:
     """
     if settings.f_max < HIGHEST:
         raise InputError(f"{context}.f_max: {settings.f_max:g}, expected {HIGHEST:g} for {command}")
+
+
+def refuse_fmu_parameters(settings: Settings, context: str) -> None:
+    """Refuse constraints of parameters of FMUs, which only ``identify`` estimates.
+
+    Raises
+    ------
+    InputError
+        If there are any.
+    """
+    for name, constraint in settings.parameters.items():
+        if {*_MODEL.findall(f"{name} {constraint.expr or ''}")} - FLIGHT.keys():
+            raise InputError(
+                f"{context}.{name}: a parameter of an FMU, which lpfcosim identify estimates; expected one "
+                "of the equation of motion"
+            )
 
 
 def settings(table: Mapping[str, object] | None = None, context: str = "[fit]") -> Settings:

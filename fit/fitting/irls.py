@@ -262,11 +262,10 @@ def _weighed(
     weighings: Sequence[Weighing], theta: Array, covariance: Array, iteration: int
 ) -> tuple[tuple[whitened_run.WhitenedRun, ...], tuple[RunEstimate, ...]]:
     """Return the runs weighed at theta, and what each of them then says by itself."""
-    single = len(weighings) == 1
 
     def weighed(weighing: Weighing) -> tuple[whitened_run.WhitenedRun, RunEstimate]:
         block = weighing.block(theta, covariance, iteration)
-        return block, run_estimate(weighing.name, block, psd_error=single)
+        return block, run_estimate(weighing.name, block)
 
     whitened_runs, estimates = zip(*parallel_map(weighed, weighings), strict=True)
     return whitened_runs, estimates
@@ -296,8 +295,7 @@ def refit(outcome: IRLSResult, whitened_runs: Sequence[whitened_run.WhitenedRun]
     """Return the outcome with its runs weighed anew, all else known being what it was."""
     assert outcome.model and outcome.result and outcome.problem
     named = zip(outcome.model.runs, whitened_runs, strict=True)
-    single = len(whitened_runs) == 1
-    model = JointModel([run_estimate(run.name, block, psd_error=single) for run, block in named])
+    model = JointModel([run_estimate(run.name, block) for run, block in named])
     result = model.fit(outcome.result.params)
     return replace(
         outcome,

@@ -3,7 +3,7 @@
 The residual of a run is ``V^-1/2 (c(theta) - c)``, with its coefficients c and their true covariance V (see
 `run_estimate`); a Gaussian prior adds one element. It follows that
 
-* lmfit's covariance matrix is the true covariance of the parameters, window and priors included;
+* the covariance matrix is the true one of the parameters, window, error of the PSD and priors included;
 * chisqr is the statistic of the consistency of the runs with each other, and nfree its degrees of freedom:
   what the runs say beyond what they are fitted with;
 * a fit, or another one without a run or with a parameter fixed, takes milliseconds however long the runs are.
@@ -33,7 +33,6 @@ Array = NDArray[np.float64]
 
 SINGULAR = 1e-13  # least diagonal element of the triangle of a Jacobian with columns of unit length
 STEP = 1e-4  # relative, for the derivatives of expressions
-INTERIOR = 1e-3  # of the distance between bounds, or of the value: how far from a bound a fit starts
 
 
 class Prior(NamedTuple):
@@ -94,23 +93,48 @@ class JointModel:
         )
 
     def fit(self, params: lmfit.Parameters) -> MinimizerResult:
-        """Minimise.
+        """Minimise chi^2, and state the uncertainties by `covariance`.
+
+        Where parameters are bounded, by an active-set method, whose estimates reach their bounds.
 
         Raises
         ------
         FitError
             If the minimiser fails.
         """
+        params = params.copy()
+        bounded = [p for p in params.values() if p.vary and not p.expr and np.isfinite([p.min, p.max]).any()]
+        for p in bounded:
+            p.value = min(max(p.value, p.min), p.max)
+        minimizer = self.minimizer(params)
         try:
-            result = self.minimizer(off_bounds(params)).leastsq()
-        except (
-            ValueError,
-            TypeError,
-        ) as error:  # residuals that are no numbers, fewer of them than parameters
+            if bounded:
+                with np.errstate(all="ignore"):  # its own covariance is that of badly scaled parameters
+                    result = minimizer.least_squares(method="dogbox", x_scale="jac", gtol=1e-12)
+            else:
+                result = minimizer.leastsq()
+        except (ValueError, TypeError) as error:  # residuals that are no numbers, fewer than parameters
             raise FitError("the data and the weak priors leave a direction free") from error
         if not result.success or not np.isfinite(parameter_values(result.params)).all():
             raise FitError(f"the minimisation failed: {result.message}")
+        if result.var_names:
+            self._set_covariance(result)
         return result
+
+    def _set_covariance(self, result: MinimizerResult) -> None:
+        """Have lmfit state the true covariance, the error of the PSD included."""
+        indices = [list(result.params).index(name) for name in result.var_names]
+        result.covar = self.covariance(result.params)[np.ix_(indices, indices)]
+        sigma = np.sqrt(np.diag(result.covar))
+        correlation = result.covar / np.outer(sigma, sigma)
+        for name, stderr, row in zip(result.var_names, sigma.tolist(), correlation.tolist(), strict=True):
+            result.params[name].stderr = stderr
+            correlations = zip(result.var_names, row, strict=True)
+            result.params[name].correl = {
+                other_name: r for other_name, r in correlations if other_name != name
+            }
+        result.errorbars = True
+        result.uvars = result.params.create_uvars(covar=result.covar)
 
     def covariance(self, params: lmfit.Parameters) -> Array:
         """Return the true covariance of all P parameters, shape (P, P); zero for those that are fixed.
@@ -131,7 +155,18 @@ class JointModel:
         if np.abs(np.diag(R)).min() < SINGULAR:
             raise FitError("the data and the weak priors leave a direction free")
         root = free @ (scipy.linalg.solve_triangular(R, np.eye(len(R))) / scale[:, None])
-        return np.asarray(root @ root.T)
+        covariance = root @ root.T
+        return np.asarray(covariance + covariance @ self.psd_scores(params) @ covariance)
+
+    def psd_scores(self, params: lmfit.Parameters) -> Array:
+        """Return the covariance of the gradient of chi^2 / 2 that errors of the PSDs make, shape (P, P)."""
+        theta = parameter_values(params)
+        scores = np.zeros((theta.size, theta.size))
+        for run in self.runs:
+            if run.psd_covariance is not None:
+                J = run.jacobian(theta)
+                scores += J.T @ run.psd_covariance @ J
+        return scores
 
     def information(self, params: lmfit.Parameters) -> Array:
         """Return the information of the runs on all P parameters, priors left out, shape (P, P)."""
@@ -232,16 +267,6 @@ def free_directions(params: lmfit.Parameters) -> Array:
         )
         p.value = value_at_fit
     return free
-
-
-def off_bounds(params: lmfit.Parameters) -> lmfit.Parameters:
-    """Return parameters off their bounds, where the gradient vanishes that lmfit sees."""
-    bounded = [p.name for p in params.values() if p.vary and not p.expr and np.isfinite([p.min, p.max]).any()]
-    interior = params.copy() if bounded else params
-    for p in (interior[name] for name in bounded):
-        span = p.max - p.min if np.isfinite(p.max - p.min) else abs(p.value) or 1.0
-        p.value = min(max(p.value, p.min + INTERIOR * span), p.max - INTERIOR * span)
-    return interior
 
 
 def delta_chi2(best: MinimizerResult, new: MinimizerResult) -> float:

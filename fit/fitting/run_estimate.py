@@ -46,12 +46,16 @@ class RunEstimate:
         determine all of them.
     equation : Equation
         From the fitted parameters to the coefficients.
+    psd_covariance : ndarray, shape (r, r), or None
+        What the error of the PSD adds to the covariance of `residual`; it does not weight the run, so that no
+        estimate depends on it.
     """
 
     name: str
     c: Array
     root: Array
     equation: Equation
+    psd_covariance: Array | None = None
 
     def residual(self, theta: Array) -> Array:
         """Return by how much the run departs from theta, shape (P,), in units of its noise, shape (r,)."""
@@ -62,43 +66,33 @@ class RunEstimate:
         return np.asarray(self.root @ self.equation.gradient(theta)[1:])
 
 
-def run_estimate(name: str, block: WhitenedRun, *, psd_error: bool = False) -> RunEstimate:
-    """Compress a whitened run.
-
-    Parameters
-    ----------
-    name : str
-        Of the experiment.
-    block : WhitenedRun
-        The run.
-    psd_error : bool
-        Whether its covariance includes the error of the PSD. It does where a run is fitted by itself: what
-        noise alone determines there has no other run to correct it, nor does the estimate depend on it.
-    """
-    R = block.R
-    H, M = moments(block)
-    W = score_whitening(H, M + block.psd_scores[1:, 1:] if psd_error else M)
+def run_estimate(name: str, run: WhitenedRun) -> RunEstimate:
+    """Compress the whitened run of an experiment."""
+    R = run.R
+    H, M = moments(run)
+    W = score_whitening(H, M)
     scores = W @ R[:, 1:].T @ R  # in units of their noise, by column
     scale = column_scale(H)
     c = scale * np.linalg.lstsq(scores[:, 1:] * scale, -scores[:, 0], rcond=None)[0]
-    return RunEstimate(name, c, W @ H, block.without_data())
+    psd_covariance = None if run.noise is None else W @ run.psd_scores[1:, 1:] @ W.T
+    return RunEstimate(name, c, W @ H, run.without_data(), psd_covariance)
 
 
-def moments(block: WhitenedRun) -> tuple[Array, Array]:
+def moments(run: WhitenedRun) -> tuple[Array, Array]:
     """Return the curvature of a run and the covariance of its scores, both of shape (K, K).
 
     A Student-t weights every bin by its own residual. A tone lies in few bins, and what these happen to be
     would weigh one run against another. Both are then the sum of weighted squares times what is expected of
     their factors, so that the joint fit is where the likelihood has its maximum.
     """
-    if block.weights.likelihood != "student_t":
-        return block.H[1:, 1:], block.M[1:, 1:]
-    expected = expected_weights("student_t", np.arange(1.0, len(block.columns) + 1))
+    if run.weights.likelihood != "student_t":
+        return run.H[1:, 1:], run.M[1:, 1:]
+    expected = expected_weights("student_t", np.arange(1.0, len(run.columns) + 1))
     fit, curvature, score = (
         float(np.mean(factors)) for factors in (expected.fit, expected.curvature, expected.score)
     )
-    G = block.R[:, 1:].T @ block.R[:, 1:]
-    window = 1.0 if block.window is None else windowing.variance_factor(block.window)
+    G = run.R[:, 1:].T @ run.R[:, 1:]
+    window = 1.0 if run.window is None else windowing.variance_factor(run.window)
     return G, G * score * window * fit / curvature**2
 
 

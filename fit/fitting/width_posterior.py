@@ -191,9 +191,10 @@ def marginalise_widths(outcome: IRLSResult) -> IRLSResult:
         mean = mean + C @ np.linalg.solve(C[bounded], bound - mean[bounded])
     _, _, covariance = conditional(equations, widths, posterior.log_widths)
     n_determined = float(np.trace(covariance @ information))
+    psd_error = covariance @ model.psd_scores(params) @ covariance
     return replace(
         outcome,
-        solution=solution(outcome.whitened_runs, mean, posterior.covariance, n_determined),
+        solution=solution(outcome.whitened_runs, mean, posterior.covariance + psd_error, n_determined),
         scatter=_scatter(outcome, posterior),
         log_widths=tuple(zip(posterior.log_widths.tolist(), posterior.log_sigmas.tolist(), strict=True)),
         result=result,

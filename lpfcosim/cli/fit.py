@@ -42,6 +42,7 @@ def fit_files(
     if include_short:
         chosen = chosen.model_copy(update={"include_short": True})
     chosen = constraints.on(chosen)
+    fit_settings.refuse_fmu_parameters(chosen, "fit.parameters")
     found = telemetry(console, paths, directory, any_gaps=False)
     calibrated(console, directory, found, chosen, calibration=calibration)
 

@@ -230,6 +230,8 @@ def test_the_end_of_the_band(runs, free):
         ({"C_1": {"min": 0.2, "max": 0.1}}, "C_1.min: 0.2, expected less than max = 0.1"),
         ({"C_1": {"prior": [0.1, 0.0]}}, "C_1.prior[1]: 0.0 is too small"),
         ({"C_1": {"vry": False}}, 'did you mean "vary"'),
+        ({"Controller.f_u": {"vary": False}}, "Controller.f_u: a parameter of an FMU"),
+        ({"C_1": {"expr": "C_2 + Controller.f_u"}}, "C_1: a parameter of an FMU"),
     ],
 )
 def test_what_cannot_be_said_is_refused(runs, said, message):

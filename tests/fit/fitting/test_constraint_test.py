@@ -28,10 +28,6 @@ class Data:
     weights = SimpleNamespace(likelihood="gaussian")
 
     @property
-    def share(self):
-        return np.eye(self.R.shape[1] - 1)
-
-    @property
     def root_level(self):
         return self.R
 
@@ -45,9 +41,7 @@ class Data:
 
     M = H
 
-    @property
-    def psd_scores(self):
-        return np.zeros_like(self.H)
+    noise = None
 
     def coefficients(self, theta):
         return np.concatenate([np.ones_like(theta[:1]), -theta])

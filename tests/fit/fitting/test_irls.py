@@ -13,6 +13,7 @@ from scipy.fft import prev_fast_len
 from fit import whitening
 from fit.errors import FitError
 from fit.fitting import fit_experiment, irls, weighings
+from fit.fitting.joint_model import JointModel, lmfit_params
 from fit.fitting.null_space import null_space
 from fit.fitting.run_estimate import run_estimate
 from fit.pipeline import calibrate
@@ -140,9 +141,16 @@ def test_psd_error_is_the_change_of_the_scores_with_the_knots():
     step = 1e-5
     change = np.array([(scores(step * e) - scores(-step * e)) / (2 * step) for e in np.eye(3)])
     assert run.psd_scores == pytest.approx(change.T @ noise.covariance @ change, rel=1e-6)
-    own, joint = (run_estimate("A", run, psd_error=flag) for flag in (True, False))
-    assert own.c == pytest.approx(joint.c)
-    assert np.linalg.norm(own.root) < np.linalg.norm(joint.root)
+    # the covariance of the estimates, and lmfit's, are those of a sandwich with these scores
+    estimate = run_estimate("A", run)
+    model = JointModel([estimate])
+    result = model.fit(lmfit_params(["a", "b", "c"], np.zeros(3), {}))
+    H, M = run.H[1:, 1:], run.M[1:, 1:] + run.psd_scores[1:, 1:]
+    expected = np.linalg.solve(H, np.linalg.solve(H, M).T)
+    assert model.covariance(result.params) == pytest.approx(expected)
+    assert result.covar == pytest.approx(expected)
+    assert result.uvars["b"].std_dev == pytest.approx(np.sqrt(expected[1, 1]))
+    assert run_estimate("A", replace(run, noise=None)).root == pytest.approx(estimate.root)
 
 
 def test_recovers_truth_far_from_where_it_starts():

@@ -99,6 +99,17 @@ def solved(model, **constraints):
     return SolvedModel(model, model.fit(params), [Prior(0.0, 100.0)] * 2)
 
 
+@pytest.mark.parametrize("offset", [-40.0, 0.5, 5.0])  # sigma, from the estimate without bounds
+def test_narrow_bounds_are_reached(two_runs, offset):
+    free = solved(two_runs).result.params["a"]
+    ends = [free.value + free.stderr * offset, free.value + free.stderr * (offset + 0.1)]
+    bounded = solved(two_runs, a={"min": ends[0], "max": ends[1]}).result
+    bound = ends[0] if offset > 0 else ends[1]
+    assert bounded.params["a"].value == pytest.approx(bound, rel=1e-9)
+    fixed = solved(two_runs, a={"value": bound, "vary": False}).result
+    assert bounded.params["b"].value == pytest.approx(fixed.params["b"].value)
+
+
 def test_result_is_that_of_generalised_least_squares(two_runs):
     found = solved(two_runs).result
     weights = np.linalg.inv(A), np.linalg.inv(B)
