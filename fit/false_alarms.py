@@ -51,13 +51,13 @@ def budget_by_family() -> dict[str, float]:
 
 def chi2_limit(family: str, dof: int = 1, n_tests: int = 1) -> float:
     """Return the Delta chi^2 of `dof` parameters from which one of several tests of a family is an alarm."""
-    from scipy import stats
+    from scipy import special
 
-    return float(stats.chi2.isf(p_limit(family, n_tests), dof))
+    return float(special.chdtri(dof, p_limit(family, n_tests)))
 
 
 def sigma_limit(family: str, n_tests: int = 1) -> float:
     """Return the size in sigma, of either sign, from which one of several tests of a family is an alarm."""
-    from scipy import stats
+    from scipy import special
 
-    return float(stats.norm.isf(p_limit(family, n_tests) / 2))
+    return -float(special.ndtri(p_limit(family, n_tests) / 2))

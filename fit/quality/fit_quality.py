@@ -21,7 +21,7 @@ from fit.whitening import Experiment
 
 Array = NDArray[np.float64]
 
-SEEN = 2.0  # sigma, of a width from which a parameter is said to scatter
+SIGNIFICANT = 2.0  # sigma, of a width from which a parameter is said to scatter
 NEGLIGIBLE = 0.01  # least coefficient, in widths of the weak priors, that is named in a blind direction
 EARLY = 0.05  # s, half a control step: by so much a time may be a matter of convention
 CERTAIN = 5.0  # sigma
@@ -45,10 +45,12 @@ def as_fit(outcome: IRLSResult, experiments: Sequence[Experiment]) -> Fit:
         If a sigma is no positive number.
     """
     names = {p.name: p.name for p in outcome.parameters if p.equation not in ALONG}
-    lost = indeterminable(outcome, experiments, names)
-    found = report(outcome, experiments, names, [*lost, *doubts(outcome, experiments), *scattered(outcome)])
+    undetermined = indeterminable(outcome, experiments, names)
+    fit = report(
+        outcome, experiments, names, [*undetermined, *doubts(outcome, experiments), *scattered(outcome)]
+    )
     stiffness = stiffnesses(outcome, [e.sysid.telemetry for e in experiments])
-    return replace(found, stiffness=stiffness, solved=outcome.solved)
+    return replace(fit, stiffness=stiffness, solved=outcome.solved)
 
 
 def report(
@@ -79,7 +81,9 @@ def report(
     sigma = solution.sigma
     if not np.all(np.isfinite(sigma) & (sigma > 0)):
         raise FitError("a sigma is not a positive number")
-    kept = [i for i, p in enumerate(outcome.parameters) if p.name in names and not outcome.undetermined[i]]
+    reported = [
+        i for i, p in enumerate(outcome.parameters) if p.name in names and not outcome.undetermined[i]
+    ]
     return Fit(
         parameters={
             names[outcome.parameters[i].name]: Estimate(
@@ -88,9 +92,9 @@ def report(
                 outcome.parameters[i].unit,
                 fixed=outcome.is_fixed(i) or None,
             )
-            for i in kept
+            for i in reported
         },
-        covariance=solution.covariance[np.ix_(kept, kept)],
+        covariance=solution.covariance[np.ix_(reported, reported)],
         chi2=solution.chi2,
         dof=solution.dof,
         converged=outcome.converged,
@@ -104,42 +108,43 @@ def indeterminable(
 ) -> list[FitWarning]:
     """Name every blind direction of what is reported, then what is lost without belonging to one."""
     runs = [experiment.sysid.telemetry for experiment in experiments]
-    parameters, found = [replace(p, name=reported.get(p.name, p.name)) for p in outcome.parameters], []
-    told: set[str] = set()
+    parameters = [replace(p, name=reported.get(p.name, p.name)) for p in outcome.parameters]
+    warnings: list[FitWarning] = []
+    covered: set[str] = set()
     width = np.array([p.prior_sigma for p in parameters])
     mine = np.array([p.name in reported for p in outcome.parameters])
     for direction in (*outcome.directions, *np.eye(width.size)[outcome.undetermined]):
         part = np.abs(direction) > NEGLIGIBLE
         names = tuple(parameters[i].name for i in np.flatnonzero(part & outcome.undetermined))
-        if set(names) <= told or not (part & outcome.undetermined & mine).any():
+        if set(names) <= covered or not (part & outcome.undetermined & mine).any():
             continue
-        told |= set(names)
+        covered |= set(names)
         natural = direction * width / width[np.argmax(np.abs(direction))]
-        held = ", ".join(
+        priors = ", ".join(
             f"{p.name} = {p.value:.4g} ± {p.prior_sigma:.2g} {p.unit}".removesuffix(" 1")
             for p in parameters
             if p.name in names
         )
-        what = names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]} apart"
-        message = f"the data do not determine {what}: {_reason(names, runs)}; held at {held}"
+        subject = names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]} apart"
+        message = f"the data do not determine {subject}: {_reason(names, runs)}; held at {priors}"
         pair = [int(i) for i in np.flatnonzero(part & outcome.undetermined)]
         if len(pair) == 2:
             message += _other_direction(outcome, pair, natural)
         combination = {parameters[i].name: float(natural[i]) for i in np.flatnonzero(part)}
-        found.append(FitWarning("indeterminable", names, message, combination))
-    return found
+        warnings.append(FitWarning("indeterminable", names, message, combination))
+    return warnings
 
 
 def _other_direction(outcome: IRLSResult, pair: Sequence[int], blind: Array) -> str:
     """Say what is known of two parameters that cannot be told apart; nothing if nothing is."""
-    first, second = (outcome.parameters[i] for i in pair)
+    parameter, partner = (outcome.parameters[i] for i in pair)
     factor = -float(blind[pair[0]] / blind[pair[1]])
-    known = linear_combination(outcome, {first.name: 1.0, second.name: factor})
+    known = linear_combination(outcome, {parameter.name: 1.0, partner.name: factor})
     if known is None:
         return ""
     return (
-        f"; known is {first.name} {'-' if factor < 0 else '+'} {abs(factor):.4g} {second.name} = "
-        f"{known[0]:.5g} ± {known[1]:.2g} {first.unit}"
+        f"; known is {parameter.name} {'-' if factor < 0 else '+'} {abs(factor):.4g} {partner.name} = "
+        f"{known[0]:.5g} ± {known[1]:.2g} {parameter.unit}"
     )
 
 
@@ -158,10 +163,10 @@ def _reason(names: Sequence[str], runs: Sequence[Telemetry]) -> str:
     authority = {"alpha_x": "F_max", "alpha_phi": "N_max"}
     varied = {f"{alpha}_{j}": f"{key}_{j}" for alpha, key in authority.items() for j in (1, 2)}
     keys = [varied[name] for name in names if name in varied]
-    same = [key for key in keys if np.ptp([getattr(run, key) for run in runs]) == 0]
-    if same:
-        verb = "is the same" if len(same) == 1 else "are the same"
-        return f"{' and '.join(same)} {verb} in every run, a run with another value is needed"
+    constant = [key for key in keys if np.ptp([getattr(run, key) for run in runs]) == 0]
+    if constant:
+        verb = "is the same" if len(constant) == 1 else "are the same"
+        return f"{' and '.join(constant)} {verb} in every run, a run with another value is needed"
     if keys:
         return f"the runs vary {' and '.join(keys)} too little or only together, others are needed"
     return "the injections are too weak, too short or of too few frequencies"
@@ -170,20 +175,20 @@ def _reason(names: Sequence[str], runs: Sequence[Telemetry]) -> str:
 def scattered(outcome: IRLSResult) -> list[FitWarning]:
     """Say by how much parameters differ between the experiments."""
     chosen = ", as the data ask for" if outcome.data_driven else ""
-    found = []
+    warnings = []
     for name, (width, sigma) in outcome.scatter.items():
-        seen = "scatters" if width > SEEN * sigma else "may scatter"
+        verb = "scatters" if width > SIGNIFICANT * sigma else "may scatter"
         text = (
-            f"{name} {seen} between the experiments by {width:.2g} ± {sigma:.1g} beyond noise{chosen}; "
+            f"{name} {verb} between the experiments by {width:.2g} ± {sigma:.1g} beyond noise{chosen}; "
             "its sigma is that of the mean over such experiments"
         )
-        found.append(FitWarning("random_effects", (name,), text))
-    return found
+        warnings.append(FitWarning("random_effects", (name,), text))
+    return warnings
 
 
 def doubts(outcome: IRLSResult, experiments: Sequence[Experiment]) -> list[FitWarning]:
     """Warn of what the sigmas rest on and might not hold."""
-    found = [
+    warnings = [
         FitWarning(
             "no_noise_run",
             (),
@@ -201,46 +206,48 @@ def doubts(outcome: IRLSResult, experiments: Sequence[Experiment]) -> list[FitWa
                 f"{experiment.name}: its noise run has no usable mean of {lacking}, whose force along x is "
                 "taken off the run alone: the noise it leaves in the weights widens the sigmas"
             )
-            found.append(FitWarning("noise_run_channel_missing", (), message))
+            warnings.append(FitWarning("noise_run_channel_missing", (), message))
     if not outcome.converged:
         message = "the weights have not settled entirely; estimates may still move by some 0.05 sigma"
-        found.append(FitWarning("not_converged", (), message))
+        warnings.append(FitWarning("not_converged", (), message))
     excess, sigma = noise_tests.chi2_ratio(outcome)
     if noise_tests.is_misfit(excess, sigma, len(experiments)):
         message = f"the residual has {excess:.3g} times the power of the noise run; the sigmas assume 1"
-        found.append(FitWarning("chi2", (), message))
-    return found
+        warnings.append(FitWarning("chi2", (), message))
+    return warnings
 
 
 def acausal(outcome: IRLSResult) -> list[FitWarning]:
     """Doubt a joint fit in which commands act before they are given: some time is wrong in every run."""
-    at = {p.name: i for i, p in enumerate(outcome.parameters) if not outcome.undetermined[i]}
-    found: dict[str, str] = {}
+    positions = {p.name: i for i, p in enumerate(outcome.parameters) if not outcome.undetermined[i]}
+    early_commands: dict[str, str] = {}
     for j in (1, 2):
-        if {f"lambda_{j}", f"C_{j}"} <= at.keys():
-            gain, C = (float(outcome.solution.theta[at[f"{name}_{j}"]]) for name in ("lambda", "C"))
-            sigma = float(outcome.solution.sigma[at[f"C_{j}"]])
+        if {f"lambda_{j}", f"C_{j}"} <= positions.keys():
+            gain, C = (float(outcome.solution.theta[positions[f"{name}_{j}"]]) for name in ("lambda", "C"))
+            sigma = float(outcome.solution.sigma[positions[f"C_{j}"]])
             early = -C / gain
             if early > max(EARLY, CERTAIN * sigma / gain):
-                found[f"C_{j}"] = (
+                early_commands[f"C_{j}"] = (
                     f"f_x_{j} acts {early:.3g} ± {sigma / gain:.1g} s before it is commanded: it is late in "
                     "the files of every run, or o_12 is early"
                 )
-    if not found:
+    if not early_commands:
         return []
-    message = f"{'; '.join(found.values())}; C is not that of the actuators"
-    return [FitWarning("acausal", tuple(found), message)]
+    message = f"{'; '.join(early_commands.values())}; C is not that of the actuators"
+    return [FitWarning("acausal", tuple(early_commands), message)]
 
 
-def suspects(alone: Mapping[str, IRLSResult | FitError]) -> dict[str, str]:
+def suspects(single_fits: Mapping[str, IRLSResult | FitError]) -> dict[str, str]:
     """Return words on the experiments that could keep a joint fit from settling, by name."""
-    return {
-        name: f"{name} alone does not fit either"
-        if isinstance(own, FitError)
-        else f"{name} alone leaves {own.solution.chi2 / own.solution.dof:.3g} times the power of the noise"
-        for name, own in alone.items()
-        if isinstance(own, FitError) or own.solution.chi2 > noise_tests.MAX_CHI2_RATIO * own.solution.dof
-    }
+    reasons: dict[str, str] = {}
+    for name, single in single_fits.items():
+        if isinstance(single, FitError):
+            reasons[name] = f"{name} alone does not fit either"
+            continue
+        ratio = single.solution.chi2 / single.solution.dof
+        if ratio > noise_tests.MAX_CHI2_RATIO:
+            reasons[name] = f"{name} alone leaves {ratio:.3g} times the power of the noise"
+    return reasons
 
 
 def is_off(fit: Fit) -> bool:

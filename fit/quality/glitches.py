@@ -232,8 +232,8 @@ class GlitchSearch:
     def _mask_snr(self, glitch: Glitch, matched: MatchedFilter) -> float:
         """Return what a bell curve finds where a glitch is notable, at most."""
         start, fs, (begin, end) = self.run.channels.time[derivatives.HALF], self.run.channels.fs, glitch.span
-        first, last = (round((t - start) * fs) for t in (begin - WIDTHS[-1], end + WIDTHS[-1]))
-        return matched.largest_output(slice(max(first, 0), max(last, 0)))
+        samples = (round((t - start) * fs) for t in (begin - WIDTHS[-1], end + WIDTHS[-1]))
+        return matched.largest_output(slice(*(max(sample, 0) for sample in samples)))
 
     def _mask(self, matched: MatchedFilter) -> None:
         """Flag the samples of the peaks of the matched filters."""
@@ -268,7 +268,7 @@ class GlitchSearch:
             window=terms.window,
             residual=residual - Q @ (Q.T @ residual),
             Q=Q,
-            own=noise in (self, None),
+            is_own_psd=noise in (self, None),
             known=tuple(self._shapes),
             n_runs=self._n_runs,
         )
@@ -288,15 +288,16 @@ class GlitchSearch:
             float(self.run.telemetry.time[-1]),
         )
         subtracted = merge_spans([(max(a, 0.0), min(b, end)) for a, b in (g.span for g in self._shapes)])
-        parts = [describe_spans(s, what) for s, what in ((masks, "masked"), (subtracted, FITTED_ALONG)) if s]
+        groups = ((masks, "masked"), (subtracted, FITTED_ALONG))
+        clauses = [describe_spans(spans, treatment) for spans, treatment in groups if spans]
         spans = tuple(TimeSpan(name, *span) for span in sorted([*masks, *subtracted]))
-        return FitWarning("glitches", (), f"{name}: {'; '.join(parts)}", spans=spans)
+        return FitWarning("glitches", (), f"{name}: {'; '.join(clauses)}", spans=spans)
 
 
-def describe_spans(spans: Sequence[tuple[float, float]], what: str) -> str:
+def describe_spans(spans: Sequence[tuple[float, float]], treatment: str) -> str:
     """Return how many glitches there are, what was done with them, and where."""
-    where = ", ".join(f"{a:.0f} s ({b - a:.0f} s)" for a, b in spans)
-    return f"{len(spans)} glitch{'es' * (len(spans) > 1)} {what}, at {where}"
+    places = ", ".join(f"{a:.0f} s ({b - a:.0f} s)" for a, b in spans)
+    return f"{len(spans)} glitch{'es' * (len(spans) > 1)} {treatment}, at {places}"
 
 
 def merge_spans(spans: Sequence[tuple[float, float]]) -> list[tuple[float, float]]:

@@ -73,22 +73,24 @@ def _initial_fit(run: Run) -> InitialFit:
         else:
             break
         acting = [ACTING_GAINS[0] < abs(c[f]) < ACTING_GAINS[1] for f, _ in _FORCES]
-        moved = (t - c[df] / c[f] if on else t for t, (f, df), on in zip(tau, _FORCES, acting, strict=True))
-        tau_1, tau_2 = (float(np.clip(t, -MAX_DELAY, MAX_DELAY)) for t in moved)
-        by = tau_1 - tau[0], tau_2 - tau[1]
-        converged = max(map(abs, by)) < (MAX_DELAY_OFFSET if tau == DELAYS else DELAY_TOLERANCE)
+        delays = (
+            t - c[df] / c[f] if acts else t for t, (f, df), acts in zip(tau, _FORCES, acting, strict=True)
+        )
+        tau_1, tau_2 = (float(np.clip(t, -MAX_DELAY, MAX_DELAY)) for t in delays)
+        offsets = tau_1 - tau[0], tau_2 - tau[1]
+        converged = max(map(abs, offsets)) < (MAX_DELAY_OFFSET if tau == DELAYS else DELAY_TOLERANCE)
         noise_power = chi2 / (2 * len(U))
-        if converged or _left_out(U * c, terms.f, by) < noise_power:  # too little to gain
+        if converged or _omitted_power(U * c, terms.f, offsets) < noise_power:  # too little to gain
             break
         tau = tau_1, tau_2
     return fit
 
 
-def _left_out(columns: Spectrum, f: NDArray[np.float64], by: tuple[float, float]) -> float:
+def _omitted_power(columns: Spectrum, f: NDArray[np.float64], offsets: tuple[float, float]) -> float:
     """Return the power of what an expansion leaves out of commands at delays that are off by so much [s]."""
     angle = 2 * np.pi * f
-    parts = (np.abs(columns[:, k]) * (t * angle) ** 2 / 2 for t, (k, _) in zip(by, _FORCES, strict=True))
-    return sum(float(part @ part) for part in parts)
+    terms = (np.abs(columns[:, k]) * (t * angle) ** 2 / 2 for t, (k, _) in zip(offsets, _FORCES, strict=True))
+    return sum(float(term @ term) for term in terms)
 
 
 def flight_psd(f: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -107,7 +107,7 @@ def _templates(
         window=terms.window,
         residual=residual - Q @ (Q.T @ residual),
         Q=Q,
-        own=True,
+        is_own_psd=True,
         known=tuple(known),
     )
 

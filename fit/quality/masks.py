@@ -39,7 +39,7 @@ def without_saturation(run: Run) -> tuple[Run, tuple[FitWarning, ...]]:
     """
     telemetry = run.telemetry
     limited = {name: authority.limited(telemetry, name) for name in ("f_x_1", "f_x_2")}
-    if not any(of.size for of in limited.values()):
+    if not any(limits.size for limits in limited.values()):
         return run, ()
     saturated = np.zeros(telemetry.size, dtype=bool)
     for begin, end in np.concatenate(list(limited.values())):
@@ -47,19 +47,19 @@ def without_saturation(run: Run) -> tuple[Run, tuple[FitWarning, ...]]:
     stretches = _stretches(telemetry, saturated)
     masked = run.mask(stretches)
     channels = " and ".join(
-        f"{name} in {int(np.diff(of).sum())} samples "
+        f"{name} in {int(np.diff(limits).sum())} samples "
         f"(F_max_{name[-1]}/m_tm = {authority.limit_of(telemetry, name):.3g} m s-2)"
-        for name, of in limited.items()
-        if of.size
+        for name, limits in limited.items()
+        if limits.size
     )
-    said = f"{telemetry.run}: a commanded force is at the limit of its authority: {channels}"
+    message = f"{telemetry.run}: a commanded force is at the limit of its authority: {channels}"
     weight = masked.weight / run.weight
     if weight < 1 - MOST_SATURATED:
-        what = f"to mask that would cost {100 * (1 - weight):.0f} % of the run"
-        return run, (FitWarning(TOO_LONG, (), f"{said}; {what}, so nothing is masked"),)
+        cost = f"to mask that would cost {100 * (1 - weight):.0f} % of the run"
+        return run, (FitWarning(TOO_LONG, (), f"{message}; {cost}, so nothing is masked"),)
     spans = tuple(TimeSpan(telemetry.run, *stretch) for stretch in stretches)
-    said = f"{said}; these are masked, {100 * weight:.3g} % is left"
-    return masked, (FitWarning(SATURATED, (), said, spans=spans),)
+    message = f"{message}; these are masked, {100 * weight:.3g} % is left"
+    return masked, (FitWarning(SATURATED, (), message, spans=spans),)
 
 
 def _stretches(telemetry: Telemetry, flags: NDArray[np.bool_]) -> list[tuple[float, float]]:
@@ -129,7 +129,7 @@ def mask_experiments(
         except InputError as error:
             return error
 
-    found = dict(
+    results = dict(
         zip(
             (e.name for e in experiments),
             parallel_map(searched, experiments, Experiment.samples),
@@ -138,7 +138,7 @@ def mask_experiments(
     )
     counts = {
         name: result[1].coincidences
-        for name, result in found.items()
+        for name, result in results.items()
         if not isinstance(result, InputError) and result[1]
     }
     misfits = {name: count.p_value for name, count in counts.items() if count.significant(n_tests)}
@@ -149,7 +149,7 @@ def mask_experiments(
         }
 
     def masked(name: str) -> MaskedExperiment | InputError:
-        result = found[name]
+        result = results[name]
         if isinstance(result, InputError):
             return result
         unsaturated, glitches = result
@@ -162,7 +162,7 @@ def mask_experiments(
             glitches.experiment, (*unsaturated.warnings, *glitches.warnings.values(), misfit)
         )
 
-    return {name: masked(name) for name in found}
+    return {name: masked(name) for name in results}
 
 
 def _misfit(glitches: GlitchResult, p_value: float) -> FitWarning:

@@ -79,9 +79,9 @@ def matching_pursuit(view: WhitenedTemplates) -> list[GlitchCandidate]:
             break
         glitch, column = candidate
         candidates.append((glitch, column, abs(float(column @ residual.residual))))
-        residual = residual.without(column)
+        residual = residual.project_out(column)
     return [
-        GlitchCandidate(glitch, amplitude * view.seen(glitch))
+        GlitchCandidate(glitch, amplitude * view.visible_share(glitch))
         for glitch, column, amplitude in candidates
         if _significance(residual, residual.residual, column, amplitude) > _threshold(view, glitch)
     ]
@@ -92,14 +92,14 @@ def _candidate(view: WhitenedTemplates, peak: Glitch) -> tuple[Glitch, Array] | 
     column = view.column(peak)
     if column is None or _excess(view, peak, column) < SUSPECT:
         return None
-    glitch, _ = refine(view, peak)
+    glitch, amplitude = refine(view, peak)
     refined = view.column(glitch)
     glitch, column = (peak, column) if refined is None else (glitch, refined)
     if _excess(view, glitch, column) > 1:
-        closest = refine_kinds(view, glitch)
-        refined = view.column(closest)
+        best_glitch = refine_kinds(view, glitch, amplitude)
+        refined = view.column(best_glitch)
         if refined is not None:
-            return closest, refined
+            return best_glitch, refined
     return glitch, column
 
 
@@ -110,14 +110,14 @@ def refine(view: WhitenedTemplates, glitch: Glitch) -> tuple[Glitch, float]:
     differences, all of one batch of templates.
     """
     shortest, longest = (np.log(tau / glitch.shape.tau) for tau in glitch_templates.bounds(view.duration))
-    least = glitch_templates.MIN_RATIO.get(glitch.shape.kind, -1.0)
-    bounds = [(None, None), (shortest, longest), (least - glitch.shape.ratio, 1.0 - glitch.shape.ratio)]
+    min_ratio = glitch_templates.MIN_RATIO.get(glitch.shape.kind, -1.0)
+    bounds = [(None, None), (shortest, longest), (min_ratio - glitch.shape.ratio, 1.0 - glitch.shape.ratio)]
 
     step = glitch_templates.STEP
 
     def gains(x: Array) -> Array:
         """Return the chi^2 that the glitch takes at x, and at steps up and down from it, shape (7,)."""
-        amplitudes = view.amplitudes([glitch.shifted(by) for by in x + _DIFFERENCES])
+        amplitudes = view.amplitudes([glitch.shifted(shift) for shift in x + _DIFFERENCES])
         return np.asarray(np.nan_to_num(amplitudes) ** 2)
 
     initial = gains(np.zeros(3))
@@ -141,8 +141,8 @@ def refine(view: WhitenedTemplates, glitch: Glitch) -> tuple[Glitch, float]:
     return glitch.shifted(result.x * sigma), float(np.sqrt(-result.fun))
 
 
-def refine_kinds(view: WhitenedTemplates, candidate: Glitch) -> Glitch:
-    """Return the shape of any kind that takes most of the residual near a candidate.
+def refine_kinds(view: WhitenedTemplates, candidate: Glitch, amplitude: float) -> Glitch:
+    """Return the shape of any kind that takes most of the residual near a refined candidate.
 
     The likelihood has a maximum for each kind, and what a wrong one leaves of a strong glitch passes for
     further glitches. Starts are all kinds at several tau; the best are refined.
@@ -155,7 +155,8 @@ def refine_kinds(view: WhitenedTemplates, candidate: Glitch) -> Glitch:
     ]
     amplitudes = np.nan_to_num(np.abs(view.amplitudes(starts)))
     likely = [starts[i] for i in np.argsort(-amplitudes, kind="stable")[:N_STARTS] if amplitudes[i] > 0]
-    return max((refine(view, glitch) for glitch in [candidate, *likely]), key=lambda result: result[1])[0]
+    results = [(candidate, amplitude), *(refine(view, glitch) for glitch in likely)]
+    return max(results, key=lambda result: result[1])[0]
 
 
 def _aligned(view: WhitenedTemplates, glitch: Glitch) -> Glitch:
@@ -165,15 +166,15 @@ def _aligned(view: WhitenedTemplates, glitch: Glitch) -> Glitch:
     whitened = view.residual.view(np.complex128)
     padded[1 : view.f.size + 1] = glitch.shape.transform(view.f).conj() / np.sqrt(view.S) * whitened
     begin = view.start + np.arange(n) * (view.duration / n)
-    near = np.abs(begin - glitch.begin) < START_RANGE * glitch.shape.tau
-    output = np.where(near, np.abs(scipy.fft.irfft(padded, n)), 0.0)
+    nearby = np.abs(begin - glitch.begin) < START_RANGE * glitch.shape.tau
+    output = np.where(nearby, np.abs(scipy.fft.irfft(padded, n)), 0.0)
     return replace(glitch, begin=float(begin[np.argmax(output)]))
 
 
 def _excess(view: WhitenedTemplates, glitch: Glitch, column: Array) -> float:
     """Return the significance of a glitch that takes what its column does, over the threshold."""
     amplitude = abs(float(column @ view.residual))
-    return _significance(view, view.residual_without(column), column, amplitude) / _threshold(view, glitch)
+    return _significance(view, view.remainder(column), column, amplitude) / _threshold(view, glitch)
 
 
 def _threshold(view: WhitenedTemplates, glitch: Glitch) -> float:
@@ -203,13 +204,13 @@ def _filters(view: WhitenedTemplates) -> Iterator[_Filters]:
     rms = float(np.sqrt(np.mean(view.window**2)))
     weight = 1 / view.S
     whitening = np.sqrt(weight)
-    for alike, transforms, squares in _bank(view.duration, view.f):
+    for shapes, transforms, squares in _bank(view.duration, view.f):
         bins = slice(transforms.shape[1])
         powers = squares * weight[bins]
         totals = powers.sum(axis=1, keepdims=True)
         responses = transforms * (whitening[bins] * (rms / np.sqrt(totals)))
         dof = 2 * totals**2 / np.sum(powers**2, axis=1, keepdims=True)
-        yield _Filters(alike, responses, dof)
+        yield _Filters(shapes, responses, dof)
 
 
 def _bank(duration: float, f: Array) -> Iterable[tuple[Sequence[Shape], Spectrum, Array]]:
@@ -222,7 +223,7 @@ def _bank(duration: float, f: Array) -> Iterable[tuple[Sequence[Shape], Spectrum
 @lru_cache(maxsize=8)  # the runs of a campaign have few lengths
 def _cached_bank(duration: float, f_bytes: bytes) -> list[tuple[Sequence[Shape], Spectrum, Array]]:
     groups = groupby(glitch_templates.bank(duration), key=lambda shape: shape.tau)
-    transforms = list(_transforms((list(alike) for _, alike in groups), np.frombuffer(f_bytes)))
+    transforms = list(_transforms((list(shapes) for _, shapes in groups), np.frombuffer(f_bytes)))
     for _, *arrays in transforms:
         for array in arrays:
             array.setflags(write=False)
@@ -232,10 +233,10 @@ def _cached_bank(duration: float, f_bytes: bytes) -> list[tuple[Sequence[Shape],
 def _transforms(
     bank: Iterable[Sequence[Shape]], f: Array
 ) -> Iterator[tuple[Sequence[Shape], Spectrum, Array]]:
-    for alike in bank:  # of one tau
-        bins = max(2, int(np.searchsorted(2 * np.pi * f * alike[0].tau, BAND)))
-        transforms = np.array([shape.transform(f[:bins]).conj() for shape in alike])
-        yield alike, transforms, np.abs(transforms) ** 2
+    for shapes in bank:  # of one tau
+        bins = max(2, int(np.searchsorted(2 * np.pi * f * shapes[0].tau, BAND)))
+        transforms = np.array([shape.transform(f[:bins]).conj() for shape in shapes])
+        yield shapes, transforms, np.abs(transforms) ** 2
 
 
 def _strongest(view: WhitenedTemplates) -> Glitch | None:
@@ -261,7 +262,7 @@ def _strongest(view: WhitenedTemplates) -> Glitch | None:
 
 def _calibrated(view: WhitenedTemplates, filters: _Filters, ratios: Array) -> Array:
     """Correct ratios where the PSD is that of the run itself, which the glitch has raised."""
-    if not view.own:
+    if not view.is_own_psd:
         return ratios
     return np.asarray(np.sqrt(-filters.dof * np.log(np.maximum(1 - ratios**2 / filters.dof, 1e-9))))
 
@@ -275,7 +276,7 @@ def _significance(view: WhitenedTemplates, residual: Array, column: Array, ampli
     weight, power = (np.abs(x.view(np.complex128)) ** 2 for x in (column, residual))
     dof = max(2 / float(weight @ weight), 1.0)
     variance = float(weight @ power) / 2
-    if not view.own and dof * variance < scipy.special.chdtri(dof, P_LOUDER):
+    if not view.is_own_psd and dof * variance < scipy.special.chdtri(dof, P_LOUDER):
         variance = max(1.0, (dof * variance + NOISE_RUN_DOF) / (dof + NOISE_RUN_DOF))
         dof += NOISE_RUN_DOF
     squared = np.mean(view.window**2) * amplitude**2 / max(variance, 1e-300)

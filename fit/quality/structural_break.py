@@ -108,7 +108,7 @@ class Split:
         Significance over the limit.
     noise_ratio : float
         Median power of the residual of blocks after the instant over that before it.
-    before, after : tuple of ndarray, shapes (K,) and (K, K)
+    sums_before, sums_after : tuple of ndarray, shapes (K,) and (K, K)
         Sums of scores and information over the parts, without `MARGIN` blocks on either side of the instant.
     """
 
@@ -116,15 +116,15 @@ class Split:
     fall: float
     excess: float
     noise_ratio: float
-    before: tuple[Array, Array]
-    after: tuple[Array, Array]
+    sums_before: tuple[Array, Array]
+    sums_after: tuple[Array, Array]
 
     def fall_along(self, effects: Array) -> float:
         """Return by how much chi^2 falls with a change along effects, shape (K, Q), and all else constant."""
-        scores, information = self.after
-        refit = np.linalg.pinv(self.before[1] + information, RANK, hermitian=True)
+        scores, information = self.sums_after
+        refit = np.linalg.pinv(self.sums_before[1] + information, RANK, hermitian=True)
         cross = information @ effects
-        b = effects.T @ scores - cross.T @ refit @ (self.before[0] + scores)
+        b = effects.T @ scores - cross.T @ refit @ (self.sums_before[0] + scores)
         return float(
             b @ np.linalg.pinv(effects.T @ cross - cross.T @ refit @ cross, RANK, hermitian=True) @ b
         )
@@ -191,12 +191,12 @@ def _split(products: RunProducts, n_tests: int) -> Split:
     level = max(1.0, (float(products.power.sum()) - fall) / (products.dof * n_blocks))
     bias = max(noise_ratio, 1 / noise_ratio) if 1 / MAX_NOISE_RATIO < noise_ratio < MAX_NOISE_RATIO else 1.0
     excess = min(fall / level, wald / bias**2) / chi2_limit(FAMILY, max(dof, 1), n_tests)
-    before, after = (
+    sums_before, sums_after = (
         (products.scores[part].sum(axis=0), products.information[part].sum(axis=0))
         for part in (slice(None, max(index - MARGIN, 1)), slice(min(index + MARGIN, n_blocks - 1), None))
     )
     onset = index * products.size / products.fs
-    return Split(onset, fall, excess, noise_ratio, before, after)
+    return Split(onset, fall, excess, noise_ratio, sums_before, sums_after)
 
 
 def _falls(scores: Array, information: Array, share: Array) -> tuple[Array, NDArray[np.bool_]]:
@@ -259,8 +259,8 @@ def _difference(products: RunProducts, index: int) -> tuple[float, float, int, f
 def _segment(products: RunProducts, n_tests: int) -> tuple[float, float, float]:
     """Return the begin [s] of the block without which chi^2 falls most, the fall, and its excess."""
     n_blocks, K = products.scores.shape
-    without = np.eye(K) - products.information
-    steps = np.linalg.solve(without + MIN_SHARE * np.eye(K), products.scores[:, :, None])[:, :, 0]
+    remaining = np.eye(K) - products.information
+    steps = np.linalg.solve(remaining + MIN_SHARE * np.eye(K), products.scores[:, :, None])[:, :, 0]
     falls = products.power + np.sum(products.scores * steps, axis=1)
     peak = int(np.argmax(falls))
     neighbours = np.delete(falls, peak)[max(0, peak - NEIGHBOURS) : peak + NEIGHBOURS]

@@ -42,7 +42,7 @@ class WhitenedTemplates:
         Real and imaginary part of every bin of the whitened residual, of variance 1 where there is but noise.
     Q : ndarray, shape (2 B, K)
         Orthonormal columns that have been projected out of it.
-    own : bool
+    is_own_psd : bool
         Whether S was fitted to this very run.
     known : tuple of Glitch
         Glitches that have been subtracted so far.
@@ -57,7 +57,7 @@ class WhitenedTemplates:
     window: Array
     residual: Array
     Q: Array
-    own: bool
+    is_own_psd: bool
     known: tuple[Glitch, ...]
     n_runs: int = 1
 
@@ -128,19 +128,19 @@ class WhitenedTemplates:
     def _adjoint(self, stretch: slice) -> Array:
         """Return what samples of a series add to its products with the residual and Q, shape (n, 1 + K).
 
-        They are kept some way around the stretch, as glitches that are moved ask for little more.
+        They are kept some way kernel the stretch, as glitches that are moved ask for little more.
         """
-        first, known = self._cached_adjoint.get("", (0, np.empty((0, 0))))
-        if not first <= stretch.start < stretch.stop <= first + len(known):
-            beside, n = stretch.stop - stretch.start, self.window.size
-            first, last = max(0, stretch.start - beside), min(n, stretch.stop + beside)
-            known = np.empty((last - first, 1 + self.Q.shape[1]), order="F")
+        offset, adjoint = self._cached_adjoint.get("", (0, np.empty((0, 0))))
+        if not offset <= stretch.start < stretch.stop <= offset + len(adjoint):
+            length, n = stretch.stop - stretch.start, self.window.size
+            offset, end = max(0, stretch.start - length), min(n, stretch.stop + length)
+            adjoint = np.empty((end - offset, 1 + self.Q.shape[1]), order="F")
             for i, column in enumerate([self.residual, *self.Q.T]):
                 whitened = np.ascontiguousarray(column).view(np.complex128) * self._scale
-                known[:, i] = windowing.inverse_transform(whitened[:, None], 1, n)[first:last, 0]
-            known *= (self.window[first:last] * (n / 2))[:, None]
-            self._cached_adjoint[""] = first, known
-        return known[stretch.start - first : stretch.stop - first]
+                adjoint[:, i] = windowing.inverse_transform(whitened[:, None], 1, n)[offset:end, 0]
+            adjoint *= (self.window[offset:end] * (n / 2))[:, None]
+            self._cached_adjoint[""] = offset, adjoint
+        return adjoint[stretch.start - offset : stretch.stop - offset]
 
     @cached_property
     def _cached_adjoint(self) -> dict[str, tuple[int, Array]]:
@@ -151,9 +151,7 @@ class WhitenedTemplates:
         """Product of whitened impulses, by the samples between them, shape (n,)."""
         n = self.window.size
         squares = np.asarray(1 / self.S, dtype=np.complex128)
-        found = windowing.inverse_transform(squares[:, None], 1, n)[:, 0]
-        found *= n / 2
-        return found
+        return np.asarray(windowing.inverse_transform(squares[:, None], 1, n)[:, 0] * (n / 2))
 
     @cached_property
     def _cached_weights(self) -> dict[int, Array]:
@@ -162,24 +160,24 @@ class WhitenedTemplates:
     def _weights(self, n: int) -> Array:
         """Return the weights of products of transforms of n samples, of which half are zero."""
         if n not in self._cached_weights:
-            around = np.zeros(n)
-            around[: n // 2] = self._kernel[: n // 2]
-            around[n // 2 + 1 :] = around[1 : n // 2][::-1]
-            weights = scipy.fft.rfft(around).real * (2 / n)
+            kernel = np.zeros(n)
+            kernel[: n // 2] = self._kernel[: n // 2]
+            kernel[n // 2 + 1 :] = kernel[1 : n // 2][::-1]
+            weights = scipy.fft.rfft(kernel).real * (2 / n)
             weights[[0, -1]] /= 2  # of n that are even
             self._cached_weights[n] = np.repeat(weights, 2)
         return self._cached_weights[n]
 
-    def seen(self, glitch: Glitch) -> float:
+    def visible_share(self, glitch: Glitch) -> float:
         """Return the share of a glitch that the window leaves, from 0 to 1."""
         series = glitch.series(self.time, self.fs)
         return float(np.linalg.norm(self.window * series) / max(float(np.linalg.norm(series)), 1e-300))
 
-    def residual_without(self, column: Array) -> Array:
+    def remainder(self, column: Array) -> Array:
         """Return the residual without its part along a column, shape (2 B,)."""
         return self.residual - column * float(column @ self.residual)
 
-    def without(self, column: Array) -> "WhitenedTemplates":
+    def project_out(self, column: Array) -> "WhitenedTemplates":
         """Return the run with a further column projected out."""
         Q = np.asfortranarray(np.column_stack([self.Q, column]))
-        return replace(self, residual=self.residual_without(column), Q=Q)
+        return replace(self, residual=self.remainder(column), Q=Q)

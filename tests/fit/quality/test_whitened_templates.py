@@ -19,7 +19,9 @@ def view():
     residual = rng.standard_normal(2 * f.size)
     S = 1 + (3e-3 / f) ** 2 + (f / 0.03) ** 4
     time = 20.0 + np.arange(N) / FS
-    return WhitenedTemplates(time, FS, f, S, window, residual - Q @ (Q.T @ residual), Q, own=False, known=())
+    return WhitenedTemplates(
+        time, FS, f, S, window, residual - Q @ (Q.T @ residual), Q, is_own_psd=False, known=()
+    )
 
 
 def plainly(view, glitch):
@@ -49,13 +51,13 @@ GLITCHES = {
 
 @pytest.mark.parametrize("drawn", GLITCHES.values(), ids=list(GLITCHES))
 def test_amplitudes_are_those_of_whole_columns(view, drawn):
-    glitches = [Glitch(Shape(kind, tau, other), begin) for kind, tau, other, begin in drawn]
+    glitches = [Glitch(Shape(kind, tau, ratio), begin) for kind, tau, ratio, begin in drawn]
     columns = np.array([plainly(view, glitch) for glitch in glitches])
     np.testing.assert_allclose(view.amplitudes(glitches), columns @ view.residual, atol=1e-9)
 
 
 def test_a_glitch_that_is_projected_out_has_no_amplitude(view):
-    glitch, other = (Glitch(Shape("double_exponential", tau), 2000.0) for tau in (30.0, 60.0))
+    glitch, second = (Glitch(Shape("double_exponential", tau), 2000.0) for tau in (30.0, 60.0))
     column = view.column(glitch)
     assert column is not None
-    assert np.isnan(view.without(column).amplitudes([glitch, other])).tolist() == [True, False]
+    assert np.isnan(view.project_out(column).amplitudes([glitch, second])).tolist() == [True, False]
