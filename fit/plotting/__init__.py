@@ -3,6 +3,6 @@
 The only user of matplotlib, imported when a figure is requested.
 """
 
-from fit.plotting.files import Plot, drawn, save, svg, write
+from fit.plotting.files import Plot, draw, write
 
-__all__ = ["Plot", "drawn", "save", "studies", "svg", "write"]
+__all__ = ["Plot", "draw", "studies", "write"]

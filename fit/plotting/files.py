@@ -1,8 +1,10 @@
 """Figures for print as files: SVG, PDF, and CSV with the numbers that are drawn."""
 
+import base64
 import csv
 import io
 import logging
+import os
 import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -10,7 +12,7 @@ from pathlib import Path
 
 import matplotlib as mpl
 import numpy as np
-from matplotlib.figure import Figure as Drawn
+from matplotlib.figure import Figure as MatplotlibFigure
 from numpy.typing import NDArray
 
 from fit.figures import Figure, Matrix
@@ -19,12 +21,13 @@ from fit.parallel import update_progress
 from fit.plotting import matrix, panels
 from fit.plotting.style import STYLE
 
+SCREEN_SCALE = 2.2  # of a figure one column wide in a journal
 logging.getLogger("fontTools").setLevel(logging.WARNING)  # it logs every glyph
 
 
 @dataclass(frozen=True)
 class Plot:
-    """A figure and the numbers it draws.
+    """A figure and the numbers it draws; a notebook shows it.
 
     Attributes
     ----------
@@ -34,33 +37,37 @@ class Plot:
         Of equal length, by name and unit: ``"f [Hz]"``.
     """
 
-    figure: Drawn
+    figure: MatplotlibFigure
     columns: Mapping[str, Sequence[object] | NDArray[np.generic]]
 
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write the figure as it is in the report. The suffix gives the format: pdf, svg or png."""
+        with mpl.rc_context(STYLE):
+            self.figure.savefig(path)
 
-def drawn(figure: Figure) -> Plot:
+    def svg(self) -> str:
+        """Return the figure as an SVG document, the same for the same figure."""
+        with mpl.rc_context(STYLE):
+            text = io.StringIO()
+            self.figure.savefig(text, format="svg", metadata={"Date": None, "Creator": None})
+        # A hundredth of a point is finer than any screen; a third of the file is digits beyond it.
+        return re.sub(r' d="[^"]*"', lambda path: re.sub(r"(\.\d\d)\d+", r"\1", path[0]), text.getvalue())
+
+    def _repr_html_(self) -> str:
+        """Return an image on white, for any colour scheme of the notebook."""
+        data = base64.b64encode(self.svg().encode()).decode()
+        width = round(96 * SCREEN_SCALE * self.figure.get_figwidth())
+        return f'<img src="data:image/svg+xml;base64,{data}" style="width:{width}px;max-width:100%" alt="">'
+
+
+def draw(figure: Figure) -> Plot:
     """Draw a figure in the style of a journal."""
     with mpl.rc_context(STYLE):
-        drawing = matrix.drawn(figure) if isinstance(figure, Matrix) else panels.drawn(figure)
+        drawing = matrix.draw(figure) if isinstance(figure, Matrix) else panels.draw(figure)
     return Plot(drawing, figure.columns)
 
 
-def svg(plot: Plot) -> str:
-    """Return a figure as an SVG document, the same for the same figure."""
-    with mpl.rc_context(STYLE):
-        text = io.StringIO()
-        plot.figure.savefig(text, format="svg", metadata={"Date": None, "Creator": None})
-    # A hundredth of a point is finer than any screen; a third of the file is digits beyond it.
-    return re.sub(r' d="[^"]*"', lambda path: re.sub(r"(\.\d\d)\d+", r"\1", path[0]), text.getvalue())
-
-
-def save(plot: Plot, path: Path) -> None:
-    """Write a figure alone, in the format of the suffix of `path`."""
-    with mpl.rc_context(STYLE):
-        plot.figure.savefig(path)
-
-
-def write(folder: Path, name: str, draw: Callable[..., Plot], *arguments: object) -> None:
+def write(folder: Path, name: str, function: Callable[..., Plot], *arguments: object) -> None:
     """Write NAME.svg, NAME.pdf and NAME.csv, the same bytes for the same arguments.
 
     Progress is reported in three steps of about equal duration.
@@ -69,13 +76,13 @@ def write(folder: Path, name: str, draw: Callable[..., Plot], *arguments: object
     ----------
     folder : Path
         An existing one.
-    draw : callable
+    function : callable
         Called with `arguments` in the style of a journal.
     """
     with mpl.rc_context(STYLE):
-        plot = draw(*arguments)
+        plot = function(*arguments)
         update_progress(1 / 3)
-        document = svg(plot)
+        document = plot.svg()
         update_progress(2 / 3)
         plot.figure.set_layout_engine("none")  # the layout is fixed: the second file is cheaper
         nothing = {"CreationDate": None, "Creator": None, "Producer": None}

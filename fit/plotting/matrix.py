@@ -15,7 +15,7 @@ _LONGEST = 20  # letters of a name at the side of the matrix
 _GAP = 0.06  # between the cells, in cells
 
 
-def drawn(matrix: Matrix) -> Figure:
+def draw(matrix: Matrix) -> Figure:
     """Return a matrix, drawn one column wide."""
     labels = list(map(_label, matrix.names))
     P = len(labels)

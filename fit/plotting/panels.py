@@ -24,7 +24,7 @@ _MARKS: dict[str, Any] = {
 }
 
 
-def drawn(chart: Chart) -> Figure:
+def draw(chart: Chart) -> Figure:
     """Return a chart, drawn: panels one column wide, or a grid of panels."""
     return _grid(chart) if chart.n_across > 1 else _column(chart)
 

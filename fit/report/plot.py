@@ -5,46 +5,23 @@ it draws, with units. `runs` are those of `fit.load`, `results` those of `fit.ca
 name such as ``"A"``. A name that is not there raises an `InputError`.
 """
 
-import base64
-import os
 from collections.abc import Sequence
-from dataclasses import dataclass
-from pathlib import Path
 
 from markupsafe import Markup
 
 from fit.errors import InputError
-from fit.figures import Figure
 from fit.figures import runs as figures_runs
 from fit.figures import stiffness as figures_stiffness
-from fit.plotting import Plot as Drawn
-from fit.plotting import drawn, save, svg
+from fit.plotting import Plot, draw
 from fit.report.experiments import figure_specs, parameters
 from fit.report.stiffness import stiffness_points
 from fit.results import Results
 from fit.telemetry import Telemetry
 
-SCALE = 2.2  # a figure of one column of a journal's page, on a screen
-
-
-@dataclass(frozen=True)
-class Plot(Drawn):
-    """A figure of the report."""
-
-    def save(self, path: str | os.PathLike[str]) -> None:
-        """Write the figure as it is in the report. The suffix gives the format: pdf, svg or png."""
-        save(self, Path(path))
-
-    def _repr_html_(self) -> str:
-        """Return an image on white, for any colour scheme of the notebook."""
-        data = base64.b64encode(svg(self).encode()).decode()
-        width = round(96 * SCALE * self.figure.get_figwidth())
-        return f'<img src="data:image/svg+xml;base64,{data}" style="width:{width}px;max-width:100%" alt="">'
-
 
 def responses(runs: Sequence[Telemetry], experiment: str) -> Plot:
     """Draw the injections, and the responses of o_1, o_12 and f_x_1 (if commanded), against time."""
-    return _draw(figures_runs.responses(_runs(runs, experiment)["sysid"]))
+    return draw(figures_runs.responses(_runs(runs, experiment)["sysid"]))
 
 
 def spectra(results: Results, runs: Sequence[Telemetry], experiment: str) -> Plot:
@@ -69,11 +46,7 @@ def stiffness(results: Results, runs: Sequence[Telemetry], test_mass: int = 2) -
         raise InputError(
             f"no experiment determines omega2_{test_mass} alone, expected at least one with its run"
         )
-    return _draw(figures_stiffness.against_authority(points, results.joint))
-
-
-def _draw(figure: Figure) -> Plot:
-    return Plot(**vars(drawn(figure)))
+    return draw(figures_stiffness.against_authority(points, results.joint))
 
 
 def _runs(runs: Sequence[Telemetry], experiment: str) -> dict[str, Telemetry]:
@@ -94,4 +67,4 @@ def _experiment_plot(results: Results, runs: Sequence[Telemetry], experiment: st
     specs = figure_specs("", experiment, (pair["sysid"], pair.get("noise")), values, warnings)
     (figure,) = (spec.draw() for spec in specs if spec.name.endswith(f"-{name}"))
     assert not isinstance(figure, Markup)
-    return _draw(figure)
+    return draw(figure)

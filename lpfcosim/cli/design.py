@@ -139,7 +139,7 @@ def foresight(plan: Campaign, chosen: Settings) -> Foresight:
 def _draw(found: Design, path: Path) -> None:
     """Draw what tones tell by frequency, with those of the design."""
     from fit.figures import tones
-    from fit.plotting import drawn, save  # takes its time
+    from fit.plotting import draw  # takes its time
 
     frequency = np.geomspace(4e-4, 0.095, 300)
     chosen = [
@@ -147,7 +147,7 @@ def _draw(found: Design, path: Path) -> None:
         for name, of in found.tones.items()
         for tone in of
     ]
-    save(drawn(tones.tones(frequency, telling(found, frequency), chosen)), path)
+    draw(tones.tones(frequency, telling(found, frequency), chosen)).save(path)
 
 
 def _document(

@@ -58,6 +58,6 @@ def _told(names: Iterable[str]) -> str:
 
 def _written(place: Path, name: str, figure: Figure, where: Where) -> None:
     where.rest()  # nothing that hangs
-    from fit.plotting import drawn, write  # takes its time
+    from fit.plotting import draw, write  # takes its time
 
-    write(place, name, drawn, figure)
+    write(place, name, draw, figure)

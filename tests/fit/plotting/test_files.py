@@ -32,7 +32,7 @@ def charts():
 def folder(charts, tmp_path_factory):
     folder = tmp_path_factory.mktemp("figures")
     for name, chart in charts.items():
-        plotting.write(folder, name, plotting.drawn, chart)
+        plotting.write(folder, name, plotting.draw, chart)
     return folder
 
 
@@ -61,7 +61,7 @@ def test_the_table_holds_the_curves(charts, folder, name):
 
 def test_matplotlib_draws_every_curve_where_it_is(charts):
     for chart in charts.values():
-        figure = plotting.drawn(chart).figure
+        figure = plotting.draw(chart).figure
         for ax, panel in zip(figure.axes, chart.panels, strict=True):
             assert (ax.get_xlim(), ax.get_ylim()) == (pytest.approx(panel.across), pytest.approx(panel.up))
             assert panel.y.unit in ax.get_ylabel()
@@ -74,13 +74,13 @@ def test_dates_error_bars_and_grids():
     when = np.array(["2016-04-16T12", "2016-07-01T00"], dtype="datetime64[s]")
     estimate = Estimate(1.0776, 1e-4, "1")
     points = [GainPoint(n, t, 5e-11, estimate) for n, t in zip("AB", when, strict=True)]
-    (ax,) = plotting.drawn(gain.gain_evolution(points, Estimate(1.0775, 1e-5, "1"))).figure.axes
+    (ax,) = plotting.draw(gain.gain_evolution(points, Estimate(1.0775, 1e-5, "1"))).figure.axes
     bars = [segment for c in ax.collections for segment in getattr(c, "get_segments", list)()]
     assert [bar[:, 0].tolist() for bar in bars] == [[16907.5] * 2, [16983.0] * 2]  # days since 1970
     assert bars[0][:, 1] == pytest.approx([1.0775, 1.0777])
     assert "joint fit, ±1 σ" in [text.get_text() for text in ax.get_legend().get_texts()]
     diagnostics = {n: Diagnostics(1.0, 0.03, 0.4, 0.02, 0.075, NORMAL_SCORES.tolist()) for n in "ABCDEFG"}
-    figure = plotting.drawn(mission.quantiles(diagnostics, dict.fromkeys(diagnostics, 4304))).figure
+    figure = plotting.draw(mission.quantiles(diagnostics, dict.fromkeys(diagnostics, 4304))).figure
     assert [ax.get_title(loc="left") for ax in figure.axes if ax.get_visible()] == list(diagnostics)
 
 
@@ -102,7 +102,7 @@ def test_bytes_are_the_same_in_another_process(folder, tmp_path):
         "from fit.report import experiments as r;"
         "from tests.oracles.synthetic import World, of_run, pair;"
         "runs = tuple(pair(World(), 'A', seed=1, drive_1=1e-12));"
-        "[plotting.write(Path(sys.argv[1]), d.name, plotting.drawn, d.draw())"
+        "[plotting.write(Path(sys.argv[1]), d.name, plotting.draw, d.draw())"
         " for d in r.figure_specs('e1', 'A', runs, of_run(World(), 'A'), [])]"
     )
     subprocess.run([sys.executable, "-c", code, str(tmp_path)], check=True)
@@ -113,16 +113,16 @@ def test_bytes_are_the_same_in_another_process(folder, tmp_path):
 def test_long_names_do_not_break_a_figure(tmp_path):
     names = ["lambda_2", "a parameter whose name somebody chose to be as long as this one is $\\frac{"]
     joint = Fit({n: Estimate(1.0, 1.0, "1") for n in names}, np.eye(2), 1.0, 1, True, ())
-    plotting.write(tmp_path, "c", plotting.drawn, mission.correlations(joint))
+    plotting.write(tmp_path, "c", plotting.draw, mission.correlations(joint))
     assert (tmp_path / "c.csv").read_text().splitlines()[1].endswith(",0")
     line = Curve(name="x", label="", role="ink", x=np.arange(3.0), y=np.arange(3.0))
     chart = Chart((Panel(TIME, TIME, (line,), (0, 2), (0, 2), 1.0, names[1]),))
-    assert plotting.svg(plotting.drawn(chart)).startswith("<?xml")
+    assert plotting.draw(chart).svg().startswith("<?xml")
 
 
 def test_subscripts_are_set():
     line = {"name": "x", "role": "ink", "x": np.arange(3.0), "y": np.arange(3.0)}
     marks = tuple(Curve(label=label, **line) for label in ("Δg_x", "g_dΩ", "ω²₂ o₁₂"))
-    (ax,) = plotting.drawn(Chart((Panel(TIME, TIME, marks, (0, 2), (0, 2), 1.0),))).figure.axes
+    (ax,) = plotting.draw(Chart((Panel(TIME, TIME, marks, (0, 2), (0, 2), 1.0),))).figure.axes
     texts = [text.get_text() for text in ax.get_legend().get_texts()]
     assert texts == ["Δg$_{x}$", r"g$_{\dot\Omega}$", "ω²₂ o₁₂"]

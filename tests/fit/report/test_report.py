@@ -386,8 +386,8 @@ def test_a_sum_is_drawn_where_its_parts_are_lost():
 def test_drawing_leaves_no_trace_in_matplotlib():
     settings = dict(mpl.rcParams)
     points = [stiffness.StiffnessPoint("A", 2, F, 1e-12, Estimate(-4e-7, 1e-9, "s-2")) for F in (0.0, 0.0)]
-    plot = plotting.drawn(stiffness.against_authority(points, None))
-    assert plotting.svg(plot).startswith("<?xml")
+    plot = plotting.draw(stiffness.against_authority(points, None))
+    assert plot.svg().startswith("<?xml")
     assert dict(mpl.rcParams) == settings
     code = "import sys, fit.report.page; print('matplotlib' in sys.modules)"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
