@@ -329,6 +329,7 @@ def _of_experiment(
     untested = unit_faults(experiment) if experiment.name in chosen.exclude else ()
     warnings = (
         *campaign.warnings_of(experiment.name),
+        *campaign.notes_of(experiment.name),
         *(warning for fault in untested for warning in fault.single_fit_warnings),
         *campaign.prepared[experiment.name].warnings,
         *fit_quality.of_experiment(experiment, fit_quality.as_fit(judged, [experiment])),

@@ -15,8 +15,9 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from fit.consistency.effects import RunSeries
 from fit.consistency.score_test import ScoreTest
-from fit.consistency.templates import MODEL_TEMPLATES, READOUT_LAG, RunSeries, Template
+from fit.consistency.templates import MODEL_TEMPLATES, READOUT_LAG, Template
 from fit.false_alarms import chi2_limit, p_limit, sigma_limit
 from fit.model import dynamics
 from fit.parallel import parallel_map
@@ -34,7 +35,7 @@ NEIGHBOURS = 60  # bins at most that give the level of the noise around a driven
 MIN_NEIGHBOURS = 8  # half of them below it: the lowest bins have no level, and do not count
 EFFECTIVE = 0.3  # degrees of freedom of that level by those of the driven bins: neighbours are shared
 WIDESPREAD = 1 / 3  # of the runs: a misfit of so many is one of the model
-MIN_RUNS = 3  # with fewer, a fault of one run cannot be distinguished from a lack of the model
+MIN_RUNS = 3  # with a misfit that no template accounts for; fewer may have a fault each
 ACCOUNTED = 0.8  # share of the misfit that a template must account for
 CHANCE = 3.0  # standard deviations of the sum of the power, that noise may make
 INDISTINCT, DELTA_CHI2 = 0.01, 10.0  # share of Delta chi^2, and more, up to which templates are alike
@@ -176,10 +177,8 @@ def model_warnings(experiments: Sequence[Experiment]) -> list[FitWarning]:
     largest = (float(max(f for f, _ in forces)), float(max(f for _, f in forces)))
     runs = parallel_map(lambda e: run_misfit(e, largest), measured, Experiment.samples)
     delays = _delay_warnings(runs)
-    if len(runs) < MIN_RUNS:
-        return delays
     if common := common_effects(runs):
-        return [_template_warning(common, largest), *delays]
+        return [_template_warning(common, largest, len(runs)), *delays]
     limit = p_limit("model", len(runs))
     misfits = [run for run in runs if run.p < limit]
     if len(misfits) >= max(MIN_RUNS, WIDESPREAD * len(runs)):
@@ -292,7 +291,9 @@ def _common_effect(
     )
 
 
-def _template_warning(effects: Sequence[CommonEffect], largest_force: tuple[float, float]) -> FitWarning:
+def _template_warning(
+    effects: Sequence[CommonEffect], largest_force: tuple[float, float], n_runs: int
+) -> FitWarning:
     """Return the warning of the best template and those that the data do not distinguish from it."""
     causes = []
     for effect in effects:
@@ -305,8 +306,9 @@ def _template_warning(effects: Sequence[CommonEffect], largest_force: tuple[floa
         words = " and ".join(cause.words for cause in causes)
         return FitWarning("readout_lag", names, f"{words}; the sigmas do not hold", causes=tuple(causes))
     run = effects[0].run
-    scope = f"shown by {run} alone" if run else "in all runs alike"
-    message = f"{either(causes)}, {scope}; the equation of motion lacks that, and the sigmas do not hold"
+    common = ", in all runs alike" if n_runs > 1 else ""
+    scope = f", shown by {run} alone" if run else common
+    message = f"{either(causes)}{scope}; the equation of motion lacks that, and the sigmas do not hold"
     return FitWarning(MODEL_MISFIT, (), message, causes=tuple(causes))
 
 

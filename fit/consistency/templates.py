@@ -1,81 +1,34 @@
 """The table of templates: faults of one run or of all runs, each as the effect that it has on Delta g.
 
-An effect of unit amount is a series that adds to Delta g. Its amount, and by how much chi^2 falls with it, is
-computed in `score_test`; what the equation already fits is refitted there. Faults that are not linear in
-their amount, and those with a place in the run, are in `corrections`.
+The amount of an effect, and by how much chi^2 falls with it, is computed in `score_test`; what the equation
+already fits is refitted there. Faults that are not linear in their amount, and those with a place in the run,
+are in `corrections`.
 """
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
-import scipy
 from numpy.typing import NDArray
 
+from fit.consistency.effects import (
+    Effect,
+    averaged_read_outs,
+    averaging_time,
+    channel_effect,
+    coefficient_shift,
+    gain_by_force,
+    guidance_leak,
+    late_by_second,
+    late_o_1,
+    nonlinear_read_out,
+    nonlinear_stiffness,
+    parameter_shift,
+)
 from fit.model import dynamics
-from fit.spectra import derivatives
 from fit.warnings import Cause
-from fit.whitening import Run
 
 Array = NDArray[np.float64]
-
-AMPLITUDE = 1e-8  # m, of most injections
-DETREND = 2400.0  # s, over which o_12 is averaged: slow motion is larger by far, and adds no harmonic
-
-
-@dataclass(frozen=True)
-class RunSeries:
-    """A run as templates see it.
-
-    Attributes
-    ----------
-    run : Run
-        Its channels.
-    columns : dynamics.Columns
-        The terms of the equation, M samples long.
-    coefficients : ndarray, shape (K,)
-        Of the columns.
-    largest_force : tuple of float
-        Largest commanded force per unit mass, of either test mass [m s^-2].
-    theta : ndarray, shape (Q,)
-        Parameters of the run; empty where only its coefficients are known.
-    """
-
-    run: Run
-    columns: dynamics.Columns
-    coefficients: Array
-    largest_force: tuple[float, float]
-    theta: Array = field(default_factory=lambda: np.empty(0))
-
-    @property
-    def growth(self) -> Array:
-        """Series from -1/2 to 1/2 over the run, as the channels are sampled, shape (N,)."""
-        time = self.run.channels.time
-        return np.asarray((time - time.mean()) / np.ptp(time))
-
-    def channel(self, name: str) -> Array | None:
-        """Return any channel of the telemetry as the columns are sampled, shape (N,); None without it."""
-        telemetry = self.run.telemetry
-        if name in dynamics.CHANNELS:
-            return np.asarray(getattr(self.run.channels, name))
-        if name not in telemetry.channels:
-            return None
-        taps, factor = derivatives.low_pass(telemetry.fs)
-        return derivatives.preprocess(telemetry.channels[name], telemetry.fs, taps, factor)[0]
-
-    def effect(self, name: str, series: Array) -> Array:
-        """Return what a series added to a channel, shape (N,), adds to Delta g, shape (M,)."""
-        channels, columns = self.run.channels, self.columns
-        if name.startswith("f_x"):
-            j = int(name[-1]) - 1
-            force = dynamics.force(self.run.with_channels({name: series}).channels, j, columns.tau)
-            return np.asarray(force @ self.coefficients[dynamics.FORCES[j]])
-        c = dict(zip(columns.names, self.coefficients.tolist(), strict=True))
-        curvature = derivatives.derivative(series, channels.fs, 2)
-        return np.asarray(c[f"dd{name}"] * curvature + c[name] * series[derivatives.HALF : -derivatives.HALF])
-
-
-Effect = Callable[[RunSeries], Array | None]
 
 
 @dataclass(frozen=True)
@@ -140,109 +93,6 @@ class Template:
         )
         size = 1 + size if self.kind == "clock" else size
         return Cause(run, self.channel, self.kind, size, sigma, self.unit, f"{words}{scope}")
-
-
-def guidance_leak(guidance: str) -> Effect:
-    """Return the effect of a guidance signal that adds to o_12."""
-
-    def effect(run: RunSeries) -> Array | None:
-        signal = run.channel(guidance)
-        return None if signal is None or np.ptp(signal) == 0 else run.effect("o_12", signal)
-
-    return effect
-
-
-def gain_by_force(j: int, dependence: Callable[[Array], Array]) -> Effect:
-    """Return the effect of a commanded force f_j whose gain grows by a function of f_j / largest force."""
-
-    def effect(run: RunSeries) -> Array | None:
-        force, largest = getattr(run.run.channels, f"f_x_{j}"), run.largest_force[j - 1]
-        if not force.any():
-            return None
-        # what acts and is not commanded
-        return -run.effect(f"f_x_{j}", force * dependence(force / largest))
-
-    return effect
-
-
-def channel_effect(channel: str, change: Callable[[RunSeries, Array], Array]) -> Effect:
-    """Return the effect of a channel that differs from what it should be by a change of itself."""
-
-    def effect(run: RunSeries) -> Array | None:
-        series = getattr(run.run.channels, channel)
-        return None if np.ptp(series) == 0 else run.effect(channel, change(run, series))
-
-    return effect
-
-
-def late_by_second(run: RunSeries, series: Array) -> Array:
-    """Return the change of a channel that is late by one second, to first order, shape (N,)."""
-    return -np.gradient(series) * run.run.channels.fs
-
-
-def nonlinear_read_out(run: RunSeries) -> Array:
-    """Return the effect of an o_12 that is too large in proportion to the square of the distance."""
-    channels = run.run.channels
-    size = round(DETREND * channels.fs)
-    fast = channels.o_12 - scipy.ndimage.uniform_filter1d(channels.o_12, size, mode="nearest")
-    return derivatives.derivative(fast * (fast / AMPLITUDE) ** 2, channels.fs, 2)
-
-
-def coefficient_shift(weights: Mapping[str, float], *, drifting: bool = False) -> Effect:
-    """Return the effect of a parameter that differs by one, or grows by one from start to end of a run.
-
-    Parameters
-    ----------
-    weights : mapping of str to float
-        Of the columns that the parameter multiplies in Delta g.
-    drifting : bool
-        Whether the parameter grows about its mean.
-    """
-
-    def effect(run: RunSeries) -> Array:
-        time = run.columns.time
-        growth = (time - time.mean()) / np.ptp(time) if drifting else np.ones_like(time)
-        columns = dict(zip(run.columns.names, run.columns.values.T, strict=True))
-        return np.asarray(-growth * sum(weight * columns[name] for name, weight in weights.items()))
-
-    return effect
-
-
-def parameter_shift(powers: Mapping[str, float]) -> Effect:
-    """Return the effect of parameters that all grow by a factor 1 + amount to some power."""
-
-    def effect(run: RunSeries) -> Array:
-        shift = np.zeros_like(run.theta)
-        for name, power in powers.items():
-            i = dynamics.PARAMETERS.index(name)
-            shift[i] = power * run.theta[i]
-        return np.asarray(-run.columns.values @ (dynamics.gradient(run.theta, run.columns.tau) @ shift))
-
-    return effect
-
-
-def late_o_1(run: RunSeries) -> Array:
-    """Return the effect of an o_1 that is late by one second, to first order."""
-    i = [run.columns.names.index(name) for name in ("o_1", "ddo_1")]
-    return np.asarray(-np.gradient(run.columns.values[:, i] @ run.coefficients[i]) * run.columns.fs)
-
-
-def averaging_time(amount: float, sigma: float) -> tuple[float, float]:
-    """Return T and its sigma [s] for T^2 / 24; not a number for an amount that no average has."""
-    if amount <= 0:
-        return np.nan, np.nan
-    T = float(np.sqrt(24 * amount))
-    return T, 12 * sigma / T
-
-
-def averaged_read_outs(run: RunSeries) -> Array:
-    """Return the effect of read-outs averaged over T, in units of T^2 / 24 [s^2].
-
-    The mean over T of a series x is ``x + T^2/24 x''``, so that the commands are too strong by that.
-    """
-    force = sum(run.columns.values[:, i] @ run.coefficients[i] for i in dynamics.FORCES)
-    curvature = np.gradient(np.gradient(force)) * run.columns.fs**2
-    return np.asarray(-curvature)
 
 
 READOUT_LAG = Template(
@@ -312,6 +162,18 @@ NONLINEAR_READ_OUT = Template(
     "square of the distance",
     nonlinear_read_out,
 )
+NONLINEAR_STIFFNESSES = tuple(
+    Template(
+        "non-linearity",
+        f"omega2_{j}",
+        "s-2",
+        f"the stiffness of test mass {j} is not constant: omega2_{j} differs by {{size:.3g}} ± {{sigma:.1g}} "
+        f"s-2 at 10 nm, in proportion to {dependence}",
+        nonlinear_stiffness(j, power),
+    )
+    for j in (1, 2)
+    for power, dependence in ((1, "the displacement"), (2, "the square of the displacement"))
+)
 AVERAGED_READ_OUTS = Template(
     "averaging",
     "o_1 o_12",
@@ -327,6 +189,7 @@ MODEL_TEMPLATES = (
     *GAINS_BY_FORCE,
     *PARAMETER_DRIFTS,
     NONLINEAR_READ_OUT,
+    *NONLINEAR_STIFFNESSES,
     AVERAGED_READ_OUTS,
 )
 CHANNEL_DRIFTS = tuple(

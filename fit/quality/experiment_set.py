@@ -92,3 +92,7 @@ class ExperimentSet:
             if exclusion.experiment == name
             for w in exclusion.single_fit_warnings
         )
+
+    def notes_of(self, name: str) -> tuple[FitWarning, ...]:
+        """Return the notes of which a cause concerns an experiment, or all of them."""
+        return tuple(note for note in self.notes if any(cause.run in ("", name) for cause in note.causes))

@@ -87,6 +87,20 @@ def test_stiffness_that_drifts_in_all_runs_alike_is_named():
     assert cause.sigma < 2e-8
 
 
+def hardening(time, channels):
+    """What a stiffness of test mass 2 adds that falls by 1e-7 s-2 at 10 nm, with the square of x_2."""
+    x_2 = channels["o_1"] + channels["o_12"]
+    return 0 * time, 0 * time, 1e-7 * x_2 * (x_2 / 1e-8) ** 2
+
+
+@pytest.mark.parametrize("names", [NAMES, ("B4",)])
+def test_stiffness_that_depends_on_the_displacement_is_named(names):
+    (cause,) = causes(every(lambda run: remade(run, hidden=hardening)), names)
+    assert (cause.channel, cause.kind, cause.unit) == ("omega2_2", "non-linearity", "s-2")
+    assert abs(cause.size + 1e-7) < 5 * cause.sigma
+    assert cause.sigma < 1e-8
+
+
 @pytest.mark.parametrize("samples", [1, -1])
 def test_o_1_that_is_late_in_all_runs_of_an_epoch_is_named(samples):
     (warning,) = model_warnings(pair(list(late(samples, "B4", "C4", "D4")(clean(NAMES)).values())))
