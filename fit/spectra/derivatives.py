@@ -5,7 +5,7 @@ windowed data would turn the slope of the window into signal. Window and transfo
 """
 
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from functools import lru_cache
 
 import numpy as np
@@ -116,17 +116,7 @@ def interpolate_gaps(x: Array, fs: float) -> tuple[Array, NDArray[np.bool_]]:
 
 def true_runs(flags: NDArray[np.bool_]) -> NDArray[np.intp]:
     """Return first index and end of every run of True, shape (number of runs, 2)."""
-    return chunked_true_runs([flags])
-
-
-def chunked_true_runs(chunks: Iterable[NDArray[np.bool_]]) -> NDArray[np.intp]:
-    """Return the runs of True of flags that come in chunks, see `true_runs`."""
-    edges, start, previous = [np.zeros(0, dtype=np.intp)], 0, np.zeros(1, dtype=bool)
-    for flags in (chunk for chunk in chunks if chunk.size):
-        edges.append(start + np.flatnonzero(np.diff(flags, prepend=previous)))
-        start, previous = start + flags.size, flags[-1:]
-    edges.append(np.full(int(previous[0]), start))
-    return np.concatenate(edges).reshape(-1, 2)
+    return np.flatnonzero(np.diff(flags, prepend=False, append=False)).reshape(-1, 2)
 
 
 @lru_cache(maxsize=16)
