@@ -116,7 +116,7 @@ def of_student(block, points, _):
 
 @pytest.mark.parametrize(
     ("estimator", "likelihood", "tolerance"),  # two integrals are not quite normal
-    [("gaussian", of_gaussian, 1e-4), ("marginalised", of_levels, 0.03), ("student_t", of_student, 0.1)],
+    [("gaussian", of_gaussian, 1e-4), ("marginalised", of_levels, 0.03), ("student_t", of_student, 0.15)],
 )
 def test_departures_are_integrated_over(experiments, estimator, likelihood, tolerance):
     outcome = fit_joint(experiments, settings({"scatter": ["lambda_2"], "estimator": estimator}))
