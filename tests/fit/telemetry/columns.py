@@ -13,7 +13,7 @@ N = 40
 T, X, Y = np.arange(N) / 2, 1e-9 * np.arange(N) ** 2, -3.0 * np.arange(N)
 OUT = np.column_stack([T, X, Y])
 WHEN = np.datetime64("2016-04-16T14:00:00", "ns") + (1e9 * T).astype("m8[ns]")
-STAMPS = [str(each) for each in WHEN]
+STAMPS = [str(stamp) for stamp in WHEN]
 NAN = float("nan")
 
 

@@ -32,7 +32,9 @@ class Archive:
 
     folder: object
 
-    def convert(self, *, clock='column = "t"', columns=None, run='file = "A.csv"', t0=T0, top="", more=""):
+    def convert(
+        self, *, clock='column = "t"', columns=None, run='file = "A.csv"', t0=T0, top="", attributes=""
+    ):
         """Convert run A; `columns` are what stands for each channel."""
         columns = {name: f'{{ column = "{name}" }}' for name in CHANNELS} | (columns or {})
         lines = "".join(f"{name} = {column}\n" for name, column in columns.items())
@@ -40,7 +42,7 @@ class Archive:
         time = f"[time]\n{clock}\n" if clock else ""
         path = self.folder / "map.toml"
         path.write_text(
-            f'schema = "lpf-map/1"\n{top}\n[attributes]\n{ATTRIBUTES}{more}\n{time}[channels]\n{lines}'
+            f'schema = "lpf-map/1"\n{top}\n[attributes]\n{ATTRIBUTES}{attributes}\n{time}[channels]\n{lines}'
             f'[[runs]]\nrun = "A"\n{run}\n{start}',
             encoding="utf-8",
         )

@@ -241,15 +241,15 @@ def test_missing_samples_of_records(tmp_path, name):
     records = np.zeros(N, kind)
     records["t"], records["x"], records["n"], records["xyz"] = T, X, range(N), OUT[:, 1:]
     records["x"][7], records["n"][9], records["xyz"][11, 1] = -9999, -9999, -9999
-    of_each = np.zeros(1, kind)
-    of_each["t"], of_each["x"], of_each["n"], of_each["xyz"] = 3.5, -9999, 5, [-9999, -9999]
+    markers = np.zeros(1, kind)
+    markers["t"], markers["x"], markers["n"], markers["xyz"] = 3.5, -9999, 5, [-9999, -9999]
     with h5py.File(tmp_path / "a.h5", "w") as file:
         file["one"], file["each"] = records, records
         file["one"].attrs[name] = np.float64(-9999)
-        file["each"].attrs[name] = of_each[["t", "x", "n"]]
+        file["each"].attrs[name] = markers[["t", "x", "n"]]
     columns = read(tmp_path / "a.h5")
-    lost = {k: np.flatnonzero(np.isnan(v)).tolist() for k, v in columns.items() if v.dtype.kind == "f"}
-    assert {k: n for k, n in lost.items() if n} == {
+    missing = {k: np.flatnonzero(np.isnan(v)).tolist() for k, v in columns.items() if v.dtype.kind == "f"}
+    assert {k: n for k, n in missing.items() if n} == {
         "each.n": [5],
         "each.t": [7],
         "each.x": [7],

@@ -90,25 +90,28 @@ LAYOUTS = {
 def columns(path):
     """All columns of an archive that are numbers or texts, with units."""
     with open_table(path, None) as table:
-        found = {}
+        values_by_name = {}
         for name, column in table.columns.items():
-            found[name] = (column.unit, list((table.texts if column.is_text else table.numbers)(name)))
-            assert len(found[name][1]) == column.size
-        return found
+            values_by_name[name] = (
+                column.unit,
+                list((table.texts if column.is_text else table.numbers)(name)),
+            )
+            assert len(values_by_name[name][1]) == column.size
+        return values_by_name
 
 
-def check(found, expected):
-    assert list(found) == list(expected)
+def assert_columns(values_by_name, expected):
+    assert list(values_by_name) == list(expected)
     for name, (unit, values) in expected.items():
-        assert found[name][0] == unit, name
-        np.testing.assert_array_equal(found[name][1], list(values), name)
+        assert values_by_name[name][0] == unit, name
+        np.testing.assert_array_equal(values_by_name[name][1], list(values), name)
 
 
 @pytest.mark.parametrize("layout", LAYOUTS)
 def test_layouts(tmp_path, layout):
     text, expected = LAYOUTS[layout]
     (tmp_path / "a.txt").write_bytes(text.encode())
-    check(columns(tmp_path / "a.txt"), expected)
+    assert_columns(columns(tmp_path / "a.txt"), expected)
 
 
 @pytest.mark.parametrize(
@@ -117,7 +120,7 @@ def test_layouts(tmp_path, layout):
 def test_encodings(tmp_path, encoding):
     (tmp_path / "a.csv").write_bytes(f"t,Länge [µm],y\n{ROWS}".encode(encoding))
     expected = {"t": PLAIN["t"], "Länge [µm]": ("µm", PLAIN["x"][1]), "y": PLAIN["y"]}
-    check(columns(tmp_path / "a.csv"), expected)
+    assert_columns(columns(tmp_path / "a.csv"), expected)
 
 
 @pytest.mark.parametrize(("suffix", "pack"), [("gz", gzip), ("bz2", bz2), ("xz", lzma)])
@@ -142,7 +145,7 @@ def test_long_texts_come_in_blocks(tmp_path, monkeypatch):
     lines = "".join(f"{i},-{i}.5,{STAMPS[i % 3]}\n" for i in range(1050))
     (tmp_path / "a.csv").write_text("n,x,t\n" + lines)
     expected = {"n": (None, range(1050)), "x": (None, [-i - 0.5 for i in range(1050)])}
-    check(columns(tmp_path / "a.csv"), expected | {"t": (None, 350 * STAMPS)})
+    assert_columns(columns(tmp_path / "a.csv"), expected | {"t": (None, 350 * STAMPS)})
 
 
 REFUSALS = {

@@ -13,7 +13,7 @@ PICO = "s,pm,pm,pm/s^2,pm/s^2"
 def written(archive):
     """Write an archive with a line of units, and return what the map says of its columns."""
 
-    def of(units=PICO, unit="", start=0.0, **columns):
+    def write_archive(units=PICO, unit="", start=0.0, **columns):
         values = np.random.default_rng(3).normal(0.0, 1.0, (N, 4))
         rows = np.column_stack([start + np.arange(N) / 10, values]).tolist()
         lines = [",".join(["t", *COLUMNS.values()]), *([units] if units else [])]
@@ -23,7 +23,7 @@ def written(archive):
         named["o_1"] = f'{{ column = "x1"{unit and ", " + unit} }}'
         return {"columns": named}, values[:, 0]
 
-    return of
+    return write_archive
 
 
 @pytest.mark.parametrize(

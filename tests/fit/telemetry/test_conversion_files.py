@@ -19,11 +19,11 @@ def export(folder, channels, change=None):
 
 
 NUMBERED = dict.fromkeys(CHANNELS, "{ column = 2 }")
-EACH = ", ".join(f'{name} = "A_{name}.txt"' for name in CHANNELS)
+FILES_BY_CHANNEL = ", ".join(f'{name} = "A_{name}.txt"' for name in CHANNELS)
 FILES = {
     "template": ('file = "{run}_{channel}.txt"', "column = 1", NUMBERED),
-    "table": (f"file = {{ {EACH}}}", "column = 1", NUMBERED),
-    "table with time": (f'file = {{ {EACH}, time = "A_o_12.txt" }}', "column = 1", NUMBERED),
+    "table": (f"file = {{ {FILES_BY_CHANNEL}}}", "column = 1", NUMBERED),
+    "table with time": (f'file = {{ {FILES_BY_CHANNEL}, time = "A_o_12.txt" }}', "column = 1", NUMBERED),
     "in the channels": (
         'file = "A_o_1.txt"',
         "column = 1",

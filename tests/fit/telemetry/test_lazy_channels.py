@@ -16,20 +16,20 @@ N = 200
 )
 def test_samples_are_the_same_however_they_lie_in_the_file(tmp_path, form):
     path, x = write_contract_file(tmp_path / "plain.h5", samples=N), np.arange(N) / 8
-    with h5py.File(path) as plain, h5py.File(tmp_path / "other.h5", "w", userblock_size=512) as other:
-        other.attrs.update(plain.attrs)
+    with h5py.File(path) as plain, h5py.File(tmp_path / "other.h5", "w", userblock_size=512) as copy:
+        copy.attrs.update(plain.attrs)
         for name in plain:
-            plain.copy(name, other)
-        del other["o_1"]
-        other.create_dataset("o_1", data=x, **form).attrs["units"] = "m"
-    found = read(tmp_path / "other.h5")
-    np.testing.assert_array_equal(found.channels["o_1"], x)
-    np.testing.assert_array_equal(found.time, read(path).time)
+            plain.copy(name, copy)
+        del copy["o_1"]
+        copy.create_dataset("o_1", data=x, **form).attrs["units"] = "m"
+    telemetry = read(tmp_path / "other.h5")
+    np.testing.assert_array_equal(telemetry.channels["o_1"], x)
+    np.testing.assert_array_equal(telemetry.time, read(path).time)
 
 
 @pytest.mark.parametrize("chunks", [None, (64,)])
-@pytest.mark.parametrize("how", ["replaced", "in place"])
-def test_parts_are_those_of_the_file_unless_it_is_written_again(tmp_path, chunks, how):
+@pytest.mark.parametrize("rewriting", ["replaced", "in place"])
+def test_parts_are_those_of_the_file_unless_it_is_written_again(tmp_path, chunks, rewriting):
     """Half of a run from before and half from now would look like one."""
     path, x = write_contract_file(tmp_path / "A1.h5", samples=N), np.arange(N) / 8
     with h5py.File(path, "a") as file:
@@ -41,7 +41,7 @@ def test_parts_are_those_of_the_file_unless_it_is_written_again(tmp_path, chunks
     assert np.array_equal(part.channels["o_1"], x[30:170])
     assert np.array_equal(part.time, np.arange(30, 170) / 10)
     assert part.size == 140
-    if how == "in place":
+    if rewriting == "in place":
         with h5py.File(path, "a") as file:
             file["o_1"][3] = 0.5
     else:

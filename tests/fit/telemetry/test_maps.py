@@ -172,9 +172,9 @@ def test_the_schema_takes_what_the_reader_takes(schema):
 )
 def test_the_schema_sees_what_the_reader_refuses(schema, fault):
     old, new, expected = FAULTS[fault]
-    seen = broken(schema, tomllib.loads(MAP.replace(old, new, 1)))
+    faults = broken(schema, tomllib.loads(MAP.replace(old, new, 1)))
     of_values = ("unit of", "scale of", "run", "no file")
-    assert seen or fault.startswith(of_values), expected
+    assert faults or fault.startswith(of_values), expected
 
 
 def test_the_schema_knows_channels_and_attributes(schema):

@@ -22,19 +22,21 @@ def converted(archive, columns, *, top="", keys="", **units):
     with h5py.File(archive.folder / "A.hdf5", "w") as file:
         for name, values in columns.items():
             file[name] = values
-    more = {"o_12": keys}
+    keys_by_channel = {"o_12": keys}
     described = {
-        name: f'{{ column = "{name}", unit = "{unit}"{more.get(name, "")} }}'
+        name: f'{{ column = "{name}", unit = "{unit}"{keys_by_channel.get(name, "")} }}'
         for name, unit in {**UNITS, **units}.items()
     }
-    return archive.convert(clock="", columns=described, run='file = "A.hdf5"', top=top, more="fs = 10.0")
+    return archive.convert(
+        clock="", columns=described, run='file = "A.hdf5"', top=top, attributes="fs = 10.0"
+    )
 
 
 @pytest.mark.parametrize("marker", [9999.0, -999.9, 32768.0])
 def test_real_samples_near_a_marker_stay(marker):
-    near = marker + np.arange(-50, 50) * 5e-5 * abs(marker) / 9999
-    lost = np.isnan(replace_markers(near, [marker]))
-    assert np.flatnonzero(lost).tolist() == [50]
+    values = marker + np.arange(-50, 50) * 5e-5 * abs(marker) / 9999
+    missing = np.isnan(replace_markers(values, [marker]))
+    assert np.flatnonzero(missing).tolist() == [50]
     assert not np.isnan(
         replace_markers(np.nextafter([marker, marker], [np.inf, -np.inf]) * (1 + 1e-12), [marker])
     ).any()

@@ -135,10 +135,9 @@ def test_the_frame_is_the_one_stated_or_the_one_meant(file):
     for stated in ("towards test mass 1", np.bytes_("towards test mass 2")):
         with h5py.File(file, "a") as h5:
             h5.attrs["x_axis"] = stated
-        told = read(file)
-        assert (
-            told.x_axis == told.root["x_axis"] == (stated.decode() if isinstance(stated, bytes) else stated)
-        )
+        telemetry = read(file)
+        expected = stated.decode() if isinstance(stated, bytes) else stated
+        assert telemetry.x_axis == telemetry.root["x_axis"] == expected
 
 
 @pytest.mark.parametrize("value", ["towards test mass 3", "", 1, np.array([1.0, 2.0])])
@@ -236,14 +235,14 @@ def drift(h5):
 def test_a_time_axis_that_single_precision_rounded_is_exact_again(tmp_path, kind, begin):
     size = 216_000  # 6 h at 10 Hz, where steps are 0.002 s
     path = write_contract_file(tmp_path / "A1.h5", samples=size)
-    wanted = begin + np.arange(size) / 10
+    exact = begin + np.arange(size) / 10
     with h5py.File(path, "a") as h5:
-        replace(h5, "time", wanted.astype("f4").astype(kind), "s")
+        replace(h5, "time", exact.astype("f4").astype(kind), "s")
     loaded = read(path).time
     assert (
-        np.abs(np.diff(wanted.astype("f4").astype("f8")) - 0.1).max() > 1e-3
+        np.abs(np.diff(exact.astype("f4").astype("f8")) - 0.1).max() > 1e-3
     )  # of which the tolerance is 1e-4
-    np.testing.assert_allclose(loaded, wanted, rtol=0, atol=1e-4)
+    np.testing.assert_allclose(loaded, exact, rtol=0, atol=1e-4)
     np.testing.assert_allclose(np.diff(loaded), 0.1, rtol=0, atol=1e-9)
 
 
@@ -324,9 +323,9 @@ def test_two_runs_of_one_name(tmp_path):
         read_all(files)
 
 
-@pytest.mark.parametrize(("name", "what"), [("nowhere", "no such file"), ("", "is a folder")])
-def test_what_is_no_file(tmp_path, name, what):
-    with pytest.raises(InputError, match=f"{what}, expected telemetry"):
+@pytest.mark.parametrize(("name", "description"), [("nowhere", "no such file"), ("", "is a folder")])
+def test_what_is_no_file(tmp_path, name, description):
+    with pytest.raises(InputError, match=f"{description}, expected telemetry"):
         read_all([tmp_path / name])
 
 
@@ -345,7 +344,7 @@ def series(file):
 
 
 @pytest.mark.parametrize(
-    ("fill", "what"),
+    ("fill", "description"),
     [
         (chain, "is the chain of lpfcosim mcmc, expected telemetry; name the files of telemetry alone"),
         (delta_g, "is the calibrated Delta g of run 'A1', by lpfcosim deltag, expected telemetry"),
@@ -353,10 +352,10 @@ def series(file):
         (lambda file: file.attrs.update(schema="lpf-jitter/1"), "attribute schema: 'lpf-jitter/1', expected"),
     ],
 )
-def test_hdf5_that_is_no_telemetry_is_named_for_what_it_is(tmp_path, fill, what):
+def test_hdf5_that_is_no_telemetry_is_named_for_what_it_is(tmp_path, fill, description):
     with h5py.File(tmp_path / "other.h5", "w") as file:
         fill(file)
-    assert what in refusal(tmp_path / "other.h5")
+    assert description in refusal(tmp_path / "other.h5")
 
 
 def test_truth(tmp_path):

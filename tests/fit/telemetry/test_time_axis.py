@@ -9,7 +9,7 @@ from fit.errors import InputError
 from fit.telemetry import time_axis, time_stamps
 
 N = 36000
-LOST = np.delete(np.arange(N + 1), 900)
+SAMPLES = np.delete(np.arange(N + 1), 900)
 
 
 def single(begin):
@@ -27,18 +27,18 @@ def test_a_lost_sample_is_named_whatever_the_rounding(fs, spell, stated):
     rate = fs if stated else None
     exact = time_stamps.read_elapsed("A: t", spell(np.arange(N) / fs), 1.0)
     assert time_axis.fit_grid("A: t", exact, rate)[1] == fs
-    column = time_stamps.read_elapsed("A: t", spell(LOST / fs), 1.0)
+    column = time_stamps.read_elapsed("A: t", spell(SAMPLES / fs), 1.0)
     with pytest.raises(
         InputError, match=r"at sample 900, expected|1 row is absent, first after sample 899"
     ) as refused:
         time_axis.fit_grid("A: t", column, rate)
-    earlier, *later = map(float, re.findall(r"(?:from |to |\()(\S+) s", str(refused.value)))
-    assert earlier == pytest.approx(899 / fs, abs=0.04)
-    assert later == pytest.approx([901 / fs] * len(later), abs=0.04)
+    begin, *end = map(float, re.findall(r"(?:from |to |\()(\S+) s", str(refused.value)))
+    assert begin == pytest.approx(899 / fs, abs=0.04)
+    assert end == pytest.approx([901 / fs] * len(end), abs=0.04)
 
 
 def test_single_precision_is_reported_where_it_loses_samples():
-    column = time_stamps.read_elapsed("A: t", single(1e6)(LOST / 10), 1.0)
+    column = time_stamps.read_elapsed("A: t", single(1e6)(SAMPLES / 10), 1.0)
     with pytest.raises(
         InputError, match=r"A: t: kept in single precision, .* rounded to 0\.0625 s, expected"
     ):
