@@ -165,7 +165,7 @@ def test_added_noise_is_reported_with_its_band(recorded, tmp_path):
     assert note.startswith("delta_g is louder than delta_g_x at ")
     assert note in file.attrs["notes"]
     low, high = np.reshape(file.attrs["louder_bands"], (-1, 2))[0]
-    assert low < 0.3e-3 < high
+    assert low < 0.4e-3 < high
     assert level(file.delta_g.values, low, high) > 1.2 * level(file.delta_g_x.values, low, high)
 
 
