@@ -171,10 +171,8 @@ def _dynamics(telemetries: Sequence[Telemetry], chosen: Settings) -> Results:
     campaign = campaign.with_warnings(noise_adaptation.adapt_to_readout_excess(campaign.usable, chosen))
     single_fits = _fit_each(campaign.experiments, chosen)
     campaign, single_fits = _noises(campaign, single_fits, chosen)
-    warned = ((name, w) for name, p in campaign.prepared.items() for w in p.warnings)
-    misfits = {name: w.message for name, w in warned if w.code == noise_adaptation.MISMATCH}
     progress_stage(0.95)
-    together = _together(campaign, single_fits, chosen, misfits, constrained.parameters)
+    together = _together(campaign, single_fits, chosen, constrained.parameters)
     if together:
         campaign = replace(campaign.exclude(together.left_out), exclusions=together.left_out)
     joint, fits = _judged(campaign, single_fits, together, constrained)
@@ -241,13 +239,12 @@ def _together(
     campaign: ExperimentSet,
     single_fits: Mapping[str, IRLSResult | FitError],
     chosen: Settings,
-    misfits: Mapping[str, str],
     parameters: Mapping[str, ParameterSettings],
 ) -> _Together | None:
     """Fit jointly what agrees, then with what the user says of parameters."""
     if not campaign.in_joint_fit:
         return None
-    agreed = fit_consistent_runs(campaign.in_joint_fit, single_fits, chosen, misfits)
+    agreed = fit_consistent_runs(campaign.in_joint_fit, single_fits, chosen)
     outcome = agreed.outcome
     if any(setting.is_constraint for setting in parameters.values()):
         constrained = chosen.model_copy(update={"parameters": parameters, "scatter": list(outcome.scatter)})

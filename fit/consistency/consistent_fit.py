@@ -89,7 +89,7 @@ class _Selection:
 
 
 def fit_consistent_runs(
-    experiments: Sequence[Experiment], single_fits: SingleFits, settings: Settings, misfits: Mapping[str, str]
+    experiments: Sequence[Experiment], single_fits: SingleFits, settings: Settings
 ) -> ConsistentFit:
     """Fit those experiments jointly that agree.
 
@@ -101,15 +101,13 @@ def fit_consistent_runs(
         The fit of each of them by itself.
     settings : Settings
         Of the fit.
-    misfits : mapping of str to str
-        Experiments that do not obey the equation of motion, and the message about each.
 
     Raises
     ------
     FitError
         If no trustworthy estimate comes out.
     """
-    unusable = _unusable(experiments, misfits)
+    unusable = _unusable(experiments)
     usable = _remove(experiments, unusable)
     unsettled = _unsettled(usable, single_fits)
     converged = _remove(usable, unsettled)
@@ -270,9 +268,9 @@ def _remove(experiments: Sequence[Experiment], left_out: Iterable[Exclusion]) ->
     return [e for e in experiments if e.name not in names]
 
 
-def _unusable(experiments: Sequence[Experiment], misfits: Mapping[str, str]) -> tuple[Exclusion, ...]:
+def _unusable(experiments: Sequence[Experiment]) -> tuple[Exclusion, ...]:
     """Return the experiments that are left out for what each is by itself."""
-    unfit = _minority([_misfit(e, misfits[e.name]) for e in experiments if e.name in misfits], experiments)
+    unfit = _minority([_misfit(e) for e in experiments if e.misfit], experiments)
     rest = _remove(experiments, unfit)
     late = _minority(_late(rest, len(experiments)), rest)
     return (*unfit, *late)
@@ -322,8 +320,8 @@ def _joint_with_unsettled(
     return None if loses or contradicted else joint
 
 
-def _misfit(experiment: Experiment, message: str) -> Exclusion:
-    cause = Cause(experiment.name, "", "misfit", words=message)
+def _misfit(experiment: Experiment) -> Exclusion:
+    cause = Cause(experiment.name, "", "misfit", words=experiment.misfit)
     return Exclusion(experiment.name, (cause,), single_fit_code="", evidence="misfit")
 
 

@@ -101,7 +101,7 @@ def adapt_to_levels(
         else:
             why = "this is no change of the noise: an effect is missing from the model, or a run is invalid"
             message = f"{name}: {departure}; {why}; the sigmas are invalid"
-            adaptations[name] = FitWarning(MISMATCH, (), message), e
+            adaptations[name] = FitWarning(MISMATCH, (), message), replace(e, misfit=message)
     return adaptations
 
 

@@ -36,6 +36,8 @@ class Experiment:
         Bands in which the noise changes within the run, see `fit.fitting.nonstationary_noise`.
     readout_excess : bool
         Whether only the injected signal of o_1 is used, see `fit.fitting.readout_excess_noise`.
+    misfit : str
+        In what the residual of its single fit is no noise; empty where the equation of motion holds.
     """
 
     sysid: Run
@@ -43,6 +45,7 @@ class Experiment:
     marginalised: bool = False
     segment_variances: tuple[tuple[float, float, Array], ...] = ()
     readout_excess: bool = False
+    misfit: str = ""
 
     @property
     def parameters(self) -> tuple[str, ...]:

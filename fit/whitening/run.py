@@ -1,8 +1,7 @@
 """A run, and its spectra at any delay."""
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from copy import copy
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -26,47 +25,53 @@ MAX_DELAY_SHIFT, MAX_DELAY_SHIFT_NOISE = 5e-4, 0.3
 MAX_EXPANSION_ERROR = 1e-4
 
 
+@dataclass
+class _SpectraCache:
+    """Spectra of a run at the first delays that were asked for, and at the latest."""
+
+    initial: Spectra | None = None
+    latest: Spectra | None = None
+
+
+@dataclass(frozen=True, eq=False)
 class Run:
     """A run, and its spectra at any delay.
 
-    Parameters
+    Attributes
     ----------
     telemetry : Telemetry
         The run.
-
-    Attributes
-    ----------
     channels : dynamics.Channels
-        What the equation needs of it.
+        Its channels in the equation of motion, by default those of the telemetry.
     masks : tuple of tuple of float
         Begin and end [s] of every stretch that is masked though its samples are there.
     glitches : tuple of Glitch
-        What is taken out of it, each with an amplitude of its own, and nothing masked.
+        Glitches that are fitted, each with its own amplitude, and projected out.
     free_shapes : bool
-        Whether their begin and times are free as well.
+        Whether their begin and times are fitted as well.
     patches : tuple of tuple of float
-        Which of the masks leave the window as it is, see `spectra.masked_segments`.
+        Masks that leave the window as it is, see `spectra.masked_segments`.
     f_max : float
         End of the fitted band [Hz].
     """
 
-    def __init__(self, telemetry: Telemetry) -> None:
-        self.telemetry = telemetry
-        self.channels = dynamics.channels(telemetry)
-        self.masks: tuple[tuple[float, float], ...] = ()
-        self.glitches: tuple[Glitch, ...] = ()
-        self.free_shapes = False
-        self.f_max = derivatives.F_MAX
-        self.patches: tuple[tuple[float, float], ...] = ()
-        self._first: Spectra | None = None
-        self._last: Spectra | None = None
+    telemetry: Telemetry
+    channels: dynamics.Channels = None  # type: ignore[assignment]  # see __post_init__
+    masks: tuple[tuple[float, float], ...] = ()
+    glitches: tuple[Glitch, ...] = ()
+    free_shapes: bool = False
+    patches: tuple[tuple[float, float], ...] = ()
+    f_max: float = derivatives.F_MAX
+    _cache: _SpectraCache = field(default_factory=_SpectraCache, init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        if self.channels is None:
+            channels = dynamics.channels(self.telemetry)  # type: ignore[unreachable]
+            object.__setattr__(self, "channels", channels)
 
     def limit_band(self, f_max: float) -> "Run":
         """Return the run with another end of the fitted band [Hz], `derivatives.F_MAX` at most."""
-        run = copy(self)
-        run.f_max = f_max
-        run._forget()
-        return run
+        return replace(self, f_max=f_max)
 
     @property
     def band(self) -> tuple[float, float] | None:
@@ -74,14 +79,15 @@ class Run:
         return None if self.f_max >= derivatives.F_MAX else (0.0, self.f_max)
 
     def mask(self, stretches: Sequence[tuple[float, float]]) -> "Run":
-        """Return the run with these stretches [s] masked besides what is masked already."""
-        run, time, valid = copy(self), self.channels.time, self.channels.valid.copy()
+        """Return the run with these stretches [s] masked as well."""
+        time, valid = self.channels.time, self.channels.valid.copy()
         for begin, end in stretches:
             valid &= (time < begin) | (time > end)
-        run.channels = replace(self.channels, valid=valid)
-        run.masks = (*self.masks, *stretches)
-        run._forget()
-        return run
+        return replace(self, channels=replace(self.channels, valid=valid), masks=(*self.masks, *stretches))
+
+    def mask_by_impulses(self, stretches: Sequence[tuple[float, float]]) -> "Run":
+        """Return the run with these stretches [s] masked by patches as well."""
+        return replace(self, masks=(*self.masks, *stretches), patches=(*self.patches, *stretches))
 
     def without_samples(self) -> "Run":
         """Return the run without its samples: every channel is as long, and its largest value throughout."""
@@ -89,67 +95,43 @@ class Run:
         def even(x: Array) -> Array:
             return np.broadcast_to(np.max(np.abs(x)), x.shape)  # one number, however long
 
-        run, telemetry, channels = copy(self), self.telemetry, self.channels
-        run.telemetry = replace(
-            telemetry,
-            time=even(telemetry.time),
-            channels={name: even(x) for name, x in telemetry.channels.items()},
+        def even_mapping(series: Mapping[str, Array]) -> dict[str, Array]:
+            return {name: even(x) for name, x in series.items()}
+
+        series = even_mapping({name: getattr(self.channels, name) for name in ("time", *dynamics.CHANNELS)})
+        valid = np.broadcast_to(np.True_, self.channels.valid.shape)
+        return replace(
+            self,
+            telemetry=replace(
+                self.telemetry,
+                time=even(self.telemetry.time),
+                channels=even_mapping(self.telemetry.channels),
+            ),
+            channels=replace(
+                self.channels, means=even_mapping(self.channels.means), valid=valid, **dict[str, Any](series)
+            ),
         )
-        run.channels = replace(
-            channels,
-            time=even(channels.time),
-            o_1=even(channels.o_1),
-            o_12=even(channels.o_12),
-            f_x_1=even(channels.f_x_1),
-            f_x_2=even(channels.f_x_2),
-            means={name: even(x) for name, x in channels.means.items()},
-            valid=np.broadcast_to(np.True_, channels.valid.shape),
-        )
-        run._forget()
-        return run
 
     def with_channels(self, channels: Mapping[str, Array]) -> "Run":
         """Return the run with other series, shape (N,), in some of the `dynamics.CHANNELS`."""
-        run, changed = copy(self), dict[str, Any](channels)
-        run.channels = replace(self.channels, **changed)
-        run._forget()
-        return run
+        return replace(self, channels=replace(self.channels, **dict[str, Any](channels)))
 
     def with_glitches(self, glitches: Sequence[Glitch]) -> "Run":
-        """Return the run with these glitches to be taken out besides those that are already."""
-        run = copy(self)
-        run.glitches = (*self.glitches, *glitches)
-        run._forget()
-        return run
+        """Return the run with these glitches projected out as well."""
+        return replace(self, glitches=(*self.glitches, *glitches))
 
     def with_free_shapes(self) -> "Run":
-        """Return the run with begin and times of its glitches free, about where they are."""
-        if not self.glitches:
-            return self
-        run = copy(self)
-        run.free_shapes = True
-        run._forget()
-        return run
+        """Return the run with begin and times of its glitches free, about their values."""
+        return replace(self, free_shapes=True) if self.glitches else self
 
     def nuisance_columns(self, time: Array, fs: float) -> Iterator[Array]:
-        """Yield what is taken out at the instants `time` [s], shape (N, G), some at a time."""
-        return (glitch_templates.columns_with_derivatives if self.free_shapes else glitch_templates.columns)(
-            self.glitches, time, fs
-        )
-
-    def mask_by_impulses(self, stretches: Sequence[tuple[float, float]]) -> "Run":
-        """Return the run with these stretches [s] masked by patches besides what is masked already."""
-        run = copy(self)
-        run.masks, run.patches = (*self.masks, *stretches), (*self.patches, *stretches)
-        run._forget()
-        return run
+        """Yield the columns of glitches at the instants `time` [s], shape (N, G), some at a time."""
+        columns = glitch_templates.columns_with_derivatives if self.free_shapes else glitch_templates.columns
+        return columns(self.glitches, time, fs)
 
     def impulses(self, time: Array, fs: float) -> NDArray[np.intp] | None:
         """Return at which of the instants `time` [s] patches have impulses; None without patches."""
         return masked_segments.impulse_samples(self.patches, time, fs) if self.patches else None
-
-    def _forget(self) -> None:
-        self._first = self._last = None
 
     @property
     def n_masked(self) -> int:
@@ -168,24 +150,25 @@ class Run:
         return dynamics.columns(self.channels, tau)
 
     def spectra(self, tau: tuple[float, float], noise: NoiseModel | None = None) -> Spectra:
-        """Return the spectra for delays close to `tau`; they carry the delays they were made with.
+        """Return the spectra expanded about delays close to `tau`, which they carry.
 
-        How close they need be tells the `noise`, where that is known.
+        Where the `noise` is known, it decides how close they need to be.
 
         Raises
         ------
         InputError
             If missing samples leave too little of the run.
         """
-        spectra = self._last
-        if self._first and tau == self._first.tau:  # where every fit begins
-            spectra = self._first
+        spectra = self._cache.latest
+        initial = self._cache.initial
+        if initial and tau == initial.tau:  # where every fit begins
+            spectra = initial
         elif spectra is None:
             spectra = self.transformed(
                 dynamics.column_groups(self.channels, tau), dynamics.blank(self.channels, tau)
             )
             check_coverage(self.telemetry, spectra.window, f"{self.channels.missing} missing samples")
-            self._first = spectra
+            self._cache.initial = spectra
         else:
             for j in self._far_masses(spectra, tau, noise):  # of what does not move, the transforms stay
                 columns, of_force = spectra.columns.copy(order="F"), dynamics.force(self.channels, j, tau)
@@ -195,7 +178,7 @@ class Run:
                 )
                 expanded = (tau[0], spectra.tau[1]) if j == 0 else (spectra.tau[0], tau[1])
                 spectra = replace(spectra, columns=columns, tau=expanded)
-        self._last = spectra
+        self._cache.latest = spectra
         return spectra
 
     def _far_masses(self, spectra: Spectra, tau: tuple[float, float], noise: NoiseModel | None) -> list[int]:
@@ -210,7 +193,7 @@ class Run:
 
     def transformed(self, values: Array | Iterable[Array], terms: dynamics.Columns) -> Spectra:
         """Return the spectra of columns, shape (M, P) or in parts, that lie beside `terms`."""
-        if known := self._first:  # window, and what is projected out, are those of the run
+        if known := self._cache.initial:  # window, and what is projected out, are those of the run
             columns = windowing.windowed_spectra(values, known.window, terms.fs, known.bins)
             return replace(known, columns=columns, tau=terms.tau)
         nuisance_columns = self.nuisance_columns(terms.time, terms.fs)

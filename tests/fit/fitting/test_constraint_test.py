@@ -105,8 +105,8 @@ def test_bounds_are_tested_against_the_data(names, n_bounds, sigmas, side):
     active = np.flatnonzero(expected.active_mask)
     np.testing.assert_allclose(outcome.solution.theta, expected.x, atol=2e-3 * sigma.min())
     assert [c.name for c in test.at_bound] == [names[k] for k in active]
-    beyond = expected.x[active] - 1
-    statistic = beyond @ np.linalg.solve(np.linalg.inv(X.T @ X)[np.ix_(active, active)], beyond)
+    excess = expected.x[active] - 1
+    statistic = excess @ np.linalg.solve(np.linalg.inv(X.T @ X)[np.ix_(active, active)], excess)
     p_value = max(scipy.stats.chi2.sf(statistic, active.size), 1e-300)
     assert test.p_value == pytest.approx(p_value, rel=0.05)
     assert test.is_contradicted == (p_value < false_alarms.p_limit("consistency"))
@@ -117,8 +117,8 @@ def test_bounds_are_tested_against_the_data(names, n_bounds, sigmas, side):
         assert constraint.excess == pytest.approx(sigmas, rel=3e-3)
     at_bound, *contradiction = test.warnings()
     assert at_bound.code == "at_bound"
-    which = "lower" if side > 0 else "upper"
-    assert f"{names[0]} is at its {which} bound {1 + side * sigmas * sigma[0]:.6g}" in at_bound.message
+    side_name = "lower" if side > 0 else "upper"
+    assert f"{names[0]} is at its {side_name} bound {1 + side * sigmas * sigma[0]:.6g}" in at_bound.message
     assert f"{sigmas:.2g} sigma beyond" in at_bound.message
     assert [w.code for w in contradiction] == ["constraint_contradicted"] * test.is_contradicted
     shifts = np.abs(expected.x - 1) / sigma > SHIFT_SIGMA

@@ -86,15 +86,15 @@ def test_constant_and_ramp_are_invisible():
 
 
 def test_exactly_blind_parameter():
-    lost, directions = null_space(np.diag([4.0, 0.0, 100.0]), np.ones(3))
-    assert lost.tolist() == [False, True, False]
+    undetermined, directions = null_space(np.diag([4.0, 0.0, 100.0]), np.ones(3))
+    assert undetermined.tolist() == [False, True, False]
     assert np.allclose(directions, [[0, 1, 0]])
 
 
 def test_weakly_determined_parameter_is_lost_by_its_width():
     H = np.diag([1 / 0.9**2, 1 / 1.1**2])  # sigmas of 0.9 and 1.1 widths
-    lost, directions = null_space(H, np.ones(2))
-    assert lost.tolist() == [False, True]
+    undetermined, directions = null_space(H, np.ones(2))
+    assert undetermined.tolist() == [False, True]
     assert np.allclose(np.abs(directions), [[0, 1]])
     assert null_space(H, np.array([1.0, 1.2]))[0].tolist() == [False, False]
 
@@ -108,8 +108,8 @@ def test_collinear_columns_are_named_together(ratio, noise, strength):
     rng = np.random.default_rng(6)
     a, b = rng.standard_normal((2, 50))
     A = strength * np.stack([a, ratio * a + noise * b, b], axis=1)
-    lost, directions = null_space(A.T @ A, np.ones(3))
-    assert lost.tolist() == [True, True, False]
+    undetermined, directions = null_space(A.T @ A, np.ones(3))
+    assert undetermined.tolist() == [True, True, False]
     (direction,) = directions
     assert np.abs(A @ direction).max() < 1e-6 * strength
     assert np.max(direction) == 1
@@ -118,8 +118,8 @@ def test_collinear_columns_are_named_together(ratio, noise, strength):
 @given(arrays(float, (12, 4), elements=st.floats(-1, 1).map(lambda x: round(x, 3))))
 def test_blind_directions_are_what_the_data_do_not_see(A):
     A = 1e3 * A
-    lost, directions = null_space(A.T @ A, np.ones(4))
-    assert not lost.any() or len(directions)
+    undetermined, directions = null_space(A.T @ A, np.ones(4))
+    assert not undetermined.any() or len(directions)
     for direction in directions:
         assert np.sum((A @ direction) ** 2) < 4 * np.sum(direction**2) + 1e-3
 
@@ -175,10 +175,10 @@ def test_drives_of_test_mass_1_determine_its_gain():
 
 def test_without_a_drive_its_gain_is_in_the_warnings():
     fit = fit_one(pair(World()))
-    lost = [w for w in fit.warnings if w.code == "indeterminable"]
-    assert [w.parameters for w in lost] == [("lambda_1",), ("C_1",)]
-    assert all("no run drives test mass 1" in w.message for w in lost)
-    assert lost[0].combination == {"lambda_1": 1.0}
+    indeterminable = [w for w in fit.warnings if w.code == "indeterminable"]
+    assert [w.parameters for w in indeterminable] == [("lambda_1",), ("C_1",)]
+    assert all("no run drives test mass 1" in w.message for w in indeterminable)
+    assert indeterminable[0].combination == {"lambda_1": 1.0}
     assert fit.covariance.shape == (5, 5)
 
 
@@ -190,19 +190,19 @@ def test_chi2_is_that_of_noise():
 
 
 def test_stronger_noise_than_in_the_noise_run_is_told():
-    loud = World(plateau=8e-15, oms=70e-15)
-    fit = fit_one([telemetry(loud), telemetry(World(), kind="noise")])
+    noisy_world = World(plateau=8e-15, oms=70e-15)
+    fit = fit_one([telemetry(noisy_world), telemetry(World(), kind="noise")])
     assert "marginalised_noise" in {w.code for w in fit.warnings}
 
 
 def test_own_residual_replaces_a_missing_noise_run():
     world = World(bump=10e-15)
     run, noise = pair(world, seed=2)
-    alone, paired = fit_one([run]), fit_one([run, noise])
-    assert "no_noise_run" in {w.code for w in alone.warnings}
+    unpaired, paired = fit_one([run]), fit_one([run, noise])
+    assert "no_noise_run" in {w.code for w in unpaired.warnings}
     for name in NAMES:
-        assert alone.parameters[name].sigma == pytest.approx(paired.parameters[name].sigma, rel=0.25)
-        difference = alone.parameters[name].value - paired.parameters[name].value
+        assert unpaired.parameters[name].sigma == pytest.approx(paired.parameters[name].sigma, rel=0.25)
+        difference = unpaired.parameters[name].value - paired.parameters[name].value
         assert abs(difference) < paired.parameters[name].sigma
 
 
@@ -222,10 +222,10 @@ def test_run_of_a_single_tone_is_known_as_well_as_its_psd():
     plant = thirteen.plant_of(plan, thirteen.TRUTH)
     squares = []
     for seed in range(12):
-        made = replace(thirteen.made("D3", "sysid", seed), duration=6 * 3600.0)
-        made = replace(made, drive=Drive(guidance_12=((1800.0, 1 / 300, 7e-9, 60),)))
+        run_setup = replace(thirteen.made("D3", "sysid", seed), duration=6 * 3600.0)
+        run_setup = replace(run_setup, drive=Drive(guidance_12=((1800.0, 1 / 300, 7e-9, 60),)))
         noise = thirteen.telemetry(thirteen.made("D3", "noise", seed))
-        (experiment,) = whitening.pair([thirteen.telemetry(made), noise])
+        (experiment,) = whitening.pair([thirteen.telemetry(run_setup), noise])
         solution = fit_experiment(experiment).solution
         squares.append(((solution.theta[2] - plant.omega2_2) / solution.sigma[2]) ** 2)
     assert stats.chi2.sf(sum(squares), len(squares)) > 1e-3
@@ -243,14 +243,14 @@ def test_noise_that_creeps_comes_to_rest(monkeypatch):
     campaign = replace(loading.load(ROOT / "campaigns" / "mission-x.toml"), seed=777)
     of_G3 = [r for r in numbered(campaign, 928, redraw=True).runs if r.experiment == "G3"]
     runs = [montecarlo._drawn(r, np.random.default_rng([928, r.seed, *r.name.encode()])) for r in of_G3]
-    found = fit_one(runs)
+    accelerated = fit_one(runs)
     monkeypatch.setattr(weighings, "LATE", 10**6)
     monkeypatch.setattr(irls, "TOLERANCE", 1e-5)
     monkeypatch.setattr(irls, "MAX_ITERATIONS", 300)
-    there = fit_one(runs)
-    assert there.converged
-    for name, estimate in there.parameters.items():
-        assert abs(found[name].value - estimate.value) < 2e-3 * estimate.sigma
+    converged = fit_one(runs)
+    assert converged.converged
+    for name, estimate in converged.parameters.items():
+        assert abs(accelerated[name].value - estimate.value) < 2e-3 * estimate.sigma
 
 
 def test_hardly_unsettled_iteration_is_told(monkeypatch):

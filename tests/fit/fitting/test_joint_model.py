@@ -55,13 +55,17 @@ def driven():
     )
 
     def residual(x):
-        left = U[:, 0] + U[:, 1:] @ model(TRUTH + x * SCALE)
-        return np.concatenate([left.real, left.imag])
+        misfit = U[:, 0] + U[:, 1:] @ model(TRUTH + x * SCALE)
+        return np.concatenate([misfit.real, misfit.imag])
 
-    found = scipy.optimize.least_squares(
+    optimum = scipy.optimize.least_squares(
         residual, np.zeros(7), "3-point", xtol=1e-15, ftol=1e-15, gtol=1e-15, x_scale="jac"
     )
-    return block, TRUTH + found.x * SCALE, np.sqrt(np.diag(np.linalg.inv(found.jac.T @ found.jac))) * SCALE
+    return (
+        block,
+        TRUTH + optimum.x * SCALE,
+        np.sqrt(np.diag(np.linalg.inv(optimum.jac.T @ optimum.jac))) * SCALE,
+    )
 
 
 @pytest.mark.parametrize("away", [0.3, 100.0, 1e5])  # sigma
@@ -93,9 +97,9 @@ def two_runs():
 
 def solved(model, **constraints):
     params = lmfit_params(["a", "b"], np.zeros(2), {})
-    for name, said in constraints.items():
-        params[name].set(**{key: value for key, value in said.items() if key != "prior"})
-        params[name].user_data = said.get("prior")
+    for name, setting in constraints.items():
+        params[name].set(**{key: value for key, value in setting.items() if key != "prior"})
+        params[name].user_data = setting.get("prior")
     return SolvedModel(model, model.fit(params), [Prior(0.0, 100.0)] * 2)
 
 
@@ -111,32 +115,34 @@ def test_narrow_bounds_are_reached(two_runs, offset):
 
 
 def test_result_is_that_of_generalised_least_squares(two_runs):
-    found = solved(two_runs).result
+    result = solved(two_runs).result
     weights = np.linalg.inv(A), np.linalg.inv(B)
     covariance = np.linalg.inv(sum(weights))
     mean = covariance @ (weights[0] @ C_A + weights[1] @ C_B)
-    np.testing.assert_allclose(parameter_values(found.params), mean, rtol=1e-9)
-    np.testing.assert_allclose(found.covar, covariance, rtol=1e-7)
-    np.testing.assert_allclose(two_runs.covariance(found.params), covariance, rtol=1e-9)
+    np.testing.assert_allclose(parameter_values(result.params), mean, rtol=1e-9)
+    np.testing.assert_allclose(result.covar, covariance, rtol=1e-7)
+    np.testing.assert_allclose(two_runs.covariance(result.params), covariance, rtol=1e-9)
     # what two measurements of the same differ by, in units of the covariance of the difference
-    apart = C_A - C_B
-    assert found.chisqr == pytest.approx(apart @ np.linalg.solve(A + B, apart))
-    assert found.nfree == 2
-    assert found.uvars["a"].std_dev == pytest.approx(covariance[0, 0] ** 0.5, rel=1e-6)
-    assert "+/-" in lmfit.fit_report(found)
+    difference = C_A - C_B
+    assert result.chisqr == pytest.approx(difference @ np.linalg.solve(A + B, difference))
+    assert result.nfree == 2
+    assert result.uvars["a"].std_dev == pytest.approx(covariance[0, 0] ** 0.5, rel=1e-6)
+    assert "+/-" in lmfit.fit_report(result)
 
 
 def test_confidence_intervals_are_those_of_a_normal_distribution(two_runs):
-    found = solved(two_runs)
-    intervals = lmfit.conf_interval(found.minimizer, found.result, sigmas=[1, 2, 3], prob_func=fit.delta_chi2)
+    solution = solved(two_runs)
+    intervals = lmfit.conf_interval(
+        solution.minimizer, solution.result, sigmas=[1, 2, 3], prob_func=fit.delta_chi2
+    )
     for name, limits in intervals.items():
-        p = found.result.params[name]
+        p = solution.result.params[name]
         away = [(value - p.value) / p.stderr for _, value in limits]
         np.testing.assert_allclose(away, [-3, -2, -1, 0, 1, 2, 3], atol=0.01)
     for sigma in (0.5, 1, 2.5):
-        best, fixed = found.result, found.result.params.copy()
-        fixed["b"].set(value=best.params["b"].value + sigma * best.params["b"].stderr, vary=False)
-        assert fit.delta_chi2(best, found.refit(fixed)) == pytest.approx(math.erf(sigma / 2**0.5))
+        optimum, fixed = solution.result, solution.result.params.copy()
+        fixed["b"].set(value=optimum.params["b"].value + sigma * optimum.params["b"].stderr, vary=False)
+        assert fit.delta_chi2(optimum, solution.refit(fixed)) == pytest.approx(math.erf(sigma / 2**0.5))
 
 
 def test_fixed_tied_and_known_parameters_are_those_of_the_closed_form(two_runs):
@@ -164,9 +170,9 @@ def test_a_tie_that_bends_has_the_minimum_that_a_search_finds(two_runs):
         x = np.array([a, np.exp(a) / 2])
         return sum((x - c) @ np.linalg.solve(V, x - c) for c, V in ((C_A, A), (C_B, B)))
 
-    found = scipy.optimize.minimize_scalar(chi2, bounds=(0, 3), options={"xatol": 1e-10})
-    assert tied.params["a"].value == pytest.approx(found.x, abs=1e-6)
-    assert tied.chisqr == pytest.approx(found.fun)
+    optimum = scipy.optimize.minimize_scalar(chi2, bounds=(0, 3), options={"xatol": 1e-10})
+    assert tied.params["a"].value == pytest.approx(optimum.x, abs=1e-6)
+    assert tied.chisqr == pytest.approx(optimum.fun)
 
 
 def test_a_bound_holds_wherever_the_fit_starts(two_runs):
@@ -184,9 +190,9 @@ def test_a_bound_holds_wherever_the_fit_starts(two_runs):
 
 
 def test_without_a_run_the_other_one_is_left(two_runs):
-    found = solved(two_runs).exclude("A")
-    np.testing.assert_allclose(parameter_values(found.params), C_B, rtol=1e-8)
-    assert found.chisqr == pytest.approx(0, abs=1e-12)
+    result = solved(two_runs).exclude("A")
+    np.testing.assert_allclose(parameter_values(result.params), C_B, rtol=1e-8)
+    assert result.chisqr == pytest.approx(0, abs=1e-12)
     with pytest.raises(InputError, match="no experiment of this fit"):
         solved(two_runs).exclude("D")
     nothing = solved(two_runs).exclude("A", "B").params  # is left but the weak priors
@@ -203,8 +209,8 @@ def test_directions_a_run_does_not_determine_are_no_rows(driven):
     still[:, 3:5] = 0  # test mass 1 is not driven
     estimate = run_estimate("A", whitened_run.WhitenedRun(TAU, still, block.weights, None, np.eye(7)))
     assert estimate.root.shape == (5, 7)
-    at_best = np.concatenate([[1.0], estimate.c])
-    left = np.concatenate([(still @ at_best).real, (still @ at_best).imag])
+    coefficients = np.concatenate([[1.0], estimate.c])
+    remainder = np.concatenate([(still @ coefficients).real, (still @ coefficients).imag])
     full = np.concatenate([still[:, 1:].real, still[:, 1:].imag])
-    scores = full.T @ left / np.maximum(np.linalg.norm(full, axis=0), 1e-300)
+    scores = full.T @ remainder / np.maximum(np.linalg.norm(full, axis=0), 1e-300)
     np.testing.assert_allclose(scores, 0, atol=1e-6)

@@ -15,12 +15,12 @@ from fit.whitening.run import Run
 from tests.oracles.synthetic import World, telemetry
 
 
-def experiment(louder=1.0, seed=0):
+def experiment(factor=1.0, seed=0):
     """Make an experiment whose noise grows by a factor in the last quarter of the run."""
     run = telemetry(World(), seed=seed)
-    if louder > 1:
+    if factor > 1:
         other = telemetry(
-            World(plateau=4e-15 * louder, tail=1.5e-14 * louder, oms=35e-15 * louder), seed=seed
+            World(plateau=4e-15 * factor, tail=1.5e-14 * factor, oms=35e-15 * factor), seed=seed
         )
         late = run.time > 0.75 * run.time[-1]
         o_12 = run.channels["o_12"] + np.where(late, other.channels["o_12"] - run.channels["o_12"], 0.0)
@@ -36,7 +36,7 @@ def test_steady_noise_is_steady():
 
 
 def test_noise_that_grows_is_seen_where_it_grows():
-    e = experiment(louder=3.0)
+    e = experiment(factor=3.0)
     steps = segment_variances(e, fit_experiment(e))
     assert steps
     for _, _, power in steps:
@@ -55,29 +55,29 @@ def test_scores_of_noise_in_steps_have_the_covariance_told():
     sigma = np.sqrt(power[t * 4 // n])
 
     def block(columns):
-        found = windowing.transform(columns, np.ones(n, dtype=bool), fs)
-        U, _ = whitened_run.whiten(found, np.full(found.f.size, 2.0))  # the PSD of unit variance at 1 Hz
-        w = weights("gaussian", found.f, np.full(len(U), 2.0))
-        return whitened_run.WhitenedRun((0, 0), U, w, found.window, np.eye(columns.shape[1])), found.f
+        spectra = windowing.transform(columns, np.ones(n, dtype=bool), fs)
+        U, _ = whitened_run.whiten(spectra, np.full(spectra.f.size, 2.0))  # the PSD of unit variance at 1 Hz
+        w = weights("gaussian", spectra.f, np.full(len(U), 2.0))
+        return whitened_run.WhitenedRun((0, 0), U, w, spectra.window, np.eye(columns.shape[1])), spectra.f
 
     run, f = block(signals)
     w2 = np.bincount(t[: run.window.size] * 4 // run.window.size, run.window**2)
     relative = power / (power @ w2 / w2.sum())
-    told = with_segment_variances(replace(run, f=f), ((0.0, 1.0, relative),)).M
+    M = with_segment_variances(replace(run, f=f), ((0.0, 1.0, relative),)).M
     drawn = []
     for _ in range(2000):
         noise, _ = block((sigma * rng.standard_normal(n))[:, None])
         z = noise.columns[:, 0] / np.sqrt(power @ w2 / w2.sum())
         drawn.append((run.columns.conj() * z[:, None]).real.sum(axis=0))
     expected = np.mean(np.square(drawn), axis=0)
-    assert np.diag(told) == pytest.approx(expected, rel=5 * np.sqrt(2 / 2000))
+    assert np.diag(M) == pytest.approx(expected, rel=5 * np.sqrt(2 / 2000))
     assert np.diag(run.M) != pytest.approx(expected, rel=0.3)
 
 
 def test_the_sigma_follows_the_noise_where_the_signal_is():
-    e = experiment(louder=3.0)
+    e = experiment(factor=3.0)
     plain = fit_experiment(e)
     steps = segment_variances(e, plain)
-    told = fit_experiment(replace(e, segment_variances=steps))
-    assert told.solution.theta == pytest.approx(plain.solution.theta, rel=1e-9)
-    assert not np.allclose(told.whitened_runs[0].M, plain.whitened_runs[0].M, rtol=0.05)
+    adapted = fit_experiment(replace(e, segment_variances=steps))
+    assert adapted.solution.theta == pytest.approx(plain.solution.theta, rel=1e-9)
+    assert not np.allclose(adapted.whitened_runs[0].M, plain.whitened_runs[0].M, rtol=0.05)

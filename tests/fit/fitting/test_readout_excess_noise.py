@@ -21,9 +21,9 @@ TRUTH = thirteen.TRUTH["delta_ifo_4"]
 
 def runs(name="B4", noisy=0.0, thruster=1.0, seed=0):
     """Make an experiment with noise [m Hz^-1/2] added to o_1, or with louder thrusters."""
-    how = thirteen.made(name, "sysid", seed)
-    how = replace(how, noise=replace(how.noise, thruster=thruster * how.noise.thruster))
-    sysid = thirteen.telemetry(how)
+    setup = thirteen.made(name, "sysid", seed)
+    setup = replace(setup, noise=replace(setup.noise, thruster=thruster * setup.noise.thruster))
+    sysid = thirteen.telemetry(setup)
     draw = np.random.default_rng([seed, 1]).standard_normal(sysid.time.size)
     o_1 = sysid.channels["o_1"] + noisy * np.sqrt(sysid.fs / 2) * draw
     noise = thirteen.telemetry(thirteen.made(name, "noise", seed))
@@ -34,10 +34,10 @@ def experiment(*args, **kwargs):
     return Experiment(*map(Run, runs(*args, **kwargs)))
 
 
-def delta_ifo(found):
+def delta_ifo(fit):
     """Return estimate and sigma."""
-    at = [p.name for p in found.parameters].index("delta_ifo")
-    return found.solution.theta[at], found.solution.sigma[at]
+    index = [p.name for p in fit.parameters].index("delta_ifo")
+    return fit.solution.theta[index], fit.solution.sigma[index]
 
 
 def test_runs_like_their_noise_runs_are_not_louder():
@@ -50,8 +50,8 @@ def test_runs_like_their_noise_runs_are_not_louder():
 
 @pytest.mark.stat
 def test_the_ratio_of_powers_has_its_sigma():
-    found = [readout_excess(experiment(name, seed=seed)) for name in ("A1", "E3", "C4") for seed in (3, 4)]
-    pulls = [(ratio - 1) / sigma for ratio, sigma in found]
+    ratios = [readout_excess(experiment(name, seed=seed)) for name in ("A1", "E3", "C4") for seed in (3, 4)]
+    pulls = [(ratio - 1) / sigma for ratio, sigma in ratios]
     assert max(map(abs, pulls)) < 4  # false positives 4e-4
     assert (
         0.3 < np.std(pulls) < 2
@@ -89,8 +89,8 @@ def test_a_calibration_says_so_stays_sound_and_is_repeated():
     fit = results.experiments["B4"]
     assert [w.message.split(":")[0] for w in fit.warnings if w.code == "readout_excess_noise"] == ["B4"]
     assert not fit.unsound
-    found = fit.parameters["delta_ifo"]
-    assert abs(found.value - TRUTH) < 3 * found.sigma
+    estimate = fit.parameters["delta_ifo"]
+    assert abs(estimate.value - TRUTH) < 3 * estimate.sigma
     refit(results, telemetries, Path("results.json"))  # refuses what does not come out alike
 
 

@@ -12,22 +12,22 @@ def test_slower_noise_that_was_left_alone_is_heard_again_only_when_much_louder()
     f, slow = np.arange(1, 2161) / 21600, np.arange(1, 9) / 216000
 
     def run(f, power):
-        told = np.stack([power, np.ones(f.size)])
-        return SimpleNamespace(terms=SimpleNamespace(f=f), power=lambda _, first=None: told[:, :first])
+        spectrum = np.stack([power, np.ones(f.size)])
+        return SimpleNamespace(terms=SimpleNamespace(f=f), power=lambda _, n_bins=None: spectrum[:, :n_bins])
 
-    without = fit_residual_noise(run(f, np.ones(f.size)), None)
+    shorter = fit_residual_noise(run(f, np.ones(f.size)), None)
 
     def weighed(times, previous):
-        longer = run(slow, times * without.expected(slow))
+        longer = run(slow, times * shorter.expected(slow))
         return fit_residual_noise(run(f, np.ones(f.size)), previous, longer)
 
-    def heard(times, previous):
+    def is_used(times, previous):
         return bool(weighed(times, previous).n_below)
 
     by_it = weighed(9.0, None)
-    assert [heard(times, without) for times in (0.5, 1.5, 3.0)] == [False, False, True]
-    assert [heard(times, by_it) for times in (0.5, 1.5, 3.0)] == [False, True, True]
-    assert [heard(times, None) for times in (0.5, 1.5, 3.0)] == [False, True, True]
+    assert [is_used(times, shorter) for times in (0.5, 1.5, 3.0)] == [False, False, True]
+    assert [is_used(times, by_it) for times in (0.5, 1.5, 3.0)] == [False, True, True]
+    assert [is_used(times, None) for times in (0.5, 1.5, 3.0)] == [False, True, True]
 
 
 def test_slower_noise_that_is_heard_a_second_time_stays():
@@ -38,11 +38,11 @@ def test_slower_noise_that_is_heard_a_second_time_stays():
         return SimpleNamespace(terms=SimpleNamespace(f=f), power=power)
 
     quick = run(f, lambda _: np.ones((2, f.size)))
-    without = fit_residual_noise(quick, None)
+    shorter = fit_residual_noise(quick, None)
 
-    def of_slow(previous, first):
+    def of_slow(previous, n_bins):
         times = 0.5 if previous and previous.n_below else 3.0
-        return np.stack([times * without.expected(slow), np.ones(slow.size)])
+        return np.stack([times * shorter.expected(slow), np.ones(slow.size)])
 
     models, model = [], None
     for _ in range(6):

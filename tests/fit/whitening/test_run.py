@@ -22,24 +22,24 @@ def flat(S):
 
 def test_what_noise_hides_is_not_delayed_anew(telemetry):
     run, later = Run(telemetry), (DELAYS[0], DELAYS[1] + 0.02)
-    begun = run.spectra(DELAYS)
-    assert run.spectra(later, flat(1e-12)) is begun
-    assert run.spectra(later, flat(1e-40)) is not begun
+    initial = run.spectra(DELAYS)
+    assert run.spectra(later, flat(1e-12)) is initial
+    assert run.spectra(later, flat(1e-40)) is not initial
 
 
 def test_only_the_force_whose_delay_moved_is_delayed_anew(telemetry):
     run, (tau_1, tau_2) = Run(telemetry), DELAYS
     run.spectra(DELAYS)
-    moved = run.spectra((tau_1 + 1e-4, tau_2 + 0.02), flat(1e-40))
-    assert moved.tau == (tau_1, tau_2 + 0.02)
-    np.testing.assert_array_equal(moved.columns, Run(telemetry).spectra(moved.tau).columns)
+    spectra = run.spectra((tau_1 + 1e-4, tau_2 + 0.02), flat(1e-40))
+    assert spectra.tau == (tau_1, tau_2 + 0.02)
+    np.testing.assert_array_equal(spectra.columns, Run(telemetry).spectra(spectra.tau).columns)
 
 
 def test_what_is_left_out_is_told_by_bins(telemetry):
     # 1e-4 of the noise in the loudest bin, by the term after the linear one
-    run, by = Run(telemetry), 0.02
-    begun = run.spectra(DELAYS)
-    left_out = (np.abs(begun.columns[:, 1]) * (2 * np.pi * begun.f * by) ** 2 / 2).max()
-    later = (DELAYS[0], DELAYS[1] + by)
-    assert run.spectra(later, flat((1.01e4 * left_out) ** 2)) is begun
-    assert run.spectra(later, flat((0.99e4 * left_out) ** 2)) is not begun
+    run, seconds = Run(telemetry), 0.02
+    initial = run.spectra(DELAYS)
+    left_out = (np.abs(initial.columns[:, 1]) * (2 * np.pi * initial.f * seconds) ** 2 / 2).max()
+    later = (DELAYS[0], DELAYS[1] + seconds)
+    assert run.spectra(later, flat((1.01e4 * left_out) ** 2)) is initial
+    assert run.spectra(later, flat((0.99e4 * left_out) ** 2)) is not initial
