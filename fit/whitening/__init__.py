@@ -1,7 +1,7 @@
-"""Weighing: runs as whitened, weighted least squares.
+"""Whitening: runs as whitened, weighted least squares.
 
 Runs are paired with their noise runs, become spectra of the model's columns at any delay, and are whitened by
-the noise PSD that the partner tells. A block holds all of chi^2 of a run in a small triangle.
+the PSD of the noise run. A `WhitenedRun` holds all of chi^2 of a run in a small triangle.
 """
 
 from fit.whitening.experiment import Experiment, divide, pair
