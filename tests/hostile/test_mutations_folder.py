@@ -115,7 +115,7 @@ def test_names_of_experiments(tmp_path, name):
         runs = refit.read_all(paths, trusted=True)
         results = calibrate(runs)
         report.write_report(folder, results, runs)
-        names.extend(drawing.name for drawing in report.drawings(results, runs))
+        names.extend(figure.name for figure in report.figure_specs(results, runs))
 
     said = survives(work, folder / "telemetry" / "x", name)
     assert (said is None) == (name.isprintable() and len(name) <= 100)
@@ -143,7 +143,7 @@ def test_what_other_commands_left(copied, document, cases):
         }
         path = copied / document
         path.write_text(json.dumps(value if n % 3 else hostile(rng)))
-        survives(lambda: report.report_sampling.sections(results, copied), path, f"{document} {n}")
+        survives(lambda: report.sampling.sections(results, copied), path, f"{document} {n}")
 
 
 LOG = [{"number": k, "estimates": {"C_2": [0.1 * k, 1e-3]}} for k in range(5)]
