@@ -132,8 +132,9 @@ def _fingerprint(channel: str, indexed_run: tuple[int, Run]) -> _Fingerprint | N
     norm = float(np.linalg.norm(powers))
     if not norm > 0:  # simulated without noise
         return None
-    # the median of a power is ln 2 of its mean
-    asd = math.sqrt(2 * float(np.median(level)) / (math.log(2) * x.size * fs))
+    # the median of blocks: an injection begins or ends in few of them
+    f, psd = scipy.signal.welch(np.clip(x, -limit, limit), fs, nperseg=BLOCK, average="median")
+    asd = math.sqrt(float(np.median(psd[(f >= BAND[0]) & (f <= BAND[1])])))
     return _Fingerprint(n, fs, x.size, asd, bins, (powers / norm).astype(np.float32))
 
 
