@@ -20,7 +20,7 @@ from fit.forecasting import coverage
 from fit.results import Results, results_file, telemetry_files
 from fit.settings import ParameterSettings, refuse_fmu_parameters, settings
 from fit.tables import notebook  # noqa: F401 - for how what is returned shows itself
-from fit.telemetry import Telemetry, conversion, read_all
+from fit.telemetry import Telemetry, archive_conversion, read_all
 
 if TYPE_CHECKING:
     import lmfit
@@ -50,10 +50,10 @@ def load(paths: PathLike | Iterable[PathLike], folder: PathLike | None = None) -
         was expected.
     """
     files = _paths(paths)
-    maps = [path for path in files if conversion.is_map(path)]
+    maps = [path for path in files if archive_conversion.is_map(path)]
     if maps:
         converted = Path(folder) if folder is not None else Path(maps[0].stem) / "telemetry"
-        files = conversion.convert(files, converted, any_gaps=False)
+        files = archive_conversion.convert(files, converted, any_gaps=False)
     return read_all(telemetry_files(files))
 
 

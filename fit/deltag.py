@@ -33,7 +33,7 @@ from numpy.typing import NDArray
 
 from fit.crosstalk import centrifugal, crosstalk_fit, euler_fit
 from fit.errors import InputError
-from fit.model import Dynamics, dynamics, dynamics_of, inertial, rate, rotation, separation
+from fit.model import Dynamics, angular_rate, dynamics, dynamics_of, inertial_forces, rotation, separation
 from fit.parallel import update_progress
 from fit.results import Fit, Results, check_frame, sound_joint
 from fit.spectra import Excess, derivatives
@@ -71,7 +71,7 @@ class Rotation:
 
     sources: rotation.Sources
     reference: Array | None
-    slow: rate.Slow
+    slow: angular_rate.Slow
 
 
 @dataclass(frozen=True)
@@ -261,7 +261,7 @@ class _Product:
 
     def stretches(self) -> Iterator[tuple[Array, dict[str, Array]]]:
         """Yield time and channels, stretch by stretch."""
-        corrections, integral = self._corrections, rate.Integral(self.fs)
+        corrections, integral = self._corrections, angular_rate.Integral(self.fs)
         for stretch, output in self._file_stretches():
             time, channels = _delta_g_x(stretch, output, self._dynamics)
             if corrections.cross_talk is not None:
@@ -273,12 +273,12 @@ class _Product:
                     stretch, corrections.rotation.sources, corrections.rotation.reference
                 )
                 part = motion.part(output)
-                Omega = rate.rate(part, corrections.rotation.slow, integral)
+                Omega = angular_rate.rate(part, corrections.rotation.slow, integral)
                 d = separation(stretch.x_axis)
-                channels["g_Omega"] = np.where(part.valid, inertial.g_Omega(Omega, d), np.nan)
+                channels["g_Omega"] = np.where(part.valid, inertial_forces.g_Omega(Omega, d), np.nan)
                 if corrections.euler is not None:
                     g_dOmega = corrections.filtered_euler(
-                        inertial.euler(motion.dOmega, d) @ corrections.euler, self.fs
+                        inertial_forces.euler(motion.dOmega, d) @ corrections.euler, self.fs
                     )
                     channels["g_dOmega"] = np.where(motion.valid, g_dOmega, np.nan)[output]
             channels["delta_g"] = np.sum([channels[name] for name in SUMS if name in channels], axis=0)
@@ -309,7 +309,7 @@ class _Product:
         )
         start = head.time[0] + self._reach / 2 / head.fs
         end = start + (self.n_outputs - 1) / self.fs
-        return Rotation(sources, reference, rate.slow_rate(head.path, motions, start, end))
+        return Rotation(sources, reference, angular_rate.slow_rate(head.path, motions, start, end))
 
 
 def _corrections(head: Telemetry, results: Results, turning: Rotation | None) -> Corrections:

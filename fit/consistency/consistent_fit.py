@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from fit.consistency.consistency_test import ConsistencyTest, consistency_test
-from fit.consistency.exclusion_causes import contradiction_exclusions
+from fit.consistency.likely_causes import contradiction_exclusions
 from fit.consistency.model_misfit import readout_lag
 from fit.consistency.outlier_runs import (
     LEVERAGE,

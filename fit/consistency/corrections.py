@@ -12,10 +12,10 @@ import scipy
 from numpy.typing import NDArray
 
 from fit.consistency import scans
-from fit.consistency.effects import late_by_second
+from fit.consistency.fault_templates import RUN_TEMPLATES
 from fit.consistency.run_test import BLOCK, MAX_LEVEL_CHANGE, Correction, RunTest
 from fit.consistency.score_test import ScoreTestResult
-from fit.consistency.templates import RUN_TEMPLATES
+from fit.consistency.template_effects import late_by_second
 from fit.false_alarms import p_limit
 from fit.model import dynamics
 from fit.parameters import M_TM

@@ -14,9 +14,9 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from fit.consistency.effects import RunSeries
 from fit.consistency.scans import as_complex
 from fit.consistency.score_test import ScoreTest
+from fit.consistency.template_effects import RunSeries
 from fit.false_alarms import p_limit
 from fit.fitting import IRLSResult
 from fit.model import Sharing, dynamics

@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 from fit.crosstalk import attenuation, drift
 from fit.crosstalk.attenuation import AttenuationCorrected
 from fit.fitting import IRLSResult
-from fit.model import Sharing, dynamics, inertial
+from fit.model import Sharing, dynamics, inertial_forces
 from fit.quality import indeterminable, report
 from fit.results import Fit, Results
 from fit.warnings import FitWarning
@@ -36,7 +36,7 @@ Array = NDArray[np.float64]
 
 COEFFICIENTS = tuple(name for name in dynamics.CROSS_TALK if name.startswith("b_"))
 SEPARATED, INCLUDED = "euler_separated", "euler_included"
-_TURNED = inertial.along(inertial.BASELINE).keys()
+_TURNED = inertial_forces.along(inertial_forces.BASELINE).keys()
 
 
 def cross_talk(
@@ -124,7 +124,7 @@ def without_euler(results: Results, epoch: str) -> dict[str, float]:
 def _euler_of(results: Results, epoch: str) -> tuple[Mapping[str, float], float]:
     """Return the misalignment that the runs of an epoch have, empty if it is not known, and d [m]."""
     fit = results.inertial.get((results.provenance.cross_talk_periods or {}).get(epoch, ""))
-    return fit.values if fit else {}, inertial.separation(results.provenance.frame)
+    return fit.values if fit else {}, inertial_forces.separation(results.provenance.frame)
 
 
 def _names(
@@ -214,7 +214,9 @@ def includes_euler(cross_talk: Fit) -> bool:
 def add_euler_force(values: Mapping[str, float], deltas: Mapping[str, float], d: float) -> dict[str, float]:
     """Undo `subtract_euler_force`: return the coefficients that correct Delta g_x of runs of that period."""
     euler = {
-        name: factor * deltas[delta] for name, (delta, factor) in inertial.along(d).items() if delta in deltas
+        name: factor * deltas[delta]
+        for name, (delta, factor) in inertial_forces.along(d).items()
+        if delta in deltas
     }
     return {name: value + euler.get(name, 0.0) for name, value in values.items()}
 
@@ -244,7 +246,9 @@ def subtract_euler_force(cross_talk: Fit, misaligned: Fit, period: str, d: float
         x_2 - x_1 [m] in the frame of both.
     """
     order, deltas = list(cross_talk.parameters), list(misaligned.parameters)
-    euler = {name: part for name, part in inertial.along(d).items() if name in order and part[0] in deltas}
+    euler = {
+        name: part for name, part in inertial_forces.along(d).items() if name in order and part[0] in deltas
+    }
     # b = (b as fitted) - J delta
     J = np.zeros((len(order), len(deltas)))
     for name, (delta, factor) in euler.items():

@@ -28,7 +28,7 @@ from numpy.typing import NDArray
 from fit.crosstalk import centrifugal, torque_noise
 from fit.errors import FitError
 from fit.fitting import IRLSResult, Prior, PriorSet, constraint_test, constraints, iterate
-from fit.model import Dynamics, dynamics, dynamics_of, inertial, rate, rotation
+from fit.model import Dynamics, angular_rate, dynamics, dynamics_of, inertial_forces, rotation
 from fit.parameters import cross_talk_parameter, misalignments
 from fit.quality import long_noise
 from fit.results import Estimate, Fit
@@ -144,7 +144,7 @@ def angle_estimates(outcome: IRLSResult, theta: Array, sigma: Array) -> dict[str
 
 @dataclass(frozen=True)
 class _WhitenedRotation(whitened_run.LinearRun):
-    """A whitened run; its columns: Delta g_x + g_Omega, the two of `inertial.euler`, those of b_1 and b_2.
+    """A whitened run; columns: Delta g_x + g_Omega, the two of `inertial_forces.euler`, those of b_1 and b_2.
 
     Where the coefficient of g_Omega is left free, that is the last column.
 
@@ -153,7 +153,7 @@ class _WhitenedRotation(whitened_run.LinearRun):
     calibration_error : ndarray of complex, shape (B, K)
         What 1 sigma of each parameter of the calibration adds to the first column.
     disagreement : ndarray of complex, shape (B, 2)
-        Half of what the test masses disagree on the two columns of `inertial.euler`.
+        Half of what the test masses disagree on the two columns of `inertial_forces.euler`.
     """
 
     calibration_error: Spectrum = field(kw_only=True)
@@ -188,17 +188,19 @@ class _Columns:
 def _columns(run: Telemetry, sources: rotation.Sources, of_run: Dynamics) -> _Columns:
     """Make the columns; of what they are made of nothing stays in memory."""
     motion = rotation.motion(run, sources)
-    slow = rate.slow_rate(run.path, [motion], motion.time[0], motion.time[-1])
-    d = inertial.separation(run.x_axis)
+    slow = angular_rate.slow_rate(run.path, [motion], motion.time[0], motion.time[-1])
+    d = inertial_forces.separation(run.x_axis)
     columns = np.empty((motion.time.size, CENTRIFUGAL + 1 + len(NAMES)))
-    columns[:, 1:3] = inertial.euler(motion.dOmega, d)
+    columns[:, 1:3] = inertial_forces.euler(motion.dOmega, d)
     # b_1 and b_2 are lengths in the read-out o_12, which the stiffness multiplies as well
     omega2_2 = of_run.theta[dynamics.PARAMETERS.index("omega2_2")]
     columns[:, 3:CENTRIFUGAL] = motion.swing + omega2_2 * motion.angle
-    columns[:, CENTRIFUGAL] = inertial.g_Omega(rate.rate(motion, slow, rate.Integral(motion.fs)), d)
+    columns[:, CENTRIFUGAL] = inertial_forces.g_Omega(
+        angular_rate.rate(motion, slow, angular_rate.Integral(motion.fs)), d
+    )
     valid = motion.valid
     del motion
-    columns[:, CENTRIFUGAL + 1 :] = inertial.euler(rotation.half_difference(run, sources), d)
+    columns[:, CENTRIFUGAL + 1 :] = inertial_forces.euler(rotation.half_difference(run, sources), d)
     channels = dynamics.channels(run, motion=False)
     terms = dynamics.columns(channels, dynamics.delays(of_run.theta))
     columns[:, 0] = terms.values @ dynamics.coefficients(of_run.theta, terms.tau) + columns[:, CENTRIFUGAL]

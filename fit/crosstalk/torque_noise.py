@@ -21,7 +21,7 @@ MAX_NOISE_FRACTION = 0.5  # of noise in some combination of the torques, from wh
 
 
 class NoisyRotation(Protocol):
-    """A whitened run of the Euler fit, whose columns of `inertial.euler` are noisy."""
+    """A whitened run of the Euler fit, whose columns of `inertial_forces.euler` are noisy."""
 
     def torque_noise(self, theta: Array) -> tuple[Array, Array]:
         """Return what noise of the torques adds to the normal equations.

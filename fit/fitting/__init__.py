@@ -16,8 +16,8 @@ from fit.fitting.joint_fit import (
 )
 from fit.fitting.joint_model import Prior, delta_chi2, free_directions, lmfit_symbol
 from fit.fitting.nonstationary_noise import NonstationaryRun, SegmentVariances
+from fit.fitting.parameter_set import ParameterSet
 from fit.fitting.priors import PriorSet, weak_priors
-from fit.fitting.problem import Problem
 from fit.fitting.random_effects import (
     FREE,
     Heterogeneity,
@@ -42,9 +42,9 @@ __all__ = [
     "Heterogeneity",
     "IRLSResult",
     "NonstationaryRun",
+    "ParameterSet",
     "Prior",
     "PriorSet",
-    "Problem",
     "RunEstimate",
     "ScaleParameter",
     "SegmentVariances",

@@ -156,13 +156,13 @@ def refit_unconstrained(outcome: IRLSResult, declared: Collection[str] | None = 
     declared : collection of str, optional
         Parameters whose constraints the user states; by default all.
     """
-    problem, result, model = outcome.problem, outcome.result, outcome.model
-    if problem is None or result is None or model is None or not problem.constrained.any():
+    parameter_set, result, model = outcome.parameter_set, outcome.result, outcome.model
+    if parameter_set is None or result is None or model is None or not parameter_set.constrained.any():
         return ConstraintTest()
     names = [p.name for p in outcome.parameters]
     params = result.params.copy()
     for i, (p, parameter) in enumerate(zip(params.values(), outcome.parameters, strict=True)):
-        if problem.constrained[i] and not parameter.name.startswith(ATTENUATED):
+        if parameter_set.constrained[i] and not parameter.name.startswith(ATTENUATED):
             p.set(vary=True, expr="", min=-np.inf, max=np.inf)
             p.user_data = Prior(parameter.value, parameter.prior_sigma)
     unconstrained = model.fit(params)
@@ -170,8 +170,8 @@ def refit_unconstrained(outcome: IRLSResult, declared: Collection[str] | None = 
     sigma = np.sqrt(np.diag(model.covariance(unconstrained.params)))
     bounds = constraints.at_bound(result.params, outcome.solution.sigma)
     tested = []
-    for i, setting in problem.settings.items():
-        if not problem.constrained[i]:
+    for i, setting in parameter_set.settings.items():
+        if not parameter_set.constrained[i]:
             continue
         bound = "" if outcome.undetermined[i] else bounds.get(i, "")
         is_tested = not names[i].startswith(ATTENUATED)
@@ -191,7 +191,7 @@ def refit_unconstrained(outcome: IRLSResult, declared: Collection[str] | None = 
     dependent = [
         i
         for i in range(outcome.shared)
-        if not problem.constrained[i] and not outcome.undetermined[i] and abs(shifts[i]) > SHIFT_SIGMA
+        if not parameter_set.constrained[i] and not outcome.undetermined[i] and abs(shifts[i]) > SHIFT_SIGMA
     ]
     return ConstraintTest(
         tuple(tested),
@@ -202,7 +202,7 @@ def refit_unconstrained(outcome: IRLSResult, declared: Collection[str] | None = 
 
 def descriptions(outcome: IRLSResult) -> list[str]:
     """Return the constraints of a fit in words."""
-    settings = outcome.problem.settings if outcome.problem else {}
+    settings = outcome.parameter_set.settings if outcome.parameter_set else {}
     return [
         constraints.describe(outcome.parameters[i].name, constraint, float(outcome.solution.theta[i]))
         for i, constraint in settings.items()

@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 
 from fit.errors import FitError
 from fit.fitting.joint_model import JointModel, Prior, SolvedModel, parameter_values
+from fit.fitting.parameter_set import ParameterSet
 from fit.fitting.priors import PriorSet, prior_rows, weak_priors
-from fit.fitting.problem import Problem
 from fit.fitting.random_effects import ScaleParameter, n_shared
 from fit.fitting.run_estimate import RunEstimate, run_estimate
 from fit.fitting.weighings import WARM_UP, Weighing, weighing
@@ -89,7 +89,7 @@ class IRLSResult:
         The runs, compressed, as lmfit has minimised them last.
     result : MinimizerResult or None
         What lmfit made of them; departures within the weak priors that hold them while weights settle.
-    problem : Problem or None
+    parameter_set : ParameterSet or None
         Its parameters, as lmfit has them.
     scatter : mapping of str to tuple of float
         ScaleParameter, and its sigma, by which a parameter scatters between experiments.
@@ -110,7 +110,7 @@ class IRLSResult:
     prior: whitened_run.Prior
     model: JointModel | None = None
     result: MinimizerResult | None = None
-    problem: Problem | None = None
+    parameter_set: ParameterSet | None = None
     scatter: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     random_effects: tuple[ScaleParameter, ...] = ()
     data_driven: bool = False
@@ -131,7 +131,11 @@ class IRLSResult:
 
     def is_fixed(self, i: int) -> bool:
         """Return whether the user fixes a parameter, by its place."""
-        return self.problem is not None and i in self.problem.settings and not self.problem.settings[i].vary
+        return (
+            self.parameter_set is not None
+            and i in self.parameter_set.settings
+            and not self.parameter_set.settings[i].vary
+        )
 
     @property
     def conditional_prior(self) -> whitened_run.Prior:
@@ -198,7 +202,7 @@ def iterate(
     limit_step: Callable[[Array, Array], Array] = lambda _, target: target,
     settings: Mapping[str, ParameterSettings] | None = None,
 ) -> IRLSResult:
-    """Iterate weights, delays and parameters; every fit and the forecast go through here.
+    """Iterate weights, delays and parameters, for fits and forecasts.
 
     Parameters
     ----------
@@ -224,27 +228,27 @@ def iterate(
     """
     convergence = convergence or Convergence(MAX_ITERATIONS, TOLERANCE, HARMLESS)
     priors = priors or partial(weak_priors, parameters)
-    problem = Problem(parameters, random_effects, settings)
-    theta, covariance = problem.start(), np.zeros((len(parameters), len(parameters)))
+    parameter_set = ParameterSet(parameters, random_effects, settings)
+    theta, covariance = parameter_set.start(), np.zeros((len(parameters), len(parameters)))
     step, move_before = 1.0, np.zeros(theta.size)
     for iteration in range(convergence.max_iterations):
         with progress_range(1 - FASTER**iteration, 1 - FASTER ** (iteration + 1)):
             whitened_runs, estimates = _weighed(weighings, theta, covariance, iteration)
         if iteration < FIXED_SET:
-            known = priors(whitened_runs, theta, problem.known(theta))
+            known = priors(whitened_runs, theta, parameter_set.known(theta))
         determined = ~known.undetermined
         model = JointModel(estimates)
-        result = model.fit(problem.params(theta, known.priors))
-        estimate, covariance = parameter_values(result.params), problem.covariance(model, result.params)
+        result = model.fit(parameter_set.params(theta, known.priors))
+        estimate, covariance = parameter_values(result.params), parameter_set.covariance(model, result.params)
         move = (estimate - theta) / np.sqrt(np.diag(covariance))
         largest = float(np.max(np.abs(move[determined]), initial=0.0))
-        converged = largest < convergence.tolerance and all(w.converged for w in weighings)
+        converged = largest < convergence.tolerance and all(run.converged for run in weighings)
         ended = converged or (iteration == convergence.max_iterations - 1 and largest < convergence.max_move)
         if ended and iteration > convergence.warm_up:
-            estimate_of_all = _solution(whitened_runs, problem, model, result)
-            prior = problem.prior(result.params, known)
+            solution = _solution(whitened_runs, parameter_set, model, result)
+            prior, effects = parameter_set.prior(result.params, known), tuple(random_effects)
             state = (known.undetermined, known.directions, converged, whitened_runs, prior, model, result)
-            return IRLSResult(tuple(parameters), estimate_of_all, *state, problem, {}, tuple(random_effects))
+            return IRLSResult(tuple(parameters), solution, *state, parameter_set, {}, effects)
         swings = float(move[determined] @ move_before[determined]) < 0  # against the weights
         step, move_before = step / 2 if iteration >= FIXED_SET and swings else step, move
         theta = limit_step(theta, theta + step * (estimate - theta))
@@ -282,24 +286,24 @@ def solution(
 
 def _solution(
     whitened_runs: Sequence[whitened_run.WhitenedRun],
-    problem: Problem,
+    parameter_set: ParameterSet,
     model: JointModel,
     result: MinimizerResult,
 ) -> whitened_run.Solution:
-    covariance = problem.covariance(model, result.params)
+    covariance = parameter_set.covariance(model, result.params)
     n_determined = float(np.trace(covariance @ model.information(result.params)))
     return solution(whitened_runs, parameter_values(result.params), covariance, n_determined)
 
 
 def refit(outcome: IRLSResult, whitened_runs: Sequence[whitened_run.WhitenedRun]) -> IRLSResult:
     """Return the outcome with its runs weighed anew, all else known being what it was."""
-    assert outcome.model and outcome.result and outcome.problem
+    assert outcome.model and outcome.result and outcome.parameter_set
     named = zip(outcome.model.runs, whitened_runs, strict=True)
     model = JointModel([run_estimate(run.name, block) for run, block in named])
     result = model.fit(outcome.result.params)
     return replace(
         outcome,
-        solution=_solution(whitened_runs, outcome.problem, model, result),
+        solution=_solution(whitened_runs, outcome.parameter_set, model, result),
         whitened_runs=tuple(whitened_runs),
         model=model,
         result=result,

@@ -9,7 +9,7 @@ import numpy as np
 
 from fit.errors import InputError
 from fit.fitting.joint_model import Prior
-from fit.fitting.problem import Problem
+from fit.fitting.parameter_set import ParameterSet
 from fit.model import Sharing, dynamics
 from fit.parameters import Parameter
 from fit.settings import ParameterSettings, Settings
@@ -37,8 +37,8 @@ def constrained_params(
     parameters: Sequence[Parameter], settings: Mapping[str, ParameterSettings]
 ) -> lmfit.Parameters:
     """Return parameters as lmfit has them, with constraints by name."""
-    problem = Problem(parameters, (), settings)
-    return problem.params(problem.start())
+    parameter_set = ParameterSet(parameters, (), settings)
+    return parameter_set.params(parameter_set.start())
 
 
 def as_settings(params: object) -> dict[str, dict[str, object]]:

@@ -19,7 +19,7 @@ from fit.fitting import Convergence, constraints, iterate
 from fit.forecasting.expected_fit import GRID, CrossSpectra, NoiselessError, responses
 from fit.forecasting.expected_run import CompressedRun
 from fit.model import dynamics, dynamics_of, rotation, separation
-from fit.model import inertial as forces
+from fit.model import inertial_forces as forces
 from fit.results import Fit
 from fit.settings import ParameterSettings
 from fit.spectra import windowing

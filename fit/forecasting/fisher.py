@@ -13,7 +13,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from fit.fitting import Problem, constraints, free_directions
+from fit.fitting import ParameterSet, constraints, free_directions
 from fit.forecasting.expected_fit import (
     ExpectedWeighing,
     PlannedExperiment,
@@ -128,8 +128,8 @@ def fisher_information(plan: Sequence[PlannedExperiment], settings: Settings) ->
     weighings = joint_weighings(plan, settings)
     parameters, _ = share_parameters(weighings, settings)
     truth = {name: value for w in weighings for name, value in w.plan.truth.items()}
-    problem = Problem(parameters, (), constraints_of_joint(settings, parameters))
-    params = problem.params(np.array([truth.get(p.name, p.value) for p in parameters]))
+    parameter_set = ParameterSet(parameters, (), constraints_of_joint(settings, parameters))
+    params = parameter_set.params(np.array([truth.get(p.name, p.value) for p in parameters]))
     varying = np.flatnonzero(~constraints.fixed_or_tied(params)).tolist()
     free = free_directions(params)
     prior_sigma = np.array([p.user_data.sigma if p.user_data else np.inf for p in params.values()])

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fit.errors import FitError, InputError
-from fit.fitting import Prior, Problem, irls, null_space, priors
+from fit.fitting import ParameterSet, Prior, irls, null_space, priors
 from fit.identification.linearised_run import InvertedLoop, SimulatedExperiment
 from fit.identification.loop import Loop
 from fit.identification.parameters import JointParameters
@@ -49,7 +49,7 @@ class Search:
         self.joint = joint
         self.halved_steps: list[str] = []
         self._undetermined = np.zeros(len(joint.parameters), dtype=bool)
-        self._start = Problem(joint.parameters, joint.random_effects, joint.settings).start()
+        self._start = ParameterSet(joint.parameters, joint.random_effects, joint.settings).start()
         self._widths = np.array([p.prior_sigma for p in joint.parameters])
         self.weighings = [
             SimulatedExperiment(

@@ -5,7 +5,7 @@ The only room with signs.
 
 from fit.model.calibrated import Dynamics, dynamics_of
 from fit.model.dynamics import Columns
-from fit.model.inertial import BASELINE, separation
+from fit.model.inertial_forces import BASELINE, separation
 from fit.model.sharing import Sharing
 
 __all__ = [
@@ -13,10 +13,10 @@ __all__ = [
     "Columns",
     "Dynamics",
     "Sharing",
+    "angular_rate",
     "dynamics",
     "dynamics_of",
-    "inertial",
-    "rate",
+    "inertial_forces",
     "rotation",
     "separation",
 ]

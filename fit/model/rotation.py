@@ -9,7 +9,7 @@ The torque alone is not dOmega: the suspension follows only up to its bandwidth,
 dOmega is needed, that is a phase of at most 2 mrad, and the hold of 0.1 s weakens it by 7e-8: neither is
 corrected.
 
-`fit.model.rate` makes Omega of it.
+`fit.model.angular_rate` makes Omega of it.
 """
 
 import math

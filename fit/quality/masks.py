@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from fit.errors import InputError
 from fit.parallel import parallel_map
-from fit.quality import authority
+from fit.quality import saturation
 from fit.quality.glitches import TOO_MANY, GlitchResult, remove_glitches
 from fit.quality.injections import Coincidences
 from fit.requirements import MOST_SATURATED
@@ -38,7 +38,7 @@ def without_saturation(run: Run) -> tuple[Run, tuple[FitWarning, ...]]:
         Code `SATURATED` or `TOO_LONG` if there are any.
     """
     telemetry = run.telemetry
-    limited = {name: authority.limited(telemetry, name) for name in ("f_x_1", "f_x_2")}
+    limited = {name: saturation.limited(telemetry, name) for name in ("f_x_1", "f_x_2")}
     if not any(limits.size for limits in limited.values()):
         return run, ()
     saturated = np.zeros(telemetry.size, dtype=bool)
@@ -48,7 +48,7 @@ def without_saturation(run: Run) -> tuple[Run, tuple[FitWarning, ...]]:
     masked = run.mask(stretches)
     channels = " and ".join(
         f"{name} in {int(np.diff(limits).sum())} samples "
-        f"(F_max_{name[-1]}/m_tm = {authority.limit_of(telemetry, name):.3g} m s-2)"
+        f"(F_max_{name[-1]}/m_tm = {saturation.limit_of(telemetry, name):.3g} m s-2)"
         for name, limits in limited.items()
         if limits.size
     )

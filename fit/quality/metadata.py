@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from fit.model import dynamics
 from fit.parallel import parallel_map
-from fit.quality import authority, duplicates, samples
+from fit.quality import duplicates, samples, saturation
 from fit.quality.channel_units import unit_faults
 from fit.quality.exclusions import Evidence, Exclusion, join_messages
 from fit.quality.jumps import command_jumps
@@ -160,7 +160,7 @@ def _sample_faults(e: Experiment) -> Iterator[Cause]:
 
 def _authority_faults(e: Experiment) -> Iterator[Cause]:
     """Yield what contradicts the authorities of both runs of an experiment."""
-    return chain.from_iterable(authority.check_authority(run.telemetry) for run in _runs(e))
+    return chain.from_iterable(saturation.check_authority(run.telemetry) for run in _runs(e))
 
 
 def _structural_breaks(e: Experiment, n_experiments: int) -> list[Cause]:

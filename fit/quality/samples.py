@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from fit.false_alarms import p_limit
 from fit.model import dynamics
-from fit.quality import authority, straight
+from fit.quality import saturation, straight
 from fit.quality.jumps import SampleFault, jumps
 from fit.quality.resolution import Resolution, chance_of_equality, estimate_resolution
 from fit.quality.rounding import rounding_faults
@@ -261,8 +261,8 @@ def is_fed_back(x: Array) -> bool:
 
 def _channel_faults(run: Telemetry, name: str) -> list[SampleFault]:
     x = run.channels[name]
-    if name not in READ_OUTS and authority.limited(run, name).size:  # is masked, and no fault of the archive
-        x = np.where(authority.at_limit(x, authority.limit_of(run, name)), np.nan, x)
+    if name not in READ_OUTS and saturation.limited(run, name).size:  # is masked, and no fault of the archive
+        x = np.where(saturation.at_limit(x, saturation.limit_of(run, name)), np.nan, x)
     resolution = estimate_resolution(x)
     faults = channel_faults(x, run.fs, resolution)
     if name in READ_OUTS:

@@ -14,7 +14,7 @@ from fit.errors import FitError
 from fit.files import is_file
 from fit.report import page
 from fit.results import Results, load, results_file, sound_joint, telemetry_files, write
-from fit.telemetry import Telemetry, conversion, read_all
+from fit.telemetry import Telemetry, archive_conversion, read_all
 from lpfcosim.cli.common import check_folder
 from lpfcosim.cli.console import Console
 from lpfcosim.cli.constraints import Constraints
@@ -107,9 +107,9 @@ def calibrated(
 
 def telemetry(console: Console, paths: Sequence[Path], directory: Path, *, any_gaps: bool) -> list[Path]:
     """Return the telemetry files that paths mean; what maps describe is converted into `directory` first."""
-    if any(map(conversion.is_map, paths)):
+    if any(map(archive_conversion.is_map, paths)):
         with console.stage("conversion"):
-            paths = conversion.convert(paths, directory / "telemetry", any_gaps=any_gaps)
+            paths = archive_conversion.convert(paths, directory / "telemetry", any_gaps=any_gaps)
     return telemetry_files(paths)
 
 

@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 
 from fit import results as fit_results
 from fit import settings as fit_settings
-from fit.telemetry import conversion
+from fit.telemetry import archive_conversion
 from fit.telemetry import maps as mapping
 from lpfcosim.campaign import loading
 from lpfcosim.errors import InputError
@@ -122,7 +122,9 @@ def test_maps_and_their_tables(tmp_path, cases, text, table):
         written(tmp_path / "in", "b.csv", "x,y\n1,2\n")
         written(tmp_path / "in", "A_f_x_1.csv", table)
         survives(
-            lambda path=path: conversion.convert([path], out / "telemetry", any_gaps=False), path, f"map {n}"
+            lambda path=path: archive_conversion.convert([path], out / "telemetry", any_gaps=False),
+            path,
+            f"map {n}",
         )
     assert {p.name for p in tmp_path.iterdir()} == {"in"}
     assert {p.name for p in (tmp_path / "in").iterdir()} == {
@@ -224,7 +226,9 @@ def test_a_long_chain_of_campaigns(tmp_path):
 def test_a_table_without_line_ends(tmp_path):
     written(tmp_path, "a.csv", TABLE + "1" * 2_000_000)
     path = written(tmp_path, "map.toml", MAP)
-    said = survives(lambda: conversion.convert([path], tmp_path / "t", any_gaps=False), path, "long line")
+    said = survives(
+        lambda: archive_conversion.convert([path], tmp_path / "t", any_gaps=False), path, "long line"
+    )
     assert "line 62" in said
 
 

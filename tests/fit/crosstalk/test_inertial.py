@@ -8,7 +8,7 @@ from scipy.signal import csd, welch
 from scipy.spatial.transform import Rotation
 
 from fit.crosstalk.euler_fit import fit_period
-from fit.model import rate, rotation
+from fit.model import angular_rate, rotation
 from fit.settings import ParameterSettings
 from tests.fit.crosstalk.euler import (
     DAY,
@@ -93,8 +93,8 @@ def test_the_torque_alone_overshoots_and_the_angle_cures_it(three_days):
 def test_rate_is_neither_star_tracker_noise_nor_drift(three_days):
     telemetry, truth = three_days
     motion = rotation.motion(telemetry, rotation.sources(telemetry))
-    slow = rate.slow_rate(telemetry.path, [motion], motion.time[0], motion.time[-1])
-    Omega = rate.rate(motion, slow, rate.Integral(motion.fs))
+    slow = angular_rate.slow_rate(telemetry.path, [motion], motion.time[0], motion.time[-1])
+    Omega = angular_rate.rate(motion, slow, angular_rate.Integral(motion.fs))
     for i, axis in enumerate(rotation.AXES):
         wrong = Omega[:, i] - truth[f"Omega_{axis}"][10:-10]
         assert abs(wrong.mean()) < 1e-9  # of 3e-8 and 2e-7 rad/s
@@ -108,10 +108,10 @@ def test_rate_is_neither_star_tracker_noise_nor_drift(three_days):
 def test_integral_is_trapezoid_and_the_same_in_pieces():
     t = np.arange(1000) / 4.0
     x = np.stack([np.cos(0.1 * t), t], axis=1)
-    whole = rate.Integral(4.0)(x)
+    whole = angular_rate.Integral(4.0)(x)
     # second-order accurate: relative error (w h)^2 / 12
     np.testing.assert_allclose(whole, np.stack([np.sin(0.1 * t) / 0.1, t**2 / 2], axis=1), atol=1e-3)
-    integral = rate.Integral(4.0)
+    integral = angular_rate.Integral(4.0)
     pieces = np.concatenate([integral(x[:1]), integral(x[1:300]), integral(x[300:])])
     np.testing.assert_allclose(pieces, whole, rtol=1e-13, atol=1e-12)
 

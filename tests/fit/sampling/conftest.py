@@ -5,7 +5,7 @@ import pytest
 
 from fit.fitting.irls import IRLSResult
 from fit.fitting.joint_model import JointModel, Prior
-from fit.fitting.problem import Problem
+from fit.fitting.parameter_set import ParameterSet
 from fit.fitting.run_estimate import run_estimate
 from fit.parameters import FLIGHT
 from fit.whitening import whitened_run
@@ -39,7 +39,7 @@ def linear_case():
     # where it starts from is beside the truth and too wide: the chain must not depend on it
     solution = whitened_run.Solution(mean + 0.5 * sigma, 1.5 * covariance, 1.0, 1)
     parameters = tuple(FLIGHT[name] for name in ("lambda_2", "C_2", "omega2_2_0"))
-    problem, model = Problem(parameters), JointModel([run_estimate("A", block)])
+    parameter_set, model = ParameterSet(parameters), JointModel([run_estimate("A", block)])
     return (
         IRLSResult(
             parameters=parameters,
@@ -50,8 +50,8 @@ def linear_case():
             whitened_runs=(block,),
             prior=whitened_run.Prior(centre, rows),
             model=model,
-            result=model.fit(problem.params(centre, {2: Prior(centre[2], 4e-9)})),
-            problem=problem,
+            result=model.fit(parameter_set.params(centre, {2: Prior(centre[2], 4e-9)})),
+            parameter_set=parameter_set,
             scatter={},
         ),
         mean,

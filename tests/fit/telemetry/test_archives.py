@@ -12,7 +12,7 @@ from scipy.io import savemat
 
 import fit
 from fit.errors import InputError
-from fit.telemetry.conversion import convert
+from fit.telemetry.archive_conversion import convert
 from fit.telemetry.reader import read, read_all
 from tests import ROOT
 from tests.oracles.contract_file import write_contract_file

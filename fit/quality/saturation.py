@@ -1,4 +1,4 @@
-"""Commands against the authority that a file states: what no actuator of it can do."""
+"""Saturation: commands at the limit of the authority that a file states, or beyond it."""
 
 from collections.abc import Iterator
 

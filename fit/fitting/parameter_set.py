@@ -25,7 +25,7 @@ Array = NDArray[np.float64]
 MAX_START_SHIFT = 30.0  # widths of the weak prior, from the flight value within which a fit starts
 
 
-class Problem:
+class ParameterSet:
     """The P parameters of a fit.
 
     Parameters

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy import interpolate, signal
 
-from fit.consistency.exclusion_causes import rank_causes
+from fit.consistency.likely_causes import rank_causes
 from fit.consistency.run_test import RunTest
 from fit.fitting.joint_fit import fit_joint
 from fit.model.sharing import Sharing

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from fit.consistency.effects import (
+from fit.consistency.template_effects import (
     Effect,
     averaged_read_outs,
     averaging_time,
