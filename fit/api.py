@@ -52,7 +52,7 @@ def load(paths: PathLike | Iterable[PathLike], folder: PathLike | None = None) -
     files = _paths(paths)
     maps = [path for path in files if archive_conversion.is_map(path)]
     if maps:
-        converted = Path(folder) if folder is not None else Path(maps[0].stem) / "telemetry"
+        (converted,) = _paths([Path(maps[0].stem) / "telemetry" if folder is None else folder])
         files = archive_conversion.convert(files, converted, any_gaps=False)
     return read_all(telemetry_files(files))
 
@@ -65,7 +65,21 @@ def _paths(paths: PathLike | Iterable[PathLike]) -> list[Path]:
     for path in files:
         if not isinstance(path, str | os.PathLike):
             raise InputError(f"{shown(path)}: expected a path")
+        if "\0" in os.fsdecode(path):
+            raise InputError(f"{shown(path)}: expected a path, which has no NUL")
     return [Path(path) for path in files]
+
+
+def _check_runs(runs: object, function: str) -> None:
+    """Refuse what is no sequence of telemetry."""
+    if not isinstance(runs, Sequence) or not all(isinstance(run, Telemetry) for run in runs):
+        raise InputError(f"{function}: runs: {shown(runs)}, expected a list of Telemetry (fit.load)")
+
+
+def _check_results(results: object, function: str) -> None:
+    """Refuse what is no result of a calibration."""
+    if not isinstance(results, Results):
+        raise InputError(f"{function}: results: {shown(results)}, expected Results (fit.calibrate)")
 
 
 def make_params(runs: Sequence[Telemetry], **options: object) -> lmfit.Parameters:
@@ -87,6 +101,7 @@ def make_params(runs: Sequence[Telemetry], **options: object) -> lmfit.Parameter
     InputError
         If a setting is not known, or no run has injections.
     """
+    _check_runs(runs, "make_params")
     return user_params.make_params(runs, settings(options, "make_params"))
 
 
@@ -117,6 +132,7 @@ def calibrate(
     FitError
         If no estimate comes out that can be trusted.
     """
+    _check_runs(runs, "calibrate")
     if params is not None:
         if "parameters" in options:
             raise InputError("calibrate: both params and parameters, expected one of them")
@@ -154,6 +170,8 @@ def calibrate_inertial(
     FitError
         If no estimate comes out that can be trusted.
     """
+    _check_runs(runs, "calibrate_inertial")
+    _check_results(results, "calibrate_inertial")
     fit_results.sound_joint(results)
     return coverage.with_truth(pipeline.calibrate_inertial(runs, results, parameters), runs)
 
@@ -192,7 +210,9 @@ def save_report(results: Results, runs: Sequence[Telemetry], folder: PathLike) -
     """
     from fit.report import page as report  # takes its time
 
-    directory = Path(folder)
+    _check_results(results, "save_report")
+    _check_runs(runs, "save_report")
+    (directory,) = _paths([folder])
     refuse_links(directory)
     try:
         directory.mkdir(parents=True, exist_ok=True)

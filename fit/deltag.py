@@ -32,7 +32,7 @@ import scipy
 from numpy.typing import NDArray
 
 from fit.crosstalk import centrifugal, crosstalk_fit, euler_fit
-from fit.errors import InputError
+from fit.errors import InputError, shown
 from fit.model import Dynamics, angular_rate, dynamics, dynamics_of, inertial_forces, rotation, separation
 from fit.parallel import update_progress
 from fit.results import Fit, Results, check_frame, sound_joint
@@ -177,6 +177,10 @@ def delta_g(run: Telemetry, results: Results) -> Telemetry:
     InputError
         As `write_delta_g`.
     """
+    if not isinstance(run, Telemetry):
+        raise InputError(f"delta_g: run: {shown(run)}, expected Telemetry (fit.load)")
+    if not isinstance(results, Results):
+        raise InputError(f"delta_g: results: {shown(results)}, expected Results (fit.calibrate)")
     product = _Product(run.path, results)
     times, series = zip(*product.stretches(), strict=True)
     return replace(

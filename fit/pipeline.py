@@ -120,23 +120,29 @@ def _with_inertial(
 
     fits = dict(parallel_map(fitted, periods))
     names = {name: [run.run for run in runs] for name, runs in periods.items()}
+    inertial_runs = {**(results.provenance.inertial_runs or {}), **names}
     return replace(
         results,
         inertial={**results.inertial, **fits},
         cross_talk=_separated(results, fits),
-        provenance=replace(results.provenance, inertial_runs=names, inertial_band=list(euler_fit.BAND)),
+        provenance=replace(
+            results.provenance, inertial_runs=inertial_runs, inertial_band=list(euler_fit.BAND)
+        ),
     )
 
 
 def _separated(results: Results, fits: Mapping[str, Fit]) -> dict[str, Fit]:
     """Take the Euler force off the cross-talk of every epoch whose runs lie in one fitted period."""
-    separated, levers = dict(results.cross_talk), separation(results.provenance.frame)
+    separated, d = dict(results.cross_talk), separation(results.provenance.frame)
     for epoch, period in (results.provenance.cross_talk_periods or {}).items():
-        is_known = period in fits and not centrifugal.contradicts(fits[period].warnings)
-        if is_known and epoch in separated and not crosstalk_fit.is_separated(separated[epoch]):
-            separated[epoch] = crosstalk_fit.subtract_euler_force(
-                separated[epoch], fits[period], period, levers
-            )
+        if epoch not in separated or period not in fits:
+            continue
+        fit = separated[epoch]
+        if crosstalk_fit.is_separated(fit) and period in results.inertial:  # by an earlier fit of the period
+            fit = crosstalk_fit.restore_euler_force(fit, results.inertial[period], d)
+        if not crosstalk_fit.is_separated(fit) and not centrifugal.contradicts(fits[period].warnings):
+            fit = crosstalk_fit.subtract_euler_force(fit, fits[period], period, d)
+        separated[epoch] = fit
     return separated
 
 
@@ -204,7 +210,8 @@ def _prepared(recorded: Sequence[Experiment], chosen: Settings) -> ExperimentSet
     taking_part, short, excluded = divide(together, chosen)
     campaign = ExperimentSet(prepared, tuple(taking_part), tuple(short), tuple(excluded)).exclude(left_out)
     # where glitches are not searched for, they pass for changes
-    breaks = metadata.changes(campaign.in_joint_fit if glitch_search_enabled(chosen) else ())
+    whole = [e for e in campaign.usable if e.name not in chosen.exclude]
+    breaks = metadata.changes(whole if glitch_search_enabled(chosen) else ())
     campaign = replace(campaign, notes=(*screening.notes, *misfit, *breaks.notes)).exclude(breaks.exclusions)
     return campaign.exclude_unusable()
 

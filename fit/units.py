@@ -15,6 +15,7 @@ _BARE_POWER = re.compile(r"(?<=[^\W\d_])(?=[+-]?\d)")  # the 2 of m/s2, the -2 o
 # No unit needs 9^9^9^9 or (9 m)^9999, and none may take for ever.
 _ENDLESS = re.compile(r"\d\s*(?:\^|\*\*)|\d{4}|(?:\)\s*(?:\^|\*\*).*){2}")
 _LONGEST = 80  # letters
+_SPELLING = re.compile(r"[\w°·⁺⁻%^*/.(){}+\-\s]*")  # pint ignores any other sign
 
 
 class UnknownUnitError(ValueError):
@@ -104,7 +105,10 @@ def to_si(value: str | float, si: str) -> float:
     (1.04e-11, 1.04e-11)
     """
     if not isinstance(value, str):
-        return float(value)
+        try:
+            return float(value)
+        except OverflowError as error:
+            raise ValueError("larger than any float") from error
     number_and_unit = split(value)
     if number_and_unit is None:
         raise ValueError("no number with a unit")
@@ -117,7 +121,7 @@ def _root(unit: str) -> tuple[float, Mapping[str, object]]:
     """Return a unit as a number of root units, and these with their powers."""
     text = _BARE_POWER.sub("^", unit.replace("·", " ")).strip()
     text = f"1{text}" if text.startswith("/") else text
-    if len(unit) > _LONGEST or _ENDLESS.search(unit):
+    if len(unit) > _LONGEST or _ENDLESS.search(unit) or not _SPELLING.fullmatch(unit):
         raise UnknownUnitError(f"unit {unit!r} is not known")
     try:
         root = registry().Quantity(1.0, registry().parse_units(text)).to_root_units()

@@ -10,7 +10,7 @@ class LpfcosimError(Exception):
     """Base of every error this package raises on purpose."""
 
 
-class InputError(LpfcosimError):
+class InputError(LpfcosimError, fit.errors.InputError):
     """The input is wrong; the message names the file, the place in it and what was expected (exit 2)."""
 
 
@@ -46,6 +46,8 @@ def ours(place: str = "") -> Iterator[None]:
     """Turn an error of `fit`, whose ways with files we share, into ours, with `place` before it."""
     try:
         yield
+    except LpfcosimError:
+        raise
     except fit.errors.InputError as error:
         raise InputError(f"{place}{error}") from error
     except fit.errors.CalibrationError as error:

@@ -107,7 +107,7 @@ def fit_consistent_runs(
     FitError
         If no trustworthy estimate comes out.
     """
-    unusable = _unusable(experiments)
+    unusable, common = _unusable(experiments)
     usable = _remove(experiments, unusable)
     unsettled = _unsettled(usable, single_fits)
     converged = _remove(usable, unsettled)
@@ -115,7 +115,7 @@ def fit_consistent_runs(
         left_out = (*unusable, *unsettled) if converged else unusable
         members = tuple(converged or usable)
         fit = fit_joint(members, settings, single_fits)
-        return ConsistentFit(fit, members, left_out, (_untested(settings),))
+        return ConsistentFit(fit, members, left_out, (*common, _untested(settings)))
     selection = _select(converged, single_fits, settings)
     chosen = settings.model_copy(update={"scatter": [*selection.scatter]})
     joint = fit_joint(selection.experiments, chosen, single_fits) if selection.experiments else None
@@ -129,7 +129,7 @@ def fit_consistent_runs(
     consistent = selection.experiments
     test = consistency_test(consistent, joint)
     left_out = (*unusable, *unsettled, *contradicting)
-    warnings = [*_warnings(test, joint, consistent), *fit_quality.acausal(joint)]
+    warnings = [*common, *_warnings(test, joint, consistent), *fit_quality.acausal(joint)]
     if 2 * len(left_out) > len(experiments):
         warnings.append(_majority(left_out, experiments))
     return ConsistentFit(joint, tuple(consistent), left_out, tuple(warnings), test, selection.probabilities)
@@ -268,12 +268,22 @@ def _remove(experiments: Sequence[Experiment], left_out: Iterable[Exclusion]) ->
     return [e for e in experiments if e.name not in names]
 
 
-def _unusable(experiments: Sequence[Experiment]) -> tuple[Exclusion, ...]:
-    """Return the experiments that are left out for what each is by itself."""
+def _unusable(experiments: Sequence[Experiment]) -> tuple[tuple[Exclusion, ...], list[FitWarning]]:
+    """Return the experiments that are left out for what each is by itself, and what most of them are."""
     unfit = _minority([_misfit(e) for e in experiments if e.misfit], experiments)
     rest = _remove(experiments, unfit)
-    late = _minority(_late(rest, len(experiments)), rest)
-    return (*unfit, *late)
+    lags = _late(rest, len(experiments))
+    late = _minority(lags, rest)
+    return (*unfit, *late), [_common_lag(lags, rest)] if lags and not late else []
+
+
+def _common_lag(lags: Sequence[Exclusion], experiments: Sequence[Experiment]) -> FitWarning:
+    """Return the warning that o_1 is late in most of the experiments."""
+    late = {lag.experiment for lag in lags}
+    epochs = {e.sysid.telemetry.alignment_epoch for e in experiments if e.name in late}
+    causes = tuple(cause for lag in lags for cause in lag.observations)
+    message = f"{', '.join(f'{c.run}: {c.words}' for c in causes)}; the sigmas do not hold"
+    return FitWarning("readout_lag", tuple(f"delta_ifo_{k}" for k in sorted(epochs)), message, causes=causes)
 
 
 def _unsettled(experiments: Sequence[Experiment], single_fits: SingleFits) -> tuple[Exclusion, ...]:
@@ -336,12 +346,8 @@ def _late(experiments: Sequence[Experiment], n_runs: int) -> list[Exclusion]:
 
 
 def _minority(exclusions: Sequence[Exclusion], experiments: Sequence[Experiment]) -> tuple[Exclusion, ...]:
-    """Return them if they are half of the experiments at most, and not all.
-
-    What most have in common is a matter of the equation, or of how all were archived.
-    """
-    n = len(exclusions)
-    return tuple(exclusions) if 2 * n <= len(experiments) and n < len(experiments) else ()
+    """Return them if they are half of the experiments at most: what most share lies in the equation."""
+    return tuple(exclusions) if 2 * len(exclusions) <= len(experiments) else ()
 
 
 def _groups(experiments: Sequence[Experiment]) -> list[frozenset[str]]:
@@ -375,11 +381,8 @@ def _warnings(
 
 def _majority(left_out: Sequence[Exclusion], experiments: Sequence[Experiment]) -> FitWarning:
     names = ", ".join(exclusion.experiment for exclusion in left_out)
-    message = (
-        f"{len(left_out)} of {len(experiments)} experiments contradict the rest or the equation ({names}): "
-        "more than half; the sigmas do not hold"
-    )
-    return FitWarning("contradiction", (), message)
+    share = f"{len(left_out)} of {len(experiments)} experiments, more than half,"
+    return FitWarning("contradiction", (), f"{share} contradict the rest ({names}); the sigmas do not hold")
 
 
 def _leverage(test: ConsistencyTest, joint: IRLSResult) -> list[FitWarning]:

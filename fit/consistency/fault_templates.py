@@ -49,6 +49,8 @@ class Template:
         From the amount of the effect and its sigma to those of the cause.
     minimum : float
         Size up to which the fault is harmless.
+    maximum : float
+        Size from which it is none: the noise of a read-out that hardly moves correlates with itself.
     by_epoch : bool
         Whether it may be in the runs of one alignment epoch alone.
     """
@@ -61,6 +63,7 @@ class Template:
     nuisance: Effect | None = None
     size: Callable[[float, float], tuple[float, float]] = lambda amount, sigma: (amount, sigma)
     minimum: float = 0.0
+    maximum: float = np.inf
     by_epoch: bool = False
 
     def cause(
@@ -161,6 +164,7 @@ NONLINEAR_READ_OUT = Template(
     "o_12 is not linear: too large by {size:.2g} ± {sigma:.1g} of itself at 10 nm, in proportion to the "
     "square of the distance",
     nonlinear_read_out,
+    maximum=0.1,
 )
 NONLINEAR_STIFFNESSES = tuple(
     Template(
@@ -170,6 +174,7 @@ NONLINEAR_STIFFNESSES = tuple(
         f"the stiffness of test mass {j} is not constant: omega2_{j} differs by {{size:.3g}} ± {{sigma:.1g}} "
         f"s-2 at 10 nm, in proportion to {dependence}",
         nonlinear_stiffness(j, power),
+        maximum=1e-5,  # ten times the stiffness
     )
     for j in (1, 2)
     for power, dependence in ((1, "the displacement"), (2, "the square of the displacement"))

@@ -35,7 +35,7 @@ NEIGHBOURS = 60  # bins at most that give the level of the noise around a driven
 MIN_NEIGHBOURS = 8  # half of them below it: the lowest bins have no level, and do not count
 EFFECTIVE = 0.3  # degrees of freedom of that level by those of the driven bins: neighbours are shared
 WIDESPREAD = 1 / 3  # of the runs: a misfit of so many is one of the model
-MIN_RUNS = 3  # with a misfit that no template accounts for; fewer may have a fault each
+MIN_RUNS = 3  # with a misfit that no template accounts for; of fewer runs all
 ACCOUNTED = 0.8  # share of the misfit that a template must account for
 CHANCE = 3.0  # standard deviations of the sum of the power, that noise may make
 INDISTINCT, DELTA_CHI2 = 0.01, 10.0  # share of Delta chi^2, and more, up to which templates are alike
@@ -181,7 +181,7 @@ def model_warnings(experiments: Sequence[Experiment]) -> list[FitWarning]:
         return [_template_warning(common, largest, len(runs)), *delays]
     limit = p_limit("model", len(runs))
     misfits = [run for run in runs if run.p < limit]
-    if len(misfits) >= max(MIN_RUNS, WIDESPREAD * len(runs)):
+    if len(misfits) >= max(min(MIN_RUNS, len(runs)), WIDESPREAD * len(runs)):
         return [_force_warning(misfits, len(runs)), *delays]
     return delays
 
@@ -250,7 +250,8 @@ def common_effects(runs: Sequence[RunMisfit]) -> list[CommonEffect]:
             effects.append(_common_effect(runs, i, template))
     limit = sigma_limit("model", len(effects))
     possible = [e for e in effects if e.z > limit and e.accounted > ACCOUNTED and not e.scatters]
-    possible = [e for e in possible if abs(e.cause_size[0]) > e.template.minimum]  # false for not a number
+    sized = ((e, abs(e.cause_size[0]), e.template) for e in possible)
+    possible = [e for e, size, t in sized if t.minimum < size < t.maximum]  # false for not a number
     possible.sort(key=lambda e: -e.z)
     if possible and (epoch_template := possible[0].template).by_epoch:
         return [e for e in possible if e.template is epoch_template]

@@ -245,25 +245,39 @@ def subtract_euler_force(cross_talk: Fit, misaligned: Fit, period: str, d: float
     d : float
         x_2 - x_1 [m] in the frame of both.
     """
-    order, deltas = list(cross_talk.parameters), list(misaligned.parameters)
-    euler = {
-        name: part for name, part in inertial_forces.along(d).items() if name in order and part[0] in deltas
-    }
-    # b = (b as fitted) - J delta
-    J = np.zeros((len(order), len(deltas)))
-    for name, (delta, factor) in euler.items():
-        J[order.index(name), deltas.index(delta)] = factor
-    shift = J @ list(misaligned.values.values())
-    covariance = cross_talk.covariance + J @ misaligned.covariance @ J.T
-    sigma = np.sqrt(np.diag(covariance))
-    parameters = {
-        name: replace(estimate, value=estimate.value - float(shift[i]), sigma=float(sigma[i]))
-        for i, (name, estimate) in enumerate(cross_talk.parameters.items())
-    }
+    fit, names = _shift_by_euler_force(cross_talk, misaligned, d, -1)
     message = (
         f"the Euler force of period {period}, which above 10 mHz has the shape of b_1 and b_2, has been "
         "taken off them; their sigmas are those of d delta_phi and d delta_eta, which cancel in Delta g"
     )
     kept_warnings = [warning for warning in cross_talk.warnings if warning.code != INCLUDED]
-    warnings = (*kept_warnings, FitWarning(SEPARATED, tuple(euler), message))
-    return replace(cross_talk, parameters=parameters, covariance=covariance, warnings=warnings)
+    return replace(fit, warnings=(*kept_warnings, FitWarning(SEPARATED, names, message)))
+
+
+def restore_euler_force(cross_talk: Fit, misaligned: Fit, d: float) -> Fit:
+    """Undo `subtract_euler_force` of the same misalignments, before those of another fit are taken off."""
+    fit, _ = _shift_by_euler_force(cross_talk, misaligned, d, +1)
+    warnings = tuple(warning for warning in fit.warnings if warning.code != SEPARATED)
+    return with_euler_warning(replace(fit, warnings=warnings))
+
+
+def _shift_by_euler_force(
+    cross_talk: Fit, misaligned: Fit, d: float, sign: int
+) -> tuple[Fit, tuple[str, ...]]:
+    """Return the cross-talk with the Euler force added (sign 1) or taken off (-1), and the b_i changed."""
+    order, deltas = list(cross_talk.parameters), list(misaligned.parameters)
+    euler = {
+        name: part for name, part in inertial_forces.along(d).items() if name in order and part[0] in deltas
+    }
+    J = np.zeros((len(order), len(deltas)))
+    for name, (delta, factor) in euler.items():
+        J[order.index(name), deltas.index(delta)] = factor
+    # b_i with the Euler force = b_i + J delta, and b_i without it has the covariance of both
+    shift = sign * (J @ list(misaligned.values.values()))
+    covariance = cross_talk.covariance - sign * (J @ misaligned.covariance @ J.T)
+    parameters = dict(cross_talk.parameters)
+    for name in euler:  # of the shifted value, the truth is another
+        estimate, i = parameters[name], order.index(name)
+        value, sigma = estimate.value + float(shift[i]), float(np.sqrt(covariance[i, i]))
+        parameters[name] = replace(estimate, value=value, sigma=sigma, truth=None, pull=None)
+    return replace(cross_talk, parameters=parameters, covariance=covariance), tuple(euler)

@@ -33,7 +33,9 @@ def settle(partial: Path, path: Path) -> None:
 
 
 def write(path: Path, content: str | bytes) -> None:
-    """Write a file at once, text as UTF-8 with the line ends it has.
+    r"""Write a file at once, text as UTF-8 with the line ends it has.
+
+    A byte in the name of a file that is not UTF-8 is written as its escape, ``\udcff``.
 
     Raises
     ------
@@ -42,7 +44,8 @@ def write(path: Path, content: str | bytes) -> None:
     """
     partial = temporary(path)
     try:
-        partial.write_bytes(content.encode() if isinstance(content, str) else content)
+        encoded = content.encode(errors="backslashreplace") if isinstance(content, str) else content
+        partial.write_bytes(encoded)
         settle(partial, path)
     except OSError as error:
         raise FitError(f"{path}: cannot be written ({error.strerror or error})") from error

@@ -82,8 +82,8 @@ def expected(
     noise_functions : callable
         From frequencies [Hz], shape (B,), to the cross powers of the noise in the columns, shape (B, K, K),
         and the PSD of the residual, shape (B,).
-    parameter_map : ndarray, shape (K - 1, P)
-        See `WhitenedRun`.
+    share : ndarray, shape (K - 1, P)
+        The `parameter_map` of a `WhitenedRun`.
 
     Returns
     -------

@@ -163,7 +163,7 @@ def reweight(
     experiments : sequence of Experiment
         To be fitted together.
     shares : sequence of ndarray, shape (K, P)
-        For each experiment, see `linear.WhitenedRun`.
+        For each experiment, see `whitened_run.WhitenedRun`.
     parameters : sequence of Parameter
         The P parameters; the iteration starts at their flight values.
     estimator : str
@@ -291,7 +291,9 @@ def _solution(
     result: MinimizerResult,
 ) -> whitened_run.Solution:
     covariance = parameter_set.covariance(model, result.params)
-    n_determined = float(np.trace(covariance @ model.information(result.params)))
+    # 1 for what the data determine, 0 for what a prior does; more where the PSD adds to the covariance
+    shares = np.linalg.eigvals(covariance @ model.information(result.params)).real
+    n_determined = float(np.sum(np.clip(shares, 0, 1)))
     return solution(whitened_runs, parameter_values(result.params), covariance, n_determined)
 
 

@@ -14,6 +14,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from numbers import Real
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -40,19 +41,6 @@ class Prior(NamedTuple):
 
     mean: float
     sigma: float
-
-
-@dataclass(frozen=True)
-class LinearEquation:
-    """Coefficients that are the parameters themselves."""
-
-    def coefficients(self, theta: Array) -> Array:
-        """Return ``(1, theta)``, shape (P + 1,)."""
-        return np.concatenate([[1.0], theta])
-
-    def gradient(self, theta: Array) -> Array:
-        """Return the derivatives of `coefficients`, shape (P + 1, P)."""
-        return np.eye(theta.size + 1, theta.size, k=-1)
 
 
 class JointModel:
@@ -95,7 +83,7 @@ class JointModel:
     def fit(self, params: lmfit.Parameters) -> MinimizerResult:
         """Minimise chi^2, and state the uncertainties by `covariance`.
 
-        Where parameters are bounded, by an active-set method, whose estimates reach their bounds.
+        Where the estimate is beyond bounds, by an active-set method, whose estimates reach them.
 
         Raises
         ------
@@ -104,15 +92,21 @@ class JointModel:
         """
         params = params.copy()
         bounded = [p for p in params.values() if p.vary and not p.expr and np.isfinite([p.min, p.max]).any()]
+        limits = {p.name: (p.min, p.max) for p in bounded}
         for p in bounded:
             p.value = min(max(p.value, p.min), p.max)
-        minimizer = self.minimizer(params)
+        unbounded = params.copy()
+        for name in limits:
+            unbounded[name].set(min=-np.inf, max=np.inf)
         try:
-            if bounded:
-                with np.errstate(all="ignore"):  # its own covariance is that of badly scaled parameters
-                    result = minimizer.least_squares(method="dogbox", x_scale="jac", gtol=1e-12)
+            result = self.minimizer(unbounded).leastsq()
+            if all(low <= result.params[name].value <= high for name, (low, high) in limits.items()):
+                for name, (low, high) in limits.items():
+                    result.params[name].set(min=low, max=high)
             else:
-                result = minimizer.leastsq()
+                with np.errstate(all="ignore"):  # its own covariance is that of badly scaled parameters
+                    minimizer = self.minimizer(params)
+                    result = minimizer.least_squares(method="dogbox", x_scale="jac", gtol=1e-12)
         except (ValueError, TypeError) as error:  # residuals that are no numbers, fewer than parameters
             raise FitError("the data and the weak priors leave a direction free") from error
         if not result.success or not np.isfinite(parameter_values(result.params)).all():
@@ -209,8 +203,28 @@ class SolvedModel:
         return self.model.minimizer(self.result.params)
 
     def refit(self, params: lmfit.Parameters) -> MinimizerResult:
-        """Return the fit with other settings of its parameters."""
-        return self._fit(self.model, params)
+        """Return the fit with other settings of its parameters.
+
+        Parameters
+        ----------
+        params : lmfit.Parameters
+            In any order; those that are absent are as in `result`.
+
+        Raises
+        ------
+        InputError
+            If one is no parameter of this fit, or its value or prior is not valid.
+        """
+        check_params(params)
+        merged = self.result.params.copy()
+        for name, p in params.items():
+            if name not in merged:
+                raise InputError(f"params: {name}: no parameter of this fit{closest_match(name, merged)}")
+            if not np.isfinite(p.value):
+                raise InputError(f"params: {name}: value: {p.value}, expected a finite number")
+        merged.update(params.copy())
+        merged.update_constraints()
+        return self._fit(self.model, merged)
 
     def exclude(self, *runs: str) -> MinimizerResult:
         """Return the fit without some of the experiments.
@@ -223,7 +237,7 @@ class SolvedModel:
         names = [run.name for run in self.model.runs]
         for name in runs:
             if name not in names:
-                raise InputError(f"{name}: no experiment of this fit{closest_match(name, names)}")
+                raise InputError(f"{name}: no experiment of this fit{closest_match(str(name), names)}")
         return self._fit(self.model.exclude(*runs), self.result.params)
 
     def _fit(self, model: JointModel, params: lmfit.Parameters) -> MinimizerResult:
@@ -236,6 +250,32 @@ class SolvedModel:
             if undetermined and p.vary and not p.expr and p.user_data is None:
                 p.user_data = prior
         return model.fit(constrained)
+
+
+def check_params(params: object) -> None:
+    """Check the parameters that a user gives.
+
+    Raises
+    ------
+    InputError
+        If they are no lmfit.Parameters, or a prior is no `Prior` of a finite mean and a positive sigma.
+    """
+    import lmfit  # slow to import
+
+    if not isinstance(params, lmfit.Parameters):
+        raise InputError(f"params: {type(params).__name__}, expected lmfit.Parameters (fit.make_params)")
+    for name, p in params.items():
+        if p.user_data is not None and not _is_valid_prior(p.user_data):
+            raise InputError(
+                f"params: {name}: user_data: expected fit.Prior(mean, sigma) of a finite mean and "
+                "a positive sigma"
+            )
+
+
+def _is_valid_prior(prior: object) -> bool:
+    if not isinstance(prior, Prior) or not all(isinstance(x, Real) for x in prior):
+        return False
+    return bool(np.isfinite(prior).all() and prior.sigma > 0)
 
 
 def parameter_values(params: lmfit.Parameters) -> Array:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from fit.errors import InputError
-from fit.fitting.joint_model import Prior
+from fit.fitting.joint_model import check_params
 from fit.fitting.parameter_set import ParameterSet
 from fit.model import Sharing, dynamics
 from fit.parameters import Parameter
@@ -41,7 +41,7 @@ def constrained_params(
     return parameter_set.params(parameter_set.start())
 
 
-def as_settings(params: object) -> dict[str, dict[str, object]]:
+def as_settings(params: lmfit.Parameters) -> dict[str, dict[str, object]]:
     """Return the constraints of parameters, as the table ``[fit.parameters]`` has them.
 
     Raises
@@ -49,18 +49,13 @@ def as_settings(params: object) -> dict[str, dict[str, object]]:
     InputError
         If they are no lmfit.Parameters, or a prior is no `Prior`.
     """
-    import lmfit  # slow to import
-
-    if not isinstance(params, lmfit.Parameters):
-        raise InputError(f"params: {type(params).__name__}, expected lmfit.Parameters (fit.make_params)")
+    check_params(params)
     settings = {name: _constraint(p) for name, p in params.items()}
     return {name: constraint for name, constraint in settings.items() if constraint}
 
 
 def _constraint(p: lmfit.Parameter) -> dict[str, object]:
     """Return the constraint of a parameter; not where it starts, which moves no estimate."""
-    if p.user_data is not None and not isinstance(p.user_data, Prior):
-        raise InputError(f"params: {p.name}: user_data: expected fit.Prior(mean, sigma)")
     if p.expr:
         return {"expr": p.expr}
     bounds = {name: value for name, value in (("min", p.min), ("max", p.max)) if np.isfinite(value)}

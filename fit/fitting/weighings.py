@@ -44,8 +44,8 @@ def weighing(
     ----------
     experiment : Experiment
         The runs.
-    parameter_map : ndarray, shape (K, P)
-        See `linear.WhitenedRun`.
+    share : ndarray, shape (K, P)
+        The `parameter_map` of a `whitened_run.WhitenedRun`.
     estimator : str
         ``flscov``, or the likelihood of the residual, see `fit.whitening.likelihoods`.
     initial : whitened_run.WhitenedRun or None

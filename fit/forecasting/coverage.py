@@ -62,7 +62,7 @@ def with_truth(
 
     return replace(
         results,
-        joint=results.joint and _fit_with_truth(results.joint, [_mean(truth) for _, truth in driven]),
+        joint=results.joint and _fit_with_truth(results.joint, [_mean(truth) for _, truth in fitted]),
         experiments=section(results.experiments, driven, lambda t: t.experiment),
         cross_talk={
             epoch: _fit_with_truth(fit, [_over_time(fit, epoch, fitted, d)])

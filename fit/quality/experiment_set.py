@@ -95,4 +95,7 @@ class ExperimentSet:
 
     def notes_of(self, name: str) -> tuple[FitWarning, ...]:
         """Return the notes of which a cause concerns an experiment, or all of them."""
-        return tuple(note for note in self.notes if any(cause.run in ("", name) for cause in note.causes))
+        experiment = self.prepared[name].experiment
+        runs = [run.telemetry.run for run in (experiment.sysid, experiment.noise) if run]
+        names = {"", name, *runs}
+        return tuple(note for note in self.notes if any(cause.run in names for cause in note.causes))

@@ -176,7 +176,12 @@ def scattered(outcome: IRLSResult) -> list[FitWarning]:
     """Say by how much parameters differ between the experiments."""
     chosen = ", as the data ask for" if outcome.data_driven else ""
     warnings = []
+    determined = {
+        p.name for p, lost in zip(outcome.parameters, outcome.undetermined, strict=True) if not lost
+    }
     for name, (width, sigma) in outcome.scatter.items():
+        if name not in determined:
+            continue
         verb = "scatters" if width > SIGNIFICANT * sigma else "may scatter"
         text = (
             f"{name} {verb} between the experiments by {width:.2g} ± {sigma:.1g} beyond noise{chosen}; "

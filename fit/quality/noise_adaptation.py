@@ -128,8 +128,8 @@ def mismatched(tables: Mapping[str, VarianceTable]) -> list[str]:
 def describe_levels(table: VarianceTable, n_runs: int) -> str:
     """Return in words which bands have another level than the noise run, and which."""
     shown = table.mismatched(n_runs)
-    if not shown.any():
-        shown = np.abs(table.z_score) > 1
+    if not shown.any():  # the bands of all runs together
+        shown = np.abs(table.z_score) >= min(1.0, np.abs(table.z_score).max(initial=0.0))
     ratio = np.exp(table.log_ratio)
     if shown.all():
         return f"{ratio.min():.2g} to {ratio.max():.2g} at all frequencies"

@@ -128,7 +128,7 @@ class WhitenedTemplates:
     def _adjoint(self, stretch: slice) -> Array:
         """Return what samples of a series add to its products with the residual and Q, shape (n, 1 + K).
 
-        They are kept some way kernel the stretch, as glitches that are moved ask for little more.
+        They are kept for some way beyond the stretch, as glitches that are moved need little more.
         """
         offset, adjoint = self._cached_adjoint.get("", (0, np.empty((0, 0))))
         if not offset <= stretch.start < stretch.stop <= offset + len(adjoint):

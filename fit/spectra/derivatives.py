@@ -158,12 +158,6 @@ def decimate(x: Array, taps: Array, factor: int) -> Array:
     return filtered
 
 
-def decimate_channel(x: Array, taps: Array, factor: int) -> Array:
-    """Filter and decimate a channel as `decimate` does, missing samples set to zero."""
-    chunks = [decimate(np.nan_to_num(x[at]), taps, factor) for at in _chunks(x, taps, factor)]
-    return np.concatenate([np.empty(0), *chunks])
-
-
 def _chunks(x: Array, taps: Array, factor: int) -> Iterator[slice]:
     """Yield slices of a channel that can be decimated separately, with the same result."""
     return pieces(x.size, taps.size - 1, PIECE // factor * factor)

@@ -190,14 +190,14 @@ def fit_noise(
     Raises
     ------
     FitError
-        If there is no noise, or the iteration does not settle.
+        If there is no noise, if a fit has taken all of it out, or if the iteration does not settle.
     """
     level = float(np.mean(power))
     if not (math.isfinite(level) and level > 0):
         raise FitError("the residual carries no noise whose PSD could weigh the data")
     knots = _knots(f[n_below:].tobytes())
     basis = _basis(knots.tobytes(), f.tobytes())
-    covariance = np.asarray(np.linalg.inv(basis.products(dof)), dtype=np.float64)
+    covariance = _covariance(basis, dof)
 
     def cost(v: Array) -> tuple[float, Array]:
         """Return the cost and ``power / S``."""
@@ -229,6 +229,14 @@ def fit_noise(
             return NoiseModel(knots, values, covariance, n_below)
         step = newton_step(relative)
     raise FitError("the smooth PSD of the noise did not converge")
+
+
+def _covariance(basis: Basis, dof: Array) -> Array:
+    """Return the covariance of the values at the knots, shape (K, K)."""
+    try:
+        return np.asarray(np.linalg.inv(basis.products(dof)), dtype=np.float64)
+    except np.linalg.LinAlgError as error:
+        raise FitError("the fit leaves no degrees of freedom for the PSD of the residual") from error
 
 
 def _log_fit(basis: Basis, power: Array) -> Array:

@@ -80,14 +80,16 @@ def open_file(path: Path) -> Iterator[h5py.File]:
         If it is none, or damaged where it is read.
     """
     if not path.is_file():
-        known = "is a folder" if path.is_dir() else "no such file"
+        known = "is a folder" if path.is_dir() else "is not a file" if path.exists() else "no such file"
         raise InputError(f"{path}: {known}, expected telemetry of schema {SCHEMA!r}")
     try:
         with h5py.File(path, "r") as file:
             yield file
     except PermissionError:
         raise InputError(f"{path}: cannot be read (permission denied), expected telemetry") from None
-    except (OSError, RuntimeError, KeyError, ValueError, TypeError, AttributeError, MemoryError) as error:
+    except MemoryError as error:
+        raise InputError(f"{path}: takes more memory than there is to be read, expected less") from error
+    except (OSError, RuntimeError, KeyError, ValueError, TypeError, AttributeError) as error:
         is_hdf5 = h5py.is_hdf5(path)
         fault = "truncated or damaged" if is_hdf5 else "not HDF5"
         advice = "" if is_hdf5 or path.suffix in _NO_ARCHIVES else _map_advice(path)
@@ -98,7 +100,7 @@ def check_schema(path: Path, schema: object) -> None:
     """Refuse a file of another schema, or of none, which may be an archive."""
     if schema is None:
         raise InputError(f"{path}: attribute schema: missing, expected {SCHEMA!r}{_map_advice(path)}")
-    if schema != SCHEMA:
+    if not isinstance(schema, str) or schema != SCHEMA:
         raise InputError(f"{path}: attribute schema: {shown(schema)}, expected {SCHEMA!r}")
 
 

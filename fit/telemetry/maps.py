@@ -62,7 +62,10 @@ def _files(raw: object) -> object:
 def _missing(raw: Any) -> object:
     several = raw if isinstance(raw, list) else [raw]
     if all(map(_is_number, several)):
-        return [float(marker) for marker in several]
+        try:
+            return [float(marker) for marker in several]
+        except OverflowError:
+            raise problem(f"{quote(raw)} is larger than any float, expected a number of a file") from None
     raise problem(
         f"{quote(raw)} is no number, expected a number that marks missing samples, or a list of them"
     )
@@ -197,8 +200,8 @@ def attributes_of(path: Path, mapping: Map, i: int) -> dict[str, str | int | flo
         unit = ATTRIBUTES[name]
         if isinstance(value, date | time):  # of TOML; a date with a time is a date
             value = value.isoformat()
-        if not isinstance(value, str | int | float):
-            raise InputError(f"{place}: {shown(value)}, expected a number or a text")
+        if isinstance(value, bool) or not isinstance(value, str | int | float):
+            raise InputError(f"{place}: {quote(value)}, expected a number or a text")
         if unit is None:
             values[name] = value
         else:

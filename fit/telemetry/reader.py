@@ -30,6 +30,7 @@ from fit.telemetry.validation import (
     complete_channels,
     plain,
     read_time,
+    readable_attributes,
 )
 
 if TYPE_CHECKING:
@@ -99,7 +100,9 @@ class Telemetry(Displayed):
         return replace(self, channels={name: self.channels[name] for name in names})
 
     def part(self, index: slice) -> "Telemetry":
-        """Return some of the samples as a run."""
+        """Return some of the samples as a run; InputError for a step other than 1, which `fs` would belie."""
+        if index.step not in (None, 1):
+            raise InputError(f"{self.path}: part: a step of {shown(index.step)}, expected 1")
         if isinstance(self.channels, LazyChannels):
             channels: Mapping[str, NDArray[np.float64]] = self.channels.part(index)
         else:
@@ -159,12 +162,12 @@ def open_run(path: Path) -> Telemetry:
     with open_file(path) as file:
         if product := _product(file):
             raise InputError(f"{path}: is {product}, expected telemetry; name the files of telemetry alone")
-        attributes = {name: plain(value) for name, value in file.attrs.items()}
+        attributes = readable_attributes(file.attrs)
         check_schema(path, attributes.pop("schema", None))
         root = check_root(str(path), attributes)
         time = read_time(file, path, root.fs)
         units = channel_units(file, path, time.size)
-        return Telemetry(
+        telemetry = Telemetry(
             path=path,
             **root.model_dump(include=set(Root.model_fields)),
             time=time,
@@ -173,6 +176,8 @@ def open_run(path: Path) -> Telemetry:
             attributes=dict(root.model_extra or {}),
             long_names=channel_names(file, units),
         )
+    inertial_period(telemetry)
+    return telemetry
 
 
 def read(path: Path, *, trusted: bool = False) -> Telemetry:
@@ -302,7 +307,7 @@ def read_truth(path: Path) -> dict[str, float]:
         group = file["truth"] if inside else None
         if not isinstance(group, h5py.Group):
             return {}
-        values = {name: plain(value) for name, value in group.attrs.items()}
+        values = readable_attributes(group.attrs)
     return {
         name: float(value)
         for name, value in values.items()

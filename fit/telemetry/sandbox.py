@@ -112,6 +112,9 @@ def serve() -> None:
             rejection = str(error)
         except MemoryError:
             rejection = f"{path}: takes more than {task['memory']} bytes of memory to be read, expected less"
+        except Exception as error:  # a library may raise anything
+            reason = " ".join(str(error).split())
+            rejection = f"{path}: cannot be read ({reason}), expected a file that can be read"
         print(json.dumps({"rejection": rejection}), flush=True)
 
 

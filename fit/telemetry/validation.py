@@ -5,6 +5,7 @@ Every function raises `fit.errors.InputError`; its message names the file, the p
 
 import math
 from collections.abc import Iterable, Mapping
+from contextlib import suppress
 from pathlib import Path
 
 import h5py
@@ -38,8 +39,20 @@ def plain(value: object) -> object:
     if isinstance(value, np.ndarray) and value.size == 1:
         value = value.reshape(())[()]
     if isinstance(value, bytes):
-        return value.decode("utf-8", errors="replace")
+        try:
+            return value.decode()
+        except UnicodeDecodeError:
+            return value.decode("latin-1")
     return value.item() if isinstance(value, np.generic) else value
+
+
+def readable_attributes(attributes: h5py.AttributeManager) -> dict[str, object]:
+    """Return attributes as `plain` has them, without those of a type that NumPy lacks, such as H5T_TIME."""
+    values: dict[str, object] = {}
+    for name in attributes:
+        with suppress(TypeError):
+            values[name] = plain(attributes[name])
+    return values
 
 
 def read_time(file: h5py.File, path: Path, fs: float) -> Array:
@@ -63,7 +76,10 @@ def channel_units(file: h5py.File, path: Path, size: int) -> dict[str, str]:
     if len(file) > MAX_MEMBERS:
         raise InputError(f"{path}: {len(file)} datasets and groups, expected at most {MAX_MEMBERS}")
     units: dict[str, str] = {}
-    for name in (*REQUIRED, *(optional for optional in file if optional not in {"time", *REQUIRED})):
+    for name in (
+        *REQUIRED,
+        *(optional for optional in file if optional not in {"time", *REQUIRED} and isinstance(optional, str)),
+    ):
         expected = expected_unit(name)
         place = f"channel {key(name)}"
         if expected is None and not isinstance(file.get(name, getlink=True), h5py.HardLink):
@@ -144,7 +160,11 @@ def check_missing(missing: Mapping[str, NDArray[np.bool_]], fs: float) -> None:
 
 def _is_channel(dataset: h5py.Dataset) -> bool:
     """Tell whether an unknown dataset lies on the time axis: 1-D, real numbers, on no other dimension."""
-    if dataset.ndim != 1 or dataset.dtype.kind not in "iufb" or dataset.is_scale:
+    try:
+        kind = dataset.dtype.kind
+    except TypeError:  # NumPy lacks it, such as H5T_TIME
+        return False
+    if dataset.ndim != 1 or kind not in "iufb" or dataset.is_scale:
         return False
     axes = [scale.name for scale in dataset.dims[0].values()]
     return not axes or "/time" in axes
@@ -204,9 +224,10 @@ def _check_plain(dataset: h5py.Dataset, place: str) -> None:
     Attributes of CF and netCDF for packed values: xarray honours them, h5py does not.
     """
     for name, neutral in _PACKING.items():
-        if name in dataset.attrs and plain(dataset.attrs[name]) != neutral:
+        value = plain(dataset.attrs.get(name, neutral))
+        if isinstance(value, np.ndarray) or value != neutral:
             raise InputError(
-                f"{place}: attribute {name}: {shown(plain(dataset.attrs[name]))}, expected the values "
+                f"{place}: attribute {name}: {shown(value)}, expected the values "
                 "themselves, in their units and as float64"
             )
 

@@ -96,11 +96,11 @@ def fit_residual_noise(
 
     Parameters
     ----------
-    residual : Left
+    residual : ResidualSpectrum
         Of the run.
     previous : NoiseModel or None
         See `noise_model`.
-    longer : Left, optional
+    longer : ResidualSpectrum, optional
         Of a run with the same noise. What it has below the first bin of the other tells the slower noise
         where that is louder than it seems: what is taken for too quiet there would outweigh everything.
     """

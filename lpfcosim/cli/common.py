@@ -8,6 +8,7 @@ from typing import Annotated
 
 import typer
 
+import fit.errors
 from lpfcosim.errors import InputError
 
 CampaignFile = Annotated[Path, typer.Argument(metavar="CAMPAIGN.toml", help="The campaign.")]
@@ -80,7 +81,7 @@ def about(campaign: Path) -> Iterator[None]:
     """Name the campaign file in what is said to be wrong with it."""
     try:
         yield
-    except InputError as error:
+    except fit.errors.InputError as error:
         raise InputError(f"{campaign}: {error}") from None
 
 

@@ -7,7 +7,6 @@ from pathlib import Path
 
 import numpy as np
 
-import fit.errors
 from fit.crosstalk import euler_fit
 from fit.files import atomic
 from fit.forecasting import expected_euler_fit, fisher
@@ -33,7 +32,7 @@ from lpfcosim.design import (
     through_fmus,
 )
 from lpfcosim.design import design as sought
-from lpfcosim.errors import InputError, RunError
+from lpfcosim.errors import RunError
 from lpfcosim.running import validation
 
 SCHEMA = "lpf-design/1"
@@ -64,11 +63,8 @@ def design(
         lambda step, value: console.note(f"{step}: {value:.4f}"),
         update_progress,
     )
-    try:
-        with about(campaign), console.stage("search"):
-            found = sought(plan, foresees, told)
-    except fit.errors.InputError as error:
-        raise InputError(f"{campaign}: {error}") from None
+    with about(campaign), console.stage("search"):
+        found = sought(plan, foresees, told)
     atomic.write(path, text(found, path.stem, campaign.name))
     loading.load(path)
     with console.stage("check through the FMUs"):

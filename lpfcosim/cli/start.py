@@ -7,7 +7,7 @@ import sys
 from typing import TYPE_CHECKING
 
 import fit.errors
-from lpfcosim.errors import InputError, LpfcosimError
+from lpfcosim.errors import LpfcosimError
 
 if TYPE_CHECKING:
     import typer
@@ -45,7 +45,7 @@ def _status() -> int:
         status: int = app(prog_name="lpfcosim", standalone_mode=False) or 0
     except typer.TyperException as error:
         _exit(_told(error), 2)
-    except (InputError, fit.errors.InputError) as error:
+    except fit.errors.InputError as error:
         _exit(error, 2)
     except (LpfcosimError, fit.errors.CalibrationError) as error:
         _exit(error, 1)

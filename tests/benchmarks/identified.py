@@ -88,7 +88,7 @@ def trial(plan: Campaign, number: int) -> Line:
         "ratio": {n: e.sigma / theirs[n].sigma for n, e in joint.parameters.items() if n in theirs},
         "chi2": joint.chi2 / joint.dof,
         "warnings": [w.code for w in joint.warnings],
-        "unsound_file": [w.code for w in joint.unsound],
+        "unsound": [w.code for w in joint.unsound],
         "cpu": [round(between - began, 2), round(cpu() - between, 2)],
     }
 

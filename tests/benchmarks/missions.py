@@ -124,7 +124,7 @@ def rotated(number: int) -> Line:
         | ({"coefficient of g_Omega": (turned.value - 1) / turned.sigma} if turned else {}),
         "sigmas": {name: e.sigma for name, e in found.parameters.items()},
         "period": run.inertial_period,
-        "unsound_file": [w.code for w in found.unsound],
+        "unsound": [w.code for w in found.unsound],
         "left_out": [],
         "scatter": {},
     }
@@ -154,7 +154,7 @@ def trial(number: int, kind: str) -> Line:
     for place, fit in fits.items():
         if fit is None:
             continue
-        line["unsound_file"] += [f"{place}{w.code}" for w in fit.unsound]
+        line["unsound"] += [f"{place}{w.code}" for w in fit.unsound]
         line["withheld"] += [
             f"{place}{name}" for w in fit.warnings if w.code == "indeterminable" for name in w.parameters
         ]
@@ -254,7 +254,7 @@ def main() -> None:
     for line in lines:
         if "failed" in line:
             print(f"{line['number']}: {line['failed']}")
-    print(Counter(code for line in lines for code in line.get("unsound_file", ())))
+    print(Counter(code for line in lines for code in line.get("unsound", ())))
 
 
 if __name__ == "__main__":

@@ -132,6 +132,14 @@ def test_load_converts_what_a_map_describes(tmp_path, monkeypatch):
         (lambda: fit.calibrate([]), "no telemetry: no run of kind 'sysid'"),
         (lambda: fit.calibrate([], estimator="magic"), 'calibrate.estimator: "magic"'),
         (lambda: fit.calibrate([], colour="blue"), "calibrate.colour"),
+        (lambda: fit.load("a\0b"), "expected a path, which has no NUL"),
+        (lambda: fit.load("map.toml", folder=3), "3: expected a path"),
+        (lambda: fit.calibrate("telemetry"), "calibrate: runs: 'telemetry', expected a list of Telemetry"),
+        (lambda: fit.calibrate(None), "calibrate: runs: None"),
+        (lambda: fit.make_params("telemetry"), "make_params: runs: 'telemetry'"),
+        (lambda: fit.calibrate_inertial([], "results"), "calibrate_inertial: results: 'results'"),
+        (lambda: fit.save_report(None, [], "folder"), "save_report: results: None, expected Results"),
+        (lambda: fit.delta_g(None, None), "delta_g: run: None, expected Telemetry"),
     ],
 )
 def test_what_is_wrong_is_said_in_one_sentence(act, expected):

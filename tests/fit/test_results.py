@@ -230,6 +230,10 @@ def test_truth_and_pull_of_the_joint_fit(tmp_path):
     assert parameters["delta_ifo_1"].truth == -2.2e-5
     assert parameters["delta_ifo_2"].truth == -1.4e-5
     assert joint.parameters["lambda_2"].truth is None
+    runs.append(telemetry(tmp_path, "C", {**TRUTH, "lambda_2": 1.2}))  # was left out of the joint fit
+    of_two = make_results(joint=joint)
+    of_two = replace(of_two, provenance=replace(of_two.provenance, joint_runs=["A1", "B2"]))
+    assert with_truth(of_two, runs).joint.parameters["lambda_2"].truth == 1.0776
 
 
 def test_gains_that_scatter_are_told_in_the_joint_fit_by_what_they_scatter_about(tmp_path):

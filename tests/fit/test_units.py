@@ -32,6 +32,12 @@ def test_factors_of_units():
     assert factor("m/s^2/Hz^0.5", "m s^-2 Hz^-0.5") == 1
 
 
+@pytest.mark.parametrize("text", ["\ufffdm", "?m", "~m", "m;", "m!", "$m$"])
+def test_a_stray_sign_makes_a_unit_unknown(text):
+    with pytest.raises(UnknownUnitError):
+        factor(text, "m")
+
+
 @pytest.mark.parametrize("text", ["m^9^9^9^9", "((9 m)**(999))**(999)", "m^99999999", 81 * "m"])
 def test_no_unit_takes_for_ever(text):
     begun = time.monotonic()

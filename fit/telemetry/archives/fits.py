@@ -41,7 +41,8 @@ def open_table(path: Path, table: str | int | None) -> Iterator[Table]:
                 file = stack.enter_context(path.open("rb"))
                 hdus = stack.enter_context(fits.open(file, memmap=True))
                 tables = {i: hdu for i, hdu in enumerate(hdus) if hasattr(hdu, "columns")}
-                chosen = [hdu for i, hdu in tables.items() if table in (None, i, hdu.name)]
+                name = table.casefold() if isinstance(table, str) else table
+                chosen = [hdu for i, hdu in tables.items() if name in (None, i, hdu.name.casefold())]
                 columns = _columns(chosen[0]) if chosen else {}
         except Exception as error:  # a damaged file makes it raise almost anything
             raise read_error(path, error, "FITS") from error

@@ -12,7 +12,7 @@ from fit.results.results import load
 from fit.whitening import pair
 from tests.hostile.catalogue.common import averaged, leaking_guidance, pushed_at, weaker_at_large_force
 from tests.hostile.spoiling import all_of, changed, clean, every, gain, glitch, pushed, remade
-from tests.oracles import thirteen
+from tests.oracles import synthetic, thirteen
 
 NAMES = ("A2", "G3", "B4", "C4", "D4")
 
@@ -47,6 +47,31 @@ def test_forces_that_most_runs_do_not_record_are_named():
     assert {cause.kind for cause in named} == {"unrecorded force"}
     assert {cause.run for cause in named} == {"A2", "B4", "D4"}
     assert all(1.5e-14 < cause.size < 2.5e-14 for cause in named)
+
+
+def test_a_force_that_the_only_run_does_not_record_is_named():
+    (cause,) = causes(pushed_at(1.667e-3, amplitude=2e-14, names=("B4",)), ("B4",))
+    assert (cause.kind, cause.run) == ("unrecorded force", "B4")
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_a_run_without_injections_into_o_12_raises_no_alarm(seed):
+    assert model_warnings(pair(list(synthetic.pair(synthetic.World(), "A", seed=seed, tones_12=())))) == []
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_forces_at_all_tones_of_the_only_run_are_named(seed):
+    noise, sysid = sorted(synthetic.pair(synthetic.World(), "A", seed=seed), key=lambda run: run.kind)
+    f_x_2 = sysid.channels["f_x_2"].copy()
+    for k, tone in enumerate(synthetic.TONES_12):
+        f_x_2 += 1e-15 * np.sin(2 * np.pi * tone * sysid.time + k)
+    (warning,) = model_warnings(pair([noise, replace(sysid, channels=sysid.channels | {"f_x_2": f_x_2})]))
+    assert [cause.kind for cause in warning.causes] == ["unrecorded force"]
+
+
+@pytest.mark.parametrize("pulse", [(7000, 1e-9, 20, 60), (3000, 1e-10, 100, 600), (8000, 1e-10, 900, 7200)])
+def test_a_glitch_in_the_only_run_is_no_misfit(pulse):
+    assert causes(remade("B4-sysid", hidden=pushed(glitch(*pulse))), ("B4",)) == []
 
 
 def test_read_outs_that_are_averaged_are_named():

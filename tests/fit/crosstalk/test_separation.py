@@ -7,11 +7,13 @@ from fit.crosstalk.crosstalk_fit import (
     INCLUDED,
     SEPARATED,
     is_separated,
+    restore_euler_force,
     subtract_euler_force,
     subtraction_coefficients,
     with_euler_warning,
     without_euler,
 )
+from fit.pipeline import _separated
 from fit.results.estimates import Estimate
 from fit.results.provenance import Provenance
 from fit.results.results import Fit, Results
@@ -53,6 +55,20 @@ def test_the_sums_are_called_sums():
     assert [w.code for w in sums.warnings] == [INCLUDED]
     separated_fit = subtract_euler_force(sums, MISALIGNED, "1", 0.376)
     assert [w.code for w in separated_fit.warnings] == [SEPARATED]
+
+
+def test_the_euler_force_of_another_fit_replaces_that_of_the_first():
+    sums = with_euler_warning(fit({"b_1": 1e-5, "b_2": 2e-5, "b_5": 1e-7}, [1e-7, 2e-7, 5e-9], 0.5))
+    separated = subtract_euler_force(sums, MISALIGNED, "1", 0.376)
+    restored = restore_euler_force(separated, MISALIGNED, 0.376)
+    assert restored.values == pytest.approx(sums.values)
+    np.testing.assert_allclose(restored.covariance, sums.covariance, rtol=1e-9, atol=1e-24)
+    assert restored.warnings == sums.warnings
+    first = Results(None, {}, {"1": separated}, {"1": MISALIGNED}, Provenance(cross_talk_periods={"1": "1"}))
+    other = fit({"delta_phi": -2e-4, "delta_eta": 3e-4}, [1e-5, 2e-5])
+    found, expected = _separated(first, {"1": other})["1"], subtract_euler_force(sums, other, "1", 0.376)
+    assert found.values == pytest.approx(expected.values)
+    np.testing.assert_allclose(found.covariance, expected.covariance, rtol=1e-9, atol=1e-24)
 
 
 def test_subtraction_coefficients_are_not_the_couplings():

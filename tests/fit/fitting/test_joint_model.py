@@ -11,7 +11,6 @@ import fit
 from fit.errors import InputError
 from fit.fitting.joint_model import (
     JointModel,
-    LinearEquation,
     Prior,
     SolvedModel,
     lmfit_names,
@@ -22,6 +21,7 @@ from fit.fitting.run_estimate import RunEstimate, run_estimate
 from fit.model import dynamics
 from fit.whitening import whitened_run
 from fit.whitening.likelihoods import weights
+from tests.fit.fitting.linear_equation import LinearEquation
 
 TRUTH = np.array([1.08, 0.19, 1.05, 0.2, -4.2e-7, 1e-8, 3e-5])  # in the order of dynamics.PARAMETERS
 SCALE = np.array([1e-4, 1e-3, 1e-4, 1e-3, 1e-9, 1e-9, 1e-6])
@@ -189,12 +189,44 @@ def test_a_bound_holds_wherever_the_fit_starts(two_runs):
     assert at_bound.refit(released).params["a"].value == pytest.approx(free.params["a"].value, abs=1e-5)
 
 
+def test_a_refit_takes_parameters_by_name(two_runs):
+    solution = solved(two_runs)
+    params, fixed = solution.result.params, lmfit.Parameters()
+    fixed.add("b", value=2.0, vary=False)
+    expected = solved(two_runs, b={"value": 2.0, "vary": False}).result.params
+    for given in (fixed, fixed.copy().update(params.copy().update(fixed))):  # b alone, then b before a
+        result = solution.refit(given).params
+        assert list(result) == ["a", "b"]
+        np.testing.assert_allclose(parameter_values(result), parameter_values(expected), rtol=1e-9)
+
+
+def test_a_refit_refuses_other_names_values_and_priors(two_runs):
+    solution = solved(two_runs)
+    for settings, message in (
+        ({"user_data": (1.0, 0.1)}, r"params: a: user_data: expected fit\.Prior"),
+        ({"user_data": Prior(1.0, 0.0)}, "a positive sigma"),
+        ({"user_data": Prior(np.nan, 1.0)}, "a finite mean"),
+        ({"value": np.nan}, "params: a: value: nan, expected a finite number"),
+        ({"name": "aa"}, "params: aa: no parameter of this fit"),
+    ):
+        params = lmfit.Parameters()
+        name, prior = settings.pop("name", "a"), settings.pop("user_data", None)
+        params.add(name, **({"value": 1.0} | settings))
+        params[name].user_data = prior
+        with pytest.raises(InputError, match=message):
+            solution.refit(params)
+    with pytest.raises(InputError, match=r"params: NoneType, expected lmfit\.Parameters"):
+        solution.refit(None)
+
+
 def test_without_a_run_the_other_one_is_left(two_runs):
     result = solved(two_runs).exclude("A")
     np.testing.assert_allclose(parameter_values(result.params), C_B, rtol=1e-8)
     assert result.chisqr == pytest.approx(0, abs=1e-12)
     with pytest.raises(InputError, match="no experiment of this fit"):
         solved(two_runs).exclude("D")
+    with pytest.raises(InputError, match="3: no experiment of this fit"):
+        solved(two_runs).exclude(3)
     nothing = solved(two_runs).exclude("A", "B").params  # is left but the weak priors
     assert [(p.value, p.stderr) for p in nothing.values()] == [pytest.approx((0.0, 100.0))] * 2
 

@@ -5,10 +5,11 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from fit.fitting.joint_model import JointModel, LinearEquation
+from fit.fitting.joint_model import JointModel
 from fit.fitting.random_effects import estimate_widths, heterogeneity, weighted_mean
 from fit.fitting.run_estimate import RunEstimate
 from fit.results.estimates import Estimate
+from tests.fit.fitting.linear_equation import LinearEquation
 
 
 def fitted_mean(values, sigmas):

@@ -138,7 +138,7 @@ def test_quiet_commands_at_10_hz_are_not_called_stuck(function):
     """There most samples of a noise run repeat the one before."""
     runs = stored(function, ("f_x_2",), fs=10.0)
     assert np.mean(np.diff(runs[1].channels["f_x_2"]) == 0) > 0.4
-    assert not faults(runs)
+    assert {cause.kind for cause in samples.check_samples(*runs)} <= {"rounding"}
 
 
 @pytest.mark.parametrize(

@@ -1,11 +1,13 @@
 """Channels are read when they are asked for, from the file as it was first."""
 
+import os
+
 import h5py
 import numpy as np
 import pytest
 
 from fit.errors import InputError
-from fit.telemetry.reader import open_run, read
+from fit.telemetry.reader import open_run, read, read_truth
 from tests.oracles.contract_file import write_contract_file
 
 N = 200
@@ -52,3 +54,57 @@ def test_parts_are_those_of_the_file_unless_it_is_written_again(tmp_path, chunks
     path.unlink()
     with pytest.raises(InputError, match=r"A1\.h5: no such file"):
         run.channels["o_1"]
+
+
+def test_a_part_has_the_rate_of_its_run(tmp_path):
+    run = open_run(write_contract_file(tmp_path / "A1.h5", samples=N))
+    with pytest.raises(InputError, match="a step of 2, expected 1"):
+        run.part(slice(0, 100, 2))
+
+
+def without_numpy_type(owner):
+    h5py.h5a.create(owner.id, b"clock", h5py.h5t.UNIX_D32LE, h5py.h5s.create(h5py.h5s.SCALAR))
+
+
+def dataset(name, kind):
+    return lambda file: h5py.h5d.create(file.id, name, kind, h5py.h5s.create_simple((N,)))
+
+
+@pytest.mark.parametrize(
+    "add",
+    [
+        without_numpy_type,
+        lambda file: without_numpy_type(file.create_group("truth")),
+        dataset(b"clock", h5py.h5t.UNIX_D32LE),
+        dataset(b"x\xff", h5py.h5t.IEEE_F64LE),
+    ],
+)
+def test_what_no_channel_is_does_no_harm(tmp_path, add):
+    path = write_contract_file(tmp_path / "A1.h5", samples=N)
+    with h5py.File(path, "a") as file:
+        add(file)
+    assert "o_1" in read(path).channels
+    assert read_truth(path) == {}
+
+
+@pytest.mark.parametrize(
+    ("place", "name", "value", "message"),
+    [
+        ("/", "schema", ["a", "b"], "attribute schema: array"),
+        ("/", "inertial_period", np.nan, "attribute inertial_period: nan"),
+        ("o_1", "scale_factor", [1.0, 2.0], "attribute scale_factor: array"),
+        ("o_1", "units", np.bytes_(b"\xb5m"), "units 'µm', expected 'm'"),
+    ],
+)
+def test_an_attribute_at_fault_is_named(tmp_path, place, name, value, message):
+    path = write_contract_file(tmp_path / "A1.h5", samples=N)
+    with h5py.File(path, "a") as file:
+        file[place].attrs[name] = value
+    with pytest.raises(InputError, match=message):
+        read(path)
+
+
+def test_a_pipe_is_no_file(tmp_path):
+    os.mkfifo(tmp_path / "A1.h5")
+    with pytest.raises(InputError, match="is not a file, expected telemetry"):
+        read(tmp_path / "A1.h5")

@@ -101,6 +101,7 @@ FAULTS = {
     ),
     "run": ('run = "A"', 'run = "../A"', 'runs[0].run: "../A" cannot name a file, expected the unique name'),
     "attribute": ("m_tm", "m_TM", 'attributes.m_TM: not known, did you mean "m_tm"?'),
+    "truth value of a mass": ('m_tm = "1.928 kg"', "m_tm = true", "attributes.m_tm: true, expected a number"),
     "unit of a velocity": (
         '"pN"',
         '"m/s"',
@@ -118,6 +119,12 @@ def test_a_fault_of_a_map(written, fault):
     message = str(refused.value)
     assert f"map.toml: {expected}" in message, message
     assert "\n" not in message and not re.search("pydantic|pattern|valid|isoformat", message)
+
+
+@pytest.mark.parametrize("old", ['"1.928 kg"', "[-9999, 1e20]"])
+def test_an_integer_beyond_all_floats(written, old):
+    with pytest.raises(InputError, match="larger than any float, expected"):
+        maps.load(written(MAP.replace(old, 400 * "9", 1)))
 
 
 #: No start of a run, as TOML has it, and what a message must say of it; local time without an offset is UTC.
@@ -168,7 +175,10 @@ def test_the_schema_takes_what_the_reader_takes(schema):
 
 
 @pytest.mark.parametrize(
-    "fault", sorted(FAULTS.keys() - {"no such file", "file of no channel", "channel of no file"})
+    "fault",
+    sorted(
+        FAULTS.keys() - {"no such file", "file of no channel", "channel of no file", "truth value of a mass"}
+    ),
 )
 def test_the_schema_sees_what_the_reader_refuses(schema, fault):
     old, new, expected = FAULTS[fault]

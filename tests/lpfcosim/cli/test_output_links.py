@@ -8,6 +8,8 @@ import fit
 import lpfcosim as package
 from fit.errors import InputError
 from fit.files.outputs import refuse_links
+from fit.results.provenance import Provenance
+from fit.results.results import Results
 from tests.campaign_text import SHORT_PLAN
 from tests.lpfcosim.cli.test_cli import one_sentence
 
@@ -64,7 +66,7 @@ def test_nor_does_a_script(linked, tmp_path):
     with pytest.raises(package.InputError, match="telemetry: is a symbolic link"):
         package.simulate(tmp_path / "plan.toml", tmp_path / "out", fmus=False)
     with pytest.raises(InputError, match="telemetry: is a symbolic link"):
-        fit.save_report(None, [], tmp_path / "out")
+        fit.save_report(Results(None, {}, {}, {}, Provenance()), [], tmp_path / "out")
     assert mine() == []
 
 

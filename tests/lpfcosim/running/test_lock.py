@@ -77,7 +77,7 @@ def test_the_second_is_told_who_is_first_and_touches_nothing(other, tmp_path):
 )
 def test_a_command_without_a_folder_to_choose_is_told_to_wait(command, other, tmp_path, monkeypatch):
     monkeypatch.setattr(refit, "load", lambda _: (None, []))
-    monkeypatch.setattr(page, "drawings", lambda *_: [])
+    monkeypatch.setattr(page, "figure_specs", lambda *_: [])
     with pytest.raises(InputError, match=rf"\(process {other.pid} on .*\); wait for it$"):
         command(tmp_path / "out", console=Console(quiet=True))
 
