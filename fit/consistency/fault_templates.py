@@ -17,13 +17,14 @@ from fit.consistency.template_effects import (
     averaging_time,
     channel_effect,
     coefficient_shift,
+    drift,
     gain_by_force,
     guidance_leak,
     late_by_second,
     late_o_1,
     nonlinear_read_out,
-    nonlinear_stiffness,
     parameter_shift,
+    power_of_displacement,
 )
 from fit.model import dynamics
 from fit.warnings import Cause
@@ -152,7 +153,7 @@ PARAMETER_DRIFTS = tuple(
         name,
         unit,
         f"{name} changes by {{size:.2g}} ± {{sigma:.1g}}{f' {unit}'.removesuffix(' 1')} from start to end",
-        coefficient_shift(weights, drifting=True),
+        coefficient_shift(weights, drift),
         coefficient_shift(weights),
     )
     for name, unit, weights in PARAMETER_COLUMNS
@@ -173,7 +174,7 @@ NONLINEAR_STIFFNESSES = tuple(
         "s-2",
         f"the stiffness of test mass {j} is not constant: omega2_{j} differs by {{size:.3g}} ± {{sigma:.1g}} "
         f"s-2 at 10 nm, in proportion to {dependence}",
-        nonlinear_stiffness(j, power),
+        coefficient_shift(PARAMETER_COLUMNS[j - 1][2], power_of_displacement(j, power)),
         maximum=1e-5,  # ten times the stiffness
     )
     for j in (1, 2)

@@ -48,8 +48,12 @@ class RunSeries:
     @property
     def growth(self) -> Array:
         """Series from -1/2 to 1/2 over the run, as the channels are sampled, shape (N,)."""
-        time = self.run.channels.time
-        return np.asarray((time - time.mean()) / np.ptp(time))
+        return _growth(self.run.channels.time)
+
+    def combination(self, weights: Mapping[str, float]) -> Array:
+        """Return a weighted sum of columns by name, shape (M,)."""
+        columns = dict(zip(self.columns.names, self.columns.values.T, strict=True))
+        return np.asarray(sum(weight * columns[name] for name, weight in weights.items()))
 
     def channel(self, name: str) -> Array | None:
         """Return any channel of the telemetry as the columns are sampled, shape (N,); None without it."""
@@ -71,6 +75,10 @@ class RunSeries:
         c = dict(zip(columns.names, self.coefficients.tolist(), strict=True))
         curvature = derivatives.derivative(series, channels.fs, 2)
         return np.asarray(c[f"dd{name}"] * curvature + c[name] * series[derivatives.HALF : -derivatives.HALF])
+
+
+def _growth(time: Array) -> Array:
+    return np.asarray((time - time.mean()) / np.ptp(time))
 
 
 Effect = Callable[[RunSeries], Array | None]
@@ -122,35 +130,30 @@ def nonlinear_read_out(run: RunSeries) -> Array:
     return derivatives.derivative(fast * (fast / AMPLITUDE) ** 2, channels.fs, 2)
 
 
-def coefficient_shift(weights: Mapping[str, float], *, drifting: bool = False) -> Effect:
-    """Return the effect of a parameter that differs by one, or grows by one from start to end of a run.
+def coefficient_shift(
+    weights: Mapping[str, float], shift: Callable[[RunSeries], Array | float] = lambda _: 1.0
+) -> Effect:
+    """Return the effect of a parameter that differs by a shift.
 
     Parameters
     ----------
     weights : mapping of str to float
         Of the columns that the parameter multiplies in Delta g.
-    drifting : bool
-        Whether the parameter grows about its mean.
+    shift : callable
+        From a run to the shift at unit amount, a number or of shape (M,); 1 by default.
     """
-
-    def effect(run: RunSeries) -> Array:
-        time = run.columns.time
-        growth = (time - time.mean()) / np.ptp(time) if drifting else np.ones_like(time)
-        columns = dict(zip(run.columns.names, run.columns.values.T, strict=True))
-        return np.asarray(-growth * sum(weight * columns[name] for name, weight in weights.items()))
-
-    return effect
+    return lambda run: np.asarray(-shift(run) * run.combination(weights))
 
 
-def nonlinear_stiffness(j: int, power: int) -> Effect:
-    """Return the effect of a stiffness omega2_j that grows as (x_j / `AMPLITUDE`)^power, by one at that."""
+def drift(run: RunSeries) -> Array:
+    """Return the shift of a parameter that grows about its mean, by one from start to end of a run."""
+    return _growth(run.columns.time)
 
-    def effect(run: RunSeries) -> Array:
-        columns = dict(zip(run.columns.names, run.columns.values.T, strict=True))
-        x = columns["o_1"] if j == 1 else columns["o_1"] + columns["o_12"]
-        return np.asarray((-1) ** (j + 1) * x * (x / AMPLITUDE) ** power)
 
-    return effect
+def power_of_displacement(j: int, power: int) -> Callable[[RunSeries], Array]:
+    """Return the shift of a parameter that grows as (x_j / `AMPLITUDE`)^power, by one at that."""
+    weights = {"o_1": 1.0} if j == 1 else {"o_1": 1.0, "o_12": 1.0}
+    return lambda run: np.asarray((run.combination(weights) / AMPLITUDE) ** power)
 
 
 def parameter_shift(powers: Mapping[str, float]) -> Effect:
