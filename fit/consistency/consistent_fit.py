@@ -13,7 +13,7 @@ import numpy as np
 
 from fit.consistency.consistency_test import ConsistencyTest, consistency_test
 from fit.consistency.likely_causes import contradiction_exclusions
-from fit.consistency.model_misfit import readout_lag
+from fit.consistency.model_misfit import lag_warning, readout_lag
 from fit.consistency.outlier_runs import (
     LEVERAGE,
     OutlierRuns,
@@ -281,9 +281,8 @@ def _common_lag(lags: Sequence[Exclusion], experiments: Sequence[Experiment]) ->
     """Return the warning that o_1 is late in most of the experiments."""
     late = {lag.experiment for lag in lags}
     epochs = {e.sysid.telemetry.alignment_epoch for e in experiments if e.name in late}
-    causes = tuple(cause for lag in lags for cause in lag.observations)
-    message = f"{', '.join(f'{c.run}: {c.words}' for c in causes)}; the sigmas do not hold"
-    return FitWarning("readout_lag", tuple(f"delta_ifo_{k}" for k in sorted(epochs)), message, causes=causes)
+    causes = [cause for lag in lags for cause in lag.observations]
+    return lag_warning(sorted(epochs), ", ".join(f"{c.run}: {c.words}" for c in causes), causes)
 
 
 def _unsettled(experiments: Sequence[Experiment], single_fits: SingleFits) -> tuple[Exclusion, ...]:

@@ -7,7 +7,7 @@ joint fit would put it into gains and stiffness. It may be a template whose amou
 (`templates.MODEL_TEMPLATES`) and that accounts for most of the misfit.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -178,7 +178,7 @@ def model_warnings(experiments: Sequence[Experiment]) -> list[FitWarning]:
     runs = parallel_map(lambda e: run_misfit(e, largest), measured, Experiment.samples)
     delays = _delay_warnings(runs)
     if common := common_effects(runs):
-        return [_template_warning(common, largest, len(runs)), *delays]
+        return [_template_warning(common, largest), *delays]
     limit = p_limit("model", len(runs))
     misfits = [run for run in runs if run.p < limit]
     if len(misfits) >= max(min(MIN_RUNS, len(runs)), WIDESPREAD * len(runs)):
@@ -292,9 +292,7 @@ def _common_effect(
     )
 
 
-def _template_warning(
-    effects: Sequence[CommonEffect], largest_force: tuple[float, float], n_runs: int
-) -> FitWarning:
+def _template_warning(effects: Sequence[CommonEffect], largest_force: tuple[float, float]) -> FitWarning:
     """Return the warning of the best template and those that the data do not distinguish from it."""
     causes = []
     for effect in effects:
@@ -303,14 +301,18 @@ def _template_warning(
         scope = "" if effect.epoch is None else f" in the runs of alignment epoch {effect.epoch}"
         causes.append(template.cause(effect.size, effect.sigma, effect.run, scope=scope, force=force))
     if effects[0].template is READOUT_LAG:
-        names = tuple(f"delta_ifo_{effect.epoch}" for effect in effects)
         words = " and ".join(cause.words for cause in causes)
-        return FitWarning("readout_lag", names, f"{words}; the sigmas do not hold", causes=tuple(causes))
+        return lag_warning([effect.epoch for effect in effects], words, causes)
     run = effects[0].run
-    common = ", in all runs alike" if n_runs > 1 else ""
-    scope = f", shown by {run} alone" if run else common
-    message = f"{either(causes)}{scope}; the equation of motion lacks that, and the sigmas do not hold"
+    scope = f"shown by {run} alone" if run else "in all runs alike"
+    message = f"{either(causes)}, {scope}; the equation of motion lacks that, and the sigmas do not hold"
     return FitWarning(MODEL_MISFIT, (), message, causes=tuple(causes))
+
+
+def lag_warning(epochs: Iterable[int | None], words: str, causes: Sequence[Cause]) -> FitWarning:
+    """Return the warning that o_1 is late in runs of some alignment epochs."""
+    names = tuple(f"delta_ifo_{epoch}" for epoch in epochs)
+    return FitWarning("readout_lag", names, f"{words}; the sigmas do not hold", causes=tuple(causes))
 
 
 def _ratio(squares: Array, information: Array) -> Array:
