@@ -148,8 +148,7 @@ def _templates(test: RunTest) -> Iterator[Candidate]:
         columns = np.stack(series, axis=1)
         result = test.recorded.test.test(test.whitened(columns))
         amount, sigma = float(result.amounts[0]), float(result.sigmas[0])
-        size, _ = template.size(amount, sigma)
-        if abs(amount) < SIGNIFICANT * sigma or not abs(size) > template.minimum:
+        if abs(amount) < SIGNIFICANT * sigma or not template.admits(amount, sigma):
             continue
         force = test.series.largest_force[int(template.channel[-1]) - 1] if "force" in template.kind else 0.0
         cause = template.cause(amount, sigma, force=force)

@@ -67,6 +67,11 @@ class Template:
     maximum: float = np.inf
     by_epoch: bool = False
 
+    def admits(self, amount: float, sigma: float) -> bool:
+        """Return whether a fault of some amount has a size, and one between the limits."""
+        size, _ = self.size(amount, sigma)
+        return self.minimum < abs(size) < self.maximum  # false for not a number
+
     def cause(
         self, amount: float, sigma: float, run: str = "", *, scope: str = "", force: float = 0.0
     ) -> Cause:

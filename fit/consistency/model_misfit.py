@@ -152,11 +152,6 @@ class CommonEffect:
     run: str = ""
 
     @property
-    def cause_size(self) -> tuple[float, float]:
-        """Size and sigma as the cause has them."""
-        return self.template.size(self.size, self.sigma)
-
-    @property
     def z(self) -> float:
         """Size in standard deviations."""
         return abs(self.size) / self.sigma
@@ -189,7 +184,7 @@ def model_warnings(experiments: Sequence[Experiment]) -> list[FitWarning]:
 def readout_lag(experiment: Experiment, n_runs: int) -> Cause | None:
     """Return by how much o_1 of one of several runs is late [s]; None if it is not, or without harm."""
     effect = _common_effect([run_misfit(experiment, (1.0, 1.0), (READOUT_LAG,))], 0, READOUT_LAG)
-    if effect.z < sigma_limit("model", n_runs) or abs(effect.size) < READOUT_LAG.minimum:
+    if effect.z < sigma_limit("model", n_runs) or not READOUT_LAG.admits(effect.size, effect.sigma):
         return None
     return READOUT_LAG.cause(effect.size, effect.sigma, experiment.name)
 
@@ -250,8 +245,7 @@ def common_effects(runs: Sequence[RunMisfit]) -> list[CommonEffect]:
             effects.append(_common_effect(runs, i, template))
     limit = sigma_limit("model", len(effects))
     possible = [e for e in effects if e.z > limit and e.accounted > ACCOUNTED and not e.scatters]
-    sized = ((e, abs(e.cause_size[0]), e.template) for e in possible)
-    possible = [e for e, size, t in sized if t.minimum < size < t.maximum]  # false for not a number
+    possible = [e for e in possible if e.template.admits(e.size, e.sigma)]
     possible.sort(key=lambda e: -e.z)
     if possible and (epoch_template := possible[0].template).by_epoch:
         return [e for e in possible if e.template is epoch_template]
