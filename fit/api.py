@@ -17,7 +17,7 @@ from fit.errors import FitError, InputError, shown
 from fit.files import refuse_links
 from fit.fitting import user_params
 from fit.forecasting import coverage
-from fit.results import Results, results_file, telemetry_files
+from fit.results import Results, check_results, results_file, telemetry_files
 from fit.settings import ParameterSettings, refuse_fmu_parameters, settings
 from fit.tables import notebook  # noqa: F401 - for how what is returned shows itself
 from fit.telemetry import Telemetry, archive_conversion, read_all
@@ -74,12 +74,6 @@ def _check_runs(runs: object, function: str) -> None:
     """Refuse what is no sequence of telemetry."""
     if not isinstance(runs, Sequence) or not all(isinstance(run, Telemetry) for run in runs):
         raise InputError(f"{function}: runs: {shown(runs)}, expected a list of Telemetry (fit.load)")
-
-
-def _check_results(results: object, function: str) -> None:
-    """Refuse what is no result of a calibration."""
-    if not isinstance(results, Results):
-        raise InputError(f"{function}: results: {shown(results)}, expected Results (fit.calibrate)")
 
 
 def make_params(runs: Sequence[Telemetry], **options: object) -> lmfit.Parameters:
@@ -171,7 +165,7 @@ def calibrate_inertial(
         If no estimate comes out that can be trusted.
     """
     _check_runs(runs, "calibrate_inertial")
-    _check_results(results, "calibrate_inertial")
+    check_results(results, "calibrate_inertial")
     fit_results.sound_joint(results)
     return coverage.with_truth(pipeline.calibrate_inertial(runs, results, parameters), runs)
 
@@ -210,7 +204,7 @@ def save_report(results: Results, runs: Sequence[Telemetry], folder: PathLike) -
     """
     from fit.report import page as report  # takes its time
 
-    _check_results(results, "save_report")
+    check_results(results, "save_report")
     _check_runs(runs, "save_report")
     (directory,) = _paths([folder])
     refuse_links(directory)

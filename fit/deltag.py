@@ -35,7 +35,7 @@ from fit.crosstalk import centrifugal, crosstalk_fit, euler_fit
 from fit.errors import InputError, shown
 from fit.model import Dynamics, angular_rate, dynamics, dynamics_of, inertial_forces, rotation, separation
 from fit.parallel import update_progress
-from fit.results import Fit, Results, check_frame, sound_joint
+from fit.results import Fit, Results, check_frame, check_results, sound_joint
 from fit.spectra import Excess, derivatives
 from fit.telemetry import (
     Telemetry,
@@ -179,8 +179,7 @@ def delta_g(run: Telemetry, results: Results) -> Telemetry:
     """
     if not isinstance(run, Telemetry):
         raise InputError(f"delta_g: run: {shown(run)}, expected Telemetry (fit.load)")
-    if not isinstance(results, Results):
-        raise InputError(f"delta_g: results: {shown(results)}, expected Results (fit.calibrate)")
+    check_results(results, "delta_g")
     product = _Product(run.path, results)
     times, series = zip(*product.stretches(), strict=True)
     return replace(

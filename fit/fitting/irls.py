@@ -122,6 +122,11 @@ class IRLSResult:
         return n_shared(self.random_effects, len(self.parameters))
 
     @property
+    def determined(self) -> dict[str, int]:
+        """Positions of the parameters that the data determine, by name."""
+        return {p.name: i for i, p in enumerate(self.parameters) if not self.undetermined[i]}
+
+    @property
     def solved(self) -> SolvedModel | None:
         """The runs, compressed, with what lmfit made of them."""
         if self.model is None or self.result is None:

@@ -90,14 +90,11 @@ class JointModel:
         FitError
             If the minimiser fails.
         """
-        params = params.copy()
-        bounded = [p for p in params.values() if p.vary and not p.expr and np.isfinite([p.min, p.max]).any()]
-        limits = {p.name: (p.min, p.max) for p in bounded}
-        for p in bounded:
-            p.value = min(max(p.value, p.min), p.max)
-        unbounded = params.copy()
-        for name in limits:
-            unbounded[name].set(min=-np.inf, max=np.inf)
+        bounded, unbounded = params.copy(), params.copy()
+        limits = {p.name: (p.min, p.max) for p in params.values() if p.vary and not p.expr}
+        for name, (low, high) in limits.items():
+            bounded[name].value = min(max(params[name].value, low), high)
+            unbounded[name].set(value=bounded[name].value, min=-np.inf, max=np.inf)
         try:
             result = self.minimizer(unbounded).leastsq()
             if all(low <= result.params[name].value <= high for name, (low, high) in limits.items()):
@@ -105,8 +102,7 @@ class JointModel:
                     result.params[name].set(min=low, max=high)
             else:
                 with np.errstate(all="ignore"):  # its own covariance is that of badly scaled parameters
-                    minimizer = self.minimizer(params)
-                    result = minimizer.least_squares(method="dogbox", x_scale="jac", gtol=1e-12)
+                    result = self.minimizer(bounded).least_squares(method="dogbox", x_scale="jac", gtol=1e-12)
         except (ValueError, TypeError) as error:  # residuals that are no numbers, fewer than parameters
             raise FitError("the data and the weak priors leave a direction free") from error
         if not result.success or not np.isfinite(parameter_values(result.params)).all():

@@ -81,9 +81,7 @@ def report(
     sigma = solution.sigma
     if not np.all(np.isfinite(sigma) & (sigma > 0)):
         raise FitError("a sigma is not a positive number")
-    reported = [
-        i for i, p in enumerate(outcome.parameters) if p.name in names and not outcome.undetermined[i]
-    ]
+    reported = [i for name, i in outcome.determined.items() if name in names]
     return Fit(
         parameters={
             names[outcome.parameters[i].name]: Estimate(
@@ -176,9 +174,7 @@ def scattered(outcome: IRLSResult) -> list[FitWarning]:
     """Say by how much parameters differ between the experiments."""
     chosen = ", as the data ask for" if outcome.data_driven else ""
     warnings = []
-    determined = {
-        p.name for p, lost in zip(outcome.parameters, outcome.undetermined, strict=True) if not lost
-    }
+    determined = outcome.determined
     for name, (width, sigma) in outcome.scatter.items():
         if name not in determined:
             continue
@@ -224,7 +220,7 @@ def doubts(outcome: IRLSResult, experiments: Sequence[Experiment]) -> list[FitWa
 
 def acausal(outcome: IRLSResult) -> list[FitWarning]:
     """Doubt a joint fit in which commands act before they are given: some time is wrong in every run."""
-    positions = {p.name: i for i, p in enumerate(outcome.parameters) if not outcome.undetermined[i]}
+    positions = outcome.determined
     early_commands: dict[str, str] = {}
     for j in (1, 2):
         if {f"lambda_{j}", f"C_{j}"} <= positions.keys():

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from pydantic import BaseModel, Field
 
 from fit.display import Displayed
-from fit.errors import InputError
+from fit.errors import InputError, shown
 from fit.files import atomic, documents, place
 from fit.results.estimates import Diagnostics, Estimate, SolvedModel, Stiffness
 from fit.results.provenance import Provenance
@@ -176,6 +176,12 @@ class Results(Displayed):
     def save(self, path: str | Path) -> None:
         """Write the results as JSON, schema ``lpf-results/1``; see `write`."""
         write(self, Path(path))
+
+
+def check_results(results: object, function: str) -> None:
+    """Refuse what is no result of a calibration, as an argument of a function."""
+    if not isinstance(results, Results):
+        raise InputError(f"{function}: results: {shown(results)}, expected Results (fit.calibrate)")
 
 
 def sound_joint(results: Results, place: str = "the results") -> Fit:
