@@ -1,7 +1,6 @@
 """Calibrations: on synthetic telemetry, then end to end on the reference plant."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,10 +13,10 @@ from fit.model import Sharing, dynamics
 from fit.parameters import joint_names
 from fit.pipeline import calibrate
 from fit.settings import settings
-from fit.telemetry.reader import Telemetry
 from lpfcosim.campaign import loading
 from lpfcosim.spacecraft.run import Noise, Truth
 from lpfcosim.worlds import along_x_plant
+from tests.fit.recorded import recorded
 from tests.oracles.synthetic import World, of_run, pair, telemetry, without
 
 SETS = (("A", 1), ("B", 1), ("C", 2), ("D", 2))
@@ -177,28 +176,6 @@ def test_bad_input_is_one_sentence_that_names_the_file(runs, message):
     with pytest.raises(InputError, match=message) as caught:
         calibrate(runs)
     assert "\n" not in str(caught.value)
-
-
-def recorded(run, channels, fs=10.0):
-    a = run.authority
-    return Telemetry(
-        path=Path(f"{run.name}.h5"),
-        run=run.name,
-        experiment=run.experiment,
-        kind=run.kind,
-        fs=fs,
-        t0=run.t0,
-        F_max_1=a.F_max_1,
-        F_max_2=a.F_max_2,
-        N_max_1=a.N_max_1,
-        N_max_2=a.N_max_2,
-        alignment_epoch=run.alignment_epoch,
-        m_tm=run.m_tm,
-        time=np.arange(channels["o_1"].size) / fs,
-        channels=channels,
-        units={},
-        attributes={},
-    )
 
 
 FLOWN = Truth()

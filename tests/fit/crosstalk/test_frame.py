@@ -22,7 +22,7 @@ from lpfcosim.campaign import loading
 from lpfcosim.running.telemetry import attributes
 from lpfcosim.worlds import whole_plant
 from tests import ROOT
-from tests.fit.test_pipeline import recorded
+from tests.fit.recorded import recorded
 from tests.oracles import rotation_synthetic as synthetic
 from tests.oracles import synthetic as along_x
 from tests.oracles.turned import half_turn, stating

@@ -25,7 +25,7 @@ from lpfcosim.spacecraft.run import Authority, HalfCosine, Noise, Sine
 from lpfcosim.spacecraft.spacecraft import Spacecraft
 from lpfcosim.worlds import along_x_plant, whole_loops, whole_plant, world_of
 from tests import ROOT
-from tests.fit.test_pipeline import recorded
+from tests.fit.recorded import recorded
 from tests.lpfcosim.plant import drives
 from tests.lpfcosim.worlds import whole_spectra
 from tests.oracles.synthetic import World, of_run, pair, telemetry

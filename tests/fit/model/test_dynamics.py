@@ -9,9 +9,9 @@ from hypothesis import strategies as st
 
 from fit.model import dynamics
 from fit.spectra import derivatives, windowing
-from fit.telemetry.reader import Telemetry
-from lpfcosim.spacecraft.run import Noise, Run, Sine
+from lpfcosim.spacecraft.run import Noise, Sine
 from lpfcosim.worlds import along_x_plant
+from tests.fit.recorded import recorded
 from tests.oracles.synthetic import World, of_run, telemetry, without
 
 EPOCH_1 = {"lambda_1", "lambda_2", "C_1", "C_2", "omega2_2", "domega2_12", "delta_ifo"}
@@ -111,28 +111,6 @@ def test_missing_samples_spoil_no_more_than_the_filters_reach():
     assert dynamics.channels(without(run, (1000, 1030), (2000, 2001))).missing == 31
 
 
-def from_reference(run: Run) -> Telemetry:
-    a = run.authority
-    return Telemetry(
-        path=None,
-        run=run.name,
-        experiment=run.experiment,
-        kind=run.kind,
-        fs=run.fs,
-        t0=run.t0,
-        F_max_1=a.F_max_1,
-        F_max_2=a.F_max_2,
-        N_max_1=a.N_max_1,
-        N_max_2=a.N_max_2,
-        alignment_epoch=run.alignment_epoch,
-        m_tm=run.m_tm,
-        time=run.time,
-        channels=along_x_plant.simulate(run),
-        units={},
-        attributes={},
-    )
-
-
 def test_closed_loop_of_the_reference_plant_obeys_the_equation(make_run):
     injections = (
         Sine("guidance_o_12", 10e-9, 10e-3, 10, 100.0),
@@ -147,9 +125,9 @@ def test_closed_loop_of_the_reference_plant_obeys_the_equation(make_run):
         "domega2_12": run.omega2_2 - run.omega2_1,
         "delta_ifo": run.delta_ifo,
     }
-    recorded = from_reference(run)
-    _, signal = dynamics.residual(recorded, {})
-    _, delta_g = dynamics.residual(recorded, truth)
+    simulated = recorded(run, along_x_plant.simulate(run))
+    _, signal = dynamics.residual(simulated, {})
+    _, delta_g = dynamics.residual(simulated, truth)
     assert np.median(delta_g) == pytest.approx(5e-12, rel=1e-5)
     # Injections that start and stop are not band-limited; the fit looks at the band alone.
     both = np.stack([delta_g - 5e-12, signal], axis=1)

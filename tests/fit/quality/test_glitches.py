@@ -17,7 +17,8 @@ from fit.whitening.run import Run
 from lpfcosim.campaign import loading
 from lpfcosim.spacecraft.run import Noise, Pulse
 from lpfcosim.worlds import along_x_plant
-from tests.fit.test_pipeline import OFF, recorded
+from tests.fit.recorded import recorded
+from tests.fit.test_pipeline import OFF
 from tests.oracles import thirteen
 from tests.oracles.synthetic import World, pair, telemetry, without
 
