@@ -10,14 +10,14 @@ from pathlib import Path
 from fit.telemetry import root_attributes
 from lpfcosim.campaign import Campaign, loading
 from lpfcosim.errors import InputError, RunError
+from lpfcosim.execution import fmus as archives
+from lpfcosim.execution import folder as results
+from lpfcosim.execution import runner, telemetry, validation
+from lpfcosim.linear import saturation
 from lpfcosim.messages import grouped
-from lpfcosim.plant import saturation
-from lpfcosim.running import fmus as archives
-from lpfcosim.running import folder as results
-from lpfcosim.running import runner, telemetry, validation
+from lpfcosim.models import world_of
 from lpfcosim.signals import decimation
 from lpfcosim.spacecraft import Run
-from lpfcosim.worlds import world_of
 
 _messages = logging.getLogger(__name__)
 

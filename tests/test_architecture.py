@@ -39,8 +39,8 @@ LAYERS = {
         "api",
     ),
     "lpfcosim": (
-        *("errors", "messages", "spacecraft", "network", "signals", "worlds", "plant", "campaign"),
-        *("modelica", "cosim", "export", "running", "identify", "api", "design", "cli", "__main__"),
+        *("errors", "messages", "spacecraft", "network", "signals", "models", "linear", "campaign"),
+        *("modelica", "cosim", "export", "execution", "identification", "api", "design", "cli", "__main__"),
     ),
 }
 #: What the simulator takes of the estimators outside its command line: how a telemetry file is written, what
@@ -52,7 +52,7 @@ USERS = {
     "corner": {"fit.plotting"},
     "cvxpy": {"lpfcosim.design"},
     "emcee": {"fit.sampling"},
-    "filelock": {"lpfcosim.running"},
+    "filelock": {"lpfcosim.execution"},
     "fmpy": {"lpfcosim.modelica", "lpfcosim.cosim", "lpfcosim.export"},
     "h5py": {"fit.telemetry", "fit.sampling"},  # telemetry, and the chains of a sampled posterior
     "jinja2": {"fit.report"},
@@ -78,7 +78,7 @@ USERS = {
 HEAVY = ("emcee", "fmpy", "h5py", "jinja2", "lmfit", "matplotlib", "numpy", "pint", "pydantic", "rumoca")
 HEAVY += ("scipy", "sympy", "typer", "astropy")
 #: Names that doors hand to users, or to other processes, beside those that the packages use.
-PUBLIC = {"lpfcosim.worlds": {"World", "of", "register"}, "fit.identification": {"make_params"}}
+PUBLIC = {"lpfcosim.models": {"World", "of", "register"}, "fit.identification": {"make_params"}}
 MOST_FILES, MOST_LINES, LONGEST_FUNCTION = 14, 400, 60
 
 SOURCES = sorted(path for package in LAYERS for path in (ROOT / package).rglob("*.py"))
@@ -240,7 +240,7 @@ def loaded(code: str) -> set[str]:
         ("import fit.telemetry, fit.files, fit.errors", {"h5py", "numpy", "pint", "pydantic", "scipy"}),
         ("import fit.pipeline", {"h5py", "lmfit", "numpy", "pint", "pydantic", "scipy"}),
         ("import lpfcosim.campaign", {"numpy"}),
-        ("import lpfcosim.plant", {"numpy", "scipy", "pint", "pydantic"}),
+        ("import lpfcosim.linear", {"numpy", "scipy", "pint", "pydantic"}),
     ],
 )
 def test_nothing_heavy_is_read_in_before_it_is_used(code, needed):

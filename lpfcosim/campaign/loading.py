@@ -21,8 +21,9 @@ from lpfcosim.campaign.entries import ConflictError, Entry, check_defaults, writ
 from lpfcosim.campaign.injections import SHAPES
 from lpfcosim.campaign.schema import CampaignTable, ExperimentTable, FmuTable
 from lpfcosim.errors import InputError
+from lpfcosim.linear import saturation, stability
+from lpfcosim.models import world_of
 from lpfcosim.network import Component
-from lpfcosim.plant import saturation, stability
 from lpfcosim.spacecraft import (
     DRAG_FREE,
     FS,
@@ -39,7 +40,6 @@ from lpfcosim.spacecraft import (
     Truth,
     largest_pull,
 )
-from lpfcosim.worlds import world_of
 
 
 def load(path: Path) -> Campaign:

@@ -17,10 +17,10 @@ from lpfcosim.cli.console import Console
 from lpfcosim.cli.forecast import left_out, messages, table
 from lpfcosim.cli.planned import planned, turning
 from lpfcosim.errors import UnavailableError, ours
-from lpfcosim.plant import margins
-from lpfcosim.running import validation
+from lpfcosim.execution import validation
+from lpfcosim.linear import margins
+from lpfcosim.models import world_of
 from lpfcosim.spacecraft import Run
-from lpfcosim.worlds import world_of
 
 SCHEMA = "lpf-check/1"
 
@@ -104,7 +104,7 @@ def _expectation(plan: Campaign, chosen: fit_settings.Settings, jobs: int, conso
     try:
         validation.check_linear_model(plan, "stability, margins, forecast and wall time are")
     except UnavailableError as error:
-        from lpfcosim.running import fmus  # takes its time, and few campaigns need it
+        from lpfcosim.execution import fmus  # takes its time, and few campaigns need it
 
         unapproved = fmus.unapproved(plan, {r.model: r.archive for r in plan.replacements})
         return _Expectation(None, None, {}, None, str(error), (str(error), *unapproved))

@@ -11,7 +11,7 @@ from lpfcosim.cli.common import check_folder
 from lpfcosim.cli.console import Console
 from lpfcosim.cli.fit import default_folder, telemetry
 from lpfcosim.errors import InputError
-from lpfcosim.running import folder, ledger
+from lpfcosim.execution import folder, ledger
 
 
 def deltag(paths: Sequence[Path], calibration: Path | None, out: Path | None, console: Console) -> None:

@@ -33,7 +33,7 @@ from lpfcosim.design import (
 )
 from lpfcosim.design import design as sought
 from lpfcosim.errors import RunError
-from lpfcosim.running import validation
+from lpfcosim.execution import validation
 
 SCHEMA = "lpf-design/1"
 HOUR = 3600.0

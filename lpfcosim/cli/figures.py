@@ -13,7 +13,7 @@ from lpfcosim.cli.common import check_folder
 from lpfcosim.cli.console import Console
 from lpfcosim.cosim import Where
 from lpfcosim.errors import LpfcosimError, RunError
-from lpfcosim.running import folder, workers
+from lpfcosim.execution import folder, workers
 
 
 def figures(directory: Path, names: Sequence[str], console: Console, *, jobs: int | None) -> None:

@@ -18,8 +18,8 @@ from fit.telemetry import Telemetry, archive_conversion, read_all
 from lpfcosim.cli.common import check_folder
 from lpfcosim.cli.console import Console
 from lpfcosim.cli.constraints import Constraints
-from lpfcosim.running import folder as folders
-from lpfcosim.running import ledger
+from lpfcosim.execution import folder as folders
+from lpfcosim.execution import ledger
 
 VERSIONS = ("lpfcosim", "numpy", "scipy", "lmfit", "fmpy")  # on which results depend
 

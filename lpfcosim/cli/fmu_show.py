@@ -17,9 +17,9 @@ from lpfcosim.cli.console import Console
 from lpfcosim.cosim import Interface, compilation, describe, nonconformity, placement, read
 from lpfcosim.errors import InputError
 from lpfcosim.messages import line
+from lpfcosim.models import world_of
 from lpfcosim.network import Component
 from lpfcosim.spacecraft import Authority, Replacement, Run, Spacecraft
-from lpfcosim.worlds import world_of
 
 SCHEMA = "lpf-fmu/1"
 #: One run of each world, for the parameters of its places; the authority is that of the first experiments.

@@ -15,8 +15,8 @@ from lpfcosim.cli.common import about, check_folder
 from lpfcosim.cli.console import Console
 from lpfcosim.cli.planned import planned, turning
 from lpfcosim.errors import UnavailableError, ours
+from lpfcosim.execution import validation
 from lpfcosim.messages import grouped
-from lpfcosim.running import validation
 
 
 def forecast(campaign: Path, out: Path | None, console: Console) -> None:

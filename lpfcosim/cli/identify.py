@@ -26,9 +26,9 @@ from lpfcosim.cli.constraints import Constraints
 from lpfcosim.cli.fit import calibrated, telemetry
 from lpfcosim.cosim import Where, interfaces_of_runs, warnings
 from lpfcosim.errors import InputError, LpfcosimError, RunError, ours
-from lpfcosim.identify import Simulation, Target, check, targets
-from lpfcosim.running import fmus as archives
-from lpfcosim.running import folder, runner, validation, workers
+from lpfcosim.execution import fmus as archives
+from lpfcosim.execution import folder, runner, validation, workers
+from lpfcosim.identification import Simulation, Target, check, targets
 
 RESULTS = "identified.json"  # which the report looks for
 FAR = 100.0  # natural scales from where the campaign has a parameter: there the search would not begin

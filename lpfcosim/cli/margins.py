@@ -11,9 +11,9 @@ from lpfcosim.campaign import loading
 from lpfcosim.cli.common import about
 from lpfcosim.cli.console import Console
 from lpfcosim.errors import UnavailableError
-from lpfcosim.plant import margins as loop_margins
-from lpfcosim.plant import stability
-from lpfcosim.running import validation
+from lpfcosim.execution import validation
+from lpfcosim.linear import margins as loop_margins
+from lpfcosim.linear import stability
 
 
 def margins(campaign: Path, console: Console) -> None:

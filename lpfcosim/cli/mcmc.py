@@ -11,7 +11,7 @@ from fit.sampling import Posterior
 from fit.sampling import emcee_sampling as chains
 from fit.telemetry import Telemetry
 from lpfcosim.cli.console import Console
-from lpfcosim.running import folder
+from lpfcosim.execution import folder
 
 
 def mcmc(directory: Path, console: Console, *, steps: int, seed: int) -> None:

@@ -34,12 +34,12 @@ from lpfcosim.cli.planned import in_memory
 from lpfcosim.cli.preparation import prepare
 from lpfcosim.cosim import Shelf, Where
 from lpfcosim.errors import InputError, LpfcosimError, RunError
+from lpfcosim.execution import cluster, folder, ledger, runner, telemetry, validation, workers
+from lpfcosim.execution import fmus as fmu_archives
+from lpfcosim.linear import spectral, stability
 from lpfcosim.messages import grouped
-from lpfcosim.plant import spectral, stability
-from lpfcosim.running import cluster, folder, ledger, runner, telemetry, validation, workers
-from lpfcosim.running import fmus as fmu_archives
+from lpfcosim.models import world_of
 from lpfcosim.spacecraft import Run
-from lpfcosim.worlds import world_of
 
 if TYPE_CHECKING:  # which the processes do without
     from lpfcosim.cli.console import Console

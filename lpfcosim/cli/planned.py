@@ -14,10 +14,10 @@ from fit.telemetry import Telemetry
 from fit.whitening import Experiment
 from fit.whitening import Run as Flown
 from lpfcosim.campaign import Campaign
-from lpfcosim.plant import planning, stability
-from lpfcosim.running import telemetry
+from lpfcosim.execution import telemetry
+from lpfcosim.linear import planning, stability
+from lpfcosim.models import world_of
 from lpfcosim.spacecraft import Run
-from lpfcosim.worlds import world_of
 
 
 def planned(plan: Campaign) -> list[PlannedExperiment]:

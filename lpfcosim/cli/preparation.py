@@ -6,7 +6,7 @@ from fit.settings import Settings, settings
 from lpfcosim.campaign import Campaign, loading
 from lpfcosim.cli.common import about
 from lpfcosim.errors import InputError
-from lpfcosim.running import validation
+from lpfcosim.execution import validation
 
 
 def prepare(

@@ -5,7 +5,7 @@ from pathlib import Path
 from fit.crosstalk import refit
 from fit.report import page as fit_report
 from lpfcosim.cli.console import Console
-from lpfcosim.running import folder
+from lpfcosim.execution import folder
 
 
 def report(directory: Path, console: Console) -> None:

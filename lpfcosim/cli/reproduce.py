@@ -11,7 +11,7 @@ from lpfcosim.campaign import loading
 from lpfcosim.cli.common import about
 from lpfcosim.cli.console import Console
 from lpfcosim.errors import InputError, RunError
-from lpfcosim.running import fmus, folder, ledger
+from lpfcosim.execution import fmus, folder, ledger
 
 #: The command line, but for the word that what an interrupt leaves is kept: here it is not.
 _COMMAND = "from lpfcosim.cli import main; main(told=False)"

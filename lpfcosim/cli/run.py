@@ -19,10 +19,10 @@ from lpfcosim.cli.console import Console
 from lpfcosim.cli.preparation import prepare
 from lpfcosim.cosim import Engine, Interface, placement
 from lpfcosim.errors import RunError
+from lpfcosim.execution import fmus as archives
+from lpfcosim.execution import folder, runner
 from lpfcosim.messages import grouped, names
-from lpfcosim.running import fmus as archives
-from lpfcosim.running import folder, runner
-from lpfcosim.worlds import world_of
+from lpfcosim.models import world_of
 
 if TYPE_CHECKING:
     from fit.results import Fit, Results

@@ -6,7 +6,7 @@ from pathlib import Path
 from fit.errors import quote
 from lpfcosim.cli.console import Console
 from lpfcosim.errors import InputError
-from lpfcosim.running import approvals
+from lpfcosim.execution import approvals
 
 
 def trust(files: Sequence[str], console: Console, *, remove: bool) -> None:

@@ -21,10 +21,10 @@ from lpfcosim.cosim.loaded import Shelf
 from lpfcosim.cosim.slave import EARLY, ENDS, NOT_FINITE, Slave
 from lpfcosim.cosim.stepping import CompiledLoop
 from lpfcosim.errors import RunError
+from lpfcosim.models import drive, world_of
 from lpfcosim.network import Component
 from lpfcosim.signals import autoregress
 from lpfcosim.spacecraft import READ_OUT_RANGE, Run
-from lpfcosim.worlds import drive, world_of
 
 Array = npt.NDArray[np.float64]
 Engine = Literal["compiled", "fmpy"]

@@ -14,9 +14,9 @@ from lpfcosim.cosim.interface import BASE_UNITS, Interface, nonconformity, read
 from lpfcosim.cosim.variables import REALS, MissingVariableError, known, size, stage
 from lpfcosim.errors import InputError
 from lpfcosim.messages import grouped, line
+from lpfcosim.models import world_of
 from lpfcosim.network import Component, check_feedthrough, endpoint
 from lpfcosim.spacecraft import Run
-from lpfcosim.worlds import world_of
 
 _SYMBOLS: dict[str, dict[str, int]] = {
     **{name: {name: 1} for name in BASE_UNITS},

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from lpfcosim.plant import planning
+from lpfcosim.linear import planning
 from lpfcosim.spacecraft import Run, Sine
 
 Array = NDArray[np.float64]

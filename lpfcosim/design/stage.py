@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lpfcosim.design.limits import QUANTITIES, Limit
-from lpfcosim.plant import planning
+from lpfcosim.linear import planning
+from lpfcosim.models import System, world_of
 from lpfcosim.spacecraft import Run, Target
-from lpfcosim.worlds import System, world_of
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]

@@ -20,9 +20,9 @@ from lpfcosim.cosim import Interface, Value, checks, interfaces
 from lpfcosim.errors import InputError
 from lpfcosim.export.ssp import same_units
 from lpfcosim.modelica import build, markup
+from lpfcosim.models import world_of
 from lpfcosim.network import endpoint
 from lpfcosim.spacecraft import Run
-from lpfcosim.worlds import world_of
 
 IDENTIFIER = "ClosedLoop"
 

@@ -26,9 +26,9 @@ from lpfcosim.errors import InputError
 from lpfcosim.export import traceability
 from lpfcosim.export.outcome import IRLSResult
 from lpfcosim.modelica import build, markup
+from lpfcosim.models import world_of
 from lpfcosim.network import endpoint
 from lpfcosim.spacecraft import Run
-from lpfcosim.worlds import world_of
 
 _NAMESPACE = "http://ssp-standard.org/SSP1/SystemStructure"
 _SSC, _SSD, _SSV = (f"{{{_NAMESPACE}{part}}}" for part in ("Common", "Description", "ParameterValues"))

@@ -33,10 +33,10 @@ from fit.warnings import FitWarning, Severity
 from lpfcosim.campaign import Campaign, loading
 from lpfcosim.campaign import montecarlo as campaigns
 from lpfcosim.cli.planned import in_memory
-from lpfcosim.plant import planning, spectral
+from lpfcosim.linear import planning, spectral
+from lpfcosim.models import drive, world_of
 from lpfcosim.signals import decimation
 from lpfcosim.spacecraft import Run
-from lpfcosim.worlds import drive, world_of
 
 #: Notes that say of clean telemetry what is not so; the others state how it is fitted, or how well.
 SAID = frozenset(

@@ -38,11 +38,11 @@ from lpfcosim.campaign import loading
 from lpfcosim.cosim import compiled as compiled_engine
 from lpfcosim.cosim import master
 from lpfcosim.cosim.placement import interfaces
+from lpfcosim.execution import runner
 from lpfcosim.modelica import build
 from lpfcosim.modelica.compiler import FLAGS, compiler
-from lpfcosim.running import runner
+from lpfcosim.models import drive, world_of
 from lpfcosim.spacecraft.run import Run
-from lpfcosim.worlds import drive, world_of
 
 HERE = Path(__file__).parent
 MONOLITHIC = HERE.parent / "oracles" / "monolithic.c"

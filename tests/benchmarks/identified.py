@@ -35,12 +35,12 @@ from fit.telemetry.reader import Telemetry
 from lpfcosim.campaign import Campaign, loading, montecarlo
 from lpfcosim.cli.identify import _free
 from lpfcosim.errors import LpfcosimError
-from lpfcosim.identify import Simulation
+from lpfcosim.execution import telemetry
+from lpfcosim.execution.telemetry import truth
+from lpfcosim.identification import Simulation
 from lpfcosim.modelica import build
-from lpfcosim.running import telemetry
-from lpfcosim.running.telemetry import truth
+from lpfcosim.models import world_of
 from lpfcosim.spacecraft import Run
-from lpfcosim.worlds import world_of
 from tests.benchmarks.sbc import known
 
 Line = dict[str, Any]

@@ -25,10 +25,10 @@ from fit.results.estimates import Estimate
 from fit.results.results import Fit
 from fit.telemetry import reader as telemetry
 from lpfcosim.campaign import loading
+from lpfcosim.execution import runner
 from lpfcosim.modelica import build
-from lpfcosim.running import runner
+from lpfcosim.models import world_of
 from lpfcosim.spacecraft.run import Run
-from lpfcosim.worlds import world_of
 
 CAMPAIGN = Path(__file__).parents[2] / "campaigns" / "inertial.toml"
 NAMES = ("delta_phi", "delta_eta")

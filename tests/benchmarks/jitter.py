@@ -12,8 +12,8 @@ import numpy as np
 from scipy.signal import welch
 
 from lpfcosim.campaign import loading
-from lpfcosim.plant import margins, planning
-from lpfcosim.worlds import whole_plant
+from lpfcosim.linear import margins, planning
+from lpfcosim.models import whole_plant
 from tests import ROOT
 
 F = np.array([0.1, 0.3, 0.5, 1, 2, 5, 10, 20, 30, 50, 70]) * 1e-3  # Hz

@@ -7,7 +7,7 @@ truths (gains within 5 %, all else within 30 % of the flight's) and, where asked
 misalignments. It fits each as `lpfcosim run` does and tells the pulls.
 
 * ``--kind x``: the thirteen experiments with their noise runs, along x, drawn from the spectra of the closed
-  loop (`lpfcosim.plant.spectral`).
+  loop (`lpfcosim.linear.spectral`).
 * ``--kind whole``: the same with the whole spacecraft.
 * ``--kind euler``: the Euler fit, from three days of noise of a period, stepped through the FMUs.
 
@@ -50,12 +50,12 @@ from lpfcosim.campaign import Campaign, loading, montecarlo
 from lpfcosim.cli.montecarlo import _channels
 from lpfcosim.cli.planned import in_memory
 from lpfcosim.errors import LpfcosimError
+from lpfcosim.execution import runner
+from lpfcosim.execution.telemetry import truth
+from lpfcosim.linear import spectral
 from lpfcosim.modelica import build
-from lpfcosim.plant import spectral
-from lpfcosim.running import runner
-from lpfcosim.running.telemetry import truth
+from lpfcosim.models import world_of
 from lpfcosim.spacecraft import Run
-from lpfcosim.worlds import world_of
 from tests import ROOT
 from tests.benchmarks.sbc import known
 
@@ -174,7 +174,7 @@ def plan_names(plan: Campaign) -> set[str]:
 
 def header(kind: str) -> Line:
     """Return what a log is of: another campaign or fit makes another."""
-    files = sorted([*(ROOT / "fit").rglob("*.py"), *(ROOT / "lpfcosim" / "plant").rglob("*.py")])
+    files = sorted([*(ROOT / "fit").rglob("*.py"), *(ROOT / "lpfcosim" / "linear").rglob("*.py")])
     total = sha256(b"".join(file.read_bytes() for file in files))
     return {"digest": loading.load(CAMPAIGN).digest, "kind": kind, "sources": total.hexdigest()}
 

@@ -14,8 +14,8 @@ from fit.parameters import joint_names
 from fit.pipeline import calibrate
 from fit.settings import settings
 from lpfcosim.campaign import loading
+from lpfcosim.models import along_x_plant
 from lpfcosim.spacecraft.run import Noise, Truth
-from lpfcosim.worlds import along_x_plant
 from tests.fit.recorded import recorded
 from tests.oracles.synthetic import World, of_run, pair, telemetry, without
 

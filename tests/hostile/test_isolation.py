@@ -9,7 +9,7 @@ import fmpy
 import pytest
 
 from lpfcosim.errors import InputError
-from lpfcosim.running import runner
+from lpfcosim.execution import runner
 from tests.hostile.faulty import FAULTS, SEGFAULT, after, by_value, faulty
 
 pytestmark = [

@@ -15,12 +15,12 @@ import pytest
 from lpfcosim.campaign import loading
 from lpfcosim.cosim import archive, checks, interface, placement, slave
 from lpfcosim.errors import InputError
+from lpfcosim.execution import approvals
+from lpfcosim.execution import fmus as archives
+from lpfcosim.execution import ledger as files
 from lpfcosim.modelica import build
-from lpfcosim.running import approvals
-from lpfcosim.running import fmus as archives
-from lpfcosim.running import ledger as files
+from lpfcosim.models import world_of
 from lpfcosim.spacecraft.run import Replacement
-from lpfcosim.worlds import world_of
 from tests.campaign_text import ONE_EXPERIMENT
 from tests.hostile.mutations import NUMBERS, TEXTS, damaged, raw_archive, survives
 from tests.lpfcosim.cosim.foreign import edited

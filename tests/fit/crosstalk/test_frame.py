@@ -19,8 +19,8 @@ from fit.results.estimates import Estimate
 from fit.results.results import Fit, load, write
 from fit.telemetry.reader import read_all
 from lpfcosim.campaign import loading
-from lpfcosim.running.telemetry import attributes
-from lpfcosim.worlds import whole_plant
+from lpfcosim.execution.telemetry import attributes
+from lpfcosim.models import whole_plant
 from tests import ROOT
 from tests.fit.recorded import recorded
 from tests.oracles import rotation_synthetic as synthetic

@@ -13,10 +13,10 @@ from fit.settings import settings
 from lpfcosim.campaign import loading
 from lpfcosim.cli import montecarlo
 from lpfcosim.cli.planned import in_memory, turning
-from lpfcosim.plant import spectral
+from lpfcosim.linear import spectral
+from lpfcosim.models import whole_plant
 from lpfcosim.signals import decimation
 from lpfcosim.spacecraft import Noise
-from lpfcosim.worlds import whole_plant
 from tests import ROOT
 from tests.oracles.rotation_synthetic import calibration
 

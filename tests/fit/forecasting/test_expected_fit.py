@@ -20,14 +20,14 @@ from fit.whitening import Experiment, likelihoods
 from fit.whitening.run import Run
 from lpfcosim.campaign import loading
 from lpfcosim.cli.planned import planned
-from lpfcosim.plant import planning
+from lpfcosim.linear import planning
+from lpfcosim.models import along_x_plant, whole_loops, whole_plant, world_of
 from lpfcosim.spacecraft.run import Authority, HalfCosine, Noise, Sine
 from lpfcosim.spacecraft.spacecraft import Spacecraft
-from lpfcosim.worlds import along_x_plant, whole_loops, whole_plant, world_of
 from tests import ROOT
 from tests.fit.recorded import recorded
-from tests.lpfcosim.plant import drives
-from tests.lpfcosim.worlds import whole_spectra
+from tests.lpfcosim.linear import drives
+from tests.lpfcosim.models import whole_spectra
 from tests.oracles.synthetic import World, of_run, pair, telemetry
 
 CAMPAIGNS = ROOT / "campaigns"

@@ -10,9 +10,9 @@ from fit.forecasting.expected_fit import expected_fit
 from fit.settings import settings
 from lpfcosim.campaign import loading
 from lpfcosim.cli.planned import planned
-from lpfcosim.plant import planning
+from lpfcosim.linear import planning
+from lpfcosim.models import world_of
 from lpfcosim.spacecraft import TaperedSine
-from lpfcosim.worlds import world_of
 from tests import ROOT
 
 TONES = (

@@ -8,11 +8,11 @@ import scipy
 
 from fit.errors import FitError
 from fit.telemetry.reader import Telemetry
-from lpfcosim.plant import planning
-from lpfcosim.running import telemetry
+from lpfcosim.execution import telemetry
+from lpfcosim.linear import planning
+from lpfcosim.models import drive, world_of
+from lpfcosim.models.loop import sampled
 from lpfcosim.spacecraft import Noise, Sine
-from lpfcosim.worlds import drive, world_of
-from lpfcosim.worlds.loop import sampled
 
 TONES = (
     Sine("guidance_o_12", 10e-9, 1.5e-3, 4, 300),

@@ -15,7 +15,7 @@ from fit.quality import noise_adaptation
 from fit.settings import settings
 from fit.warnings import FitWarning
 from fit.whitening import pair
-from lpfcosim.plant import planning
+from lpfcosim.linear import planning
 from lpfcosim.spacecraft import Truth
 from tests.fit.identification.linear_loop import Feeds, LinearLoop, recorded_experiment
 

@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 
 from fit.model import dynamics
 from fit.spectra import derivatives, windowing
+from lpfcosim.models import along_x_plant
 from lpfcosim.spacecraft.run import Noise, Sine
-from lpfcosim.worlds import along_x_plant
 from tests.fit.recorded import recorded
 from tests.oracles.synthetic import World, of_run, telemetry, without
 

@@ -15,8 +15,8 @@ from fit.settings import settings
 from fit.whitening import Experiment
 from fit.whitening.run import Run
 from lpfcosim.campaign import loading
+from lpfcosim.models import along_x_plant
 from lpfcosim.spacecraft.run import Noise, Pulse
-from lpfcosim.worlds import along_x_plant
 from tests.fit.recorded import recorded
 from tests.fit.test_pipeline import OFF
 from tests.oracles import thirteen

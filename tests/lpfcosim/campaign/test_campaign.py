@@ -13,10 +13,10 @@ from hypothesis import strategies as st
 from lpfcosim.campaign import loading
 from lpfcosim.campaign.schema import CampaignTable
 from lpfcosim.errors import InputError
-from lpfcosim.running.telemetry import truth
+from lpfcosim.execution.telemetry import truth
+from lpfcosim.models import drive
 from lpfcosim.spacecraft.control import DRAG_FREE
 from lpfcosim.spacecraft.run import Authority, HalfCosine, Noise, Pulse, Sine, Truth
-from lpfcosim.worlds import drive
 from tests import ROOT
 
 TEXT = (ROOT / "tests" / "two_experiments.toml").read_text(encoding="utf-8")

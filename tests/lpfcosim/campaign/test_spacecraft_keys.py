@@ -7,9 +7,9 @@ import pytest
 
 from lpfcosim.campaign import loading
 from lpfcosim.errors import InputError
-from lpfcosim.plant import planning
+from lpfcosim.linear import planning
+from lpfcosim.models import world_of
 from lpfcosim.spacecraft import EIGHT_NOZZLES, Lead
-from lpfcosim.worlds import world_of
 from tests.campaign_text import ONE_EXPERIMENT
 
 HEAD = 'schema = "lpf-campaign/1"\nname = "whole"\nseed = 1\n'

@@ -13,8 +13,8 @@ import fit
 import lpfcosim as package
 from lpfcosim.campaign import loading
 from lpfcosim.errors import InputError, UnavailableError
+from lpfcosim.execution import validation
 from lpfcosim.modelica import build
-from lpfcosim.running import validation
 from tests import ROOT
 
 FIRST = 'frequency = "0.833 mHz", amplitude = "10 nm", cycles = 4, start = "900 s"'

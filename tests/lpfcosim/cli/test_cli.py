@@ -15,9 +15,9 @@ import pytest
 from lpfcosim.campaign import loading
 from lpfcosim.cosim import placement
 from lpfcosim.errors import InputError, RunError
+from lpfcosim.execution import runner, telemetry
 from lpfcosim.modelica import build as fmu_build
-from lpfcosim.running import runner, telemetry
-from lpfcosim.worlds import along_x_plant
+from lpfcosim.models import along_x_plant
 from tests.campaign_text import ONE_EXPERIMENT
 
 SHORT = f"""

@@ -5,7 +5,7 @@ import tomllib
 
 import pytest
 
-from lpfcosim.worlds import world_of
+from lpfcosim.models import world_of
 from tests import third_party
 
 pytestmark = pytest.mark.fmu

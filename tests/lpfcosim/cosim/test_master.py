@@ -10,8 +10,8 @@ from lpfcosim.campaign import loading
 from lpfcosim.cosim import interfaces, master
 from lpfcosim.errors import InputError, RunError
 from lpfcosim.modelica import build
+from lpfcosim.models import along_x, along_x_plant, world
 from lpfcosim.spacecraft.run import Authority, HalfCosine, Pulse, Sine
-from lpfcosim.worlds import along_x, along_x_plant, world
 from tests.lpfcosim.cosim import in_memory
 
 pytestmark = pytest.mark.fmu

@@ -16,11 +16,11 @@ from lpfcosim.cosim import placement
 from lpfcosim.cosim.interface import resolve
 from lpfcosim.cosim.placement import _exponents
 from lpfcosim.errors import InputError, RunError
+from lpfcosim.execution import runner
 from lpfcosim.modelica import build
-from lpfcosim.running import runner
+from lpfcosim.models import world_of
 from lpfcosim.spacecraft.run import Noise, Replacement, Sine
 from lpfcosim.spacecraft.spacecraft import Spacecraft
-from lpfcosim.worlds import world_of
 from tests import ROOT
 from tests.campaign_text import ONE_EXPERIMENT
 from tests.lpfcosim.cosim import in_memory

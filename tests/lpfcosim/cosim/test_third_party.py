@@ -11,8 +11,8 @@ import pytest
 from lpfcosim.cosim import slave, warnings
 from lpfcosim.cosim.variables import known
 from lpfcosim.errors import InputError, RunError
+from lpfcosim.models import world_of
 from lpfcosim.spacecraft.run import Noise, Replacement
-from lpfcosim.worlds import world_of
 from tests import third_party
 from tests.lpfcosim.cosim import in_memory
 from tests.lpfcosim.cosim.third_party_fmu import ENGINE, FMI, MODEL, placed, refusal, replacement, simulate

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from lpfcosim.modelica import build
+from lpfcosim.models import whole_plant, world_of
 from lpfcosim.spacecraft import EIGHT_NOZZLES
 from lpfcosim.spacecraft.run import Authority, Noise, Sine
 from lpfcosim.spacecraft.spacecraft import Spacecraft
-from lpfcosim.worlds import whole_plant, world_of
 from tests.lpfcosim.cosim import in_memory
 
 pytestmark = pytest.mark.fmu

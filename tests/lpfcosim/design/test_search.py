@@ -13,8 +13,8 @@ from lpfcosim.design.objective import Objective
 from lpfcosim.design.search import search
 from lpfcosim.design.sought import problem
 from lpfcosim.errors import InputError
+from lpfcosim.models import world_of
 from lpfcosim.spacecraft import TaperedSine
-from lpfcosim.worlds import world_of
 from tests import ROOT
 
 

@@ -12,8 +12,8 @@ from lpfcosim.cosim import checks, placement
 from lpfcosim.errors import InputError
 from lpfcosim.export.container import container
 from lpfcosim.modelica import build
+from lpfcosim.models import along_x, drive, world
 from lpfcosim.spacecraft.run import Authority, HalfCosine, Pulse, Sine
-from lpfcosim.worlds import along_x, drive, world
 from tests.lpfcosim.cosim import in_memory
 
 pytestmark = pytest.mark.fmu

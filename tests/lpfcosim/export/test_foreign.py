@@ -18,8 +18,8 @@ from lxml import etree
 from lpfcosim.campaign import loading
 from lpfcosim.export import ssp
 from lpfcosim.modelica import build
+from lpfcosim.models import along_x, world_of
 from lpfcosim.network import endpoint
-from lpfcosim.worlds import along_x, world_of
 from tests.lpfcosim.modelica.slaves import slave
 
 pytestmark = pytest.mark.fmu

@@ -18,7 +18,7 @@ from lpfcosim.campaign import loading
 from lpfcosim.errors import InputError
 from lpfcosim.export import ssp
 from lpfcosim.modelica import build
-from lpfcosim.worlds import along_x, drive, world, world_of
+from lpfcosim.models import along_x, drive, world, world_of
 from tests import ROOT, third_party
 from tests.campaign_text import ONE_EXPERIMENT
 from tests.lpfcosim.modelica.modelica_source import fmu

@@ -8,8 +8,8 @@ import pytest
 from lxml import etree
 
 from lpfcosim.modelica import build
+from lpfcosim.models import along_x, whole
 from lpfcosim.network import endpoint
-from lpfcosim.worlds import along_x, whole
 from tests.lpfcosim.modelica.slaves import slave, told
 
 pytestmark = pytest.mark.fmu

@@ -8,11 +8,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from lpfcosim.errors import InputError
+from lpfcosim.models import along_x, drive, world_of
 from lpfcosim.network.wiring import Component, check_feedthrough, endpoint, in_order
 from lpfcosim.spacecraft.actuation import Actuation
 from lpfcosim.spacecraft.run import Truth
 from lpfcosim.spacecraft.spacecraft import Spacecraft
-from lpfcosim.worlds import along_x, drive, world_of
 
 
 def test_order_of_ours_is_that_of_the_signals(make_run):

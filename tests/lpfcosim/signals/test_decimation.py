@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import scipy
 
-from lpfcosim.running import telemetry
+from lpfcosim.execution import telemetry
 from lpfcosim.signals import decimation
 
 

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 import scipy
 
-from lpfcosim.plant import spectral
+from lpfcosim.linear import spectral
+from lpfcosim.models import along_x_plant, drive
 from lpfcosim.signals import events
 from lpfcosim.spacecraft.events import Events
 from lpfcosim.spacecraft.run import Authority, Noise, Run
-from lpfcosim.worlds import along_x_plant, drive
 
 EVENTS = Events(glitches_per_day=60.0, gaps_per_day=20.0, gap_duration=20.0, noise_drift=0.5)
 DAY = 86400

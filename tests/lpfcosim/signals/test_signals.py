@@ -6,8 +6,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.signal import welch
 
+from lpfcosim.models import drive
 from lpfcosim.spacecraft.run import HalfCosine, Noise, Pulse, Sine
-from lpfcosim.worlds import drive
 
 TARGETS = ("guidance_o_1", "guidance_o_12", "F_x_1", "F_x_2")
 

@@ -1,0 +1,122 @@
+"""A folder of results: one process at a time works in it, and what it holds lets anybody make it again.
+
+That is the campaign, with whatever it extends, and the FMUs that are not ours.
+"""
+
+from __future__ import annotations
+
+import errno
+import os
+import socket
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import Any
+
+import tomli_w
+from filelock import FileLock, Timeout
+
+from fit.files import refuse_links
+from lpfcosim.errors import InputError, RunError, ours
+from lpfcosim.execution import ledger
+
+CAMPAIGN = "campaign.toml"
+_FMUS = "fmus"
+_LOCK, _HOLDER = ".lock", ".lock-holder"
+_FOLDERS = ("telemetry", "figures", _FMUS)
+
+
+@contextmanager
+def held(directory: Path, option: str = "") -> Iterator[None]:
+    """Make a folder of results if need be, keep other processes out of it, and clear what dead ones left.
+
+    The operating system lets go of the lock when its holder ends, however it ends. Files that a process did
+    not finish have a name of their own (`atomic.temporary`); once the lock is held, nobody alive writes them.
+    Within a process it may be held again while it is held. `option` names another folder, if the command has
+    one.
+
+    Raises
+    ------
+    InputError
+        If another process works in the folder, which is named, or it is a file, or a link leads elsewhere, or
+        there can be none of its name.
+    RunError
+        If the folder cannot be locked, or made as the disk is full.
+    """
+    with ours():
+        refuse_links(directory)
+    holder = directory / _HOLDER
+    try:
+        directory.mkdir(parents=True, exist_ok=True)
+        lock = FileLock(directory.resolve() / _LOCK, timeout=0, is_singleton=True)
+        inside = lock.is_locked
+        acquired = lock.acquire()
+    except Timeout:
+        who = ""
+        with suppress(OSError):
+            who = f" ({holder.read_text(encoding='utf-8').strip()})"
+        advice = f"wait for it or choose another {option}" if option else "wait for it"
+        raise InputError(f"{directory}: another process works in it{who}; {advice}") from None
+    except (FileExistsError, NotADirectoryError):
+        told = f"{directory}: is a file or lies in one, expected a folder for the results"
+        raise InputError(told) from None
+    except OSError as error:
+        if not os.path.isdir(directory) and error.errno not in (errno.ENOSPC, errno.EDQUOT):  # noqa: PTH112
+            told = f"{directory}: cannot be made ({error.strerror}), expected a folder for the results"
+            raise InputError(told) from None
+        raise RunError(f"{directory}: cannot be locked: {error.strerror or error}") from None
+    with acquired:
+        if inside:
+            yield
+            return
+        for folder in (".", *_FOLDERS):
+            ledger.discard_all(directory / folder)
+        with suppress(OSError):
+            holder.write_text(f"process {os.getpid()} on {socket.gethostname()}\n", encoding="utf-8")
+        try:
+            yield
+        finally:
+            with suppress(OSError):
+                holder.unlink()
+
+
+def keep(
+    directory: Path, said: Mapping[str, Any], fmus: Mapping[str, Path], digests: Mapping[str, object]
+) -> None:
+    """Write ``campaign.toml`` and ``fmus/MODEL.fmu`` for each FMU that is not ours.
+
+    Parameters
+    ----------
+    directory : Path
+        The folder, `held`.
+    said : mapping
+        What the campaign says, with whatever it extends.
+    fmus : mapping of str to Path
+        Those that are not ours, by model.
+    digests : mapping
+        ``fmu_MODEL``: SHA-256 of each.
+    """
+    tables = {**said}
+    if fmus:
+        (directory / _FMUS).mkdir(exist_ok=True)
+        tables["fmus"] = {**said["fmus"]}
+    for model, archive in fmus.items():
+        copy = directory / _FMUS / f"{model}.fmu"
+        ledger.write(copy, archive.read_bytes())
+        entry = {"path": f"{_FMUS}/{copy.name}", "sha256": digests[f"fmu_{model}"]}
+        tables["fmus"][model] = {**said["fmus"][model], **entry}
+    ledger.write(directory / CAMPAIGN, tomli_w.dumps(tables))
+
+
+def campaign_of(directory: Path) -> Path:
+    """Return the campaign that a folder of results holds.
+
+    Raises
+    ------
+    InputError
+        If there is none.
+    """
+    path = directory / CAMPAIGN
+    if not path.is_file():
+        raise InputError(f"{path}: no such file, expected the folder of an earlier run")
+    return path

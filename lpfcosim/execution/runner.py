@@ -1,0 +1,341 @@
+"""Simulate the runs of a campaign on several processes; what is already there is kept."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Generator, Iterable, Iterator, Mapping
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import closing
+from dataclasses import dataclass
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+
+from fit.files import atomic
+from fit.parallel import processors
+from fit.telemetry import root_attributes
+from lpfcosim.campaign import Campaign
+from lpfcosim.cosim import Shelf, compiled, master, placement
+from lpfcosim.errors import InputError, LpfcosimError, RunError
+from lpfcosim.execution import cluster, telemetry, workers
+from lpfcosim.execution.ledger import Finished, Ledger, digest
+from lpfcosim.linear import saturation
+from lpfcosim.modelica import engine_library
+from lpfcosim.models import world_of
+from lpfcosim.signals import decimation
+from lpfcosim.spacecraft import Run
+
+Progress = Callable[[str, int], None]  # name of a run, number of its samples done
+Origin = Mapping[str, str | int | float]
+
+_CALLED = {"seed": "seed", "lpfcosim_version": "version", "campaign": "campaign", "campaign_digest": "digest"}
+
+
+@dataclass(frozen=True)
+class Simulated:
+    """What came of a campaign.
+
+    Attributes
+    ----------
+    files : mapping of str to Path
+        The telemetry of every run that is there, in the order of the campaign.
+    failures : mapping of str to RunError
+        Why the others are not.
+    origin : mapping
+        The `provenance` of all of it.
+    """
+
+    files: Mapping[str, Path]
+    failures: Mapping[str, RunError]
+    origin: Origin
+
+
+def provenance(campaign: Campaign, fmus: Mapping[str, Path]) -> dict[str, str | int | float]:
+    """Tell how telemetry comes to be; every file carries it."""
+    return {
+        "lpfcosim_version": metadata.version("lpfcosim"),
+        "campaign": campaign.name,
+        "campaign_digest": campaign.digest,
+        "seed": campaign.seed,
+        **{f"fmu_{model}": digest(path) for model, path in fmus.items()},
+    }
+
+
+@dataclass(frozen=True)
+class How:
+    """How a campaign is simulated.
+
+    Attributes
+    ----------
+    jobs : int, optional
+        Number of processes; as many as there are processors by default.
+    scheduler : str, optional
+        Address of the scheduler of a Dask cluster, which then does the work.
+    engine : {"compiled", "fmpy"}
+        Which loop steps the FMUs; see `master.blocks`.
+    rerun : bool
+        Simulate again what comes from another campaign, seed, version or FMU, instead of refusing it.
+    time_limit : float, optional
+        Longest that a run may take [s].
+    silence : float
+        Time without a step after which an FMU is taken to hang [s].
+    """
+
+    jobs: int | None = None
+    scheduler: str | None = None
+    engine: master.Engine = "compiled"
+    rerun: bool = False
+    time_limit: float | None = None
+    silence: float = workers.SILENCE
+
+
+@dataclass(frozen=True)
+class Listener:
+    """Who is told what goes on.
+
+    Attributes
+    ----------
+    progress : callable
+        Told the name of a run and the number of samples done.
+    kept : callable
+        Told the name of a run whose file is there already.
+    told : callable
+        Told in one line what else there is to tell.
+    begin : callable
+        Told the provenance when nothing stands in the way, before anything is simulated.
+    """
+
+    progress: Progress = lambda _name, _done: None
+    kept: Callable[[str], None] = lambda _name: None
+    told: Callable[[str], None] = lambda _line: None
+    begin: Callable[[Origin], None] = lambda _origin: None
+
+
+def simulate(
+    campaign: Campaign,
+    directory: Path,
+    fmus: Mapping[str, Path],
+    how: How = How(),
+    listener: Listener = Listener(),
+) -> Simulated:
+    """Simulate every run of ``campaign`` whose file in ``directory`` is not there yet.
+
+    A file is there if it is as it was when it was finished, by the ledger beside ``directory``
+    (``telemetry.sha256``, which ``sha256sum -c`` reads). Beside it ``logs`` tells more of runs that failed.
+
+    Parameters
+    ----------
+    campaign : Campaign
+        What to simulate.
+    directory : Path
+        Folder of the telemetry files, one per run; made if need be. No other process may use it meanwhile.
+    fmus : mapping of str to Path
+        The FMU of each component.
+    how, listener : How, Listener
+        On what and within which limits; who is told what goes on.
+
+    Raises
+    ------
+    InputError
+        If a folder is in the way of a file, telemetry is of another campaign, or FMUs do not fit.
+    RunError
+        If the folder cannot be made.
+    """
+    if how.jobs is not None and how.jobs < 1:
+        raise InputError(f"jobs: {how.jobs}, expected one or more processes")
+    origin = provenance(campaign, fmus)
+    try:
+        directory.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise RunError(f"{directory}: cannot be made: {error.strerror}") from None
+    paths = {run.name: directory / f"{run.name}.h5" for run in campaign.runs}
+    ledger = Ledger(directory.with_name(f"{directory.name}.sha256"))
+    whole = _whole(directory, paths, origin, ledger, rerun=how.rerun)
+    for name, path in paths.items():
+        if name in whole:
+            listener.kept(name)
+        elif path.exists():
+            why = "simulated again" if how.rerun else "is not as it was finished, simulated again"
+            listener.told(f"run {name}: {path} {why}")
+    listener.begin(origin)
+    missing = {run.name: run for run in campaign.runs if run.name not in whole}
+    found: dict[str, RunError] = {}
+    setting = workers.Setting(_simulate, directory, directory.parent / "logs")
+    setting.tidy()  # after whoever was killed
+    if missing:
+        ledger.forget(map(paths.__getitem__, missing))
+        for name in missing:  # lest old and new lie side by side, should this be killed
+            paths[name].unlink(missing_ok=True)
+        common = dict(origin), how.engine
+        tasks = {name: (run, dict(fmus), paths[name], *common) for name, run in missing.items()}
+        with closing(_outcomes(setting, tasks, how, listener)) as outcomes:
+            found = _settled(missing, outcomes, ledger, paths, listener.progress, setting)
+    return Simulated({name: path for name, path in paths.items() if name not in found}, found, origin)
+
+
+def _outcomes(
+    setting: workers.Setting, tasks: Mapping[str, tuple[Any, ...]], how: How, listener: Listener
+) -> Generator[tuple[str, Any]]:
+    """Have runs done where the user wants it; yield what comes of each."""
+    if how.engine == "compiled":
+        engine_library()  # once, here, and not in every worker
+    sizes = {name: task[0].n_samples for name, task in tasks.items()}
+    # The longest first, so that none is left running alone at the end.
+    items = {name: tasks[name] for name in sorted(tasks, key=lambda name: -sizes[name])}
+
+    def under_way(name: str, done: int) -> None:
+        if done < sizes[name]:  # the last is told of a file that is finished
+            listener.progress(name, done)
+
+    limits: dict[str, Any] = {"time_limit": how.time_limit, "silence": how.silence}
+    if how.scheduler:
+        yield from cluster.record(how.scheduler, setting, items, **limits)
+    else:
+        yield from workers.results(setting, items, how.jobs or processors(), progress=under_way, **limits)
+
+
+def _settled(
+    runs: Mapping[str, Run],
+    outcomes: Iterable[tuple[str, Any]],
+    ledger: Ledger,
+    paths: Mapping[str, Path],
+    progress: Progress,
+    setting: workers.Setting,
+) -> dict[str, RunError]:
+    """Enter what is finished into the ledger as it comes, and name it; return why the rest failed."""
+    failures: dict[str, LpfcosimError] = {}
+    for name, outcome in outcomes:
+        if isinstance(outcome, Finished):
+            outcome = _entered(ledger, paths[name], outcome)
+        if outcome is None:
+            progress(name, runs[name].n_samples)
+            continue
+        failures[name] = _lost(runs[name], outcome) if isinstance(outcome, workers.Lost) else outcome
+        setting.note(name, str(failures[name]))
+    wrong = [error for error in failures.values() if isinstance(error, InputError)]
+    if wrong:
+        raise InputError("; ".join(dict.fromkeys(map(str, wrong))))
+    for name in runs:  # whoever was to do it said nothing
+        if name not in failures and not paths[name].is_file():
+            failures[name] = RunError(f"run '{name}': was not simulated")
+    return {name: RunError(str(failures[name])) for name in runs if name in failures}
+
+
+def _entered(ledger: Ledger, path: Path, finished: Finished) -> RunError | None:
+    try:
+        ledger.add(path, finished)
+    except RunError as error:
+        return error
+    return None
+
+
+def culprit(run: Run, lost: workers.Lost) -> str:
+    """Return who is to blame for the end of a process that simulated a run."""
+    return f"the {world_of(run).steps(run)[lost.slave].model} FMU" if lost.slave >= 0 else "its process"
+
+
+def _lost(run: Run, lost: workers.Lost) -> RunError:
+    when = f"at {lost.sample * run.h:.1f} s" if lost.sample >= 0 else "while the FMUs were loaded"
+    return RunError(f"run '{run.name}': {culprit(run, lost)} {lost.how} {when}")
+
+
+def _whole(
+    directory: Path, paths: Mapping[str, Path], origin: Origin, ledger: Ledger, *, rerun: bool
+) -> set[str]:
+    """Return the runs that are there; refuse files that must be neither overwritten nor mixed with them."""
+    for path in sorted(directory.glob("*.h5")):
+        if path.is_dir():
+            raise InputError(f"{path}: is a folder, expected a file or nothing")
+        if path not in paths.values():
+            raise InputError(
+                f"{path}: belongs to no run of this campaign; choose another --out or move it elsewhere"
+            )
+    with ThreadPoolExecutor(processors()) as pool:
+        sound = dict(zip(paths, pool.map(ledger.holds, paths.values()), strict=True))
+    whole = set()
+    for name, path in paths.items():
+        found = root_attributes(path)
+        if found is None or sound[name] is False:
+            continue  # missing or damaged
+        other = difference(found, origin)
+        if other and not rerun:
+            raise InputError(f"{path}: {other}; choose another --out or give --rerun to simulate it again")
+        if sound[name] and not other:
+            whole.add(name)
+    return whole
+
+
+def difference(found: Mapping[str, Any], origin: Origin) -> str:
+    """Tell in what the provenance among a file's attributes differs; empty if it does not."""
+    for key, wanted in sorted(origin.items(), key=lambda item: [*_CALLED, item[0]].index(item[0])):
+        if key not in found:
+            return f"does not tell its {key}, expected telemetry of this campaign"
+        if not _same(found[key], wanted):
+            if key in ("seed", "lpfcosim_version", "campaign"):
+                return f"simulated with {_CALLED[key]} {found[key]}, now it is {wanted}"
+            if key == "campaign_digest":
+                return "simulated when the campaign said something else"
+            return f"simulated with another {key.removeprefix('fmu_')} FMU"
+    more = sorted(key.removeprefix("fmu_") for key in found if key.startswith("fmu_") and key not in origin)
+    return f"simulated with an FMU {more[0]}, which is not in the loop now" if more else ""
+
+
+def _same(found: Any, wanted: str | int | float) -> bool:
+    try:
+        return bool(found == wanted)
+    except (ValueError, TypeError):  # an array, or whatever else
+        return False
+
+
+def record(
+    run: Run,
+    fmus: Mapping[str, Path],
+    path: Path,
+    origin: Mapping[str, str | int | float],
+    engine: master.Engine = "compiled",
+    where: master.Where | None = None,
+    shelf: Shelf | None = None,
+) -> None:
+    """Simulate one run into a telemetry file, block by block; to have it settled is left to who keeps it.
+
+    The attribute ``saturated_samples`` counts the samples with a command at its limit, if there are any.
+    """
+    saturated = 0
+    world = world_of(run)
+    found = placement.interfaces(run, fmus)
+    untold = world.untold(run, placement.ignored(found))
+    with telemetry.writer(path, run, world.record, origin, untold, is_final=False) as writer:
+
+        def told() -> Iterator[Mapping[str, master.Array]]:
+            nonlocal saturated
+            for block in master.blocks(run, found, engine, where, shelf):
+                saturated += saturation.count(run, block)
+                yield block
+
+        low_pass = compiled.low_pass if engine == "compiled" else decimation.plain
+        for block in decimation.decimate(run, told(), low_pass):
+            writer.append(block)
+        if saturated:
+            writer.annotate("saturated_samples", saturated)
+
+
+def saturated(paths: Iterable[Path]) -> dict[str, int]:
+    """Return the number of samples with a command at its limit, by run, of the files that have some."""
+    told = (root_attributes(path) or {} for path in paths)
+    return {str(said["run"]): int(said["saturated_samples"]) for said in told if "saturated_samples" in said}
+
+
+# In a worker -------------------------------------------------------------------------------------------
+
+_SHELF = Shelf()
+
+
+def _simulate(
+    run: Run, fmus: Mapping[str, Path], path: Path, origin: Origin, engine: master.Engine, where: master.Where
+) -> Finished:
+    """Simulate a run into a file that the main process gives its name."""
+    partial = atomic.temporary(path)
+    try:
+        record(run, fmus, partial, origin, engine, where, _SHELF)
+    except RunError as error:  # which may name the file
+        raise RunError(str(error).replace(partial.name, path.name)) from None
+    return Finished(partial, digest(partial))

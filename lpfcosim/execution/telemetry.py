@@ -1,0 +1,141 @@
+"""A run as telemetry: what the contract has its file say of it, and what is true of it."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Container, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import fields
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fit.telemetry import CHANNELS, SCHEMA, Writer
+from lpfcosim.errors import RunError, ours
+from lpfcosim.models import world_of
+from lpfcosim.signals import decimation, events
+from lpfcosim.spacecraft import LIVING, SCATTERED, Run
+
+Array = NDArray[np.float64]
+
+
+class Recording:
+    """The file of a run as it is written, block by block."""
+
+    def __init__(self, file: Writer, run: Run, grid: decimation.Grid) -> None:
+        self._file, self._run, self._grid, self._done = file, run, grid, 0
+        self.annotate = file.annotate
+
+    def append(self, block: Mapping[str, Array]) -> None:
+        """Write the next samples, one array of the same length per channel; what the run lost is NaN."""
+        longest = max((values.size for values in block.values()), default=0)
+        last = min(self._done + longest, self._grid.n)
+        time = self._grid.time(self._done, last)
+        self._file.append(time, block, events.missing(self._run, time) if self._run.events else None)
+        self._done = last
+
+
+@contextmanager
+def writer(
+    path: Path,
+    run: Run,
+    names: Collection[str],
+    provenance: Mapping[str, str | int | float],
+    untold: Container[str] = (),
+    *,
+    is_final: bool = True,
+) -> Iterator[Recording]:
+    """Write a run's telemetry, in memory that does not grow with the run.
+
+    At the end ``path`` holds the whole file; after an exception it is as it was before.
+
+    Parameters
+    ----------
+    path : Path
+        The file; its folder must exist.
+    run : Run
+        What is simulated: gives the root attributes and the group /truth.
+    names : collection of str
+        The channels that will come.
+    provenance : mapping
+        Further root attributes: version, digests, seed.
+    untold : container of str
+        Parameters of which the run's truth is not what was simulated; they stay out of /truth.
+    is_final : bool
+        As of `Writer`.
+
+    Raises
+    ------
+    RunError
+        If a channel is unknown, has another length than the run or is not finite, or if writing fails.
+    """
+    for name in names:
+        if name not in CHANNELS:
+            raise RunError(f"{run.name}: no unit is known for channel {name}")
+    grid = decimation.grid(run)
+    with (
+        ours(f"{run.name}: "),
+        Writer(
+            path,
+            grid.n,
+            {name: CHANNELS[name] for name in sorted(names)},
+            {**provenance, **attributes(run)},
+            truth={
+                name: value
+                for name, value in (truth(run) | _levels(run)).items()
+                if name.removesuffix("_mean") not in untold
+            },
+            truths=events.truths(run),
+            finite=True,
+            alphabetical=True,
+            is_final=is_final,
+        ) as file,
+    ):
+        yield Recording(file, run, grid)
+
+
+def attributes(run: Run) -> dict[str, str | int | float]:
+    """Return what the contract has a file say of its run."""
+    authority = run.authority
+    return {
+        "schema": SCHEMA,
+        "run": run.name,
+        "experiment": run.experiment,
+        "kind": run.kind,
+        "fs": run.sample_rate,
+        "t0": run.t0,
+        "F_max_1": authority.F_max_1,
+        "F_max_2": authority.F_max_2,
+        "N_max_1": authority.N_max_1,
+        "N_max_2": authority.N_max_2,
+        "alignment_epoch": run.alignment_epoch,
+        "m_tm": run.m_tm,
+        **world_of(run).attributes(run),
+        **({"inertial_period": run.inertial_period} if run.inertial_period else {}),
+    }
+
+
+def _levels(run: Run) -> dict[str, float]:
+    """Return the levels of the noise of Delta g, which a file has where the campaign has events."""
+    return {"plateau": run.noise.plateau, "tail": run.noise.tail} if run.events else {}
+
+
+def truth(run: Run) -> dict[str, float]:
+    """Return the true parameters of a run, as the group /truth has them.
+
+    Where gains scatter, NAME_mean is what the NAME of the experiments scatter about.
+    """
+    known = {f.name: getattr(run.truth, f.name) for f in fields(run.truth) if f.name != "delta_ifo"}
+    truth = {name: value for name, value in known.items() if value or name not in LIVING}
+    truth |= {f"delta_ifo_{k}": value for k, value in run.truth.delta_ifo.items()}
+    if run.about is not None:
+        truth |= {f"{name}_mean": getattr(run.about, name) for name in SCATTERED}
+    return truth | {
+        **world_of(run).truth(run),
+        "delta_ifo": run.delta_ifo,
+        "omega2_1": run.omega2_1,
+        "omega2_2": run.omega2_2,
+        "domega2_12": run.omega2_2 - run.omega2_1,
+        "tau_1": run.tau_1,
+        "tau_2": run.tau_2,
+    }

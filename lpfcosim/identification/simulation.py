@@ -1,0 +1,210 @@
+"""The closed loop of every run of a telemetry, simulated through the FMUs with trial values."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+import fit.errors
+from fit.telemetry import TOWARDS_1, Telemetry
+from lpfcosim.campaign import Campaign
+from lpfcosim.cosim import Where, interfaces
+from lpfcosim.errors import InputError, RunError
+from lpfcosim.execution import ledger
+from lpfcosim.identification import trials
+from lpfcosim.identification.origin import GUIDANCE, is_simulated, other_loop, run_of, size, start_sample
+from lpfcosim.identification.parameters import fixed_values, settings, targets
+from lpfcosim.identification.trials import Trials
+from lpfcosim.models import drive
+from lpfcosim.spacecraft import Run
+
+Array = NDArray[np.float64]
+
+UNDRIVEN_SHARE = 0.02  # share of a run without direct forces, that suffices to see what is held
+
+
+@dataclass(frozen=True)
+class _Loaded:
+    """A run as it is simulated: what drives it, its whole loop, and its controller alone.
+
+    `feeds` has what is not zero all along; `sense` is -1 where +x of the telemetry points the other way than
+    that of the FMUs, `steady` the mean of the commands on both test masses, in the frame of the FMUs.
+    """
+
+    run: Run
+    feeds: Mapping[str, Array]
+    loop: Trials
+    controller: Trials
+    jitters: bool
+    sense: float
+    steady: tuple[float, float]
+
+
+class Simulation:
+    """All runs of a telemetry, their FMUs loaded; a `fit.identification.Loop`.
+
+    Parameters
+    ----------
+    stack : ExitStack
+        Frees the FMUs.
+    plan : Campaign
+        Tells what is in the loop, and what drives each run.
+    telemetries : sequence of Telemetry
+        The runs.
+    fmus : mapping of str to Path
+        The FMU of each component.
+    where : Where, optional
+        Kept up to date, if but one thread asks.
+
+    Attributes
+    ----------
+    targets : tuple of Target
+        The parameters that are sought.
+    fixed_values : mapping of str to float
+        What the loop has of those of the fit that are not.
+    other_loop_description : str
+        In what another loop simulated the telemetry, by its own account; see `other_loop`.
+    simulated_telemetry : bool
+        Whether it says that this very loop did.
+    on_simulation : callable
+        Told after every simulation of a run how many there were.
+
+    Raises
+    ------
+    InputError
+        If the campaign does not know a run or a parameter, or an FMU does not fit its place.
+    """
+
+    def __init__(
+        self,
+        stack: contextlib.ExitStack,
+        plan: Campaign,
+        telemetries: Sequence[Telemetry],
+        fmus: Mapping[str, Path],
+        where: Where | None = None,
+    ) -> None:
+        self.on_simulation: Callable[[int], None] = lambda _: None
+        self._done = 0
+        first_run = run_of(plan, telemetries[0])
+        placed = interfaces(first_run, fmus)
+        self.targets = targets(plan, first_run, placed)
+        self.fixed_values = fixed_values(first_run, placed, self.targets)
+        self.other_loop_description = other_loop(
+            plan, telemetries, {m: ledger.digest(path) for m, path in fmus.items()}
+        )
+        self.simulated_telemetry = not self.other_loop_description and all(
+            is_simulated(t) for t in telemetries
+        )
+        replaced = ", ".join(f"{i.model} ({i.replacement.archive.name})" for i in placed if i.replacement)
+        self._replaced = f", third-party FMUs {replaced}" if replaced else ""
+        self._gains = {f"lambda_{j}": getattr(plan.truth, f"lambda_{j}") for j in (1, 2)}
+        self._loaded = {t.run: _load(stack, plan, t, fmus, where) for t in telemetries}
+
+    def response(
+        self, run: Telemetry, theta: Mapping[str, float], inputs: Mapping[str, Array]
+    ) -> Mapping[str, Array]:
+        """Return o_1 and o_12 of a run, see `fit.identification.Loop`."""
+        loaded = self._loaded[run.run]
+        n = inputs["f_x_1"].size
+        feeds = {name: x[:n] for name, x in loaded.feeds.items() if name != "F_x_1"}  # part of f_x_1
+        force = loaded.sense * inputs["f_x_1"]
+        imposed = {"f_x_1_jitter": force} if loaded.jitters else {"F_x_1": force * loaded.run.m_tm}
+        thrust = loaded.sense * inputs["F_noise_x_sc"]
+        # whatever the gains of the trial, the run begins at rest: else they would show in how it settles
+        constant = _balanced_acceleration(loaded.steady, {**self._gains, **theta})
+        feeds |= {**imposed, "F_noise_x_sc": thrust, "g_2": np.full(n, constant)}
+        outputs = self._simulated(loaded.loop, n, feeds, theta)
+        self._done += 1
+        self.on_simulation(self._done)
+        return {name: loaded.sense * x for name, x in outputs.items()}
+
+    def command(self, run: Telemetry, theta: Mapping[str, float], o_12: Array) -> Array:
+        """Return what the controller of test mass 2 asks for, see `fit.identification.Loop`."""
+        loaded = self._loaded[run.run]
+        outputs = self._simulated(loaded.controller, o_12.size, {"o_12": loaded.sense * o_12}, theta)
+        return loaded.sense * outputs["f_control_2"]
+
+    def direct(self, run: Telemetry) -> Array:
+        """Return the force commanded past the controller, see `fit.identification.Loop`."""
+        loaded = self._loaded[run.run]
+        if "F_x_2" not in loaded.feeds:
+            return np.zeros(size(loaded.run, run))
+        return loaded.sense * loaded.feeds["F_x_2"] / loaded.run.m_tm
+
+    def _simulated(
+        self, part: Trials, n: int, feeds: Mapping[str, Array], theta: Mapping[str, float]
+    ) -> dict[str, Array]:
+        try:
+            return part.simulate(n, feeds, settings(self.targets, theta, self._gains))
+        except (RunError, InputError) as error:
+            trial = ", ".join(f"{name} = {value:.6g}" for name, value in theta.items())
+            raise fit.errors.FitError(
+                f"{error}{f'; simulated with {trial}' * bool(trial)}{self._replaced}"
+            ) from None
+
+
+def _load(
+    stack: contextlib.ExitStack,
+    plan: Campaign,
+    telemetry: Telemetry,
+    fmus: Mapping[str, Path],
+    where: Where | None,
+) -> _Loaded:
+    run = run_of(plan, telemetry)
+    if run.alignment_epoch not in run.truth.delta_ifo:  # any value: it is sought
+        some = next(iter(run.truth.delta_ifo.values()))
+        run = replace(run, truth=replace(run.truth, delta_ifo={run.alignment_epoch: some}))
+    sense = -1.0 if telemetry.x_axis == TOWARDS_1 else 1.0
+    feeds = _driven(run, telemetry, sense)
+    steady = _steady(run, telemetry, feeds, sense)
+    run = replace(
+        run,
+        dc=_balanced_acceleration(steady, {f"lambda_{j}": getattr(run.truth, f"lambda_{j}") for j in (1, 2)}),
+    )
+    placed = interfaces(run, fmus)
+    loop = trials.whole_loop(stack, run, placed, ("o_1", "o_12"), where)
+    controller = trials.controller(stack, replace(run, dc=0.0), placed, where)
+    jitters = any("f_x_1_jitter" in i.component.inputs for i in placed)
+    feeds = {name: x for name, x in feeds.items() if x.any()}  # most are zero, of every run of a campaign
+    return _Loaded(run, feeds, loop, controller, jitters, sense, steady)
+
+
+def _balanced_acceleration(steady: tuple[float, float], gains: Mapping[str, float]) -> float:
+    """Return the constant acceleration that such commands hold."""
+    return gains["lambda_1"] * steady[0] - gains["lambda_2"] * steady[1]
+
+
+def _steady(run: Run, telemetry: Telemetry, feeds: Mapping[str, Array], sense: float) -> tuple[float, float]:
+    """Return the mean commands on both test masses, as the run shows them without direct forces."""
+    factor = round(run.fs / telemetry.fs)
+    undriven = (feeds["F_x_1"] == 0) & (feeds["F_x_2"] == 0)
+    undriven = (
+        undriven[::factor] if np.mean(undriven) > UNDRIVEN_SHARE else np.ones(telemetry.size, dtype=bool)
+    )
+    force_1, force_2 = (float(np.nanmean(telemetry.channels[f"f_x_{j}"][undriven])) for j in (1, 2))
+    return sense * force_1, sense * force_2
+
+
+def _driven(run: Run, telemetry: Telemetry, sense: float) -> dict[str, Array]:
+    """Return what is injected into a run, at the rate of the loop; the guidance as it was recorded, if so."""
+    n = size(run, telemetry)
+    start = start_sample(run, telemetry)
+    feeds = drive.injections(run, start, start + n)
+    recorded = {name for name in GUIDANCE if name in telemetry.channels and telemetry.fs == run.fs}
+    needed = {i.into for i in run.injections} - recorded
+    if needed and not -n < start < run.n_samples:
+        raise InputError(
+            f"{telemetry.path}: starts at {telemetry.t0}, when the campaign does not inject its "
+            f"{', '.join(sorted(needed))}; expected a start at {run.t0}, that of the campaign, or a "
+            f"recording of it at {run.fs:g} Hz"
+        )
+    for name in recorded:
+        x = telemetry.channels[name]
+        is_finite = np.isfinite(x)
+        feeds[name] = sense * np.interp(np.arange(n), np.flatnonzero(is_finite), x[is_finite])
+    return feeds

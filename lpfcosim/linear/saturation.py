@@ -1,0 +1,166 @@
+"""Commands at the limit of their authority: there the loop is not the linear one that is fitted."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import scipy
+from numpy.typing import NDArray
+
+from fit.parallel import one_blas_thread
+from fit.requirements import GAP_TAPER, TAPER
+from lpfcosim.linear import planning
+from lpfcosim.models import System, on_circle, world_of
+from lpfcosim.spacecraft import READ_OUT_RANGE, Actuation, HalfCosine, Injection, Run, Sine
+
+Array = NDArray[np.float64]
+
+AT_LIMIT = 1 - 1e-12  # of the authority, rounding apart
+READ_OUTS = ("o_1", "o_12")
+COMMANDS = ("f_x_1", "f_x_2")
+REACH = 15.0  # s on either side of a sample at its limit that filter and stencils of a fit reach
+_GRID = np.geomspace(1e-5, 4.9, 80)  # Hz
+_TRANSIENT = 4.0  # over the largest gain at any frequency: what switching an injection on may add
+_SIGMAS = 6.0  # of noise, beyond which no sample of a run is expected
+
+
+@dataclass(frozen=True)
+class Demand:
+    """A channel that the linear loop, which knows no limits, takes beyond what is possible.
+
+    Attributes
+    ----------
+    channel : str
+        ``f_x_1``, ``f_x_2`` [m s^-2], ``o_1`` or ``o_12`` [m].
+    peak, limit : float
+        Its largest magnitude without noise, and the largest that there is, in the unit of the channel.
+    rms : float
+        Of its noise, in the same unit.
+    time : float
+        Of the peak, since the start of the run [s].
+    share : float
+        Expected fraction of the samples beyond the limit.
+    injection : Injection or None
+        The one with most to do with the peak; None if there is none at that time.
+    """
+
+    channel: str
+    peak: float
+    limit: float
+    rms: float
+    time: float
+    share: float
+    injection: Injection | None
+
+
+def count(run: Run, block: Mapping[str, Array]) -> int:
+    """Count the samples of a block in which a command is at its limit."""
+    limits = world_of(run).limits(run)
+    reached = [np.abs(block[name]) >= limit * AT_LIMIT for name, limit in limits.items() if name in block]
+    return int(np.any(reached, axis=0).sum())
+
+
+@one_blas_thread
+def demands(run: Run) -> list[Demand]:
+    """Return the commands along x and the read-outs that a run takes beyond their limits.
+
+    Injections, the force that holds `Run.dc` and the stationary noise count. A limit is exceeded if one
+    sample or more of the run is expected beyond it. The loop must be stable.
+    """
+    system = world_of(run).system(run)
+    limits = {name: limit for name, limit in world_of(run).limits(run).items() if name in COMMANDS}
+    limits |= dict.fromkeys(READ_OUTS, READ_OUT_RANGE)
+    gains, rms = _gains(run, system, list(limits))
+    start = {"f_x_2": run.f_x_2_start}
+    if all(
+        abs(start.get(name, 0.0)) + _bound(run, gains[name]) + _SIGMAS * rms[name] < limit
+        for name, limit in limits.items()
+    ):
+        return []
+    moved = planning.response(run)
+    found = []
+    for name, limit in limits.items():
+        size = np.abs(moved[name] + start.get(name, 0.0))
+        beyond = _beyond(size, limit, rms[name])
+        if beyond * run.n_samples >= 1:
+            peak = int(np.argmax(size))
+            time = peak / planning.RATE
+            culprit = _culprit(run, gains[name], time)
+            found.append(Demand(name, float(size[peak]), limit, rms[name], time, beyond, culprit))
+    return found
+
+
+def masked_share(run: Run) -> float:
+    """Return the fraction of a run, as its window counts it, that a fit would mask for saturation.
+
+    The run is simulated by the reference plant, whose commands have their limits.
+
+    Raises
+    ------
+    DivergenceError
+        If a read-out leaves its range.
+    """
+    channels = world_of(run).simulate(run)
+    limits = world_of(run).limits(run)
+    limited = np.any([np.abs(channels[k]) >= limits[k] * AT_LIMIT for k in COMMANDS if k in limits], axis=0)
+    if not limited.any():
+        return 0.0
+    whole = scipy.signal.windows.tukey(run.n_samples, TAPER) ** 2
+    distance = scipy.ndimage.distance_transform_edt(~limited) / run.fs - REACH
+    notch = np.sin(np.pi / 2 * np.clip(distance / GAP_TAPER, 0, 1)) ** 4
+    return float(1 - np.sum(whole * notch) / np.sum(whole))
+
+
+def _gains(
+    run: Run, system: System, names: Sequence[str]
+) -> tuple[dict[str, dict[str, Array]], dict[str, float]]:
+    """Return the gain of channels by input over `_GRID`, and the rms of their noise."""
+    rows = [system.channels.index(name) for name in names]
+    # a row of the transfer function each, as there are fewer channels than inputs
+    z = on_circle(_GRID, run.h)
+    back = np.linalg.solve((z * np.eye(len(system.A)) - system.A).mT, system.C[rows].T.astype(complex))
+    H = back.mT @ system.B + system.D[rows]
+    # noise of the electrodes, which takes a response of its own, hardly adds to the commands
+    shares, psd = planning.streams(replace(run, actuation=Actuation()), system, _GRID)
+    power = np.abs(H @ shares) ** 2 @ psd[:, :, None]
+    rms = np.sqrt(np.trapezoid(power[:, :, 0], _GRID, axis=0))
+    size = np.abs(H)
+    gains = {
+        name: {entry: size[:, i, k] for k, entry in enumerate(system.inputs)} for i, name in enumerate(names)
+    }
+    return gains, dict(zip(names, map(float, rms), strict=True))
+
+
+def _gain(run: Run, gains: Mapping[str, Array], injection: Injection) -> Array:
+    """Return the gain from an injection, shape of `_GRID`."""
+    if injection.into == "F_x_1":
+        return gains["f_x_1"] / run.m_tm
+    return gains[injection.into]
+
+
+def _bound(run: Run, gains: Mapping[str, Array]) -> float:
+    """Return what all injections together hardly reach."""
+    return sum(_TRANSIENT * abs(i.amplitude) * float(_gain(run, gains, i).max()) for i in run.injections)
+
+
+def _beyond(size: Array, limit: float, rms: float) -> float:
+    """Return the expected fraction of samples beyond a limit, of a magnitude with normal noise on it."""
+    if rms == 0:
+        return float(np.mean(size > limit))
+    tails = scipy.special.ndtr((size - limit) / rms) + scipy.special.ndtr(-(size + limit) / rms)
+    return float(np.mean(tails))
+
+
+def _culprit(run: Run, gains: Mapping[str, Array], time: float) -> Injection | None:
+    """Return the injection that moves a channel most of those that act at a time or have begun before it."""
+
+    def effect(injection: Injection) -> float:
+        gain = _gain(run, gains, injection)
+        at = injection.frequency if isinstance(injection, Sine) else _GRID[0]
+        return abs(injection.amplitude) * float(np.interp(at, _GRID, gain))
+
+    begun = [i for i in run.injections if i.start <= time + 1]
+    acting = [i for i in begun if isinstance(i, HalfCosine) or i.end >= time] or begun[-1:]
+    return max(acting, key=effect, default=None)

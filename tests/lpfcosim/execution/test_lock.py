@@ -1,0 +1,150 @@
+"""One process at a time on a folder; what dead ones left goes, what a living one writes stays."""
+
+import errno
+import os
+import re
+import signal
+import subprocess
+import sys
+from functools import partial
+from pathlib import Path
+
+import pytest
+
+from fit.crosstalk import refit
+from fit.files import atomic
+from fit.report import page
+from lpfcosim.cli import common
+from lpfcosim.cli.console import Console
+from lpfcosim.cli.figures import figures
+from lpfcosim.cli.mcmc import mcmc
+from lpfcosim.cli.report import report
+from lpfcosim.errors import InputError, RunError
+from lpfcosim.execution import folder as folders
+from lpfcosim.execution import ledger as files
+
+HOLD = """
+import sys, time
+from pathlib import Path
+from fit.files import atomic
+from lpfcosim.execution import ledger as files
+from lpfcosim.execution import folder as folders
+
+folder = Path(sys.argv[1])
+with folders.held(folder), files.scratch(folder) as scratch:
+    atomic.temporary(folder / "results.json").write_text("half")
+    (folder / "telemetry").mkdir()
+    atomic.temporary(folder / "telemetry" / "A.h5").write_text("half")
+    (scratch / "library.so").write_text("unpacked")
+    print("held", flush=True)
+    time.sleep(60)
+"""
+
+
+@pytest.fixture
+def other(tmp_path):
+    """Another process that works in ``tmp_path / "out"``, and its unfinished files."""
+    process = subprocess.Popen(
+        [sys.executable, "-c", HOLD, str(tmp_path / "out")], stdout=subprocess.PIPE, text=True
+    )
+    try:
+        assert process.stdout.readline() == "held\n"
+        yield process
+    finally:
+        process.kill()
+        process.communicate()
+
+
+def names(folder):
+    return {p.relative_to(folder).as_posix() for p in folder.rglob("*")} - {".lock"}
+
+
+def test_the_second_is_told_who_is_first_and_touches_nothing(other, tmp_path):
+    before = names(tmp_path / "out")
+    with pytest.raises(InputError) as refusal, folders.held(tmp_path / "out", "--out"):
+        pass
+    told = str(refusal.value)
+    assert told.startswith(f"{tmp_path / 'out'}: another process works in it (process {other.pid} on ")
+    assert told.endswith("; wait for it or choose another --out")
+    assert names(tmp_path / "out") == before
+    assert len(before) == 6
+
+
+@pytest.mark.parametrize(
+    "command",
+    [report, partial(figures, names=(), jobs=1), partial(mcmc, steps=1, seed=1)],
+    ids=["report", "figures", "mcmc"],
+)
+def test_a_command_without_a_folder_to_choose_is_told_to_wait(command, other, tmp_path, monkeypatch):
+    monkeypatch.setattr(refit, "load", lambda _: (None, []))
+    monkeypatch.setattr(page, "figure_specs", lambda *_: [])
+    with pytest.raises(InputError, match=rf"\(process {other.pid} on .*\); wait for it$"):
+        command(tmp_path / "out", console=Console(quiet=True))
+
+
+@pytest.mark.skipif(os.name != "posix", reason="needs SIGKILL")
+def test_a_lock_does_not_outlive_its_holder_nor_do_unfinished_files(other, tmp_path):
+    other.send_signal(signal.SIGKILL)
+    other.wait()
+    somebodys = {"telemetry/.film.part", "telemetry/.film.b.part", "mine/.film.1.part"}
+    (tmp_path / "out" / "mine").mkdir()
+    for name in somebodys:
+        (tmp_path / "out" / name).write_text("")
+    with folders.held(tmp_path / "out"):
+        assert names(tmp_path / "out") == {"telemetry", "mine", ".lock-holder", *somebodys}
+        assert str(os.getpid()) in (tmp_path / "out" / ".lock-holder").read_text()
+    assert names(tmp_path / "out") == {"telemetry", "mine", *somebodys}
+    with folders.held(tmp_path / "out"):  # and again, and within
+        half = atomic.temporary(tmp_path / "out" / "results.json")
+        half.write_text("half")
+        with folders.held(tmp_path / "out" / ".." / "out"):
+            assert half.exists()
+        second = [sys.executable, "-c", HOLD, str(tmp_path / "out")]
+        done = subprocess.run(second, capture_output=True, text=True, check=False)
+        assert "another process works in it" in done.stderr
+
+
+def test_what_cannot_be_locked_is_told(tmp_path):
+    (tmp_path / "file").write_text("")
+    with (
+        pytest.raises(InputError, match=r"file: is a file or lies in one"),
+        folders.held(tmp_path / "file"),
+    ):
+        pass
+
+
+@pytest.mark.parametrize(
+    ("number", "kind"), [(errno.EACCES, InputError), (errno.EROFS, InputError), (errno.ENOSPC, RunError)]
+)
+def test_a_folder_that_cannot_be_made_is_wrong_input_but_a_full_disk_is_not(
+    tmp_path, monkeypatch, number, kind
+):
+    def refuse(*_, **__):
+        raise OSError(number, os.strerror(number))
+
+    monkeypatch.setattr(Path, "mkdir", refuse)
+    with pytest.raises(kind, match=re.escape(os.strerror(number))), folders.held(tmp_path / "out"):
+        pass
+
+
+@pytest.mark.parametrize("inside", ["", "logs"])
+def test_a_folder_whose_name_is_too_long_is_wrong_input(tmp_path, inside):
+    """As is one where another may not look; a name has 255 bytes at most."""
+    folder = tmp_path / ("n" * 300)
+    common.check_folder(folder, inside)  # nothing is in the way
+    with pytest.raises(InputError, match="cannot be made"), folders.held(folder):
+        pass
+
+
+def test_a_file_that_cannot_be_written_stays_as_it_was(tmp_path, monkeypatch):
+    path = tmp_path / "results.json"
+    files.write(path, "before")
+
+    def full(*_):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(atomic.os, "fsync", full)
+    with pytest.raises(RunError, match=r"results\.json: cannot be written \(No space left"):
+        files.write(path, "after")
+    assert path.read_text() == "before"
+    assert names(tmp_path) == {"results.json"}

@@ -1,0 +1,360 @@
+"""Runs on several processes: all there, once, resumed, and honest about failure."""
+
+import errno
+import multiprocessing as mp
+import os
+import re
+import shutil
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from contextlib import suppress
+from dataclasses import replace
+
+import h5py
+import numpy as np
+import pytest
+
+from fit.files import atomic
+from lpfcosim.errors import InputError
+from lpfcosim.execution import runner
+from lpfcosim.models import along_x_plant
+from lpfcosim.spacecraft.run import Authority, Sine
+from tests.campaign_text import SHORT_PLAN
+
+pytestmark = pytest.mark.fmu
+
+
+@pytest.fixture(scope="module")
+def seen():
+    """What the simulation of `files` told about its progress."""
+    return {}
+
+
+@pytest.fixture(scope="module")
+def files(fmus, plan, tmp_path_factory, seen):
+    """The campaign simulated once, by two processes."""
+    folder = tmp_path_factory.mktemp("out")
+    done = runner.simulate(plan, folder / "telemetry", fmus, runner.How(2), runner.Listener(seen.__setitem__))
+    return list(done.files.values())
+
+
+def folder_of(path):
+    return sorted(p.name for p in path.iterdir())
+
+
+def test_files_hold_what_the_reference_plant_computes(plan, files, seen):
+    assert [f.name for f in files] == [f"{r.name}.h5" for r in plan.runs]
+    assert seen == {r.name: r.n_samples for r in plan.runs}
+    for run, file in zip(plan.runs, files, strict=True):
+        wanted = along_x_plant.simulate(run)
+        with h5py.File(file) as telemetry:
+            assert telemetry.attrs["campaign_digest"] == plan.digest
+            for channel in ("o_1", "o_12", "f_x_2", "F_x_sc"):
+                error = np.abs(telemetry[channel][:] - wanted[channel]).max()
+                assert error <= 1e-9 * np.sqrt(np.mean(wanted[channel] ** 2)), channel
+
+
+def test_neither_processes_nor_the_engine_change_a_byte(fmus, plan, files, tmp_path):
+    plain = runner.simulate(plan, tmp_path / "plain", fmus, runner.How(jobs=1, engine="fmpy"))
+    for a, b in zip(files, plain.files.values(), strict=True):
+        assert a.read_bytes() == b.read_bytes()
+
+
+def test_nor_does_the_engine_below_ten_hertz(fmus, plan, tmp_path):
+    run = replace(plan.runs[0], n_samples=1000, sample_rate=1.0)
+    compiled, plain = tmp_path / "compiled.h5", tmp_path / "plain.h5"
+    runner.record(run, fmus, compiled, {}, "compiled")
+    runner.record(run, fmus, plain, {}, "fmpy")
+    assert compiled.read_bytes() == plain.read_bytes()
+
+
+@pytest.fixture
+def copied(files, tmp_path):
+    """A copy of what the simulation of `files` left: its two files of telemetry."""
+    shutil.copytree(files[0].parent.parent, tmp_path, dirs_exist_ok=True)
+    return [tmp_path / "telemetry" / f.name for f in files]
+
+
+@pytest.mark.slow
+def test_finished_runs_are_kept_and_others_are_simulated_again(fmus, plan, copied):
+    kept, lost = copied
+    stamp, content = kept.stat().st_mtime_ns, lost.read_bytes()
+    for damage in (content[: len(content) // 2], content[:-100] + b"?" + content[-99:], b"", None):
+        lost.unlink()
+        if damage is not None:
+            lost.write_bytes(damage)
+        seen, again, told = set(), [], []
+        listener = runner.Listener(lambda name, _, seen=seen: seen.add(name), again.append, told.append)
+        runner.simulate(plan, kept.parent, fmus, listener=listener)
+        assert (seen, again) == ({lost.stem}, [kept.stem])
+        wanted = [f"run one: {lost} is not as it was finished, simulated again"]
+        assert told == ([] if damage is None else wanted)
+        assert kept.stat().st_mtime_ns == stamp
+        assert lost.read_bytes() == content
+
+
+def test_a_byte_changed_anywhere_is_noticed(fmus, plan, copied, monkeypatch):
+    asked = []
+    monkeypatch.setattr(runner.workers, "results", lambda _, items, *__, **___: asked.append([*items]) or [])
+    lost = copied[1]
+    content = lost.read_bytes()
+    ledger = lost.parent.with_suffix(".sha256").read_text()
+    places = [0, 9, len(content) // 3, content.index(b"campaign_digest"), len(content) - 1]
+    for place in places:
+        lost.write_bytes(content[:place] + bytes([content[place] ^ 1]) + content[place + 1 :])
+        lost.parent.with_suffix(".sha256").write_text(ledger)
+        runner.simulate(plan, lost.parent, fmus)
+    assert asked == [[lost.stem]] * len(places)
+
+
+def test_a_ledger_that_is_lost_or_damaged_costs_time_only(fmus, plan, copied, monkeypatch):
+    asked = []
+    monkeypatch.setattr(runner.workers, "results", lambda _, items, *__, **___: asked.append({*items}) or [])
+    ledger = copied[0].parent.with_suffix(".sha256")
+    for damage in (ledger.read_bytes()[40:], b"\xff\0\n  \n", b""):
+        ledger.write_bytes(damage)
+        runner.simulate(plan, copied[0].parent, fmus)
+    assert asked == [{"one-noise"}, {"one-noise", "one"}, {"one-noise", "one"}]
+
+
+def test_sha256sum_reads_the_ledger(copied):
+    if shutil.which("sha256sum") is None:
+        pytest.skip("no sha256sum here")
+    folder = copied[0].parent.parent
+    subprocess.run(["sha256sum", "--strict", "-c", "telemetry.sha256"], cwd=folder, check=True)
+
+
+def test_what_comes_from_elsewhere_is_refused_or_simulated_anew(fmus, plan, copied, monkeypatch):
+    folder = copied[0].parent
+    reseeded = replace(plan, seed=8)
+    other_fmu = copied[0].parent / "other.fmu"
+    other_fmu.write_bytes(fmus["Plant"].read_bytes() + b"0")
+    longer = replace(plan, experiments=(replace(plan.experiments[0], n_samples=2001),))
+    monkeypatch.setattr(runner.workers, "results", None)  # nothing must be simulated
+    for changed, its, said in (
+        (reseeded, fmus, "simulated with seed 7, now it is 8"),
+        (longer, fmus, "simulated when the campaign said something else"),
+        (replace(plan, name="brief"), fmus, "simulated with campaign short, now it is brief"),
+        (plan, {**fmus, "Plant": other_fmu}, "simulated with another Plant FMU"),
+        (plan, {k: v for k, v in fmus.items() if k != "Plant"}, "simulated with an FMU Plant, which is not"),
+    ):
+        with pytest.raises(InputError, match=rf"one-noise\.h5: {said}.*; choose another .* give --rerun"):
+            runner.simulate(changed, folder, its)
+    with monkeypatch.context() as patch:
+        patch.setattr(runner.metadata, "version", lambda _: "9.9")
+        with pytest.raises(InputError, match=r"one-noise\.h5: simulated with version .*, now it is 9\.9"):
+            runner.simulate(plan, folder, fmus)
+    asked = []
+    monkeypatch.setattr(runner.workers, "results", lambda _, items, *__, **___: asked.extend(items) or [])
+    runner.simulate(reseeded, folder, fmus, runner.How(rerun=True))
+    assert asked == ["one", "one-noise"]
+    # the rerun was interrupted: nothing of the old seed is left to lie beside the new one
+    assert not list(folder.glob("*.h5"))
+    asked.clear()
+    runner.simulate(reseeded, folder, fmus)
+    assert asked == ["one", "one-noise"]
+
+
+def test_telemetry_of_no_run_of_the_campaign_is_left_alone(fmus, plan, tmp_path):
+    stranger = tmp_path / "telemetry" / "two.h5"
+    stranger.parent.mkdir()
+    stranger.write_bytes(b"somebody's")
+    with pytest.raises(InputError, match=r"two\.h5: belongs to no run of this campaign; choose"):
+        runner.simulate(plan, stranger.parent, fmus)
+    assert folder_of(tmp_path) == ["telemetry"]
+    assert folder_of(stranger.parent) == ["two.h5"]
+
+
+def test_failing_run_does_not_take_the_others_along(fmus, plan, tmp_path):
+    good, bad = plan.runs
+    bad = replace(bad, n_samples=6000, dc=1e-9, authority=Authority("low", 0, 50e-12, 1e-12, 1e-12))
+
+    class Plan:
+        name, seed, digest, runs = plan.name, plan.seed, plan.digest, (bad, good)
+
+    done = runner.simulate(Plan, tmp_path / "telemetry", fmus, runner.How(jobs=1))
+    assert re.match(f"run '{bad.name}' diverges", str(done.failures[bad.name]))
+    assert done.files == {good.name: tmp_path / "telemetry" / f"{good.name}.h5"}
+    assert folder_of(tmp_path / "telemetry") == [f"{good.name}.h5"]
+
+
+def test_a_foreign_file_is_not_ours_whatever_its_attributes(fmus, plan, tmp_path):
+    path = tmp_path / "one.h5"
+    for odd in (np.arange(3), h5py.Empty("f8"), [b"a", b"b"], np.void(b"raw"), np.nan, None):
+        with h5py.File(path, "w") as file:
+            file.attrs.update(runner.provenance(plan, fmus))
+            del file.attrs["seed"]
+            if odd is not None:
+                file.attrs["seed"] = odd
+        with pytest.raises(InputError, match=r"one\.h5: .* seed.*; choose another --out or give --rerun"):
+            runner.simulate(plan, tmp_path, fmus)
+
+
+def test_a_folder_in_the_place_of_a_file_is_told_first(fmus, plan, tmp_path, monkeypatch):
+    monkeypatch.setattr(runner.workers, "results", None)
+    (tmp_path / "one.h5").mkdir()
+    with pytest.raises(InputError, match=r"one\.h5: is a folder"):
+        runner.simulate(plan, tmp_path, fmus)
+
+
+def test_what_is_wrong_with_the_fmus_is_said_once(fmus, plan, tmp_path):
+    broken = tmp_path / "broken.fmu"
+    broken.write_bytes(b"not a zip archive")
+    with pytest.raises(InputError) as refusal:
+        runner.simulate(plan, tmp_path / "out", {**fmus, "Plant": broken}, runner.How(jobs=1))
+    message = str(refusal.value)
+    assert message.startswith(f"{broken}: not a readable FMU")
+    assert message.count("broken.fmu") == 1
+
+
+@pytest.fixture
+def scratch(tmp_path, monkeypatch):
+    """The folder of temporary files, empty."""
+    folder = tmp_path / "scratch"
+    folder.mkdir()
+    monkeypatch.setattr(tempfile, "tempdir", str(folder))
+    return folder
+
+
+@pytest.fixture
+def long(plan):
+    """The campaign with its sysid run so long that something can happen to it."""
+    first = plan.experiments[0]
+    return replace(plan, experiments=(replace(first, n_samples=65 * 36_000, injections=()),))
+
+
+@pytest.mark.skipif(os.name != "posix", reason="needs SIGKILL")
+def test_workers_that_are_killed_fail_their_runs_only(fmus, long, tmp_path, scratch):
+    noise, sysid = (tmp_path / "telemetry" / f"{run.name}.h5" for run in long.runs)
+
+    def progress(name, done):
+        if noise.exists() and name == sysid.stem and done:
+            for worker in mp.active_children():
+                os.kill(worker.pid, signal.SIGKILL)
+
+    begun = time.monotonic()
+    # the plain loop, which takes minutes
+    done = runner.simulate(long, noise.parent, fmus, runner.How(2, engine="fmpy"), runner.Listener(progress))
+    assert time.monotonic() - begun < 30
+    assert list(done.files) == [noise.stem]
+    killed = r"run 'one': its process was killed \(SIGKILL; out of memory\?\)"
+    assert re.match(killed, str(done.failures["one"]))
+    assert mp.active_children() == []
+    assert folder_of(noise.parent) == [noise.name]
+    assert list(scratch.iterdir()) == []
+
+
+def test_an_interrupt_leaves_what_is_finished_and_nothing_else(fmus, long, tmp_path, scratch):
+    noise, sysid = (tmp_path / "telemetry" / f"{run.name}.h5" for run in long.runs)
+
+    def progress(name, done):
+        if noise.exists() and name == sysid.stem:
+            raise KeyboardInterrupt
+
+    begun = time.monotonic()
+    with pytest.raises(KeyboardInterrupt):
+        runner.simulate(long, noise.parent, fmus, runner.How(2, engine="fmpy"), runner.Listener(progress))
+    assert time.monotonic() - begun < 30
+    assert mp.active_children() == []
+    assert folder_of(noise.parent) == [noise.name]
+    assert list(scratch.iterdir()) == []
+    kept = []
+    short = replace(long, experiments=(replace(long.experiments[0], n_samples=0),))
+    with pytest.raises(InputError, match="when the campaign said something else"):
+        runner.simulate(short, noise.parent, fmus, listener=runner.Listener(kept=kept.append))
+
+
+def test_an_interrupt_before_the_ledger_knows_a_file_leaves_none(fmus, plan, tmp_path, monkeypatch):
+    settle = atomic.settle
+    folder, told = tmp_path / "telemetry", []
+    for kind in (".sha256", ".h5"):  # as its line is written, and as it gets its name
+
+        def interrupted(partial, path, kind=kind):
+            if path.suffix == kind and (kind == ".h5" or b"one" in partial.read_bytes()):
+                raise KeyboardInterrupt
+            settle(partial, path)
+
+        with monkeypatch.context() as patch:
+            patch.setattr(atomic, "settle", interrupted)
+            with pytest.raises(KeyboardInterrupt):
+                runner.simulate(plan, folder, fmus, runner.How(jobs=1))
+        assert mp.active_children() == []
+        assert folder_of(folder) == []
+    done = runner.simulate(plan, folder, fmus, runner.How(jobs=1), runner.Listener(told=told.append))
+    assert (told, folder_of(folder)) == ([], sorted(path.name for path in done.files.values()))
+
+
+def test_a_file_that_cannot_get_its_name_fails_its_run_alone(fmus, plan, tmp_path, monkeypatch):
+    settle, folder = atomic.settle, tmp_path / "telemetry"
+
+    def full(partial, path):
+        if path.name == "one.h5":
+            raise OSError(errno.ENOSPC, "No space left on device")
+        settle(partial, path)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(atomic, "settle", full)
+        done = runner.simulate(plan, folder, fmus, runner.How(jobs=1))
+    assert list(done.failures) == ["one"]
+    assert "one.h5: cannot be written (No space left on device)" in str(done.failures["one"])
+    assert sorted(path.name for path in folder.iterdir()) == sorted(p.name for p in done.files.values())
+
+
+ORPHANS = """
+import sys
+from pathlib import Path
+from lpfcosim.campaign import loading
+from lpfcosim.modelica import build
+from lpfcosim.execution import runner
+
+if __name__ == "__main__":
+    plan = loading.load(Path(sys.argv[1]))
+    runner.simulate(plan, Path("telemetry"), build.build(), runner.How(jobs=2, engine="fmpy"))
+"""
+
+
+@pytest.mark.skipif(os.name != "posix", reason="needs SIGKILL")
+@pytest.mark.slow
+def test_workers_end_with_a_main_process_that_is_killed(tmp_path, scratch):
+    (tmp_path / "orphans.py").write_text(ORPHANS)
+    (tmp_path / "long.toml").write_text(SHORT_PLAN.replace("200 s", "65 h").replace("100 s", "65 h"))
+    process = subprocess.Popen(
+        [sys.executable, "orphans.py", "long.toml"],
+        cwd=tmp_path,
+        env={**os.environ, "TMPDIR": str(scratch)},
+        stderr=subprocess.PIPE,
+        start_new_session=True,
+    )
+    try:
+        begun = time.monotonic()
+        while len(list(tmp_path.glob("telemetry/.*.part"))) < 2:
+            assert process.poll() is None
+            assert time.monotonic() - begun < 60
+            time.sleep(0.05)
+        process.kill()
+        process.communicate(timeout=5)
+        killed = time.monotonic()
+        while [*(tmp_path / "telemetry").iterdir(), *scratch.iterdir()]:
+            assert time.monotonic() - killed < 30  # of which a busy machine takes some
+            time.sleep(0.05)
+    finally:
+        with suppress(ProcessLookupError):
+            os.killpg(process.pid, signal.SIGKILL)
+
+
+def test_saturation_is_counted(fmus, make_run, tmp_path):
+    quiet = make_run(n_samples=600)
+    shaken = make_run(
+        n_samples=3000,
+        authority=Authority("tight", F_max_1=0, F_max_2=2e-12, N_max_1=0, N_max_2=0),
+        injections=(Sine("guidance_o_12", amplitude=20e-9, frequency=0.01, cycles=2, start=10),),
+    )
+    runner.record(quiet, fmus, tmp_path / "quiet.h5", {})
+    runner.record(shaken, fmus, tmp_path / "shaken.h5", {})
+    with h5py.File(tmp_path / "shaken.h5") as file:
+        expected = int(np.sum(np.abs(file["f_x_2"][:]) >= 2e-12 / shaken.m_tm * (1 - 1e-9)))
+    assert expected > 100
+    assert runner.saturated([tmp_path / "quiet.h5", tmp_path / "shaken.h5"]) == {"run": expected}

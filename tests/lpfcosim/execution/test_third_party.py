@@ -1,0 +1,187 @@
+"""Campaigns with FMUs of other tools: what runs log, what is trusted, and what makes another campaign."""
+
+import re
+
+import h5py
+import numpy as np
+import pytest
+
+import lpfcosim
+from lpfcosim.campaign import loading
+from lpfcosim.errors import InputError
+from lpfcosim.execution import fmus as archives
+from lpfcosim.execution import runner, validation
+from lpfcosim.export import ssp
+from tests import third_party
+from tests.campaign_text import ONE_EXPERIMENT
+
+pytestmark = pytest.mark.fmu
+MODEL = "SuspensionControl"
+
+
+@pytest.fixture
+def load(tmp_path):
+    def campaign(more="", duration="300 s"):
+        file = tmp_path / "own.toml"
+        head = 'schema = "lpf-campaign/1"\nname = "own"\nseed = 3\n'
+        file.write_text(f'{head}{third_party.TABLE}{more}\n{ONE_EXPERIMENT}duration = "{duration}"\n')
+        return loading.load(file)
+
+    return campaign
+
+
+def simulate(plan, fmus, folder):
+    """Simulate as the command does: through copies that are gone afterwards."""
+    mine = {**fmus, MODEL: plan.replacements[0].archive}
+    folder.mkdir(exist_ok=True)
+    with archives.held(plan, mine, folder, trusted=True) as copies:
+        return runner.simulate(plan, folder / "telemetry", copies, runner.How(jobs=1))
+
+
+def f_x_2(folder):
+    with h5py.File(folder / "telemetry" / "one.h5") as file:
+        return file["f_x_2"][:]
+
+
+def test_typed_values_reach_the_workers(load, fmus, tmp_path):
+    third_party.built(tmp_path)
+    assert not simulate(load(), fmus, tmp_path / "plain").failures
+    assert not simulate(load("values = { label = 'half', mode = 2 }"), fmus, tmp_path / "half").failures
+    assert not np.array_equal(f_x_2(tmp_path / "plain"), f_x_2(tmp_path / "half"))
+
+
+def test_values_make_a_campaign_and_the_switch_of_validation_does_not(load, tmp_path):
+    third_party.built(tmp_path)
+    digests = [
+        load(f"values = {{ mode = {mode} }}\n{more}").digest
+        for mode, more in (
+            ("2", ""),
+            ("2.0", ""),
+            ("2", "validate = false"),
+            ("3", ""),
+            ("true", ""),
+            ('"2"', ""),
+        )
+    ]
+    assert digests[0] == digests[1] == digests[2]
+    assert len(set(digests)) == 4
+
+
+@pytest.mark.parametrize("more", ["values = { mode = [1] }", "values = { mode = nan }", "validate = 'no'"])
+def test_what_is_neither_a_value_nor_a_switch(load, tmp_path, more):
+    third_party.built(tmp_path)
+    with pytest.raises(
+        InputError, match=r"own\.toml: fmus\.SuspensionControl\.(values\.mode|validate): .*expected"
+    ):
+        load(more)
+
+
+def test_log_is_limited_and_counts_the_rest(load, fmus, tmp_path):
+    third_party.built(tmp_path, "WARNS")
+    assert not simulate(load(), fmus, tmp_path / "out").failures
+    lines = (tmp_path / "out" / "logs" / "one.log").read_text().splitlines()
+    assert lines[:1] == ["SuspensionControl: a minor matter"]
+    assert (len(lines), lines[-1]) == (1001, "(and 2000 more messages)")
+
+
+def test_what_an_fmu_says_only_when_asked_is_logged(load, fmus, tmp_path):
+    third_party.built(tmp_path, "SPEAKS_IF_ASKED")
+    failures = simulate(load(), fmus, tmp_path / "out").failures
+    assert str(failures["one"]).endswith("FMU reports 'fatal' at 5.0 s (ValueError: an empty table)")
+    assert 'File "slave.py", line 3' in (tmp_path / "out" / "logs" / "one.log").read_text()
+
+
+@pytest.mark.parametrize("macro", ["QUIET_FAILURE", "RESOURCE"])
+def test_errors_name_the_file_of_the_user(load, fmus, tmp_path, macro):
+    archive = third_party.built(tmp_path, macro)
+    with pytest.raises(InputError) as refused:
+        simulate(load(), fmus, tmp_path / "out")
+    assert str(refused.value).startswith(f"{archive}: cannot be ")
+    assert ".lpfcosim-" not in str(refused.value)
+
+
+def test_sources_are_compiled_only_where_they_may_run(load, fmus, tmp_path, monkeypatch):
+    monkeypatch.setenv("LPFCOSIM_CACHE", str(tmp_path / "cache"))
+    archive = third_party.built(tmp_path, sources=True)
+    plan = load()
+    (tmp_path / "out").mkdir()
+    mine = {**fmus, MODEL: archive}
+    with (
+        pytest.raises(InputError, match="native code"),
+        archives.held(plan, mine, tmp_path / "out", trusted=False),
+    ):
+        pass
+    assert not (tmp_path / "cache" / "compiled").exists()
+    done = simulate(plan, fmus, tmp_path / "out")
+    assert not done.failures
+    with h5py.File(done.files["one"]) as file:  # of the user's archive, not of what was made of it
+        assert re.fullmatch("[0-9a-f]{64}", file.attrs["fmu_SuspensionControl"])
+        assert file.attrs["fmu_SuspensionControl"] == runner.digest(archive)
+
+
+def test_simulate_logs_what_the_command_warns_of(load, tmp_path, caplog):
+    third_party.built(tmp_path, changes=[('generationTool="By hand"', 'generationTool="By hand" colour="x"')])
+    plan = load("validate = false")
+    paths = lpfcosim.simulate(plan, tmp_path / "out", jobs=1, trusted=True)
+    assert [path.is_file() for path in paths] == [True]
+    (said,) = [r.getMessage() for r in caplog.records if r.levelname == "WARNING"]
+    assert said == validation.validate(plan, fitted=False).warnings[0]
+    assert "accepted because of validate = false" in said
+
+
+#: Experiments that differ in the force to be held, and so in a start value, and in their authority.
+TWO_FORCES = """duration = "30 min"
+dc = "0 m s^-2"
+
+[authority.B]
+F_max_1 = "0 pN"
+F_max_2 = "2000 pN"
+N_max_1 = "10.4 pN m"
+N_max_2 = "10.4 pN m"
+
+[[experiments]]
+name = "two"
+authority = "B"
+alignment_epoch = 1
+duration = "30 min"
+dc = "8e-12 m s^-2"
+"""
+
+
+@pytest.fixture
+def two_forces(tmp_path):
+    def campaign(of, attribute):
+        """Write it with an FMU that states a range of a parameter."""
+        stated = (rf'(name="{of}"[^>]*>\s*<Real unit="[^"]*" start="[^"]*")[^/]*', rf"\1 {attribute}")
+        third_party.built(tmp_path, changes=[stated])
+        head = 'schema = "lpf-campaign/1"\nname = "own"\nseed = 3\n'
+        (tmp_path / "own.toml").write_text(f"{head}{third_party.TABLE}\n{ONE_EXPERIMENT}{TWO_FORCES}")
+        return loading.load(tmp_path / "own.toml")
+
+    return campaign
+
+
+RANGES = [
+    ("hold", 'min="-1e-12"', "run two: fmus.SuspensionControl: variable 'hold': -7"),
+    ("hold", 'max="-1e-12"', "run one: fmus.SuspensionControl: variable 'hold': "),
+    ("hold", 'min="1"', "runs one, two: fmus.SuspensionControl: variable 'hold': "),
+    ("bandwidth", 'max="1e-4"', "fmus.SuspensionControl: variable 'bandwidth': 0.001 is beyond the max"),
+]
+
+
+@pytest.mark.parametrize(("of", "attribute", "said"), RANGES)
+def test_parameters_of_every_run_are_checked_before_any_is_simulated(two_forces, of, attribute, said):
+    plan = two_forces(of, attribute)
+    with pytest.raises(InputError) as refused:
+        validation.validate(plan)
+    assert str(refused.value).startswith(said)
+
+
+@pytest.mark.parametrize(("of", "attribute", "said"), RANGES)
+def test_parameters_of_every_authority_are_checked_before_an_export(
+    two_forces, tmp_path, of, attribute, said
+):
+    plan = two_forces(of, attribute)
+    with pytest.raises(InputError) as refused:
+        ssp.export(plan, {MODEL: plan.replacements[0].archive}, tmp_path / "loop.ssp")
+    assert str(refused.value).startswith(said)

@@ -1,0 +1,73 @@
+"""Which parameter of which FMU is meant, and what a trial sets."""
+
+from dataclasses import replace
+
+import pytest
+
+from lpfcosim.campaign import Sought
+from lpfcosim.cosim import placement
+from lpfcosim.identification import parameters, targets
+from lpfcosim.identification.parameters import settings
+from lpfcosim.spacecraft.run import Replacement
+from tests import third_party
+from tests.lpfcosim.cosim.foreign import renamed
+
+pytestmark = pytest.mark.fmu
+
+
+@pytest.fixture
+def resolved(make_run, plan, fmus):
+    def made(sought, *replacements):
+        run = make_run(replacements=replacements)
+        archives = {**fmus, **{r.model: r.archive for r in replacements}}
+        return targets(replace(plan, identify=sought), run, placement.interfaces(run, archives))
+
+    return made
+
+
+def test_without_a_table_all_of_the_fit_is_sought(resolved):
+    found = {t.name: (t.model, t.variable) for t in resolved({})}
+    assert list(found)[:4] == ["lambda_1", "lambda_2", "C_1", "C_2"]
+    assert found["C_2"] == ("Plant", "tau_2")
+    assert found["lambda_2"] == ("Actuation", "lambda_2")
+    assert found["delta_ifo"] == ("OpticalMetrology", "delta_ifo")
+    assert len(found) == 11
+
+
+def test_a_delay_coefficient_is_a_gain_times_a_delay(resolved):
+    both = resolved({"C_2": Sought(), "lambda_2": Sought()})
+    theta = {"C_2": 0.2, "lambda_2": 1.25}
+    assert settings(both, theta, {}) == {"Plant": {"tau_2": 0.16}, "Actuation": {"lambda_2": 1.25}}
+    alone = resolved({"C_2": Sought()})
+    assert settings(alone, theta, {"lambda_2": 1.0, "lambda_1": 1.0})["Plant"] == {"tau_2": 0.16}
+
+
+def test_what_is_not_sought_is_held_by_the_loop(make_run, plan, fmus):
+    run = make_run()
+    found = placement.interfaces(run, fmus)
+    some = {"lambda_2": Sought(), "Plant.omega2_2_0": Sought()}
+    held = parameters.fixed_values(run, found, targets(replace(plan, identify=some), run, found))
+    assert held["lambda_1"] == 1.0748
+    assert held["C_1"] == pytest.approx(0.149, rel=1e-12)
+    assert not {"lambda_2", "C_2", "omega2_2_0", "delta_ifo"} & set(
+        held
+    )  # a gain makes its delay coefficient
+
+
+@pytest.mark.parametrize("key", ["SuspensionControl.f_u", "SuspensionControl.bandwidth"])
+def test_a_parameter_of_another_fmu_is_meant_by_its_name_or_by_ours(resolved, fmus, tmp_path, key):
+    archive = renamed(fmus["SuspensionControl"], tmp_path / "mine.fmu", {"f_u": "bandwidth"})
+    mine = Replacement("SuspensionControl", archive, {"f_u": "bandwidth"})
+    (target,) = resolved({key: Sought(start=1.1e-3)}, mine)
+    assert (target.name, target.variable) == ("SuspensionControl.f_u", "bandwidth")
+    assert (target.default_value, target.unit) == (1e-3, "Hz")
+    assert settings([target], {target.name: 2e-3}, {}) == {"SuspensionControl": {"bandwidth": 2e-3}}
+
+
+@pytest.mark.parametrize(("values", "given"), [({}, 0.25), ({"weights[2]": 0.75}, 0.75)])
+def test_an_element_of_an_array_is_given_by_its_own_start_value(resolved, tmp_path, values, given):
+    two = ('valueReference="11" causality="parameter" start="0.5"', 'valueReference="11" start="0.5 0.25"')
+    archive = third_party.built(tmp_path, fmi="3.0", changes=[(two[0], f'causality="parameter" {two[1]}')])
+    mine = Replacement("SuspensionControl", archive, third_party.VARIABLES, third_party.UNUSED, values=values)
+    (target,) = resolved({"SuspensionControl.weights[2]": Sought(width=0.1)}, mine)
+    assert target.default_value == given

@@ -1,0 +1,64 @@
+"""FMUs that are loaded once and simulated again and again."""
+
+import contextlib
+
+import numpy as np
+import pytest
+
+from lpfcosim.cosim import placement
+from lpfcosim.errors import RunError
+from lpfcosim.identification import trials
+from lpfcosim.modelica import build
+from lpfcosim.models import drive, world_of
+from lpfcosim.spacecraft.run import Sine
+
+pytestmark = pytest.mark.fmu
+N = 3000
+
+
+@pytest.fixture
+def run(make_run):
+    return make_run(n_samples=N, injections=(Sine("guidance_o_12", 1e-8, 0.01, 2, 10),), dc=4e-12)
+
+
+@pytest.mark.parametrize("fmi", ["2.0", "3.0"])
+def test_a_trial_leaves_nothing_behind(run, fmi):
+    found = placement.interfaces(run, build.build(fmi=fmi))
+    feeds = {**drive.injections(run), "g_2": np.full(N, run.dc)}
+    with contextlib.ExitStack() as stack:
+        loop = trials.whole_loop(stack, run, found, ("o_1", "o_12"))
+        first = loop.simulate(N, feeds, {})
+        other = loop.simulate(N, feeds, {"Plant": {"omega2_2_0": -5e-7}})
+        again = loop.simulate(N, feeds, {})
+        short = loop.simulate(100, feeds, {})
+        wanted = world_of(run).simulate(run)
+    for name, values in first.items():
+        assert np.array_equal(again[name], values)
+        assert np.array_equal(short[name], values[:100])
+        assert np.abs(values - wanted[name]).max() <= 1e-9 * np.sqrt(np.mean(wanted[name] ** 2))
+    assert np.abs(other["o_12"] - first["o_12"]).max() > 1e-13
+
+
+def test_a_loop_goes_on_after_a_trial_that_is_not_stable(run, fmus):
+    found = placement.interfaces(run, fmus)
+    feeds = {**drive.injections(run), "g_2": np.full(N, run.dc)}
+    with contextlib.ExitStack() as stack:
+        loop = trials.whole_loop(stack, run, found, ("o_1", "o_12"))
+        first = loop.simulate(N, feeds, {})
+        with pytest.raises(RunError, match="diverges"):
+            loop.simulate(N, feeds, {"Plant": {"omega2_2_0": -1.0}})
+        with pytest.raises(RunError, match="a delay is negative"):
+            loop.simulate(N, feeds, {"Plant": {"tau_2": 0.0}})
+        assert np.array_equal(loop.simulate(N, feeds, {})["o_12"], first["o_12"])
+
+
+def test_the_controller_alone_makes_the_commands_that_it_made_in_the_loop(run, fmus):
+    found = placement.interfaces(run, fmus)
+    feeds = {**drive.injections(run), "g_2": np.full(N, run.dc)}
+    with contextlib.ExitStack() as stack:
+        loop = trials.whole_loop(stack, run, found, ("o_12", "f_x_2"))
+        alone = trials.controller(stack, run, found)
+        whole = loop.simulate(N, feeds, {})
+        given = {"o_12": whole["o_12"], "guidance_o_12": feeds["guidance_o_12"]}
+        asked = alone.simulate(N, given, {})["f_control_2"]
+    assert np.abs(asked - whole["f_x_2"]).max() <= 1e-12 * np.abs(asked).max()

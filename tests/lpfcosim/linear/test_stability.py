@@ -1,0 +1,101 @@
+"""Closed-loop poles: against design values, and against what an unstable loop then does."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from lpfcosim.campaign.loading import load
+from lpfcosim.errors import InputError
+from lpfcosim.linear import stability
+from lpfcosim.models import along_x_plant
+from lpfcosim.spacecraft.control import DRAG_FREE, SUSPENSION
+from lpfcosim.spacecraft.run import Noise, Truth
+
+
+def test_every_run_of_the_quick_start_is_stable(quickstart):
+    for run in load(quickstart).runs:
+        stability.check(run)
+
+
+def test_slowest_mode_is_the_known_one(make_run):
+    """2100-2600 s, from an independent design of the same controllers."""
+    z = stability.poles(make_run())
+    assert (np.diff(np.abs(z)) <= 0).all()
+    assert 2100 < -0.1 / np.log(abs(z[0])) < 2600
+
+
+@pytest.mark.parametrize(("loop", "unity_gain", "margin"), [(0, 0.080, 45), (1, 1.0e-3, 59)])
+def test_phase_margins_are_the_design_values(make_run, loop, unity_gain, margin):
+    f = unity_gain * np.linspace(0.9, 1.1, 2001)
+    L = along_x_plant.open_loop(make_run())(f)[:, loop, loop]
+    i = int(np.abs(np.abs(L) - 1).argmin())
+    assert f[i] == pytest.approx(unity_gain, rel=0.05)
+    assert 180 + np.degrees(np.angle(L[i])) == pytest.approx(margin, abs=1)
+
+
+UNSTABLE = {
+    "suspension too fast for its delay": {
+        "suspension": replace(SUSPENSION, unity_gain=0.6, poles=(6.0, 30.0)),
+        "truth": Truth(C_2=1.5),
+    },
+    "drag-free too fast for the thrusters": {"drag_free": replace(DRAG_FREE, unity_gain=0.5)},
+    "stiffness beyond the suspension": {"truth": Truth(omega2_2_0=-3e-4)},
+}
+
+
+@pytest.mark.parametrize("change", UNSTABLE.values(), ids=UNSTABLE)
+def test_unstable_loop_is_refused_with_its_pole(make_run, change):
+    run = make_run(name="shaky", **change)
+    z = stability.poles(run)[0]
+    with pytest.raises(InputError) as refusal:
+        stability.check(run)
+    message = str(refusal.value)
+    assert message.startswith("shaky: the closed loop is unstable")
+    assert f"z = {z:.6g}" in message
+    assert "1/s" in message
+    assert "\n" not in message
+
+
+@pytest.mark.parametrize("change", UNSTABLE.values(), ids=UNSTABLE)
+def test_an_unstable_loop_grows_at_the_rate_of_its_pole(make_run, flight_noise, change):
+    """The pole is right: a disturbance grows as |z|^n in the simulation."""
+    growth = np.log(abs(stability.poles(make_run(**change))[0]))  # per sample
+    # 1e-18 of the usual noise leaves many e-foldings of the pole alone before the test mass is lost
+    faint = Noise(oms=1e-18 * flight_noise.oms, thruster=1e-18 * flight_noise.thruster)
+    n = int(32 / growth)
+    o = along_x_plant.simulate(make_run(noise=faint, n_samples=n, **change))
+    size = np.maximum(np.abs(o["o_1"]), np.abs(o["o_12"]))
+    quarter = int(8 / growth)
+    later, earlier = size[-quarter:].max(), size[-2 * quarter : -quarter].max()
+    assert np.log(later / earlier) / quarter == pytest.approx(growth, rel=0.1)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"truth": Truth(omega2_2_0=-1e30)},
+        {"truth": Truth(alpha_phi_2=-1e300)},
+        {"drag_free": replace(DRAG_FREE, unity_gain=1e300)},
+        {"drag_free": replace(DRAG_FREE, poles=(1e-320, 1.0))},
+        {"suspension": replace(SUSPENSION, poles=(1e300, 1.0))},
+    ],
+)
+def test_a_loop_beyond_numbers_is_refused_too(make_run, change):
+    with pytest.raises(InputError, match=r"^run: the closed loop") as refusal:
+        stability.check(make_run(**change))
+    assert "nan" not in str(refusal.value)
+
+
+def test_a_pole_on_the_circle_is_refused_too(make_run, monkeypatch):
+    monkeypatch.setattr(stability, "poles", lambda run: np.array([1.0 + 0.0j, 0.5]))
+    with pytest.raises(InputError, match="never decays"):
+        stability.check(make_run())
+
+
+def test_of_many_runs_the_unstable_one_is_named(make_run):
+    stable = [make_run(name=f"calm{i}", noise=Noise(oms=1e-15 * i), seed=i) for i in range(3)]
+    for change in UNSTABLE.values():
+        with pytest.raises(InputError, match=r"^shaky: "):
+            stability.check(*stable, make_run(name="shaky", **change), *stable)
+    stability.check(*stable)

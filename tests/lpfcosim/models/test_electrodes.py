@@ -1,0 +1,167 @@
+"""What electrodes and living gains do to a run: against electrodes one by one, and against the FMUs."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from lpfcosim.campaign import loading
+from lpfcosim.cosim import placement
+from lpfcosim.linear import planning
+from lpfcosim.modelica import build
+from lpfcosim.models import electrodes, world_of
+from lpfcosim.spacecraft.actuation import Actuation, largest_pull
+from lpfcosim.spacecraft.run import Authority, HalfCosine, Noise, Sine, Truth
+from lpfcosim.spacecraft.spacecraft import Spacecraft
+from tests.lpfcosim.cosim.in_memory import simulate
+from tests.oracles import electrodes as oracle
+
+M_TM = 1.928
+SET = Authority("G", 4400e-12, 5000e-12, 1.5e-12, 10.4e-12)
+LIVING = Truth(
+    lambda_drift_1=5e-2, lambda_drift_2=-3e-2, lambda_walk_1=1e-2, lambda_walk_2=2e-2,
+    lambda_bend_1=1e-2, lambda_bend_2=-2e-2,
+)  # fmt: skip
+NOISE = Noise(35e-15, 0.15e-6, 5.6e-15, 1.5, 1e-14)
+SHAKEN = replace(
+    NOISE, dws=2e-10, grs=2e-9, grs_angle=1e-7, thruster_torque=8e-8, torque=1e-12, lateral=1e-14
+)
+
+
+@pytest.fixture
+def lively(make_run):
+    """Make a run with everything at once, louder than in flight, so that it shows within minutes."""
+    return make_run(
+        n_samples=3000,
+        authority=SET,
+        truth=LIVING,
+        actuation=Actuation(electrode=2e-4, electrode_common=1e-4),
+        noise=NOISE,
+        dc=1e-11,
+        injections=(
+            Sine("guidance_o_12", 10e-9, 20e-3, 4, 10.0),
+            HalfCosine("F_x_1", 4000e-12, 20.0, 200.0),
+            HalfCosine("F_x_2", 4000e-12, 20.0, 200.0),
+        ),
+    )
+
+
+@pytest.mark.parametrize(("F", "N"), [(0, 0), (1500e-12, 0), (-2000e-12, 6e-12), (2200e-12, -10.4e-12)])
+def test_three_sums_stand_for_four_electrodes(make_run, F, N):
+    run = make_run(actuation=Actuation(electrode=1e-6), n_samples=500)
+    limits = run.authority.F_max_2, run.authority.N_max_2
+    eps = 1e-6 * np.random.default_rng(1).standard_normal((4, 500))
+    turning = -oracle.SIDES * oracle.ENDS
+    drawn = {
+        "e_x_2": oracle.SIDES @ eps / 2,
+        "gain_2": eps.sum(axis=0) / 2,
+        "e_N_2": (oracle.SIDES * turning) @ eps / 2,
+    }
+    excess = electrodes.excess(run, drawn)[1]
+    f = F / run.truth.lambda_2 / M_TM  # what the test mass receives is F
+    got = [run.truth.lambda_2 * M_TM * excess(i, f, N) for i in range(500)]
+    expected = oracle.force_noise(F, N, *limits, eps)
+    np.testing.assert_allclose(got, expected, rtol=0, atol=1e-5 * np.abs(expected).max())
+
+
+def test_no_electrode_pushes_and_none_pulls_beyond_its_largest():
+    for F in (-2200e-12, 0, 2200e-12):
+        for N in (-10.4e-12, 0, 10.4e-12):
+            pulls = oracle.pulls(F, N, 2200e-12, 10.4e-12)
+            assert pulls.min() > -1e-24
+            assert pulls.max() <= largest_pull(2200e-12, 10.4e-12) * (1 + 1e-12)
+            assert pulls.sum() == pytest.approx(2200e-12 + 10.4e-12 / oracle.ARM)
+
+
+@pytest.mark.fmu
+@pytest.mark.parametrize("whole", [False, True])
+def test_fmus_and_reference_agree_on_all_of_it(lively, whole):
+    if whole:
+        lively = replace(lively, spacecraft=Spacecraft(leak_phi_1=40.0), noise=SHAKEN)
+    world = world_of(lively)
+    got = simulate(lively, build.build([c.model for c in world.components]))
+    expected = world.simulate(lively)
+    off = world.simulate(replace(lively, truth=Truth(), actuation=Actuation()))
+    for name in got:
+        rms = np.sqrt(np.mean(expected[name] ** 2))
+        assert np.abs(got[name] - expected[name]).max() <= 1e-9 * rms, name
+    assert np.abs(off["o_12"] - expected["o_12"]).max() > 1e-2 * np.abs(expected["o_12"]).max()
+
+
+@pytest.mark.fmu
+def test_what_is_not_asked_for_is_not_wired(make_run, fmus):
+    (usual,) = (c for c in world_of(make_run()).steps(make_run()) if c.model == "Actuation")
+    assert set(usual.inputs) == {"f_control_2", "F_x_1", "F_x_2", "f_x_1_jitter"}
+    asked = make_run(actuation=Actuation(electrode=1e-6), truth=Truth(lambda_drift_2=1e-4))
+    (found,) = (i for i in placement.interfaces(asked, fmus) if i.model == "Actuation")
+    assert set(found.inputs) - set(usual.inputs) == {"e_x_1", "e_x_2", "gain_1", "gain_2"}
+    assert "N_max_2" in found.settings
+    assert "lambda_bend_2" not in found.settings
+
+
+def psd(run, frequency):
+    """Give the PSDs at the inputs of the loop at one frequency, by name."""
+    system = world_of(run).system(run)
+    shares, of_streams = planning.streams(run, system, np.array([frequency]))
+    return dict(zip(system.inputs, shares**2 @ of_streams[0], strict=True))
+
+
+@pytest.mark.parametrize(
+    ("authority", "expected"),
+    [
+        (Authority("A", 0, 2200e-12, 10.4e-12, 10.4e-12), (2200e-12 + 10.4e-12 / 0.011, 10.4e-12 / 0.011)),
+        (Authority("D", 0, 50e-12, 1.5e-12, 1e-12), (50e-12 + 1e-12 / 0.011, 1.5e-12 / 0.011)),
+    ],
+)
+def test_expected_noise_follows_the_authority(make_run, authority, expected):
+    """At 0.1 mHz 2e-6 has risen to 6.3e-6; nothing else is noisy, nothing is commanded."""
+    run = make_run(authority=authority, actuation=Actuation(electrode=2e-6), noise=Noise())
+    found = psd(run, 1e-4)
+    for j, F in ((2, expected[0]), (1, expected[1])):
+        assert np.sqrt(found[f"g_{j}"]) == pytest.approx(2e-6 * np.sqrt(10) * F / M_TM, rel=0.06)
+
+
+def test_common_noise_follows_the_force(make_run):
+    """4 nN on both test masses: 8 fm s-2 Hz-1/2 each at 4e-6 of the force, above 1 mHz; none without it."""
+    quiet = make_run(authority=SET, actuation=Actuation(electrode_common=2e-6))
+    assert psd(quiet, 0.01)["g_1"] == 0
+    steps = [HalfCosine(f"F_x_{j}", 4e-9, 0.0, 1.0) for j in (1, 2)]
+    loud = psd(replace(quiet, injections=tuple(steps)), 0.02)
+    for j, gain in ((1, 1.0748), (2, 1.0776)):
+        assert np.sqrt(loud[f"g_{j}"]) == pytest.approx(4e-6 * gain * 4e-9 / M_TM, rel=0.07), j
+    held = psd(replace(quiet, dc=1e-11), 0.02)
+    assert np.sqrt(held["g_2"]) == pytest.approx(4e-6 * 1e-11, rel=0.07)
+
+
+TEXT = """\
+schema = "lpf-campaign/1"
+name = "living"
+seed = 1
+
+[truth]
+lambda_drift_2 = "1e-4 day^-1"
+lambda_bend_1 = 2e-4
+
+[actuation]
+electrode = "2e-6 Hz^-0.5"
+
+[authority.A]
+F_max_1 = "0 pN"
+F_max_2 = "2200 pN"
+N_max_1 = "10.4 pN m"
+N_max_2 = "10.4 pN m"
+
+[[experiments]]
+name = "A"
+authority = "A"
+duration = "1 h"
+noise_duration = "1 h"
+"""
+
+
+def test_campaign_asks_by_a_few_keys(tmp_path):
+    file = tmp_path / "c.toml"
+    file.write_text(TEXT, encoding="utf-8")
+    for run in loading.load(file).runs:
+        assert run.actuation == Actuation(electrode=2e-6)
+        assert (run.truth.lambda_drift_2, run.truth.lambda_bend_1) == (1e-4, 2e-4)

@@ -1,0 +1,254 @@
+"""Loop gains and margins of the whole spacecraft against formulas of the continuous plant; no shared code."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from lpfcosim.linear import margins
+from lpfcosim.models import whole_loops
+from lpfcosim.spacecraft.control import Lead
+from lpfcosim.spacecraft.run import Truth
+from lpfcosim.spacecraft.spacecraft import Spacecraft
+from tests.lpfcosim.models import whole_spectra
+
+H = 0.1
+M_TM, M_SC, I_TM, D = 1.928, 422.7, 6.80e-4, 0.376
+I_SC = {"theta": 202.5, "eta": 209.7, "phi": 191.7}
+W_Y, W_ANGLE = -8e-7, -1.5e-6
+UNIT_GAIN = Truth(lambda_1=1.0, lambda_2=1.0, C_1=0.139, C_2=0.173)
+
+
+@pytest.fixture(scope="module")
+def run(make_run):
+    return make_run(spacecraft=Spacecraft())
+
+
+def aliases(f):
+    """Give s of every alias of f and the hold of a command, shape (aliases,)."""
+    s = 2j * np.pi * (f + np.arange(-4000, 4001) / H)
+    return s, (1 - np.exp(-s * H)) / (s * H)
+
+
+def bilinear(f):
+    z = np.exp(2j * np.pi * f * H)
+    return 2 / H * (z - 1) / (z + 1)
+
+
+def law(s, fu, fz, fi, fp, fr):
+    def shape(s):
+        wz, wi, wp, wr = 2 * np.pi * np.array([fz, fi, fp, fr])
+        return (s + wz) * (s + wi) / (s * (1 + s / wp) * (1 + s / wr))
+
+    u = 2j * np.pi * fu
+    return abs(u) ** 2 * shape(s) / abs(shape(u))
+
+
+def lead(s, fu=0.07e-3, fz=0.021e-3, fp=0.42e-3):
+    def shape(s):
+        return (s + 2 * np.pi * fz) / (1 + s / (2 * np.pi * fp)) ** 3
+
+    u = 2j * np.pi * fu
+    return abs(u) ** 2 * shape(s) / abs(shape(u))
+
+
+def thrust(s):
+    return np.exp(-0.25 * s) / (1 + 0.1 * s)
+
+
+ROTATION = (30e-3, 9e-3, 1.8e-3, 0.24, 0.6)
+TILT = (2e-3, 0.6e-3, 0.12e-3, 12e-3, 60e-3)
+
+
+def translation(f):
+    """Both test masses together along y or z, drag-free: the spacecraft is pushed."""
+    s, hold = aliases(f)
+    plant = (hold * thrust(s) / (s**2 + W_Y * (1 + 2 * M_TM / M_SC))).sum()
+    return plant * law(bilinear(f), *ROTATION)
+
+
+def rotation(f, angle):
+    """Test masses against each other, drag-free: the spacecraft is turned."""
+    s, hold = aliases(f)
+    plant = (hold * thrust(s) / (s**2 + W_Y * (1 + M_TM * D**2 / (2 * I_SC[angle])))).sum()
+    return plant * law(bilinear(f), *ROTATION)
+
+
+def suspension(f, angle):
+    """One angle of one test mass, held; stiffness of both turns the spacecraft."""
+    s, hold = aliases(f)
+    ratio = I_TM / I_SC[angle]
+    together, apart = (1 + 2 * ratio) / (s**2 + W_ANGLE * (1 + 2 * ratio)), 1 / (s**2 + W_ANGLE)
+    plant = (hold * np.exp(-0.1 * s) * (together + apart) / 2).sum()
+    return plant * law(bilinear(f), *TILT)
+
+
+def attitude(f, angle, gain):
+    """Star tracker to differential force, which the thrusters follow: return ratio with them in closed loop.
+
+    With N what the thrusters give and r the recoil of the test masses, their differential angle e and the
+    spacecraft's Phi obey e'' = -(1 + r) (force L + W_Y e) - N and Phi'' = N + r (force L + W_Y e).
+    """
+    s, hold = aliases(f)
+    r = M_TM * D**2 / (2 * I_SC[angle])
+    w = W_Y * (1 + r)
+    force, push = gain * np.exp(-0.1 * s), thrust(s)
+    e = [(-hold * (1 + r) * force / (s**2 + w)).sum(), (-hold * push / (s**2 + w)).sum()]
+    phi = [
+        (hold * force * (r - r * W_Y * (1 + r) / (s**2 + w)) / s**2).sum(),
+        (hold * push * (1 - r * W_Y / (s**2 + w)) / s**2).sum(),
+    ]
+    K = law(bilinear(f), *ROTATION)
+    return lead(bilinear(f)) * (phi[0] + phi[1] * K * e[0] / (1 - e[1] * K)) * -1
+
+
+GAIN = (1.0748 + 1.0776) / 2  # of the differential force
+CONTINUOUS = {
+    **{f"drag_free_{k}": translation for k in "yz"},
+    **{f"drag_free_{k}": lambda f, k=k: rotation(f, k) for k in ("eta", "phi")},
+    **{f"suspension_{k}_{j}": lambda f, k=k: suspension(f, k) for k in ("eta", "phi") for j in (1, 2)},
+    **{f"attitude_{k}": lambda f, k=k: attitude(f, k, GAIN) for k in ("eta", "phi")},
+}
+
+
+@pytest.mark.parametrize("f", [0.01e-3, 0.07e-3, 0.3e-3, 2e-3, 30e-3, 0.3])
+def test_loop_gains_match_the_continuous_plant(run, f):
+    L = whole_loops.open_loop(run)([f])[0]
+    returned = 1 / np.diagonal(np.linalg.inv(np.eye(15) + L)) - 1
+    for name, formula in CONTINUOUS.items():
+        i = whole_loops.LOOPS.index(name)
+        # 1e-5: test masses free to turn answer with their own stiffness, I_tm/I_sc of it
+        got, rel = (returned[i], 1e-6) if "attitude" in name else (L[i, i], 1e-5)
+        if abs(got) > 1e-6:
+            assert abs(got / formula(f) - 1) < rel, name
+
+
+@pytest.mark.slow
+def test_margins_match_the_continuous_plant(run):
+    found = {m.loop: m for m in margins.margins(run)}
+    assert list(found) == list(whole_loops.LOOPS)
+    for name, L in CONTINUOUS.items():
+        m = found[name]
+        at_unity = L(m.unity_gain)
+        assert abs(at_unity) == pytest.approx(1, abs=1e-5), name
+        assert m.phase_margin == pytest.approx(180 + np.degrees(np.angle(at_unity)), abs=1e-3), name
+        f = m.unity_gain * np.geomspace(1.02, 30, 400)
+        beyond = np.array([L(x) for x in f])
+        k = int(np.flatnonzero((np.diff(np.sign(beyond.imag)) != 0) & (beyond.real[:-1] < 0))[0])
+        edge = beyond[k : k + 2]
+        size = abs(edge[0] - edge[0].imag * (edge[1] - edge[0]) / (edge[1] - edge[0]).imag)
+        assert m.gain_margin == pytest.approx(-20 * np.log10(size), abs=0.01), name
+
+
+DESIGN = {  # Hz, deg, dB
+    "drag_free_x": (0.08, 45, 14.5),
+    **{f"drag_free_{k}": (30e-3, 56, 19) for k in ("y", "z", "theta", "eta", "phi")},
+    "suspension_x": (1.0e-3, 59, 30),
+    **{f"suspension_{k}": (2e-3, 58, 30) for k in ("eta_1", "phi_1", "theta_2", "eta_2", "phi_2")},
+    **{f"attitude_{k}": (0.07e-3, 45, 13) for k in ("theta", "eta", "phi")},
+}
+
+
+def test_margins_are_those_of_the_design(make_run):
+    """From an independent design of the same controllers, with electrostatic forces of gain one."""
+    for m in margins.margins(make_run(spacecraft=Spacecraft(), truth=UNIT_GAIN)):
+        unity, phase, gain = DESIGN[m.loop]
+        assert m.unity_gain == pytest.approx(unity, rel=0.05), m
+        assert m.phase_margin == pytest.approx(phase, abs=1), m
+        assert m.gain_margin == pytest.approx(gain, abs=1), m
+
+
+def test_every_margin_is_left_with_the_gains_of_flight(run):
+    for m in margins.margins(run):
+        assert m.phase_margin > 43, m
+        assert m.gain_margin > 12, m
+
+
+def test_gain_beyond_its_margin_is_unstable(make_run, run):
+    """The margin of the weakest loop, attitude, against the poles."""
+    margin = {m.loop: m.gain_margin for m in margins.margins(run)}["attitude_phi"]
+
+    class Louder(Lead):
+        factor = 1.0
+
+        @property
+        def gain(self):
+            return self.factor * super().gain
+
+    for decibel, stable in ((margin - 0.05, True), (margin + 0.05, False)):
+        louder = Louder(0.07e-3, 0.021e-3, 0.42e-3)
+        object.__setattr__(louder, "factor", 10 ** (decibel / 20))
+        changed = make_run(spacecraft=Spacecraft(attitude=louder))
+        assert (np.abs(np.linalg.eigvals(whole_loops.loop(changed).closed)).max() < 1) == stable
+
+
+@pytest.mark.parametrize(("truth", "slowest"), [(UNIT_GAIN, 4740), (Truth(), 5074)])
+def test_slowest_mode_is_the_known_one(make_run, truth, slowest):
+    """4740 s from the independent design; the true gain of the forces makes it 5074 s."""
+    closed = whole_loops.loop(make_run(spacecraft=Spacecraft(), truth=truth)).closed
+    assert -H / np.log(np.abs(np.linalg.eigvals(closed)).max()) == pytest.approx(slowest, rel=2e-3)
+
+
+def test_thrusters_answer_x_1_as_in_flight(run):
+    """|F/x| within 30 % of flight telemetry at 50, 100, 200 mHz; unity gain at 70 - 100 mHz."""
+    f = np.array([50e-3, 100e-3, 200e-3])
+    A, B, C, D = whole_loops.controllers(run)
+    z = np.exp(2j * np.pi * f * H)[:, np.newaxis, np.newaxis]
+    K = C @ np.linalg.solve(z * np.eye(len(A)) - A, B) + D
+    stiffness = np.abs(M_SC * K[:, 0, 0])
+    np.testing.assert_allclose(stiffness, [58, 141, 255], rtol=0.3)
+    assert 0.07 < margins.margins(run)[0].unity_gain < 0.1
+
+
+def levels(f):
+    """Noise of the design: white, sensors 1/f below 1 mHz, torques on the test masses below 0.2 mHz."""
+    psd = {"n_ast_theta": 0.6e-3**2, "n_ast_eta": 0.6e-3**2, "n_ast_phi": 0.13e-3**2}
+    psd |= {f"F_noise_{k}_sc": 0.15e-6**2 for k in "xyz"} | {f"N_noise_{k}_sc": 0.08e-6**2 for k in "xyz"}
+    for j in (1, 2):
+        psd |= {f"n_grs_{k}_{j}": 1.8e-9**2 * (1 + (1e-3 / f) ** 2) for k in "xyz"}
+        for k in ("theta", "eta", "phi"):
+            psd[f"n_grs_{k}_{j}"] = 120e-9**2 * (1 + (1e-3 / f) ** 2)
+            psd[f"gamma_{k}_{j}"] = 1.5e-12**2 * (1 + (0.2e-3 / f) ** 2)
+    return psd | {f"n_{k}_{j}": 150e-12**2 for k in ("eta", "phi") for j in (1, 12)}
+
+
+def test_rotation_emerges_with_its_known_spectrum(make_run):
+    """From an independent design of the same loops, phi; the eta of its noisier axis is 4.4 times that."""
+    f = np.array([0.03e-3, 0.1e-3, 0.3e-3, 1e-3])
+    run = make_run(spacecraft=Spacecraft(), truth=UNIT_GAIN)
+    S = whole_spectra.spectra(run, f, levels(f))
+    Omega = np.sqrt(S["Omega_phi"])
+    np.testing.assert_allclose(Omega, [3.1e-8, 8.4e-8, 3.6e-8, 3.4e-9], rtol=0.05)
+    np.testing.assert_allclose(2 * np.pi * f * Omega, [5.9e-12, 5.3e-11, 6.7e-11, 2.1e-11], rtol=0.05)
+    np.testing.assert_allclose(np.sqrt(S["Omega_eta"]) / Omega, 4.6, rtol=0.05)
+    np.testing.assert_allclose(2 * np.pi * f * np.sqrt(S["Phi"]), Omega, rtol=1e-6)
+    with_flight_gain = whole_spectra.spectra(replace(run, truth=Truth()), f, levels(f))
+    np.testing.assert_allclose(np.sqrt(with_flight_gain["Omega_phi"]), Omega, rtol=0.11)
+
+
+def test_jitter_is_the_known_one(run):
+    f = np.array([20e-3, 30e-3, 50e-3, 70e-3, 100e-3])
+    S = whole_spectra.spectra(run, f, levels(f))
+    np.testing.assert_allclose(np.sqrt(S["y_1"]), np.array([19, 11, 5, 2.6, 1.3]) * 1e-9, rtol=0.06)
+    np.testing.assert_allclose(np.sqrt(S["phi_1"]), np.array([24, 15, 7, 4.4, 2.6]) * 1e-9, rtol=0.06)
+
+
+def test_torques_show_the_rotation(run):
+    """N/I - omega2 o - o'' is dOmega, N being what acts after delay and hold."""
+    f = np.array([0.1e-3, 1e-3])
+    H_ = whole_spectra.transfer(run, f)
+    from_tracker = dict(
+        zip(whole_spectra.CHANNELS, H_[:, :, whole_loops.INPUTS.index("n_ast_phi")].T, strict=True)
+    )
+    delayed = np.exp(-2j * np.pi * f * (0.1 + H / 2)) * from_tracker["N_phi_1"] / I_TM
+    s = 2j * np.pi * f
+    applied = delayed - (W_ANGLE + s**2) * from_tracker["phi_1"]
+    np.testing.assert_allclose(applied, s * from_tracker["Omega_phi"], rtol=1e-5)
+
+
+def test_a_loop_without_unity_gain_has_no_margins(make_run):
+    quiet = Spacecraft(attitude=Lead(1e-9, 0.3e-9, 6e-9))
+    found = {m.loop: m for m in margins.margins(make_run(spacecraft=quiet))}
+    assert np.isnan(found["attitude_phi"].unity_gain)
+    assert found["attitude_phi"].gain_margin == np.inf
+    assert found["drag_free_phi"].phase_margin == pytest.approx(56, abs=1)

@@ -1,0 +1,96 @@
+"""The layout of the thrusters: what nozzles give together, and the noise that forces and torques share."""
+
+import numpy as np
+import pytest
+from scipy.signal import csd, welch
+
+from lpfcosim.linear import planning
+from lpfcosim.models import drive, whole, whole_plant, world_of
+from lpfcosim.spacecraft import EIGHT_NOZZLES
+from lpfcosim.spacecraft.run import Noise
+from lpfcosim.spacecraft.spacecraft import Spacecraft
+
+SIGNALS = [f"{kind}_noise_{k}_sc" for kind in "FN" for k in "xyz"]
+LEVEL = 0.15e-6
+
+
+@pytest.fixture(scope="module")
+def run(make_run):
+    noise = Noise(thruster=LEVEL)
+    return make_run(spacecraft=Spacecraft(layout=EIGHT_NOZZLES), noise=noise, n_samples=40_000)
+
+
+@pytest.fixture(scope="module")
+def flown(run):
+    return whole_plant.simulate(run)
+
+
+def by_hand(thrusts):
+    """Add up forces and torques of nozzles 1 m from the axis and 0.25 m above the centre of mass."""
+    total = np.zeros(6)
+    for thrust, (azimuth, side) in zip(
+        thrusts, [(a, s) for a in (30, 85, 210, 265) for s in (-25, 25)], strict=True
+    ):
+        a, i, up = np.radians([azimuth, azimuth + 180 + side, 20])
+        F = thrust * np.array([np.cos(up) * np.cos(i), np.cos(up) * np.sin(i), np.sin(up)])
+        r = np.array([np.cos(a), np.sin(a), 0.25])
+        total[:3] += F
+        total[3:] += (r[1] * F[2] - r[2] * F[1], r[2] * F[0] - r[0] * F[2], r[0] * F[1] - r[1] * F[0])
+    return total
+
+
+def test_what_nozzles_give_together():
+    thrusts = np.arange(1.0, 9.0)
+    np.testing.assert_allclose(EIGHT_NOZZLES.matrix @ thrusts, by_hand(thrusts), rtol=1e-12)
+
+
+def test_what_is_commanded_is_what_they_give():
+    np.testing.assert_allclose(EIGHT_NOZZLES.matrix @ EIGHT_NOZZLES.allocation, np.eye(6), atol=1e-14)
+
+
+def test_alike_they_push_towards_the_sun_alone():
+    """So the pressure of the Sun lets all of them push, and none is ever asked to pull."""
+    together = EIGHT_NOZZLES.matrix @ np.ones(8)
+    assert together[2] > 1
+    np.testing.assert_allclose(np.delete(together, 2), 0, atol=1e-14)
+
+
+def test_flight_never_asks_a_nozzle_to_pull(flown):
+    """Under 20 uN of sunlight, the commands of the loops beside."""
+    commands = np.array([flown[name] for name in whole.THRUST])
+    sunlight = np.array([0, 0, 20e-6, 0, 0, 0])
+    thrusts = EIGHT_NOZZLES.allocation @ (commands + sunlight[:, None])
+    assert thrusts.min() > 0
+
+
+def test_along_x_they_are_as_loud_as_without_a_layout(run):
+    s = world_of(run).system(run)
+    shares, psd = planning.streams(run, s, np.array([1e-3, 0.05]))
+    row = s.inputs.index("F_noise_x_sc")
+    assert psd @ shares[row] ** 2 == pytest.approx(LEVEL**2)
+
+
+@pytest.mark.stat
+def test_drawn_forces_and_torques_go_together(run):
+    """36 cross spectra over 40,000 samples: 5 sigma of their mean (p = 6e-7 each)."""
+    drawn = drive.noise(run)
+    size = LEVEL / np.linalg.norm(EIGHT_NOZZLES.matrix[0])
+    expected = size**2 * EIGHT_NOZZLES.matrix @ EIGHT_NOZZLES.matrix.T
+    x = np.array([drawn[name] for name in SIGNALS])
+    found = x @ x.T / x.shape[1] / (run.fs / 2)
+    error = np.sqrt(np.outer(np.diag(expected), np.diag(expected)) / x.shape[1])
+    assert np.all(abs(found - expected) < 5 * error * np.sqrt(2))
+
+
+@pytest.mark.stat
+def test_jitter_goes_together_as_the_spectra_say(run, flown):
+    """o_1 with o_eta_1, 20 to 100 mHz, in 31 segments that overlap: 5 sigma of a coherence (p = 6e-7)."""
+    names = ("o_1", "o_eta_1")
+    f, cross = csd(*(flown[name] for name in names), fs=10, nperseg=2500)
+    powers = [welch(flown[name], fs=10, nperseg=2500)[1] for name in names]
+    band = (f >= 20e-3) & (f <= 100e-3)
+    S = planning.cross_spectra(run, names, f[band])
+    expected = S[:, 0, 1] / np.sqrt(S[:, 0, 0].real * S[:, 1, 1].real)
+    found = (cross / np.sqrt(powers[0] * powers[1]))[band]
+    assert np.abs(expected).mean() > 0.5
+    assert abs(np.mean(found / expected) - 1) < 5 / np.sqrt(16 * band.sum())
