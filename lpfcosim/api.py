@@ -11,8 +11,8 @@ from fit.telemetry import root_attributes
 from lpfcosim.campaign import Campaign, loading
 from lpfcosim.errors import InputError, RunError
 from lpfcosim.execution import fmus as archives
-from lpfcosim.execution import folder as results
-from lpfcosim.execution import runner, telemetry, validation
+from lpfcosim.execution import results_folder as results
+from lpfcosim.execution import runner, telemetry_file, validation
 from lpfcosim.linear import saturation
 from lpfcosim.messages import grouped
 from lpfcosim.models import world_of
@@ -81,12 +81,12 @@ def simulate(
     for warning in validation.validate(plan, fitted=False).warnings:
         _messages.warning("%s", warning)
     directory = Path(folder) / "telemetry"
-    with results.held(Path(folder)):
+    with results.lock(Path(folder)):
         if not fmus:
             directory.mkdir(exist_ok=True)
             return _without_fmus(plan, directory)
-        with archives.held(plan, archives.archives_of(plan), Path(folder), trusted=trusted) as copies:
-            simulated = runner.simulate(plan, directory, copies, runner.How(jobs))
+        with archives.snapshot(plan, archives.resolve_fmus(plan), Path(folder), trusted=trusted) as copies:
+            simulated = runner.simulate(plan, directory, copies, runner.RunOptions(jobs))
     if simulated.failures:
         failures = ((name, str(error)) for name, error in simulated.failures.items())
         raise RunError("; ".join(grouped(failures)))
@@ -103,7 +103,7 @@ def _without_fmus(plan: Campaign, directory: Path) -> list[Path]:
         path = directory / f"{run.name}.h5"
         if path.exists():
             found = root_attributes(path)
-            if found is None or runner.difference(found, origin):
+            if found is None or runner.provenance_mismatch(found, origin):
                 raise InputError(
                     f"{path}: telemetry of something else, expected another folder or none there"
                 )
@@ -117,7 +117,7 @@ def _record(run: Run, path: Path, origin: Mapping[str, str | int | float]) -> No
     world = world_of(run)
     found = world.simulate(run)
     channels = {name: found[name] for name in world.record}
-    with telemetry.writer(path, run, channels, origin) as writer:
+    with telemetry_file.create(path, run, channels, origin) as writer:
         for block in decimation.decimate(run, [channels]):
             writer.append(block)
         if saturated := saturation.count(run, channels):

@@ -4,6 +4,16 @@ Everything in the file is checked here, so that a mistake is told before anythin
 """
 
 from lpfcosim.campaign.campaign import Campaign, Experiment
-from lpfcosim.campaign.wishes import Sought, Wishes
+from lpfcosim.campaign.design_spec import DesignSpec, ParameterSpec
 
-__all__ = ["Campaign", "Experiment", "Sought", "Wishes", "loading", "montecarlo", "names", "schema", "units"]
+__all__ = [
+    "Campaign",
+    "DesignSpec",
+    "Experiment",
+    "ParameterSpec",
+    "loading",
+    "montecarlo",
+    "names",
+    "schema",
+    "units",
+]

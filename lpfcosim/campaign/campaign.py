@@ -9,7 +9,7 @@ from functools import cached_property
 from typing import Any
 
 from lpfcosim.campaign import history
-from lpfcosim.campaign.wishes import Sought, Wishes
+from lpfcosim.campaign.design_spec import DesignSpec, ParameterSpec
 from lpfcosim.spacecraft import (
     FS,
     LIVING,
@@ -83,8 +83,8 @@ class Campaign:
     events: Events | None = None
     tail_scatter: float = 0.0
     fit: Mapping[str, object] = field(default_factory=dict)
-    design: Wishes = field(default_factory=Wishes)
-    identify: Mapping[str, Sought] = field(default_factory=dict)
+    design: DesignSpec = field(default_factory=DesignSpec)
+    identify: Mapping[str, ParameterSpec] = field(default_factory=dict)
     tables: Mapping[str, Any] = field(default_factory=dict, repr=False, compare=False)
 
     @cached_property

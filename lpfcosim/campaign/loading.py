@@ -15,10 +15,15 @@ from pydantic import ValidationError
 
 from fit.errors import quote
 from fit.files import closest_match, validation_messages
-from lpfcosim.campaign import file, sweep
+from lpfcosim.campaign import sweep, toml_file
 from lpfcosim.campaign.campaign import Campaign, Experiment, iso
-from lpfcosim.campaign.entries import ConflictError, Entry, check_defaults, written
-from lpfcosim.campaign.injections import SHAPES
+from lpfcosim.campaign.injection_tables import SHAPES
+from lpfcosim.campaign.resolved_experiments import (
+    ConflictError,
+    ResolvedExperiment,
+    apply_defaults,
+    check_defaults,
+)
 from lpfcosim.campaign.schema import CampaignTable, ExperimentTable, FmuTable
 from lpfcosim.errors import InputError
 from lpfcosim.linear import saturation, stability
@@ -50,11 +55,11 @@ def load(path: Path) -> Campaign:
     InputError
         If the file cannot be read, is not TOML, or is not a campaign; one sentence with the path inside it.
     """
-    raw = file.read(path)
+    raw = toml_file.load_extended(path)
     try:
         table = CampaignTable.model_validate(raw)
         if "extends" in raw:
-            said = file.alone(path).get("defaults", {})
+            said = toml_file.load(path).get("defaults", {})
             check_defaults(said, table.experiments, swept=table.sweep is not None)
         found = _build(table)
     except ValidationError as error:
@@ -66,7 +71,7 @@ def load(path: Path) -> Campaign:
 
 def sources(path: Path) -> tuple[Path, ...]:
     """Return a campaign file and those that it extends, one on top of the other; `load` must accept it."""
-    said = file.alone(path)
+    said = toml_file.load(path)
     return (path, *(sources(path.parent / said["extends"]) if "extends" in said else ()))
 
 
@@ -127,16 +132,16 @@ def _build(table: CampaignTable) -> Campaign:
     )
 
 
-def _entries(table: CampaignTable) -> tuple[Entry, ...]:
+def _entries(table: CampaignTable) -> tuple[ResolvedExperiment, ...]:
     """Return the experiments that are asked for: those written, or those of a sweep."""
-    found = written(table.experiments, table.defaults)
+    found = apply_defaults(table.experiments, table.defaults)
     if table.sweep is None:
         return found
     authority = table.authority.get(found[0].table.authority or "")
     return sweep.entries(found[0], table.sweep, authority, table.sequences)
 
 
-def _check_order(campaign: Campaign, entries: Sequence[Entry]) -> None:
+def _check_order(campaign: Campaign, entries: Sequence[ResolvedExperiment]) -> None:
     """Refuse an experiment that would start before the one before it ends."""
     place = {
         name: entry for e, entry in zip(campaign.experiments, entries, strict=True) for name in e.run_names
@@ -150,7 +155,7 @@ def _check_order(campaign: Campaign, entries: Sequence[Entry]) -> None:
             )
 
 
-def _check_swept(campaign: Campaign, entries: Sequence[Entry]) -> None:
+def _check_swept(campaign: Campaign, entries: Sequence[ResolvedExperiment]) -> None:
     """Refuse a run of a sweep whose injections alone ask for more than its authority gives."""
     for run in campaign.runs:
         if run.kind != "sysid" or not stability.is_stable(run):
@@ -203,7 +208,7 @@ def _replacement(component: Component, parameters: Collection[str], entry: FmuTa
     )
 
 
-def _check_electrodes(table: CampaignTable, entries: Sequence[Entry]) -> None:
+def _check_electrodes(table: CampaignTable, entries: Sequence[ResolvedExperiment]) -> None:
     """Refuse authorities that together ask more of an electrode than it can give."""
     named = [(f"authority.{name}", a) for name, a in table.authority.items()]
     swept = [(entry.at("authority"), entry.authority) for entry in entries]
@@ -234,7 +239,7 @@ def _truth(table: CampaignTable) -> Truth:
     return truth
 
 
-def _experiment(table: CampaignTable, place: Entry, truth: Truth) -> Experiment:
+def _experiment(table: CampaignTable, place: ResolvedExperiment, truth: Truth) -> Experiment:
     entry = place.table
     authority = _authority(table, place)
     if entry.alignment_epoch not in truth.delta_ifo:
@@ -288,7 +293,7 @@ def _history(table: CampaignTable, entry: ExperimentTable) -> tuple[tuple[str, f
     return () if table.events is None or own else table.events.levels()
 
 
-def _authority(table: CampaignTable, place: Entry) -> Authority:
+def _authority(table: CampaignTable, place: ResolvedExperiment) -> Authority:
     name = place.table.authority
     if name is None:
         raise ConflictError(f'{place.at("authority")}: missing, write authority = "A"')
@@ -298,7 +303,7 @@ def _authority(table: CampaignTable, place: Entry) -> Authority:
     return Authority(name, **(place.authority or table.authority[name]).model_dump())
 
 
-def _spacecraft(table: CampaignTable, place: Entry, noise: Noise) -> object:
+def _spacecraft(table: CampaignTable, place: ResolvedExperiment, noise: Noise) -> object:
     craft, attitude = table.spacecraft, table.control.attitude
     if craft is None:
         if attitude:
@@ -326,7 +331,7 @@ def _spacecraft(table: CampaignTable, place: Entry, noise: Noise) -> object:
 
 def _check_forces(
     placed: Sequence[tuple[str, Injection]],
-    entry: Entry,
+    entry: ResolvedExperiment,
     authority: Authority,
     truth: Truth,
 ) -> None:

@@ -16,11 +16,11 @@ from pydantic import (
 )
 
 from fit.files import Table, problem
-from lpfcosim.campaign.designs import DesignTable
-from lpfcosim.campaign.events import EventsTable
-from lpfcosim.campaign.injections import InjectionTable
+from lpfcosim.campaign.design_table import DesignTable
+from lpfcosim.campaign.disturbance_table import EventsTable
+from lpfcosim.campaign.identify_table import SoughtTables
+from lpfcosim.campaign.injection_tables import InjectionTable
 from lpfcosim.campaign.names import Name
-from lpfcosim.campaign.sought import SoughtTables
 from lpfcosim.campaign.units import (
     Acceleration,
     AccelerationNoise,

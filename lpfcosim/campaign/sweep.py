@@ -3,8 +3,8 @@
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from lpfcosim.campaign.entries import ConflictError, Entry
-from lpfcosim.campaign.injections import InjectionTable
+from lpfcosim.campaign.injection_tables import InjectionTable
+from lpfcosim.campaign.resolved_experiments import ConflictError, ResolvedExperiment
 from lpfcosim.campaign.schema import AuthorityTable, SweepTable
 
 _AUTHORITY = tuple(AuthorityTable.model_fields)
@@ -14,16 +14,16 @@ _LONGEST = 57  # letters of a name, which leaves room for that of the noise run 
 
 
 def entries(
-    base: Entry,
+    base: ResolvedExperiment,
     sweep: SweepTable,
     authority: AuthorityTable | None,
     sequences: Mapping[str, Sequence[InjectionTable]],
-) -> tuple[Entry, ...]:
+) -> tuple[ResolvedExperiment, ...]:
     """Return the experiments of a sweep, in the order of its values.
 
     Parameters
     ----------
-    base : Entry
+    base : ResolvedExperiment
         The experiment that is done again.
     sweep : SweepTable
         What is another each time.
@@ -54,12 +54,14 @@ def entries(
         at = f"sweep.{first}[{n}]"
         places = {key: f"{at}: {base.at(key)}" for key in type(base.table).model_fields}
         places |= {key: f"sweep.{key}[{n}]" for key in own}
-        found.append(Entry(base.table.model_copy(update=update), at, places, changed, f"{at}: "))
+        found.append(ResolvedExperiment(base.table.model_copy(update=update), at, places, changed, f"{at}: "))
     return tuple(found)
 
 
 def _check(
-    base: Entry, lists: Mapping[str, Sequence[Any]], sequences: Mapping[str, Sequence[InjectionTable]]
+    base: ResolvedExperiment,
+    lists: Mapping[str, Sequence[Any]],
+    sequences: Mapping[str, Sequence[InjectionTable]],
 ) -> None:
     """Refuse lists that do not go together, and sweeps that tell nothing."""
     if not lists:

@@ -11,7 +11,7 @@ from lpfcosim.cli.common import check_folder
 from lpfcosim.cli.console import Console
 from lpfcosim.cli.fit import default_folder, telemetry
 from lpfcosim.errors import InputError
-from lpfcosim.execution import folder, ledger
+from lpfcosim.execution import checksums, results_folder
 
 
 def deltag(paths: Sequence[Path], calibration: Path | None, out: Path | None, console: Console) -> None:
@@ -34,10 +34,10 @@ def deltag(paths: Sequence[Path], calibration: Path | None, out: Path | None, co
             raise InputError(f"{path}: a second file of that name, expected different names")
     origin = {
         "lpfcosim_version": metadata.version("lpfcosim"),
-        "calibration_sha256": ledger.digest(file),
+        "calibration_sha256": checksums.digest(file),
     }
     for name, path in outputs.items():
-        with folder.held(directory, "--out"), console.stage(str(path)):
+        with results_folder.lock(directory, "--out"), console.stage(str(path)):
             notes = write_delta_g(path, directory / name, results, {**origin, "source": path.name})
         for note in notes:
             console.note(f"warning: {note}")
@@ -57,6 +57,6 @@ def _results_of(paths: Sequence[Path]) -> Path:
             )
         files.append(file)
     for other in files[1:]:
-        if ledger.digest(other) != ledger.digest(files[0]):
+        if checksums.digest(other) != checksums.digest(files[0]):
             raise InputError(f"{other}: other results than {files[0]}, expected one calibration; {advice}")
     return files[0]

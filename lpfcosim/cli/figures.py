@@ -11,9 +11,9 @@ from fit.parallel import processors
 from fit.report import page
 from lpfcosim.cli.common import check_folder
 from lpfcosim.cli.console import Console
-from lpfcosim.cosim import Where
+from lpfcosim.cosim import SimulationProgress
 from lpfcosim.errors import LpfcosimError, RunError
-from lpfcosim.execution import folder, workers
+from lpfcosim.execution import process_pool, results_folder
 
 
 def figures(directory: Path, names: Sequence[str], console: Console, *, jobs: int | None) -> None:
@@ -28,20 +28,20 @@ def figures(directory: Path, names: Sequence[str], console: Console, *, jobs: in
         if not any(name in each for each in known):
             raise InputError(f"{directory}: no figure is called {name!r}, expected a part of {_told(known)}")
     chosen = [name for name in known if not names or any(part in name for part in names)]
-    with folder.held(directory):
+    with results_folder.lock(directory):
         place.mkdir(exist_ok=True)
         with console.counted("spectra", len(chosen)) as progress:
             items = {}
             for name in chosen:
                 items[name] = (place, name, known.pop(name).draw())
                 progress(len(items))
-        setting = workers.Setting(_written, directory, directory / "logs", "figure '{}'")
+        setting = process_pool.WorkerConfig(_written, directory, directory / "logs", "figure '{}'")
         with (
             console.counted("figures", len(items)) as progress,
-            closing(workers.results(setting, items, jobs or processors())) as drawn,
+            closing(process_pool.results(setting, items, jobs or processors())) as drawn,
         ):
             for done, (name, outcome) in enumerate(drawn, start=1):
-                if isinstance(outcome, workers.Lost):
+                if isinstance(outcome, process_pool.WorkerFailure):
                     raise RunError(f"figure {name!r}: its process {outcome.how}")
                 if isinstance(outcome, LpfcosimError):
                     raise outcome
@@ -56,7 +56,7 @@ def _told(names: Iterable[str]) -> str:
 # In a process of its own -------------------------------------------------------------------------------
 
 
-def _written(place: Path, name: str, figure: Figure, where: Where) -> None:
+def _written(place: Path, name: str, figure: Figure, where: SimulationProgress) -> None:
     where.rest()  # nothing that hangs
     from fit.plotting import draw, write  # takes its time
 

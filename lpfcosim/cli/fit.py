@@ -18,8 +18,8 @@ from fit.telemetry import Telemetry, archive_conversion, read_all
 from lpfcosim.cli.common import check_folder
 from lpfcosim.cli.console import Console
 from lpfcosim.cli.constraints import Constraints
-from lpfcosim.execution import folder as folders
-from lpfcosim.execution import ledger
+from lpfcosim.execution import checksums
+from lpfcosim.execution import results_folder as folders
 
 VERSIONS = ("lpfcosim", "numpy", "scipy", "lmfit", "fmpy")  # on which results depend
 
@@ -74,7 +74,7 @@ def calibrated(
     if calibration is not None:
         known = load(calibration)
         sound_joint(known, str(calibration))
-        origin = {"calibration": str(calibration), "calibration_sha256": ledger.digest(calibration)}
+        origin = {"calibration": str(calibration), "calibration_sha256": checksums.digest(calibration)}
     with console.stage("reading"):
         telemetries = read_all(paths, trusted=own)
     admitted(telemetries)
@@ -93,7 +93,7 @@ def calibrated(
         ),
     )
     results = told(results)
-    with folders.held(directory, "--out"):
+    with folders.lock(directory, "--out"):
         document = write(results, directory / "results.json")
         with console.stage("report"):
             report = page.write_report(directory, results, telemetries)

@@ -237,7 +237,7 @@ def fmus(plan: Campaign, console: Console, fmi: str = "3.0") -> dict[str, Path]:
     """Return the FMUs of a campaign: the user's, and ours in the other places."""
     from lpfcosim.execution import fmus as archives
 
-    return archives.archives_of(plan, lambda models: _built(models, console, fmi=fmi))
+    return archives.resolve_fmus(plan, lambda models: _built(models, console, fmi=fmi))
 
 
 def _built(

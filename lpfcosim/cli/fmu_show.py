@@ -14,7 +14,7 @@ from fit.errors import quote
 from fit.files import closest_match
 from fit.tables import Table
 from lpfcosim.cli.console import Console
-from lpfcosim.cosim import Interface, compilation, describe, nonconformity, placement, read
+from lpfcosim.cosim import Interface, compatibility, compilation, describe, nonconformity, read
 from lpfcosim.errors import InputError
 from lpfcosim.messages import line
 from lpfcosim.models import world_of
@@ -255,7 +255,7 @@ def _match(place: Place, path: Path, valid: bool) -> Match:
     inputs = {v: s for v, s in place.component.inputs.items() if v not in declined}
     outputs = tuple(name for name in place.component.outputs if name not in candidates)
     seated = read(replace(place.component, inputs=inputs, outputs=outputs), path, settings, chosen)
-    faults = [str(fault) for fault in placement.problems(seated, units, settings, place.run.h)]
+    faults = [str(fault) for fault in compatibility.problems(seated, units, settings, place.run.h)]
     own = [name for name in theirs.candidates("parameter") if name not in found.values()]
     return Match(variables, candidates, unused, own, faults)
 
@@ -266,8 +266,8 @@ def _fitting(theirs: Interface, need: Need, units: Mapping[str, str]) -> Iterato
         mapped = Replacement(theirs.model, theirs.archive, {need.name: name})
         seated = replace(theirs, replacement=mapped)
         try:
-            placement.check_variable(seated, need.name, need.causality)
-            placement.check_unit(seated, need.name, units[need.name])
+            compatibility.check_variable(seated, need.name, need.causality)
+            compatibility.check_unit(seated, need.name, units[need.name])
         except InputError:
             continue
         yield name

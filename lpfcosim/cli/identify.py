@@ -24,10 +24,10 @@ from lpfcosim.cli.common import about, check_folder
 from lpfcosim.cli.console import Console
 from lpfcosim.cli.constraints import Constraints
 from lpfcosim.cli.fit import calibrated, telemetry
-from lpfcosim.cosim import Where, interfaces_of_runs, warnings
+from lpfcosim.cosim import SimulationProgress, interfaces_of_runs, warnings
 from lpfcosim.errors import InputError, LpfcosimError, RunError, ours
 from lpfcosim.execution import fmus as archives
-from lpfcosim.execution import folder, runner, validation, workers
+from lpfcosim.execution import process_pool, results_folder, runner, validation
 from lpfcosim.identification import Simulation, Target, check, targets
 
 RESULTS = "identified.json"  # which the report looks for
@@ -61,7 +61,7 @@ def identify_files(
     check_folder(directory, "telemetry")
     with about(campaign):
         validation.validate(plan)
-        # Before telemetry is fitted; `archives.held` checks the copies that are loaded.
+        # Before telemetry is fitted; `archives.snapshot` checks the copies that are loaded.
         archives.check(plan, {r.model: r.archive for r in plan.replacements}, trusted=trusted)
     fmus = cli_fmu.fmus(plan, console)
     with about(campaign):
@@ -82,9 +82,9 @@ def identify_files(
     place = f"{directory / 'results.json'}: provenance.settings"
     refuse_narrow_band(settings(results.provenance.settings, place), "identify", place)
     check(plan, telemetries)
-    with folder.held(directory, "--out"), ExitStack() as stack:
+    with results_folder.lock(directory, "--out"), ExitStack() as stack:
         with about(campaign):
-            held = stack.enter_context(archives.held(plan, fmus, directory, trusted=trusted))
+            held = stack.enter_context(archives.snapshot(plan, fmus, directory, trusted=trusted))
         found = _identified(plan, campaign, held, results, telemetries, directory, console, chosen)
         document = write(found, directory / RESULTS)
         with console.stage("report"):
@@ -164,11 +164,13 @@ def _apart(
 ) -> Results:
     """Identify in a process of its own, that FMUs of other origin may crash."""
     name = "identification"
-    setting = workers.Setting(_alone, directory, directory / "logs", "{}")
+    setting = process_pool.WorkerConfig(_alone, directory, directory / "logs", "{}")
     with console.stage(name):
-        ((_, outcome),) = workers.results(setting, {name: (plan, campaign, dict(fmus), directory, chosen)}, 1)
-    if isinstance(outcome, workers.Lost):
-        raise RunError(f"{name}: {runner.culprit(plan.runs[0], outcome)} {outcome.how}")
+        ((_, outcome),) = process_pool.results(
+            setting, {name: (plan, campaign, dict(fmus), directory, chosen)}, 1
+        )
+    if isinstance(outcome, process_pool.WorkerFailure):
+        raise RunError(f"{name}: {runner.failed_component(plan.runs[0], outcome)} {outcome.how}")
     if isinstance(outcome, LpfcosimError):
         raise outcome
     assert isinstance(outcome, Results)
@@ -181,7 +183,7 @@ def _alone(
     fmus: Mapping[str, Path],
     directory: Path,
     chosen: Settings,
-    where: Where,
+    where: SimulationProgress,
 ) -> Results:
     """Do that, in a worker: one thread, so that it is known which FMU is at work."""
     with ours(), serial(), ExitStack() as stack, about(campaign):
@@ -196,7 +198,7 @@ def _simulation(
     plan: Campaign,
     experiments: Sequence[Experiment],
     fmus: Mapping[str, Path],
-    where: Where | None = None,
+    where: SimulationProgress | None = None,
 ) -> Simulation:
     runs = [run.telemetry for e in experiments for run in (e.sysid, e.noise) if run]
     return Simulation(stack, plan, runs, fmus, where)

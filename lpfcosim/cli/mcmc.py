@@ -11,14 +11,14 @@ from fit.sampling import Posterior
 from fit.sampling import emcee_sampling as chains
 from fit.telemetry import Telemetry
 from lpfcosim.cli.console import Console
-from lpfcosim.execution import folder
+from lpfcosim.execution import results_folder
 
 
 def mcmc(directory: Path, console: Console, *, steps: int, seed: int) -> None:
     """Sample the posterior of the joint fit in a folder; continue what is there."""
     with console.stage("reading"):
         results, telemetries = refit.load(directory)
-    with folder.held(directory):
+    with results_folder.lock(directory):
         _sample(directory, results, telemetries, console, steps=steps, seed=seed)
 
 

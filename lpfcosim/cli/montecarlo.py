@@ -32,9 +32,17 @@ from lpfcosim.cli import fmu as cli_fmu
 from lpfcosim.cli.common import about, check_folder
 from lpfcosim.cli.planned import in_memory
 from lpfcosim.cli.preparation import prepare
-from lpfcosim.cosim import Shelf, Where
+from lpfcosim.cosim import FmuLibraryCache, SimulationProgress
 from lpfcosim.errors import InputError, LpfcosimError, RunError
-from lpfcosim.execution import cluster, folder, ledger, runner, telemetry, validation, workers
+from lpfcosim.execution import (
+    checksums,
+    dask_executor,
+    process_pool,
+    results_folder,
+    runner,
+    telemetry_file,
+    validation,
+)
 from lpfcosim.execution import fmus as fmu_archives
 from lpfcosim.linear import spectral, stability
 from lpfcosim.messages import grouped
@@ -111,14 +119,14 @@ def montecarlo(
         archives = cli_fmu.fmus(plan, console)
     else:
         _check_spectra(plan, found, campaign)
-    with folder.held(directory, "--out"), ExitStack() as stack:
+    with results_folder.lock(directory, "--out"), ExitStack() as stack:
         with about(campaign):
-            held = stack.enter_context(fmu_archives.held(plan, archives, directory, trusted=trusted))
+            held = stack.enter_context(fmu_archives.snapshot(plan, archives, directory, trusted=trusted))
         header = {
             "campaign_digest": plan.digest,
             "settings": chosen.model_dump(),
             "redraw": redraw,
-            "fmus": {model: ledger.digest(path) for model, path in held.items()},
+            "fmus": {model: checksums.digest(path) for model, path in held.items()},
             "lpfcosim_version": metadata.version("lpfcosim"),
         }
         log = directory / "campaigns.jsonl"
@@ -218,10 +226,10 @@ def _done(
 ) -> Generator[Line]:
     """Yield the campaigns as they are done; say in `lost` which of them nothing is known of, and why."""
     items = {f"campaign {number}": number for number in numbers}
-    setting = workers.Setting(partial(trial, work), directory, directory / "logs", "{}")
+    setting = process_pool.WorkerConfig(partial(trial, work), directory, directory / "logs", "{}")
     for name, outcome in _outcomes(setting, work, fmus, items, jobs, scheduler) if items else ():
-        if isinstance(outcome, workers.Lost):
-            lost[name] = f"{name}: {runner.culprit(work.plan.runs[0], outcome)} {outcome.how}"
+        if isinstance(outcome, process_pool.WorkerFailure):
+            lost[name] = f"{name}: {runner.failed_component(work.plan.runs[0], outcome)} {outcome.how}"
         elif isinstance(outcome, LpfcosimError):
             lost[name] = str(outcome)
         else:
@@ -231,7 +239,7 @@ def _done(
 
 
 def _outcomes(
-    setting: workers.Setting,
+    setting: process_pool.WorkerConfig,
     work: Work,
     fmus: Mapping[str, Path],
     items: Mapping[str, int],
@@ -239,11 +247,11 @@ def _outcomes(
     scheduler: str | None,
 ) -> Iterator[tuple[str, Any]]:
     if scheduler:
-        with cluster.connected(scheduler) as connection:
+        with dask_executor.connected(scheduler) as connection:
             yield from connection.results(trial, work, items, fmus)
         return
     tasks = {name: (number, fmus) for name, number in items.items()}
-    yield from workers.results(setting, tasks, jobs or processors())
+    yield from process_pool.results(setting, tasks, jobs or processors())
 
 
 def _table(found: Mapping[str, coverage.Pulls]) -> Table:
@@ -265,13 +273,13 @@ def _table(found: Mapping[str, coverage.Pulls]) -> Table:
 
 
 @one_blas_thread
-def trial(work: Work, number: int, fmus: Mapping[str, Path], where: Where | None = None) -> Line:
+def trial(work: Work, number: int, fmus: Mapping[str, Path], where: SimulationProgress | None = None) -> Line:
     """Simulate campaign `number`, through FMUs if there are any, and fit it.
 
     The same comes out in whatever process, and whatever came before in it. `where` tells when FMUs are at
     work, which alone can hang.
     """
-    where = where or Where()
+    where = where or SimulationProgress()
     where.rest()
     plan = campaign_montecarlo.numbered(work.plan, number, redraw=work.redraw)
     try:
@@ -283,15 +291,19 @@ def trial(work: Work, number: int, fmus: Mapping[str, Path], where: Where | None
         return {"number": number, "failed": str(error)}
     if results.joint and results.joint.unsound:
         return {"number": number, "failed": results.joint.unsound[0].message}
-    drawn = {"truth": telemetry.truth(plan.runs[0])} if work.redraw else {}
+    drawn = {"truth": telemetry_file.truth(plan.runs[0])} if work.redraw else {}
     return {"number": number, "estimates": coverage.estimates(results), **drawn}
 
 
-def _through_fmus(plan: Campaign, chosen: Settings, fmus: Mapping[str, Path], where: Where) -> Results:
+def _through_fmus(
+    plan: Campaign, chosen: Settings, fmus: Mapping[str, Path], where: SimulationProgress
+) -> Results:
     with tempfile.TemporaryDirectory(prefix="lpfcosim-") as folder:
-        with Shelf() as shelf:
+        with FmuLibraryCache() as shelf:
             for run in plan.runs:
-                runner.record(run, fmus, Path(folder) / f"{run.name}.h5", {}, where=where, shelf=shelf)
+                runner.write_telemetry(
+                    run, fmus, Path(folder) / f"{run.name}.h5", {}, where=where, shelf=shelf
+                )
                 where.rest()
         telemetries = read_all(sorted(Path(folder).glob("*.h5")), trusted=True)
         return coverage.with_truth(calibrate(telemetries, chosen), telemetries)
@@ -304,7 +316,9 @@ def _from_spectra(plan: Campaign, number: int, work: Work) -> Results:
         _drawn(run, np.random.default_rng([number, plan.seed, *run.name.encode()])) for run in plan.runs
     ]
     results = calibrate(telemetries, work.chosen)
-    return coverage.with_truth(results, telemetries, {run.name: telemetry.truth(run) for run in plan.runs})
+    return coverage.with_truth(
+        results, telemetries, {run.name: telemetry_file.truth(run) for run in plan.runs}
+    )
 
 
 #: What the last campaign left, by run, the newest last: made anew only if more than the seed is another.

@@ -14,7 +14,7 @@ from fit.telemetry import Telemetry
 from fit.whitening import Experiment
 from fit.whitening import Run as Flown
 from lpfcosim.campaign import Campaign
-from lpfcosim.execution import telemetry
+from lpfcosim.execution import telemetry_file
 from lpfcosim.linear import planning, stability
 from lpfcosim.models import world_of
 from lpfcosim.spacecraft import Run
@@ -35,7 +35,7 @@ def planned(plan: Campaign) -> list[PlannedExperiment]:
         PlannedExperiment(
             partial(_flown, run, noisy=run.experiment in noisy),
             partial(planning.cross_spectra, run),
-            telemetry.truth(run),
+            telemetry_file.truth(run),
         )
         for run in driven
     ]
@@ -70,7 +70,7 @@ def _flown(run: Run, *, noisy: bool) -> Experiment:
 
 def in_memory(run: Run, channels: Mapping[str, np.ndarray[tuple[int], np.dtype[np.float64]]]) -> Telemetry:
     """Return channels at 1 Hz as the telemetry of a run."""
-    said = telemetry.attributes(run)
+    said = telemetry_file.attributes(run)
     known = {f.name: said[f.name] for f in fields(Telemetry) if f.name in said}
     n = channels["o_1"].size
     more: Any = {

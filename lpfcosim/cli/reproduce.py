@@ -11,7 +11,7 @@ from lpfcosim.campaign import loading
 from lpfcosim.cli.common import about
 from lpfcosim.cli.console import Console
 from lpfcosim.errors import InputError, RunError
-from lpfcosim.execution import fmus, folder, ledger
+from lpfcosim.execution import checksums, fmus, results_folder
 
 #: The command line, but for the word that what an interrupt leaves is kept: here it is not.
 _COMMAND = "from lpfcosim.cli import main; main(told=False)"
@@ -30,7 +30,7 @@ def reproduce(directory: Path, console: Console, *, jobs: int | None, quiet: boo
     if not directory.is_dir():
         what = "is a file" if directory.is_file() else "no such folder"
         raise InputError(f"{directory}: {what}, expected the folder of an earlier run")
-    campaign = folder.campaign_of(directory)
+    campaign = results_folder.campaign_path(directory)
     recorded = sorted((directory / "telemetry").glob("*.h5"))
     if not recorded:
         raise InputError(f"{directory / 'telemetry'}: no telemetry, expected the folder of an earlier run")
@@ -64,7 +64,7 @@ def _telemetry(old: Path, new: Path) -> str:
     for path, what in ((old, "is missing"), (new, "is not made any more")):
         if not path.is_file():
             return what
-    return "" if ledger.digest(old) == ledger.digest(new) else f"differs ({_parts(old, new)})"
+    return "" if checksums.digest(old) == checksums.digest(new) else f"differs ({_parts(old, new)})"
 
 
 def _parts(old: Path, new: Path) -> str:

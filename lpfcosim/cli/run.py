@@ -17,10 +17,10 @@ from lpfcosim.cli import fmu as cli_fmu
 from lpfcosim.cli.common import about, check_folder
 from lpfcosim.cli.console import Console
 from lpfcosim.cli.preparation import prepare
-from lpfcosim.cosim import Engine, Interface, placement
+from lpfcosim.cosim import Engine, Interface, compatibility
 from lpfcosim.errors import RunError
 from lpfcosim.execution import fmus as archives
-from lpfcosim.execution import folder, runner
+from lpfcosim.execution import results_folder, runner
 from lpfcosim.messages import grouped, names
 from lpfcosim.models import world_of
 
@@ -45,10 +45,10 @@ def run(
     check_folder(directory, "telemetry")
     plan, chosen, found = prepare(campaign, jobs, scheduler)
     fmus = cli_fmu.fmus(plan, console)
-    how = runner.How(jobs, scheduler, engine, rerun, time_limit)
-    with folder.held(directory, "--out"), ExitStack() as stack:
+    how = runner.RunOptions(jobs, scheduler, engine, rerun, time_limit)
+    with results_folder.lock(directory, "--out"), ExitStack() as stack:
         with about(campaign):
-            held = stack.enter_context(archives.held(plan, fmus, directory, trusted=trusted))
+            held = stack.enter_context(archives.snapshot(plan, fmus, directory, trusted=trusted))
         for line in _replacements(plan, found.interfaces):
             console.note(line)
         for line in found.warnings:
@@ -58,26 +58,28 @@ def run(
 
 
 def _simulated(
-    plan: Campaign, directory: Path, fmus: Mapping[str, Path], how: runner.How, console: Console
-) -> runner.Simulated:
+    plan: Campaign, directory: Path, fmus: Mapping[str, Path], how: runner.RunOptions, console: Console
+) -> runner.SimulationResult:
     """Simulate a campaign into a folder, which then holds all that it takes to do it again."""
 
-    def begin(origin: runner.Origin) -> None:
+    def begin(origin: runner.Provenance) -> None:
         for name in ("results.json", "report.html") if how.rerun else ():
             (directory / name).unlink(missing_ok=True)
-        folder.keep(directory, plan.tables, {r.model: fmus[r.model] for r in plan.replacements}, origin)
+        results_folder.write_provenance(
+            directory, plan.tables, {r.model: fmus[r.model] for r in plan.replacements}, origin
+        )
 
     with console.samples({r.name: r.n_samples for r in plan.runs}) as (progress, kept):
-        listener = runner.Listener(progress, kept, console.note, begin)
+        listener = runner.ProgressCallbacks(progress, kept, console.note, begin)
         done = runner.simulate(plan, directory / "telemetry", fmus, how, listener)
-    if saturated := runner.saturated(done.files.values()):
+    if saturated := runner.saturated_samples(done.files.values()):
         told = ", ".join(f"{n} samples of {name}" for name, n in saturated.items())
         console.note(f"warning: a command is at its limit, which the fit masks: {told}")
     return done
 
 
 def _fitted(
-    plan: Campaign, directory: Path, done: runner.Simulated, chosen: Settings, console: Console
+    plan: Campaign, directory: Path, done: runner.SimulationResult, chosen: Settings, console: Console
 ) -> None:
     """Fit the experiments that are complete, and report them and what failed."""
     complete, missing = _divide(plan, done)
@@ -97,7 +99,7 @@ def _fitted(
         raise _error(plan, done, directory)
 
 
-def _divide(plan: Campaign, done: runner.Simulated) -> tuple[list[Path], dict[str, str]]:
+def _divide(plan: Campaign, done: runner.SimulationResult) -> tuple[list[Path], dict[str, str]]:
     """Return the telemetry of the experiments that are complete, and why each of the others is not."""
     complete: list[Path] = []
     missing = {}
@@ -128,13 +130,13 @@ def _with_missing(results: Results, missing: Mapping[str, str], causes: str) -> 
     return replace(results, experiments=experiments, provenance=provenance)
 
 
-def _error(plan: Campaign, done: runner.Simulated, directory: Path) -> RunError:
+def _error(plan: Campaign, done: runner.SimulationResult, directory: Path) -> RunError:
     """Return what a command says that could not do everything."""
     failed = f"{len(done.failures)} of {len(plan.runs)} runs failed, see {directory / 'logs'}"
     return RunError(f"{failed}: {'; '.join(_causes(done))}")
 
 
-def _causes(done: runner.Simulated) -> list[str]:
+def _causes(done: runner.SimulationResult) -> list[str]:
     return grouped((name, str(error)) for name, error in done.failures.items())
 
 
@@ -150,5 +152,5 @@ def _replacements(plan: Campaign, found: Sequence[Interface]) -> Iterator[str]:
         yield f"{replacement.model}: {replacement.archive}, a third-party FMU; {told}"
     if plan.replacements:
         yield "stability and saturation are not checked beforehand, as its dynamics are not known"
-    if untold := sorted(world_of(run).untold(run, placement.ignored(found))):
+    if untold := sorted(world_of(run).untold(run, compatibility.ignored_names(found))):
         yield f"true values not known, left out of /truth: {', '.join(untold)}"

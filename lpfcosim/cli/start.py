@@ -34,9 +34,9 @@ def main(*, told: bool = True) -> None:
 
 def _status() -> int:
     if sys.argv[1:2] in _WITH_WORKERS and "--help" not in sys.argv:
-        from lpfcosim.execution import nursery
+        from lpfcosim.execution import forkserver
 
-        nursery.prepare(*(nursery.FITTING if sys.argv[1] == "montecarlo" else ()))
+        forkserver.preload(*(forkserver.FITTING if sys.argv[1] == "montecarlo" else ()))
     import typer  # here, so that an interrupt of the imports is told like any other
 
     from lpfcosim.cli.app import app

@@ -4,32 +4,32 @@ It treats FMUs of any origin alike. The loop itself is compiled C (`engine.c`); 
 the same bits.
 """
 
+from lpfcosim.cosim.co_simulation import Engine, SimulationProgress
+from lpfcosim.cosim.compatibility import interfaces, interfaces_of_runs, stimulus_component, warnings
+from lpfcosim.cosim.fmu_instance import FmuInstance
+from lpfcosim.cosim.fmu_library import FmuLibraryCache
 from lpfcosim.cosim.interface import Interface, describe, nonconformity, read
-from lpfcosim.cosim.loaded import Shelf
-from lpfcosim.cosim.master import Engine, Where
-from lpfcosim.cosim.placement import driver, interfaces, interfaces_of_runs, warnings
-from lpfcosim.cosim.slave import Slave
 from lpfcosim.cosim.variables import REALS, Value
 
 __all__ = [
     "REALS",
     "Engine",
+    "FmuInstance",
+    "FmuLibraryCache",
     "Interface",
-    "Shelf",
-    "Slave",
+    "SimulationProgress",
     "Value",
-    "Where",
     "archive",
     "checks",
+    "co_simulation",
+    "compatibility",
     "compilation",
     "compiled",
     "describe",
-    "driver",
     "interfaces",
     "interfaces_of_runs",
-    "master",
     "nonconformity",
-    "placement",
     "read",
+    "stimulus_component",
     "warnings",
 ]

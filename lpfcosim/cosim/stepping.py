@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from lpfcosim.cosim import compiled
-from lpfcosim.cosim.slave import Slave
+from lpfcosim.cosim.fmu_instance import FmuInstance
 
 Array = npt.NDArray[np.float64]
 
@@ -71,7 +71,7 @@ def _addresses(library: ctypes.CDLL, *names: str) -> list[ctypes.c_void_p]:
 class CompiledLoop:
     """The compiled loop with its tables; keeps alive what they point to."""
 
-    def __init__(self, slaves: list[Slave], sources: list[list[int]], outputs: list[slice]) -> None:
+    def __init__(self, slaves: list[FmuInstance], sources: list[list[int]], outputs: list[slice]) -> None:
         self._slaves = slaves
         self._instances: list[tuple[_Mixed, Any]] = []
         self._sources = [np.array(s, dtype=np.int32) for s in sources]
@@ -90,7 +90,7 @@ class CompiledLoop:
             row.place, row.n_places = output.start, output.stop - output.start
             row.version, row.guarded = slave.version, slave.guarded
 
-    def _mixed(self, slave: Slave) -> int:
+    def _mixed(self, slave: FmuInstance) -> int:
         """Return the address of what stands for an instance with Float32 variables."""
         inputs, outputs = slave.inputs, slave.outputs
         functions = _addresses(slave.fmu.dll, *_FUNCTIONS[3], "fmi3SetFloat32", "fmi3GetFloat32")

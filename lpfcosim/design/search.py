@@ -7,7 +7,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from lpfcosim.campaign import Campaign, Wishes
+from lpfcosim.campaign import Campaign, DesignSpec
 from lpfcosim.design import limits, programme, tones, waveform
 from lpfcosim.design.beginning import begun, joined
 from lpfcosim.design.calibration import Angles
@@ -170,7 +170,7 @@ def _design(
     )
 
 
-def _check_reach(sought: Problem, wishes: Wishes) -> None:
+def _check_reach(sought: Problem, wishes: DesignSpec) -> None:
     """Refuse what no design reaches, and tell how near one comes."""
     objective = sought.objective
     if not np.isfinite(objective.most).all():

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fit.files import closest_match
-from lpfcosim.campaign import Campaign, Wishes
+from lpfcosim.campaign import Campaign, DesignSpec
 from lpfcosim.design import limits
 from lpfcosim.design.calibration import Calibration
 from lpfcosim.design.limits import Limit
@@ -175,7 +175,7 @@ def changed(
     return Problem(plan, names, before, free, fixed, objective, own, angles)
 
 
-def _nothing_free(stages: Sequence[Stage], wishes: Wishes) -> str:
+def _nothing_free(stages: Sequence[Stage], wishes: DesignSpec) -> str:
     """Say why no loop is free: limits on next to nothing, or nothing that drives one."""
     said = {f"{cap.kind} of {cap.quantity}" for cap in wishes.caps}
     closing = {limit.name for stage in stages for limit in stage.limits if limit.of_nothing} & said
@@ -189,14 +189,14 @@ def _faint(injections: Sequence[Injection]) -> tuple[Sine, ...]:
     return tuple(replace(i, amplitude=i.amplitude * FAINT) for i in injections if isinstance(i, Sine))
 
 
-def _objective(wishes: Wishes, wanted: Sequence[str], names: Sequence[str]) -> Objective:
+def _objective(wishes: DesignSpec, wanted: Sequence[str], names: Sequence[str]) -> Objective:
     weights = np.array([wishes.weights.get(name, 1.0) for name in wanted])
     most = np.full(len(wanted), np.inf if wishes.no_worse is None else wishes.no_worse)
     index = np.array([names.index(name) for name in wanted], dtype=np.intp)
     return Objective(index, weights / weights.sum(), wishes.goal != "geometric mean", most)
 
 
-def _limits(run: Run, own: Sequence[Limit], wishes: Wishes) -> tuple[Limit, ...]:
+def _limits(run: Run, own: Sequence[Limit], wishes: DesignSpec) -> tuple[Limit, ...]:
     """Return the limits of a run: its own, or those that the wishes have instead, and its authority."""
     capped = {cap.quantity for cap in wishes.caps}
     found = [limit for limit in own if limit.quantity not in capped]

@@ -4,14 +4,14 @@ What is finished is kept and checked by its digest, so that a campaign that was 
 """
 
 __all__ = [
-    "approvals",
-    "cluster",
+    "checksums",
+    "dask_executor",
     "fmus",
-    "folder",
-    "ledger",
-    "nursery",
+    "forkserver",
+    "process_pool",
+    "results_folder",
     "runner",
-    "telemetry",
+    "telemetry_file",
+    "trust_store",
     "validation",
-    "workers",
 ]

@@ -14,12 +14,12 @@ from pathlib import Path
 from lpfcosim.campaign import Campaign
 from lpfcosim.cosim import compilation
 from lpfcosim.errors import InputError
-from lpfcosim.execution import approvals, ledger
+from lpfcosim.execution import checksums, trust_store
 from lpfcosim.modelica import build
 from lpfcosim.models import world_of
 
 
-def archives_of(
+def resolve_fmus(
     plan: Campaign, built: Callable[[Sequence[str]], Mapping[str, Path]] = build.build
 ) -> dict[str, Path]:
     """Return the FMUs of a campaign by model: the user's, and ours, `built` if need be, for the others."""
@@ -29,7 +29,7 @@ def archives_of(
 
 
 @contextmanager
-def held(
+def snapshot(
     plan: Campaign, fmus: Mapping[str, Path], directory: Path, *, trusted: bool
 ) -> Iterator[dict[str, Path]]:
     """Copy the FMUs that are not ours, so that all runs use the same whatever happens to the files.
@@ -39,7 +39,7 @@ def held(
     InputError
         If one cannot be read, or `check` refuses the copy, or its sources do not compile.
     """
-    with ledger.scratch(directory) as folder:
+    with checksums.temporary_folder(directory) as folder:
         copies = {r.model: folder / f"{r.model}.fmu" for r in plan.replacements}
         for model, copy in copies.items():
             try:
@@ -84,7 +84,7 @@ def check_digests(plan: Campaign, archives: Mapping[str, Path]) -> None:
         Gives both digests.
     """
     for replacement in plan.replacements:
-        model, found = replacement.model, ledger.digest(archives[replacement.model])
+        model, found = replacement.model, checksums.digest(archives[replacement.model])
         if replacement.sha256 and found != replacement.sha256:
             raise InputError(
                 f"fmus.{model}.sha256: {replacement.archive} has the digest {found}; expected "
@@ -98,10 +98,10 @@ def unapproved(plan: Campaign, archives: Mapping[str, Path]) -> list[str]:
     That a campaign gives its digest is no approval: who sends an FMU sends the campaign along.
     """
     told = []
-    known = _ours() | approvals.digests() if plan.replacements else set()
+    known = _ours() | trust_store.digests() if plan.replacements else set()
     for replacement in plan.replacements:
         model = replacement.model
-        if ledger.digest(archives[model]) not in known:
+        if checksums.digest(archives[model]) not in known:
             told.append(
                 f"fmus.{model}: {replacement.archive} is native code that lpfcosim did not build and would "
                 f"run with all your rights: if you trust it, give the command lpfcosim trust "
@@ -113,4 +113,4 @@ def unapproved(plan: Campaign, archives: Mapping[str, Path]) -> list[str]:
 def _ours() -> set[str]:
     """Return the digests of the FMUs that were built here or came with the package."""
     found = [path for fmi in ("2.0", "3.0") for path in build.locations(fmi=fmi).values()]
-    return {ledger.digest(path) for path in found if path.is_file()}
+    return {checksums.digest(path) for path in found if path.is_file()}

@@ -14,10 +14,10 @@ from fit.files import atomic
 from fit.parallel import processors
 from fit.telemetry import root_attributes
 from lpfcosim.campaign import Campaign
-from lpfcosim.cosim import Shelf, compiled, master, placement
+from lpfcosim.cosim import FmuLibraryCache, co_simulation, compatibility, compiled
 from lpfcosim.errors import InputError, LpfcosimError, RunError
-from lpfcosim.execution import cluster, telemetry, workers
-from lpfcosim.execution.ledger import Finished, Ledger, digest
+from lpfcosim.execution import dask_executor, process_pool, telemetry_file
+from lpfcosim.execution.checksums import ChecksumFile, PendingFile, digest
 from lpfcosim.linear import saturation
 from lpfcosim.modelica import engine_library
 from lpfcosim.models import world_of
@@ -25,13 +25,13 @@ from lpfcosim.signals import decimation
 from lpfcosim.spacecraft import Run
 
 Progress = Callable[[str, int], None]  # name of a run, number of its samples done
-Origin = Mapping[str, str | int | float]
+Provenance = Mapping[str, str | int | float]
 
 _CALLED = {"seed": "seed", "lpfcosim_version": "version", "campaign": "campaign", "campaign_digest": "digest"}
 
 
 @dataclass(frozen=True)
-class Simulated:
+class SimulationResult:
     """What came of a campaign.
 
     Attributes
@@ -46,7 +46,7 @@ class Simulated:
 
     files: Mapping[str, Path]
     failures: Mapping[str, RunError]
-    origin: Origin
+    origin: Provenance
 
 
 def provenance(campaign: Campaign, fmus: Mapping[str, Path]) -> dict[str, str | int | float]:
@@ -61,8 +61,8 @@ def provenance(campaign: Campaign, fmus: Mapping[str, Path]) -> dict[str, str | 
 
 
 @dataclass(frozen=True)
-class How:
-    """How a campaign is simulated.
+class RunOptions:
+    """RunOptions a campaign is simulated.
 
     Attributes
     ----------
@@ -71,7 +71,7 @@ class How:
     scheduler : str, optional
         Address of the scheduler of a Dask cluster, which then does the work.
     engine : {"compiled", "fmpy"}
-        Which loop steps the FMUs; see `master.blocks`.
+        Which loop steps the FMUs; see `co_simulation.blocks`.
     rerun : bool
         Simulate again what comes from another campaign, seed, version or FMU, instead of refusing it.
     time_limit : float, optional
@@ -82,14 +82,14 @@ class How:
 
     jobs: int | None = None
     scheduler: str | None = None
-    engine: master.Engine = "compiled"
+    engine: co_simulation.Engine = "compiled"
     rerun: bool = False
     time_limit: float | None = None
-    silence: float = workers.SILENCE
+    silence: float = process_pool.SILENCE
 
 
 @dataclass(frozen=True)
-class Listener:
+class ProgressCallbacks:
     """Who is told what goes on.
 
     Attributes
@@ -107,19 +107,19 @@ class Listener:
     progress: Progress = lambda _name, _done: None
     kept: Callable[[str], None] = lambda _name: None
     told: Callable[[str], None] = lambda _line: None
-    begin: Callable[[Origin], None] = lambda _origin: None
+    begin: Callable[[Provenance], None] = lambda _origin: None
 
 
 def simulate(
     campaign: Campaign,
     directory: Path,
     fmus: Mapping[str, Path],
-    how: How = How(),
-    listener: Listener = Listener(),
-) -> Simulated:
+    how: RunOptions = RunOptions(),
+    listener: ProgressCallbacks = ProgressCallbacks(),
+) -> SimulationResult:
     """Simulate every run of ``campaign`` whose file in ``directory`` is not there yet.
 
-    A file is there if it is as it was when it was finished, by the ledger beside ``directory``
+    A file is there if it is as it was when it was finished, by the checksums beside ``directory``
     (``telemetry.sha256``, which ``sha256sum -c`` reads). Beside it ``logs`` tells more of runs that failed.
 
     Parameters
@@ -130,7 +130,7 @@ def simulate(
         Folder of the telemetry files, one per run; made if need be. No other process may use it meanwhile.
     fmus : mapping of str to Path
         The FMU of each component.
-    how, listener : How, Listener
+    how, listener : RunOptions, ProgressCallbacks
         On what and within which limits; who is told what goes on.
 
     Raises
@@ -148,8 +148,8 @@ def simulate(
     except OSError as error:
         raise RunError(f"{directory}: cannot be made: {error.strerror}") from None
     paths = {run.name: directory / f"{run.name}.h5" for run in campaign.runs}
-    ledger = Ledger(directory.with_name(f"{directory.name}.sha256"))
-    whole = _whole(directory, paths, origin, ledger, rerun=how.rerun)
+    checksums = ChecksumFile(directory.with_name(f"{directory.name}.sha256"))
+    whole = _whole(directory, paths, origin, checksums, rerun=how.rerun)
     for name, path in paths.items():
         if name in whole:
             listener.kept(name)
@@ -159,21 +159,24 @@ def simulate(
     listener.begin(origin)
     missing = {run.name: run for run in campaign.runs if run.name not in whole}
     found: dict[str, RunError] = {}
-    setting = workers.Setting(_simulate, directory, directory.parent / "logs")
+    setting = process_pool.WorkerConfig(_simulate, directory, directory.parent / "logs")
     setting.tidy()  # after whoever was killed
     if missing:
-        ledger.forget(map(paths.__getitem__, missing))
+        checksums.forget(map(paths.__getitem__, missing))
         for name in missing:  # lest old and new lie side by side, should this be killed
             paths[name].unlink(missing_ok=True)
         common = dict(origin), how.engine
         tasks = {name: (run, dict(fmus), paths[name], *common) for name, run in missing.items()}
         with closing(_outcomes(setting, tasks, how, listener)) as outcomes:
-            found = _settled(missing, outcomes, ledger, paths, listener.progress, setting)
-    return Simulated({name: path for name, path in paths.items() if name not in found}, found, origin)
+            found = _settled(missing, outcomes, checksums, paths, listener.progress, setting)
+    return SimulationResult({name: path for name, path in paths.items() if name not in found}, found, origin)
 
 
 def _outcomes(
-    setting: workers.Setting, tasks: Mapping[str, tuple[Any, ...]], how: How, listener: Listener
+    setting: process_pool.WorkerConfig,
+    tasks: Mapping[str, tuple[Any, ...]],
+    how: RunOptions,
+    listener: ProgressCallbacks,
 ) -> Generator[tuple[str, Any]]:
     """Have runs done where the user wants it; yield what comes of each."""
     if how.engine == "compiled":
@@ -188,28 +191,32 @@ def _outcomes(
 
     limits: dict[str, Any] = {"time_limit": how.time_limit, "silence": how.silence}
     if how.scheduler:
-        yield from cluster.record(how.scheduler, setting, items, **limits)
+        yield from dask_executor.record(how.scheduler, setting, items, **limits)
     else:
-        yield from workers.results(setting, items, how.jobs or processors(), progress=under_way, **limits)
+        yield from process_pool.results(
+            setting, items, how.jobs or processors(), progress=under_way, **limits
+        )
 
 
 def _settled(
     runs: Mapping[str, Run],
     outcomes: Iterable[tuple[str, Any]],
-    ledger: Ledger,
+    checksums: ChecksumFile,
     paths: Mapping[str, Path],
     progress: Progress,
-    setting: workers.Setting,
+    setting: process_pool.WorkerConfig,
 ) -> dict[str, RunError]:
-    """Enter what is finished into the ledger as it comes, and name it; return why the rest failed."""
+    """Enter what is finished into the checksums as it comes, and name it; return why the rest failed."""
     failures: dict[str, LpfcosimError] = {}
     for name, outcome in outcomes:
-        if isinstance(outcome, Finished):
-            outcome = _entered(ledger, paths[name], outcome)
+        if isinstance(outcome, PendingFile):
+            outcome = _entered(checksums, paths[name], outcome)
         if outcome is None:
             progress(name, runs[name].n_samples)
             continue
-        failures[name] = _lost(runs[name], outcome) if isinstance(outcome, workers.Lost) else outcome
+        failures[name] = (
+            _lost(runs[name], outcome) if isinstance(outcome, process_pool.WorkerFailure) else outcome
+        )
         setting.note(name, str(failures[name]))
     wrong = [error for error in failures.values() if isinstance(error, InputError)]
     if wrong:
@@ -220,26 +227,26 @@ def _settled(
     return {name: RunError(str(failures[name])) for name in runs if name in failures}
 
 
-def _entered(ledger: Ledger, path: Path, finished: Finished) -> RunError | None:
+def _entered(checksums: ChecksumFile, path: Path, finished: PendingFile) -> RunError | None:
     try:
-        ledger.add(path, finished)
+        checksums.add(path, finished)
     except RunError as error:
         return error
     return None
 
 
-def culprit(run: Run, lost: workers.Lost) -> str:
+def failed_component(run: Run, lost: process_pool.WorkerFailure) -> str:
     """Return who is to blame for the end of a process that simulated a run."""
     return f"the {world_of(run).steps(run)[lost.slave].model} FMU" if lost.slave >= 0 else "its process"
 
 
-def _lost(run: Run, lost: workers.Lost) -> RunError:
+def _lost(run: Run, lost: process_pool.WorkerFailure) -> RunError:
     when = f"at {lost.sample * run.h:.1f} s" if lost.sample >= 0 else "while the FMUs were loaded"
-    return RunError(f"run '{run.name}': {culprit(run, lost)} {lost.how} {when}")
+    return RunError(f"run '{run.name}': {failed_component(run, lost)} {lost.how} {when}")
 
 
 def _whole(
-    directory: Path, paths: Mapping[str, Path], origin: Origin, ledger: Ledger, *, rerun: bool
+    directory: Path, paths: Mapping[str, Path], origin: Provenance, checksums: ChecksumFile, *, rerun: bool
 ) -> set[str]:
     """Return the runs that are there; refuse files that must be neither overwritten nor mixed with them."""
     for path in sorted(directory.glob("*.h5")):
@@ -250,13 +257,13 @@ def _whole(
                 f"{path}: belongs to no run of this campaign; choose another --out or move it elsewhere"
             )
     with ThreadPoolExecutor(processors()) as pool:
-        sound = dict(zip(paths, pool.map(ledger.holds, paths.values()), strict=True))
+        sound = dict(zip(paths, pool.map(checksums.holds, paths.values()), strict=True))
     whole = set()
     for name, path in paths.items():
         found = root_attributes(path)
         if found is None or sound[name] is False:
             continue  # missing or damaged
-        other = difference(found, origin)
+        other = provenance_mismatch(found, origin)
         if other and not rerun:
             raise InputError(f"{path}: {other}; choose another --out or give --rerun to simulate it again")
         if sound[name] and not other:
@@ -264,7 +271,7 @@ def _whole(
     return whole
 
 
-def difference(found: Mapping[str, Any], origin: Origin) -> str:
+def provenance_mismatch(found: Mapping[str, Any], origin: Provenance) -> str:
     """Tell in what the provenance among a file's attributes differs; empty if it does not."""
     for key, wanted in sorted(origin.items(), key=lambda item: [*_CALLED, item[0]].index(item[0])):
         if key not in found:
@@ -286,14 +293,14 @@ def _same(found: Any, wanted: str | int | float) -> bool:
         return False
 
 
-def record(
+def write_telemetry(
     run: Run,
     fmus: Mapping[str, Path],
     path: Path,
     origin: Mapping[str, str | int | float],
-    engine: master.Engine = "compiled",
-    where: master.Where | None = None,
-    shelf: Shelf | None = None,
+    engine: co_simulation.Engine = "compiled",
+    where: co_simulation.SimulationProgress | None = None,
+    shelf: FmuLibraryCache | None = None,
 ) -> None:
     """Simulate one run into a telemetry file, block by block; to have it settled is left to who keeps it.
 
@@ -301,13 +308,13 @@ def record(
     """
     saturated = 0
     world = world_of(run)
-    found = placement.interfaces(run, fmus)
-    untold = world.untold(run, placement.ignored(found))
-    with telemetry.writer(path, run, world.record, origin, untold, is_final=False) as writer:
+    found = compatibility.interfaces(run, fmus)
+    untold = world.untold(run, compatibility.ignored_names(found))
+    with telemetry_file.create(path, run, world.record, origin, untold, is_final=False) as writer:
 
-        def told() -> Iterator[Mapping[str, master.Array]]:
+        def told() -> Iterator[Mapping[str, co_simulation.Array]]:
             nonlocal saturated
-            for block in master.blocks(run, found, engine, where, shelf):
+            for block in co_simulation.blocks(run, found, engine, where, shelf):
                 saturated += saturation.count(run, block)
                 yield block
 
@@ -318,7 +325,7 @@ def record(
             writer.annotate("saturated_samples", saturated)
 
 
-def saturated(paths: Iterable[Path]) -> dict[str, int]:
+def saturated_samples(paths: Iterable[Path]) -> dict[str, int]:
     """Return the number of samples with a command at its limit, by run, of the files that have some."""
     told = (root_attributes(path) or {} for path in paths)
     return {str(said["run"]): int(said["saturated_samples"]) for said in told if "saturated_samples" in said}
@@ -326,16 +333,21 @@ def saturated(paths: Iterable[Path]) -> dict[str, int]:
 
 # In a worker -------------------------------------------------------------------------------------------
 
-_SHELF = Shelf()
+_SHELF = FmuLibraryCache()
 
 
 def _simulate(
-    run: Run, fmus: Mapping[str, Path], path: Path, origin: Origin, engine: master.Engine, where: master.Where
-) -> Finished:
+    run: Run,
+    fmus: Mapping[str, Path],
+    path: Path,
+    origin: Provenance,
+    engine: co_simulation.Engine,
+    where: co_simulation.SimulationProgress,
+) -> PendingFile:
     """Simulate a run into a file that the main process gives its name."""
     partial = atomic.temporary(path)
     try:
-        record(run, fmus, partial, origin, engine, where, _SHELF)
+        write_telemetry(run, fmus, partial, origin, engine, where, _SHELF)
     except RunError as error:  # which may name the file
         raise RunError(str(error).replace(partial.name, path.name)) from None
-    return Finished(partial, digest(partial))
+    return PendingFile(partial, digest(partial))

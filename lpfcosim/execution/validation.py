@@ -77,12 +77,12 @@ def validate(plan: Campaign, *, fitted: bool = True) -> Validation:
         _check_durations(plan)
     interfaces, odd, saturated = list["Interface"](), list[str](), list[str]()
     if plan.replacements:
-        from lpfcosim.cosim import placement  # takes its time, and few campaigns need it
+        from lpfcosim.cosim import compatibility  # takes its time, and few campaigns need it
         from lpfcosim.execution import fmus
 
         theirs = {r.model: r.archive for r in plan.replacements}
-        interfaces = placement.interfaces_of_runs(plan.runs, theirs)
-        odd = placement.warnings(interfaces)
+        interfaces = compatibility.interfaces_of_runs(plan.runs, theirs)
+        odd = compatibility.warnings(interfaces)
         fmus.check_digests(plan, theirs)
     else:
         stability.check(*plan.runs)

@@ -21,7 +21,7 @@ from typing import Any
 from xml.etree import ElementTree as ET
 
 from lpfcosim.campaign import Campaign
-from lpfcosim.cosim import REALS, Interface, Value, driver, interfaces_of_runs
+from lpfcosim.cosim import REALS, Interface, Value, interfaces_of_runs, stimulus_component
 from lpfcosim.errors import InputError
 from lpfcosim.export import traceability
 from lpfcosim.export.outcome import IRLSResult
@@ -96,7 +96,7 @@ def export(
     found = interfaces_of_runs(list(first.values()), fmus)
     _refuse_unfit(found, version)
     signals = world_of(run).signals
-    driving = driver(run, found, build.build([signals], fmi=fmi(version))[signals])
+    driving = stimulus_component(run, found, build.build([signals], fmi=fmi(version))[signals])
     same_units([driving, *found])
     writer = _Writer(version, found, driving)
     files = {_values_file(name): writer.values(run) for name, run in first.items()}

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 
 from fit.errors import quote
 from fit.files import closest_match
-from lpfcosim.campaign import Campaign, Sought
+from lpfcosim.campaign import Campaign, ParameterSpec
 from lpfcosim.cosim import Interface
 from lpfcosim.errors import InputError
 from lpfcosim.models import world_of
@@ -40,7 +40,7 @@ class Target:
         Its value where nothing else is said, in the unit of the FMU.
     unit : str
         Its unit.
-    request : Sought
+    request : ParameterSpec
         What the campaign says of it.
     limits : tuple of float
         Between which values it can be, if the campaign does not tell bounds.
@@ -51,7 +51,7 @@ class Target:
     variable: str
     default_value: float
     unit: str
-    request: Sought
+    request: ParameterSpec
     limits: tuple[float, float] = _ANY
 
 
@@ -66,7 +66,7 @@ def targets(plan: Campaign, run: Run, interfaces: Sequence[Interface]) -> tuple[
     by_model = {i.model: i for i in interfaces}
     values = world_of(run).parameters(run)
     of_fit = (*SHARED_NAMES[:2], *DELAYS, *SHARED_NAMES[2:])
-    requests = dict(plan.identify) or {name: Sought() for name in of_fit}
+    requests = dict(plan.identify) or {name: ParameterSpec() for name in of_fit}
     resolved = []
     for key, entry in requests.items():
         location = f"identify.{key}"
@@ -115,7 +115,7 @@ def fixed_values(
     for name in (*SHARED_NAMES[:-1], *(tau for _, tau in DELAYS.values())):
         with contextlib.suppress(InputError):  # no FMU takes it
             model = _place(name, by_model, "identify")
-            target = _target(name, name, by_model[model], values[model], Sought())
+            target = _target(name, name, by_model[model], values[model], ParameterSpec())
             if (model, target.variable) not in [(t.model, t.variable) for t in free_targets]:
                 known[name] = target.default_value
     for name, (gain, tau) in DELAYS.items():
@@ -140,7 +140,7 @@ def _place(name: str, by_model: Mapping[str, Interface], location: str) -> str:
 
 
 def _target(
-    key: str, name: str, interface: Interface, values: Mapping[str, float], request: Sought
+    key: str, name: str, interface: Interface, values: Mapping[str, float], request: ParameterSpec
 ) -> Target:
     mapped = interface.replacement.variables if interface.replacement else {}
     name = {theirs: known for known, theirs in mapped.items()}.get(name, name)

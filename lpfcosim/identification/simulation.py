@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 import fit.errors
 from fit.telemetry import TOWARDS_1, Telemetry
 from lpfcosim.campaign import Campaign
-from lpfcosim.cosim import Where, interfaces
+from lpfcosim.cosim import SimulationProgress, interfaces
 from lpfcosim.errors import InputError, RunError
-from lpfcosim.execution import ledger
+from lpfcosim.execution import checksums
 from lpfcosim.identification import trials
 from lpfcosim.identification.origin import GUIDANCE, is_simulated, other_loop, run_of, size, start_sample
 from lpfcosim.identification.parameters import fixed_values, settings, targets
@@ -58,7 +58,7 @@ class Simulation:
         The runs.
     fmus : mapping of str to Path
         The FMU of each component.
-    where : Where, optional
+    where : SimulationProgress, optional
         Kept up to date, if but one thread asks.
 
     Attributes
@@ -86,7 +86,7 @@ class Simulation:
         plan: Campaign,
         telemetries: Sequence[Telemetry],
         fmus: Mapping[str, Path],
-        where: Where | None = None,
+        where: SimulationProgress | None = None,
     ) -> None:
         self.on_simulation: Callable[[int], None] = lambda _: None
         self._done = 0
@@ -95,7 +95,7 @@ class Simulation:
         self.targets = targets(plan, first_run, placed)
         self.fixed_values = fixed_values(first_run, placed, self.targets)
         self.other_loop_description = other_loop(
-            plan, telemetries, {m: ledger.digest(path) for m, path in fmus.items()}
+            plan, telemetries, {m: checksums.digest(path) for m, path in fmus.items()}
         )
         self.simulated_telemetry = not self.other_loop_description and all(
             is_simulated(t) for t in telemetries
@@ -153,7 +153,7 @@ def _load(
     plan: Campaign,
     telemetry: Telemetry,
     fmus: Mapping[str, Path],
-    where: Where | None,
+    where: SimulationProgress | None,
 ) -> _Loaded:
     run = run_of(plan, telemetry)
     if run.alignment_epoch not in run.truth.delta_ifo:  # any value: it is sought

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from lpfcosim.cosim import Interface, Slave, Value, Where, master
+from lpfcosim.cosim import FmuInstance, Interface, SimulationProgress, Value, co_simulation
 from lpfcosim.errors import InputError, RunError
 from lpfcosim.models import drive, world_of
 from lpfcosim.network import Component
@@ -54,7 +54,7 @@ class Trials:
         Signals from outside.
     record : mapping of str to str
         What is recorded, and its source.
-    where : Where, optional
+    where : SimulationProgress, optional
         Kept up to date, if this is the only loop that is stepped at a time.
     """
 
@@ -65,19 +65,19 @@ class Trials:
         interfaces: Sequence[Interface],
         feeds: Sequence[str],
         record: Mapping[str, str],
-        where: Where | None,
+        where: SimulationProgress | None,
     ) -> None:
-        self._run, self._interfaces, self._where = run, interfaces, where or Where()
+        self._run, self._interfaces, self._where = run, interfaces, where or SimulationProgress()
         self._feeds, self._record = feeds, record
         self._given = world_of(run).parameters(run)
-        self._slaves = master.load(stack, interfaces, self._where)
+        self._slaves = co_simulation.load(stack, interfaces, self._where)
         self._where.rest()
         self._used = False
         self._theirs = [slave for slave, i in zip(self._slaves, interfaces, strict=True) if i.replacement]
-        self._renewed: Sequence[Slave] = ()  # those whose reset does not do
+        self._renewed: Sequence[FmuInstance] = ()  # those whose reset does not do
         self._reference: _Reference | None = None
         components = [i.component for i in interfaces]
-        self._network = master.Network(
+        self._network = co_simulation.CoSimulation(
             run.name, run.h, components, self._slaves, feeds, record.values(), where=self._where
         )
 
@@ -104,7 +104,7 @@ class Trials:
             If an FMU refuses, or the loop is not stable.
         """
         try:
-            with master.refusing(self._run.name, self._slaves):
+            with co_simulation.translate_fmi_errors(self._run.name, self._slaves):
                 return self._simulated(n, inputs, changed)
         finally:
             self._where.rest()
@@ -129,14 +129,14 @@ class Trials:
             self._network.initialize(feeds[:, 0])
         part = np.empty((len(self._record), stop - start))
         self._network.advance(feeds.T, part.T, start)
-        master.check_range(self._run, list(self._record), part, start)
+        co_simulation.check_measurement_range(self._run, list(self._record), part, start)
         return part
 
-    def _parameters(self, changed: Values) -> Iterator[tuple[Slave, Mapping[str, Value]]]:
+    def _parameters(self, changed: Values) -> Iterator[tuple[FmuInstance, Mapping[str, Value]]]:
         for slave, i in zip(self._slaves, self._interfaces, strict=True):
             yield slave, {**i.parameters(self._given[i.model]), **changed.get(i.model, {})}
 
-    def _start(self, changed: Values, renewed: Sequence[Slave]) -> None:
+    def _start(self, changed: Values, renewed: Sequence[FmuInstance]) -> None:
         """Take all FMUs to their start, those in `renewed` by new instances if they were used."""
         self._where.reset()
         for slave, parameters in self._parameters(changed):
@@ -184,10 +184,10 @@ class Trials:
                 "parameters and inputs, as identification simulates it many times"
             )
 
-    def _difference(self, reference: _Reference, renewed: Sequence[Slave]) -> str:
+    def _difference(self, reference: _Reference, renewed: Sequence[FmuInstance]) -> str:
         """Simulate the reference again; return what differs from the first time, empty if nothing does."""
         try:
-            with master.refusing(self._run.name, self._slaves):
+            with co_simulation.translate_fmi_errors(self._run.name, self._slaves):
                 self._start(reference.changed, renewed)
                 recorded = self._advance(0, STRETCH, reference.feeds)
         except (RunError, InputError) as error:
@@ -202,7 +202,7 @@ def whole_loop(
     run: Run,
     interfaces: Sequence[Interface],
     record: Iterable[str],
-    where: Where | None = None,
+    where: SimulationProgress | None = None,
 ) -> Trials:
     """Load all FMUs of a run, to record some of its channels."""
     sources = world_of(run).record
@@ -210,7 +210,10 @@ def whole_loop(
 
 
 def controller(
-    stack: contextlib.ExitStack, run: Run, interfaces: Sequence[Interface], where: Where | None = None
+    stack: contextlib.ExitStack,
+    run: Run,
+    interfaces: Sequence[Interface],
+    where: SimulationProgress | None = None,
 ) -> Trials:
     """Load the controller of test mass 2 along x by itself, fed with its own inputs.
 

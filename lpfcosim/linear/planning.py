@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lpfcosim.models import System, electrodes, on_circle, world_of
-from lpfcosim.signals import Noise, Shares, commanded
+from lpfcosim.signals import Noise, Weights, commanded
 from lpfcosim.spacecraft import Actuation, Injection, Run
 
 Array = NDArray[np.float64]
@@ -182,7 +182,7 @@ def streams(run: Run, s: System, frequency: Array) -> tuple[Array, Array]:
         One-sided PSDs of the streams; those that go the same ways are one. Noise of the electrodes acts as
         a force; times a command, it counts as times the rms that this is expected to have over the run.
     """
-    found: dict[Shares, Array] = {}
+    found: dict[Weights, Array] = {}
     enters = {name: (into, 1.0) for name, into in _ENTERS.items()}
     if run.actuation != Actuation():
         enters |= electrodes.felt(run, expected_rms(run))

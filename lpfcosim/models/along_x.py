@@ -7,7 +7,7 @@ import math
 from lpfcosim.models import along_x_plant, electrodes
 from lpfcosim.models.world import World
 from lpfcosim.network import Component
-from lpfcosim.signals import CORNER, Source, tail
+from lpfcosim.signals import CORNER, Source, red_noise
 from lpfcosim.spacecraft import Controller, Run
 
 TAIL_LEVEL, TAIL_FREQUENCY = 60e-15, 20e-6  # m s^-2 Hz^-0.5 at Hz
@@ -154,7 +154,7 @@ def sources(run: Run) -> tuple[Source, ...]:
         Source("g_1_plateau", "g_1", plateau),
         Source("g_2_plateau", "g_2", plateau),
         Source("F_noise_x_sc", "F_noise_x_sc", noise.thruster),
-        *tail("F_noise_x_sc", noise.thruster, THRUSTER_KNEE[noise.thrusters]),
+        *red_noise("F_noise_x_sc", noise.thruster, THRUSTER_KNEE[noise.thrusters]),
         Source("g_1_tail", "g_1", rising, CORNER),
         Source("g_2_tail", "g_2", rising, CORNER),
         Source("f_x_1_jitter", "f_x_1_jitter", jitter, JITTER_CORNER),

@@ -23,7 +23,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from lpfcosim.signals import Source, Wander, flicker
+from lpfcosim.signals import GainDrift, Source, flicker
 from lpfcosim.spacecraft import ARM, F_REF, Run
 
 Array = NDArray[np.float64]
@@ -53,7 +53,7 @@ def sources(run: Run) -> tuple[Source, ...]:
     for j, (drift, walk) in drift_and_walk.items():
         found += (*flicker(f"e_x_{j}", electrode), *flicker(f"gain_{j}", gain))
         if drift or walk:
-            found.append(Wander(f"gain_{j}_wander", f"gain_{j}", walk, drift=drift))
+            found.append(GainDrift(f"gain_{j}_wander", f"gain_{j}", walk, drift=drift))
     return tuple(found)
 
 

@@ -9,7 +9,7 @@ from lpfcosim.models.whole_loops import THRUST
 from lpfcosim.models.whole_rigid import ANGLES, AXES, TILT, angular_stiffness, equipment
 from lpfcosim.models.world import World
 from lpfcosim.network import Component
-from lpfcosim.signals import Source, tail
+from lpfcosim.signals import Source, red_noise
 from lpfcosim.spacecraft import Layout, Run, Spacecraft
 
 _GRS_KNEE, _TORQUE_KNEE = 1e-3, 0.2e-3  # Hz, below them sensing and torque noise rise as 1/f
@@ -210,7 +210,7 @@ def sources(run: Run) -> tuple[Source, ...]:
     levels += [(f"g_{k}", noise.lateral, 0.0) for k in _LATERAL]
     levels += [(f"gamma_{k}", noise.torque, _TORQUE_KNEE) for k in TILT]
     beside = [
-        s for name, level, knee in levels for s in (Source(name, name, level), *tail(name, level, knee))
+        s for name, level, knee in levels for s in (Source(name, name, level), *red_noise(name, level, knee))
     ]
     layout = equipment(run).layout
     along = [s for s in along_x.sources(run) if s.into != "F_noise_x_sc" or not layout]
@@ -224,7 +224,7 @@ def _independent(run: Run) -> list[Source]:
     knee = along_x.THRUSTER_KNEE[noise.thrusters]
     levels = [(f"F_noise_{k}_sc", noise.thruster) for k in ("y", "z")]
     levels += [(f"N_noise_{k}_sc", noise.thruster_torque) for k in AXES]
-    return [s for name, level in levels for s in (Source(name, name, level), *tail(name, level, knee))]
+    return [s for name, level in levels for s in (Source(name, name, level), *red_noise(name, level, knee))]
 
 
 def _nozzles(run: Run, layout: Layout) -> list[Source]:
@@ -237,7 +237,7 @@ def _nozzles(run: Run, layout: Layout) -> list[Source]:
     for i, column in enumerate(layout.matrix.T.tolist(), 1):
         into = tuple(zip(signals, column, strict=True))
         name = f"thruster_{i}"
-        found += [Source(name, into, level), *tail(name, level, knee, into)]
+        found += [Source(name, into, level), *red_noise(name, level, knee, into)]
     return found
 
 

@@ -5,23 +5,23 @@ Which noise there is depends on the world of the run, so `lpfcosim.models` start
 
 from lpfcosim.signals.autoregression import Recursion, autoregress
 from lpfcosim.signals.flicker import flicker
+from lpfcosim.signals.gain_drift import GainDrift
 from lpfcosim.signals.injections import TARGETS, commanded, injected
-from lpfcosim.signals.noise import CORNER, Noise, Shares, Source, tail
-from lpfcosim.signals.wander import Wander
+from lpfcosim.signals.noise import CORNER, Noise, Source, Weights, red_noise
 
 __all__ = [
     "CORNER",
     "TARGETS",
+    "GainDrift",
     "Noise",
     "Recursion",
-    "Shares",
     "Source",
-    "Wander",
+    "Weights",
     "autoregress",
     "commanded",
     "decimation",
     "events",
     "flicker",
     "injected",
-    "tail",
+    "red_noise",
 ]

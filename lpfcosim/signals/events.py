@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from lpfcosim.signals.streams import generator
+from lpfcosim.signals.seeding import generator
 from lpfcosim.spacecraft import Run
 
 Array = NDArray[np.float64]

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from lpfcosim.signals import events
 from lpfcosim.signals.autoregression import Recursion, autoregress
 from lpfcosim.signals.injections import add_pulses
-from lpfcosim.signals.streams import generator
+from lpfcosim.signals.seeding import generator
 from lpfcosim.spacecraft import Run
 
 CORNER = 2e-6  # Hz, below which noise of 1/f is flat (choice)
@@ -19,7 +19,7 @@ CORNER = 2e-6  # Hz, below which noise of 1/f is flat (choice)
 Array = NDArray[np.float64]
 
 
-Shares = tuple[tuple[str, float], ...]
+Weights = tuple[tuple[str, float], ...]
 
 
 class Stream(Protocol):
@@ -37,12 +37,12 @@ class Source:
     """
 
     name: str
-    into: str | Shares
+    into: str | Weights
     level: float
     corner: float = 0.0
 
     @property
-    def shares(self) -> Shares:
+    def shares(self) -> Weights:
         """The signals it goes into, with their factors."""
         return ((self.into, 1.0),) if isinstance(self.into, str) else self.into
 
@@ -64,7 +64,7 @@ class Source:
         return S
 
 
-def tail(name: str, level: float, knee: float, into: Shares | None = None) -> tuple[Source, ...]:
+def red_noise(name: str, level: float, knee: float, into: Weights | None = None) -> tuple[Source, ...]:
     """1/f noise that meets a white level at the knee [Hz]; none without one."""
     return (Source(f"{name}_tail", into or name, level * knee, CORNER),) if knee else ()
 

@@ -35,9 +35,9 @@ from pathlib import Path
 import numpy as np
 
 from lpfcosim.campaign import loading
+from lpfcosim.cosim import co_simulation
 from lpfcosim.cosim import compiled as compiled_engine
-from lpfcosim.cosim import master
-from lpfcosim.cosim.placement import interfaces
+from lpfcosim.cosim.compatibility import interfaces
 from lpfcosim.execution import runner
 from lpfcosim.modelica import build
 from lpfcosim.modelica.compiler import FLAGS, compiler
@@ -106,12 +106,14 @@ def monolith(run: Run) -> Monolith:
 
 
 def timed_loop(
-    run: Run, fmus: dict[str, Path], engine: master.Engine, feeds: np.ndarray, out: np.ndarray
+    run: Run, fmus: dict[str, Path], engine: co_simulation.Engine, feeds: np.ndarray, out: np.ndarray
 ) -> float:
     """Seconds that one loop takes through the feeds."""
     with contextlib.ExitStack() as stack:
         found = interfaces(run, fmus)
-        loop = master.Loop(run, [i.component for i in found], master.start(stack, run, found), engine)
+        loop = co_simulation.RunCoSimulation(
+            run, [i.component for i in found], co_simulation.start(stack, run, found), engine
+        )
         loop.initialize(feeds[0])
         started = time.perf_counter()
         loop.advance(feeds, out, 0)
@@ -122,8 +124,8 @@ def draw(run: Run) -> float:
     """Seconds that the injections and the noise of a run take, block by block."""
     started = time.perf_counter()
     noise = drive.stream(run, compiled_engine.autoregress)
-    for start in range(0, run.n_samples, master.BLOCK):
-        stop = min(start + master.BLOCK, run.n_samples)
+    for start in range(0, run.n_samples, co_simulation.BLOCK):
+        stop = min(start + co_simulation.BLOCK, run.n_samples)
         drawn = {**drive.injections(run, start, stop), **noise.take(stop - start)}
         np.column_stack([drawn[name] for name in drive.names(run)])
     return time.perf_counter() - started
@@ -165,7 +167,7 @@ def whole_run(hours: float) -> tuple[float, float]:
     run, fmus = first_experiment(hours), build.build()
     with tempfile.TemporaryDirectory() as folder:
         started = time.perf_counter()
-        runner.record(run, fmus, Path(folder) / "run.h5", runner.provenance(plan, fmus))
+        runner.write_telemetry(run, fmus, Path(folder) / "run.h5", runner.provenance(plan, fmus))
         seconds = time.perf_counter() - started
     return seconds, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
 
@@ -182,7 +184,7 @@ def parts(campaign: str, hours: float, repeat: int) -> dict[str, float]:
             drawn = spent(lambda: draw(run))
             own, quiet = (stepped(run, fmus, record=record) for record in (True, False))
             calls = stepped(run, fmus, record=False, instead=nothing)
-            whole = spent(lambda: runner.record(run, fmus, Path(folder) / "run.h5", {}))
+            whole = spent(lambda: runner.write_telemetry(run, fmus, Path(folder) / "run.h5", {}))
             found = {
                 "step": own,
                 "arithmetic": quiet - calls,
@@ -201,14 +203,16 @@ def stepped(run: Run, fmus: dict[str, Path], *, record: bool, instead: ctypes.CD
     noise = drive.stream(run, compiled_engine.autoregress)
     with contextlib.ExitStack() as stack:
         found = interfaces(run, fmus)
-        loop = master.Loop(run, [i.component for i in found], master.start(stack, run, found), "compiled")
+        loop = co_simulation.RunCoSimulation(
+            run, [i.component for i in found], co_simulation.start(stack, run, found), "compiled"
+        )
         for row in loop._compiled._table if instead else ():
             for name in ("set", "get", "step"):
                 setattr(row, name, ctypes.cast(getattr(instead, name), ctypes.c_void_p))
         loop._record = loop._record if record else loop._record[:0]
         seconds = 0.0
-        for start in range(0, run.n_samples, master.BLOCK):
-            stop = min(start + master.BLOCK, run.n_samples)
+        for start in range(0, run.n_samples, co_simulation.BLOCK):
+            stop = min(start + co_simulation.BLOCK, run.n_samples)
             drawn = {**drive.injections(run, start, stop), **noise.take(stop - start)}
             feeds = np.stack([drawn[name] for name in drive.names(run)])
             if start == 0:

@@ -35,8 +35,8 @@ from fit.telemetry.reader import Telemetry
 from lpfcosim.campaign import Campaign, loading, montecarlo
 from lpfcosim.cli.identify import _free
 from lpfcosim.errors import LpfcosimError
-from lpfcosim.execution import telemetry
-from lpfcosim.execution.telemetry import truth
+from lpfcosim.execution import telemetry_file
+from lpfcosim.execution.telemetry_file import truth
 from lpfcosim.identification import Simulation
 from lpfcosim.modelica import build
 from lpfcosim.models import world_of
@@ -54,7 +54,7 @@ def cpu() -> float:
 
 def drawn(run: Run) -> Telemetry:
     """Return a run as the reference plant has it, at the rate of the loop."""
-    said, channels = telemetry.attributes(run), world_of(run).simulate(run)
+    said, channels = telemetry_file.attributes(run), world_of(run).simulate(run)
     known: Any = {name: said.pop(name) for name in [*said] if name in Telemetry.__dataclass_fields__}
     return Telemetry(
         **known, path=Path(run.name), time=run.time, channels=channels, units={}, attributes=said

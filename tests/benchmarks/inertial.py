@@ -52,7 +52,7 @@ def fitted(run: Run, change: Callable[[telemetry.Telemetry], telemetry.Telemetry
     fmus = build.build([c.model for c in world_of(run).components])
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "run.h5"
-        runner.record(run, fmus, path, {})
+        runner.write_telemetry(run, fmus, path, {})
         return fit_period([change(telemetry.read(path))], true_dynamics(run))
 
 

@@ -51,7 +51,7 @@ from lpfcosim.cli.montecarlo import _channels
 from lpfcosim.cli.planned import in_memory
 from lpfcosim.errors import LpfcosimError
 from lpfcosim.execution import runner
-from lpfcosim.execution.telemetry import truth
+from lpfcosim.execution.telemetry_file import truth
 from lpfcosim.linear import spectral
 from lpfcosim.modelica import build
 from lpfcosim.models import world_of
@@ -114,7 +114,7 @@ def rotated(number: int) -> Line:
     run = runs[number % len(runs)]
     fmus = build.build([c.model for c in world_of(run).components])
     with tempfile.TemporaryDirectory() as folder:
-        runner.record(run, fmus, Path(folder) / "run.h5", {})
+        runner.write_telemetry(run, fmus, Path(folder) / "run.h5", {})
         found = fit_period(read_all(sorted(Path(folder).glob("*.h5")), trusted=True), known_dynamics(run))
     true = {name: getattr(run.spacecraft, name) for name in found.parameters}
     turned = found.centrifugal

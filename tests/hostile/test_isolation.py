@@ -53,7 +53,9 @@ def test_faults_in_the_midst_of_runs_among_sound_ones(fmus, plan, tmp_path, engi
     )
     bad = {**fmus, MODEL: faulty(fmus[MODEL], tmp_path / "bad.fmu", step=step)}
     out = tmp_path / "out"
-    done = runner.simulate(mixed, out / "telemetry", bad, runner.How(jobs=2, engine=engine, silence=20.0))
+    done = runner.simulate(
+        mixed, out / "telemetry", bad, runner.RunOptions(jobs=2, engine=engine, silence=20.0)
+    )
     assert list(done.files) == ["sound", "sounder"], done.failures
     assert list(done.failures) == list(FAULTS) == list(TOLD)
     assert folder_of(out / "telemetry") == ["sound.h5", "sounder.h5"]
@@ -68,7 +70,7 @@ def test_faults_in_the_midst_of_runs_among_sound_ones(fmus, plan, tmp_path, engi
 
 def test_a_fault_while_an_fmu_is_loaded(fmus, plan, tmp_path):
     bad = {**fmus, MODEL: faulty(fmus[MODEL], tmp_path / "bad.fmu", load=SEGFAULT)}
-    done = runner.simulate(plan, tmp_path / "telemetry", bad, runner.How(jobs=2))
+    done = runner.simulate(plan, tmp_path / "telemetry", bad, runner.RunOptions(jobs=2))
     assert not done.files
     for name, error in done.failures.items():
         assert re.fullmatch(
@@ -79,7 +81,9 @@ def test_a_fault_while_an_fmu_is_loaded(fmus, plan, tmp_path):
 def test_a_run_longer_than_its_time_limit(fmus, plan, tmp_path):
     endless = replace(plan, experiments=(replace(plan.experiments[0], n_samples=65 * 36_000, injections=()),))
     begun = time.monotonic()
-    done = runner.simulate(endless, tmp_path / "telemetry", fmus, runner.How(engine="fmpy", time_limit=15.0))
+    done = runner.simulate(
+        endless, tmp_path / "telemetry", fmus, runner.RunOptions(engine="fmpy", time_limit=15.0)
+    )
     assert time.monotonic() - begun < 120
     assert list(done.failures) == [LONG]
     assert re.fullmatch(
@@ -95,7 +99,7 @@ def test_what_failed_is_made_good_and_no_log_is_left(fmus, plan, tmp_path):
     refusal = rf"{SHORT}\.h5: simulated with another {MODEL} FMU; choose another --out or give --rerun"
     with pytest.raises(InputError, match=refusal):
         runner.simulate(plan, out, fmus)
-    done = runner.simulate(plan, out, fmus, runner.How(rerun=True))
+    done = runner.simulate(plan, out, fmus, runner.RunOptions(rerun=True))
     assert not done.failures
     assert not (tmp_path / "out" / "logs").exists()
     for name, path in done.files.items():

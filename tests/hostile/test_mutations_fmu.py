@@ -13,11 +13,11 @@ from pathlib import Path
 import pytest
 
 from lpfcosim.campaign import loading
-from lpfcosim.cosim import archive, checks, interface, placement, slave
+from lpfcosim.cosim import archive, checks, compatibility, fmu_instance, interface
 from lpfcosim.errors import InputError
-from lpfcosim.execution import approvals
+from lpfcosim.execution import checksums as files
 from lpfcosim.execution import fmus as archives
-from lpfcosim.execution import ledger as files
+from lpfcosim.execution import trust_store
 from lpfcosim.modelica import build
 from lpfcosim.models import world_of
 from lpfcosim.spacecraft.run import Replacement
@@ -54,11 +54,11 @@ def with_description(path, original, text):
 def use(path, run, fmus, validate=True):
     """Do with an FMU what a run does before its first step."""
     replaced = replace(run, replacements=(Replacement(MODEL, path, validate=validate),))
-    for found in placement.interfaces(replaced, {**fmus, MODEL: path}):
+    for found in compatibility.interfaces(replaced, {**fmus, MODEL: path}):
         if found.archive == path:
             parameters = found.parameters(world_of(replaced).parameters(replaced)[MODEL])
             with contextlib.ExitStack() as stack:
-                slave.Slave(stack, found).initialize(parameters)
+                fmu_instance.FmuInstance(stack, found).initialize(parameters)
 
 
 def rewritten(text, rng):
@@ -246,7 +246,7 @@ def test_an_array_without_end(tmp_path, ours, make_run):
     run = make_run()
     names = Replacement(MODEL, path, {"x_1": "x_1[1]"})
     run = replace(run, replacements=(names,))
-    said = survives(lambda: placement.interfaces(run, {**ours["3.0"], MODEL: path}), path, "array")
+    said = survives(lambda: compatibility.interfaces(run, {**ours["3.0"], MODEL: path}), path, "array")
     assert "elements; expected at most" in said
 
 
@@ -298,7 +298,7 @@ def test_an_fmu_of_other_origin_is_told(plan):
 
 def test_an_approved_fmu_runs_and_another_one_of_its_name_does_not(plan, tmp_path):
     make, digest = plan
-    approvals.approve([tmp_path / "theirs.fmu"])
+    trust_store.approve([tmp_path / "theirs.fmu"])
     check(loading.load(make()))
     check(loading.load(make(f'sha256 = "{digest}"')))
     with (tmp_path / "theirs.fmu").open("ab") as file:
@@ -310,7 +310,7 @@ def test_an_approved_fmu_runs_and_another_one_of_its_name_does_not(plan, tmp_pat
 def test_another_fmu_than_the_recorded_one_is_refused_whatever_is_said(plan):
     make, digest = plan
     changed = loading.load(make(f'sha256 = "{digest[::-1]}"'))
-    approvals.approve([r.archive for r in changed.replacements])
+    trust_store.approve([r.archive for r in changed.replacements])
     for trusted in (False, True):
         with pytest.raises(InputError, match=rf"has the digest {digest}; expected {digest[::-1]}"):
             check(changed, trusted=trusted)

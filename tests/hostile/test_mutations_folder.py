@@ -20,7 +20,7 @@ from fit.sampling.posterior import Posterior
 from fit.telemetry import sandbox
 from fit.telemetry.writer import Writer
 from lpfcosim.cli import montecarlo as cli_montecarlo
-from lpfcosim.execution import folder as folders
+from lpfcosim.execution import results_folder as folders
 from tests.hostile.mutations import damaged, hostile, restructured, survives
 from tests.oracles.synthetic import World, pair
 

@@ -19,7 +19,7 @@ from fit.results.estimates import Estimate
 from fit.results.results import Fit, load, write
 from fit.telemetry.reader import read_all
 from lpfcosim.campaign import loading
-from lpfcosim.execution.telemetry import attributes
+from lpfcosim.execution.telemetry_file import attributes
 from lpfcosim.models import whole_plant
 from tests import ROOT
 from tests.fit.recorded import recorded

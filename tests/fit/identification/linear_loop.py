@@ -8,7 +8,7 @@ import scipy
 
 from fit.errors import FitError
 from fit.telemetry.reader import Telemetry
-from lpfcosim.execution import telemetry
+from lpfcosim.execution import telemetry_file
 from lpfcosim.linear import planning
 from lpfcosim.models import drive, world_of
 from lpfcosim.models.loop import sampled
@@ -40,7 +40,7 @@ def recorded_experiment(make_run, name, truth, seed):
 
 
 def _recorded(run):
-    root, channels = telemetry.attributes(run), world_of(run).simulate(run)
+    root, channels = telemetry_file.attributes(run), world_of(run).simulate(run)
     fields = {name: root.pop(name) for name in list(root) if name in Telemetry.__dataclass_fields__}
     return Telemetry(
         **fields, path=Path(run.name), time=run.time, channels=channels, units={}, attributes=root
@@ -71,7 +71,7 @@ class LinearLoop:
         self.simulated = 0
 
     def _run(self, telemetry, theta):
-        run = self._runs[telemetry.run]
+        run = self._runs[telemetry_file.run]
         truth = dict(theta)
         delta_ifo = {run.alignment_epoch: truth.pop("delta_ifo", run.delta_ifo)}
         law = replace(
@@ -100,5 +100,5 @@ class LinearLoop:
         return -command
 
     def direct(self, telemetry):
-        run = self._runs[telemetry.run]
+        run = self._runs[telemetry_file.run]
         return drive.injections(run)["F_x_2"] / run.m_tm

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from lpfcosim.campaign import loading
 from lpfcosim.campaign.schema import CampaignTable
 from lpfcosim.errors import InputError
-from lpfcosim.execution.telemetry import truth
+from lpfcosim.execution.telemetry_file import truth
 from lpfcosim.models import drive
 from lpfcosim.spacecraft.control import DRAG_FREE
 from lpfcosim.spacecraft.run import Authority, HalfCosine, Noise, Pulse, Sine, Truth

@@ -13,9 +13,9 @@ import fmpy
 import pytest
 
 from lpfcosim.campaign import loading
-from lpfcosim.cosim import placement
+from lpfcosim.cosim import compatibility
 from lpfcosim.errors import InputError, RunError
-from lpfcosim.execution import runner, telemetry
+from lpfcosim.execution import runner, telemetry_file
 from lpfcosim.modelica import build as fmu_build
 from lpfcosim.models import along_x_plant
 from tests.campaign_text import ONE_EXPERIMENT
@@ -67,8 +67,8 @@ def recorded(short, tmp_path):
     folder = tmp_path / "recorded"
     folder.mkdir()
     for run in loading.load(short).runs:
-        channels = {k: v for k, v in along_x_plant.simulate(run).items() if k in telemetry.CHANNELS}
-        with telemetry.writer(folder / f"{run.name}.h5", run, channels, {}) as file:
+        channels = {k: v for k, v in along_x_plant.simulate(run).items() if k in telemetry_file.CHANNELS}
+        with telemetry_file.create(folder / f"{run.name}.h5", run, channels, {}) as file:
             file.append(channels)
     return folder
 
@@ -244,7 +244,7 @@ def test_what_fails_is_one_sentence_and_a_status(lpfcosim, short, monkeypatch, e
 
     before = signal.getsignal(signal.SIGTERM)
     monkeypatch.setattr(fmu_build, "build", lambda *_, **__: {})
-    monkeypatch.setattr(placement, "interfaces", lambda *_: [])
+    monkeypatch.setattr(compatibility, "interfaces", lambda *_: [])
     monkeypatch.setattr(runner, "simulate", fail)
     try:
         assert lpfcosim("run", short, "--quiet") == (status, "", f"lpfcosim: error: {sentence}\n")
@@ -257,7 +257,7 @@ def test_one_cause_of_several_runs_is_one_sentence(lpfcosim, short, monkeypatch)
         name: RunError(f"run '{name}': the Plant FMU crashed at 0.1 s") for name in ("one-noise", "one")
     }
     monkeypatch.setattr(fmu_build, "build", lambda *_, **__: {})
-    monkeypatch.setattr(runner, "simulate", lambda *_, **__: runner.Simulated({}, failures, {}))
+    monkeypatch.setattr(runner, "simulate", lambda *_, **__: runner.SimulationResult({}, failures, {}))
     sentence = "2 of 2 runs failed, see short/logs: runs one-noise, one: the Plant FMU crashed at 0.1 s"
     assert lpfcosim("run", short, "--quiet") == (1, "", f"lpfcosim: error: {sentence}\n")
 

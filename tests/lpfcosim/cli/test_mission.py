@@ -9,7 +9,7 @@ from fit.parameters import FLIGHT, joint_names
 from fit.pipeline import calibrate
 from lpfcosim.campaign import loading, montecarlo
 from lpfcosim.cli.planned import in_memory
-from lpfcosim.execution.telemetry import truth
+from lpfcosim.execution.telemetry_file import truth
 from lpfcosim.linear import planning, spectral
 from lpfcosim.spacecraft.run import Noise
 from tests import ROOT

@@ -8,7 +8,7 @@ import fmpy
 import numpy as np
 import pytest
 
-from lpfcosim.cosim import compilation, placement, warnings
+from lpfcosim.cosim import compatibility, compilation, warnings
 from lpfcosim.errors import InputError
 from tests import third_party
 from tests.lpfcosim.cosim.foreign import edited
@@ -77,10 +77,10 @@ def test_sources_that_do_not_compile(run, fmus, tmp_path, monkeypatch):
     with open(log) as file:  # noqa: PTH123
         assert "error" in file.read()
     monkeypatch.setenv("CC", "no-such-compiler")
-    placement.compilation.compiler.compiler.cache_clear()
+    compatibility.compilation.compiler.compiler.cache_clear()
     with pytest.raises(InputError, match=r"has sources but no binary for .*'no-such-compiler', is not there"):
         simulate(run, fmus, archive)
-    placement.compilation.compiler.compiler.cache_clear()
+    compatibility.compilation.compiler.compiler.cache_clear()
 
 
 @pytest.mark.parametrize(

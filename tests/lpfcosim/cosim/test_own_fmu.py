@@ -12,9 +12,9 @@ import numpy as np
 import pytest
 
 from lpfcosim.campaign import loading
-from lpfcosim.cosim import placement
+from lpfcosim.cosim import compatibility
+from lpfcosim.cosim.compatibility import _exponents
 from lpfcosim.cosim.interface import resolve
-from lpfcosim.cosim.placement import _exponents
 from lpfcosim.errors import InputError, RunError
 from lpfcosim.execution import runner
 from lpfcosim.modelica import build
@@ -52,7 +52,7 @@ def simulate(run, fmus, replacement, **options):
 def refusal(run, fmus, replacement):
     run = replace(run, replacements=(replacement,))
     with pytest.raises(InputError) as refused:
-        placement.interfaces(run, {**fmus, replacement.model: replacement.archive})
+        compatibility.interfaces(run, {**fmus, replacement.model: replacement.archive})
     message = str(refused.value)
     assert "\n" not in message
     return message
@@ -171,7 +171,7 @@ def test_variable_that_is_set_from_two_sides_is_told(run, fmus, tmp_path):
     assert "'o_12' and 'twin' are one variable; expected two" in told
     # The name of another parameter of ours: that one is then not set.
     mine = replace(run, replacements=(Replacement(SUSPENSION, ours, {"f_u": "f_z"}),))
-    assert "f_z" in placement.ignored(placement.interfaces(mine, fmus))[SUSPENSION]
+    assert "f_z" in compatibility.ignored_names(compatibility.interfaces(mine, fmus))[SUSPENSION]
 
 
 def test_our_parameter_can_be_declined(run, fmus):
@@ -312,7 +312,7 @@ def test_campaign_is_simulated_with_it_and_says_so(fmus, tmp_path):
     file.write_text(TOML.format(keys=table))
     plan = loading.load(file)
     mine = {**fmus, SUSPENSION: tmp_path / "mine.fmu"}
-    runner.simulate(plan, tmp_path / "telemetry", mine, runner.How(jobs=1))
+    runner.simulate(plan, tmp_path / "telemetry", mine, runner.RunOptions(jobs=1))
     with h5py.File(tmp_path / "telemetry" / "one.h5") as written:
         assert (
             written.attrs["fmu_SuspensionControl"] == runner.provenance(plan, mine)["fmu_SuspensionControl"]
@@ -332,10 +332,10 @@ def test_truth_that_no_fmu_takes_is_left_out(run, fmus, tmp_path):
     plant = renamed(fmus["Plant"], tmp_path / "plant.fmu", {"omega2_2_0": "k", "tau_1": "delay"})
     replacement = Replacement("Plant", plant)
     mine = replace(run, n_samples=50, replacements=(replacement,))
-    runner.record(mine, {**fmus, "Plant": plant}, tmp_path / "one.h5", {})
+    runner.write_telemetry(mine, {**fmus, "Plant": plant}, tmp_path / "one.h5", {})
     with h5py.File(tmp_path / "one.h5") as written:
         told = set(written["truth"].attrs)
-    runner.record(replace(run, n_samples=50), fmus, tmp_path / "ours.h5", {})
+    runner.write_telemetry(replace(run, n_samples=50), fmus, tmp_path / "ours.h5", {})
     with h5py.File(tmp_path / "ours.h5") as written:
         all_of_it = set(written["truth"].attrs)
     assert all_of_it - told == {"omega2_2_0", "omega2_2", "domega2_12", "tau_1", "C_1"}

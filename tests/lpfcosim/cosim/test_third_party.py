@@ -8,7 +8,7 @@ import fmpy
 import numpy as np
 import pytest
 
-from lpfcosim.cosim import slave, warnings
+from lpfcosim.cosim import fmu_instance, warnings
 from lpfcosim.cosim.variables import known
 from lpfcosim.errors import InputError, RunError
 from lpfcosim.models import world_of
@@ -49,7 +49,7 @@ def stepped(run, fmus, archive, values, n=20):
     run, found = placed(run, fmus, mine)
     (interface,) = (i for i in found if i.model == MODEL)
     with contextlib.ExitStack() as stack:
-        alone = slave.Slave(stack, interface)
+        alone = fmu_instance.FmuInstance(stack, interface)
         alone.initialize(interface.parameters(world_of(run).parameters(run)[MODEL]))
         alone.inputs.values[:] = (2e-9, 1e-9)
         alone.exchange()
@@ -163,7 +163,7 @@ def test_array_of_integers_reaches_the_fmu_as_it_is(run, fmus, tmp_path):
     run, found = placed(run, fmus, replacement(archive, values={"items[2]": 7}))
     (interface,) = (i for i in found if i.model == MODEL)
     with contextlib.ExitStack() as stack:
-        alone = slave.Slave(stack, interface)
+        alone = fmu_instance.FmuInstance(stack, interface)
         alone.fmu.setInt64 = lambda references, values: sent.append((references, values))
         alone.initialize(interface.parameters(world_of(run).parameters(run)[MODEL]))
     assert sent == [([20], [9007199254740993, 7])]

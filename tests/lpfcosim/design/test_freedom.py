@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from lpfcosim.campaign import loading
-from lpfcosim.campaign.wishes import Cap
+from lpfcosim.campaign.design_spec import LimitSpec
 from lpfcosim.design import Told, hours, programme, robustness, settings, telling, text
 from lpfcosim.design.designing import design
 from lpfcosim.design.search import search
@@ -67,7 +67,7 @@ def test_bands_that_leave_nothing_are_told(sought, foresight):
 
 
 def test_limits_that_close_every_loop_are_told(sought, foresight):
-    caps = tuple(Cap(quantity, "peak", 1e-16) for quantity in ("o_1", "o_12"))
+    caps = tuple(LimitSpec(quantity, "peak", 1e-16) for quantity in ("o_1", "o_12"))
     plan = with_wishes(sought, caps=caps).plan
     with pytest.raises(InputError, match=r"design.limits: peak of o_1 and peak of o_12 so small leave no"):
         changed(plan, sought.before, sought.own, foresight)

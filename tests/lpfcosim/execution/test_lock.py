@@ -20,18 +20,18 @@ from lpfcosim.cli.figures import figures
 from lpfcosim.cli.mcmc import mcmc
 from lpfcosim.cli.report import report
 from lpfcosim.errors import InputError, RunError
-from lpfcosim.execution import folder as folders
-from lpfcosim.execution import ledger as files
+from lpfcosim.execution import checksums as files
+from lpfcosim.execution import results_folder as folders
 
 HOLD = """
 import sys, time
 from pathlib import Path
 from fit.files import atomic
-from lpfcosim.execution import ledger as files
-from lpfcosim.execution import folder as folders
+from lpfcosim.execution import checksums as files
+from lpfcosim.execution import results_folder as folders
 
 folder = Path(sys.argv[1])
-with folders.held(folder), files.scratch(folder) as scratch:
+with folders.lock(folder), files.temporary_folder(folder) as scratch:
     atomic.temporary(folder / "results.json").write_text("half")
     (folder / "telemetry").mkdir()
     atomic.temporary(folder / "telemetry" / "A.h5").write_text("half")
@@ -61,7 +61,7 @@ def names(folder):
 
 def test_the_second_is_told_who_is_first_and_touches_nothing(other, tmp_path):
     before = names(tmp_path / "out")
-    with pytest.raises(InputError) as refusal, folders.held(tmp_path / "out", "--out"):
+    with pytest.raises(InputError) as refusal, folders.lock(tmp_path / "out", "--out"):
         pass
     told = str(refusal.value)
     assert told.startswith(f"{tmp_path / 'out'}: another process works in it (process {other.pid} on ")
@@ -90,14 +90,14 @@ def test_a_lock_does_not_outlive_its_holder_nor_do_unfinished_files(other, tmp_p
     (tmp_path / "out" / "mine").mkdir()
     for name in somebodys:
         (tmp_path / "out" / name).write_text("")
-    with folders.held(tmp_path / "out"):
+    with folders.lock(tmp_path / "out"):
         assert names(tmp_path / "out") == {"telemetry", "mine", ".lock-holder", *somebodys}
         assert str(os.getpid()) in (tmp_path / "out" / ".lock-holder").read_text()
     assert names(tmp_path / "out") == {"telemetry", "mine", *somebodys}
-    with folders.held(tmp_path / "out"):  # and again, and within
+    with folders.lock(tmp_path / "out"):  # and again, and within
         half = atomic.temporary(tmp_path / "out" / "results.json")
         half.write_text("half")
-        with folders.held(tmp_path / "out" / ".." / "out"):
+        with folders.lock(tmp_path / "out" / ".." / "out"):
             assert half.exists()
         second = [sys.executable, "-c", HOLD, str(tmp_path / "out")]
         done = subprocess.run(second, capture_output=True, text=True, check=False)
@@ -108,7 +108,7 @@ def test_what_cannot_be_locked_is_told(tmp_path):
     (tmp_path / "file").write_text("")
     with (
         pytest.raises(InputError, match=r"file: is a file or lies in one"),
-        folders.held(tmp_path / "file"),
+        folders.lock(tmp_path / "file"),
     ):
         pass
 
@@ -123,7 +123,7 @@ def test_a_folder_that_cannot_be_made_is_wrong_input_but_a_full_disk_is_not(
         raise OSError(number, os.strerror(number))
 
     monkeypatch.setattr(Path, "mkdir", refuse)
-    with pytest.raises(kind, match=re.escape(os.strerror(number))), folders.held(tmp_path / "out"):
+    with pytest.raises(kind, match=re.escape(os.strerror(number))), folders.lock(tmp_path / "out"):
         pass
 
 
@@ -132,7 +132,7 @@ def test_a_folder_whose_name_is_too_long_is_wrong_input(tmp_path, inside):
     """As is one where another may not look; a name has 255 bytes at most."""
     folder = tmp_path / ("n" * 300)
     common.check_folder(folder, inside)  # nothing is in the way
-    with pytest.raises(InputError, match="cannot be made"), folders.held(folder):
+    with pytest.raises(InputError, match="cannot be made"), folders.lock(folder):
         pass
 
 

@@ -37,7 +37,9 @@ def seen():
 def files(fmus, plan, tmp_path_factory, seen):
     """The campaign simulated once, by two processes."""
     folder = tmp_path_factory.mktemp("out")
-    done = runner.simulate(plan, folder / "telemetry", fmus, runner.How(2), runner.Listener(seen.__setitem__))
+    done = runner.simulate(
+        plan, folder / "telemetry", fmus, runner.RunOptions(2), runner.ProgressCallbacks(seen.__setitem__)
+    )
     return list(done.files.values())
 
 
@@ -58,7 +60,7 @@ def test_files_hold_what_the_reference_plant_computes(plan, files, seen):
 
 
 def test_neither_processes_nor_the_engine_change_a_byte(fmus, plan, files, tmp_path):
-    plain = runner.simulate(plan, tmp_path / "plain", fmus, runner.How(jobs=1, engine="fmpy"))
+    plain = runner.simulate(plan, tmp_path / "plain", fmus, runner.RunOptions(jobs=1, engine="fmpy"))
     for a, b in zip(files, plain.files.values(), strict=True):
         assert a.read_bytes() == b.read_bytes()
 
@@ -66,8 +68,8 @@ def test_neither_processes_nor_the_engine_change_a_byte(fmus, plan, files, tmp_p
 def test_nor_does_the_engine_below_ten_hertz(fmus, plan, tmp_path):
     run = replace(plan.runs[0], n_samples=1000, sample_rate=1.0)
     compiled, plain = tmp_path / "compiled.h5", tmp_path / "plain.h5"
-    runner.record(run, fmus, compiled, {}, "compiled")
-    runner.record(run, fmus, plain, {}, "fmpy")
+    runner.write_telemetry(run, fmus, compiled, {}, "compiled")
+    runner.write_telemetry(run, fmus, plain, {}, "fmpy")
     assert compiled.read_bytes() == plain.read_bytes()
 
 
@@ -87,7 +89,9 @@ def test_finished_runs_are_kept_and_others_are_simulated_again(fmus, plan, copie
         if damage is not None:
             lost.write_bytes(damage)
         seen, again, told = set(), [], []
-        listener = runner.Listener(lambda name, _, seen=seen: seen.add(name), again.append, told.append)
+        listener = runner.ProgressCallbacks(
+            lambda name, _, seen=seen: seen.add(name), again.append, told.append
+        )
         runner.simulate(plan, kept.parent, fmus, listener=listener)
         assert (seen, again) == ({lost.stem}, [kept.stem])
         wanted = [f"run one: {lost} is not as it was finished, simulated again"]
@@ -98,7 +102,9 @@ def test_finished_runs_are_kept_and_others_are_simulated_again(fmus, plan, copie
 
 def test_a_byte_changed_anywhere_is_noticed(fmus, plan, copied, monkeypatch):
     asked = []
-    monkeypatch.setattr(runner.workers, "results", lambda _, items, *__, **___: asked.append([*items]) or [])
+    monkeypatch.setattr(
+        runner.process_pool, "results", lambda _, items, *__, **___: asked.append([*items]) or []
+    )
     lost = copied[1]
     content = lost.read_bytes()
     ledger = lost.parent.with_suffix(".sha256").read_text()
@@ -112,7 +118,9 @@ def test_a_byte_changed_anywhere_is_noticed(fmus, plan, copied, monkeypatch):
 
 def test_a_ledger_that_is_lost_or_damaged_costs_time_only(fmus, plan, copied, monkeypatch):
     asked = []
-    monkeypatch.setattr(runner.workers, "results", lambda _, items, *__, **___: asked.append({*items}) or [])
+    monkeypatch.setattr(
+        runner.process_pool, "results", lambda _, items, *__, **___: asked.append({*items}) or []
+    )
     ledger = copied[0].parent.with_suffix(".sha256")
     for damage in (ledger.read_bytes()[40:], b"\xff\0\n  \n", b""):
         ledger.write_bytes(damage)
@@ -133,7 +141,7 @@ def test_what_comes_from_elsewhere_is_refused_or_simulated_anew(fmus, plan, copi
     other_fmu = copied[0].parent / "other.fmu"
     other_fmu.write_bytes(fmus["Plant"].read_bytes() + b"0")
     longer = replace(plan, experiments=(replace(plan.experiments[0], n_samples=2001),))
-    monkeypatch.setattr(runner.workers, "results", None)  # nothing must be simulated
+    monkeypatch.setattr(runner.process_pool, "results", None)  # nothing must be simulated
     for changed, its, said in (
         (reseeded, fmus, "simulated with seed 7, now it is 8"),
         (longer, fmus, "simulated when the campaign said something else"),
@@ -148,8 +156,10 @@ def test_what_comes_from_elsewhere_is_refused_or_simulated_anew(fmus, plan, copi
         with pytest.raises(InputError, match=r"one-noise\.h5: simulated with version .*, now it is 9\.9"):
             runner.simulate(plan, folder, fmus)
     asked = []
-    monkeypatch.setattr(runner.workers, "results", lambda _, items, *__, **___: asked.extend(items) or [])
-    runner.simulate(reseeded, folder, fmus, runner.How(rerun=True))
+    monkeypatch.setattr(
+        runner.process_pool, "results", lambda _, items, *__, **___: asked.extend(items) or []
+    )
+    runner.simulate(reseeded, folder, fmus, runner.RunOptions(rerun=True))
     assert asked == ["one", "one-noise"]
     # the rerun was interrupted: nothing of the old seed is left to lie beside the new one
     assert not list(folder.glob("*.h5"))
@@ -175,7 +185,7 @@ def test_failing_run_does_not_take_the_others_along(fmus, plan, tmp_path):
     class Plan:
         name, seed, digest, runs = plan.name, plan.seed, plan.digest, (bad, good)
 
-    done = runner.simulate(Plan, tmp_path / "telemetry", fmus, runner.How(jobs=1))
+    done = runner.simulate(Plan, tmp_path / "telemetry", fmus, runner.RunOptions(jobs=1))
     assert re.match(f"run '{bad.name}' diverges", str(done.failures[bad.name]))
     assert done.files == {good.name: tmp_path / "telemetry" / f"{good.name}.h5"}
     assert folder_of(tmp_path / "telemetry") == [f"{good.name}.h5"]
@@ -194,7 +204,7 @@ def test_a_foreign_file_is_not_ours_whatever_its_attributes(fmus, plan, tmp_path
 
 
 def test_a_folder_in_the_place_of_a_file_is_told_first(fmus, plan, tmp_path, monkeypatch):
-    monkeypatch.setattr(runner.workers, "results", None)
+    monkeypatch.setattr(runner.process_pool, "results", None)
     (tmp_path / "one.h5").mkdir()
     with pytest.raises(InputError, match=r"one\.h5: is a folder"):
         runner.simulate(plan, tmp_path, fmus)
@@ -204,7 +214,7 @@ def test_what_is_wrong_with_the_fmus_is_said_once(fmus, plan, tmp_path):
     broken = tmp_path / "broken.fmu"
     broken.write_bytes(b"not a zip archive")
     with pytest.raises(InputError) as refusal:
-        runner.simulate(plan, tmp_path / "out", {**fmus, "Plant": broken}, runner.How(jobs=1))
+        runner.simulate(plan, tmp_path / "out", {**fmus, "Plant": broken}, runner.RunOptions(jobs=1))
     message = str(refusal.value)
     assert message.startswith(f"{broken}: not a readable FMU")
     assert message.count("broken.fmu") == 1
@@ -237,7 +247,9 @@ def test_workers_that_are_killed_fail_their_runs_only(fmus, long, tmp_path, scra
 
     begun = time.monotonic()
     # the plain loop, which takes minutes
-    done = runner.simulate(long, noise.parent, fmus, runner.How(2, engine="fmpy"), runner.Listener(progress))
+    done = runner.simulate(
+        long, noise.parent, fmus, runner.RunOptions(2, engine="fmpy"), runner.ProgressCallbacks(progress)
+    )
     assert time.monotonic() - begun < 30
     assert list(done.files) == [noise.stem]
     killed = r"run 'one': its process was killed \(SIGKILL; out of memory\?\)"
@@ -256,7 +268,9 @@ def test_an_interrupt_leaves_what_is_finished_and_nothing_else(fmus, long, tmp_p
 
     begun = time.monotonic()
     with pytest.raises(KeyboardInterrupt):
-        runner.simulate(long, noise.parent, fmus, runner.How(2, engine="fmpy"), runner.Listener(progress))
+        runner.simulate(
+            long, noise.parent, fmus, runner.RunOptions(2, engine="fmpy"), runner.ProgressCallbacks(progress)
+        )
     assert time.monotonic() - begun < 30
     assert mp.active_children() == []
     assert folder_of(noise.parent) == [noise.name]
@@ -264,7 +278,7 @@ def test_an_interrupt_leaves_what_is_finished_and_nothing_else(fmus, long, tmp_p
     kept = []
     short = replace(long, experiments=(replace(long.experiments[0], n_samples=0),))
     with pytest.raises(InputError, match="when the campaign said something else"):
-        runner.simulate(short, noise.parent, fmus, listener=runner.Listener(kept=kept.append))
+        runner.simulate(short, noise.parent, fmus, listener=runner.ProgressCallbacks(kept=kept.append))
 
 
 def test_an_interrupt_before_the_ledger_knows_a_file_leaves_none(fmus, plan, tmp_path, monkeypatch):
@@ -280,10 +294,12 @@ def test_an_interrupt_before_the_ledger_knows_a_file_leaves_none(fmus, plan, tmp
         with monkeypatch.context() as patch:
             patch.setattr(atomic, "settle", interrupted)
             with pytest.raises(KeyboardInterrupt):
-                runner.simulate(plan, folder, fmus, runner.How(jobs=1))
+                runner.simulate(plan, folder, fmus, runner.RunOptions(jobs=1))
         assert mp.active_children() == []
         assert folder_of(folder) == []
-    done = runner.simulate(plan, folder, fmus, runner.How(jobs=1), runner.Listener(told=told.append))
+    done = runner.simulate(
+        plan, folder, fmus, runner.RunOptions(jobs=1), runner.ProgressCallbacks(told=told.append)
+    )
     assert (told, folder_of(folder)) == ([], sorted(path.name for path in done.files.values()))
 
 
@@ -297,7 +313,7 @@ def test_a_file_that_cannot_get_its_name_fails_its_run_alone(fmus, plan, tmp_pat
 
     with monkeypatch.context() as patch:
         patch.setattr(atomic, "settle", full)
-        done = runner.simulate(plan, folder, fmus, runner.How(jobs=1))
+        done = runner.simulate(plan, folder, fmus, runner.RunOptions(jobs=1))
     assert list(done.failures) == ["one"]
     assert "one.h5: cannot be written (No space left on device)" in str(done.failures["one"])
     assert sorted(path.name for path in folder.iterdir()) == sorted(p.name for p in done.files.values())
@@ -312,7 +328,7 @@ from lpfcosim.execution import runner
 
 if __name__ == "__main__":
     plan = loading.load(Path(sys.argv[1]))
-    runner.simulate(plan, Path("telemetry"), build.build(), runner.How(jobs=2, engine="fmpy"))
+    runner.simulate(plan, Path("telemetry"), build.build(), runner.RunOptions(jobs=2, engine="fmpy"))
 """
 
 
@@ -352,9 +368,9 @@ def test_saturation_is_counted(fmus, make_run, tmp_path):
         authority=Authority("tight", F_max_1=0, F_max_2=2e-12, N_max_1=0, N_max_2=0),
         injections=(Sine("guidance_o_12", amplitude=20e-9, frequency=0.01, cycles=2, start=10),),
     )
-    runner.record(quiet, fmus, tmp_path / "quiet.h5", {})
-    runner.record(shaken, fmus, tmp_path / "shaken.h5", {})
+    runner.write_telemetry(quiet, fmus, tmp_path / "quiet.h5", {})
+    runner.write_telemetry(shaken, fmus, tmp_path / "shaken.h5", {})
     with h5py.File(tmp_path / "shaken.h5") as file:
         expected = int(np.sum(np.abs(file["f_x_2"][:]) >= 2e-12 / shaken.m_tm * (1 - 1e-9)))
     assert expected > 100
-    assert runner.saturated([tmp_path / "quiet.h5", tmp_path / "shaken.h5"]) == {"run": expected}
+    assert runner.saturated_samples([tmp_path / "quiet.h5", tmp_path / "shaken.h5"]) == {"run": expected}

@@ -34,8 +34,8 @@ def simulate(plan, fmus, folder):
     """Simulate as the command does: through copies that are gone afterwards."""
     mine = {**fmus, MODEL: plan.replacements[0].archive}
     folder.mkdir(exist_ok=True)
-    with archives.held(plan, mine, folder, trusted=True) as copies:
-        return runner.simulate(plan, folder / "telemetry", copies, runner.How(jobs=1))
+    with archives.snapshot(plan, mine, folder, trusted=True) as copies:
+        return runner.simulate(plan, folder / "telemetry", copies, runner.RunOptions(jobs=1))
 
 
 def f_x_2(folder):
@@ -108,7 +108,7 @@ def test_sources_are_compiled_only_where_they_may_run(load, fmus, tmp_path, monk
     mine = {**fmus, MODEL: archive}
     with (
         pytest.raises(InputError, match="native code"),
-        archives.held(plan, mine, tmp_path / "out", trusted=False),
+        archives.snapshot(plan, mine, tmp_path / "out", trusted=False),
     ):
         pass
     assert not (tmp_path / "cache" / "compiled").exists()

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from fmpy.fmi2 import FMU2Slave
 
-from lpfcosim.cosim import checks, placement
+from lpfcosim.cosim import checks, compatibility
 from lpfcosim.errors import InputError
 from lpfcosim.export.container import container
 from lpfcosim.modelica import build
@@ -141,7 +141,7 @@ def test_unfit_fmus_are_told(run, tmp_path):
 
 def test_what_the_toolbox_refuses_is_told(run, tmp_path, monkeypatch):
     # An output where an input is due, which our own check would find first.
-    monkeypatch.setattr(placement, "problems", lambda *_: ())
+    monkeypatch.setattr(compatibility, "problems", lambda *_: ())
     sensors = along_x.COMPONENTS[0]
     wrong = replace(sensors, inputs={**sensors.inputs, "o_1": "n_1"})
     rewired = replace(along_x.WORLD, components=(wrong, *along_x.COMPONENTS[1:]))

@@ -8,7 +8,7 @@ import pytest
 
 from fit.telemetry.reader import Telemetry
 from lpfcosim.errors import InputError
-from lpfcosim.execution import telemetry
+from lpfcosim.execution import telemetry_file
 from lpfcosim.identification import check
 from lpfcosim.identification.origin import other_loop
 from lpfcosim.models import world_of
@@ -22,7 +22,7 @@ def flown(plan):
     """The telemetry of that campaign, as flown: it does not tell where it is from."""
     found = []
     for run in plan.runs:
-        said, channels = telemetry.attributes(run), world_of(run).simulate(run)
+        said, channels = telemetry_file.attributes(run), world_of(run).simulate(run)
         known = {name: said.pop(name) for name in [*said] if name in Telemetry.__dataclass_fields__}
         more = {"path": Path(f"{run.name}.h5"), "time": run.time, "channels": channels, "units": {}}
         found.append(Telemetry(**known, **more, attributes=said))

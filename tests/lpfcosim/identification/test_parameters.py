@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import pytest
 
-from lpfcosim.campaign import Sought
-from lpfcosim.cosim import placement
+from lpfcosim.campaign import ParameterSpec
+from lpfcosim.cosim import compatibility
 from lpfcosim.identification import parameters, targets
 from lpfcosim.identification.parameters import settings
 from lpfcosim.spacecraft.run import Replacement
@@ -20,7 +20,7 @@ def resolved(make_run, plan, fmus):
     def made(sought, *replacements):
         run = make_run(replacements=replacements)
         archives = {**fmus, **{r.model: r.archive for r in replacements}}
-        return targets(replace(plan, identify=sought), run, placement.interfaces(run, archives))
+        return targets(replace(plan, identify=sought), run, compatibility.interfaces(run, archives))
 
     return made
 
@@ -35,17 +35,17 @@ def test_without_a_table_all_of_the_fit_is_sought(resolved):
 
 
 def test_a_delay_coefficient_is_a_gain_times_a_delay(resolved):
-    both = resolved({"C_2": Sought(), "lambda_2": Sought()})
+    both = resolved({"C_2": ParameterSpec(), "lambda_2": ParameterSpec()})
     theta = {"C_2": 0.2, "lambda_2": 1.25}
     assert settings(both, theta, {}) == {"Plant": {"tau_2": 0.16}, "Actuation": {"lambda_2": 1.25}}
-    alone = resolved({"C_2": Sought()})
+    alone = resolved({"C_2": ParameterSpec()})
     assert settings(alone, theta, {"lambda_2": 1.0, "lambda_1": 1.0})["Plant"] == {"tau_2": 0.16}
 
 
 def test_what_is_not_sought_is_held_by_the_loop(make_run, plan, fmus):
     run = make_run()
-    found = placement.interfaces(run, fmus)
-    some = {"lambda_2": Sought(), "Plant.omega2_2_0": Sought()}
+    found = compatibility.interfaces(run, fmus)
+    some = {"lambda_2": ParameterSpec(), "Plant.omega2_2_0": ParameterSpec()}
     held = parameters.fixed_values(run, found, targets(replace(plan, identify=some), run, found))
     assert held["lambda_1"] == 1.0748
     assert held["C_1"] == pytest.approx(0.149, rel=1e-12)
@@ -58,7 +58,7 @@ def test_what_is_not_sought_is_held_by_the_loop(make_run, plan, fmus):
 def test_a_parameter_of_another_fmu_is_meant_by_its_name_or_by_ours(resolved, fmus, tmp_path, key):
     archive = renamed(fmus["SuspensionControl"], tmp_path / "mine.fmu", {"f_u": "bandwidth"})
     mine = Replacement("SuspensionControl", archive, {"f_u": "bandwidth"})
-    (target,) = resolved({key: Sought(start=1.1e-3)}, mine)
+    (target,) = resolved({key: ParameterSpec(start=1.1e-3)}, mine)
     assert (target.name, target.variable) == ("SuspensionControl.f_u", "bandwidth")
     assert (target.default_value, target.unit) == (1e-3, "Hz")
     assert settings([target], {target.name: 2e-3}, {}) == {"SuspensionControl": {"bandwidth": 2e-3}}
@@ -69,5 +69,5 @@ def test_an_element_of_an_array_is_given_by_its_own_start_value(resolved, tmp_pa
     two = ('valueReference="11" causality="parameter" start="0.5"', 'valueReference="11" start="0.5 0.25"')
     archive = third_party.built(tmp_path, fmi="3.0", changes=[(two[0], f'causality="parameter" {two[1]}')])
     mine = Replacement("SuspensionControl", archive, third_party.VARIABLES, third_party.UNUSED, values=values)
-    (target,) = resolved({"SuspensionControl.weights[2]": Sought(width=0.1)}, mine)
+    (target,) = resolved({"SuspensionControl.weights[2]": ParameterSpec(width=0.1)}, mine)
     assert target.default_value == given

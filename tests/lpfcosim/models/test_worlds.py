@@ -5,8 +5,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 
-from lpfcosim.cosim import master, placement
-from lpfcosim.execution import telemetry
+from lpfcosim.cosim import co_simulation, compatibility
+from lpfcosim.execution import telemetry_file
 from lpfcosim.linear import margins, saturation, stability
 from lpfcosim.modelica import build
 from lpfcosim.models import along_x, drive, whole, world, world_of
@@ -59,9 +59,9 @@ def test_third_world_is_simulated_without_fmus(run):
 @pytest.mark.fmu
 def test_third_world_is_wired_and_recorded(run):
     fmus = build.build([c.model for c in WATCHED.components])
-    found = placement.interfaces(run, fmus)
+    found = compatibility.interfaces(run, fmus)
     assert [i.model for i in found] == [c.model for c in WATCHED.steps(run)]
-    (got,) = master.blocks(run, found)
+    (got,) = co_simulation.blocks(run, found)
     assert got.keys() == WATCHED.record.keys()
     expected = WATCHED.simulate(run)["x_1"]
     # the plant steps last: what it puts out is where its step has led
@@ -73,8 +73,8 @@ def test_third_world_has_loops_limits_attributes_and_truth(run):
     stability.check(run)
     assert [m.loop for m in margins.margins(run)] == ["drag_free_x", "suspension_x"]
     assert saturation.count(run, {"f_x_2": np.array([0.0, 1.0])}) == 1
-    assert telemetry.attributes(run)["watched"] == 1
-    assert telemetry.truth(run)["rate"] == 1e-9
+    assert telemetry_file.attributes(run)["watched"] == 1
+    assert telemetry_file.truth(run)["rate"] == 1e-9
 
 
 def test_margins_along_x_are_those_of_the_whole_spacecraft(make_run):

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import scipy
 
-from lpfcosim.execution import telemetry
+from lpfcosim.execution import telemetry_file
 from lpfcosim.signals import decimation
 
 
@@ -55,7 +55,7 @@ def test_file_carries_rate_and_times(make_run, tmp_path):
 
     run = make_run(n_samples=3000, sample_rate=1.0)
     grid = decimation.grid(run)
-    with telemetry.writer(tmp_path / "run.h5", run, ["o_1"], {}) as recording:
+    with telemetry_file.create(tmp_path / "run.h5", run, ["o_1"], {}) as recording:
         recording.append({"o_1": np.zeros(grid.n)})
     with h5py.File(tmp_path / "run.h5") as file:
         assert file.attrs["fs"] == 1.0

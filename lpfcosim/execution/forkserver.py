@@ -40,7 +40,7 @@ FITTING = ("scipy.linalg", "scipy.signal")
 _prepared = False
 
 
-def prepare(*more: str) -> None:
+def preload(*more: str) -> None:
     """Begin to read in `LIBRARIES` and `more`, in a process that ends with this one, if there can be one."""
     global _prepared
     if sys.platform == "linux" and not _prepared:  # elsewhere libraries do not outlive a fork

@@ -23,8 +23,8 @@ from typing import TYPE_CHECKING, Any
 
 from fit.files import atomic
 from lpfcosim.errors import InputError, LpfcosimError, RunError
-from lpfcosim.execution import workers
-from lpfcosim.execution.ledger import Finished
+from lpfcosim.execution import process_pool
+from lpfcosim.execution.checksums import PendingFile
 
 if TYPE_CHECKING:
     from distributed import Client, Future
@@ -140,7 +140,7 @@ class _Delivery:
 
 def record(
     address: str,
-    setting: workers.Setting,
+    setting: process_pool.WorkerConfig,
     items: Mapping[str, tuple[Any, ...]],
     *,
     time_limit: float | None,
@@ -152,11 +152,11 @@ def record(
     ----------
     address : str
         Of the scheduler.
-    setting : workers.Setting
-        As for `workers.results`.
+    setting : process_pool.WorkerConfig
+        As for `process_pool.results`.
     items : mapping of str to tuple
         As there; each begins with a run, the same FMUs by name, and the path of the file that it makes;
-        its result is a `ledger.Finished`, here as there.
+        its result is a `checksums.PendingFile`, here as there.
     time_limit, silence : float
         As there; the time that a task waits for a worker does not count.
 
@@ -179,7 +179,7 @@ def record(
     setting.tidy()
 
 
-def _received(delivery: _Delivery, setting: workers.Setting, name: str, path: Path) -> Any:
+def _received(delivery: _Delivery, setting: process_pool.WorkerConfig, name: str, path: Path) -> Any:
     with suppress(OSError):  # a run without a log says less
         setting.log(name).unlink(missing_ok=True)
         if delivery.log:
@@ -196,7 +196,7 @@ def _received(delivery: _Delivery, setting: workers.Setting, name: str, path: Pa
         with suppress(OSError):
             partial.unlink()
         return RunError(f"{name}: {path}: cannot be written ({error.strerror or error})")
-    return Finished(partial, delivery.result)
+    return PendingFile(partial, delivery.result)
 
 
 def _outcome(future: Future, name: str) -> Any:
@@ -270,13 +270,13 @@ def _there(shared: _Shared, item: tuple[Any, ...], fmus: Mapping[str, Path]) -> 
         raise RunError(f"run '{run.name}': {_DAEMON}")
     with tempfile.TemporaryDirectory(prefix="lpfcosim-") as place:
         folder = Path(place).resolve()
-        setting = workers.Setting(shared.function, folder, folder / "logs")
+        setting = process_pool.WorkerConfig(shared.function, folder, folder / "logs")
         task = {run.name: (run, dict(fmus), folder / file, *more)}
         limits: dict[str, Any] = {"time_limit": shared.time_limit, "silence": shared.silence}
         result, content = None, b""
-        for _, result in workers.results(setting, task, 1, **limits):
-            if isinstance(result, Finished):  # the file goes with the worker that wrote it
+        for _, result in process_pool.results(setting, task, 1, **limits):
+            if isinstance(result, PendingFile):  # the file goes with the worker that wrote it
                 content = result.partial.read_bytes()
         log = setting.log(run.name)
-        told = result.digest if isinstance(result, Finished) else result
+        told = result.digest if isinstance(result, PendingFile) else result
         return _Delivery(told, content, log.read_bytes() if log.is_file() else b"")

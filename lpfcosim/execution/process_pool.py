@@ -21,9 +21,9 @@ from multiprocessing.connection import Connection, wait
 from pathlib import Path
 from typing import Any, TextIO
 
-from lpfcosim.cosim import Where
+from lpfcosim.cosim import SimulationProgress
 from lpfcosim.errors import LpfcosimError, RunError
-from lpfcosim.execution import ledger, nursery
+from lpfcosim.execution import checksums, forkserver
 
 SILENCE = 60.0  # s without a step, after which an FMU is taken to hang
 
@@ -35,7 +35,7 @@ _CRASHES = ("SIGABRT", "SIGBUS", "SIGFPE", "SIGILL", "SIGSEGV", "SIGSYS", "SIGTR
 
 
 @dataclass(frozen=True)
-class Lost:
+class WorkerFailure:
     """How a task ended that could not say so itself.
 
     Attributes
@@ -43,7 +43,7 @@ class Lost:
     how : str
         Goes behind "the FMU" or "its process": ``crashed (SIGSEGV, Segmentation fault)``.
     slave, sample : int
-        As `master.Where` had them; ``slave`` is -1 too if no FMU is to blame.
+        As `SimulationProgress` had them; ``slave`` is -1 too if no FMU is to blame.
     """
 
     how: str
@@ -52,7 +52,7 @@ class Lost:
 
 
 @dataclass(frozen=True)
-class Setting:
+class WorkerConfig:
     """What all workers share.
 
     Attributes
@@ -60,7 +60,8 @@ class Setting:
     function : callable
         Does a task as ``function(*item, where)``. A `LpfcosimError` that it raises is its result.
     folder : Path
-        Where tasks write; what a lost process did not finish is removed from there (`ledger.discard`).
+        Where tasks write; what a lost process did not finish is removed from there
+        (`checksums.remove_partial`).
     logs : Path
         Folder of what tasks say: ``NAME.log`` has what FMUs report, what is written to standard output and
         error, and where a process crashed. Those that say nothing leave none.
@@ -92,7 +93,7 @@ class Setting:
 
 
 def results(
-    setting: Setting,
+    setting: WorkerConfig,
     items: Mapping[str, tuple[Any, ...]],
     jobs: int,
     *,
@@ -104,7 +105,7 @@ def results(
 
     Parameters
     ----------
-    setting : Setting
+    setting : WorkerConfig
         What to do.
     items : mapping of str to tuple
         Tasks by name, in the order in which they are to be begun.
@@ -113,19 +114,19 @@ def results(
     time_limit : float, optional
         Longest that a task may take [s].
     silence : float
-        Longest that `master.Where` may stay as it is [s], unless it rests.
+        Longest that `SimulationProgress` may stay as it is [s], unless it rests.
     progress : callable
         Told the name of a task and how many samples are done.
 
     Yields
     ------
     (str, object)
-        The object is what the function returned, the `LpfcosimError` it raised, or `Lost`.
+        The object is what the function returned, the `LpfcosimError` it raised, or `WorkerFailure`.
 
     Raises
     ------
     RunError
-        If the server of the `nursery` is killed, which takes the workers along.
+        If the server of the `forkserver` is killed, which takes the workers along.
     """
     waiting = deque(items.items())
     with _team(setting, min(jobs, len(items))) as (team, hire):
@@ -143,7 +144,7 @@ def results(
                     progress(task, max(worker.where.sample, 0))
                     continue
                 (result,) = done
-                if isinstance(result, Lost | LpfcosimError):
+                if isinstance(result, WorkerFailure | LpfcosimError):
                     worker.end()  # who knows in what state
                     if waiting:
                         team[place] = hire()
@@ -153,9 +154,9 @@ def results(
 
 
 @contextmanager
-def _team(setting: Setting, n: int) -> Iterator[tuple[list[_Worker], Callable[[], _Worker]]]:
+def _team(setting: WorkerConfig, n: int) -> Iterator[tuple[list[_Worker], Callable[[], _Worker]]]:
     """Hire `n` workers; those in the list at the end are ended. Yields it, and how to hire another."""
-    with ledger.scratch(setting.folder) as scratch:
+    with checksums.temporary_folder(setting.folder) as scratch:
         with suppress(OSError):  # a worker without a log says less
             setting.logs.mkdir(parents=True, exist_ok=True)
         team: list[_Worker] = []
@@ -171,9 +172,9 @@ def _team(setting: Setting, n: int) -> Iterator[tuple[list[_Worker], Callable[[]
 class _Worker:
     """A process and the task it is at; ``""`` if it has none."""
 
-    def __init__(self, setting: Setting, scratch: Path) -> None:
-        context = nursery.context()
-        self.where: Where = context.RawValue(Where)
+    def __init__(self, setting: WorkerConfig, scratch: Path) -> None:
+        context = forkserver.context()
+        self.where: SimulationProgress = context.RawValue(SimulationProgress)
         self.task = ""
         self._folder = setting.folder
         self._pipe, theirs = context.Pipe()
@@ -181,7 +182,7 @@ class _Worker:
             target=_serve, args=(setting, theirs, self.where, scratch, dict(os.environ))
         )
         try:
-            with nursery.interrupts_held():
+            with forkserver.interrupts_held():
                 self._process.start()
         except (EOFError, ConnectionError):
             raise RunError("a process cannot be started (out of memory?)") from None
@@ -226,9 +227,9 @@ class _Worker:
             return (self._lost(f"was ended at its time limit of {time_limit:g} s", by_fmu=False),)
         return None
 
-    def _lost(self, how: str, by_fmu: bool) -> Lost:
+    def _lost(self, how: str, by_fmu: bool) -> WorkerFailure:
         self.task = ""
-        return Lost(how, self.where.slave if by_fmu else -1, self.where.sample)
+        return WorkerFailure(how, self.where.slave if by_fmu else -1, self.where.sample)
 
     def end(self) -> None:
         """End the process, whatever it does."""
@@ -240,7 +241,7 @@ class _Worker:
             self._gone(wait=1.0)
         self._pipe.close()
         if self._process.pid is not None:
-            ledger.discard(self._folder, self._process.pid)
+            checksums.remove_partial(self._folder, self._process.pid)
 
     def _gone(self, wait: float = 0.0) -> bool:
         """Tell whether the process has ended, within a time [s]: nobody holds its end of the pipe then."""
@@ -268,7 +269,11 @@ def _told(code: int | None) -> tuple[str, bool]:
 
 
 def _serve(
-    setting: Setting, pipe: Connection, where: Where, scratch: Path, environment: Mapping[str, str]
+    setting: WorkerConfig,
+    pipe: Connection,
+    where: SimulationProgress,
+    scratch: Path,
+    environment: Mapping[str, str],
 ) -> None:
     os.environ.clear()  # that of an earlier command, where a server has forked this process
     os.environ.update(environment)
@@ -291,7 +296,7 @@ def _serve(
         end.join()
 
 
-def _done(setting: Setting, name: str, item: tuple[Any, ...], where: Where) -> Any:
+def _done(setting: WorkerConfig, name: str, item: tuple[Any, ...], where: SimulationProgress) -> Any:
     try:
         return setting.function(*item, where)
     except LpfcosimError as error:
@@ -352,11 +357,11 @@ class _Limit(logging.Filter):
             print(f"(and {-self.left} more messages)", file=sys.stderr)
 
 
-def _end_with_parent(setting: Setting, scratch: Path) -> None:
+def _end_with_parent(setting: WorkerConfig, scratch: Path) -> None:
     parent = mp.parent_process()
     if parent is not None:
         parent.join()
-        ledger.discard(setting.folder, os.getpid())
+        checksums.remove_partial(setting.folder, os.getpid())
         # This worker may be unpacking just now, and another one removing.
         for _ in range(50):
             shutil.rmtree(scratch, ignore_errors=True)

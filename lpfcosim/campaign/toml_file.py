@@ -10,13 +10,13 @@ from lpfcosim.errors import InputError, ours
 _LONGEST_CHAIN = 20  # of files that extend each other
 
 
-def alone(path: Path) -> dict[str, Any]:
+def load(path: Path) -> dict[str, Any]:
     """Return what a file says itself. Raises InputError if it cannot be read or is not TOML."""
     with ours():
         return documents.toml(path, "a campaign file")
 
 
-def read(path: Path, below: tuple[Path, ...] = ()) -> dict[str, Any]:
+def load_extended(path: Path, below: tuple[Path, ...] = ()) -> dict[str, Any]:
     """Return what a file says, on top of what it extends.
 
     Parameters
@@ -31,7 +31,7 @@ def read(path: Path, below: tuple[Path, ...] = ()) -> dict[str, Any]:
     InputError
         If it cannot be read or is not TOML, or extends itself.
     """
-    raw = alone(path)
+    raw = load(path)
     fmus = raw.get("fmus")
     for entry in fmus.values() if isinstance(fmus, dict) else ():
         if isinstance(entry, dict) and isinstance(entry.get("path"), str) and entry["path"]:
@@ -53,7 +53,7 @@ def read(path: Path, below: tuple[Path, ...] = ()) -> dict[str, Any]:
         raise InputError(f"{path}: extends: {quote(base)}: no such file")
     if len(chain) > _LONGEST_CHAIN:
         raise InputError(f"{path}: extends: more than {_LONGEST_CHAIN} files, one on top of the other")
-    return _onto(read(beneath, chain), raw)
+    return _onto(load_extended(beneath, chain), raw)
 
 
 def _onto(base: dict[str, Any], more: dict[str, Any]) -> dict[str, Any]:

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from lpfcosim.signals.autoregression import Recursion, autoregress
 from lpfcosim.signals.noise import Source
-from lpfcosim.signals.streams import generator
+from lpfcosim.signals.seeding import generator
 from lpfcosim.spacecraft import Run
 
 STEP = 60.0  # s, of a random walk; straight in between
@@ -18,7 +18,7 @@ Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class Wander(Source):
+class GainDrift(Source):
     """Relative change of a gain, zero in the mean of a run.
 
     ``level`` is the width that a random walk has after a day [day^-0.5], ``drift`` the change a day [day^-1].
@@ -38,12 +38,12 @@ class Wander(Source):
 class _Path:
     """What a gain does in a run, in blocks of any size to the same bits."""
 
-    def __init__(self, wander: Wander, run: Run) -> None:
+    def __init__(self, drift: GainDrift, run: Run) -> None:
         duration = run.n_samples * run.h
         self._knots = STEP * np.arange(math.ceil(duration / STEP) + 1)
-        steps = generator(run, wander.name).standard_normal(self._knots.size - 1)
-        self._values = np.concatenate([[0.0], np.cumsum(wander.level * math.sqrt(STEP / DAY) * steps)])
-        self._values += wander.drift * self._knots / DAY
+        steps = generator(run, drift.name).standard_normal(self._knots.size - 1)
+        self._values = np.concatenate([[0.0], np.cumsum(drift.level * math.sqrt(STEP / DAY) * steps)])
+        self._values += drift.drift * self._knots / DAY
         time = run.time
         self._values -= np.interp(time, self._knots, self._values).mean() if time.size else 0.0
         self._h, self._drawn = run.h, 0

@@ -11,7 +11,7 @@ class ConflictError(Exception):
 
 
 @dataclass(frozen=True)
-class Entry:
+class ResolvedExperiment:
     """One experiment, as written or made by a sweep.
 
     Attributes
@@ -39,14 +39,16 @@ class Entry:
         return self.places.get(key, f"{self.where}.{key}")
 
 
-def written(experiments: Sequence[ExperimentTable], defaults: DefaultsTable) -> tuple[Entry, ...]:
+def apply_defaults(
+    experiments: Sequence[ExperimentTable], defaults: DefaultsTable
+) -> tuple[ResolvedExperiment, ...]:
     """Return the experiments as the file has them, completed by its defaults."""
     found = []
     for i, table in enumerate(experiments):
         keys = defaults.model_fields_set - table.model_fields_set
         update = {key: getattr(defaults, key) for key in keys}
         places = {key: f"defaults.{key}" for key in keys}
-        found.append(Entry(table.model_copy(update=update), f"experiments[{i}]", places))
+        found.append(ResolvedExperiment(table.model_copy(update=update), f"experiments[{i}]", places))
     return tuple(found)
 
 

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from lpfcosim.errors import RunError
-from lpfcosim.execution import workers
+from lpfcosim.execution import process_pool
 from lpfcosim.messages import grouped
 
 CAUSES = {
@@ -33,8 +33,8 @@ def work(cause, where):
     ],
 )
 def test_an_unexpected_exception_is_one_sentence_and_a_traceback_in_the_log(tmp_path, cause, said):
-    setting = workers.Setting(work, tmp_path, tmp_path / "logs")
-    ((name, error),) = workers.results(setting, {"A": (cause,)}, 1)
+    setting = process_pool.WorkerConfig(work, tmp_path, tmp_path / "logs")
+    ((name, error),) = process_pool.results(setting, {"A": (cause,)}, 1)
     assert (name, type(error)) == ("A", RunError)
     assert str(error) == f"run 'A' failed: {said}; see logs/A.log"
     log = Path(tmp_path / "logs" / "A.log").read_text()

@@ -7,7 +7,7 @@ import zipfile
 import pytest
 
 from lpfcosim.errors import InputError
-from lpfcosim.execution import approvals, ledger
+from lpfcosim.execution import checksums, trust_store
 
 
 @pytest.fixture
@@ -25,35 +25,35 @@ def fmu(tmp_path):
 def test_approvals_stand_in_the_configuration_of_the_user(fmu, tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / "mine"))
     one, two = fmu("one.fmu", "one"), fmu("two.fmu", "two")
-    assert approvals.approvals() == []
+    assert trust_store.approvals() == []
     assert not (tmp_path / "mine").exists()  # looking leaves nothing behind
-    (first,) = approvals.approve([one])
-    assert approvals.place().is_relative_to(tmp_path / "mine")
-    assert (first.sha256, first.name) == (ledger.digest(one), "one.fmu")
-    approvals.approve([two, one])
-    entries = tomllib.loads(approvals.place().read_text())["fmus"]
+    (first,) = trust_store.approve([one])
+    assert trust_store.location().is_relative_to(tmp_path / "mine")
+    assert (first.sha256, first.name) == (checksums.digest(one), "one.fmu")
+    trust_store.approve([two, one])
+    entries = tomllib.loads(trust_store.location().read_text())["fmus"]
     assert [entry["name"] for entry in entries] == ["one.fmu", "two.fmu"]
     assert entries[0]["date"] == first.date
-    assert approvals.digests() == {ledger.digest(one), ledger.digest(two)}
+    assert trust_store.digests() == {checksums.digest(one), checksums.digest(two)}
 
 
 def test_approvals_are_withdrawn_by_file_or_digest(fmu):
     one, two = fmu("one.fmu", "one"), fmu("two.fmu", "two")
-    found = approvals.approve([one, two])
-    assert approvals.withdraw([str(one)]) == found[:1]
-    assert approvals.withdraw([found[1].sha256[:8].upper()]) == found[1:]
-    assert approvals.digests() == set()
+    found = trust_store.approve([one, two])
+    assert trust_store.revoke([str(one)]) == found[:1]
+    assert trust_store.revoke([found[1].sha256[:8].upper()]) == found[1:]
+    assert trust_store.digests() == set()
     for name in ("two.fmu", "", found[1].sha256[:7], found[1].sha256):
         with pytest.raises(InputError, match="not among the approved FMUs"):
-            approvals.withdraw([name])
+            trust_store.revoke([name])
 
 
 def test_nothing_is_approved_that_is_no_fmu(fmu, tmp_path):
     (tmp_path / "text.fmu").write_text("no archive")
     for wrong in ("text.fmu", "nowhere.fmu", "."):
         with pytest.raises(InputError, match="not a readable FMU"):
-            approvals.approve([fmu("one.fmu"), tmp_path / wrong])
-    assert approvals.digests() == set()
+            trust_store.approve([fmu("one.fmu"), tmp_path / wrong])
+    assert trust_store.digests() == set()
 
 
 @pytest.mark.parametrize(
@@ -66,18 +66,18 @@ def test_nothing_is_approved_that_is_no_fmu(fmu, tmp_path):
     ],
 )
 def test_a_damaged_list_approves_nothing(text, sentence):
-    approvals.place().parent.mkdir(parents=True, exist_ok=True)
-    approvals.place().write_text(text)
+    trust_store.location().parent.mkdir(parents=True, exist_ok=True)
+    trust_store.location().write_text(text)
     with pytest.raises(InputError, match=sentence) as refused:
-        approvals.digests()
-    assert str(approvals.place()) in str(refused.value)
+        trust_store.digests()
+    assert str(trust_store.location()) in str(refused.value)
 
 
 def test_approvals_at_the_same_time_are_all_kept(fmu):
     files = [fmu(f"{n}.fmu", n) for n in range(8)]
-    threads = [threading.Thread(target=approvals.approve, args=([file],)) for file in files]
+    threads = [threading.Thread(target=trust_store.approve, args=([file],)) for file in files]
     for thread in threads:
         thread.start()
     for thread in threads:
         thread.join()
-    assert approvals.digests() == {ledger.digest(file) for file in files}
+    assert trust_store.digests() == {checksums.digest(file) for file in files}

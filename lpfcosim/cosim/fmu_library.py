@@ -23,7 +23,7 @@ _PLAIN = ("/tmp", "/var/tmp")
 _UNUSED = ("sources/", "documentation/", "extra/", "terminalsAndIcons/")
 
 
-def anew(stack: contextlib.ExitStack, interface: Interface) -> Any:
+def load_fmu(stack: contextlib.ExitStack, interface: Interface) -> Any:
     """Unpack and load an FMU for an instance that is named after its place; ``stack`` frees it.
 
     Whatever an earlier instance left behind in its library or its folder is gone. Where the archive has
@@ -60,7 +60,7 @@ def anew(stack: contextlib.ExitStack, interface: Interface) -> Any:
     return library
 
 
-class Shelf:
+class FmuLibraryCache:
     """Libraries of our own FMUs between an instance and the next, for a process that simulates many runs.
 
     To unpack and load one takes as long as an hour of simulation, and ours remember nothing of an instance.
@@ -80,7 +80,7 @@ class Shelf:
                 idle.pop()[1].close()
 
     def library(self, stack: contextlib.ExitStack, interface: Interface) -> Any:
-        """Do as `anew`, but take what a finished instance of the same archive had, if there is one."""
+        """Do as `load_fmu`, but take what a finished instance of the same archive had, if there is one."""
         archive, name = interface.archive, interface.model
         status = archive.stat()
         idle = self._idle.setdefault((archive, status.st_mtime_ns, status.st_size, name), [])
@@ -88,7 +88,7 @@ class Shelf:
             library, its = idle.pop()
         else:
             with contextlib.ExitStack() as new:
-                library = anew(new, interface)
+                library = load_fmu(new, interface)
                 its = new.pop_all()
 
         def finished(failed: type[BaseException] | None, *_: object) -> None:

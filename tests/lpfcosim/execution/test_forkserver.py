@@ -13,10 +13,10 @@ from pathlib import Path
 
 import pytest
 
-from lpfcosim.execution import nursery
+from lpfcosim.execution import forkserver
 from lpfcosim.modelica import build
 
-SCRIPT = "from lpfcosim.execution import nursery as n; n.prepare(); print(n.context().get_start_method())"
+SCRIPT = "from lpfcosim.execution import forkserver as n; n.preload(); print(n.context().get_start_method())"
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="there is no such server elsewhere")
@@ -31,15 +31,15 @@ def test_a_folder_with_a_long_path_for_temporary_files_is_no_hindrance(tmp_path,
 
 INTERRUPTED = """
 import os, signal
-from multiprocessing import forkserver
-from lpfcosim.execution import nursery
-nursery.prepare()
-server = forkserver._forkserver._forkserver_pid
+from multiprocessing import forkserver as standard
+from lpfcosim.execution import forkserver
+forkserver.preload()
+server = standard._forkserver._forkserver_pid
 os.kill(server, signal.SIGINT)
-child = nursery.context().Process(target=int)
+child = forkserver.context().Process(target=int)
 child.start()
 child.join()
-print(child.exitcode, forkserver._forkserver._forkserver_pid == server)
+print(child.exitcode, standard._forkserver._forkserver_pid == server)
 """
 
 
@@ -51,14 +51,14 @@ def test_an_interrupt_does_not_reach_the_server_while_it_reads_in():
 
 DEFERRED = """
 import os, signal, sys, threading
-from lpfcosim.execution import nursery
+from lpfcosim.execution import forkserver
 number = int(sys.argv[1])
 if number == signal.SIGTERM:
     signal.signal(number, signal.default_int_handler)
 other = threading.Thread(target=threading.Event().wait, daemon=True)  # whom the system may tell
 other.start()
 try:
-    with nursery.interrupts_held():
+    with forkserver.interrupts_held():
         os.kill(os.getpid(), number)
         print("whole", flush=True)
 except KeyboardInterrupt:
@@ -76,14 +76,14 @@ def test_an_interrupt_waits_until_a_process_has_started(number):
 
 IGNORED = """
 import os, signal
-from lpfcosim.execution import nursery
+from lpfcosim.execution import forkserver
 signal.signal(signal.SIGINT, signal.SIG_IGN)  # as a job in the background begins
 signal.signal(signal.SIGTERM, signal.default_int_handler)
 try:
-    with nursery.interrupts_held():
+    with forkserver.interrupts_held():
         os.kill(os.getpid(), signal.SIGINT)
     print("ignored", flush=True)
-    with nursery.interrupts_held():
+    with forkserver.interrupts_held():
         os.kill(os.getpid(), signal.SIGINT)
         os.kill(os.getpid(), signal.SIGTERM)
 except KeyboardInterrupt:
@@ -103,7 +103,7 @@ def test_it_can_be_read_in_where_there_is_no_such_server(monkeypatch):
     """As on Windows, whose standard library lacks its context."""
     monkeypatch.delattr(multiprocessing.context, "ForkServerContext")
     monkeypatch.delattr(signal, "pthread_sigmask", raising=False)
-    spec = importlib.util.find_spec("lpfcosim.execution.nursery")
+    spec = importlib.util.find_spec("lpfcosim.execution.forkserver")
     fresh = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(fresh)
     with fresh.interrupts_held():
@@ -112,10 +112,10 @@ def test_it_can_be_read_in_where_there_is_no_such_server(monkeypatch):
 
 SERVER_KILLED = """
 import os, signal, sys, time
-from multiprocessing import forkserver
+from multiprocessing import forkserver as standard
 from pathlib import Path
 from lpfcosim.errors import RunError
-from lpfcosim.execution import nursery, workers
+from lpfcosim.execution import forkserver, process_pool
 
 def work(where):
     where.rest()
@@ -124,14 +124,14 @@ def work(where):
 
 def kill(*_):
     if len([p for p in Path(sys.argv[1]).iterdir() if p.name.isdecimal()]) == 2:
-        os.kill(forkserver._forkserver._forkserver_pid, signal.SIGKILL)
+        os.kill(standard._forkserver._forkserver_pid, signal.SIGKILL)
 
 if __name__ == "__main__":
-    nursery.prepare()
+    forkserver.preload()
     place = Path(sys.argv[1])
     try:
-        setting = workers.Setting(work, place, place / "logs")
-        list(workers.results(setting, dict.fromkeys("abc", ()), 2, progress=kill))
+        setting = process_pool.WorkerConfig(work, place, place / "logs")
+        list(process_pool.results(setting, dict.fromkeys("abc", ()), 2, progress=kill))
     except RunError as error:
         print(error)
 """
@@ -151,7 +151,7 @@ def test_a_server_that_is_killed_is_one_sentence_and_takes_its_workers_along(tmp
         assert not state.exists() or ") Z " in state.read_text()  # nobody may have asked how it ended
 
 
-@pytest.mark.parametrize("name", [*nursery.LIBRARIES, *nursery.FITTING])
+@pytest.mark.parametrize("name", [*forkserver.LIBRARIES, *forkserver.FITTING])
 def test_what_workers_need_is_there(name):
     importlib.import_module(name)  # the server says nothing of what it does not find
 
@@ -160,7 +160,7 @@ TASK = """
 import pathlib, pickle, sys
 from lpfcosim.execution import runner
 place = pathlib.Path(sys.argv[1])
-runner.record(*pickle.loads(place.read_bytes()), place.with_suffix(".h5"), {})
+runner.write_telemetry(*pickle.loads(place.read_bytes()), place.with_suffix(".h5"), {})
 print(*sys.modules)
 """
 

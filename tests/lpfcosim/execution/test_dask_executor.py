@@ -15,7 +15,7 @@ import pytest
 
 from lpfcosim.campaign import loading
 from lpfcosim.errors import InputError, RunError
-from lpfcosim.execution import cluster, runner
+from lpfcosim.execution import dask_executor, runner
 from lpfcosim.modelica import build
 from tests.hostile.faulty import SEGFAULT, after, faulty
 from tests.lpfcosim.cli.test_montecarlo import SMALL
@@ -59,7 +59,7 @@ def address():
 
 @pytest.fixture
 def connection(address):
-    with cluster.connected(address) as found:
+    with dask_executor.connected(address) as found:
         yield found
 
 
@@ -110,7 +110,7 @@ def test_what_kills_every_worker_is_named(connection):
 
 
 def test_another_version_is_refused(connection, monkeypatch):
-    monkeypatch.setattr(cluster, "_versions", lambda: {"lpfcosim": "9.9", "numpy": "1", "scipy": "1"})
+    monkeypatch.setattr(dask_executor, "_versions", lambda: {"lpfcosim": "9.9", "numpy": "1", "scipy": "1"})
     ((_, error),) = connection.results(work, 1, {"one": 1}, {})
     assert "expected 9.9 as where the command runs" in str(error)
 
@@ -119,7 +119,7 @@ def test_another_version_is_refused(connection, monkeypatch):
 def test_no_scheduler_is_one_sentence(address):
     with (
         pytest.raises(InputError, match="no Dask scheduler answers there, expected one such as"),
-        cluster.connected(address),
+        dask_executor.connected(address),
     ):
         pass
 
@@ -134,7 +134,7 @@ def test_a_scheduler_lost_is_told(tmp_path):
             assert scheduler.poll() is None
             time.sleep(0.05)
         found = json.loads(told.read_text(encoding="utf-8"))["address"]
-        with cluster.connected(found) as connection, pytest.raises(RunError, match="scheduler is lost"):
+        with dask_executor.connected(found) as connection, pytest.raises(RunError, match="scheduler is lost"):
             threading.Timer(1.0, scheduler.kill).start()
             list(connection.results(work, 1, {"one": 1}, {}))  # there is no worker to do it
     finally:
@@ -201,7 +201,7 @@ def test_a_crash_on_the_cluster_fails_its_own_run(address, tmp_path):
     ours, model = build.build(), "OpticalMetrology"
     bad = {**ours, model: faulty(ours[model], tmp_path / "bad.fmu", step=after(10000.0, SEGFAULT))}
     plan = replace(plan, experiments=tuple(replace(e, n_noise_samples=60000) for e in plan.experiments))
-    done = runner.simulate(plan, tmp_path / "out" / "telemetry", bad, runner.How(scheduler=address))
+    done = runner.simulate(plan, tmp_path / "out" / "telemetry", bad, runner.RunOptions(scheduler=address))
     assert (list(done.files), list(done.failures)) == (["one-noise"], ["one"])
     assert "OpticalMetrology FMU crashed (SIGSEGV" in str(done.failures["one"])
     assert "at 10000.0 s" in str(done.failures["one"])
@@ -213,7 +213,7 @@ def test_a_worker_that_may_not_start_processes_is_refused(tmp_path):
     (tmp_path / "two.toml").write_text(SMALL, encoding="utf-8")
     plan = loading.load(tmp_path / "two.toml")
     with local_cluster(daemon=True, n_workers=1) as found:
-        how = runner.How(scheduler=found)
+        how = runner.RunOptions(scheduler=found)
         done = runner.simulate(plan, tmp_path / "telemetry", build.build(), how)
     assert not done.files
     assert "dask config set distributed.worker.daemon False" in str(done.failures["one"])

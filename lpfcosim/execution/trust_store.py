@@ -20,7 +20,7 @@ from fit.errors import quote
 from fit.files import Table, documents, validation_messages
 from lpfcosim.cosim import archive
 from lpfcosim.errors import InputError, RunError, ours
-from lpfcosim.execution import ledger
+from lpfcosim.execution import checksums
 
 _SHORTEST = 8  # digits of a digest that name it
 _Text = Annotated[str, Strict()]
@@ -55,7 +55,7 @@ class _List(Table):
     fmus: list[_Entry] = []
 
 
-def place() -> Path:
+def location() -> Path:
     """Return the file with the approvals, which need not be there."""
     return user_config_path("lpfcosim") / "trusted.toml"
 
@@ -68,7 +68,7 @@ def approvals() -> list[Approval]:
     InputError
         If the file with the approvals cannot be read.
     """
-    path = place()
+    path = location()
     if not path.exists():
         return []
     with ours():
@@ -97,7 +97,7 @@ def approve(files: Sequence[Path]) -> list[Approval]:
     date = datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
     for file in files:
         archive.check(file)
-    found = [Approval(ledger.digest(file), file.name, date) for file in files]
+    found = [Approval(checksums.digest(file), file.name, date) for file in files]
     with _held():
         known = {approval.sha256: approval for approval in approvals()}
         for approval in found:
@@ -106,7 +106,7 @@ def approve(files: Sequence[Path]) -> list[Approval]:
     return [known[approval.sha256] for approval in found]
 
 
-def withdraw(names: Sequence[str]) -> list[Approval]:
+def revoke(names: Sequence[str]) -> list[Approval]:
     """Withdraw approvals, all or none, and return them.
 
     Parameters
@@ -126,7 +126,7 @@ def withdraw(names: Sequence[str]) -> list[Approval]:
         gone: list[Approval] = []
         for name in names:
             path = Path(name)
-            digest = ledger.digest(path) if documents.is_file(path) else name.lower()
+            digest = checksums.digest(path) if documents.is_file(path) else name.lower()
             meant = [a for a in known if len(digest) >= _SHORTEST and a.sha256.startswith(digest)]
             if not meant:
                 raise InputError(
@@ -140,7 +140,7 @@ def withdraw(names: Sequence[str]) -> list[Approval]:
 
 def _held() -> FileLock:
     """Return the lock under which the list is changed, so that no change is lost."""
-    path = place()
+    path = location()
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
     except OSError as error:
@@ -149,4 +149,4 @@ def _held() -> FileLock:
 
 
 def _write(left: Sequence[Approval]) -> None:
-    ledger.write(place().resolve(), tomli_w.dumps({"fmus": [asdict(approval) for approval in left]}))
+    checksums.write(location().resolve(), tomli_w.dumps({"fmus": [asdict(approval) for approval in left]}))

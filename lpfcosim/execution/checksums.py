@@ -22,14 +22,14 @@ def write(path: Path, content: str | bytes) -> None:
         atomic.write(path, content)
 
 
-def discard_all(folder: Path) -> None:
+def remove_all_partial(folder: Path) -> None:
     """Remove files that nobody finished in ``folder``, and places for temporary files."""
-    discard(folder, "*")
+    remove_partial(folder, "*")
     for place in folder.glob(f"{_SCRATCH}*"):
         shutil.rmtree(place, ignore_errors=True)
 
 
-def discard(folder: Path, process: int | str) -> None:
+def remove_partial(folder: Path, process: int | str) -> None:
     """Remove files that a process did not finish in ``folder``; ``"*"``: any process."""
     for partial in folder.glob(f".*{atomic.suffix(process)}"):
         if partial.name.split(".")[-2].isdecimal():
@@ -38,8 +38,8 @@ def discard(folder: Path, process: int | str) -> None:
 
 
 @contextmanager
-def scratch(folder: Path) -> Iterator[Path]:
-    """Make a place for temporary files where `discard_all` finds it if this process is killed."""
+def temporary_folder(folder: Path) -> Iterator[Path]:
+    """Make a place for temporary files where `remove_all_partial` finds it if this process is killed."""
     with tempfile.TemporaryDirectory(prefix=_SCRATCH, dir=folder, ignore_cleanup_errors=True) as place:
         yield Path(place).resolve()
 
@@ -51,7 +51,7 @@ def digest(path: Path) -> str:
 
 
 @dataclass(frozen=True)
-class Finished:
+class PendingFile:
     """A file that is whole and has yet to get its name.
 
     Attributes
@@ -66,7 +66,7 @@ class Finished:
     digest: str
 
 
-class Ledger:
+class ChecksumFile:
     """The digests of finished files, in the format of ``sha256sum``.
 
     Parameters
@@ -91,7 +91,7 @@ class Ledger:
         except OSError:
             return False
 
-    def add(self, file: Path, finished: Finished) -> None:
+    def add(self, file: Path, finished: PendingFile) -> None:
         """Note what a finished file holds, and then give it its name, both on disk before this returns.
 
         In this order no file has its name and is not known, whoever is killed in between.

@@ -121,7 +121,7 @@ def warnings(found: Iterable[Interface]) -> list[str]:
     return said
 
 
-def driver(run: Run, found: Iterable[Interface], archive: Path) -> Interface:
+def stimulus_component(run: Run, found: Iterable[Interface], archive: Path) -> Interface:
     """Read the FMU that gives the loop what comes from outside, where another tool steps it.
 
     Raises
@@ -137,7 +137,7 @@ def driver(run: Run, found: Iterable[Interface], archive: Path) -> Interface:
     return interface
 
 
-def ignored(found: Iterable[Interface]) -> dict[str, tuple[str, ...]]:
+def ignored_names(found: Iterable[Interface]) -> dict[str, tuple[str, ...]]:
     """Of every replaced component, inputs and parameters of ours that the FMU in its place does not take."""
     return {i.model: i.ignored for i in found if i.replacement}
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from lpfcosim.campaign import loading
-from lpfcosim.cosim import interfaces, master
+from lpfcosim.cosim import co_simulation, interfaces
 from lpfcosim.errors import InputError, RunError
 from lpfcosim.modelica import build
 from lpfcosim.models import along_x, along_x_plant, world
@@ -78,8 +78,8 @@ def test_engines_versions_and_block_sizes_give_the_same_bits(older, quickstart, 
     run = replace(run, n_samples=12_000)
     fmus = {**build.build(fmi="3.0"), **build.build(older, fmi="2.0")} if older else build.build(fmi="3.0")
     wanted = in_memory.simulate(run, build.build(fmi="3.0"), engine="fmpy")
-    for block in (master.BLOCK, 777):
-        monkeypatch.setattr(master, "BLOCK", block)
+    for block in (co_simulation.BLOCK, 777):
+        monkeypatch.setattr(co_simulation, "BLOCK", block)
         got = in_memory.simulate(run, fmus)
         assert all(np.array_equal(got[channel], values) for channel, values in wanted.items())
     plain = in_memory.simulate(replace(run, n_samples=2000), fmus, engine="fmpy")
@@ -119,9 +119,9 @@ def test_unreadable_fmu_is_told(fmus, make_run, tmp_path):
 
 
 def test_blocks_make_up_the_run(fmus, make_run, monkeypatch):
-    monkeypatch.setattr(master, "BLOCK", 1000)
+    monkeypatch.setattr(co_simulation, "BLOCK", 1000)
     run = make_run(n_samples=2500)
-    blocks = master.blocks(run, interfaces(run, fmus))
+    blocks = co_simulation.blocks(run, interfaces(run, fmus))
     assert [len(block["o_1"]) for block in blocks] == [1000, 1000, 500]
 
 

@@ -7,9 +7,9 @@ from pydantic import Field, Strict, field_validator
 
 from fit.errors import quote
 from fit.files import Table, problem
+from lpfcosim.campaign.design_spec import Baseline, DesignSpec, Goal, LimitedQuantity, LimitKind, LimitSpec
 from lpfcosim.campaign.units import FORCE, LENGTH, Force, Frequency, Quantity, Torque
 from lpfcosim.campaign.values import Duration, Number, Swept
-from lpfcosim.campaign.wishes import Cap, Goal, Held, Kind, Limited, Wishes
 
 _SPEED = Quantity("a speed", "m s^-1", "0.5 nm/s", "positive")
 _RATE = Quantity("a force per time", "N s^-1", "10 pN/s", "positive", largest=1)
@@ -38,8 +38,8 @@ class DesignTable(Table):
     """[design]: what `lpfcosim design` looks for, and what it must not exceed."""
 
     goal: Goal = "geometric mean"
-    held: Held = "peaks and rms of thrust"
-    limits: dict[Limited, CapTable] = {}
+    held: Baseline = "peaks and rms of thrust"
+    limits: dict[LimitedQuantity, CapTable] = {}
     sines: Annotated[int, Strict(), Field(ge=1, le=24)] = 6
     spacing: Frequency = 2e-4
     forbidden: list[Annotated[list[Frequency], Field(min_length=2, max_length=2)]] = []
@@ -60,7 +60,7 @@ class DesignTable(Table):
 
     @field_validator("limits")
     @classmethod
-    def _in_units(cls, limits: dict[Limited, CapTable]) -> dict[Limited, CapTable]:
+    def _in_units(cls, limits: dict[LimitedQuantity, CapTable]) -> dict[LimitedQuantity, CapTable]:
         for quantity, table in limits.items():
             _caps(quantity, table)
         return limits
@@ -73,27 +73,27 @@ class DesignTable(Table):
                 raise problem(f"a band from {low:g} Hz to {high:g} Hz, expected the lower end first")
         return bands
 
-    def record(self) -> Wishes:
+    def record(self) -> DesignSpec:
         """Return the wishes as the design knows them."""
         caps = tuple(cap for quantity, table in self.limits.items() for cap in _caps(quantity, table))
         said = self.model_dump(exclude={"limits", "forbidden", "authority"})
         authority = {name: tuple(values) for name, values in vars(self.authority).items() if values}
         forbidden = tuple((low, high) for low, high in self.forbidden)
-        return Wishes(caps=caps, forbidden=forbidden, authority=authority, **said)
+        return DesignSpec(caps=caps, forbidden=forbidden, authority=authority, **said)
 
 
-def _caps(quantity: Limited, table: CapTable) -> list[Cap]:
+def _caps(quantity: LimitedQuantity, table: CapTable) -> list[LimitSpec]:
     found = []
-    for kind in get_args(Kind):
+    for kind in get_args(LimitKind):
         said = getattr(table, kind)
         if said is None:
             continue
         if said.strip().endswith("%"):
-            found.append(Cap(quantity, kind, _fraction(quantity, kind, said), of_authority=True))
+            found.append(LimitSpec(quantity, kind, _fraction(quantity, kind, said), of_authority=True))
             continue
         moved = quantity.startswith("o_")
         unit = (_SPEED if moved else _RATE) if kind == "slew" else (LENGTH if moved else FORCE)
-        found.append(Cap(quantity, kind, unit.to_si(said)))
+        found.append(LimitSpec(quantity, kind, unit.to_si(said)))
     return found
 
 

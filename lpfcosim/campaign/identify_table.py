@@ -6,8 +6,8 @@ from pydantic import BeforeValidator, Field, ValidationInfo, field_validator
 
 from fit.errors import quote
 from fit.files import Table, problem
+from lpfcosim.campaign.design_spec import ParameterSpec, Shared
 from lpfcosim.campaign.values import Number
-from lpfcosim.campaign.wishes import Shared, Sought
 
 
 class SoughtTable(Table):
@@ -33,10 +33,10 @@ class SoughtTable(Table):
             raise problem(f"from {low:g} to {high:g}, expected bounds about the start, {start:g}")
         return bounds
 
-    def record(self) -> Sought:
+    def record(self) -> ParameterSpec:
         """Return it as the campaign knows it."""
         bounds = (self.bounds[0], self.bounds[1]) if self.bounds else None
-        return Sought(self.start, bounds, self.width, self.shared)
+        return ParameterSpec(self.start, bounds, self.width, self.shared)
 
 
 def _flat(said: Any) -> Any:

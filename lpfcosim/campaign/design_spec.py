@@ -5,24 +5,24 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 Goal = Literal["geometric mean", "worst ratio", "least hours"]
-Held = Literal["peaks and rms of thrust", "peaks", "rms"]
-Limited = Literal["o_1", "o_12", "F_x_1", "F_x_2", "F_x_sc"]
-Kind = Literal["peak", "rms", "slew"]
+Baseline = Literal["peaks and rms of thrust", "peaks", "rms"]
+LimitedQuantity = Literal["o_1", "o_12", "F_x_1", "F_x_2", "F_x_sc"]
+LimitKind = Literal["peak", "rms", "slew"]
 Shared = Literal["campaign", "alignment_epoch", "experiment"]
 
 
 @dataclass(frozen=True)
-class Cap:
+class LimitSpec:
     """A limit as the file has it: SI, or as a fraction of the authority, the direct force included."""
 
-    quantity: Limited
-    kind: Kind
+    quantity: LimitedQuantity
+    kind: LimitKind
     value: float
     of_authority: bool = False
 
 
 @dataclass(frozen=True)
-class Wishes:
+class DesignSpec:
     """What is asked of a design.
 
     Attributes
@@ -32,7 +32,7 @@ class Wishes:
         hours in which all are as small as is wanted.
     held : str
         What of its own the campaign must not exceed, run by run, where `caps` do not say it.
-    caps : tuple of Cap
+    caps : tuple of LimitSpec
         Other limits, of every run.
     sines : int
         Largest number of sines into one loop.
@@ -53,8 +53,8 @@ class Wishes:
     """
 
     goal: Goal = "geometric mean"
-    held: Held = "peaks and rms of thrust"
-    caps: tuple[Cap, ...] = ()
+    held: Baseline = "peaks and rms of thrust"
+    caps: tuple[LimitSpec, ...] = ()
     sines: int = 6
     spacing: float = 2e-4
     forbidden: tuple[tuple[float, float], ...] = ()
@@ -67,7 +67,7 @@ class Wishes:
 
 
 @dataclass(frozen=True)
-class Sought:
+class ParameterSpec:
     """What a campaign says of a parameter that is sought; None where it says nothing."""
 
     start: float | None = None

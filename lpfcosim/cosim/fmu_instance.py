@@ -14,7 +14,7 @@ from typing import Any
 from fmpy import fmi2
 from fmpy.fmi1 import FMICallException, printLogMessage
 
-from lpfcosim.cosim import loaded
+from lpfcosim.cosim import fmu_library
 from lpfcosim.cosim.interface import Interface, reference
 from lpfcosim.cosim.variables import Stage, Value, resolve, size, stage
 from lpfcosim.errors import InputError, RunError
@@ -48,7 +48,7 @@ class Port:
     n_double_values: int
 
 
-class Slave:
+class FmuInstance:
     """An instance in step mode or on its way there.
 
     It is not initialised yet: that takes `initialize`.
@@ -63,7 +63,7 @@ class Slave:
         It is one of the user: look at every output of a step, which must be finite.
     logging : bool
         Have it log all that it does.
-    shelf : Shelf, optional
+    shelf : FmuLibraryCache, optional
         Where libraries come from and go to.
 
     Attributes
@@ -86,7 +86,7 @@ class Slave:
         *,
         guarded: bool = False,
         logging: bool = False,
-        shelf: loaded.Shelf | None = None,
+        shelf: fmu_library.FmuLibraryCache | None = None,
     ) -> None:
         self.name = interface.model
         self.guarded = guarded
@@ -188,7 +188,7 @@ class Slave:
         if self._shelf:
             self.fmu = self._shelf.library(stack, self._interface)
         else:
-            self.fmu = loaded.anew(stack, self._interface)
+            self.fmu = fmu_library.load_fmu(stack, self._interface)
         try:
             self._instantiate(self._logging)
         except Exception as error:  # as bare as FMPy has it
@@ -336,7 +336,7 @@ class Slave:
             port.values[n_values:] = self.fmu.getFloat32(port.references[n:], more)
 
 
-_listening: dict[int, Slave] = {}  # FMI 2.0 instances by what they pass to the logger
+_listening: dict[int, FmuInstance] = {}  # FMI 2.0 instances by what they pass to the logger
 
 
 def _log(environment: int | None, name: bytes, status: int, category: bytes, message: bytes) -> None:

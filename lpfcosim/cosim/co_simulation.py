@@ -16,9 +16,9 @@ import numpy.typing as npt
 from fmpy.fmi1 import FMICallException
 
 from lpfcosim.cosim import compiled
+from lpfcosim.cosim.fmu_instance import EARLY, ENDS, NOT_FINITE, FmuInstance
+from lpfcosim.cosim.fmu_library import FmuLibraryCache
 from lpfcosim.cosim.interface import Interface
-from lpfcosim.cosim.loaded import Shelf
-from lpfcosim.cosim.slave import EARLY, ENDS, NOT_FINITE, Slave
 from lpfcosim.cosim.stepping import CompiledLoop
 from lpfcosim.errors import RunError
 from lpfcosim.models import drive, world_of
@@ -43,8 +43,8 @@ _SAID = {
 }
 
 
-class Where(ctypes.Structure):
-    """Where a run is, up to date in the midst of a call: whoever shares its memory sees it.
+class SimulationProgress(ctypes.Structure):
+    """How far a run is, up to date during a call; visible to every process that shares its memory.
 
     Attributes
     ----------
@@ -76,8 +76,8 @@ def blocks(
     run: Run,
     found: Sequence[Interface],
     engine: Engine = "compiled",
-    where: Where | None = None,
-    shelf: Shelf | None = None,
+    where: SimulationProgress | None = None,
+    shelf: FmuLibraryCache | None = None,
 ) -> Iterator[dict[str, Array]]:
     """Co-simulate one run, a block of at most `BLOCK` samples at a time.
 
@@ -86,13 +86,13 @@ def blocks(
     run : Run
         What to simulate.
     found : sequence of Interface
-        The FMU of each component, in the order of the steps; see `placement.interfaces`.
+        The FMU of each component, in the order of the steps; see `compatibility.interfaces`.
     engine : {"compiled", "fmpy"}
         Which loop steps the FMUs.
-    where : Where, optional
+    where : SimulationProgress, optional
         Kept up to date.
-    shelf : Shelf, optional
-        Where the libraries of our own FMUs come from and go to.
+    shelf : FmuLibraryCache, optional
+        SimulationProgress the libraries of our own FMUs come from and go to.
 
     Yields
     ------
@@ -123,21 +123,21 @@ def _blocks(
     run: Run,
     found: Sequence[Interface],
     engine: Engine,
-    where: Where | None,
-    shelf: Shelf | None,
+    where: SimulationProgress | None,
+    shelf: FmuLibraryCache | None,
     *,
     logging: bool = False,
 ) -> Iterator[dict[str, Array]]:
-    where = where or Where()
+    where = where or SimulationProgress()
     where.reset()
     with contextlib.ExitStack() as stack:
         slaves = start(stack, run, found, where, shelf, logging=logging)
-        with refusing(run.name, slaves):
-            yield from Loop(run, [i.component for i in found], slaves, engine, where).blocks()
+        with translate_fmi_errors(run.name, slaves):
+            yield from RunCoSimulation(run, [i.component for i in found], slaves, engine, where).blocks()
 
 
 @contextlib.contextmanager
-def refusing(run: str, slaves: Iterable[Slave]) -> Iterator[None]:
+def translate_fmi_errors(run: str, slaves: Iterable[FmuInstance]) -> Iterator[None]:
     """Say in one sentence that an FMU refused a call, and what it said."""
     try:
         yield
@@ -149,18 +149,18 @@ def refusing(run: str, slaves: Iterable[Slave]) -> Iterator[None]:
 def load(
     stack: contextlib.ExitStack,
     found: Iterable[Interface],
-    where: Where | None = None,
-    shelf: Shelf | None = None,
+    where: SimulationProgress | None = None,
+    shelf: FmuLibraryCache | None = None,
     *,
     logging: bool = False,
-) -> list[Slave]:
+) -> list[FmuInstance]:
     """Load the FMUs of a run and make an instance of each, not initialised yet; ``stack`` frees them."""
-    where = where or Where()
+    where = where or SimulationProgress()
     slaves = []
     for where.slave, i in enumerate(found):
         theirs = i.replacement is not None
         slaves.append(
-            Slave(stack, i, guarded=theirs, logging=logging and theirs, shelf=None if theirs else shelf)
+            FmuInstance(stack, i, guarded=theirs, logging=logging and theirs, shelf=None if theirs else shelf)
         )
     return slaves
 
@@ -169,13 +169,13 @@ def start(
     stack: contextlib.ExitStack,
     run: Run,
     found: Sequence[Interface],
-    where: Where | None = None,
-    shelf: Shelf | None = None,
+    where: SimulationProgress | None = None,
+    shelf: FmuLibraryCache | None = None,
     *,
     logging: bool = False,
-) -> list[Slave]:
+) -> list[FmuInstance]:
     """Load the FMUs of a run and give them their parameters; ``stack`` frees them."""
-    where = where or Where()
+    where = where or SimulationProgress()
     values = world_of(run).parameters(run)
     slaves = load(stack, found, where, shelf, logging=logging)
     for where.slave, (slave, i) in enumerate(zip(slaves, found, strict=True)):
@@ -183,13 +183,13 @@ def start(
     return slaves
 
 
-def _refused(run: str, slave: Slave, status: int, time: float) -> RunError:
+def _refused(run: str, slave: FmuInstance, status: int, time: float) -> RunError:
     said = _SAID.get(status, f"returns status {status}")
     kind = _SilentError if slave.is_silent and status not in (ENDS, EARLY, NOT_FINITE) else RunError
     return kind(f"run '{run}': the {slave.name} FMU {said} at {time:.1f} s{slave.reason}")
 
 
-class Network:
+class CoSimulation:
     """Slaves around their bus, which holds the feeds of a sample, then all outputs, then constants.
 
     Parameters
@@ -200,7 +200,7 @@ class Network:
         Step [s].
     components : sequence of Component
         What the slaves are connected to, in the order of the steps.
-    slaves : list of Slave
+    slaves : list of FmuInstance
         One for each component, with its inputs and outputs in their order.
     feeds : sequence of str
         Signals from outside.
@@ -208,7 +208,7 @@ class Network:
         Sources, named as in `Component.inputs`, of what is recorded.
     engine : {"compiled", "fmpy"}
         Which loop steps them.
-    where : Where, optional
+    where : SimulationProgress, optional
         Kept up to date.
     """
 
@@ -217,13 +217,13 @@ class Network:
         name: str,
         h: float,
         components: Sequence[Component],
-        slaves: list[Slave],
+        slaves: list[FmuInstance],
         feeds: Sequence[str],
         record: Iterable[str],
         engine: Engine = "compiled",
-        where: Where | None = None,
+        where: SimulationProgress | None = None,
     ) -> None:
-        self._name, self._h, self._slaves, self._where = name, h, slaves, where or Where()
+        self._name, self._h, self._slaves, self._where = name, h, slaves, where or SimulationProgress()
         self._n_feeds = len(feeds)
         place = {name: i for i, name in enumerate(feeds)}
         bus = [0.0] * self._n_feeds
@@ -307,7 +307,7 @@ class Network:
         where.sample, where.slave = start + len(feeds), -1
 
 
-class Loop(Network):
+class RunCoSimulation(CoSimulation):
     """The slaves of a run as it is simulated: fed with its injections and noise, recorded as its channels.
 
     Parameters
@@ -315,16 +315,16 @@ class Loop(Network):
     run : Run
         What is simulated.
     components, slaves, engine, where
-        As of `Network`.
+        As of `CoSimulation`.
     """
 
     def __init__(
         self,
         run: Run,
         components: Sequence[Component],
-        slaves: list[Slave],
+        slaves: list[FmuInstance],
         engine: Engine,
-        where: Where | None = None,
+        where: SimulationProgress | None = None,
     ) -> None:
         self._run = run
         self._noise = drive.stream(run, compiled.autoregress if engine == "compiled" else autoregress)
@@ -343,11 +343,11 @@ class Loop(Network):
                 self.initialize(feeds[:, 0])
             recorded = np.empty((len(self._channels), stop - start))
             self.advance(feeds.T, recorded.T, start)
-            check_range(self._run, list(self._channels), recorded, start)
+            check_measurement_range(self._run, list(self._channels), recorded, start)
             yield dict(zip(self._channels, recorded, strict=True))
 
 
-def check_range(run: Run, channels: Sequence[str], recorded: Array, start: int) -> None:
+def check_measurement_range(run: Run, channels: Sequence[str], recorded: Array, start: int) -> None:
     """Refuse channels, shape (channels, n), from sample ``start`` on that are not finite, or out of range.
 
     Raises

@@ -9,7 +9,7 @@ import zipfile
 import fmpy
 import pytest
 
-from lpfcosim.cosim import interface, slave
+from lpfcosim.cosim import fmu_instance, interface
 from lpfcosim.errors import InputError, RunError
 from lpfcosim.modelica import build
 from lpfcosim.network import Component
@@ -24,7 +24,7 @@ FMI = pytest.mark.parametrize("fmi", ["2.0", "3.0"])
 
 def load(stack, archive):
     placed = interface.read(Component(MODEL, {"x_1": "Plant.x_1"}, ("o_1",)), archive, (), None)
-    loaded = slave.Slave(stack, placed)
+    loaded = fmu_instance.FmuInstance(stack, placed)
     loaded.initialize({"delta_ifo": 0.0})
 
 

@@ -19,7 +19,7 @@ from lpfcosim.spacecraft import LIVING, SCATTERED, Run
 Array = NDArray[np.float64]
 
 
-class Recording:
+class TelemetryFile:
     """The file of a run as it is written, block by block."""
 
     def __init__(self, file: Writer, run: Run, grid: decimation.Grid) -> None:
@@ -36,7 +36,7 @@ class Recording:
 
 
 @contextmanager
-def writer(
+def create(
     path: Path,
     run: Run,
     names: Collection[str],
@@ -44,7 +44,7 @@ def writer(
     untold: Container[str] = (),
     *,
     is_final: bool = True,
-) -> Iterator[Recording]:
+) -> Iterator[TelemetryFile]:
     """Write a run's telemetry, in memory that does not grow with the run.
 
     At the end ``path`` holds the whole file; after an exception it is as it was before.
@@ -91,7 +91,7 @@ def writer(
             is_final=is_final,
         ) as file,
     ):
-        yield Recording(file, run, grid)
+        yield TelemetryFile(file, run, grid)
 
 
 def attributes(run: Run) -> dict[str, str | int | float]:

@@ -18,7 +18,7 @@ from filelock import FileLock, Timeout
 
 from fit.files import refuse_links
 from lpfcosim.errors import InputError, RunError, ours
-from lpfcosim.execution import ledger
+from lpfcosim.execution import checksums
 
 CAMPAIGN = "campaign.toml"
 _FMUS = "fmus"
@@ -27,7 +27,7 @@ _FOLDERS = ("telemetry", "figures", _FMUS)
 
 
 @contextmanager
-def held(directory: Path, option: str = "") -> Iterator[None]:
+def lock(directory: Path, option: str = "") -> Iterator[None]:
     """Make a folder of results if need be, keep other processes out of it, and clear what dead ones left.
 
     The operating system lets go of the lock when its holder ends, however it ends. Files that a process did
@@ -70,7 +70,7 @@ def held(directory: Path, option: str = "") -> Iterator[None]:
             yield
             return
         for folder in (".", *_FOLDERS):
-            ledger.discard_all(directory / folder)
+            checksums.remove_all_partial(directory / folder)
         with suppress(OSError):
             holder.write_text(f"process {os.getpid()} on {socket.gethostname()}\n", encoding="utf-8")
         try:
@@ -80,7 +80,7 @@ def held(directory: Path, option: str = "") -> Iterator[None]:
                 holder.unlink()
 
 
-def keep(
+def write_provenance(
     directory: Path, said: Mapping[str, Any], fmus: Mapping[str, Path], digests: Mapping[str, object]
 ) -> None:
     """Write ``campaign.toml`` and ``fmus/MODEL.fmu`` for each FMU that is not ours.
@@ -88,7 +88,7 @@ def keep(
     Parameters
     ----------
     directory : Path
-        The folder, `held`.
+        The folder, `lock`.
     said : mapping
         What the campaign says, with whatever it extends.
     fmus : mapping of str to Path
@@ -102,13 +102,13 @@ def keep(
         tables["fmus"] = {**said["fmus"]}
     for model, archive in fmus.items():
         copy = directory / _FMUS / f"{model}.fmu"
-        ledger.write(copy, archive.read_bytes())
+        checksums.write(copy, archive.read_bytes())
         entry = {"path": f"{_FMUS}/{copy.name}", "sha256": digests[f"fmu_{model}"]}
         tables["fmus"][model] = {**said["fmus"][model], **entry}
-    ledger.write(directory / CAMPAIGN, tomli_w.dumps(tables))
+    checksums.write(directory / CAMPAIGN, tomli_w.dumps(tables))
 
 
-def campaign_of(directory: Path) -> Path:
+def campaign_path(directory: Path) -> Path:
     """Return the campaign that a folder of results holds.
 
     Raises

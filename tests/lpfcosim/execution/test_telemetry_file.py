@@ -9,7 +9,7 @@ import pytest
 from fit.files import atomic
 from fit.parameters import FLIGHT
 from lpfcosim.errors import RunError
-from lpfcosim.execution import telemetry
+from lpfcosim.execution import telemetry_file
 from lpfcosim.models import along_x_plant
 from lpfcosim.spacecraft.run import Sine
 
@@ -18,7 +18,7 @@ CHANNELS = {"o_1", "o_12", "f_x_1", "f_x_2", "guidance_o_1", "guidance_o_12", "F
 
 
 def write(path, run, channels, provenance):
-    with telemetry.writer(path, run, channels, provenance) as file:
+    with telemetry_file.create(path, run, channels, provenance) as file:
         file.append(channels)
 
 
@@ -155,7 +155,7 @@ def test_a_disk_that_is_full_at_any_byte_is_told_and_leaves_nothing(tmp_path, ma
     channels = {name: generator.standard_normal(run.n_samples) for name in ("o_1", "o_12", "f_x_1", "f_x_2")}
 
     def write(path):
-        with telemetry.writer(path, run, channels, PROVENANCE) as file:
+        with telemetry_file.create(path, run, channels, PROVENANCE) as file:
             for first in range(0, run.n_samples, 700):
                 file.append({name: values[first : first + 700] for name, values in channels.items()})
 
