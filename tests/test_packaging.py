@@ -17,7 +17,7 @@ import pytest
 from lpfcosim.cosim import checks
 from lpfcosim.errors import InputError
 from lpfcosim.modelica import build, compiler, prebuilt
-from tests.oracles.binaries import READERS, slices
+from tests.oracles.binaries import READERS
 
 ROOT = Path(__file__).parents[1]
 CAMPAIGN = Path(__file__).parent / "two_experiments.toml"
@@ -41,7 +41,7 @@ def shipped(tmp_path, monkeypatch):
         for kind in ("fmi2", "fmi3"):
             with zipfile.ZipFile(folder / kind / f"{model}.fmu", "w") as archive:
                 archive.writestr("model", f"{model} {kind}")
-    (folder / "engine" / f"{prebuilt.here()}{fmpy.sharedLibraryExtension}").write_bytes(b"engine")
+    (folder / "engine" / f"{prebuilt.platform_name()}{fmpy.sharedLibraryExtension}").write_bytes(b"engine")
 
     def unavailable(*_):
         raise InputError("FMUs cannot be built: no tools")
@@ -51,8 +51,8 @@ def shipped(tmp_path, monkeypatch):
     monkeypatch.setattr(prebuilt, "FOLDER", folder)
     monkeypatch.setattr(build, "compiler", unavailable)
     monkeypatch.setattr(build, "_tools", unavailable)
-    models = prebuilt.Kind([prebuilt.here()], build.source_files(package))
-    loop = prebuilt.Kind([prebuilt.here()], {engine.name: engine})
+    models = prebuilt.PrebuiltGroup([prebuilt.platform_name()], build.source_files(package))
+    loop = prebuilt.PrebuiltGroup([prebuilt.platform_name()], {engine.name: engine})
     prebuilt.write(folder, {"fmi2": models, "fmi3": models, "engine": loop}, ["a tool"])
     return folder
 
@@ -98,7 +98,6 @@ def test_digest_covers_models_generator_and_runtime():
     covered = set(build.source_files().values())
     generator = build.ENGINE.parent / "modelica"
     assert covered >= {*build.PACKAGE.rglob("*.mo"), *generator.rglob("*.py"), *generator.rglob("*.[ch]")}
-    assert covered >= {p for p in (build.PACKAGE / "Resources").rglob("*") if p.is_file()} != set()
 
 
 def test_damaged_file_is_noticed(shipped):
@@ -216,18 +215,13 @@ def check_archive(content: bytes, fmi: str, model: str) -> None:
     folders = {"linux64", "darwin64", "win64"} if fmi == "2" else PLATFORMS
     assert {n.split("/")[1] for n in binaries} == folders
     assert len(binaries) == len(folders)
-    standard = {"linux64": "x86_64-linux", "win64": "x86_64-windows"}
+    standard = {"linux64": "x86_64-linux", "darwin64": "x86_64-darwin", "win64": "x86_64-windows"}
     for name, image in binaries.items():
         folder, file = name.split("/")[1:]
         assert Path(file).stem == model
-        images = slices(image) if folder == "darwin64" else [image]
-        found = [READERS[Path(file).suffix](i) for i in images]
-        if folder == "darwin64":
-            assert {platform for platform, _ in found} == {"x86_64-darwin", "aarch64-darwin"}
-        else:
-            assert found[0][0] == standard.get(folder, folder)
-        for _, exported in found:
-            assert exported == functions(fmi)
+        platform, exported = READERS[Path(file).suffix](image)
+        assert platform == standard.get(folder, folder)
+        assert exported == functions(fmi)
         for version in re.findall(rb"GLIBC_2\.(\d+)", image):
             assert int(version) <= 17  # as old as the manylinux2014 wheels of NumPy and SciPy
 

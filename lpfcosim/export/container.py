@@ -19,7 +19,7 @@ from xml.etree import ElementTree as ET
 from lpfcosim.cosim import Interface, Value, checks, interfaces
 from lpfcosim.errors import InputError
 from lpfcosim.export.ssp import same_units
-from lpfcosim.modelica import build, markup
+from lpfcosim.modelica import build, serialize_xml
 from lpfcosim.models import world_of
 from lpfcosim.network import endpoint
 from lpfcosim.spacecraft import Run
@@ -132,7 +132,7 @@ def _describe(text: str, settings: bytes, run: Run, found: Sequence[Interface]) 
                 unknowns.remove(unknown)
     content = hashlib.sha256(ET.tostring(root) + settings).hexdigest()
     root.set("guid", str(uuid.uuid5(uuid.NAMESPACE_OID, content)))
-    return markup.text(root)
+    return serialize_xml(root)
 
 
 def _add_units(root: ET.Element, run: Run, found: Sequence[Interface]) -> None:

@@ -25,7 +25,7 @@ from lpfcosim.cosim import REALS, Interface, Value, interfaces_of_runs, stimulus
 from lpfcosim.errors import InputError
 from lpfcosim.export import traceability
 from lpfcosim.export.outcome import IRLSResult
-from lpfcosim.modelica import build, markup
+from lpfcosim.modelica import build, serialize_xml
 from lpfcosim.models import world_of
 from lpfcosim.network import endpoint
 from lpfcosim.spacecraft import Run
@@ -139,7 +139,7 @@ def _fill(root: Path, written: Mapping[str, ET.Element], copied: Mapping[str, Pa
 
 
 def _save(element: ET.Element, path: Path) -> None:
-    path.write_text(markup.text(element), encoding="utf-8", newline="\n")
+    path.write_text(serialize_xml(element), encoding="utf-8", newline="\n")
 
 
 def _execution(run: Run) -> str:

@@ -4,7 +4,7 @@ All models of the package ``fmus/LISAPathfinder`` take the same path; nothing he
 A construct that cannot be translated faithfully is refused with file, line and name.
 """
 
-from lpfcosim.modelica import markup
 from lpfcosim.modelica.build import engine_library
+from lpfcosim.modelica.xml_text import serialize_xml
 
-__all__ = ["build", "compiler", "engine_library", "markup"]
+__all__ = ["build", "compiler", "engine_library", "serialize_xml"]

@@ -6,9 +6,9 @@ from collections.abc import Sequence
 
 import sympy as sp
 
-from lpfcosim.modelica.events import switches
-from lpfcosim.modelica.expressions import TIME
-from lpfcosim.modelica.system import Affine, Assignment
+from lpfcosim.modelica.evaluator import TIME
+from lpfcosim.modelica.event_functions import switches
+from lpfcosim.modelica.sorted_model import Affine, Assignment
 
 
 def linear(

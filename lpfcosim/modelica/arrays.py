@@ -10,30 +10,30 @@ import numpy as np
 import numpy.typing as npt
 import sympy as sp
 
-from lpfcosim.modelica.events import EVENT_FUNCTIONS
+from lpfcosim.modelica.event_functions import EVENT_FUNCTIONS
 
 Algebra = npt.NDArray[np.object_]
 
 
-def filled(value: Any, shape: tuple[int, ...]) -> Algebra:
+def full(value: Any, shape: tuple[int, ...]) -> Algebra:
     """Object array with ``value`` everywhere."""
     return np.full(shape, value, dtype=object)
 
 
 def scalar(value: Any) -> Algebra:
     """Wrap one expression as a zero-dimensional object array."""
-    return filled(value, ())
+    return full(value, ())
 
 
 def symbols(name: str, dims: tuple[int, ...]) -> Algebra:
     """Object array of real symbols: ``x``, or ``x[1]``, ``x[2]`` … for each element, as Modelica counts."""
-    array = filled(sp.Symbol(name, real=True), dims)
+    array = full(sp.Symbol(name, real=True), dims)
     for index in np.ndindex(*dims) if dims else ():
         array[index] = sp.Symbol(f"{name}[{','.join(str(i + 1) for i in index)}]", real=True)
     return array
 
 
-def mapped(function: Callable[..., Any], *arrays: Algebra) -> Algebra:
+def map_elements(function: Callable[..., Any], *arrays: Algebra) -> Algebra:
     """Apply ``function`` element by element, row by row."""
     return np.asarray(np.frompyfunc(function, len(arrays), 1)(*arrays, order="C"), dtype=object)
 
@@ -52,9 +52,9 @@ def _extremum(name: str, *values: Algebra) -> Any:
 
 #: What Modelica's functions make of arrays; numbers among their results may still be Python's.
 ARRAY_FUNCTIONS: dict[str, Callable[..., Any]] = {
-    "Fill": lambda value, *sizes: filled(value[()], _shape(sizes)),
-    "Zeros": lambda *sizes: filled(0, _shape(sizes)),
-    "Ones": lambda *sizes: filled(1, _shape(sizes)),
+    "Fill": lambda value, *sizes: full(value[()], _shape(sizes)),
+    "Zeros": lambda *sizes: full(0, _shape(sizes)),
+    "Ones": lambda *sizes: full(1, _shape(sizes)),
     "Identity": lambda size: np.eye(int(size), dtype=object),
     "Diagonal": np.diag,
     "Transpose": np.transpose,

@@ -1,6 +1,6 @@
 """Build FMUs from Modelica: translate, compile, archive; cached by digest of sources and tools.
 
-Those that came with a wheel are used instead as long as nothing they were made from has changed.
+Prebuilt FMUs of a wheel are used as long as their sources are unchanged.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ from lpfcosim.modelica.compiler import (
     cross_compiler,
 )
 from lpfcosim.modelica.frontend import flatten
-from lpfcosim.modelica.sources import package_files, resource_files
+from lpfcosim.modelica.sources import package_files
 
 PACKAGE = Path(__file__).parents[2] / "fmus" / "LISAPathfinder"
 MODELS = (
@@ -52,30 +52,29 @@ _HEADERS = {
 
 def cache_directory() -> Path:
     """Folder of the built FMUs: ``$LPFCOSIM_CACHE``, or the user's cache folder."""
-    named = os.environ.get("LPFCOSIM_CACHE")
-    return Path(named) if named else user_cache_path("lpfcosim")
+    path = os.environ.get("LPFCOSIM_CACHE")
+    return Path(path) if path else user_cache_path("lpfcosim")
 
 
 def source_files(package: Path = PACKAGE) -> dict[str, Path]:
     """All that FMUs are made from, by name: Modelica sources, generator and runtime."""
     generator = sorted([*Path(__file__).parent.glob("*.py"), *RUNTIME.iterdir()])
     generator.append(Path(units.__file__))  # the units of a description
-    named = [*package_files(package), *resource_files(package)]
     return {
-        **{f.relative_to(package.parent).as_posix(): f for f in named},
+        **{f.relative_to(package.parent).as_posix(): f for f in package_files(package)},
         **{f.relative_to(Path(__file__).parents[2]).as_posix(): f for f in generator},
     }
 
 
 def digest(package: Path = PACKAGE) -> str:
     """SHA-256 over Modelica sources, generator, runtime and tool versions."""
-    total = hashlib.sha256()
+    sha256 = hashlib.sha256()
     for name, file in source_files(package).items():
         content = file.read_bytes()
-        total.update(f"{name} {len(content)}\n".encode() + content)
+        sha256.update(f"{name} {len(content)}\n".encode() + content)
     tools = [*_tools(), compiler().version, platform.system(), platform.machine()]
-    total.update("\n".join(tools).encode())
-    return total.hexdigest()
+    sha256.update("\n".join(tools).encode())
+    return sha256.hexdigest()
 
 
 def _tools() -> list[str]:
@@ -137,10 +136,11 @@ def locations(
     if package != PACKAGE:
         return _cached(models, package, fmi)
     try:
-        found = prebuilt.find(f"fmi{fmi[0]}", [f"{model}.fmu" for model in models], source_files(package))
-        return dict(zip(models, found, strict=True))
-    except prebuilt.UnfitError as unfit:
-        with _explained(unfit):
+        files = [f"{model}.fmu" for model in models]
+        archives = prebuilt.find(f"fmi{fmi[0]}", files, source_files(package))
+        return dict(zip(models, archives, strict=True))
+    except prebuilt.StalePrebuiltError as reason:
+        with _with_reason(reason):
             return _cached(models, package, fmi)
 
 
@@ -150,12 +150,12 @@ def _cached(models: Sequence[str], package: Path, fmi: str) -> dict[str, Path]:
 
 
 @contextmanager
-def _explained(unfit: prebuilt.UnfitError) -> Iterator[None]:
-    """Say in an error why something has to be built at all."""
+def _with_reason(reason: prebuilt.StalePrebuiltError) -> Iterator[None]:
+    """Prepend to an error why the prebuilt files cannot be used."""
     try:
         yield
     except InputError as error:
-        raise InputError(f"{unfit}, and {error}") from None
+        raise InputError(f"{reason}, and {error}") from None
 
 
 def engine_library() -> Path:
@@ -163,10 +163,10 @@ def engine_library() -> Path:
     import fmpy
 
     try:
-        name = f"{prebuilt.here()}{fmpy.sharedLibraryExtension}"
+        name = f"{prebuilt.platform_name()}{fmpy.sharedLibraryExtension}"
         return prebuilt.find("engine", [name], {ENGINE.name: ENGINE})[0]
-    except prebuilt.UnfitError as unfit:
-        with _explained(unfit):
+    except prebuilt.StalePrebuiltError as reason:
+        with _with_reason(reason):
             version = compiler().version
     name = hashlib.sha256(ENGINE.read_bytes() + version.encode()).hexdigest()[:16]
     library = cache_directory() / f"engine-{name}{fmpy.sharedLibraryExtension}"
@@ -196,20 +196,22 @@ def prebuild(folder: Path, version: str, targets: Sequence[Target] = TARGETS) ->
         If one of the tools is not installed.
     """
     tools = [*_tools(), cross_compiler().version]
-    kinds = {}
+    groups = {}
     for fmi in _HEADERS:
-        kind = f"fmi{fmi[0]}"
-        offered = [t for t in targets if t.folder(fmi)]
-        kinds[kind] = prebuilt.Kind([t.name for t in offered], source_files())
+        group = f"fmi{fmi[0]}"
+        supported = [t for t in targets if t.folder(fmi)]
+        groups[group] = prebuilt.PrebuiltGroup([t.name for t in supported], source_files())
         for model in (*MODELS, *SIGNALS):
-            archive = folder / kind / f"{model}.fmu"
-            build_one(PACKAGE, f"{PACKAGE.stem}.{model}", archive, fmi=fmi, version=version, targets=offered)
-    kinds["engine"] = prebuilt.Kind([t.name for t in targets], {ENGINE.name: ENGINE})
+            archive = folder / group / f"{model}.fmu"
+            build_one(
+                PACKAGE, f"{PACKAGE.stem}.{model}", archive, fmi=fmi, version=version, targets=supported
+            )
+    groups["engine"] = prebuilt.PrebuiltGroup([t.name for t in targets], {ENGINE.name: ENGINE})
     (folder / "engine").mkdir()
     for target in targets:
         library = folder / "engine" / f"{target.name}{target.extension}"
         compile_library(ENGINE.parent, [ENGINE.name], library, target)
-    prebuilt.write(folder, kinds, tools)
+    prebuilt.write(folder, groups, tools)
 
 
 def copy(archives: Mapping[str, Path], directory: Path) -> dict[str, Path]:
@@ -232,25 +234,27 @@ def build_one(
     The FMU is for this machine, or for ``targets``; it names ``version`` of this package, by default the one
     installed.
     """
-    import fmpy
-
-    from lpfcosim.modelica import codegen, description, presentation, reference, sensitivity, variables
+    from lpfcosim.modelica import c_printer, model_description, variables
+    from lpfcosim.modelica.documentation import write_documentation
+    from lpfcosim.modelica.sensitivity import Sensitivity
     from lpfcosim.modelica.translate import translate
 
     flat = flatten(package, model)
-    translated = translate(flat)
-    found = sensitivity.Sensitivity(translated)
-    where = codegen.layout(translated)
-    declared = variables.declare(where, fmi)
-    arrays = variables.arrays(declared, where)
-    header = codegen.header(translated, where, found, arrays, STEP)
-    body = codegen.source(translated, where, found, arrays, token="@token@")
+    sorted_model = translate(flat)
+    sensitivity = Sensitivity(sorted_model)
+    layout = c_printer.make_layout(sorted_model)
+    fmi_variables = variables.declare_variables(layout, fmi)
+    arrays = variables.array_extents(fmi_variables, layout)
+    header = c_printer.print_header(sorted_model, layout, sensitivity, arrays, STEP)
+    body = c_printer.print_source(sorted_model, layout, sensitivity, arrays, token="@token@")
     runtime = "".join(file.read_text(encoding="utf-8") for file in _runtime(fmi))
     token = str(
         uuid.uuid5(uuid.NAMESPACE_OID, hashlib.sha256((header + body + runtime).encode()).hexdigest())
     )
     tool = f"lpfcosim {version or _version('lpfcosim')} with rumoca {_version('rumoca')}"
-    shown = description.Description(flat, translated, found, declared, token, STEP, tool)
+    description = model_description.ModelDescription(
+        flat, sorted_model, sensitivity, fmi_variables, token, STEP, tool
+    )
 
     archive.parent.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(prefix="lpfcosim-") as name:
@@ -258,14 +262,12 @@ def build_one(
         sources = root / "sources"
         units = _write_sources(sources, header, body.replace("@token@", token), fmi)
         if fmi == "3.0":
-            text = description.build_description(translated.name, units)
+            text = model_description.build_description(sorted_model.name, units)
             (sources / "buildDescription.xml").write_text(text, encoding="utf-8")
-        text = shown.fmi3() if fmi == "3.0" else shown.fmi2(units)
+        text = description.fmi3() if fmi == "3.0" else description.fmi2(units)
         (root / "modelDescription.xml").write_text(text, encoding="utf-8")
-        compile_binaries(sources, units, root / "binaries", translated.name, fmi=fmi, targets=targets)
-        presentation.write(root, translated, declared, fmi)
-        here = fmpy.platform if fmi == "2.0" else fmpy.platform_tuple
-        reference.write(root, package, declared, STEP, runs=(root / "binaries" / here).is_dir())
+        compile_binaries(sources, units, root / "binaries", sorted_model.name, fmi=fmi, targets=targets)
+        write_documentation(root, sorted_model, fmi_variables, fmi)
         write_archive(root, archive)
 
 
@@ -277,8 +279,8 @@ def _write_sources(folder: Path, header: str, body: str, fmi: str) -> list[str]:
     for file in _runtime(fmi):
         shutil.copyfile(file, folder / file.name)
     # One translation unit: the compiler then sees the equations from inside the step.
-    parts = ["model.c", "core.c", "instance.c", "derivatives.c", f"fmi{fmi[0]}.c"]
-    (folder / "all.c").write_text("".join(f'#include "{p}"\n' for p in parts), encoding="utf-8")
+    files = ["model.c", "core.c", "instance.c", "derivatives.c", f"fmi{fmi[0]}.c"]
+    (folder / "all.c").write_text("".join(f'#include "{p}"\n' for p in files), encoding="utf-8")
     return ["all.c"]
 
 

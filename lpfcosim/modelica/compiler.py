@@ -6,7 +6,6 @@ import contextlib
 import functools
 import os
 import shutil
-import struct
 import subprocess
 import sys
 import tempfile
@@ -58,11 +57,9 @@ TARGETS = (
     Target("x86_64-linux", "linux64", "x86_64-linux-gnu.2.17", ".so"),
     Target("aarch64-linux", "", "aarch64-linux-gnu.2.17", ".so"),
     Target("x86_64-darwin", "darwin64", "x86_64-macos.11.0", ".dylib"),
-    Target("aarch64-darwin", "darwin64", "aarch64-macos.11.0", ".dylib"),
+    Target("aarch64-darwin", "", "aarch64-macos.11.0", ".dylib"),
     Target("x86_64-windows", "win64", "x86_64-windows-gnu", ".dll"),
 )
-_UNIVERSAL = 0xCAFEBABE  # of the header of a Mach-O file for several processors
-_PAGE = 14  # log2 of the size of a page on Apple's processors, in bytes
 
 
 @dataclass(frozen=True)
@@ -82,15 +79,17 @@ def compiler() -> Compiler:
     InputError
         With the remedy, if there is none.
     """
-    named = os.environ.get("CC", "").strip()
-    candidates = [tuple(named.split())] if named else [("cc",), ("gcc",), ("clang",)]
+    variable = os.environ.get("CC", "").strip()
+    candidates = [tuple(variable.split())] if variable else [("cc",), ("gcc",), ("clang",)]
     for command in candidates:
         if shutil.which(command[0]):
             return Compiler(command, _first_line([*command, "--version"]))
-    if not named:
+    if not variable:
         with contextlib.suppress(InputError):
             return cross_compiler()
-    missing = f"the compiler named by CC, '{named}', is not there" if named else "no C compiler was found"
+    missing = (
+        f"the compiler named by CC, '{variable}', is not there" if variable else "no C compiler was found"
+    )
     raise InputError(
         f"FMUs cannot be built: {missing}; install one from PyPI with 'pip install ziglang', or set CC"
     )
@@ -98,12 +97,12 @@ def compiler() -> Compiler:
 
 def _first_line(command: Sequence[str]) -> str:
     try:
-        done = subprocess.run(command, capture_output=True, text=True, check=True, timeout=60)
+        process = subprocess.run(command, capture_output=True, text=True, check=True, timeout=60)
     except (OSError, subprocess.SubprocessError) as error:
         raise InputError(
             f"FMUs cannot be built: '{' '.join(command)}' fails ({error}); set CC to a C compiler"
         ) from None
-    lines = done.stdout.splitlines()
+    lines = process.stdout.splitlines()
     return lines[0].strip() if lines else " ".join(command[:-1])
 
 
@@ -135,21 +134,22 @@ def compile_library(sources: Path, units: Sequence[str], binary: Path, target: T
     RunError
         With what the compiler says, if it fails.
     """
-    chosen = cross_compiler() if target else compiler()
+    c_compiler = cross_compiler() if target else compiler()
     windows = target.extension == ".dll" if target else os.name == "nt"
     flags = [*FLAGS, *(_target_flags(target, binary) if target else ())]
     if target and windows:
         flags.remove("-fPIC")
     # In a folder of its own: for Windows, linkers leave further files beside the library.
     with tempfile.TemporaryDirectory(prefix="lpfcosim-") as folder:
-        made = Path(folder) / binary.name
-        command = [*chosen.command, *flags, "-o", str(made), *units, *([] if windows else ["-lm"])]
-        done = subprocess.run(command, cwd=sources, capture_output=True, text=True, check=False)
-        if done.returncode or not made.is_file():
+        library = Path(folder) / binary.name
+        command = [*c_compiler.command, *flags, "-o", str(library), *units, *([] if windows else ["-lm"])]
+        process = subprocess.run(command, cwd=sources, capture_output=True, text=True, check=False)
+        if process.returncode or not library.is_file():
             raise RunError(
-                f"the generated C of {binary.stem} does not compile with {chosen.version}:\n{done.stderr}"
+                f"the generated C of {binary.stem} does not compile with {c_compiler.version}:\n"
+                f"{process.stderr}"
             )
-        shutil.move(made, binary)
+        shutil.move(library, binary)
 
 
 def _target_flags(target: Target, binary: Path) -> list[str]:
@@ -173,22 +173,4 @@ def compile_binaries(
     for target in targets:
         binary = binaries / target.folder(fmi) / f"{name}{target.extension}"
         binary.parent.mkdir(parents=True, exist_ok=True)
-        if not binary.exists():
-            compile_library(sources, units, binary, target)
-            continue
-        # FMI 2.0 has one folder for both kinds of Mac.
-        with tempfile.TemporaryDirectory(prefix="lpfcosim-") as scratch:
-            other = Path(scratch) / binary.name
-            compile_library(sources, units, other, target)
-            binary.write_bytes(_universal([binary.read_bytes(), other.read_bytes()]))
-
-
-def _universal(images: Sequence[bytes]) -> bytes:
-    """Join libraries for macOS, one per processor, into one."""
-    page = 1 << _PAGE
-    header, body = struct.pack(">2I", _UNIVERSAL, len(images)), b""
-    for image in images:
-        processor = struct.unpack_from("<2I", image, 4)  # and its subtype
-        header += struct.pack(">5I", *processor, page + len(body), len(image), _PAGE)
-        body += image + b"\0" * (-len(image) % page)
-    return header.ljust(page, b"\0") + body
+        compile_library(sources, units, binary, target)

@@ -2,7 +2,7 @@
 
 In go the equations as Modelica has them, in any order and not solved for anything. Out comes an assignment
 for every unknown, such that each needs those before it only. Equations that need each other (an algebraic
-loop) are solved together if they are linear in their unknowns, and refused if not.
+loop) are solved rows_of_block if they are linear in their unknowns, and refused if not.
 """
 
 from __future__ import annotations
@@ -18,9 +18,9 @@ from sympy.utilities.iterables import strongly_connected_components
 
 from lpfcosim.modelica.affine import linear
 from lpfcosim.modelica.arrays import scalar
-from lpfcosim.modelica.evaluate import Evaluator
+from lpfcosim.modelica.evaluator import Evaluator
+from lpfcosim.modelica.sorted_model import Assignment
 from lpfcosim.modelica.sources import Node
-from lpfcosim.modelica.system import Assignment
 
 
 @dataclass(frozen=True)
@@ -31,21 +31,21 @@ class Residual:
     span: Node
 
 
-def gather(evaluate: Evaluator) -> list[Residual]:
+def collect(evaluate: Evaluator) -> list[Residual]:
     """Evaluate all equations outside `when`, element by element; those in declarations are among them."""
-    found: list[Residual] = []
+    residuals: list[Residual] = []
     for equation in evaluate.model.equations:
         indices = {name: scalar(sp.Integer(i)) for name, i in equation.indices.items()}
         for value in np.ravel(evaluate(equation.residual, indices)):
             if any(s.name.startswith("pre(") for s in value.free_symbols):
                 evaluate.refuse("pre() outside when", equation.span)
-            found.append(Residual(value, equation.span))
+            residuals.append(Residual(value, equation.span))
     for v in evaluate.model.variables:
         # The equation of a declaration (Real y = …) does not stand among the equations.
         if v.binding is not None and v.variability in ("continuous", "discrete") and v.causality != "input":
             values = np.ravel(evaluate.value(v.name)) - np.ravel(evaluate.attribute(v, v.binding))
-            found += [Residual(value, v.span) for value in values]
-    return found
+            residuals += [Residual(value, v.span) for value in values]
+    return residuals
 
 
 def solve(
@@ -61,21 +61,25 @@ def solve(
     if not unknowns:
         return []
     column = {u: j for j, u in enumerate(unknowns)}
-    found = [sorted(column[s] for s in e.value.free_symbols if s in column) for e in equations]
-    entries = [(i, j) for i, unknown in enumerate(found) for j in unknown]
+    columns_of = [sorted(column[s] for s in e.value.free_symbols if s in column) for e in equations]
+    entries = [(i, j) for i, row in enumerate(columns_of) for j in row]
     rows, columns = np.array(entries, dtype=np.int32).reshape(-1, 2).T
     shape = len(equations), len(unknowns)
     incidence = csr_array((np.ones(len(entries), dtype=np.int8), (rows, columns)), shape=shape)
-    of = [int(j) for j in maximum_bipartite_matching(incidence, perm_type="column")]  # unknown by equation
-    left = [u.name for j, u in enumerate(unknowns) if j not in of]
-    if left or -1 in of:
-        span = next((e.span for e, j in zip(equations, of, strict=True) if j < 0), None)
-        evaluate.fail(f"the equations do not determine {', '.join(left) or 'what there is'}", span)
-    owner = {j: i for i, j in enumerate(of)}
+    matching = [
+        int(j) for j in maximum_bipartite_matching(incidence, perm_type="column")
+    ]  # unknown by equation
+    unmatched = [u.name for j, u in enumerate(unknowns) if j not in matching]
+    if unmatched or -1 in matching:
+        span = next((e.span for e, j in zip(equations, matching, strict=True) if j < 0), None)
+        evaluate.fail(f"the equations do not determine {', '.join(unmatched) or 'the model'}", span)
+    owner = {j: i for i, j in enumerate(matching)}
     solved: list[Assignment] = []
     for block in strongly_connected_components((range(shape[0]), [(i, owner[j]) for i, j in entries])):
-        together = sorted(block)
-        solved += _solved(evaluate, [equations[i] for i in together], [unknowns[of[i]] for i in together])
+        rows_of_block = sorted(block)
+        solved += _solved(
+            evaluate, [equations[i] for i in rows_of_block], [unknowns[matching[i]] for i in rows_of_block]
+        )
     return solved
 
 

@@ -1,7 +1,7 @@
 """The front end, rumoca: it reads Modelica, resolves names, checks types and shapes, and flattens a model.
 
-In go a package and the name of a model, out comes the :mod:`.flat` model. What rumoca finds wrong is told in
-one sentence, with file and line where they can be seen from what rumoca says.
+From a package and the name of a model it makes a :mod:`.flat_model`. Errors of rumoca become one sentence,
+with file and line where its message gives them.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from lpfcosim.errors import InputError
-from lpfcosim.modelica.flat import FlatModel, flat_model
+from lpfcosim.modelica.flat_model import FlatModel, flat_model
 from lpfcosim.modelica.sources import SourceMap, package_files
 
 _PLACE = re.compile(r" ?\[([^\[\]]*):(\d+):\d+\]")  # file, line and column, as rumoca writes them
@@ -54,49 +54,49 @@ def flatten(package: Path, model: str) -> FlatModel:
     except BaseException as error:  # the front end also raises a PanicException, which is not an Exception
         if isinstance(error, (KeyboardInterrupt, SystemExit)):
             raise
-        place, what = _told(rumoca, sources, str(error))
+        place, message = _located(rumoca, sources, str(error))
         place = place or str(root.parent if package.is_dir() else root)
-        raise InputError(f"{place}: {model}: {what}") from None
+        raise InputError(f"{place}: {model}: {message}") from None
     return flat_model(tree, model, sources)
 
 
 @contextmanager
 def _silence() -> Iterator[None]:
-    """Keep back what a panic of the front end writes past Python; its message comes with the exception."""
-    kept = os.dup(2)
-    nowhere = os.open(os.devnull, os.O_WRONLY)
-    os.dup2(nowhere, 2)
+    """Suppress what a panic of the front end writes to standard error; its exception has the message."""
+    stderr = os.dup(2)
+    null = os.open(os.devnull, os.O_WRONLY)
+    os.dup2(null, 2)
     try:
         yield
     finally:
-        os.dup2(kept, 2)
-        os.close(kept)
-        os.close(nowhere)
+        os.dup2(stderr, 2)
+        os.close(stderr)
+        os.close(null)
 
 
-def _told(rumoca: Any, sources: SourceMap, error: str) -> tuple[str | None, str]:
+def _located(rumoca: Any, sources: SourceMap, error: str) -> tuple[str | None, str]:
     """Return place and sentence of an error of the front end."""
     # A syntax error comes without its file; ask for each file alone.
     for file in sources.files:
         for diagnostic in rumoca.validate_source(file.read_text(encoding="utf-8"), filename=str(file)):
             if diagnostic.rule == "syntax-error":
-                what = str(diagnostic.message).partition("×")[2].partition("╭")[0].replace("│", " ")
-                return f"{file}:{_line(diagnostic)}", _STAGES.sub("", " ".join(what.split()))
-    what = " ".join(_STAGES.sub("", error.splitlines()[0]).split())
-    if found := _PLACE.search(what):
-        return f"{found[1]}:{found[2]}", _PLACE.sub("", what)
-    if found := _SPAN.search(what):
-        detail = re.search(r'detail: "([^"]*)"', what)
-        place = sources.where({"source": int(found[1]), "start": int(found[2])})
-        return place, detail[1] if detail else what
-    if found := _NAMELESS.search(what):
+                text = str(diagnostic.message).partition("×")[2].partition("╭")[0].replace("│", " ")
+                return f"{file}:{_line(diagnostic)}", _STAGES.sub("", " ".join(text.split()))
+    message = " ".join(_STAGES.sub("", error.splitlines()[0]).split())
+    if match := _PLACE.search(message):
+        return f"{match[1]}:{match[2]}", _PLACE.sub("", message)
+    if match := _SPAN.search(message):
+        detail = re.search(r'detail: "([^"]*)"', message)
+        place = sources.location({"source": int(match[1]), "start": int(match[2])})
+        return place, detail[1] if detail else message
+    if match := _NAMELESS.search(message):
         for file in sources.files:
             for number, line in enumerate(file.read_text(encoding="utf-8").splitlines(), start=1):
-                if re.search(rf"\b{re.escape(found[1])}\b", line):
-                    return f"{file}:{number}", what
-    return None, what.partition("; unknowns[")[0]
+                if re.search(rf"\b{re.escape(match[1])}\b", line):
+                    return f"{file}:{number}", message
+    return None, message.partition("; unknowns[")[0]
 
 
 def _line(diagnostic: Any) -> Any:
-    found = _PLACE.search(str(diagnostic.message))
-    return found[2] if found else diagnostic.line
+    match = _PLACE.search(str(diagnostic.message))
+    return match[2] if match else diagnostic.line

@@ -1,4 +1,4 @@
-"""FMUs and stepping loop that come ready made with a wheel; they count while their sources are unchanged."""
+"""Compiled FMUs and stepping loop shipped in a wheel; valid while their sources are unchanged."""
 
 from __future__ import annotations
 
@@ -14,77 +14,82 @@ FOLDER = Path(__file__).parents[1] / "prebuilt"
 _MANIFEST = "manifest.json"
 
 
-class UnfitError(Exception):
-    """What is asked for is not there ready made; the message says why."""
+class StalePrebuiltError(Exception):
+    """The wheel has no valid prebuilt file; the message gives the reason."""
 
 
 @dataclass(frozen=True)
-class Kind:
-    """Platforms that a kind of file (``fmi2``, ``fmi3``, ``engine``) is made for, and sources by name."""
+class PrebuiltGroup:
+    """Platforms of a group of files (``fmi2``, ``fmi3``, ``engine``), and its sources by name."""
 
     platforms: Sequence[str]
     sources: Mapping[str, Path]
 
 
-def write(folder: Path, kinds: Mapping[str, Kind], tools: Sequence[str]) -> None:
-    """Write the manifest of ``folder``, which holds one folder for each kind; ``tools`` is for the reader."""
+def write(folder: Path, groups: Mapping[str, PrebuiltGroup], tools: Sequence[str]) -> None:
+    """Write the manifest of ``folder``, which holds one folder for each group; ``tools`` is informative."""
     entries = {
         name: {
-            "platforms": list(kind.platforms),
-            "sources": {key: _sha256(file) for key, file in kind.sources.items()},
+            "platforms": list(group.platforms),
+            "sources": {key: _sha256(file) for key, file in group.sources.items()},
             "files": {file.name: _sha256(file) for file in sorted((folder / name).iterdir())},
         }
-        for name, kind in kinds.items()
+        for name, group in groups.items()
     }
     text = json.dumps({"tools": list(tools), **entries}, indent=1)
     (folder / _MANIFEST).write_text(text + "\n", encoding="utf-8")
 
 
-def find(kind: str, names: Sequence[str], sources: Mapping[str, Path]) -> list[Path]:
+def find(group: str, names: Sequence[str], sources: Mapping[str, Path]) -> list[Path]:
     """Return files that came with the package.
 
     Parameters
     ----------
-    kind : str
+    group : str
         ``fmi2``, ``fmi3`` or ``engine``.
     names : sequence of str
-        Names of files of that kind.
+        File names in that group.
     sources : mapping of str to Path
-        What such files are made from, here and now.
+        Current sources of such files.
 
     Raises
     ------
-    UnfitError
+    StalePrebuiltError
         If there are none, or not for this platform, or they or their sources have changed.
     """
     manifest = FOLDER / _MANIFEST
     try:
-        entry = json.loads(manifest.read_text(encoding="utf-8"))[kind]
+        entry = json.loads(manifest.read_text(encoding="utf-8"))[group]
         platforms, recorded, files = entry["platforms"], entry["sources"], entry["files"]
     except FileNotFoundError:
-        raise UnfitError("this installation came without compiled files") from None
+        raise StalePrebuiltError("this installation came without compiled files") from None
     except (OSError, ValueError, KeyError, TypeError):
-        raise UnfitError(f"{manifest} is damaged") from None
-    if here() not in platforms:
-        raise UnfitError(f"this installation came without compiled files ({kind}) for {here()}")
+        raise StalePrebuiltError(f"{manifest} is damaged") from None
+    if platform_name() not in platforms:
+        raise StalePrebuiltError(
+            f"this installation came without compiled files ({group}) for {platform_name()}"
+        )
     for name in sorted({*sources, *recorded}):
         if name not in sources or recorded.get(name) != _sha256(sources[name]):
             place = sources.get(name, name)
-            raise UnfitError(f"{place} has changed since the compiled files of this installation were made")
+            raise StalePrebuiltError(
+                f"{place} has changed since the compiled files of this installation were made"
+            )
     for name in names:
-        file = FOLDER / kind / name
+        file = FOLDER / group / name
         if not file.is_file() or files.get(name) != _sha256(file):
-            raise UnfitError(f"{file} is missing or damaged")
-    return [FOLDER / kind / name for name in names]
+            raise StalePrebuiltError(f"{file} is missing or damaged")
+    return [FOLDER / group / name for name in names]
 
 
-def here() -> str:
+def platform_name() -> str:
     """Name this platform as FMI 3.0 does; on Linux, another C library than glibc makes it another one."""
     import fmpy
 
     name = str(fmpy.platform_tuple)
-    other = sys.platform == "linux" and platform.libc_ver()[0] != "glibc"
-    return f"{name} without glibc" if other else name
+    if sys.platform == "linux" and platform.libc_ver()[0] != "glibc":
+        return f"{name} without glibc"
+    return name
 
 
 def _sha256(file: Path) -> str:

@@ -1,8 +1,4 @@
-"""What happens at sampling times, and delays: `when sample(start, period)` and `delay` of held signals.
-
-In go the `when` of the model and the delays met in its equations. Out come clocks, what is assigned when
-each of them ticks, in the order of computation, and delays of quantities that are held between samples.
-"""
+"""Clocks, sampled assignments and delays: ``when sample(start, period)`` and ``delay`` of sampled signals."""
 
 from __future__ import annotations
 
@@ -13,10 +9,9 @@ from dataclasses import replace
 import numpy as np
 import sympy as sp
 
-from lpfcosim.modelica.evaluate import Evaluator
-from lpfcosim.modelica.expressions import TIME
+from lpfcosim.modelica.evaluator import TIME, Evaluator
+from lpfcosim.modelica.sorted_model import Delay, Event
 from lpfcosim.modelica.sources import Node
-from lpfcosim.modelica.system import Delay, Event
 
 
 def clocks(evaluate: Evaluator) -> tuple[tuple[sp.Expr, sp.Expr], ...]:
@@ -25,24 +20,24 @@ def clocks(evaluate: Evaluator) -> tuple[tuple[sp.Expr, sp.Expr], ...]:
 
 
 def events(evaluate: Evaluator, resolved: Mapping[sp.Symbol, sp.Expr]) -> tuple[Event, ...]:
-    """Return what is assigned at the ticks, algebraic variables being ``resolved``."""
-    found: dict[sp.Symbol, Event] = {}
+    """Return the assignments at the ticks of the clocks, algebraic variables replaced as in ``resolved``."""
+    assigned: dict[sp.Symbol, Event] = {}
     for clock, when in enumerate(evaluate.model.whens):
         for target, tree, span in when.assignments:
             for symbol, value in zip(np.ravel(evaluate.value(target)), np.ravel(evaluate(tree)), strict=True):
-                if symbol in found:
+                if symbol in assigned:
                     evaluate.refuse(f"second 'when' for '{target}'", span)
-                found[symbol] = Event(symbol, value.xreplace(resolved), clock, span)
-    previous = {f"pre({s.name})" for s in found}
-    for event in found.values():
+                assigned[symbol] = Event(symbol, value.xreplace(resolved), clock, span)
+    previous = {f"pre({s.name})" for s in assigned}
+    for event in assigned.values():
         for s in event.value.free_symbols:
             if s.name.startswith("pre(") and s.name not in previous:
                 evaluate.refuse(f"{s.name} of a variable that is not sampled", event.span)
             if s.name.startswith("der("):
                 evaluate.refuse(f"{s.name} inside when", event.span)
-    values = {symbol: event.value for symbol, event in found.items()}
-    places = {symbol: event.span for symbol, event in found.items()}
-    return tuple(found[symbol] for symbol in ordered(evaluate, values, places))
+    values = {symbol: event.value for symbol, event in assigned.items()}
+    places = {symbol: event.span for symbol, event in assigned.items()}
+    return tuple(assigned[symbol] for symbol in sort_assignments(evaluate, values, places))
 
 
 def delays(
@@ -51,8 +46,8 @@ def delays(
     constant: Collection[sp.Symbol],
     states: Collection[sp.Symbol],
 ) -> tuple[Delay, ...]:
-    """Return the delays met so far, of what is held and by a time that does not vary."""
-    found = []
+    """Return the delays met so far; each is of a sampled signal and by a constant time."""
+    checked = []
     for delay in evaluate.delays:
         value = delay.value.xreplace(resolved)
         for s in value.free_symbols:
@@ -62,11 +57,11 @@ def delays(
                 )
         if not delay.duration.free_symbols <= set(constant):
             evaluate.refuse("delay() with a varying delay time", delay.span)
-        found.append(replace(delay, value=value))
-    return tuple(found)
+        checked.append(replace(delay, value=value))
+    return tuple(checked)
 
 
-def ordered(
+def sort_assignments(
     evaluate: Evaluator, values: Mapping[sp.Symbol, sp.Expr], places: Mapping[sp.Symbol, Node]
 ) -> list[sp.Symbol]:
     """Sort symbols so that the value of each needs those before it only."""
@@ -74,5 +69,5 @@ def ordered(
     try:
         return list(graphlib.TopologicalSorter(graph).static_order())
     except graphlib.CycleError as error:
-        circle = sorted({s.name for s in error.args[1]})
-        evaluate.fail(f"{', '.join(circle)} depend on each other in a circle", places[error.args[1][0]])
+        names = sorted({s.name for s in error.args[1]})
+        evaluate.fail(f"{', '.join(names)} depend on each other in a circle", places[error.args[1][0]])

@@ -1,7 +1,7 @@
-"""What follows from what: the partial derivative of every assignment, and from them all dependencies.
+"""Partial derivatives of all assignments, and the dependencies of FMI that follow from them.
 
-Along the assignments in their order, a seed passes from the knowns to the unknowns (directional derivative)
-or back (adjoint); which knowns arrive at an unknown, and by what kind of factor, is its dependence.
+Along the assignments, a seed passes from the knowns to the unknowns (directional derivative); the knowns that
+reach an unknown, with the kind of their factor, are its dependencies.
 """
 
 from __future__ import annotations
@@ -13,9 +13,9 @@ from itertools import chain
 
 import sympy as sp
 
-from lpfcosim.modelica.events import switches
-from lpfcosim.modelica.expressions import TIME
-from lpfcosim.modelica.system import Scalar, System
+from lpfcosim.modelica.evaluator import TIME
+from lpfcosim.modelica.event_functions import switches
+from lpfcosim.modelica.sorted_model import Scalar, SortedModel
 
 KINDS = ("constant", "fixed", "tunable", "discrete", "dependent")  # of a factor, as FMI calls them
 Dependence = Mapping[sp.Symbol, str]
@@ -23,7 +23,7 @@ _Assignment = tuple[sp.Symbol, sp.Expr]
 
 
 @dataclass(frozen=True)
-class Link:
+class PartialDerivative:
     """``unknown`` changes by ``partial`` per change of ``known``; if ``starting``, at the start only."""
 
     unknown: sp.Symbol
@@ -33,37 +33,37 @@ class Link:
 
 
 class Sensitivity:
-    """The assignments of a system, differentiated.
+    """The assignments of a model, differentiated.
 
     Parameters
     ----------
-    system : System
+    model : SortedModel
         A sorted model.
     """
 
-    def __init__(self, system: System) -> None:
-        self.system = system
-        self._scalars = {s.symbol: s for s in system.scalars}
+    def __init__(self, model: SortedModel) -> None:
+        self.model = model
+        self._scalars = {s.symbol: s for s in model.scalars}
         starts = [
             (s.symbol, s.value)
-            for s in system.scalars
+            for s in model.scalars
             if s.kind in ("state", "discrete") and s.value.free_symbols
         ]
         # At the start a delayed signal is what it will be later.
-        delayed = [(d.symbol, d.value) for d in system.delays]
+        delayed = [(d.symbol, d.value) for d in model.delays]
         self._starting: list[_Assignment] = [*starts, *delayed]
         self._partials = {
             symbol: {known: value.diff(known) for known in sorted(value.free_symbols, key=str)}
-            for symbol, value in (*system.calculated, *self._starting, *system.solved)
+            for symbol, value in (*model.calculated, *self._starting, *model.solved)
         }
 
     @cached_property
-    def links(self) -> tuple[Link, ...]:
+    def partials(self) -> tuple[PartialDerivative, ...]:
         """All partial derivatives that are not zero, in the order of execution."""
         starting = {symbol for symbol, _ in self._starting}
         return tuple(
-            Link(symbol, known, partial, symbol in starting)
-            for symbol, _ in (*self.system.calculated, *self._starting, *self.system.solved)
+            PartialDerivative(symbol, known, partial, symbol in starting)
+            for symbol, _ in (*self.model.calculated, *self._starting, *self.model.solved)
             for known, partial in self._partials[symbol].items()
             if partial != 0
         )
@@ -71,47 +71,47 @@ class Sensitivity:
     @cached_property
     def tunable(self) -> frozenset[sp.Symbol]:
         """Parameters that may change during a simulation: those that place no clock, delay or start alone."""
-        placing = chain(*self.system.clocks, (d.duration for d in self.system.delays))
+        placing = chain(*self.model.clocks, (d.duration for d in self.model.delays))
         fixed = self._parameters_in(placing)
         used = self._parameters_in(
             chain(
-                (e for _, e in self.system.solved),
-                (d.value for d in self.system.delays),
-                (e.value for e in self.system.events),
+                (e for _, e in self.model.solved),
+                (d.value for d in self.model.delays),
+                (e.value for e in self.model.events),
             )
         )
         return frozenset(used - fixed)
 
     def _parameters_in(self, expressions: Iterable[sp.Expr]) -> set[sp.Symbol]:
-        calculated = dict(self.system.calculated)
-        found: set[sp.Symbol] = set()
+        calculated = dict(self.model.calculated)
+        closure: set[sp.Symbol] = set()
         new = set().union(*(e.free_symbols for e in expressions))
-        while new - found:
-            found |= new
+        while new - closure:
+            closure |= new
             new = set().union(*(calculated[s].free_symbols for s in new if s in calculated))
-        return {s.symbol for s in self.system.scalars if s.kind == "parameter"} & found
+        return {s.symbol for s in self.model.scalars if s.kind == "parameter"} & closure
 
     @cached_property
     def running(self) -> Mapping[sp.Symbol, Dependence]:
         """Every variable's dependence on the knowns of a communication point."""
-        return self._dependences([*self.system.calculated, *self.system.solved])
+        return self._dependences([*self.model.calculated, *self.model.solved])
 
     @cached_property
     def initial(self) -> Mapping[sp.Symbol, Dependence]:
         """Every variable's dependence on the knowns of initialization."""
-        return self._dependences([*self.system.calculated, *self._starting, *self.system.solved])
+        return self._dependences([*self.model.calculated, *self._starting, *self.model.solved])
 
     def _dependences(self, assignments: Iterable[_Assignment]) -> Mapping[sp.Symbol, Dependence]:
         ranks: dict[sp.Symbol, dict[sp.Symbol, int]] = {}
         for symbol, value in assignments:
             reached = ranks.setdefault(symbol, {})
             for near, partial in self._partials[symbol].items():
-                own = self._rank(partial, ranks)
+                own_rank = self._rank(partial, ranks)
                 if switches([value], {near}):
-                    own = KINDS.index("dependent")
-                through = ranks.get(near, {near: 0} if near in self._scalars or near == TIME else {})
-                for known, rank in through.items():
-                    reached[known] = max(own, rank, reached.get(known, 0))
+                    own_rank = KINDS.index("dependent")
+                near_ranks = ranks.get(near, {near: 0} if near in self._scalars or near == TIME else {})
+                for known, rank in near_ranks.items():
+                    reached[known] = max(own_rank, rank, reached.get(known, 0))
         return {symbol: {s: KINDS[r] for s, r in reached.items()} for symbol, reached in ranks.items()}
 
     def _rank(self, factor: sp.Expr, ranks: Mapping[sp.Symbol, Mapping[sp.Symbol, int]]) -> int:
@@ -128,6 +128,6 @@ class Sensitivity:
     def variability(self, scalar: Scalar) -> str:
         """Return the variability of a variable, as FMI calls it."""
         if scalar.kind in ("parameter", "calculated"):
-            on = self.running[scalar.symbol] if scalar.kind == "calculated" else {scalar.symbol}
-            return "tunable" if self.tunable.intersection(on) else "fixed"
+            sources = self.running[scalar.symbol] if scalar.kind == "calculated" else {scalar.symbol}
+            return "tunable" if self.tunable.intersection(sources) else "fixed"
         return "discrete" if scalar.kind == "discrete" else "continuous"

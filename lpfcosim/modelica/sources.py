@@ -13,12 +13,6 @@ def package_files(package: Path) -> list[Path]:
     return sorted(package.rglob("*.mo")) if package.is_dir() else [package]
 
 
-def resource_files(package: Path) -> list[Path]:
-    """Files of a package that archives are made from, beside its Modelica sources."""
-    file = package / "Resources" / "authority.json"
-    return [file] if file.is_file() else []
-
-
 class SourceMap:
     """Map the front end's byte spans to ``file:line``; it names a file by the FNV-1a hash of its path."""
 
@@ -26,8 +20,8 @@ class SourceMap:
         self.files = files
         self._of_hash = {_fnv1a(str(file).encode()): file for file in files}
 
-    def where(self, span: Node | None) -> str:
-        """Return ``file:line`` of a span, or what is known of it."""
+    def location(self, span: Node | None) -> str:
+        """Return ``file:line`` of a span, or ``<unknown place>``."""
         file = self._of_hash.get(span["source"]) if span else None
         if span is None or file is None:
             return "<unknown place>"

@@ -1,11 +1,11 @@
-"""From a flat Modelica model to a system of assignments, pass by pass.
+"""Translate a flat Modelica model to sorted assignments, pass by pass.
 
-1. `kinds`: what each variable is.
-2. `equations`: gathered, put in order, solved.
-3. `sampling`: clocks, what they change, and delays.
-4. `affine`: whether a step can be exact.
+1. `classify`: the kind of each variable.
+2. `equations`: collected, sorted, solved.
+3. `sampling`: clocks, sampled variables, delays.
+4. `affine`: the linear part, for an exact step.
 
-Each pass is a file of that name; all of them read what stands in the model through one `evaluate.Evaluator`.
+Each pass is a module of that name; all of them evaluate expressions through one `evaluator.Evaluator`.
 """
 
 from __future__ import annotations
@@ -14,15 +14,14 @@ from collections.abc import Sequence
 
 import sympy as sp
 
-from lpfcosim.modelica import affine, equations, kinds, sampling
-from lpfcosim.modelica.evaluate import Evaluator
-from lpfcosim.modelica.events import switches
-from lpfcosim.modelica.expressions import TIME
-from lpfcosim.modelica.flat import FlatModel
-from lpfcosim.modelica.system import Assignment, System
+from lpfcosim.modelica import affine, classify, equations, sampling
+from lpfcosim.modelica.evaluator import TIME, Evaluator
+from lpfcosim.modelica.event_functions import switches
+from lpfcosim.modelica.flat_model import FlatModel
+from lpfcosim.modelica.sorted_model import Assignment, SortedModel
 
 
-def translate(model: FlatModel) -> System:
+def translate(model: FlatModel) -> SortedModel:
     """Order and solve the equations of a flat model.
 
     Raises
@@ -32,29 +31,29 @@ def translate(model: FlatModel) -> System:
         that are not held, sampled variables that depend on each other in a circle.
     """
     evaluate = Evaluator(model)
-    gathered = equations.gather(evaluate)
-    scalars = kinds.classify(evaluate, {s for e in gathered for s in e.value.free_symbols})
+    residuals = equations.collect(evaluate)
+    scalars = classify.classify(evaluate, {s for e in residuals for s in e.value.free_symbols})
 
-    def of(*wanted: str) -> list[sp.Symbol]:
-        return [s.symbol for s in scalars if s.kind in wanted]
+    def symbols(*kinds: str) -> list[sp.Symbol]:
+        return [s.symbol for s in scalars if s.kind in kinds]
 
-    states, rates = of("state"), of("rate")
-    solved = equations.solve(evaluate, gathered, [*rates, *of("algebraic")])
+    states, rates = symbols("state"), symbols("rate")
+    solved = equations.solve(evaluate, residuals, [*rates, *symbols("algebraic")])
     resolved: dict[sp.Symbol, sp.Expr] = {}
     for symbol, value in solved:
         resolved[symbol] = value.xreplace(resolved)
     derivatives = tuple((x, resolved[rate]) for x, rate in zip(states, rates, strict=True))
-    _refuse_events_inside_steps(evaluate, derivatives, gathered)
+    _refuse_events_inside_steps(evaluate, derivatives, residuals)
     events = sampling.events(evaluate, resolved)
-    delays = sampling.delays(evaluate, resolved, of("parameter", "calculated"), states)
+    delays = sampling.delays(evaluate, resolved, symbols("parameter", "calculated"), states)
     calculated = {s.symbol: s for s in scalars if s.kind == "calculated"}
-    return System(
+    return SortedModel(
         name=model.name.rpartition(".")[2],
         description=model.description,
         scalars=tuple(scalars),
         calculated=tuple(
             (symbol, calculated[symbol].value)
-            for symbol in sampling.ordered(
+            for symbol in sampling.sort_assignments(
                 evaluate,
                 {s.symbol: s.value for s in calculated.values()},
                 {s.symbol: s.variable.span for s in calculated.values()},
@@ -67,7 +66,7 @@ def translate(model: FlatModel) -> System:
         ),
         solved=tuple(solved),
         derivatives=derivatives,
-        affine=affine.affine(derivatives, of("input", "discrete"), [d.symbol for d in delays]),
+        affine=affine.affine(derivatives, symbols("input", "discrete"), [d.symbol for d in delays]),
         delays=delays,
         clocks=sampling.clocks(evaluate),
         events=events,
@@ -75,13 +74,13 @@ def translate(model: FlatModel) -> System:
 
 
 def _refuse_events_inside_steps(
-    evaluate: Evaluator, derivatives: Sequence[Assignment], gathered: Sequence[equations.Residual]
+    evaluate: Evaluator, derivatives: Sequence[Assignment], residuals: Sequence[equations.Residual]
 ) -> None:
     moving = {TIME, *(x for x, _ in derivatives)}
     for state, value in derivatives:
         for switch in switches([value], moving):
             # The place told is the first equation that switches at all; there is seldom another.
-            place = next(e.span for e in gathered if switches([e.value], e.value.free_symbols))
+            place = next(e.span for e in residuals if switches([e.value], e.value.free_symbols))
             evaluate.fail(
                 f"an event inside a step is not supported: der({state.name}) switches on {switch}", place
             )

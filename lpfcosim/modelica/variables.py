@@ -8,12 +8,12 @@ from itertools import groupby
 
 import sympy as sp
 
-from lpfcosim.modelica.codegen import Layout, settable_until
-from lpfcosim.modelica.system import Scalar
+from lpfcosim.modelica.c_printer import Layout, settable_until
+from lpfcosim.modelica.sorted_model import Scalar
 
 
 @dataclass(frozen=True)
-class Declared:
+class FmiVariable:
     """One variable of a model description.
 
     Attributes
@@ -49,6 +49,11 @@ class Declared:
         return self.elements[0].variable.unit
 
     @property
+    def description(self) -> str:
+        """As declared, possibly empty."""
+        return self.elements[0].variable.description or ""
+
+    @property
     def settable(self) -> int:
         """When all elements can be set, see `settable_until`."""
         return min(settable_until(s) for s in self.elements)
@@ -59,7 +64,7 @@ class Declared:
         return " ".join(repr(float(s.value)) for s in self.elements)
 
 
-def declare(where: Layout, fmi: str) -> tuple[Declared, ...]:
+def declare_variables(layout: Layout, fmi: str) -> tuple[FmiVariable, ...]:
     """Return the variables of a model by value reference, and arrays, where there are any, at their places.
 
     A scalar has the reference of its place. So has every element of an array; the array itself, if it has
@@ -67,25 +72,28 @@ def declare(where: Layout, fmi: str) -> tuple[Declared, ...]:
     """
     if fmi == "2.0":
         return tuple(
-            Declared(s.symbol.name, (s,), (), reference) for reference, s in enumerate(where.order, start=1)
+            FmiVariable(s.symbol.name, (s,), (), reference)
+            for reference, s in enumerate(layout.order, start=1)
         )
-    found: list[Declared] = []
-    beyond = 1 + len(where.order)
-    for _, together in groupby(where.order, key=lambda s: (s.kind, s.variable.name)):
-        elements = tuple(together)
-        first = elements[0]
-        reference = where.reference[first.symbol]
+    variables: list[FmiVariable] = []
+    array_reference = 1 + len(layout.order)
+    for _, group in groupby(layout.order, key=lambda s: (s.kind, s.variable.name)):
+        elements = tuple(group)
+        variable = elements[0].variable
+        reference = layout.reference[elements[0].symbol]
         if len(elements) > 1:
-            reference, beyond = beyond, beyond + 1
-        found.append(Declared(first.variable.name, elements, first.variable.dims, reference))
-    return tuple(found)
+            reference, array_reference = array_reference, array_reference + 1
+        variables.append(FmiVariable(variable.name, elements, variable.dims, reference))
+    return tuple(variables)
 
 
-def arrays(declared: Iterable[Declared], where: Layout) -> list[tuple[int, int]]:
+def array_extents(variables: Iterable[FmiVariable], layout: Layout) -> list[tuple[int, int]]:
     """Return the place of the first element and how many there are, by array, in the order of references."""
-    return [(where.reference[d.elements[0].symbol], len(d.elements)) for d in declared if len(d.elements) > 1]
+    return [
+        (layout.reference[d.elements[0].symbol], len(d.elements)) for d in variables if len(d.elements) > 1
+    ]
 
 
-def references(declared: Iterable[Declared]) -> dict[sp.Symbol, int]:
+def value_references(variables: Iterable[FmiVariable]) -> dict[sp.Symbol, int]:
     """Return the value reference of the variable that an element belongs to."""
-    return {s.symbol: d.reference for d in declared for s in d.elements}
+    return {s.symbol: d.reference for d in variables for s in d.elements}

@@ -90,15 +90,4 @@ def text(image: bytes, at: int) -> str:
     return image[at : image.index(0, at)].decode()
 
 
-def slices(image: bytes) -> list[bytes]:
-    """Libraries in a universal binary."""
-    magic, number = struct.unpack_from(">II", image)
-    assert magic == 0xCAFEBABE
-    parts = [struct.unpack_from(">5I", image, 8 + 20 * i) for i in range(number)]
-    assert all(offset % (1 << align) == 0 for _, _, offset, _, align in parts)
-    for processor, kind, offset, _, _ in parts:
-        assert struct.unpack_from("<II", image, offset + 4) == (processor, kind)
-    return [image[offset : offset + size] for _, _, offset, size, _ in parts]
-
-
 READERS = {".so": elf, ".dll": pe, ".dylib": mach_o}

@@ -8,13 +8,13 @@
 static double *states(State *s) { return s->v + FIRST_STATE; }
 
 /* Held signal j as it was set at internal step m; before the first as at the start. */
-static double held_at(const State *s, int j, unsigned long long m) { return s->ring[m % DELAY_CAPACITY][j]; }
+static double held_signal(const State *s, int j, unsigned long long m) { return s->ring[m % DELAY_CAPACITY][j]; }
 
 /* The delayed signals at this time, with `value` set last. */
 static void delayed(const State *s, const double *value, double *d) {
     for (int j = 0; j < ND; j++) {
         unsigned long long back = s->whole[j] + (s->part[j] > 0);
-        d[j] = back ? held_at(s, j, s->n - back) : value[j];
+        d[j] = back ? held_signal(s, j, s->n - back) : value[j];
     }
 }
 
@@ -26,21 +26,21 @@ static void core_reset(State *s) {
 
 static void core_start(State *s, double time) {
     s->start_time = s->v[0] = time;
-    s->fresh = 0;
+    s->evaluated_stage = 0;
 }
 
 /* Before the end of initialization anything can be set, after it only inputs: they leave stage 1 as it is. */
-static void core_touch(State *s) {
-    if (s->fresh > s->initialized) s->fresh = s->initialized;
+static void core_inputs_changed(State *s) {
+    if (s->evaluated_stage > s->initialized) s->evaluated_stage = s->initialized;
 }
 
-/* The step has to be prepared anew; what says so costs nothing as long as nobody does this. */
-static COLD void core_tune(State *s) {
-    s->settled = s->fresh = 0;
+/* Let the next step discretise again, by way of a communication step that equals no other. */
+static COLD void core_parameters_changed(State *s) {
+    s->parameters_current = s->evaluated_stage = 0;
     s->communication_step = NAN;
 }
 
-static COLD void settle(State *s) {
+static COLD void update_dependent_parameters(State *s) {
     model_calculated(s->v);
     if (!s->initialized) model_dependent_starts(s->v);
 }
@@ -52,28 +52,28 @@ static void core_delayed(const State *s, double *d) {
         delayed(s, s->ring[(s->n - 1) % DELAY_CAPACITY], d);
 }
 
-static void core_refresh(State *s, int to) {
-    if (s->fresh < 1) {
-        if (!s->settled) settle(s);
-        model_moved(s->v);
+static void core_evaluate(State *s, int stage) {
+    if (s->evaluated_stage < 1) {
+        if (!s->parameters_current) update_dependent_parameters(s);
+        model_state_outputs(s->v);
     }
-    if (to > 1) {
+    if (stage > 1) {
         double d[AT_LEAST_ONE(ND)];
         core_delayed(s, d);
-        if (s->fresh < 2) model_outputs(s->v, d);
-        if (to > 2) model_algebraic(s->v, d);
+        if (s->evaluated_stage < 2) model_outputs(s->v, d);
+        if (stage > 2) model_algebraic(s->v, d);
     }
-    s->fresh = to;
+    s->evaluated_stage = stage;
 }
 
 static void core_initialize(State *s) {
     double value[AT_LEAST_ONE(ND)];
-    s->fresh = 0;
-    core_refresh(s, 3);
+    s->evaluated_stage = 0;
+    core_evaluate(s, 3);
     model_delay_values(s->v, value);
     for (int k = 0; k < DELAY_CAPACITY; k++)
         for (int j = 0; j < ND; j++) s->ring[k][j] = value[j];
-    s->initialized = s->settled = 1;
+    s->initialized = s->parameters_current = 1;
 }
 
 #if AFFINE
@@ -115,12 +115,11 @@ static void exponential(const double *a, const double *b, double dt, double *g) 
 #endif
 
 #if AFFINE
-/* dx = e z by columns: the sums of all states grow side by side, and compilers put several in a register. Each begins as
-   0 + the first term, for its sign if that is zero. */
+/* dx = e z; e is stored by columns, so that compilers vectorise the inner loop. */
 static void multiply(const State *s, const double *z, double *dx) {
     double sum[NX];
-    for (int i = 0; i < NX; i++) sum[i] = 0 + s->e[i] * z[0];
-    for (int j = 1; j < NZ; j++)
+    for (int i = 0; i < NX; i++) sum[i] = 0;
+    for (int j = 0; j < NZ; j++)
         for (int i = 0; i < NX; i++) sum[i] += s->e[j * NX + i] * z[j];
     for (int i = 0; i < NX; i++) dx[i] = sum[i];
 }
@@ -218,14 +217,14 @@ static void runge_kutta(State *s, double t, const double *d, double dt) {
 }
 #endif
 
-static void move_states(State *s) {
+static void integrate(State *s) {
 #if AFFINE
     double z[NZ], dx[NX];
     for (int i = 0; i < NX; i++) z[i] = states(s)[i];
     model_held(s->v, z + NX);
     for (int j = 0; j < ND; j++) {
-        z[NX + NH + j] = held_at(s, j, s->n - s->whole[j] - 1);
-        z[NX + NH + ND + j] = held_at(s, j, s->n - s->whole[j]);
+        z[NX + NH + j] = held_signal(s, j, s->n - s->whole[j] - 1);
+        z[NX + NH + ND + j] = held_signal(s, j, s->n - s->whole[j]);
     }
     z[NZ - 1] = 1;
     multiply(s, z, dx);
@@ -235,7 +234,7 @@ static void move_states(State *s) {
     double d[AT_LEAST_ONE(ND)];
     for (double t = 0, end; t < s->h; t = end) {
         end = next_switch(s, t);
-        for (int j = 0; j < ND; j++) d[j] = held_at(s, j, s->n - s->whole[j] - (t >= s->part[j] ? 0 : 1));
+        for (int j = 0; j < ND; j++) d[j] = held_signal(s, j, s->n - s->whole[j] - (t >= s->part[j] ? 0 : 1));
         runge_kutta(s, time + t, d, end - t);
     }
 #else
@@ -245,7 +244,7 @@ static void move_states(State *s) {
 }
 
 /* One internal step: sample, hold, move. */
-static APART void advance(State *s) {
+static NOINLINE void advance(State *s) {
     double value[AT_LEAST_ONE(ND)], d[AT_LEAST_ONE(ND)];
     unsigned char tick[AT_LEAST_ONE(NC)];
     int any = 0;
@@ -261,24 +260,24 @@ static APART void advance(State *s) {
         model_delay_values(s->v, value);
     }
     for (int j = 0; j < ND; j++) s->ring[s->n % DELAY_CAPACITY][j] = value[j];
-    move_states(s);
+    integrate(s);
     s->n++;
     s->v[0] = s->start_time + (double)(long long)s->n * s->h;
 }
 
-/* What a step other than the last one, or elsewhere than at its end, has to fulfil. */
-static COLD const char *admit(State *s, double time, double step) {
+/* Check and prepare a step that does not simply continue the last one. */
+static COLD const char *check_step(State *s, double time, double step) {
     if (!(step > 0)) return "the communication step is not positive";
-    const int tuned = !s->settled;
-    if (tuned) settle(s);
+    const int parameters_changed = !s->parameters_current;
+    if (parameters_changed) update_dependent_parameters(s);
     if (s->h == 0) {
         const char *problem = prepare(s, step);
         if (problem) return s->h = 0, problem;
-    } else if (tuned) {
+    } else if (parameters_changed) {
         const char *problem = discretise(s);
         if (problem) return problem;
     }
-    s->settled = 1;
+    s->parameters_current = 1;
     double count = step / s->h, steps = floor(count + 0.5);
     if (steps < 1 || fabs(count - steps) > 1e-6 * count)
         return "the communication step is not a multiple of the internal step";
@@ -291,10 +290,10 @@ static COLD const char *admit(State *s, double time, double step) {
 
 static const char *core_step(State *s, double time, double step) {
     if (step != s->communication_step || time != s->v[0]) {
-        const char *problem = admit(s, time, step);
+        const char *problem = check_step(s, time, step);
         if (problem) return problem;
     }
     for (unsigned long long i = s->internal_steps; i > 0; i--) advance(s);
-    s->fresh = 0;
+    s->evaluated_stage = 0;
     return NULL;
 }

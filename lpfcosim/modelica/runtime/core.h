@@ -10,11 +10,11 @@
 #include <stdint.h>
 
 #if defined(__GNUC__)
-#define COLD __attribute__((cold))       /* keeps errors out of the way of what happens at every step */
-#define APART __attribute__((noinline))  /* keeps a compiler from preparing for a loop that runs once */
+#define COLD __attribute__((cold))         /* moves error paths out of the stepping loop */
+#define NOINLINE __attribute__((noinline)) /* keeps compilers from unrolling a loop that mostly runs once */
 #else
 #define COLD
-#define APART
+#define NOINLINE
 #endif
 
 #define AT_LEAST_ONE(n) ((n) > 0 ? (n) : 1) /* C99 has no arrays of length zero */
@@ -35,33 +35,33 @@ typedef struct {
     double part[AT_LEAST_ONE(ND)];
     unsigned long long period[AT_LEAST_ONE(NC)], wait[AT_LEAST_ONE(NC)]; /* of the clocks, in internal steps */
     int initialized;
-    int settled; /* parameters are as the last step took them */
-    int fresh; /* the stage up to which v is up to date, see model_stage */
+    int parameters_current; /* the step matrix belongs to the present parameters */
+    int evaluated_stage;    /* stage up to which v is up to date, see model_stage */
 } State;
 
-/* A partial derivative; numbers from NV on mean delayed signals. */
+/* A partial derivative; indices from NV on are delayed signals. */
 typedef struct {
     uint16_t unknown, known;
     unsigned char starting; /* at the start only */
-} Link;
+} Partial;
 
 /* Generated, model.c. It comes first in the one translation unit, with seven constants:
    model_inputs     value references of all NU inputs, in order
    model_settable   by value reference: 0 never, 1 until the end of initialization, 2 always, 3 always as parameter
-   model_known      by value reference: follows from nothing once a step may be made
-   model_links      from known to unknown: all partial derivatives, in the order of execution
-   model_stage      by value reference: up to date after 1 model_moved, 2 model_outputs, 3 model_algebraic
+   model_independent     by value reference: a known after initialization (state, sampled variable, input, parameter)
+   model_partial_table   all partial derivatives, in the order of execution
+   model_stage      by value reference: up to date after 1 model_state_outputs, 2 model_outputs, 3 model_algebraic
    model_arrays     by array: value reference of its first element, and how many there are
    model_token      of instantiation
    Every function works on the values v by value reference. */
 static void model_start(double *v);
 static void model_calculated(double *v);                 /* parameters that follow from others */
 static void model_dependent_starts(double *v);           /* states that start where parameters say */
-static void model_take_inputs(double *v, const double *u);
-static void model_moved(double *v);                      /* outputs that follow from states and parameters alone */
+static void model_set_inputs(double *v, const double *u);
+static void model_state_outputs(double *v);              /* outputs that follow from states and parameters alone */
 static void model_outputs(double *v, const double *d);   /* the other outputs */
-static void model_algebraic(double *v, const double *d); /* what no output needs, and derivatives of states */
-static void model_partials(const double *v, const double *d, double *p); /* by link */
+static void model_algebraic(double *v, const double *d); /* the rest, and derivatives of states */
+static void model_partials(const double *v, const double *d, double *p); /* as model_partial_table */
 static void model_events(double *v, const double *d, const unsigned char *tick);
 static void model_clocks(const double *v, double *start, double *period);
 static void model_delay_values(const double *v, double *value);
@@ -76,10 +76,10 @@ static void model_rates(const double *v, const double *d, double *rate);
 static void core_reset(State *s);
 static void core_start(State *s, double time);
 static void core_initialize(State *s);
-static void core_touch(State *s);          /* a variable was set */
-static void core_tune(State *s);           /* a parameter was set after initialization */
+static void core_inputs_changed(State *s);          /* a variable was set */
+static void core_parameters_changed(State *s);           /* a parameter was set after initialization */
 static void core_delayed(const State *s, double *d);
-static void core_refresh(State *s, int to); /* bring up to date all variables of this stage */
+static void core_evaluate(State *s, int stage); /* bring up to date all variables of this stage */
 static const char *core_step(State *s, double time, double step); /* NULL, or what went wrong */
 
 #endif

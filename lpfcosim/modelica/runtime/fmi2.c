@@ -16,7 +16,7 @@ static COLD fmi2Status fail(const Component *c, const char *message) {
     return fmi2Error;
 }
 
-static fmi2Status done(const Component *c, const char *problem) { return problem ? fail(c, problem) : fmi2OK; }
+static fmi2Status status_of(const Component *c, const char *problem) { return problem ? fail(c, problem) : fmi2OK; }
 
 const char *fmi2GetTypesPlatform(void) { return fmi2TypesPlatform; }
 const char *fmi2GetVersion(void) { return fmi2Version; }
@@ -59,12 +59,12 @@ fmi2Status fmi2SetupExperiment(fmi2Component c, fmi2Boolean tolerance_defined, f
 
 fmi2Status fmi2EnterInitializationMode(fmi2Component c) {
     Instance *m = c;
-    return done(c, instance_enter(m, m->now.state.start_time));
+    return status_of(c, instance_enter(m, m->now.state.start_time));
 }
 
-fmi2Status fmi2ExitInitializationMode(fmi2Component c) { return done(c, instance_exit(c)); }
+fmi2Status fmi2ExitInitializationMode(fmi2Component c) { return status_of(c, instance_exit(c)); }
 
-fmi2Status fmi2Terminate(fmi2Component c) { return done(c, instance_end(c)); }
+fmi2Status fmi2Terminate(fmi2Component c) { return status_of(c, instance_end(c)); }
 
 fmi2Status fmi2Reset(fmi2Component c) {
     instance_reset(c);
@@ -72,21 +72,21 @@ fmi2Status fmi2Reset(fmi2Component c) {
 }
 
 fmi2Status fmi2GetReal(fmi2Component c, const fmi2ValueReference vr[], size_t n, fmi2Real values[]) {
-    return done(c, instance_get(c, vr, n, values));
+    return status_of(c, instance_get(c, vr, n, values));
 }
 
 fmi2Status fmi2SetReal(fmi2Component c, const fmi2ValueReference vr[], size_t n, const fmi2Real values[]) {
-    return done(c, instance_set(c, vr, n, values));
+    return status_of(c, instance_set(c, vr, n, values));
 }
 
 fmi2Status fmi2DoStep(fmi2Component c, fmi2Real time, fmi2Real step, fmi2Boolean no_rollback) {
     (void)no_rollback;
-    return done(c, instance_step(c, time, step));
+    return status_of(c, instance_step(c, time, step));
 }
 
-fmi2Status fmi2GetFMUstate(fmi2Component c, fmi2FMUstate *state) { return done(c, snapshot_save(c, state)); }
+fmi2Status fmi2GetFMUstate(fmi2Component c, fmi2FMUstate *state) { return status_of(c, snapshot_save(c, state)); }
 
-fmi2Status fmi2SetFMUstate(fmi2Component c, fmi2FMUstate state) { return done(c, snapshot_restore(c, state)); }
+fmi2Status fmi2SetFMUstate(fmi2Component c, fmi2FMUstate state) { return status_of(c, snapshot_restore(c, state)); }
 
 fmi2Status fmi2FreeFMUstate(fmi2Component c, fmi2FMUstate *state) {
     (void)c;
@@ -101,17 +101,17 @@ fmi2Status fmi2SerializedFMUstateSize(fmi2Component c, fmi2FMUstate state, size_
 }
 
 fmi2Status fmi2SerializeFMUstate(fmi2Component c, fmi2FMUstate state, fmi2Byte bytes[], size_t size) {
-    return done(c, snapshot_write(state, bytes, size));
+    return status_of(c, snapshot_write(state, bytes, size));
 }
 
 fmi2Status fmi2DeSerializeFMUstate(fmi2Component c, const fmi2Byte bytes[], size_t size, fmi2FMUstate *state) {
-    return done(c, snapshot_read(bytes, size, state));
+    return status_of(c, snapshot_read(bytes, size, state));
 }
 
 fmi2Status fmi2GetDirectionalDerivative(fmi2Component c, const fmi2ValueReference unknown[], size_t n_unknown,
                                         const fmi2ValueReference known[], size_t n_known, const fmi2Real dv[],
                                         fmi2Real dz[]) {
-    return done(c, instance_derivative(c, unknown, n_unknown, known, n_known, dv, dz, 0));
+    return status_of(c, instance_derivative(c, unknown, n_unknown, known, n_known, dv, dz));
 }
 
 /* There are no variables of other types: reading or writing none of them is all that can succeed. */

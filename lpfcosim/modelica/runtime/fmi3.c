@@ -16,7 +16,7 @@ static COLD fmi3Status fail(const Component *m, const char *message) {
     return fmi3Error;
 }
 
-static fmi3Status done(const Component *m, const char *problem) { return problem ? fail(m, problem) : fmi3OK; }
+static fmi3Status status_of(const Component *m, const char *problem) { return problem ? fail(m, problem) : fmi3OK; }
 
 const char *fmi3GetVersion(void) { return fmi3Version; }
 
@@ -66,12 +66,12 @@ void fmi3FreeInstance(fmi3Instance instance) { free(instance); }
 fmi3Status fmi3EnterInitializationMode(fmi3Instance m, fmi3Boolean tolerance_defined, fmi3Float64 tolerance,
                                        fmi3Float64 start, fmi3Boolean stop_defined, fmi3Float64 stop) {
     (void)tolerance_defined, (void)tolerance, (void)stop_defined, (void)stop;
-    return done(m, instance_enter(m, start));
+    return status_of(m, instance_enter(m, start));
 }
 
-fmi3Status fmi3ExitInitializationMode(fmi3Instance m) { return done(m, instance_exit(m)); }
+fmi3Status fmi3ExitInitializationMode(fmi3Instance m) { return status_of(m, instance_exit(m)); }
 
-fmi3Status fmi3Terminate(fmi3Instance m) { return done(m, instance_end(m)); }
+fmi3Status fmi3Terminate(fmi3Instance m) { return status_of(m, instance_end(m)); }
 
 fmi3Status fmi3Reset(fmi3Instance m) {
     instance_reset(m);
@@ -101,7 +101,7 @@ static COLD fmi3Status miscounted(const Component *m, const char *function) {
     return fail(m, message);
 }
 
-static COLD APART fmi3Status get_arrays(fmi3Instance m, const fmi3ValueReference vr[], size_t n, fmi3Float64 values[],
+static COLD NOINLINE fmi3Status get_arrays(fmi3Instance m, const fmi3ValueReference vr[], size_t n, fmi3Float64 values[],
                                         size_t n_values) {
     uint32_t *all = elements(vr, n, n_values);
     fmi3Status status = all ? fmi3GetFloat64(m, all, n_values, values, n_values) : miscounted(m, "fmi3GetFloat64");
@@ -109,7 +109,7 @@ static COLD APART fmi3Status get_arrays(fmi3Instance m, const fmi3ValueReference
     return status;
 }
 
-static COLD APART fmi3Status set_arrays(fmi3Instance m, const fmi3ValueReference vr[], size_t n,
+static COLD NOINLINE fmi3Status set_arrays(fmi3Instance m, const fmi3ValueReference vr[], size_t n,
                                         const fmi3Float64 values[], size_t n_values) {
     uint32_t *all = elements(vr, n, n_values);
     fmi3Status status = all ? fmi3SetFloat64(m, all, n_values, values, n_values) : miscounted(m, "fmi3SetFloat64");
@@ -120,13 +120,13 @@ static COLD APART fmi3Status set_arrays(fmi3Instance m, const fmi3ValueReference
 /* As many values as variables are values of scalars, which is quick. */
 fmi3Status fmi3GetFloat64(fmi3Instance m, const fmi3ValueReference vr[], size_t n, fmi3Float64 values[], size_t n_values) {
     if (n != n_values) return get_arrays(m, vr, n, values, n_values);
-    return done(m, instance_get(m, vr, n, values));
+    return status_of(m, instance_get(m, vr, n, values));
 }
 
 fmi3Status fmi3SetFloat64(fmi3Instance m, const fmi3ValueReference vr[], size_t n, const fmi3Float64 values[],
                           size_t n_values) {
     if (n != n_values) return set_arrays(m, vr, n, values, n_values);
-    return done(m, instance_set(m, vr, n, values));
+    return status_of(m, instance_set(m, vr, n, values));
 }
 
 fmi3Status fmi3DoStep(fmi3Instance m, fmi3Float64 time, fmi3Float64 step, fmi3Boolean no_rollback,
@@ -138,12 +138,12 @@ fmi3Status fmi3DoStep(fmi3Instance m, fmi3Float64 time, fmi3Float64 step, fmi3Bo
     if (early_return) *early_return = fmi3False;
     const char *problem = instance_step(m, time, step);
     if (last_time) *last_time = ((Instance *)m)->now.state.v[0];
-    return done(m, problem);
+    return status_of(m, problem);
 }
 
-fmi3Status fmi3GetFMUState(fmi3Instance m, fmi3FMUState *state) { return done(m, snapshot_save(m, state)); }
+fmi3Status fmi3GetFMUState(fmi3Instance m, fmi3FMUState *state) { return status_of(m, snapshot_save(m, state)); }
 
-fmi3Status fmi3SetFMUState(fmi3Instance m, fmi3FMUState state) { return done(m, snapshot_restore(m, state)); }
+fmi3Status fmi3SetFMUState(fmi3Instance m, fmi3FMUState state) { return status_of(m, snapshot_restore(m, state)); }
 
 fmi3Status fmi3FreeFMUState(fmi3Instance m, fmi3FMUState *state) {
     (void)m;
@@ -158,38 +158,22 @@ fmi3Status fmi3SerializedFMUStateSize(fmi3Instance m, fmi3FMUState state, size_t
 }
 
 fmi3Status fmi3SerializeFMUState(fmi3Instance m, fmi3FMUState state, fmi3Byte bytes[], size_t size) {
-    return done(m, snapshot_write(state, bytes, size));
+    return status_of(m, snapshot_write(state, bytes, size));
 }
 
 fmi3Status fmi3DeserializeFMUState(fmi3Instance m, const fmi3Byte bytes[], size_t size, fmi3FMUState *state) {
-    return done(m, snapshot_read(bytes, size, state));
-}
-
-static fmi3Status derivative(const char *function, fmi3Instance m, const fmi3ValueReference unknowns[],
-                             size_t n_unknowns, size_t size_unknowns, const fmi3ValueReference knowns[],
-                             size_t n_knowns, size_t size_knowns, const fmi3Float64 seed[], fmi3Float64 sensitivity[],
-                             int adjoint) {
-    uint32_t *of = elements(unknowns, n_unknowns, size_unknowns), *by = elements(knowns, n_knowns, size_knowns);
-    fmi3Status status =
-        !of || !by
-            ? miscounted(m, function)
-            : done(m, instance_derivative(m, of, size_unknowns, by, size_knowns, seed, sensitivity, adjoint));
-    free(of), free(by);
-    return status;
+    return status_of(m, snapshot_read(bytes, size, state));
 }
 
 fmi3Status fmi3GetDirectionalDerivative(fmi3Instance m, const fmi3ValueReference unknowns[], size_t n_unknowns,
                                         const fmi3ValueReference knowns[], size_t n_knowns, const fmi3Float64 seed[],
                                         size_t n_seed, fmi3Float64 sensitivity[], size_t n_sensitivity) {
-    return derivative("fmi3GetDirectionalDerivative", m, unknowns, n_unknowns, n_sensitivity, knowns, n_knowns,
-                      n_seed, seed, sensitivity, 0);
-}
-
-fmi3Status fmi3GetAdjointDerivative(fmi3Instance m, const fmi3ValueReference unknowns[], size_t n_unknowns,
-                                    const fmi3ValueReference knowns[], size_t n_knowns, const fmi3Float64 seed[],
-                                    size_t n_seed, fmi3Float64 sensitivity[], size_t n_sensitivity) {
-    return derivative("fmi3GetAdjointDerivative", m, unknowns, n_unknowns, n_seed, knowns, n_knowns, n_sensitivity,
-                      seed, sensitivity, 1);
+    uint32_t *u = elements(unknowns, n_unknowns, n_sensitivity), *k = elements(knowns, n_knowns, n_seed);
+    fmi3Status status = !u || !k
+                            ? miscounted(m, "fmi3GetDirectionalDerivative")
+                            : status_of(m, instance_derivative(m, u, n_sensitivity, k, n_seed, seed, sensitivity));
+    free(u), free(k);
+    return status;
 }
 
 /* There are no variables of other types: reading or writing none of them is all that can succeed. */
@@ -257,6 +241,9 @@ fmi3Status fmi3EvaluateDiscreteStates(fmi3Instance m) { return fail(m, "this FMU
 NOT_OFFERED(fmi3GetNumberOfVariableDependencies, fmi3ValueReference vr, size_t *n)
 NOT_OFFERED(fmi3GetVariableDependencies, fmi3ValueReference dependent, size_t element[], fmi3ValueReference independent[],
             size_t element_of[], fmi3DependencyKind kind[], size_t n)
+NOT_OFFERED(fmi3GetAdjointDerivative, const fmi3ValueReference unknowns[], size_t n_unknowns,
+            const fmi3ValueReference knowns[], size_t n_knowns, const fmi3Float64 seed[], size_t n_seed,
+            fmi3Float64 sensitivity[], size_t n_sensitivity)
 NOT_OFFERED(fmi3GetIntervalDecimal, const fmi3ValueReference vr[], size_t n, fmi3Float64 intervals[],
             fmi3IntervalQualifier qualifiers[])
 NOT_OFFERED(fmi3GetIntervalFraction, const fmi3ValueReference vr[], size_t n, fmi3UInt64 counters[],

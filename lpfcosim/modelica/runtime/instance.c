@@ -28,7 +28,7 @@ static const char *instance_get(Instance *m, const uint32_t *vr, size_t n, doubl
     for (size_t i = 0; i < n; i++) {
         if (vr[i] >= NV) return "there is no scalar variable of this value reference";
         const int stage = model_stage[vr[i]];
-        if (stage > s->fresh) core_refresh(s, stage);
+        if (stage > s->evaluated_stage) core_evaluate(s, stage);
         memcpy(values + i, s->v + vr[i], sizeof *values); /* past the floating-point registers, which is quicker */
     }
     return NULL;
@@ -38,17 +38,17 @@ static const char *instance_set(Instance *m, const uint32_t *vr, size_t n, const
     const int least = m->now.mode < STEP ? 1 : 2;
     State *s = &m->now.state;
     if (m->now.mode == TERMINATED) return "a variable is set after the end";
-    core_touch(s);
+    core_inputs_changed(s);
     /* Who sets all inputs, and in their order, need not have each of them looked up. */
     if (n == NU && !memcmp(vr, model_inputs, NU * sizeof *vr)) {
-        model_take_inputs(s->v, values);
+        model_set_inputs(s->v, values);
         return NULL;
     }
     for (size_t i = 0; i < n; i++) {
         if (vr[i] >= NV) return "there is no scalar variable of this value reference";
         if (model_settable[vr[i]] < least) return "this variable cannot be set, or not any more";
         s->v[vr[i]] = values[i];
-        if (model_settable[vr[i]] > 2 && s->initialized) core_tune(s);
+        if (model_settable[vr[i]] > 2 && s->initialized) core_parameters_changed(s);
     }
     return NULL;
 }

@@ -2,8 +2,8 @@
 
 from pathlib import Path
 
-from lpfcosim.modelica import build, frontend, system
-from lpfcosim.modelica import translate as translating
+from lpfcosim.modelica import build, frontend, sorted_model
+from lpfcosim.modelica import translate as translation
 
 
 def write(folder: Path, text: str) -> Path:
@@ -13,9 +13,9 @@ def write(folder: Path, text: str) -> Path:
     return file
 
 
-def translate(folder: Path, text: str, model: str = "M") -> system.System:
+def translate(folder: Path, text: str, model: str = "M") -> sorted_model.SortedModel:
     """Flatten and sort ``model``."""
-    return translating.translate(frontend.flatten(write(folder, text), model))
+    return translation.translate(frontend.flatten(write(folder, text), model))
 
 
 def fmu(folder: Path, text: str, model: str = "M") -> Path:

@@ -141,9 +141,6 @@ def _by_element(made, own, newer):
         lambda by, seeds, of, size: made.getDirectionalDerivative(of, by, seeds, *([size] if newer else [])),
         knowns, seed, unknowns,
     )  # fmt: skip
-    made.adjoint = lambda unknowns, knowns, seed: pushed(
-        lambda of, seeds, by, size: made.getAdjointDerivative(of, by, seeds, size), unknowns, seed, knowns
-    )
 
 
 @contextmanager

@@ -1,4 +1,4 @@
-"""Directional and adjoint derivatives through plain FMPy, against central differences; tunable parameters.
+"""Directional derivatives through plain FMPy, against central differences; tunable parameters.
 
 Oracle: differences over eight points about where the FMU stands, whose error falls with the eighth power of
 the step. They know the values that an FMU gives back and nothing else.
@@ -88,15 +88,7 @@ def test_derivatives_are_those_of_the_values(model, version):
         exact = compare(made, running, tuned, values)
         assert exact.any() or not set(tuned) & set().union(*own.structure["Output"].values())
         states = own.names(causality=("local", "output"), initial=("exact",))
-        exact = jacobian(made, running, states)
-        if version == "3.0":
-            random = np.random.default_rng(3)
-            knowns, seed = [*tuned, *states], random.normal(size=len(running))
-            back = made.adjoint(running, knowns, seed)
-            ahead = jacobian(made, running, knowns)
-            np.testing.assert_allclose(
-                back, seed @ ahead, rtol=1e-12, atol=1e-13 * np.abs(ahead).max(initial=0)
-            )
+        assert np.isfinite(jacobian(made, running, states)).all()
 
 
 def test_derivative_by_states_is_that_of_initialization():

@@ -8,7 +8,7 @@ import sympy as sp
 
 from lpfcosim.errors import InputError
 from lpfcosim.modelica import build
-from lpfcosim.modelica.flat import UnsupportedError
+from lpfcosim.modelica.flat_model import UnsupportedError
 from lpfcosim.modelica.frontend import flatten
 from tests.lpfcosim.modelica.modelica_source import translate, write
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import sympy as sp
 
-from lpfcosim.modelica.flat import Variable
+from lpfcosim.modelica.flat_model import Variable
 from lpfcosim.modelica.sources import Node
 
 Assignment = tuple[sp.Symbol, sp.Expr]
@@ -60,7 +60,7 @@ class Delay:
 
 
 @dataclass(frozen=True)
-class System:
+class SortedModel:
     """A model ready to be printed.
 
     Attributes

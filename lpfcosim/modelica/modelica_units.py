@@ -13,7 +13,7 @@ _BASE_UNITS = {"kilogram": "kg", "meter": "m", "second": "s", "ampere": "A", "ke
 
 
 @functools.cache
-def base(unit: str) -> tuple[dict[str, int], float, float]:
+def parse_unit(unit: str) -> tuple[dict[str, int], float, float]:
     """Return the powers of the base units of FMI in a unit, its factor and its offset.
 
     Raises
@@ -35,13 +35,13 @@ def per_second(unit: str, known: Iterable[str]) -> str:
     >>> per_second("N", ["Hz"])
     'N.s-1'
     """
-    powers, factor, _ = base(unit)
-    wanted = {**powers, "s": powers.get("s", 0) - 1}
-    wanted = {name: power for name, power in wanted.items() if power}
-    for other in sorted(known):
+    powers, factor, _ = parse_unit(unit)
+    derivative = {**powers, "s": powers.get("s", 0) - 1}
+    derivative = {name: power for name, power in derivative.items() if power}
+    for candidate in sorted(known):
         # Not Hz, which is for what repeats.
-        if re.search(r"s-?\d*\)?$", other) and base(other)[:2] == (wanted, factor):
-            return other
+        if re.search(r"s-?\d*\)?$", candidate) and parse_unit(candidate)[:2] == (derivative, factor):
+            return candidate
     numerator, slash, denominator = unit.partition("/")
     if slash:
         return f"{numerator}/({denominator.strip('()')}.s)"
@@ -53,8 +53,8 @@ def _pint_spelling(unit: str) -> str:
     if unit == "1":
         return "dimensionless"
     numerator, slash, denominator = unit.partition("/")
-    parts = [
+    factors = [
         re.sub(r"(?<=[A-Za-z])(-?\d+)", r"**\1", p).replace(".", "*")
         for p in (numerator, denominator.strip("()"))
     ]
-    return f"{parts[0]}/({parts[1]})" if slash else parts[0]
+    return f"{factors[0]}/({factors[1]})" if slash else factors[0]

@@ -1,9 +1,9 @@
-"""XML as it is written into archives."""
+"""Serialization of XML documents."""
 
 from xml.etree import ElementTree as ET
 
 
-def text(root: ET.Element) -> str:
+def serialize_xml(root: ET.Element) -> str:
     """Return a document with its declaration, a line for each element."""
     ET.indent(root)
     return ET.tostring(root, encoding="unicode", xml_declaration=True) + "\n"

@@ -8,28 +8,28 @@ from xml.etree import ElementTree as ET
 
 import sympy as sp
 
-from lpfcosim.modelica import markup
-from lpfcosim.modelica.expressions import TIME
-from lpfcosim.modelica.flat import FlatModel, UnsupportedError
+from lpfcosim.modelica.evaluator import TIME
+from lpfcosim.modelica.flat_model import FlatModel, UnsupportedError
+from lpfcosim.modelica.modelica_units import parse_unit
 from lpfcosim.modelica.sensitivity import KINDS, Dependence, Sensitivity
-from lpfcosim.modelica.system import System
-from lpfcosim.modelica.unit import base
-from lpfcosim.modelica.variables import Declared, references
+from lpfcosim.modelica.sorted_model import SortedModel
+from lpfcosim.modelica.variables import FmiVariable, value_references
+from lpfcosim.modelica.xml_text import serialize_xml
 
 # Kinds of knowns after initialization: those of FMI 2.0, and what FMI 3.0 counts as well.
 _KNOWNS = {"2.0": ("input", "state"), "3.0": ("input", "state", "discrete", "parameter")}
 
 
 @dataclass(frozen=True)
-class Description:
-    """What both versions of the model description say.
+class ModelDescription:
+    """Content that both versions of the model description share.
 
     Attributes
     ----------
-    model, system, sensitivity : FlatModel, System, Sensitivity
-        The model, sorted, with what follows from what.
-    variables : tuple of Declared
-        What is declared, in the version of FMI that is asked for.
+    flat, model, sensitivity : FlatModel, SortedModel, Sensitivity
+        The flat model, the sorted model and its dependencies.
+    variables : tuple of FmiVariable
+        Variables as the chosen version of FMI declares them.
     token : str
         GUID (FMI 2.0) or instantiation token (FMI 3.0).
     step : float
@@ -38,10 +38,10 @@ class Description:
         Name of the generator.
     """
 
-    model: FlatModel
-    system: System
+    flat: FlatModel
+    model: SortedModel
     sensitivity: Sensitivity
-    variables: tuple[Declared, ...]
+    variables: tuple[FmiVariable, ...]
     token: str
     step: float
     tool: str
@@ -52,13 +52,12 @@ class Description:
         ET.SubElement(
             root,
             "CoSimulation",
-            modelIdentifier=self.system.name,
+            modelIdentifier=self.model.name,
             canGetAndSetFMUState="true",
             canSerializeFMUState="true",
             canHandleVariableCommunicationStepSize="false",
             fixedInternalStepSize=repr(self.step),
             providesDirectionalDerivatives="true",
-            providesAdjointDerivatives="true",
         )
         self._common(root)
         variables = ET.SubElement(root, "ModelVariables")
@@ -84,7 +83,7 @@ class Description:
         for name, unknowns in self._structure("3.0"):
             for reference, attributes in unknowns:
                 ET.SubElement(structure, name, {"valueReference": str(reference), **attributes})
-        return markup.text(root)
+        return serialize_xml(root)
 
     def fmi2(self, sources: Sequence[str]) -> str:
         """XML text for FMI 2.0 co-simulation, built from the C files ``sources``."""
@@ -92,7 +91,7 @@ class Description:
         simulation = ET.SubElement(
             root,
             "CoSimulation",
-            modelIdentifier=self.system.name,
+            modelIdentifier=self.model.name,
             canHandleVariableCommunicationStepSize="false",
             canGetAndSetFMUstate="true",
             canSerializeFMUstate="true",
@@ -123,13 +122,13 @@ class Description:
                 group = ET.SubElement(structure, groups[name])
                 for reference, attributes in unknowns:
                     ET.SubElement(group, "Unknown", {"index": str(reference), **attributes})
-        return markup.text(root)
+        return serialize_xml(root)
 
     def _root(self, version: str, identity: str) -> ET.Element:
-        root = ET.Element("fmiModelDescription", fmiVersion=version, modelName=self.model.name)
+        root = ET.Element("fmiModelDescription", fmiVersion=version, modelName=self.flat.name)
         root.set(identity, self.token)
         root.attrib.update(
-            description=self.model.description,
+            description=self.flat.description,
             version="1",
             license="BSD-3-Clause",
             generationTool=self.tool,
@@ -138,7 +137,7 @@ class Description:
         return root
 
     def _common(self, root: ET.Element) -> None:
-        _units(root, self.model, self.system)
+        _units(root, self.flat, self.model)
         categories = ET.SubElement(root, "LogCategories")
         ET.SubElement(categories, "Category", name="logStatusError", description="Why a call failed")
         ET.SubElement(root, "DefaultExperiment", startTime="0", stopTime="100", stepSize=repr(self.step))
@@ -173,17 +172,17 @@ class Description:
         ]
 
     def _dependence(
-        self, on: Mapping[sp.Symbol, Dependence], declared: Declared, among: set[sp.Symbol]
+        self, dependences: Mapping[sp.Symbol, Dependence], declared: FmiVariable, knowns: set[sp.Symbol]
     ) -> dict[str, str]:
-        """Return what any element depends on, by the least simple factor of all."""
-        reference = {TIME: 0, **references(self.variables)}
+        """Return the dependencies of all elements, each with its least simple kind."""
+        reference = {TIME: 0, **value_references(self.variables)}
         kinds: dict[int, str] = {}
         for element in declared.elements:
-            for symbol, kind in on.get(element.symbol, {}).items():
-                if symbol in among:
+            for symbol, kind in dependences.get(element.symbol, {}).items():
+                if symbol in knowns:
                     i = reference[symbol]
                     kinds[i] = max(kind, kinds.get(i, kind), key=KINDS.index)
-        if on is self.sensitivity.initial:  # other factors have no names of their own there
+        if dependences is self.sensitivity.initial:  # other factors have no names of their own there
             kinds = {i: kind if kind == "constant" else "dependent" for i, kind in kinds.items()}
         ordered = sorted(kinds.items())
         return {
@@ -191,17 +190,19 @@ class Description:
             "dependenciesKind": " ".join(kind for _, kind in ordered),
         }
 
-    def _identity(self, declared: Declared) -> dict[str, str]:
+    def _identity(self, declared: FmiVariable) -> dict[str, str]:
         v = declared.elements[0].variable
         kinds = {"parameter": "parameter", "calculated": "calculatedParameter"}
-        found = {self.sensitivity.variability(s) for s in declared.elements}
-        if declared.kind == "parameter" and len(found) > 1:  # what some elements are not, all are not
-            found = {"fixed"}
+        variabilities = {self.sensitivity.variability(s) for s in declared.elements}
+        if declared.kind == "parameter" and len(variabilities) > 1:  # all elements are tunable, or none
+            variabilities = {"fixed"}
         attributes = {
             "name": declared.name,
             "valueReference": str(declared.reference),
             "causality": kinds.get(declared.kind, v.causality),
-            "variability": max(found),  # an array that follows from others is tunable if an element is
+            "variability": max(
+                variabilities
+            ),  # an array that follows from others is tunable if an element is
         }
         if v.description:
             attributes["description"] = v.description
@@ -210,33 +211,34 @@ class Description:
         return attributes
 
 
-def _value(declared: Declared) -> dict[str, str]:
+def _value(declared: FmiVariable) -> dict[str, str]:
     v = declared.elements[0].variable
     attributes = {name: value for name, value in (("quantity", v.quantity), ("unit", v.unit)) if value}
-    # What is said once has to hold for all elements.
-    for name, of, choose in (
+    # An attribute of an array has to hold for all elements.
+    for name, limits, select in (
         ("min", [s.minimum for s in declared.elements], min),
         ("max", [s.maximum for s in declared.elements], max),
         ("nominal", [s.nominal for s in declared.elements], min),
     ):
-        told = [x for x in of if x is not None]
-        if len(told) == len(of):
-            attributes[name] = repr(choose(told))
+        defined = [x for x in limits if x is not None]
+        if len(defined) == len(limits):
+            attributes[name] = repr(select(defined))
     if declared.settable:
         attributes["start"] = declared.start
     return attributes
 
 
-def _units(root: ET.Element, model: FlatModel, system: System) -> None:
-    users = {s.variable.unit: s.variable for s in reversed(system.scalars) if s.variable.unit}
+def _units(root: ET.Element, flat: FlatModel, model: SortedModel) -> None:
+    users = {s.variable.unit: s.variable for s in reversed(model.scalars) if s.variable.unit}
     definitions = ET.SubElement(root, "UnitDefinitions")
     for unit in sorted({"s", *users}):
         try:
-            exponents, factor, offset = base(unit)
+            exponents, factor, offset = parse_unit(unit)
         except (KeyError, ValueError):
             user = users[unit]
+            place = flat.sources.location(user.span)
             raise UnsupportedError(
-                f"{model.sources.where(user.span)}: {model.name}: unit '{unit}' of '{user.name}' is not known"
+                f"{place}: {flat.name}: unit '{unit}' of '{user.name}' is not known"
             ) from None
         element = ET.SubElement(definitions, "Unit", name=unit)
         attributes = {k: str(p) for k, p in exponents.items()}
@@ -254,4 +256,4 @@ def build_description(identifier: str, sources: Sequence[str]) -> str:
     group = ET.SubElement(configuration, "SourceFileSet", language="C99", compilerOptions="-ffp-contract=off")
     for name in sources:
         ET.SubElement(group, "SourceFile", name=name)
-    return markup.text(root)
+    return serialize_xml(root)

@@ -1,6 +1,6 @@
 """Print a system as C: ``model.h`` with the sizes, ``model.c`` with the equations.
 
-The printed functions work on one array ``v`` of values by value reference; :func:`layout` fixes the order.
+The printed functions work on one array ``v`` of values by value reference; `make_layout` fixes the order.
 """
 
 from __future__ import annotations
@@ -12,10 +12,10 @@ from dataclasses import dataclass
 import sympy as sp
 from sympy.printing.c import C99CodePrinter
 
-from lpfcosim.modelica.events import EVENT_FUNCTIONS
-from lpfcosim.modelica.expressions import TIME
+from lpfcosim.modelica.evaluator import TIME
+from lpfcosim.modelica.event_functions import EVENT_FUNCTIONS
 from lpfcosim.modelica.sensitivity import Sensitivity
-from lpfcosim.modelica.system import Scalar, System
+from lpfcosim.modelica.sorted_model import Scalar, SortedModel
 
 # The states lie together, so that the core can move them in a loop.
 _ORDER = ("state", "discrete", "input", "parameter", "calculated", "algebraic", "rate")
@@ -39,19 +39,19 @@ class Layout:
     order: tuple[Scalar, ...]
     reference: dict[sp.Symbol, int]
 
-    def first(self, kind: str) -> int:
+    def first_reference(self, kind: str) -> int:
         """Value reference at which the scalars of a kind begin."""
-        before = _ORDER[: _ORDER.index(kind)]
-        return 1 + sum(s.kind in before for s in self.order)
+        preceding = _ORDER[: _ORDER.index(kind)]
+        return 1 + sum(s.kind in preceding for s in self.order)
 
     def count(self, kind: str) -> int:
         """Return how many scalars of a kind there are."""
         return sum(s.kind == kind for s in self.order)
 
 
-def layout(system: System) -> Layout:
+def make_layout(model: SortedModel) -> Layout:
     """Assign value references."""
-    order = tuple(sorted(system.scalars, key=lambda s: _ORDER.index(s.kind)))
+    order = tuple(sorted(model.scalars, key=lambda s: _ORDER.index(s.kind)))
     return Layout(order, {TIME: 0, **{s.symbol: i for i, s in enumerate(order, start=1)}})
 
 
@@ -70,78 +70,86 @@ class _Printer(C99CodePrinter):  # type: ignore[misc]
         return repr(float(expr))
 
 
-def header(
-    system: System, where: Layout, sensitivity: Sensitivity, arrays: Sequence[tuple[int, int]], step: float
+def print_header(
+    model: SortedModel,
+    layout: Layout,
+    sensitivity: Sensitivity,
+    arrays: Sequence[tuple[int, int]],
+    step: float,
 ) -> str:
     """Text of ``model.h``; ``step`` is the internal step in s."""
-    affine = system.affine
-    held = len(affine.held) if affine else 0
+    affine = model.affine
+    n_held = len(affine.held) if affine else 0
     sizes = {
-        "NV": 1 + len(where.order),
+        "NV": 1 + len(layout.order),
         "NA": len(arrays),
-        "NX": len(system.derivatives),
-        "FIRST_STATE": where.first("state"),
-        "NU": where.count("input"),
-        "NC": len(system.clocks),
-        "ND": len(system.delays),
-        "NH": held,
-        "NL": len(sensitivity.links),
+        "NX": len(model.derivatives),
+        "FIRST_STATE": layout.first_reference("state"),
+        "NU": layout.count("input"),
+        "NC": len(model.clocks),
+        "ND": len(model.delays),
+        "NH": n_held,
+        "NP": len(sensitivity.partials),
         "AFFINE": int(affine is not None),
-        "NZ": len(system.derivatives) + held + 2 * len(system.delays) + 1,
+        "NZ": len(model.derivatives) + n_held + 2 * len(model.delays) + 1,
     }
     lines = [f"#define {name} {value}" for name, value in sizes.items()]
     return "\n".join(
-        [f"/* {system.name}: sizes. Generated. */", *lines, f"#define INTERNAL_STEP {step!r}", ""]
+        [f"/* {model.name}: sizes. Generated. */", *lines, f"#define INTERNAL_STEP {step!r}", ""]
     )
 
 
-def source(
-    system: System, where: Layout, sensitivity: Sensitivity, arrays: Sequence[tuple[int, int]], token: str
+def print_source(
+    model: SortedModel,
+    layout: Layout,
+    sensitivity: Sensitivity,
+    arrays: Sequence[tuple[int, int]],
+    token: str,
 ) -> str:
-    """Text of ``model.c``; ``token`` is the FMU's instantiation token, ``arrays`` as `variables.arrays`."""
-    used = set().union(*(e.value.free_symbols for e in system.events))
-    before = {
-        symbol: where.reference[s.symbol]
-        for s in where.order
-        if (symbol := sp.Symbol(f"pre({s.symbol.name})", real=True)) in used
+    """Text of ``model.c`` with the instantiation ``token``; ``arrays`` are `variables.array_extents`."""
+    event_symbols = set().union(*(e.value.free_symbols for e in model.events))
+    previous = {
+        symbol: layout.reference[s.symbol]
+        for s in layout.order
+        if (symbol := sp.Symbol(f"pre({s.symbol.name})", real=True)) in event_symbols
     }
-    names = {s: f"v[{i}]" for s, i in where.reference.items()}
-    names |= {d.symbol: f"d[{j}]" for j, d in enumerate(system.delays)}
-    names |= {symbol: f"pre_{i}" for symbol, i in before.items()}
+    names = {s: f"v[{i}]" for s, i in layout.reference.items()}
+    names |= {d.symbol: f"d[{j}]" for j, d in enumerate(model.delays)}
+    names |= {symbol: f"pre_{i}" for symbol, i in previous.items()}
     c = _Printer(names)
-    stages = _stages(system)
+    stages = _stages(model)
     stage_of = {symbol: k for k, stage in enumerate(stages, start=1) for symbol, _ in stage}
-    stage = ",".join(["1", *(str(stage_of.get(s.symbol, 1)) for s in where.order)])
+    stage = ",".join(["1", *(str(stage_of.get(s.symbol, 1)) for s in layout.order)])
     tunable = sensitivity.tunable
-    settable = ",".join(["0", *(str(3 if s.symbol in tunable else settable_until(s)) for s in where.order)])
-    leaf = ("state", "discrete", "input", "parameter")
-    known = ",".join(["1", *(str(int(s.kind in leaf)) for s in where.order)])
-    inputs = [where.first("input") + i for i in range(where.count("input"))]
-    table = ",".join(f"{{{first},{count}}}" for first, count in arrays or [(0, 0)])
+    settable = ",".join(["0", *(str(3 if s.symbol in tunable else settable_until(s)) for s in layout.order)])
+    independent = ("state", "discrete", "input", "parameter")
+    independent_flags = ",".join(["1", *(str(int(s.kind in independent)) for s in layout.order)])
+    inputs = [layout.first_reference("input") + i for i in range(layout.count("input"))]
+    table = ",".join(f"{{{start},{count}}}" for start, count in arrays or [(0, 0)])
     return "\n".join([
-        f"/* {system.name}: {_comment(system.description)}. Generated from Modelica; edit that. */",
+        f"/* {model.name}: {_comment(model.description)}. Generated from Modelica; edit that. */",
         '#include "core.h"',
         "#include <math.h>",
         "",
         _HELPERS,
         f"static const unsigned char model_settable[NV] = {{{settable}}};",
         f"static const uint32_t model_inputs[] = {{{','.join(map(str, inputs or [0]))}}};",
-        f"static const unsigned char model_known[NV] = {{{known}}};",
+        f"static const unsigned char model_independent[NV] = {{{independent_flags}}};",
         f"static const unsigned char model_stage[NV] = {{{stage}}};",
         f"static const uint32_t model_arrays[][2] = {{{table}}};",
         f'static const char *const model_token = "{token}";',
         "",
-        *_assignments(system, where, c, inputs, stages),
-        _events(system, before, c),
-        *_clocks_and_delays(system, c),
-        *_rates(system, names, c),
-        *_links(system, where, sensitivity, names, c),
+        *_assignments(model, layout, c, inputs, stages),
+        _events(model, previous, c),
+        *_clocks_and_delays(model, c),
+        *_rates(model, names, c),
+        *_partials(model, layout, sensitivity, names, c),
     ])  # fmt: skip
 
 
 def _assignments(
-    system: System,
-    where: Layout,
+    model: SortedModel,
+    layout: Layout,
     c: _Printer,
     inputs: list[int],
     stages: Iterable[list[tuple[sp.Symbol, sp.Expr]]],
@@ -153,39 +161,39 @@ def _assignments(
 
     fixed = [
         (s.symbol, s.value)
-        for s in where.order
+        for s in layout.order
         if s.kind not in ("calculated", "algebraic", "rate") and not s.value.free_symbols
     ]
     dependent = [
-        (s.symbol, s.value) for s in where.order if s.kind in ("state", "discrete") and s.value.free_symbols
+        (s.symbol, s.value) for s in layout.order if s.kind in ("state", "discrete") and s.value.free_symbols
     ]
-    moved, outputs, algebraic = stages
+    state_outputs, outputs, algebraic = stages
     return [
         _function("model_start", "double *v", assign(fixed)),
-        _function("model_calculated", "double *v", assign(system.calculated)),
+        _function("model_calculated", "double *v", assign(model.calculated)),
         _function("model_dependent_starts", "double *v", assign(dependent)),
         _function(
-            "model_take_inputs",
+            "model_set_inputs",
             "double *v, const double *u",
-            [f"v[{to}] = u[{i}];" for i, to in enumerate(inputs)],
+            [f"v[{reference}] = u[{i}];" for i, reference in enumerate(inputs)],
         ),
-        _function("model_moved", "double *v", assign(moved)),
+        _function("model_state_outputs", "double *v", assign(state_outputs)),
         _function("model_outputs", f"double *v, {_D}", assign(outputs)),
         _function("model_algebraic", f"double *v, {_D}", assign(algebraic)),
     ]
 
 
-def _events(system: System, before: Mapping[sp.Symbol, int], c: _Printer) -> str:
-    lines = [f"const double {c.doprint(p)} = v[{i}];" for p, i in before.items()]
-    for clock, together in itertools.groupby(system.events, key=lambda e: e.clock):
-        assigned = (_assigned(c, e.target, e.value) for e in together)
+def _events(model: SortedModel, previous: Mapping[sp.Symbol, int], c: _Printer) -> str:
+    lines = [f"const double {c.doprint(p)} = v[{i}];" for p, i in previous.items()]
+    for clock, events in itertools.groupby(model.events, key=lambda e: e.clock):
+        assigned = (_assigned(c, e.target, e.value) for e in events)
         lines += [f"if (tick[{clock}]) {{", *(f"    {line}" for line in assigned), "}"]
     return _function("model_events", f"double *v, {_D}, const unsigned char *tick", lines)
 
 
-def _clocks_and_delays(system: System, c: _Printer) -> list[str]:
-    starts, periods = ([clock[k] for clock in system.clocks] for k in (0, 1))
-    values, durations = [x.value for x in system.delays], [x.duration for x in system.delays]
+def _clocks_and_delays(model: SortedModel, c: _Printer) -> list[str]:
+    starts, periods = ([clock[k] for clock in model.clocks] for k in (0, 1))
+    values, durations = [x.value for x in model.delays], [x.duration for x in model.delays]
     return [
         _function(
             "model_clocks",
@@ -197,17 +205,17 @@ def _clocks_and_delays(system: System, c: _Printer) -> list[str]:
     ]
 
 
-def _rates(system: System, names: dict[sp.Symbol, str], c: _Printer) -> list[str]:
+def _rates(model: SortedModel, names: dict[sp.Symbol, str], c: _Printer) -> list[str]:
     """Functions of the derivatives; ``names``, those of the printer, get their common parts."""
-    if system.affine:
-        a, b = _numbered(c, "a", system.affine.a), _numbered(c, "b", system.affine.b)
+    if model.affine:
+        a, b = _numbered(c, "a", model.affine.a), _numbered(c, "b", model.affine.b)
         return [
-            _function("model_held", f"{_V}, double *held", _numbered(c, "held", system.affine.held)),
+            _function("model_held", f"{_V}, double *held", _numbered(c, "held", model.affine.held)),
             _function("model_affine", f"{_V}, double *a, double *b", a + b),
         ]
-    if not system.derivatives:
+    if not model.derivatives:
         return []
-    body = _sharing(c, names, "rate", [e for _, e in system.derivatives])
+    body = _sharing(c, names, "rate", [e for _, e in model.derivatives])
     return [_function("model_rates", f"{_V}, {_D}, double *rate", body)]
 
 
@@ -221,19 +229,19 @@ def _sharing(c: _Printer, names: dict[sp.Symbol, str], array: str, values: list[
     return body + _numbered(c, array, values)
 
 
-def _links(
-    system: System, where: Layout, sensitivity: Sensitivity, names: dict[sp.Symbol, str], c: _Printer
+def _partials(
+    model: SortedModel, layout: Layout, sensitivity: Sensitivity, names: dict[sp.Symbol, str], c: _Printer
 ) -> list[str]:
     """Print the table of the partial derivatives, and the function that evaluates them."""
-    number = where.reference | {d.symbol: 1 + len(where.order) + j for j, d in enumerate(system.delays)}
+    number = layout.reference | {d.symbol: 1 + len(layout.order) + j for j, d in enumerate(model.delays)}
     rows = [
-        f"    {{{number[link.unknown]}, {number[link.known]}, {int(link.starting)}}},"
-        f" /* {_comment(link.unknown.name)} by {_comment(link.known.name)} */"
-        for link in sensitivity.links
+        f"    {{{number[partial.unknown]}, {number[partial.known]}, {int(partial.starting)}}},"
+        f" /* {_comment(partial.unknown.name)} by {_comment(partial.known.name)} */"
+        for partial in sensitivity.partials
     ]
-    partials = _sharing(c, names, "p", [link.partial for link in sensitivity.links])
+    partials = _sharing(c, names, "p", [partial.partial for partial in sensitivity.partials])
     return [
-        "\n".join(["static const Link model_links[] = {", *(rows or ["    {0, 0, 0}"]), "};\n"]),
+        "\n".join(["static const Partial model_partial_table[] = {", *(rows or ["    {0, 0, 0}"]), "};\n"]),
         _function("model_partials", f"{_V}, {_D}, double *p", partials),
     ]
 
@@ -250,36 +258,32 @@ def _numbered(c: _Printer, array: str, values: Iterable[sp.Expr]) -> list[str]:
     return [f"{array}[{i}] = {c.doprint(value)};" for i, value in enumerate(values)]
 
 
-def _shown(scalar: Scalar) -> bool:
-    return scalar.variable.causality == "output"
+def _stages(model: SortedModel) -> tuple[list[tuple[sp.Symbol, sp.Expr]], ...]:
+    """Split the algebraic assignments, in their order, into three stages of evaluation.
 
-
-def _stages(system: System) -> tuple[list[tuple[sp.Symbol, sp.Expr]], ...]:
-    """Split the algebraic assignments, in their order, by when they are due.
-
-    First what gives outputs that follow from states, sampled variables and parameters alone: setting an input
-    leaves it as it is. Then what the other outputs need, and then the rest.
+    First the outputs that follow from states, sampled variables and parameters alone, which setting an input
+    leaves unchanged. Then the other outputs, and then the remaining variables.
     """
-    expressions = dict(system.algebraic)
-    settled = {s.symbol for s in system.scalars if s.kind not in ("input", "algebraic")}
-    for symbol, value in system.algebraic:
-        if value.free_symbols <= settled:
-            settled.add(symbol)
-    shown = {s.symbol for s in system.scalars if _shown(s)} & expressions.keys()
+    expressions = dict(model.algebraic)
+    input_independent = {s.symbol for s in model.scalars if s.kind not in ("input", "algebraic")}
+    for symbol, value in model.algebraic:
+        if value.free_symbols <= input_independent:
+            input_independent.add(symbol)
+    outputs = {s.symbol for s in model.scalars if s.variable.causality == "output"} & expressions.keys()
 
-    def needed(wanted: set[sp.Symbol]) -> set[sp.Symbol]:
-        found: set[sp.Symbol] = set()
-        while wanted:
-            found |= wanted
-            wanted = set().union(*(expressions[s].free_symbols for s in wanted)) & expressions.keys()
-        return found
+    def required(symbols: set[sp.Symbol]) -> set[sp.Symbol]:
+        closure: set[sp.Symbol] = set()
+        while symbols:
+            closure |= symbols
+            symbols = set().union(*(expressions[s].free_symbols for s in symbols)) & expressions.keys()
+        return closure
 
-    first = needed(shown & settled)
-    second = needed(shown) - first
-    third = expressions.keys() - first - second
-    rates = [p for p in system.solved if p[0] not in expressions]
-    stages = [[p for p in system.algebraic if p[0] in due] for due in (first, second, third)]
-    order = {symbol: i for i, (symbol, _) in enumerate(system.solved)}
+    stage_1 = required(outputs & input_independent)
+    stage_2 = required(outputs) - stage_1
+    stage_3 = expressions.keys() - stage_1 - stage_2
+    rates = [p for p in model.solved if p[0] not in expressions]
+    stages = [[p for p in model.algebraic if p[0] in stage] for stage in (stage_1, stage_2, stage_3)]
+    order = {symbol: i for i, (symbol, _) in enumerate(model.solved)}
     stages[2] = sorted([*stages[2], *rates], key=lambda p: order[p[0]])
     return tuple(stages)
 

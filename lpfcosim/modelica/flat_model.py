@@ -115,17 +115,17 @@ def flat_model(tree: Node, name: str, sources: SourceMap) -> FlatModel:
     for key, construct in _REFUSED_SECTIONS.items():
         if tree[key]:
             raise UnsupportedError(
-                f"{sources.where(_first_span(tree[key]))}: {name}: '{construct}' is not supported"
+                f"{sources.location(_first_span(tree[key]))}: {name}: '{construct}' is not supported"
             )
     if tree["is_partial"]:
         place = next((v["source_span"] for v in tree["variables"].values()), None)
-        raise UnsupportedError(f"{sources.where(place)}: {name}: the model is partial")
+        raise UnsupportedError(f"{sources.location(place)}: {name}: the model is partial")
     whens = tuple(_whens(tree, name, sources))
     functions = tree["functions"]
     for function in functions.values():
         if function["external"] is not None:
             raise UnsupportedError(
-                f"{sources.where(function['span'])}: {name}: external function "
+                f"{sources.location(function['span'])}: {name}: external function "
                 f"'{function['name']}' is not supported"
             )
     return FlatModel(
@@ -164,7 +164,7 @@ def _variables(tree: Node, model: str, sources: SourceMap, sampled: set[str]) ->
         kind = tree["variable_type_names"][name]
         if kind not in ("Real", "Integer", "Boolean"):
             raise UnsupportedError(
-                f"{sources.where(raw['source_span'])}: {model}: type {kind} of '{name}' is not supported"
+                f"{sources.location(raw['source_span'])}: {model}: type {kind} of '{name}' is not supported"
             )
         variability = _tag(raw["variability"])
         if variability == "empty":
@@ -224,7 +224,7 @@ def _whens(tree: Node, model: str, sources: SourceMap) -> list[When]:
 
         def refuse(construct: str, span: Node | None, chain: Node = chain) -> UnsupportedError:
             return UnsupportedError(
-                f"{sources.where(span or chain['span'])}: {model}: '{construct}' is not supported; "
+                f"{sources.location(span or chain['span'])}: {model}: '{construct}' is not supported; "
                 "expected 'when sample(start, period) then variable = expression; ... end when'"
             )
 

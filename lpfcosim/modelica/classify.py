@@ -1,7 +1,7 @@
-"""What each variable is: a parameter, or one that follows from others, input, state, sampled, algebraic.
+"""Classify the variables of a model: parameters, dependent parameters, inputs, states, sampled, algebraic.
 
-In go the declarations and the equations: what is differentiated in them is a state, what a `when` assigns is
-sampled. Out comes every element of every variable with its kind, its start value and its limits.
+A variable that is differentiated in an equation is a state, one that a ``when`` assigns is sampled. Every
+scalar element is returned with its kind, start value and limits.
 """
 
 from __future__ import annotations
@@ -14,11 +14,11 @@ import numpy as np
 import sympy as sp
 
 from lpfcosim.modelica.arrays import Algebra
-from lpfcosim.modelica.evaluate import Evaluator
-from lpfcosim.modelica.flat import Variable
+from lpfcosim.modelica.evaluator import Evaluator
+from lpfcosim.modelica.flat_model import Variable
+from lpfcosim.modelica.modelica_units import per_second
+from lpfcosim.modelica.sorted_model import Scalar
 from lpfcosim.modelica.sources import Node
-from lpfcosim.modelica.system import Scalar
-from lpfcosim.modelica.unit import per_second
 
 
 def classify(evaluate: Evaluator, rates: Collection[sp.Symbol]) -> list[Scalar]:
@@ -38,13 +38,13 @@ def classify(evaluate: Evaluator, rates: Collection[sp.Symbol]) -> list[Scalar]:
     """
     variables = [v for v in evaluate.model.variables if v.type == "Real" and v.variability != "constant"]
     kinds = {v.name: _kind(evaluate, v, rates) for v in variables}
-    known = {
+    constants = {
         symbol
         for name, kind in kinds.items()
         if kind in ("parameter", "calculated")
         for symbol in np.ravel(evaluate.value(name))
     }
-    scalars = [s for v in variables for s in _elements(evaluate, v, kinds[v.name], known)]
+    scalars = [s for v in variables for s in _elements(evaluate, v, kinds[v.name], constants)]
     return [
         *scalars,
         *(_rate(s, {v.unit for v in variables if v.unit}) for s in scalars if s.kind == "state"),
@@ -57,8 +57,8 @@ def _kind(evaluate: Evaluator, v: Variable, rates: Collection[sp.Symbol]) -> str
     if v.variability == "parameter":
         if v.fixed and not all(v.fixed):
             evaluate.refuse(f"parameter '{v.name}' with 'fixed = false'", v.span)
-        follows = any(x.free_symbols for x in np.ravel(_start(evaluate, v, "parameter")))
-        return "calculated" if v.final or follows else "parameter"
+        dependent = any(x.free_symbols for x in np.ravel(_start(evaluate, v, "parameter")))
+        return "calculated" if v.final or dependent else "parameter"
     if v.variability == "discrete":
         if not any(v.name == target for when in evaluate.model.whens for target, _, _ in when.assignments):
             evaluate.refuse(f"sampled variable '{v.name}' that no 'when' assigns", v.span)
@@ -80,9 +80,9 @@ def _start(evaluate: Evaluator, v: Variable, kind: str) -> Algebra:
     return evaluate.attribute(v, v.binding if bound else v.start)
 
 
-def _elements(evaluate: Evaluator, v: Variable, kind: str, known: set[sp.Symbol]) -> list[Scalar]:
+def _elements(evaluate: Evaluator, v: Variable, kind: str, constants: set[sp.Symbol]) -> list[Scalar]:
     starts = np.ravel(_start(evaluate, v, kind))
-    if any(x.free_symbols - known for x in starts):
+    if any(x.free_symbols - constants for x in starts):
         evaluate.refuse(f"start value of '{v.name}' that is not a parameter expression", v.span)
 
     def limits(node: Node | None) -> list[float | None]:
@@ -93,10 +93,13 @@ def _elements(evaluate: Evaluator, v: Variable, kind: str, known: set[sp.Symbol]
             evaluate.refuse(f"attribute of '{v.name}' that is not a number", v.span)
         return [float(x) for x in values]
 
-    symbols, of_each = np.ravel(evaluate.value(v.name)), map(limits, (v.nominal, v.minimum, v.maximum))
+    symbols, limits_of_elements = (
+        np.ravel(evaluate.value(v.name)),
+        map(limits, (v.nominal, v.minimum, v.maximum)),
+    )
     return [
         Scalar(symbol, kind, start, nominal, low, high, v)
-        for symbol, start, nominal, low, high in zip(symbols, starts, *of_each, strict=True)
+        for symbol, start, nominal, low, high in zip(symbols, starts, *limits_of_elements, strict=True)
     ]
 
 
