@@ -6,6 +6,7 @@
     results = fit.calibrate(runs)
     results.joint["lambda_2"].value
     delta_g = fit.delta_g(runs[0], results).to_xarray()
+    f, asd, sigma = fit.asd(delta_g["delta_g"], fs=2.0)
     fit.plot.spectra(results, runs, "D")
     fit.save_report(results, runs, "folder")
 
@@ -23,6 +24,7 @@ if TYPE_CHECKING:
     from fit.fitting import Prior, delta_chi2
     from fit.report import plot
     from fit.results import Estimate, Fit, Results
+    from fit.spectra import asd
     from fit.telemetry import Telemetry
     from fit.warnings import FitWarning
 
@@ -37,6 +39,7 @@ __all__ = [
     "Prior",
     "Results",
     "Telemetry",
+    "asd",
     "calibrate",
     "calibrate_inertial",
     "compare",
@@ -55,6 +58,7 @@ _HOME = {
     "errors": ("CalibrationError", "FitError", "InputError"),
     "fitting": ("Prior", "delta_chi2"),
     "results": ("Estimate", "Fit", "Results"),
+    "spectra": ("asd",),
     "warnings": ("FitWarning",),
     "telemetry.reader": ("Telemetry",),
 }

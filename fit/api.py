@@ -19,7 +19,7 @@ from fit.fitting import user_params
 from fit.forecasting import coverage
 from fit.results import Results, check_results, results_file, telemetry_files
 from fit.settings import ParameterSettings, refuse_fmu_parameters, settings
-from fit.tables import notebook  # noqa: F401 - for how what is returned shows itself
+from fit.tables import latex, notebook  # noqa: F401 - for how what is returned shows itself
 from fit.telemetry import Telemetry, archive_conversion, read_all
 
 if TYPE_CHECKING:

@@ -1,4 +1,4 @@
-"""How results and telemetry show themselves: as text in a terminal, as HTML in a notebook.
+"""How results and telemetry show themselves: as text in a terminal, as HTML in a notebook, as LaTeX.
 
 `fit.tables.notebook` registers what each type looks like. It imports the types, so they cannot import it:
 they import this file.
@@ -17,6 +17,12 @@ def text(value: object) -> str:
 def html(value: object) -> str | None:  # noqa: ARG001 - what it is decides
     """Return a value as an element of a page, None where it has no such form."""
     return None
+
+
+@singledispatch
+def latex(value: object) -> str:
+    """Return a value as LaTeX."""
+    return text(value)
 
 
 class Displayed:

@@ -188,10 +188,13 @@ def misalignments(period: str) -> tuple[Parameter, ...]:
     """Return delta_phi and delta_eta, with their flight values if the inertial period was flown."""
     flown = period in _MISALIGNMENTS
     flight = _MISALIGNMENTS.get(period, ((0.0, 0.0), (0.0, 0.0)))
-    angles = (("delta_phi", "δ<sub>φ</sub>", "z"), ("delta_eta", "δ<sub>η</sub>", "y"))
+    angles = (
+        ("delta_phi", "δ<sub>φ</sub>", r"\delta_\phi", "z"),
+        ("delta_eta", "δ<sub>η</sub>", r"\delta_\eta", "y"),
+    )
     return tuple(
-        Parameter(name, *both, "rad", 1e-3, "gomegafinal", html, name, f"misalignment about {axis}", flown)
-        for (name, html, axis), both in zip(angles, flight, strict=True)
+        Parameter(name, *both, "rad", 1e-3, "gomegafinal", html, latex, f"misalignment about {axis}", flown)
+        for (name, html, latex, axis), both in zip(angles, flight, strict=True)
     )
 
 

@@ -3,14 +3,13 @@
 import json
 import math
 from dataclasses import dataclass
-from importlib import import_module
 from typing import TYPE_CHECKING
 
 from markupsafe import Markup
 
 from fit.display import Displayed, html, text
 from fit.errors import InputError
-from fit.results import FIXED, Estimate
+from fit.results import FIXED, Estimate, import_pandas
 from fit.tables import Table, estimate_text, measurement, power_of_ten
 
 if TYPE_CHECKING:
@@ -157,10 +156,7 @@ class Comparison(Displayed):
         InputError
             If pandas is not installed.
         """
-        try:
-            pd = import_module("pandas")
-        except ImportError:
-            raise InputError("to_dataframe needs pandas, of the extra lpfcosim[notebook]") from None
+        pd = import_pandas("to_dataframe")
         columns: dict[tuple[str, str], list[object]] = {}
         for n, label in enumerate(self.labels):
             estimates = [p.estimates[n] for p in self.parameters]

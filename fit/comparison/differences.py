@@ -150,7 +150,9 @@ def _scaled(fit: Fit, scale: Mapping[str, float]) -> Fit:
         for name, e in fit.parameters.items()
     }
     factors = np.array([scale[name] for name in fit.parameters])
-    return replace(fit, parameters=parameters, covariance=fit.covariance * np.outer(factors, factors))
+    return replace(
+        fit, parameters=parameters, covariance_matrix=fit.covariance_matrix * np.outer(factors, factors)
+    )
 
 
 def _parameters(fits: Sequence[Fits]) -> Iterator[ParameterComparison]:
@@ -202,7 +204,7 @@ def _tests(reference: Fits, result: Fits) -> dict[str, tuple[float, int, float]]
 
 def _covariance(fit: Fit, names: Sequence[str]) -> NDArray[np.float64]:
     indices = [list(fit.parameters).index(name) for name in names]
-    return fit.covariance[np.ix_(indices, indices)]
+    return fit.covariance_matrix[np.ix_(indices, indices)]
 
 
 def _order(place: Place) -> tuple[int, str]:

@@ -147,15 +147,15 @@ def inflate_sigma(fit: Fit, shift: Mapping[str, float]) -> Fit:
     names = list(fit.parameters)
     shifts = np.array([shift.get(name, 0.0) for name in names])
     known = np.flatnonzero(np.isfinite(shifts))
-    sigma = np.sqrt(np.diag(fit.covariance))
+    sigma = np.sqrt(np.diag(fit.covariance_matrix))
     large = np.abs(shifts) > sigma  # less is what sigma allows for
-    covariance = fit.covariance + np.diag(np.where(large & np.isfinite(shifts), shifts, 0.0) ** 2)
+    covariance = fit.covariance_matrix + np.diag(np.where(large & np.isfinite(shifts), shifts, 0.0) ** 2)
     covariance = covariance[np.ix_(known, known)]
     parameters = {
         names[i]: replace(fit.parameters[names[i]], sigma=float(s)) if large[i] else fit.parameters[names[i]]
         for i, s in zip(known.tolist(), np.sqrt(np.diag(covariance)), strict=True)
     }
-    return replace(fit, parameters=parameters, covariance=covariance)
+    return replace(fit, parameters=parameters, covariance_matrix=covariance)
 
 
 def iv_parameters(fit: Fit | None) -> set[str]:
@@ -238,6 +238,6 @@ def apply_iv(fit: Fit, corrections: Mapping[str, IVCorrection], description: str
     return replace(
         fit,
         parameters=parameters,
-        covariance=fit.covariance * np.outer(ratio, ratio),
+        covariance_matrix=fit.covariance_matrix * np.outer(ratio, ratio),
         warnings=(*fit.warnings, FitWarning("instrumental_variables", tuple(corrections), message)),
     )

@@ -274,10 +274,10 @@ def _shift_by_euler_force(
         J[order.index(name), deltas.index(delta)] = factor
     # b_i with the Euler force = b_i + J delta, and b_i without it has the covariance of both
     shift = sign * (J @ list(misaligned.values.values()))
-    covariance = cross_talk.covariance - sign * (J @ misaligned.covariance @ J.T)
+    covariance = cross_talk.covariance_matrix - sign * (J @ misaligned.covariance_matrix @ J.T)
     parameters = dict(cross_talk.parameters)
     for name in euler:  # of the shifted value, the truth is another
         estimate, i = parameters[name], order.index(name)
         value, sigma = estimate.value + float(shift[i]), float(np.sqrt(covariance[i, i]))
         parameters[name] = replace(estimate, value=value, sigma=sigma, truth=None, pull=None)
-    return replace(cross_talk, parameters=parameters, covariance=covariance), tuple(euler)
+    return replace(cross_talk, parameters=parameters, covariance_matrix=covariance), tuple(euler)

@@ -45,7 +45,7 @@ def inflate_sigma(fit: Fit, drifts: Mapping[str, Heterogeneity]) -> Fit:
     if not reported:
         return fit
     variances = [reported[name].variance if name in reported else 0.0 for name in fit.parameters]
-    covariance = fit.covariance + np.diag(variances)
+    covariance = fit.covariance_matrix + np.diag(variances)
     parameters = {
         name: replace(estimate, sigma=float(np.sqrt(estimate.sigma**2 + variance)))
         for (name, estimate), variance in zip(fit.parameters.items(), variances, strict=True)
@@ -58,4 +58,6 @@ def inflate_sigma(fit: Fit, drifts: Mapping[str, Heterogeneity]) -> Fit:
         "those of the mean over such experiments"
     )
     warning = FitWarning("cross_talk_drift", tuple(reported), message)
-    return replace(fit, parameters=parameters, covariance=covariance, warnings=(*fit.warnings, warning))
+    return replace(
+        fit, parameters=parameters, covariance_matrix=covariance, warnings=(*fit.warnings, warning)
+    )

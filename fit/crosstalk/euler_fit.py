@@ -118,7 +118,7 @@ def fit_period(
         raise FitError("the sigma of delta_phi or delta_eta is not a positive number")
     return Fit(
         parameters=angle_estimates(outcome, theta, sigma),
-        covariance=covariance,
+        covariance_matrix=covariance,
         chi2=solution.chi2,
         dof=sum(block.size for block in outcome.whitened_runs) - len(NAMES),
         converged=outcome.converged,

@@ -64,7 +64,7 @@ def reconstruction(joint: Fit | None, j: int, F_max: float, N_max: float) -> tup
     order = list(joint.parameters)
     of_terms = [order.index(name) for name in terms]
     factors = np.array(list(terms.values()))
-    variance = factors @ joint.covariance[np.ix_(of_terms, of_terms)] @ factors
+    variance = factors @ joint.covariance_matrix[np.ix_(of_terms, of_terms)] @ factors
     return stiffness(j, joint.values, F_max, N_max), math.sqrt(max(float(variance), 0.0))
 
 

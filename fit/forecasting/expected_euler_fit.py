@@ -109,7 +109,7 @@ def _expected(runs: Sequence["_ExpectedWeighing"], settings: Mapping[str, Parame
     lacking = {warning.message: warning for run in runs for warning in run.warnings}
     return Fit(
         parameters={n: e for n, e in angles.items() if e.sigma < MAX_SIGMA},
-        covariance=covariance[np.ix_(determined, determined)],
+        covariance_matrix=covariance[np.ix_(determined, determined)],
         chi2=float(dof),
         dof=dof,
         converged=True,

@@ -159,7 +159,7 @@ def _run_differences(joint_fit: Fit, calibrated: Results, context: LoopContext) 
             ):
                 continue
             gradient = np.array([factors.get(n, 0.0) for n in joint_fit.parameters])
-            sigma = math.sqrt(float(gradient @ joint_fit.covariance @ gradient))
+            sigma = math.sqrt(float(gradient @ joint_fit.covariance_matrix @ gradient))
             value = sum(factor * values[n] for n, factor in factors.items())
             sigmas = (value - fit[name].value) / fit[name].sigma
             yield _Difference(f"{name} of {run.experiment}", sigmas, sigma / fit[name].sigma, estimated)

@@ -56,7 +56,7 @@ def dynamics_of(run: Telemetry, joint: Fit) -> Dynamics:
     covariance = np.diag([joint_parameter(name).prior_sigma ** 2 for name in names])
     rows = [names.index(name) for name in known]
     columns = [order.index(name) for name in known]
-    covariance[np.ix_(rows, rows)] = joint.covariance[np.ix_(columns, columns)]
+    covariance[np.ix_(rows, rows)] = joint.covariance_matrix[np.ix_(columns, columns)]
     sigma = np.sqrt(np.diag(covariance))
     sharing = Sharing(settings().shared)
     of_run = sharing.matrix(run, dynamics.PARAMETERS, names)

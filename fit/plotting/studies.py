@@ -10,9 +10,10 @@ from numpy.typing import NDArray
 from fit.figures import COLOURS
 from fit.fitting import IRLSResult
 from fit.forecasting import Pulls
-from fit.parameters import ALONG, joint_parameter
+from fit.parameters import ALONG
 from fit.plotting.files import Plot
 from fit.plotting.style import WIDE
+from fit.tables import latex_symbol
 
 Array = NDArray[np.float64]
 
@@ -149,7 +150,7 @@ def histograms(coverage: Mapping[str, Pulls], drawn: Sequence[Mapping[str, Seque
         bins = np.linspace(-_HISTOGRAM_LIMIT, _HISTOGRAM_LIMIT, 19)
         ax.hist(values, bins=list(bins), color=COLOURS["blue"], alpha=0.55, density=True)
         ax.plot(x, np.exp(-(x**2) / 2) / np.sqrt(2 * np.pi), color=COLOURS["ink"], lw=0.8)
-        ax.set_title(f"${_latex(name)}$", fontsize=7)
+        ax.set_title(f"${latex_symbol(name)}$", fontsize=7)
         ax.text(
             0.03,
             0.96,
@@ -168,10 +169,3 @@ def histograms(coverage: Mapping[str, Pulls], drawn: Sequence[Mapping[str, Seque
     figure.supxlabel("pull: (estimate − truth) / σ", fontsize=7)
     pulls_of = [(name, float(one[name][0])) for name in coverage for one in drawn if name in one]
     return Plot(figure, {"parameter": [name for name, _ in pulls_of], "pull": [pull for _, pull in pulls_of]})
-
-
-def _latex(name: str) -> str:
-    try:
-        return joint_parameter(name).latex
-    except KeyError:
-        return rf"\mathtt{{{name.replace('_', chr(92) + '_')}}}"

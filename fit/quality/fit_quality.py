@@ -92,7 +92,7 @@ def report(
             )
             for i in reported
         },
-        covariance=solution.covariance[np.ix_(reported, reported)],
+        covariance_matrix=solution.covariance[np.ix_(reported, reported)],
         chi2=solution.chi2,
         dof=solution.dof,
         converged=outcome.converged,

@@ -1,5 +1,6 @@
 """The results of a calibration: what they hold, how they came about, their JSON form and their folder."""
 
+from fit.results.data_frames import import_pandas
 from fit.results.estimates import FIXED, QUANTILES, WITHHELD, Diagnostics, Estimate, Stiffness
 from fit.results.folders import (
     results_beside,
@@ -31,6 +32,7 @@ __all__ = [
     "Stiffness",
     "check_frame",
     "check_results",
+    "import_pandas",
     "load",
     "results_beside",
     "results_file",

@@ -3,27 +3,30 @@
 from collections.abc import Iterator, Mapping
 from dataclasses import MISSING, dataclass, field, fields, is_dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal, overload
 
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, Field
 
-from fit.display import Displayed
+from fit.display import Displayed, latex
 from fit.errors import InputError, shown
 from fit.files import atomic, documents, place
+from fit.results import data_frames
 from fit.results.estimates import Diagnostics, Estimate, SolvedModel, Stiffness
 from fit.results.provenance import Provenance
 from fit.telemetry import Telemetry
 from fit.warnings import Cause, FitWarning
 
 if TYPE_CHECKING:
+    import pandas
     from lmfit import Minimizer, Parameters
     from lmfit.minimizer import MinimizerResult
 
 SCHEMA = "lpf-results/1"
 _Count = Annotated[int, Field(ge=0, le=2**53)]
 _LARGEST = 1e100  # value or sigma in any unit, whose square is still a number
+_JSON_NAMES = {"covariance_matrix": "covariance"}  # of fields that have another name in the file
 _SECTIONS = ("experiments", "cross_talk", "inertial")
 
 
@@ -35,7 +38,7 @@ class Fit(Displayed):
     ----------
     parameters : dict of str to Estimate
         The determinable parameters.
-    covariance : ndarray, shape (P, P)
+    covariance_matrix : ndarray, shape (P, P)
         In the order of `parameters`, products of their units.
     chi2 : float
         At the estimate.
@@ -58,7 +61,7 @@ class Fit(Displayed):
     """
 
     parameters: dict[str, Estimate]
-    covariance: NDArray[np.float64]
+    covariance_matrix: NDArray[np.float64]
     chi2: float
     dof: int
     converged: bool
@@ -136,11 +139,34 @@ class Fit(Displayed):
         names = (name for w in self.warnings if w.code == "indeterminable" for name in w.parameters)
         return tuple(dict.fromkeys(names))
 
+    @overload
+    def covariance(self, *, as_frame: Literal[False] = False) -> NDArray[np.float64]: ...
+    @overload
+    def covariance(self, *, as_frame: Literal[True]) -> "pandas.DataFrame": ...
+    def covariance(self, *, as_frame: bool = False) -> "NDArray[np.float64] | pandas.DataFrame":
+        """Return the covariance of the estimates, shape (P, P), in the order of `parameters`.
+
+        Parameters
+        ----------
+        as_frame : bool
+            As a data frame with the names of the parameters on both axes.
+
+        Raises
+        ------
+        InputError
+            If a frame is asked for and pandas is not installed.
+        """
+        return (
+            data_frames.covariance_frame(self.covariance_matrix, list(self))
+            if as_frame
+            else self.covariance_matrix
+        )
+
     @property
     def correlation(self) -> NDArray[np.float64]:
         """The correlation matrix, shape (P, P), in the order of `parameters`."""
-        sigma = np.sqrt(np.diag(self.covariance))
-        return np.asarray(self.covariance / np.outer(sigma, sigma))
+        sigma = np.sqrt(np.diag(self.covariance_matrix))
+        return np.asarray(self.covariance_matrix / np.outer(sigma, sigma))
 
 
 @dataclass(frozen=True, repr=False)
@@ -172,6 +198,36 @@ class Results(Displayed):
         headline = {"joint": self.joint} if self.joint else single
         fits = headline | {f"inertial.{k}": f for k, f in self.inertial.items()}
         return [(place, warning) for place, fit in fits.items() for warning in fit.unsound]
+
+    def fits(self) -> Iterator[tuple[str, str, Fit]]:
+        """Yield all fits with their section and their key in it, which is empty for the joint fit."""
+        if self.joint is not None:
+            yield "joint", "", self.joint
+        for section in _SECTIONS:
+            for key, fit in getattr(self, section).items():
+                yield section, key, fit
+
+    def to_dataframe(self) -> "pandas.DataFrame":
+        """Return all estimates: a row for each parameter with value, sigma, sound, fixed, truth, pull.
+
+        The index is section, key (of an experiment, epoch or period), parameter and unit. Where `sound` is
+        false, `sigma` does not hold.
+
+        Raises
+        ------
+        InputError
+            If pandas is not installed.
+        """
+        return data_frames.estimates_frame(
+            (section, key, not fit.unsound, fit.parameters) for section, key, fit in self.fits()
+        )
+
+    def to_latex(self) -> str:
+        r"""Return the joint fit and the inertial forces as a ``tabular`` of LaTeX, without packages.
+
+        Without a joint fit it holds those of the experiments. A sigma that does not hold is ``?``.
+        """
+        return latex(self)
 
     def save(self, path: str | Path) -> None:
         """Write the results as JSON, schema ``lpf-results/1``; see `write`."""
@@ -240,7 +296,8 @@ def _to_json(value: Any) -> Any:
         values = {f: getattr(value, f.name) for f in fields(value) if f.compare}
         stated = {f.name: x for f, x in values.items() if f.default is MISSING or x != f.default}
         derived = {"names": list(value), "sound": not value.unsound} if isinstance(value, Fit) else {}
-        return _to_json(stated | derived)
+        entries = {_JSON_NAMES.get(name, name): x for name, x in (stated | derived).items()}
+        return _to_json(entries)
     if isinstance(value, Mapping):
         return {name: _to_json(x) for name, x in value.items()}
     if isinstance(value, tuple | list):
@@ -308,9 +365,10 @@ def _fit_from_json(fit: _FitJson, place: str) -> Fit:
         raise InputError(f"{place}.covariance: expected the squares of positive sigmas on the diagonal")
     if np.any(np.abs(covariance / sigmas / sigmas[:, None]) > 1 + 1e-6):
         raise InputError(f"{place}.covariance: expected correlations of at most 1")
-    entries = {f.name: getattr(fit, f.name) for f in fields(Fit) if f.compare} | {
+    names = (f.name for f in fields(Fit) if f.compare)
+    entries = {name: getattr(fit, _JSON_NAMES.get(name, name)) for name in names} | {
         "parameters": {name: fit.parameters[name] for name in fit.names},
-        "covariance": covariance,
+        "covariance_matrix": covariance,
         "warnings": (*fit.warnings, *_missing_warnings(fit)),
     }
     return Fit(**entries)

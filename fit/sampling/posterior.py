@@ -7,6 +7,11 @@ information than there is: its logarithm is divided by the mean ratio of true va
 some 1.06 for Tukey 0.1, that is 3 % in sigma. One factor for all directions of a run is not exact, as signals
 differ in where in the window they lie: on the mission campaigns sigmas are off by up to 0.8 %.
 
+The error of a noise PSD is in no likelihood. As in the fit, it adds to the covariance of the estimate: the
+density at theta is the likelihood at ``B (theta - estimate)`` from the estimate, where B turns the
+curvature of the likelihood into the inverse of that covariance (curvature adjustment; Ribatet, Cooley and
+Davison, Statistica Sinica 22, 2012).
+
 Constraints of parameters hold in the posterior as in the fit: fixed parameters are no coordinates of
 it, tied ones follow their expressions, the density is zero beyond bounds, and priors enter it.
 
@@ -26,7 +31,7 @@ from numpy.typing import NDArray
 
 from fit.errors import FitError
 from fit.fitting import IRLSResult, Prior, RunEstimate, ScaleParameter, constraints, variance_factors
-from fit.whitening import NU, whitened_run
+from fit.whitening import whitened_run
 
 if TYPE_CHECKING:
     import lmfit
@@ -78,8 +83,11 @@ class Posterior:
         self.constant = np.append(self._constraints.fixed, np.zeros(len(log_widths), dtype=bool))
         self.centre = np.concatenate([result.solution.theta[:shared], log_widths[:, 0]])
         self._centre = np.concatenate([self.centre[varying], log_widths[:, 0]])
+        covariance = result.solution.covariance[np.ix_(varying, varying)]
+        psd_error = _psd_error(result)[np.ix_(varying, varying)]
         try:
-            root = np.linalg.cholesky(self._constraints.within_bounds(result.solution.covariance))
+            root = np.linalg.cholesky(self._constraints.within_bounds(covariance))
+            self._adjustment = _curvature_adjustment(covariance, psd_error)
         except np.linalg.LinAlgError as error:
             raise FitError(
                 "the covariance of the estimate is not positive, nothing can be sampled"
@@ -94,9 +102,12 @@ class Posterior:
 
     def theta(self, z: Array) -> Array:
         """Return parameters and logarithms of widths, SI, (..., P + I), at points z, shape (..., F + I)."""
-        coordinates = self._centre + z @ self.root.T
+        return self._parameters(self._centre + z @ self.root.T)
+
+    def _parameters(self, coordinates: Array) -> Array:
+        """Return parameters and logarithms of widths, (..., P + I), of those that vary, (..., F + I)."""
         free = self._constraints.varying.size
-        theta = np.empty((*z.shape[:-1], self.centre.size))
+        theta = np.empty((*coordinates.shape[:-1], self.centre.size))
         theta[...] = self.centre
         theta[..., self._constraints.varying] = coordinates[..., :free]
         theta[..., self._shared :] = coordinates[..., free:]
@@ -105,7 +116,11 @@ class Posterior:
 
     def __call__(self, z: Array) -> Array:
         """Return the logarithm of the density but for a constant, shape (W,), at W points, (W, F + I)."""
-        sampled = self.theta(z)
+        coordinates, free = self._centre + z @ self.root.T, self._constraints.varying.size
+        inside = self._constraints.inside(self._parameters(coordinates))
+        shift = coordinates[:, :free] - self._centre[:free]
+        coordinates[:, :free] = self._centre[:free] + shift @ self._adjustment.T
+        sampled = self._parameters(coordinates)
         theta = np.zeros((self._size, len(sampled)))
         theta[: self._shared] = sampled[:, : self._shared].T
         log_widths = sampled[:, self._shared :]
@@ -115,7 +130,7 @@ class Posterior:
         with np.errstate(invalid="ignore", over="ignore"):  # where ties make no number
             for run in self._runs:
                 density += run(theta, log_widths)
-        return np.where(np.isnan(density), -np.inf, density)
+        return np.where(np.isnan(density) | ~inside, -np.inf, density)
 
     def draw(self, rng: np.random.RandomState, n: int) -> Array:
         """Return n points of the unit normal within the bounds, shape (n, F + I)."""
@@ -148,8 +163,8 @@ class _Constraints:
         self._ties = _ties({p.name: p.expr for p in every if p.expr})
 
     def within_bounds(self, covariance: Array) -> Array:
-        """Return the covariance of the parameters that vary, no wider than between their bounds."""
-        C = covariance[np.ix_(self.varying, self.varying)].copy()
+        """Return a covariance of the parameters that vary, (F, F), no wider than between their bounds."""
+        C = covariance.copy()
         for i in np.flatnonzero(np.isfinite(self._bounds).all(axis=1)):
             uniform = np.ptp(self._bounds[i]) ** 2 / 12
             C -= np.outer(C[:, i], C[i]) / (C[i, i] + uniform)
@@ -170,8 +185,29 @@ class _Constraints:
 
     def log_prior(self, theta: Array) -> Array:
         """Return the logarithm of the prior, shape (W,), at theta, shape (W, P + I)."""
-        chi2 = np.sum(((theta[:, self._prior] - self._mean) / self._sigma) ** 2, axis=1)
-        return np.where(self.inside(theta), -chi2 / 2, -np.inf)
+        return np.asarray(-np.sum(((theta[:, self._prior] - self._mean) / self._sigma) ** 2, axis=1) / 2)
+
+
+def _psd_error(result: IRLSResult) -> Array:
+    """Return what errors of the noise PSDs add to the covariance of the estimate, shape (P, P)."""
+    assert result.model and result.result
+    rows, params = result.conditional_prior.rows, result.result.params
+    covariance = whitened_run.scaled_inverse(result.model.information(params) + rows.T @ rows)
+    return np.asarray(covariance @ result.model.psd_scores(params) @ covariance)
+
+
+def _curvature_adjustment(covariance: Array, psd_error: Array) -> Array:
+    """Return the map B, shape (F, F), after which a density of covariance less `psd_error` has `covariance`.
+
+    With ``C = L L^T``, B is the symmetric root of ``L^-1 (C - E) L^-T`` in the coordinates of L.
+    """
+    L = np.linalg.cholesky(covariance)
+    E = np.linalg.solve(L, np.linalg.solve(L, psd_error).T)
+    values, vectors = np.linalg.eigh(np.eye(len(L)) - E)
+    if np.any(values <= 0):
+        raise np.linalg.LinAlgError
+    root = (vectors * np.sqrt(values)) @ vectors.T
+    return np.asarray(L @ np.linalg.solve(L.T, root.T).T)
 
 
 def _ties(expressions: Mapping[str, str]) -> "list[tuple[str, list[str], ExpressionModel]]":
@@ -211,30 +247,23 @@ def _likelihood(block: whitened_run.WhitenedRun, estimate: RunEstimate, inflatio
     if block.weights.likelihood == "gaussian":
         R = estimate.root @ np.hstack([-estimate.c[:, None], np.eye(estimate.c.size)])
         return _Likelihood(lambda c: np.asarray(np.sum((R @ c) ** 2, axis=0) / 2), R.T @ R, R.T @ R)
-    cost = _student_t(block) if block.weights.likelihood == "student_t" else _marginalised(block)
+    power = _bin_power(block) if block.weights.likelihood == "student_t" else _band_power(block)
     weight = block.R.T @ block.R
-    return _Likelihood(lambda c: cost(c) / inflation, weight / inflation, block.H / inflation)
+    return _Likelihood(
+        lambda c: block.weights.cost(power(c)) / inflation, weight / inflation, block.H / inflation
+    )
 
 
-def _student_t(block: whitened_run.WhitenedRun) -> Callable[[Array], Array]:
+def _bin_power(block: whitened_run.WhitenedRun) -> Callable[[Array], Array]:
+    """Return the function from coefficients, (K, W), to the residual power of the bins, (B, W)."""
     U = np.concatenate([block.columns.real, block.columns.imag])
-
-    def cost(c: Array) -> Array:
-        power = ((U @ c) ** 2).reshape(2, -1, c.shape[1]).sum(axis=0)
-        return np.asarray((NU + 2) / 2 * np.sum(np.log1p(power / NU), axis=0))
-
-    return cost
+    return lambda c: np.asarray(((U @ c) ** 2).reshape(2, -1, c.shape[1]).sum(axis=0))
 
 
-def _marginalised(block: whitened_run.WhitenedRun) -> Callable[[Array], Array]:
-    sizes = [band.stop - band.start for band in block.weights.bands]
+def _band_power(block: whitened_run.WhitenedRun) -> Callable[[Array], Array]:
+    """Return the function from coefficients, (K, W), to the sums of the residual power over the bands."""
     roots = [block.root(band) for band in block.weights.bands]
-
-    def cost(c: Array) -> Array:
-        costs = (n * np.log(np.sum((R @ c) ** 2, axis=0)) for n, R in zip(sizes, roots, strict=True))
-        return np.asarray(np.sum(list(costs), axis=0))
-
-    return cost
+    return lambda c: np.array([np.sum((R @ c) ** 2, axis=0) for R in roots])
 
 
 class _Run:

@@ -14,11 +14,13 @@ the 200 MB of compiler that it brings.
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
+from fit.errors import InputError, shown
 from fit.parallel import parallel_map
 from fit.spectra.windowing import window
 
@@ -176,6 +178,54 @@ class LogSpectrum:
     low: Array
     high: Array
     averages: Array
+
+
+class Asd(NamedTuple):
+    """One-sided ASD: frequencies [Hz], ASD in the unit of the series per root Hz, its standard error."""
+
+    f: Array
+    asd: Array
+    sigma: Array
+
+
+def asd(x: ArrayLike, fs: float) -> Asd:
+    """Return the ASD of a series, by the spectral estimator of the report (`log_psd`).
+
+    Parameters
+    ----------
+    x : array_like, shape (N,)
+        Missing samples are NaN.
+    fs : float
+        Sample rate [Hz].
+
+    Returns
+    -------
+    f, asd, sigma : ndarray, shape (B,)
+        Frequencies [Hz], ten per decade; ASD in the unit of `x` per root Hz; standard error of the ASD.
+
+    Raises
+    ------
+    InputError
+        If `x` is no series of real numbers or too short, or `fs` is not a positive number.
+    """
+    try:
+        series = np.asarray(x)
+        series = series.astype(np.float64) if series.dtype.kind in "iuf" else np.empty((0, 0))
+        rate = float(fs)
+    except (TypeError, ValueError):
+        raise InputError(f"asd: {shown(fs)}: expected a series of numbers and its sample rate") from None
+    if series.ndim != 1 or np.isinf(series).any():
+        raise InputError("asd: x: expected one series of finite real numbers, NaN where samples are missing")
+    if not (math.isfinite(rate) and rate > 0):
+        raise InputError(f"asd: fs: {shown(fs)}, expected a positive sample rate in Hz")
+    least = math.ceil(PERIODS / SHARE * 2 * (1 + 2 / PERIODS))
+    if np.count_nonzero(np.isfinite(series)) < least:
+        raise InputError(f"asd: x: fewer than {least} samples")
+    spectrum = log_psd([series], rate)
+    if not spectrum.f.size:
+        raise InputError("asd: x: no stretch without missing samples is long enough")
+    root = np.sqrt(spectrum.psd)
+    return Asd(spectrum.f, root, root / (2 * np.sqrt(spectrum.averages)))
 
 
 def log_psd(series: Sequence[Array], fs: float) -> LogSpectrum:

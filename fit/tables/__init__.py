@@ -1,5 +1,6 @@
 """Tables: numbers in print, rows of estimates, and the display of telemetry and results in a notebook."""
 
+from fit.tables.latex import latex_symbol
 from fit.tables.numbers import (
     Measurement,
     combination_text,
@@ -25,6 +26,8 @@ __all__ = [
     "estimates",
     "fit_estimate",
     "highlight",
+    "latex",
+    "latex_symbol",
     "measurement",
     "name_head",
     "notebook",

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 from markupsafe import Markup, escape
 
-from fit.parameters import experiment_parameters, joint_parameter
+from fit.parameters import Parameter, experiment_parameters, joint_parameter, misalignments
 from fit.results import FIXED, WITHHELD, Estimate, Fit
 
 _SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
@@ -88,10 +88,17 @@ def unit_text(unit: str, exponent: int = 0) -> str:
 
 def symbol(name: str) -> Markup:
     """Return the symbol of a parameter; of all texts only the parameters' own are trusted as HTML."""
+    parameter = described_parameter(name)
+    return Markup(parameter.html) if parameter else escape(name)
+
+
+def described_parameter(name: str) -> Parameter | None:
+    """Return the parameter of a name in any section of results, None if there is none."""
     single = experiment_parameters(((0.0, 0.0), (0.0, 0.0)), epoch=1)
+    angles = {p.name: p for p in misalignments("")}
     with suppress(KeyError):
-        return Markup((single.get(name) or joint_parameter(name)).html)
-    return escape(name)
+        return single.get(name) or angles.get(name) or joint_parameter(name)
+    return None
 
 
 def combination_text(combination: Mapping[str, float]) -> Markup:

@@ -6,13 +6,12 @@ the PSD of the noise run. A `WhitenedRun` holds all of chi^2 of a run in a small
 
 from fit.whitening.experiment import Experiment, divide, pair
 from fit.whitening.glitch_templates import Glitch, Shape
-from fit.whitening.likelihoods import NU, Likelihood, Weights, expected_weights, weights
+from fit.whitening.likelihoods import Likelihood, Weights, expected_weights, weights
 from fit.whitening.residual_psd import ResidualSpectrum, fit_residual_noise, noise_model
 from fit.whitening.run import Run, check_coverage
 from fit.whitening.whitened_run import WhitenedRun
 
 __all__ = [
-    "NU",
     "Experiment",
     "Glitch",
     "Likelihood",

@@ -54,6 +54,20 @@ class Weights:
     bands: tuple[slice, ...] = ()
     likelihood: Likelihood = "gaussian"
 
+    def cost(self, power: Array) -> Array:
+        """Return minus the logarithm of the likelihood but for a constant, shape (...).
+
+        Parameters
+        ----------
+        power : ndarray, shape (B, ...)
+            Residual power u of the bins; where levels are marginalised, its sums over the bands.
+        """
+        if self.likelihood == "student_t":
+            return np.asarray((NU + 2) / 2 * np.sum(np.log1p(power / NU), axis=0))
+        if self.likelihood == "marginalised":
+            return np.tensordot([band.stop - band.start for band in self.bands], np.log(power), 1)
+        return np.asarray(np.sum(power, axis=0) / 2)
+
 
 def weights(likelihood: Likelihood, f: Array, u: Array) -> Weights:
     """Return the weights at the residual power of the previous estimate.

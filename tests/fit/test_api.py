@@ -196,14 +196,84 @@ def test_a_fit_is_indexed_by_names(results):
     ):
         joint["lambda_3"]
     sigma = np.array([joint[name].sigma for name in joint])
-    np.testing.assert_allclose(joint.correlation * np.outer(sigma, sigma), joint.covariance, rtol=1e-9)
+    np.testing.assert_allclose(joint.correlation * np.outer(sigma, sigma), joint.covariance_matrix, rtol=1e-9)
+
+
+def test_estimates_and_covariance_as_data_frames(results):
+    frame = results.to_dataframe()
+    row = frame.loc["joint", "", "C_2", "s"]
+    assert (row["value"], row["sigma"]) == (results.joint["C_2"].value, results.joint["C_2"].sigma)
+    assert row["sound"] and not row["fixed"] and row["truth"] == results.joint["C_2"].truth
+    expected = len(results.joint.parameters) + sum(len(f.parameters) for f in results.experiments.values())
+    assert len(frame) == expected
+    covariance = results.joint.covariance(as_frame=True)
+    assert list(covariance.columns) == list(covariance.index) == list(results.joint)
+    assert covariance.loc["C_2", "C_2"] == pytest.approx(results.joint["C_2"].sigma ** 2)
+    np.testing.assert_array_equal(results.joint.covariance(), covariance)
+
+
+def test_without_pandas_the_sentence_names_the_extra(results, monkeypatch):
+    monkeypatch.setitem(sys.modules, "pandas", None)
+    for act in (results.to_dataframe, lambda: results.joint.covariance(as_frame=True)):
+        with pytest.raises(fit.InputError, match=r"needs pandas, of the extra lpfcosim\[notebook\]"):
+            act()
+
+
+def test_the_table_of_latex_has_every_parameter_of_the_joint_fit(results):
+    lines = results.to_latex().splitlines()
+    assert (lines[0], lines[-1]) == (r"\begin{tabular}{lrl}", r"\end{tabular}")
+    rows = [line for line in lines if r"\pm" in line]
+    assert len(rows) == len(results.joint.parameters)
+    assert all(line.count("&") == 2 and line.endswith(r"\\") for line in rows)
+
+
+def test_a_row_of_latex_has_symbol_power_of_ten_and_unit(results):
+    estimate = Estimate(-3.983e-7, 5.3e-9, "s-2")
+    joint = replace(results.joint, parameters={"omega2_2_0": estimate}, covariance_matrix=np.eye(1))
+    row = r"$\omega^2_{2,0}$ & $-3.983 \pm 0.053$ & $10^{-7}\,\mathrm{s}^{-2}$ \\"
+    assert replace(results, joint=joint).to_latex().splitlines()[4] == row
+
+
+def test_names_of_results_are_escaped_in_latex(results):
+    single = replace(results, joint=None, experiments={"A_1 & 50%": results.experiments["D"]})
+    assert r"\multicolumn{3}{l}{experiment A\_1 \& 50\%} \\" in single.to_latex()
+
+
+def test_the_asd_of_white_noise_scatters_by_its_standard_error():
+    fs, pulls = 10.0, []
+    for seed in range(8):
+        x = np.random.default_rng(seed).standard_normal(20_000)
+        x[500:520] = np.nan
+        f, asd, sigma = fit.asd(x, fs)
+        pulls.append((asd - np.sqrt(2 / fs)) / sigma)
+    assert f[0] < 0.01 and f[-1] > 2.5
+    pulls = np.array(pulls)[:, -15:]  # of many averages, whose distribution is nearly normal
+    assert pulls.mean() == pytest.approx(0, abs=0.3)  # 15 x 8 values, neighbours correlated
+    assert pulls.std() == pytest.approx(1, abs=0.2)
+
+
+@pytest.mark.parametrize(
+    ("x", "fs", "message"),
+    [
+        (np.zeros((3, 100)), 1.0, "asd: x: expected one series of finite real numbers"),
+        (["a"] * 100, 1.0, "asd: x: expected one series"),
+        (np.full(100, np.inf), 1.0, "asd: x: expected one series"),
+        (np.zeros(100), 0.0, "asd: fs: 0.0, expected a positive sample rate in Hz"),
+        (np.zeros(100), "fast", "asd: 'fast': expected a series of numbers and its sample rate"),
+        (np.zeros(10), 1.0, "asd: x: fewer than 26 samples"),
+        (np.where(np.arange(100) % 2, np.nan, 1.0), 1.0, "asd: x: no stretch without missing samples"),
+    ],
+)
+def test_what_is_no_series_has_no_asd(x, fs, message):
+    with pytest.raises(fit.InputError, match=re.escape(message)):
+        fit.asd(x, fs)
 
 
 def test_saved_results_come_back(results, tmp_path):
     results.save(tmp_path / "results.json")
     again = fit.load_results(str(tmp_path / "results.json"))
     assert again.joint.parameters == results.joint.parameters
-    np.testing.assert_array_equal(again.joint.covariance, results.joint.covariance)
+    np.testing.assert_array_equal(again.joint.covariance_matrix, results.joint.covariance_matrix)
 
 
 def test_telemetry_in_memory_has_no_truth_to_tell():

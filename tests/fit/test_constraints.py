@@ -32,7 +32,7 @@ def codes(found):
 
 def conditional(found, row, value, sigma=0.0):
     """Estimates and sigmas once a combination of them, `row`, is known to be `value` ± `sigma`."""
-    theta, C = np.array(list(found.values.values())), found.covariance
+    theta, C = np.array(list(found.values.values())), found.covariance_matrix
     gain = C @ row / (row @ C @ row + sigma**2)
     return theta + gain * (value - row @ theta), np.sqrt(np.diag(C - np.outer(gain, row @ C)))
 

@@ -61,9 +61,9 @@ def test_a_drive_of_test_mass_1_completes_the_list():
     assert list(joint.parameters) == list(joint_names([1, 2]))
     assert not indeterminable(joint)
     assert max(abs(p) for p in pulls(joint, vars(OFF)).values()) < 4.5
-    sigma = np.sqrt(np.diag(joint.covariance))
+    sigma = np.sqrt(np.diag(joint.covariance_matrix))
     assert sigma == pytest.approx([e.sigma for e in joint.parameters.values()])
-    assert np.linalg.eigvalsh(joint.covariance / np.outer(sigma, sigma)).min() > 0
+    assert np.linalg.eigvalsh(joint.covariance_matrix / np.outer(sigma, sigma)).min() > 0
 
 
 def test_order_of_the_files_does_not_matter():

@@ -34,7 +34,7 @@ TRUTH = {
 def make_fit(warnings=(), **values):
     return Fit(
         parameters={name: Estimate(value, 0.5, "1") for name, value in values.items()},
-        covariance=0.25 * np.eye(len(values)),
+        covariance_matrix=0.25 * np.eye(len(values)),
         chi2=1000.5,
         dof=1000,
         converged=True,
@@ -55,7 +55,7 @@ INDETERMINABLE = FitWarning(
 def assert_same(a, b):
     assert a.parameters == b.parameters
     assert list(a.parameters) == list(b.parameters)
-    np.testing.assert_array_equal(a.covariance, b.covariance)
+    np.testing.assert_array_equal(a.covariance_matrix, b.covariance_matrix)
     assert (a.chi2, a.dof, a.converged, a.warnings, a.masked_samples) == (
         b.chi2,
         b.dof,
@@ -108,7 +108,7 @@ def test_a_span_is_a_run_and_two_times(tmp_path, span):
 def test_every_float_survives_to_the_last_bit(tmp_path_factory, value, sigma):
     path = tmp_path_factory.mktemp("results") / "results.json"
     fit = replace(
-        make_fit(), parameters={"C_2": Estimate(value, sigma, "s")}, covariance=np.array([[sigma**2]])
+        make_fit(), parameters={"C_2": Estimate(value, sigma, "s")}, covariance_matrix=np.array([[sigma**2]])
     )
     write(make_results(joint=fit), path)
     estimate = load(path).joint.parameters["C_2"]

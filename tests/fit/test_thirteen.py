@@ -62,6 +62,6 @@ def test_its_truths_are_recovered():
         assert not joint.unsound
         assert joint.parameters.keys() == thirteen.TRUTH.keys()
         error = np.array([joint[name].value - thirteen.TRUTH[name] for name in joint])
-        chi2 += error @ np.linalg.solve(joint.covariance, error)
+        chi2 += error @ np.linalg.solve(joint.covariance_matrix, error)
         count += error.size
     assert stats.chi2.ppf(0.001, count) < chi2 < stats.chi2.ppf(0.999, count)

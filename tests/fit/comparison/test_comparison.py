@@ -60,7 +60,7 @@ def test_chi2_takes_the_covariances_of_both_and_what_they_have_in_common():
     comparison = fit.compare([results(one), results(two)])
     indices = [list("abcd").index(name) for name in "bd"]
     difference = np.array([two[name].value - one[name].value for name in "bd"])
-    total = one.covariance[np.ix_(indices, indices)] + two.covariance[np.ix_([0, 2], [0, 2])]
+    total = one.covariance_matrix[np.ix_(indices, indices)] + two.covariance_matrix[np.ix_([0, 2], [0, 2])]
     expected = difference @ np.linalg.inv(total) @ difference
     chi2, dof, p = comparison.agreements[0].tests["joint"]
     assert (chi2, dof) == (pytest.approx(expected, rel=1e-9), 2)
@@ -80,11 +80,11 @@ def test_chi2_of_independent_results_that_agree_is_distributed_as_it_says():
     )
 
     def drawn(joint):
-        values = rng.multivariate_normal(np.zeros(3), joint.covariance)
+        values = rng.multivariate_normal(np.zeros(3), joint.covariance_matrix)
         return results(
             make_fit(
                 dict(zip("abc", values, strict=True)),
-                np.sqrt(np.diag(joint.covariance)),
+                np.sqrt(np.diag(joint.covariance_matrix)),
                 correlation=joint.correlation[0, 1],
             )
         )

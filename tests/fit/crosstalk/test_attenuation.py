@@ -40,11 +40,11 @@ def test_sigmas_include_the_expected_shift():
     inflated = inflate_sigma(fit, {"b_3": 3.0, "b_4": 0.5})
     assert inflated.parameters["b_3"].sigma == pytest.approx(np.sqrt(10))
     assert inflated.parameters["b_4"] == inflated.parameters["b_5"] == Estimate(1.0, 1.0, "1")
-    assert np.sqrt(np.diag(inflated.covariance)) == pytest.approx([np.sqrt(10), 1, 1])
-    assert inflated.covariance[0, 1] == pytest.approx(0.2)
+    assert np.sqrt(np.diag(inflated.covariance_matrix)) == pytest.approx([np.sqrt(10), 1, 1])
+    assert inflated.covariance_matrix[0, 1] == pytest.approx(0.2)
     inflated = inflate_sigma(fit_of(("b_3", "b_4", "b_5"), np.array([1.0, 2.0, 3.0])), {"b_4": float("nan")})
     assert list(inflated.parameters) == ["b_3", "b_5"]
-    assert np.sqrt(np.diag(inflated.covariance)) == pytest.approx([1, 3])
+    assert np.sqrt(np.diag(inflated.covariance_matrix)) == pytest.approx([1, 3])
 
 
 def test_shifted_estimates_are_those_with_instruments():
@@ -55,7 +55,7 @@ def test_shifted_estimates_are_those_with_instruments():
     assert fit.parameters["lambda_2"] == Estimate(pytest.approx(0.98), pytest.approx(0.1), "1")
     assert fit.parameters["delta_ifo_1"] == Estimate(pytest.approx(1.3), pytest.approx(0.2 * 1.2), "1")
     assert fit.parameters["delta_ifo_2"] == joint.parameters["delta_ifo_2"]  # it has not moved
-    assert np.sqrt(np.diag(fit.covariance)) == pytest.approx([0.1, 0.2 * 1.2, 0.1])
+    assert np.sqrt(np.diag(fit.covariance_matrix)) == pytest.approx([0.1, 0.2 * 1.2, 0.1])
     assert np.allclose(fit.correlation, joint.correlation)
     (warning,) = fit.warnings
     assert (warning.code, warning.parameters) == ("instrumental_variables", ("lambda_2", "delta_ifo_1"))
@@ -82,7 +82,7 @@ def test_another_fit_of_the_same_data_is_corrected_alike():
     fit = apply_iv(loop_fit, corrections, "moved as the fit", "; nothing is known of Plant.cubic_2")
     assert fit["delta_ifo_1"] == Estimate(pytest.approx(1.3), pytest.approx(0.12), "1")
     assert fit["lambda_2"] == loop_fit["lambda_2"]
-    assert np.sqrt(np.diag(fit.covariance)) == pytest.approx([0.1, 0.12, 1.0])
+    assert np.sqrt(np.diag(fit.covariance_matrix)) == pytest.approx([0.1, 0.12, 1.0])
     assert np.allclose(fit.correlation, loop_fit.correlation)
     (warning,) = fit.warnings
     assert "delta_ifo_1 (-3.0); nothing is known" in warning.message

@@ -126,7 +126,9 @@ def test_each_epoch_has_its_own_coefficients():
     for fit, truth in zip(fits.values(), (TRUTH, second_truth), strict=True):
         assert list(fit.parameters) == NAMES
         assert max(abs(p) for p in pulls(fit, truth).values()) < 4.5
-        assert [fit.parameters[n].sigma for n in NAMES] == pytest.approx(np.sqrt(np.diag(fit.covariance)))
+        assert [fit.parameters[n].sigma for n in NAMES] == pytest.approx(
+            np.sqrt(np.diag(fit.covariance_matrix))
+        )
         assert [w.code for w in fit.warnings] == ["correlation"]
         assert fit.parameters["b_1"].unit == "m rad-1"
         assert fit.parameters["b_6"].unit == "s-2"
@@ -162,7 +164,7 @@ def test_two_sensors_of_the_same_motion_free_the_couplings(noisy):
         assert [cost["b_1"], cost["b_2"]] == pytest.approx([1, 1], abs=0.1)
         assert all(1.7 < cost[name] < 2.8 for name in ("b_3", "b_4"))
         assert fit.parameters["b_3"].sigma < 0.03 * TRUTH["b_3"]  # least squares is off by a tenth
-        assert np.array_equal(fit.covariance, fit.covariance.T)
+        assert np.array_equal(fit.covariance_matrix, fit.covariance_matrix.T)
 
 
 def test_instruments_of_a_bin_do_not_depend_on_the_bin(noisy):

@@ -42,6 +42,6 @@ def test_the_sigma_holds_what_experiments_differ_by():
     e = fit.parameters["b_1"]
     assert e.sigma == pytest.approx(shift / np.sqrt(3), rel=0.15)
     assert abs(e.value - mean) < e.sigma
-    assert fit.covariance[0, 0] == pytest.approx(e.sigma**2)
+    assert fit.covariance_matrix[0, 0] == pytest.approx(e.sigma**2)
     for name in ("b_2", "b_3"):
         assert fit.parameters[name].sigma == pytest.approx(steady.parameters[name].sigma, rel=0.1)

@@ -32,7 +32,9 @@ def test_recovers_both_angles_with_the_expected_sigmas(three_day_fit):
     assert fit.parameters["delta_phi"].sigma == pytest.approx(0.020e-3, rel=0.35)
     assert fit.parameters["delta_eta"].sigma == pytest.approx(0.0042e-3, rel=0.35)
     assert fit.parameters["delta_phi"].unit == "rad"
-    assert np.sqrt(np.diag(fit.covariance)) == pytest.approx([e.sigma for e in fit.parameters.values()])
+    assert np.sqrt(np.diag(fit.covariance_matrix)) == pytest.approx(
+        [e.sigma for e in fit.parameters.values()]
+    )
     assert fit.chi2 / fit.dof == pytest.approx(1, abs=0.05)
     assert codes(fit) == {"degenerate_with_actuation_crosstalk"}
     assert "cannot separate" in fit.warnings[0].message

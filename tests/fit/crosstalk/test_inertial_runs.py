@@ -127,7 +127,7 @@ def test_missing_parameters_of_the_calibration_widen_the_sigmas(quiet_day):
     joint = replace(
         results.joint,
         parameters={name: results.joint.parameters[name] for name in names},
-        covariance=np.diag([results.joint.parameters[name].sigma ** 2 for name in names]),
+        covariance_matrix=np.diag([results.joint.parameters[name].sigma ** 2 for name in names]),
     )
     world = replace(LOW_NOISE, leak=0.03)  # m: comparable with what delta_phi does
     fit = fit_period([run(world, duration=DAY)[0]], joint)

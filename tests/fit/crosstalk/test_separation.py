@@ -38,7 +38,7 @@ def test_by_hand():
     assert separated_fit.parameters["b_2"].value == pytest.approx(-0.9e-5)
     assert separated_fit.parameters["b_5"] == sums.parameters["b_5"]
     assert separated_fit.parameters["b_1"].sigma == pytest.approx(np.hypot(1e-7, 0.376 * 2e-5))
-    assert separated_fit.covariance[0, 1] == pytest.approx(-(0.376**2) * 0.3 * 2e-5 * 4e-6)
+    assert separated_fit.covariance_matrix[0, 1] == pytest.approx(-(0.376**2) * 0.3 * 2e-5 * 4e-6)
     assert is_separated(separated_fit)
     assert not is_separated(sums)
 
@@ -62,13 +62,13 @@ def test_the_euler_force_of_another_fit_replaces_that_of_the_first():
     separated = subtract_euler_force(sums, MISALIGNED, "1", 0.376)
     restored = restore_euler_force(separated, MISALIGNED, 0.376)
     assert restored.values == pytest.approx(sums.values)
-    np.testing.assert_allclose(restored.covariance, sums.covariance, rtol=1e-9, atol=1e-24)
+    np.testing.assert_allclose(restored.covariance_matrix, sums.covariance_matrix, rtol=1e-9, atol=1e-24)
     assert restored.warnings == sums.warnings
     first = Results(None, {}, {"1": separated}, {"1": MISALIGNED}, Provenance(cross_talk_periods={"1": "1"}))
     other = fit({"delta_phi": -2e-4, "delta_eta": 3e-4}, [1e-5, 2e-5])
     found, expected = _separated(first, {"1": other})["1"], subtract_euler_force(sums, other, "1", 0.376)
     assert found.values == pytest.approx(expected.values)
-    np.testing.assert_allclose(found.covariance, expected.covariance, rtol=1e-9, atol=1e-24)
+    np.testing.assert_allclose(found.covariance_matrix, expected.covariance_matrix, rtol=1e-9, atol=1e-24)
 
 
 def test_subtraction_coefficients_are_not_the_couplings():

@@ -179,7 +179,7 @@ def test_without_a_drive_its_gain_is_in_the_warnings():
     assert [w.parameters for w in indeterminable] == [("lambda_1",), ("C_1",)]
     assert all("no run drives test mass 1" in w.message for w in indeterminable)
     assert indeterminable[0].combination == {"lambda_1": 1.0}
-    assert fit.covariance.shape == (5, 5)
+    assert fit.covariance_matrix.shape == (5, 5)
 
 
 def test_chi2_is_that_of_noise():

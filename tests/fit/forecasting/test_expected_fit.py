@@ -79,7 +79,7 @@ def test_sigmas_are_those_of_fits_on_average():
     assert list(forecasted.parameters) == list(joint_names([1, 2])) == list(fitted[0])
     for name, sigma in sigmas(forecasted).items():
         assert sigma == pytest.approx(np.mean([one[name] for one in fitted]), rel=0.07), name
-    correlation = forecasted.covariance / np.outer(*2 * [list(sigmas(forecasted).values())])
+    correlation = forecasted.covariance_matrix / np.outer(*2 * [list(sigmas(forecasted).values())])
     assert np.diag(correlation) == pytest.approx(np.ones(len(correlation)))
 
 

@@ -17,7 +17,7 @@ def constrained(flight, constraints=None, params=None):
 
 def conditional(free, row, value, sigma=0.0):
     """Estimates and sigmas once the combination `row` of the parameters is known to be `value` ± `sigma`."""
-    theta, C = np.array(list(free.values.values())), free.covariance
+    theta, C = np.array(list(free.values.values())), free.covariance_matrix
     gain = C @ row / (row @ C @ row + sigma**2)
     return theta + gain * (value - row @ theta), np.sqrt(np.diag(C - np.outer(gain, row @ C)))
 
@@ -55,7 +55,7 @@ def test_a_tie_and_a_prior(flown, unconstrained):  # noqa: F811
     tied = constrained(flown, params=params)
     row = row_of(free, omega2_1_0=1.0, omega2_2_0=-ratio)
     tied_estimate = conditional(free, row, 0.0)
-    C = free.covariance
+    C = free.covariance_matrix
     gain = C @ row / (row @ C @ row)
     C = C - np.outer(gain, row @ C)
     prior = row_of(free, lambda_2=1.0)

@@ -50,7 +50,7 @@ def make_fit(values, warnings=(), converged=True):
         parameters={
             n: Estimate(v, sigma[n], FLIGHT[n].unit if n in FLIGHT else "s-2") for n, v in values.items()
         },
-        covariance=np.diag([s**2 for s in sigma.values()]),
+        covariance_matrix=np.diag([s**2 for s in sigma.values()]),
         chi2=710.0,
         dof=700,
         converged=converged,
@@ -326,7 +326,9 @@ def test_decimals_resolve_a_sigma_to_ten_per_cent(sigma):
 
 
 def test_correlations():
-    fit = replace(make_fit({"C_1": 0.149, "C_2": 0.186}), covariance=np.array([[4.0, -3.0], [-3.0, 9.0]]))
+    fit = replace(
+        make_fit({"C_1": 0.149, "C_2": 0.186}), covariance_matrix=np.array([[4.0, -3.0], [-3.0, 9.0]])
+    )
     assert fit.correlation.tolist() == [[1.0, -0.5], [-0.5, 1.0]]
 
 
@@ -354,7 +356,7 @@ def test_an_envelope_leaves_a_gap_open():
 
 def test_the_reconstructed_stiffness_carries_the_covariance():
     joint = make_fit({"alpha_phi_2": -27.4e3, "C_2": 0.186, "omega2_2_0": -4.19e-7, "alpha_x_2": -317.0})
-    joint.covariance[0, 2] = joint.covariance[2, 0] = -0.5 * 800 * 4e-9
+    joint.covariance_matrix[0, 2] = joint.covariance_matrix[2, 0] = -0.5 * 800 * 4e-9
     value, sigma = stiffness.reconstruction(joint, 2, 2200e-12, 10.4e-12)
     assert value == pytest.approx(-1.40136e-6, rel=1e-12)
     background, force, torque = 4e-9, 6 * 2200e-12, 800 * 10.4e-12

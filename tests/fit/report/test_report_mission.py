@@ -124,7 +124,7 @@ def test_what_is_not_determined_is_said(mission):
     warning = FitWarning("indeterminable", ("lambda_1",), "…", {"lambda_1": 1.0, "C_1": -0.2})
     bare = joint(warnings=[warning])
     del bare.parameters["lambda_1"]
-    bare = replace(bare, covariance=bare.covariance[1:, 1:])
+    bare = replace(bare, covariance_matrix=bare.covariance_matrix[1:, 1:])
     by_anchor = sections(replace(results, joint=bare), runs)
     _, estimate, _, *comparison = by_anchor["paper"].tables[0].rows[0]
     assert (estimate, comparison) == (None, ["not determined", ""])
@@ -145,8 +145,8 @@ def test_table_eulerfit_where_a_period_was_flown():
 def test_correlations_on_the_pointer(mission):
     results, runs = mission
     correlated = joint()
-    sigma = np.sqrt(np.diag(correlated.covariance))
-    correlated.covariance[0, 1] = correlated.covariance[1, 0] = -0.95 * sigma[0] * sigma[1]
+    sigma = np.sqrt(np.diag(correlated.covariance_matrix))
+    correlated.covariance_matrix[0, 1] = correlated.covariance_matrix[1, 0] = -0.95 * sigma[0] * sigma[1]
     part = sections(replace(results, joint=correlated), runs)["correlation"]
     element = charts.render(part.figures[0]).element
     assert 'title="lambda_1, lambda_2: −0.9500">−95</td>' in element

@@ -38,6 +38,16 @@ def test_weights_lead_to_the_maximum_of_the_likelihood(kind):
     assert np.sum(factors * np.abs(x) ** 2) == pytest.approx(curvature, rel=0.1)
 
 
+@pytest.mark.parametrize("kind", ["gaussian", "student_t", "marginalised"])
+def test_the_cost_is_that_of_the_likelihood(kind):
+    f = np.arange(1, 301) * 1e-4
+    u = np.random.default_rng(8).chisquare(2, (300, 2))
+    w = likelihoods.weights(kind, f, u[:, 0])
+    power = np.array([u[band].sum(axis=0) for band in w.bands]) if kind == "marginalised" else u
+    expected = [minus_log_likelihood(kind, u[:, i], f) for i in range(2)]
+    assert w.cost(power) == pytest.approx(expected)
+
+
 def test_bands_hold_every_bin_once_and_enough_of_them():
     f = np.arange(1, 2200) / 21600
     bands = likelihoods.bands(f)
