@@ -45,9 +45,10 @@ class ReadyMade(BuildHookInterface):
         self._folder = tempfile.TemporaryDirectory(prefix="lpfcosim-")
         self.app.display_info("Building FMUs for all platforms; the first time this takes some minutes")
         try:
-            from lpfcosim.modelica import build
+            from lpfcosim.modelica import build, numpy_models
 
-            build.prebuild(Path(self._folder.name), self.metadata.version)
+            folder = Path(self._folder.name)
+            build.prebuild(folder, self.metadata.version, numpy_models.prebuild(folder))
         except ImportError as error:
             self.app.abort(f"The FMUs of the wheel cannot be built: {error}; install the build extra first")
         except LpfcosimError as error:

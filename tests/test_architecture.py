@@ -39,8 +39,8 @@ LAYERS = {
         "api",
     ),
     "lpfcosim": (
-        *("errors", "messages", "spacecraft", "network", "signals", "models", "linear", "campaign"),
-        *("modelica", "cosim", "export", "execution", "identification", "api", "design", "cli", "__main__"),
+        *("errors", "messages", "modelica", "spacecraft", "network", "signals", "models", "linear"),
+        *("campaign", "cosim", "export", "execution", "identification", "api", "design", "cli", "__main__"),
     ),
 }
 #: What the simulator takes of the estimators outside its command line: how a telemetry file is written, what

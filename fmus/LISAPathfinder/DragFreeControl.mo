@@ -11,8 +11,8 @@ model DragFreeControl "The thrusters make the spacecraft follow test mass 1 alon
   input Types.Position o_1 "Read-out of test mass 1";
   input Types.Position guidance_o_1 "Set point of o_1, an injected fake read-out";
   output Types.Thrust F_x_sc "Commanded thrust";
-  Compensator compensator(h = h, f_u = f_u, f_z = f_z, f_i = f_i, f_p = f_p, f_r = f_r) "Control law";
+  Compensator x(h = h, f_u = f_u, f_z = f_z, f_i = f_i, f_p = f_p, f_r = f_r) "Control law";
 equation
-  compensator.e = o_1 - guidance_o_1;
-  F_x_sc = F_x_sc_start + m_sc*compensator.a;
+  x.e = o_1 - guidance_o_1;
+  F_x_sc = F_x_sc_start + m_sc*x.a;
 end DragFreeControl;

@@ -10,8 +10,8 @@ model SuspensionControl "Electrostatic forces make test mass 2 follow test mass 
   input Types.Position o_12 "Differential read-out";
   input Types.Position guidance_o_12 "Set point of o_12, an injected fake read-out";
   output Types.Acceleration f_control_2 "Force per unit mass asked for on test mass 2";
-  Compensator compensator(h = h, f_u = f_u, f_z = f_z, f_i = f_i, f_p = f_p, f_r = f_r) "Control law";
+  Compensator x(h = h, f_u = f_u, f_z = f_z, f_i = f_i, f_p = f_p, f_r = f_r) "Control law";
 equation
-  compensator.e = o_12 - guidance_o_12;
-  f_control_2 = f_x_2_start - compensator.a;
+  x.e = o_12 - guidance_o_12;
+  f_control_2 = f_x_2_start - x.a;
 end SuspensionControl;

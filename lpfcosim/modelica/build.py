@@ -178,8 +178,13 @@ def engine_library() -> Path:
     return library
 
 
-def prebuild(folder: Path, version: str, targets: Sequence[Target] = TARGETS) -> None:
-    """Build everything that a wheel carries ready made.
+def prebuild(
+    folder: Path,
+    version: str,
+    prepared: Mapping[str, prebuilt.PrebuiltGroup],
+    targets: Sequence[Target] = TARGETS,
+) -> None:
+    """Build what a wheel carries compiled, and write the manifest.
 
     Parameters
     ----------
@@ -187,6 +192,8 @@ def prebuild(folder: Path, version: str, targets: Sequence[Target] = TARGETS) ->
         Where `prebuilt` shall find it.
     version : str
         Of this package, which need not be installed yet.
+    prepared : mapping of str to PrebuiltGroup
+        Groups that are in the folder already.
     targets : sequence of Target
         Platforms to build for.
 
@@ -196,7 +203,7 @@ def prebuild(folder: Path, version: str, targets: Sequence[Target] = TARGETS) ->
         If one of the tools is not installed.
     """
     tools = [*_tools(), cross_compiler().version]
-    groups = {}
+    groups = dict(prepared)
     for fmi in _HEADERS:
         group = f"fmi{fmi[0]}"
         supported = [t for t in targets if t.folder(fmi)]

@@ -20,7 +20,10 @@ class StalePrebuiltError(Exception):
 
 @dataclass(frozen=True)
 class PrebuiltGroup:
-    """Platforms of a group of files (``fmi2``, ``fmi3``, ``engine``), and its sources by name."""
+    """Platforms of a group of files (``fmi2``, ``fmi3``, ``engine``), and its sources by name.
+
+    Without platforms the files (``numpy``) are for all of them.
+    """
 
     platforms: Sequence[str]
     sources: Mapping[str, Path]
@@ -46,7 +49,7 @@ def find(group: str, names: Sequence[str], sources: Mapping[str, Path]) -> list[
     Parameters
     ----------
     group : str
-        ``fmi2``, ``fmi3`` or ``engine``.
+        ``fmi2``, ``fmi3``, ``engine`` or ``numpy``.
     names : sequence of str
         File names in that group.
     sources : mapping of str to Path
@@ -65,7 +68,7 @@ def find(group: str, names: Sequence[str], sources: Mapping[str, Path]) -> list[
         raise StalePrebuiltError("this installation came without compiled files") from None
     except (OSError, ValueError, KeyError, TypeError):
         raise StalePrebuiltError(f"{manifest} is damaged") from None
-    if platform_name() not in platforms:
+    if platforms and platform_name() not in platforms:
         raise StalePrebuiltError(
             f"this installation came without compiled files ({group}) for {platform_name()}"
         )

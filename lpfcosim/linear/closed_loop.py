@@ -1,0 +1,237 @@
+"""The closed loop of a run from the equations of its models: state space, loop gain, simulation.
+
+The models are joined by name and evaluated in the order of the co-simulation, each seeing what those before
+it computed at the same sample, and the plant's motion as its last step left it.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lpfcosim.errors import DivergenceError
+from lpfcosim.linear.sampled_model import OperatingPoint, SampledModel
+from lpfcosim.linear.state_space import StateSpace
+from lpfcosim.models import drive, world_of
+from lpfcosim.network import Component, endpoint
+from lpfcosim.spacecraft import READ_OUT_RANGE, Run
+
+Array = NDArray[np.float64]
+Values = Sequence[float]
+_Step = tuple[Callable[[Values], Values], list[int], list[int]]  # with places of inputs and outputs
+
+BLOCK = 6000  # samples between two checks of the measurement range
+INTERFEROMETERS = ("o_1", "o_12")
+
+
+class ClosedLoop:
+    """Models of a run, joined by name.
+
+    Parameters
+    ----------
+    run : Run
+        Its parameters and which models it has.
+
+    Raises
+    ------
+    InputError
+        If the models form an algebraic loop, or cannot be translated.
+    """
+
+    def __init__(self, run: Run) -> None:
+        self.run, self._world = run, world_of(run)
+        self.components: tuple[Component, ...] = self._world.steps(run)
+        parameters = self._world.parameters(run)
+        self._models = [SampledModel(c.model, parameters[c.model], run.h) for c in self.components]
+        sources = [s for c in self.components for s in c.inputs.values()]
+        #: Signals from outside.
+        self.inputs = tuple(dict.fromkeys(s for s in sources if not endpoint(s)[0]))
+        #: Names of the control loops.
+        self.loops = tuple(_loop_name(model.name, law) for model in self._models for law in model.controllers)
+
+    @property
+    def limits(self) -> dict[str, float]:
+        """Largest magnitude of each command of limited authority, SI; no command has none."""
+        limits = {name: limit for model in self._models for name, limit in model.limits.items()}
+        return {name: limit for name, limit in limits.items() if limit > 0}
+
+    # Linearisation -------------------------------------------------------------------------------------
+
+    def linearize(self, commands: Mapping[str, float] | None = None) -> StateSpace:
+        """Linearise the loop about its equilibrium, with no command at its limit.
+
+        Parameters
+        ----------
+        commands : mapping of str to float, optional
+            Sampled variables that count as having other values, such as the rms of a command that a noisy
+            gain multiplies.
+
+        Returns
+        -------
+        StateSpace
+            From `inputs` to the outputs of the models.
+        """
+        loop = self._joined(commands or {})
+        names = [f"{c.model}.{name}" for c in self.components for name in c.outputs]
+        outputs = tuple(endpoint(name)[1] for name in names)
+        units = {name: self._world.units[name] for name in (*self.inputs, *outputs)}
+        return replace(loop.select(self.inputs, names), outputs=outputs, units=units)
+
+    def loop_gain(self) -> StateSpace:
+        """Return the loop gain L, all loops cut at the errors of their controllers: error = -L error.
+
+        With disturbances d added to the errors, x+ = A x + B d and error = C x; cut, d is what the
+        controllers take less the error that comes back, so that x+ = (A - B C) x + B error.
+        """
+        laws = [f"{model.name}.{law}" for model in self._models for law in model.controllers]
+        closed = self._joined({}).select([f"{law}.disturbance" for law in laws], [f"{law}.e" for law in laws])
+        A, B, C = closed.A, closed.B, closed.C
+        return StateSpace(A - B @ C, B, -C, np.zeros_like(closed.D), self.loops, self.loops, closed.dt)
+
+    def _joined(self, commands: Mapping[str, float]) -> StateSpace:
+        """Return the loop with disturbances of the errors as inputs, and all outputs as ``Model.output``."""
+        points = self._operating_points(commands)
+        systems = [
+            model.linearize(point, moves=component.moves)
+            for model, component, point in zip(self._models, self.components, points, strict=True)
+        ]
+        n = sum(len(system.A) for system in systems)
+        laws = [f"{m.name}.{law}.disturbance" for m in self._models for law in m.controllers]
+        unit = np.eye(n + len(self.inputs) + len(laws))
+        rows = dict(zip((*self.inputs, *laws), unit[n:], strict=True))
+        states, begin = {}, 0
+        for component, system in zip(self.components, systems, strict=True):
+            states[component.model] = unit[begin : begin + len(system.A)]
+            begin += len(system.A)
+            if component.moves:
+                values = system.C @ states[component.model]
+                rows |= _named(component.model, system.outputs, values)
+        following = []
+        for component, system in zip(self.components, systems, strict=True):
+            x, model = states[component.model], component.model
+            sources = (component.inputs.get(name, f"{model}.{name}") for name in system.inputs)
+            u = np.array([rows.get(source, np.zeros(len(unit))) for source in sources]).reshape(-1, len(unit))
+            following.append(system.A @ x + system.B @ u)
+            if not component.moves:
+                rows |= _named(model, system.outputs, system.C @ x + system.D @ u)
+        A, C = np.concatenate(following), np.array(list(rows.values()))
+        inputs = (*self.inputs, *laws)
+        return StateSpace(A[:, :n], A[:, n:], C[:, :n], C[:, n:], inputs, tuple(rows), self.run.h)
+
+    def _operating_points(self, commands: Mapping[str, float]) -> list[OperatingPoint]:
+        """Return the models at the equilibrium."""
+        values = self._initial_outputs()
+        points: list[OperatingPoint] = []
+        for component, model in zip(self.components, self._models, strict=True):
+            u = [values.get(component.inputs.get(name, ""), 0.0) for name in model.inputs]
+            points.append(model.operating_point(u, commands))
+            values |= _named(model.name, model.outputs, model.outputs_at(points[-1]))
+        return points
+
+    def _initial_outputs(self, signals: Mapping[str, float] | None = None) -> dict[str, float]:
+        """Return signals from outside and, passed on once in the order of the steps, outputs at the start."""
+        values = dict(signals or {})
+        for component, model in zip(self.components, self._models, strict=True):
+            u = [values.get(component.inputs.get(name, ""), 0.0) for name in model.inputs]
+            values |= _named(model.name, model.outputs, model.initial_outputs(u))
+        return values
+
+    # Simulation ----------------------------------------------------------------------------------------
+
+    def simulate(self, stimuli: Mapping[str, Array] | None = None) -> dict[str, Array]:
+        """Simulate the run from its equilibrium, commands limited by their authority.
+
+        Parameters
+        ----------
+        stimuli : mapping of str to ndarray, shape (n_samples,)
+            Signals from outside by name, SI; what is missing is zero. By default those of the run.
+
+        Returns
+        -------
+        dict
+            Recorded channels and outputs of the models by name, each of shape (n_samples,), SI.
+
+        Raises
+        ------
+        DivergenceError
+            If a read-out leaves its range.
+        """
+        run = self.run
+        if stimuli is None:
+            stimuli = drive.injections(run) | drive.noise(run)
+        zero = np.zeros(run.n_samples)
+        signals = [stimuli.get(name, zero) for name in self.inputs]
+        advance, names = self._network([float(signal[0]) for signal in signals])
+        recorded = np.empty((run.n_samples, len(names)))
+        checked = [(i, name) for i, name in enumerate(names) if name in INTERFEROMETERS]
+        for begin in range(0, run.n_samples, BLOCK):
+            block = recorded[begin : begin + BLOCK]
+            block[:] = np.nan
+            with np.errstate(over="ignore", invalid="ignore"), suppress(OverflowError):  # see _check_range
+                for i, values in enumerate(
+                    zip(*(s[begin : begin + BLOCK].tolist() for s in signals), strict=True)
+                ):
+                    block[i] = advance(values)
+            _check_range(run, checked, block, begin)
+        channels = dict(zip(names, recorded.T.copy(), strict=True))
+        return channels | {n: stimuli.get(n, zero) for n in self._world.record if n not in channels}
+
+    def _network(
+        self, signals: Sequence[float]
+    ) -> tuple[Callable[[Sequence[float]], list[float]], list[str]]:
+        """Return a function from the signals of a sample to the outputs of the models, and their names."""
+        values = self._initial_outputs(dict(zip(self.inputs, signals, strict=True)))
+        place = {name: i for i, name in enumerate(values)}
+        bus = [*values.values(), 0.0]  # the last is that of inputs that nothing feeds
+        plants: list[_Step] = []
+        others: list[_Step] = []
+        for component, model in zip(self.components, self._models, strict=True):
+            sources = [place.get(component.inputs.get(name, ""), -1) for name in model.inputs]
+            step = model.stepper([bus[i] for i in sources], moves=component.moves)
+            outputs = model.state_outputs if component.moves else model.outputs
+            into = [place[f"{model.name}.{name}"] for name in outputs]
+            (plants if component.moves else others).append((step, sources, into))
+        recorded = [f"{c.model}.{name}" for c in self.components for name in c.outputs]
+        rows = [place[name] for name in recorded]
+        n = len(self.inputs)
+
+        def advance(signals: Values) -> list[float]:
+            bus[:n] = signals
+            for step, sources, into in others:
+                for i, value in zip(into, step([bus[k] for k in sources]), strict=True):
+                    bus[i] = value
+            row = [bus[i] for i in rows]
+            moved = [step([bus[k] for k in sources]) for step, sources, _ in plants]
+            for (_, _, into), values in zip(plants, moved, strict=True):
+                for i, value in zip(into, values, strict=True):
+                    bus[i] = value
+            return row
+
+        return advance, [endpoint(name)[1] for name in recorded]
+
+
+def _named(model: str, names: Sequence[str], values: Iterable[Any]) -> dict[str, Any]:
+    return {f"{model}.{name}": value for name, value in zip(names, values, strict=True)}
+
+
+def _loop_name(model: str, law: str) -> str:
+    """Return the name of a control loop: ``drag_free_x`` of law x of WholeDragFreeControl."""
+    words = re.findall("[A-Z][a-z]*", model.removesuffix("Control"))
+    return "_".join([*(word.lower() for word in words if word != "Whole"), law])
+
+
+def _check_range(run: Run, checked: Sequence[tuple[int, str]], block: Array, begin: int) -> None:
+    """Refuse interferometer read-outs beyond their range in a block that begins with sample ``begin``."""
+    lost = ~(np.abs(block[:, [i for i, _ in checked]]) <= READ_OUT_RANGE)  # true for NaN too
+    if lost.any():
+        sample = int(lost.any(axis=1).argmax())
+        channel = checked[int(lost[sample].argmax())][1]
+        time = (begin + sample) / run.fs
+        cause = f"the loop diverged, {channel} left +-{READ_OUT_RANGE:g} m at t = {time:g} s"
+        raise DivergenceError(run.name, cause)

@@ -1,0 +1,274 @@
+"""One model of the loop, sampled: its exact step from its translated equations, and its linearisation."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import scipy
+from numpy.typing import NDArray
+
+from lpfcosim.errors import InputError
+from lpfcosim.linear.state_space import StateSpace
+from lpfcosim.modelica import numpy_models
+
+Array = NDArray[np.float64]
+Values = Sequence[float]
+
+_ROUNDING = 1e-9  # of a sample, within which a delay counts as whole samples
+
+
+@dataclass(frozen=True)
+class OperatingPoint:
+    """States, sampled variables before and after their events, inputs and delayed values of a model."""
+
+    x: Values
+    q: Values
+    u: Values
+    d: Values
+    z: Values
+
+
+class SampledModel:
+    """A model with its parameters, stepped from sample to sample.
+
+    In each step the sampled variables change first, in the order of their events, limiters included; then
+    the states move exactly, with inputs held and delayed values that switch inside the step.
+
+    Parameters
+    ----------
+    name : str
+        Of the model in the Modelica package.
+    parameters : mapping of str to float
+        SI; what is missing has the default of the model.
+    dt : float
+        Sample time [s].
+
+    Raises
+    ------
+    InputError
+        If the model samples at other times, has a negative delay, or has to be translated and cannot be.
+    """
+
+    def __init__(self, name: str, parameters: Mapping[str, float], dt: float) -> None:
+        self.name, self.dt = name, dt
+        self._module = module = numpy_models.load(name)
+        defaults = {parameter: value for parameter, (value, _) in module.PARAMETERS.items()}
+        self._equations = module.bind({**defaults, **parameters})
+        self.inputs = tuple(module.INPUTS)
+        self.outputs = tuple(module.OUTPUTS)
+        #: Outputs that follow from states and parameters alone.
+        self.state_outputs: tuple[str, ...] = module.STATE_OUTPUTS
+        #: Control laws, by the name of their part.
+        self.controllers = tuple(module.ERRORS)
+        self._check_clocks()
+        steps = np.array(self._equations.delay_times, dtype=float) / dt
+        if (steps < 0).any():
+            raise InputError(f"{name}: a delay is negative, expected none or a positive one")
+        self._whole = np.floor(steps + _ROUNDING).astype(int)
+        self._part = np.where(steps - self._whole > _ROUNDING, (steps - self._whole) * dt, 0.0)
+        #: Samples that each delayed value is remembered for, and what is remembered: (delay, age).
+        self._age = self._whole + (self._part > 0)
+        self._memory = [(j, age) for j, ages in enumerate(self._age.tolist()) for age in range(1, ages + 1)]
+
+    def _check_clocks(self) -> None:
+        times = self._equations.clocks
+        for start, period in zip(times[::2], times[1::2], strict=True):
+            if abs(start) > 1e-6 * self.dt or abs(period - self.dt) > 1e-6 * self.dt:
+                raise InputError(f"{self.name}: samples every {period:g} s, expected {self.dt:g} s")
+
+    @property
+    def limits(self) -> dict[str, float]:
+        """Largest magnitude of each output behind a limiter, SI."""
+        return dict(zip(self._module.LIMITED, self._equations.limits, strict=True))
+
+    @cached_property
+    def _transition(self) -> Array:
+        """Matrix from (states, held, delayed values before and after their switch, 1) to the next states.
+
+        The old value of delay j acts up to its switch at ``_part[j]``, the new one after it; with
+        G(t) the integral of exp(A s) over 0 < s < t, these make of it G(h) - G(h - part) and G(h - part).
+        """
+        n, n_held = len(self._equations.state_starts), len(self._module.HELD)
+        A = np.array(self._equations.A, dtype=float).reshape(n, n)
+        B = np.array(self._equations.B, dtype=float).reshape(n, -1)
+        times = [self.dt, *(self.dt - self._part)]
+        unique, places = np.unique(times, return_inverse=True)
+        augmented = np.block([[A, np.eye(n)], [np.zeros((n, 2 * n))]])
+        exponential = scipy.linalg.expm(unique[:, None, None] * augmented)[places]
+        integral = exponential[:, :n, n:]
+        held = integral[0] @ B[:, [*range(n_held), -1]]
+        after = np.einsum("jnk,kj->nj", integral[1:], B[:, n_held:-1])
+        before = integral[0] @ B[:, n_held:-1] - after
+        return np.hstack([exponential[0, :n, :n], held[:, :-1], before, after, held[:, -1:]])
+
+    # Simulation ----------------------------------------------------------------------------------------
+
+    def initial_outputs(self, u: Values) -> Values:
+        """Return all outputs at the start, before any event, for inputs ``u``."""
+        x, z = self._equations.state_starts, self._equations.discrete_starts
+        return tuple(self._equations.outputs(x, u, self._equations.delay_values(u, z), z))
+
+    def stepper(self, u: Values, *, moves: bool) -> Callable[[Values], Values]:
+        """Return a function that steps the model by a sample, from its start with inputs ``u``.
+
+        It takes the inputs of the step and returns the outputs after it; those that follow from states
+        alone if the model ``moves``, else all.
+        """
+        equations = self._equations
+        events, delay_values, outputs = equations.events, equations.delay_values, equations.outputs
+        state_outputs, held = equations.state_outputs, self._module.HELD
+        x, z = list(map(float, equations.state_starts)), tuple(map(float, equations.discrete_starts))
+        delays = list(enumerate(zip(self._whole.tolist(), self._age.tolist(), strict=True)))
+        history = deque([delay_values(u, z)] * (int(self._age.max(initial=0)) + 1))
+        transition = self._transition if x else None
+
+        def step(u: Values) -> Values:
+            nonlocal x, z
+            values = delay_values(u, z)
+            d = [history[age - 1][j] if age else values[j] for j, (_, age) in delays]
+            z = events(x, z, u, d)
+            if delays:
+                history.pop()
+                history.appendleft(delay_values(u, z))
+            if transition is not None:
+                groups = {"u": u, "z": z}
+                row = [*x, *(groups[group][i] for group, i in held)]
+                row += [history[age][j] for j, (_, age) in delays]
+                row += [history[whole][j] for j, (whole, _) in delays]
+                x = transition.dot([*row, 1.0]).tolist()
+            if moves:
+                return tuple(state_outputs(x))
+            d = [history[max(age - 1, 0)][j] for j, (_, age) in delays]
+            return tuple(outputs(x, u, d, z))
+
+        return step
+
+    # Linearisation -------------------------------------------------------------------------------------
+
+    def operating_point(self, u: Values, sampled: Mapping[str, float] | None = None) -> OperatingPoint:
+        """Return the model at its start with inputs ``u``, its sampled variables settled.
+
+        Parameters
+        ----------
+        u : sequence of float
+            Inputs.
+        sampled : mapping of str to float, optional
+            Sampled variables that have other values.
+        """
+        equations = self._equations
+        x, z = equations.state_starts, equations.discrete_starts
+        q = z
+        d = equations.delay_values(u, z)
+        for _ in range(2):
+            q, z = z, equations.events(x, z, u, d)
+            d = equations.delay_values(u, z)
+        z = [(sampled or {}).get(name, value) for name, value in zip(self._module.DISCRETE, z, strict=True)]
+        return OperatingPoint(x, q, u, d, z)
+
+    def outputs_at(self, point: OperatingPoint) -> tuple[float, ...]:
+        """Return all outputs at an operating point."""
+        return tuple(self._equations.outputs(point.x, point.u, point.d, point.z))
+
+    def linearize(self, point: OperatingPoint, *, moves: bool) -> StateSpace:
+        """Linearise one step about an operating point, with every limiter the identity.
+
+        Parameters
+        ----------
+        point : OperatingPoint
+            Where the derivatives are taken.
+        moves : bool
+            The outputs that follow from states are those before the step, as other models see them.
+
+        Returns
+        -------
+        StateSpace
+            Its inputs are those of the model, then disturbances of the errors of its `controllers`; its
+            outputs likewise, then the errors before these disturbances.
+        """
+        rows, disturbance = self._unit_rows()
+        width = disturbance.shape[1]
+        states = width - len(self.inputs) - len(disturbance)
+        rows["d"] = self._delayed_rows(self._rows("delay", point, rows | {"z": rows["q"]}), rows, self._age)
+        rows["z"], errors = self._event_rows(point, rows, disturbance)
+        issued = self._rows("delay", point, rows)
+        moved = self._state_rows(rows, issued)
+        ages = np.array([(j, age - 1) for j, age in self._memory], dtype=int).reshape(-1, 2)
+        remembered = [self._delayed_row(issued, rows, j, age) for j, age in ages]
+        following = np.array([*moved, *rows["z"], *remembered]).reshape(states, width)
+        if not moves:
+            rows |= {"x": moved, "d": self._delayed_rows(issued, rows, self._age - 1)}
+        output = np.vstack([self._rows("output", point, rows), errors])
+        return StateSpace(
+            A=following[:, :states],
+            B=following[:, states:],
+            C=output[:, :states],
+            D=output[:, states:],
+            inputs=(*self.inputs, *(f"{law}.disturbance" for law in self.controllers)),
+            outputs=(*self.outputs, *(f"{law}.e" for law in self.controllers)),
+            dt=self.dt,
+        )
+
+    def _unit_rows(self) -> tuple[dict[str, Array], Array]:
+        """Return unit rows over states, memory, inputs and disturbances, by argument of the equations.
+
+        The memory are sampled variables (``q``) and delayed values (``m``).
+        """
+        m = self._module
+        sizes = {"x": len(m.STATES), "q": len(m.DISCRETE), "m": len(self._memory), "u": len(m.INPUTS)}
+        ends = np.cumsum(list(sizes.values()))
+        unit = np.eye(ends[-1] + len(m.ERRORS))
+        rows = {name: unit[end - size : end] for (name, size), end in zip(sizes.items(), ends, strict=True)}
+        return rows, unit[ends[-1] :]
+
+    def _delayed_row(self, issued: Array, rows: Mapping[str, Array], j: int, age: int) -> Array:
+        """Return the row of delayed value j as it was ``age`` samples ago; that of age 0 is just issued."""
+        return np.asarray(rows["m"][self._memory.index((j, age))] if age > 0 else issued[j])
+
+    def _delayed_rows(self, issued: Array, rows: Mapping[str, Array], ages: NDArray[np.intp]) -> Array:
+        """Return the rows of all delayed values, each as it was so many samples ago."""
+        found = [self._delayed_row(issued, rows, j, age) for j, age in enumerate(ages.tolist())]
+        return np.array(found).reshape(-1, rows["u"].shape[1])
+
+    def _event_rows(
+        self, point: OperatingPoint, rows: Mapping[str, Array], disturbance: Array
+    ) -> tuple[Array, Array]:
+        """Return the rows of the sampled variables after their events, and of errors before disturbances."""
+        events: dict[int, list[tuple[str, int, float]]] = {}
+        partials = self._partials("event", point)
+        for (row, (group, i)), value in zip(self._module.EVENT_PARTIALS, partials, strict=True):
+            events.setdefault(row, []).append((group, i, value))
+        sampled = np.zeros((len(self._module.DISCRETE), rows["u"].shape[1]))
+        errors = np.zeros_like(disturbance)
+        controllers = {target: k for k, target in enumerate(self._module.ERRORS.values())}
+        for row, terms in events.items():  # each follows from those before it
+            for group, i, value in terms:
+                sampled[row] += value * (sampled if group == "z" else rows[group])[i]
+            if row in controllers:
+                errors[controllers[row]] = sampled[row]
+                sampled[row] += disturbance[controllers[row]]
+        return sampled, errors
+
+    def _state_rows(self, rows: Mapping[str, Array], issued: Array) -> Array:
+        """Return the rows of the states after the step."""
+        if not self._module.STATES:
+            return rows["x"]
+        held = [rows[group][i] for group, i in self._module.HELD]
+        before, after = (self._delayed_rows(issued, rows, ages) for ages in (self._age, self._whole))
+        return np.asarray(self._transition[:, :-1] @ np.array([*rows["x"], *held, *before, *after]))
+
+    def _partials(self, function: str, point: OperatingPoint) -> Values:
+        evaluate = getattr(self._equations, f"{function}_partials")
+        return tuple(evaluate(point.x, point.q, point.u, point.d, point.z))
+
+    def _rows(self, function: str, point: OperatingPoint, rows: Mapping[str, Array]) -> Array:
+        """Return the derivatives of delayed values or outputs by the chain rule."""
+        count = len(self._age) if function == "delay" else len(self.outputs)
+        result = np.zeros((count, rows["u"].shape[1]))
+        places = getattr(self._module, f"{function.upper()}_PARTIALS")
+        for (row, (group, i)), value in zip(places, self._partials(function, point), strict=True):
+            result[row] += value * rows[group][i]
+        return result

@@ -1,0 +1,94 @@
+"""The models of the package as Python modules: those of a wheel, or printed on first use and cached."""
+
+from __future__ import annotations
+
+import functools
+import hashlib
+import importlib.util
+import os
+from importlib import metadata
+from pathlib import Path
+from types import ModuleType
+
+from lpfcosim.errors import InputError
+from lpfcosim.modelica import build, prebuilt
+
+GROUP = "numpy"
+_TOOLS = ("rumoca", "sympy")
+
+
+@functools.cache
+def load(model: str) -> ModuleType:
+    """Return the module of a model, see `numpy_printer`.
+
+    Raises
+    ------
+    InputError
+        If it has to be translated and the tools for that are not installed, or the model is wrong.
+    """
+    path = _location(model)
+    specification = importlib.util.spec_from_file_location(f"lpfcosim_{model}", path)
+    assert specification is not None
+    assert specification.loader is not None
+    module = importlib.util.module_from_spec(specification)
+    specification.loader.exec_module(module)
+    return module
+
+
+def write(model: str, path: Path) -> None:
+    """Translate a model and write its module, all or nothing."""
+    from lpfcosim.modelica.frontend import flatten
+    from lpfcosim.modelica.numpy_printer import python_source
+    from lpfcosim.modelica.translate import translate
+
+    text = python_source(translate(flatten(build.PACKAGE, f"{build.PACKAGE.stem}.{model}")))
+    path.parent.mkdir(parents=True, exist_ok=True)
+    partial = path.with_suffix(f".{os.getpid()}.part")
+    partial.write_text(text, encoding="utf-8")
+    partial.replace(path)
+
+
+def prebuild(folder: Path) -> dict[str, prebuilt.PrebuiltGroup]:
+    """Write the modules that a wheel carries below ``folder``, and return their group."""
+    for model in build.MODELS:
+        write(model, folder / GROUP / f"{model}.py")
+    return {GROUP: prebuilt.PrebuiltGroup([], source_files())}
+
+
+def _location(model: str) -> Path:
+    try:
+        return prebuilt.find(GROUP, [f"{model}.py"], source_files())[0]
+    except prebuilt.StalePrebuiltError as reason:
+        try:
+            path = build.cache_directory() / f"models-{_digest()[:16]}" / f"{model}.py"
+            if not path.is_file():
+                write(model, path)
+        except InputError as error:
+            raise InputError(f"{reason}, and {error}") from None
+        return path
+
+
+@functools.cache
+def source_files() -> dict[str, Path]:
+    """Modelica sources and translator; neither the C runtime nor a compiler has a part in them."""
+    return {name: file for name, file in build.source_files().items() if file.suffix in (".mo", ".py")}
+
+
+@functools.cache
+def _digest() -> str:
+    """SHA-256 over the sources and versions of the tools."""
+    total = hashlib.sha256("\n".join(f"{name} {_version(name)}" for name in _TOOLS).encode())
+    for name, file in source_files().items():
+        content = file.read_bytes()
+        total.update(f"{name} {len(content)}\n".encode() + content)
+    return total.hexdigest()
+
+
+def _version(distribution: str) -> str:
+    try:
+        return metadata.version(distribution)
+    except metadata.PackageNotFoundError:
+        raise InputError(
+            f"the Modelica models cannot be translated: '{distribution}' is not installed; "
+            "install the build extra (pip install 'lpfcosim[build]')"
+        ) from None

@@ -1,0 +1,127 @@
+"""The closed loop that is made from the equations of the models."""
+
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+import pytest
+
+from lpfcosim.errors import DivergenceError, InputError
+from lpfcosim.linear.closed_loop import ClosedLoop
+from lpfcosim.linear.sampled_model import SampledModel
+from lpfcosim.models import drive, world_of
+from lpfcosim.spacecraft import Actuation, Authority, Noise, Sine, Spacecraft
+
+NOISE = Noise(oms=3e-15, thruster=5e-8, plateau=6e-15, tail=1.0, f_x_1_jitter=1e-15)
+NOISE = replace(NOISE, dws=1e-10, grs=1e-9, grs_angle=1e-7, thruster_torque=1e-8, torque=1e-13, lateral=1e-13)
+WHOLE = Spacecraft(
+    delta_phi=1e-3, b=(1e-4, 2e-4, 1e-5, 2e-5, 1e-9, 2e-9), Omega_DC=(1e-6, 2e-6, 3e-6), leak_phi_1=1e-2
+)
+
+
+@pytest.fixture
+def driven(make_run):
+    into = (("guidance_o_1", 1e-8), ("guidance_o_12", 5e-9), ("F_x_1", 1e-12), ("F_x_2", 5e-10))
+    injections = tuple(Sine(name, size, 0.01 * k, 2, 5.0) for k, (name, size) in enumerate(into, 1))
+    return partial(make_run, n_samples=3000, noise=NOISE, dc=1e-10, injections=injections)
+
+
+def deviations(computed, expected):
+    """Return the largest deviation of each channel in units of its rms."""
+    return {
+        name: float(np.abs(computed[name] - x).max() / np.sqrt(np.mean(x**2)))
+        for name, x in expected.items()
+        if x.any()
+    }
+
+
+@pytest.mark.parametrize("spacecraft", [None, WHOLE])
+def test_simulation_is_that_of_the_hand_written_plants(driven, spacecraft):
+    authority = Authority("wide", 1e-9, 2.2e-9, 1e-11, 1e-11)
+    run = driven(spacecraft=spacecraft, authority=authority, actuation=Actuation(electrode=1e-6))
+    run = replace(run, truth=replace(run.truth, lambda_bend_1=1e-3, lambda_walk_2=1e-3))
+    expected = world_of(run).simulate(run)
+    found = deviations(ClosedLoop(run).simulate(), {name: expected[name] for name in world_of(run).record})
+    assert max(found.values()) < 3e-11, found
+
+
+def test_commands_at_their_limit_are_those_of_the_hand_written_plant(driven):
+    run = driven(authority=Authority("narrow", 1e-12, 4e-10, 1e-11, 1e-11))
+    expected, channels = world_of(run).simulate(run), ClosedLoop(run).simulate()
+    assert np.mean(np.abs(expected["f_x_2"]) >= 0.999 * np.abs(expected["f_x_2"]).max()) > 0.05
+    assert max(deviations(channels, expected).values()) < 3e-11
+
+
+@pytest.mark.parametrize("spacecraft", [None, WHOLE])
+def test_linear_loop_predicts_small_departures(driven, spacecraft):
+    run = replace(driven(spacecraft=spacecraft), injections=(), noise=Noise(), dc=0.0)
+    loop = ClosedLoop(run)
+    system, steady = loop.linearize(), drive.injections(run)
+    equilibrium = loop.simulate(steady)
+    for name, size in (("g_2", 1e-13), ("guidance_o_1", 1e-10), ("F_noise_x_sc", 1e-8), ("F_x_2", 1e-12)):
+        pulse = np.zeros(run.n_samples)
+        pulse[100:200] = size
+        moved = loop.simulate({**steady, name: pulse})
+        state, expected = np.zeros(len(system.A)), np.empty((run.n_samples, len(system.outputs)))
+        column = system.inputs.index(name)
+        for n, u in enumerate(pulse):
+            expected[n] = system.C @ state + system.D[:, column] * u
+            state = system.A @ state + system.B[:, column] * u
+        for channel in ("o_1", "o_12", "f_x_2", "F_x_sc"):
+            x = expected[:, system.outputs.index(channel)]
+            np.testing.assert_allclose(
+                moved[channel] - equilibrium[channel], x, rtol=0, atol=1e-4 * np.abs(x).max()
+            )
+
+
+@pytest.mark.parametrize("spacecraft", [None, WHOLE])
+def test_frequency_response_leaves_delays_out_of_the_solution(driven, spacecraft):
+    system = ClosedLoop(driven(spacecraft=spacecraft)).linearize()
+    system = system.select(("guidance_o_1", "F_x_2", "g_2"), ("o_1", "o_12", "f_x_2", "F_x_sc"))
+    frequency = np.array([1e-3, 0.05, 2.0])
+    z = np.exp(2j * np.pi * frequency * system.dt)
+    expected = [
+        system.C @ np.linalg.solve(k * np.eye(len(system.A)) - system.A, system.B) + system.D for k in z
+    ]
+    found = system.frequency_response(frequency)
+    np.testing.assert_allclose(found, expected, rtol=1e-7)
+    assert len(system._memory) > len(system.A) // 2
+
+
+def test_loop_without_authority_is_linear_all_the_same(driven):
+    run = driven(authority=Authority("none", 0.0, 2.2e-9, 1e-11, 1e-11))
+    loop = ClosedLoop(run)
+    system = loop.linearize()
+    assert system.D[system.outputs.index("f_x_1"), system.inputs.index("F_x_1")] == 1 / run.m_tm
+    assert loop.limits == {"f_x_2": 2.2e-9 / run.m_tm}
+    assert not loop.simulate()["f_x_1"].any() or run.noise.f_x_1_jitter
+
+
+def test_inputs_and_outputs_carry_names_and_units(driven):
+    loop = ClosedLoop(driven())
+    system = loop.linearize()
+    assert {"guidance_o_1", "F_x_2", "g_1", "n_12"} <= set(system.inputs)
+    assert system.units["o_12"] == "m"
+    assert system.units["F_x_sc"] == "N"
+    assert loop.loops == ("drag_free_x", "suspension_x")
+
+
+def test_gain_of_noise_takes_the_command_it_multiplies(driven):
+    run = driven(actuation=Actuation(electrode=1e-6))
+    loop = ClosedLoop(run)
+    idle, busy = loop.linearize(), loop.linearize({"f_x_1": 3e-10})
+    column = idle.inputs.index("gain_1")
+    assert not idle.B[:, column].any()
+    assert busy.B[:, column].max() == pytest.approx(3e-10 * run.truth.lambda_1)
+
+
+def test_model_of_another_sample_time_is_refused():
+    with pytest.raises(InputError, match=r"DragFreeControl: samples every 0.2 s, expected 0.1 s"):
+        SampledModel("DragFreeControl", {"h": 0.2}, 0.1)
+
+
+def test_divergence_gives_channel_and_time(driven):
+    run = driven()
+    run = replace(run, drag_free=replace(run.drag_free, unity_gain=3.0), n_samples=6000)
+    with pytest.raises(DivergenceError, match=r"the loop diverged, o_1 left \+-0.0001 m at t = \d+"):
+        ClosedLoop(run).simulate()
