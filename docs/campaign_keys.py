@@ -1,5 +1,6 @@
-"""Write the tables of keys in formats.md from the JSON Schema: ``python docs/campaign_keys.py``."""
+"""Write campaign-keys.csv and its summary in formats.md: ``python docs/campaign_keys.py``."""
 
+import csv
 import re
 from pathlib import Path
 from typing import Any
@@ -7,6 +8,8 @@ from typing import Any
 from lpfcosim.cli.schema import json_schema
 
 PAGE = Path(__file__).with_name("formats.md")
+KEYS = Path(__file__).with_name("campaign-keys.csv")
+HEADING = ("table", "key", "value", "default")
 BEGIN, END = "<!-- from the schema: python docs/campaign_keys.py -->\n", "<!-- end -->\n"
 TABLES = {  # in the order of a campaign file
     "TruthTable": "[truth]",
@@ -35,22 +38,37 @@ TABLES = {  # in the order of a campaign file
 
 
 def section() -> str:
-    """Return the tables, markers included."""
+    """Return the table of tables, markers included."""
+    parts = _parts(json_schema())
+    rows = [f"| {_title(head)} | {_description(part)} |" for head, part in parts]
+    return BEGIN + "\n".join(["| table | content |", "|---|---|", *rows, ""]) + END
+
+
+def keys() -> list[tuple[str, str, str, str]]:
+    """Return table, key, value and default of every key."""
     schema = json_schema()
-    parts = [("At the top", schema)] + [(TABLES[name], schema["$defs"][name]) for name in TABLES]
-    return BEGIN + "\n".join(_table(head, part, schema) for head, part in parts) + END
+    rows = []
+    for head, part in _parts(schema):
+        required = set(part.get("required", schema["anyOf"][1]["required"] if part is schema else ()))
+        for name, key in part["properties"].items():
+            default = "required" if name in required else _default(key)
+            rows.append((head, name, _value(key).replace("`", ""), default.replace("`", "")))
+    return rows
 
 
-def _table(head: str, part: dict[str, Any], schema: dict[str, Any]) -> str:
-    needed = set(part.get("required", schema["anyOf"][1]["required"] if part is schema else ()))
-    rows = [
-        f"| `{name}` | {_value(known)} | {'needed' if name in needed else _default(known)} |"
-        for name, known in part["properties"].items()
-    ]
-    title = f"**`{head}`**" if head.startswith("[") else f"**{head}**"
-    told = " ".join(part.get("description", "").replace("``", "`").split())
-    told = re.sub(r"^\[\S+( or \S+)?: ", "", told)  # the table it is, which is the title
-    return "\n".join([f"{title} {told}", "", "| key | value | if left out |", "|---|---|---|", *rows, ""])
+def _parts(schema: dict[str, Any]) -> list[tuple[str, dict[str, Any]]]:
+    return [("top level", schema)] + [(TABLES[name], schema["$defs"][name]) for name in TABLES]
+
+
+def _title(head: str) -> str:
+    return f"`{head}`" if head.startswith("[") else head
+
+
+def _description(part: dict[str, Any]) -> str:
+    """Return the first sentence of the description of a table."""
+    text = " ".join(part.get("description", "").replace("``", "`").split())
+    text = re.sub(r"^\[\S+( or \S+)?: ", "", text)  # the table it is, which is the title
+    return re.split(r"(?<=\.) |; ", text)[0].rstrip(".")
 
 
 def _value(known: dict[str, Any]) -> str:
@@ -85,3 +103,5 @@ def _default(known: dict[str, Any]) -> str:
 if __name__ == "__main__":
     before, rest = PAGE.read_text(encoding="utf-8").split(BEGIN)
     PAGE.write_text(before + section() + rest.split(END)[1], encoding="utf-8")
+    with KEYS.open("w", encoding="utf-8", newline="") as file:
+        csv.writer(file, lineterminator="\n").writerows([HEADING, *keys()])

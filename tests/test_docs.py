@@ -270,10 +270,12 @@ def test_formulas_are_drawn_by_the_browser(built):
 def test_keys_of_a_campaign_are_those_of_the_schema():
     sys.path.insert(0, str(DOCS))
     try:
-        from campaign_keys import section
+        from campaign_keys import HEADING, KEYS, keys, section
     finally:
         sys.path.remove(str(DOCS))
     assert section() in (DOCS / "formats.md").read_text(encoding="utf-8"), "python docs/campaign_keys.py"
+    with KEYS.open(encoding="utf-8", newline="") as file:
+        assert [tuple(row) for row in csv.reader(file)] == [HEADING, *keys()], "python docs/campaign_keys.py"
 
 
 def test_results_of_the_campaigns_are_not_for_the_repository():

@@ -2,13 +2,14 @@
 
 The folder is that of ``lpfcosim run campaigns/mission.toml``. Everything is read from its results and
 telemetry, or computed from these, but for the forecast of the fit that the flight made: gains common to all
-experiments, cross-talk not subtracted (eq. deltagjointfit). ``--docs`` writes the tables into
-docs/mission.md.
+experiments, cross-talk not subtracted (eq. deltagjointfit). ``--docs`` writes the short tables into
+docs/mission.md, and the spectra into docs/mission-spectra.csv and docs/mission-motion.csv.
 """
 
 from __future__ import annotations
 
 import argparse
+import csv
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
@@ -35,12 +36,13 @@ from tests import ROOT
 CAMPAIGN = ROOT / "campaigns" / "mission.toml"
 DOCS = ROOT / "docs" / "mission.md"
 BEGIN, END = "<!-- from flight.py -->", "<!-- end of flight.py -->"
+CSV_FILES = {"Spectra by date": "mission-spectra.csv", "Rotation and motion": "mission-motion.csv"}
 MOTION = {name for parts in dynamics.MEANS.values() for name in parts}
 #: Frequencies [Hz], the stretches that are averaged [s], and what the flight has there in fm s^-2 Hz^-1/2.
 SPECTRA = (
     (1e-4, 40_000.0, "11, by 1/f from 1.1 ± 0.3 at 1 mHz (arXiv 2405.05207)"),
-    (1e-3, 7200.0, "5.57 (2016), 1.74 (2017) and the tail of 1.1 (section Introduction; arXiv 2405.05207)"),
-    (1e-2, 3600.0, "5.57 ± 0.04 (2016), 1.74 ± 0.05 (2017, above 2 mHz; section Introduction)"),
+    (1e-3, 7200.0, "5.57 (2016), 1.74 (2017) and the tail of 1.1 (arXiv 2405.05207)"),
+    (1e-2, 3600.0, "5.57 ± 0.04 (2016), 1.74 ± 0.05 (2017, above 2 mHz)"),
     (3e-2, 3600.0, "the same, and 1.2 of read-out (35 fm Hz^-1/2, PRL 116, 231101)"),
     (5e-2, 3600.0, "the same, and 3.5 of read-out"),
 )
@@ -75,7 +77,7 @@ def as_flown() -> Fit:
 
 def parameters(results: Results, flown: Fit) -> Iterator[str]:
     """The fourteen of table jointfit."""
-    heads = ("parameter", "flight, table jointfit", "truth here", "found", "off by sigma")
+    heads = ("parameter", "flight", "true value", "estimate", "pull")
     yield f"| {' | '.join((*heads, 'sigma / flight', 'as flown / flight'))} |"
     yield "|---|---|---|---|---|---|---|"
     for name, told in FLIGHT.items():
@@ -96,7 +98,7 @@ def parameters(results: Results, flown: Fit) -> Iterator[str]:
 
 def angles(results: Results) -> Iterator[str]:
     """The six of table Eulerfit."""
-    heads = ("angle, period", "flight, table Eulerfit [mrad]", "truth here", "found", "off by sigma")
+    heads = ("angle [mrad], period", "flight", "true value", "estimate", "pull")
     yield f"| {' | '.join((*heads, 'sigma / flight'))} |"
     yield "|---|---|---|---|---|---|"
     for period, told in EULER.items():
@@ -152,7 +154,7 @@ def spectra(results: Results, runs: Sequence[Telemetry]) -> Iterator[str]:
 
 def shares(results: Results, runs: Sequence[Telemetry]) -> Iterator[str]:
     """What rotation and motion make of Delta g_x, in the longest noise run of each inertial period."""
-    yield "| period, run | | " + " | ".join(f"{1e3 * f:g} mHz" for f in SHARES) + " |"
+    yield "| period, run | term | " + " | ".join(f"{1e3 * f:g} mHz" for f in SHARES) + " |"
     yield "|---|---|" + "---|" * len(SHARES)
     found = struck(results)
     for period in sorted(results.inertial):
@@ -173,15 +175,15 @@ def shares(results: Results, runs: Sequence[Telemetry]) -> Iterator[str]:
 
 def points(results: Results, runs: Sequence[Telemetry]) -> Iterator[str]:
     """What is one number each."""
-    yield "| | flight | here |"
+    yield "| | flight | simulation |"
     yield "|---|---|---|"
     own = {k: f.parameters["lambda_2"] for k, f in results.experiments.items() if "lambda_2" in f.parameters}
     statistic = weighted_mean([*own.values()])
     farthest = 100 * max(abs(e.value / statistic.mean - 1) for e in own.values())
-    yield f"| chi2_red of lambda_2 by experiment | near 90 (section Results) | {statistic.chi2_red:.0f} |"
-    yield f"| farthest lambda_2 from the mean | about 0.5 % (section Results) | {farthest:.2f} % |"
+    yield f"| reduced chi-square of lambda_2 about its mean | near 90 | {statistic.chi2_red:.0f} |"
+    yield f"| largest deviation of lambda_2 from the mean | about 0.5 % | {farthest:.2f} % |"
     spread = 100 * np.std([e.value for e in own.values()], ddof=1) / statistic.mean
-    yield f"| rms of lambda_2 by experiment | 0.28 % (1.080 ± 0.003, section Results) | {spread:.2f} % |"
+    yield f"| rms of lambda_2 by experiment | 0.28 % (1.080 ± 0.003) | {spread:.2f} % |"
     days, true, seen, spans = sum(r.duration for r in runs) / 86400, 0, 0, struck(results)
     for run in runs:
         with h5py.File(run.path) as file:
@@ -192,13 +194,14 @@ def points(results: Results, runs: Sequence[Telemetry]) -> Iterator[str]:
         for begin, fall in zip(begins, falls, strict=True):
             true += 1
             seen += any(a < begin + fall + 60 and b > begin - 60 for a, b in spans.get(run.run, ()))
-    told = f"{true / days:.2f} in {days:.1f} days; {seen} of {true} were found"
+    told = f"{true / days:.2f} in {days:.1f} days; {seen} of {true} detected"
     yield f"| glitches a day | about 1 (arXiv 2205.11938) | {told} |"
-    for epoch, fit in results.cross_talk.items():
-        (told,) = (w.message for w in fit.warnings if w.code == "correlation")
-        numbers = ", ".join(f"{v} ({b})" for v, b in re.findall(r"([+-]\d\.\d+) \((b_\d)\)", told))
-        said = "non-negligible, not given (section Joint analysis)"
-        yield f"| correlation of delta_ifo_{epoch} with b_i | {said} | {numbers} |"
+    messages = [
+        w.message for fit in results.cross_talk.values() for w in fit.warnings if w.code == "correlation"
+    ]
+    values = re.findall(r"([+-]\d\.\d+) \((b_\d)\)", " ".join(messages))
+    value, name = max(values, key=lambda pair: abs(float(pair[0])))
+    yield f"| largest correlation of delta_ifo with b_i | not negligible | {value} ({name}) |"
 
 
 def tables(folder: Path) -> Mapping[str, list[str]]:
@@ -206,26 +209,43 @@ def tables(folder: Path) -> Mapping[str, list[str]]:
     results = load(folder / "results.json")
     runs = read_all(sorted((folder / "telemetry").glob("*.h5")), trusted=True)
     return {
-        "Table jointfit": [*parameters(results, as_flown())],
-        "Table Eulerfit": [*angles(results)],
-        "Gains, glitches, correlation": [*points(results, runs)],
+        "Dynamics": [*parameters(results, as_flown())],
+        "Misalignment angles": [*angles(results)],
+        "Gains and glitches": [*points(results, runs)],
         "Spectra by date": [*spectra(results, runs)],
         "Rotation and motion": [*shares(results, runs)],
     }
 
 
+def write_csv(path: Path, table: Sequence[str]) -> None:
+    """Write a table of Markdown as CSV."""
+    heading, _, *rows = ([cell.strip() for cell in line[1:-1].split("|")] for line in table)
+    with path.open("w", encoding="utf-8", newline="") as file:
+        csv.writer(file, lineterminator="\n").writerows([heading, *rows])
+
+
+def write(tables_by_heading: Mapping[str, Sequence[str]]) -> None:
+    """Write the short tables into the page and the long ones into CSV files beside it."""
+    short = {h: lines for h, lines in tables_by_heading.items() if h not in CSV_FILES}
+    text = "\n\n".join(f"### {heading}\n\n" + "\n".join(lines) for heading, lines in short.items())
+    page = DOCS.read_text(encoding="utf-8")
+    before, after = page.split(BEGIN)[0], page.split(END)[1]
+    DOCS.write_text(f"{before}{BEGIN}\n{text}\n{END}{after}", encoding="utf-8")
+    for heading, name in CSV_FILES.items():
+        write_csv(DOCS.with_name(name), tables_by_heading[heading])
+
+
 def main() -> None:
-    """Print the tables, and write them if asked to."""
+    """Print the tables, and write them with ``--docs``."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("folder", type=Path)
-    parser.add_argument("--docs", action="store_true", help="write the tables into docs/mission.md")
-    asked = parser.parse_args()
-    text = "\n\n".join(f"### {head}\n\n" + "\n".join(lines) for head, lines in tables(asked.folder).items())
-    print(text)
-    if asked.docs:
-        page = DOCS.read_text(encoding="utf-8")
-        before, after = page.split(BEGIN)[0], page.split(END)[1]
-        DOCS.write_text(f"{before}{BEGIN}\n{text}\n{END}{after}", encoding="utf-8")
+    parser.add_argument("--docs", action="store_true", help="write the tables into the documentation")
+    arguments = parser.parse_args()
+    tables_by_heading = tables(arguments.folder)
+    for heading, lines in tables_by_heading.items():
+        print(f"### {heading}\n", *lines, "", sep="\n")
+    if arguments.docs:
+        write(tables_by_heading)
 
 
 if __name__ == "__main__":

@@ -12,12 +12,14 @@ misalignments. It fits each as `lpfcosim run` does and tells the pulls.
 * ``--kind euler``: the Euler fit, from three days of noise of a period, stepped through the FMUs.
 
 What is done is in the log; the same command continues it. A mission depends on its number, not on when or
-beside what it is done. ``--docs`` draws nothing, and writes the table of a log into docs/mission.md.
+beside what it is done. ``--docs`` draws nothing, and writes the table of a log into
+docs/mission-pulls-KIND.csv with a summary in docs/mission.md.
 """
 
 from __future__ import annotations
 
 import argparse
+import csv
 import json
 import os
 import re
@@ -64,9 +66,9 @@ SPREAD = 0.3  # of cross-talk and misalignments about those of the campaign, rel
 DAYS = 3  # of noise for an Euler fit
 LAMBDA = 8e-4  # sigma of the gains in a mission of which they scatter
 KINDS = {
-    "x": "The thirteen experiments, along x",
-    "whole": "The same with the whole spacecraft",
-    "euler": "The Euler fit, three days of noise",
+    "x": "Thirteen experiments, along x",
+    "whole": "Thirteen experiments, whole spacecraft",
+    "euler": "Euler fit, three days of noise",
 }
 DOCS = ROOT / "docs" / "mission.md"
 Line = dict[str, Any]
@@ -207,8 +209,8 @@ def table(lines: Sequence[Line]) -> list[str]:
     fewer = sum(bool(line["left_out"]) for line in sound)
     scattered = sum(bool(line["scatter"]) for line in sound)
     text = [
-        f"{len(lines)} missions: {len(failed)} gave no joint fit, {len(unsound)} one that is not sound; the "
-        f"{len(sound)} others are counted. {fewer} left out an experiment, {scattered} modelled the scatter "
+        f"{len(lines)} missions: {len(failed)} without a joint fit, {len(unsound)} with one that is not "
+        f"sound; {len(sound)} are counted. {fewer} left out an experiment, {scattered} modelled the scatter "
         "of gains.",
         "",
         "| parameter | n | mean pull | standard deviation | within 1 sigma | largest |",
@@ -227,13 +229,29 @@ def table(lines: Sequence[Line]) -> list[str]:
     return text
 
 
-def write(kind: str, told: Sequence[str]) -> None:
-    """Put a table into the page."""
+def summary(rows: Sequence[Sequence[str]]) -> str:
+    """Return the ranges of the pulls of a table, of which each row is a parameter."""
+    means, deviations = (np.array([float(row[k].split(" ±")[0]) for row in rows]) for k in (2, 3))
+    shares = [int(row[4].removesuffix(" %")) for row in rows]
+    return (
+        f"Mean pulls are {means.min():+.2f} to {means.max():+.2f}, standard deviations "
+        f"{deviations.min():.2f} to {deviations.max():.2f}; {min(shares)} to {max(shares)} % of the "
+        "estimates lie within 1 sigma."
+    )
+
+
+def write(kind: str, text: Sequence[str]) -> None:
+    """Write a table as CSV, and its summary into the page."""
+    counts, _, heading, _, *body = text
+    rows = [[cell.strip() for cell in line[1:-1].split("|")] for line in (heading, *body)]
+    path = DOCS.with_name(f"mission-pulls-{kind}.csv")
+    with path.open("w", encoding="utf-8", newline="") as file:
+        csv.writer(file, lineterminator="\n").writerows(rows)
     begin, end = f"<!-- from missions.py {kind} -->", f"<!-- end of missions.py {kind} -->"
     page = DOCS.read_text(encoding="utf-8")
     before, after = page.split(begin)[0], page.split(end)[1]
-    text = "\n".join([begin, f"### {KINDS[kind]}", "", *told, end])
-    DOCS.write_text(f"{before}{text}{after}", encoding="utf-8")
+    paragraph = f"**{KINDS[kind]}** ([pulls]({path.name})). {counts} {summary(rows[1:])}"
+    DOCS.write_text(f"{before}{begin}\n{paragraph}\n{end}{after}", encoding="utf-8")
 
 
 def main() -> None:

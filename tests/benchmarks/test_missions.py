@@ -59,13 +59,11 @@ def test_the_table_counts_what_is_sound():
     ]
     head, *_, row, b_3, delta_ifo = missions.table(lines)
     assert b_3.startswith("| b_3 | 6 |") and delta_ifo.startswith("| delta_ifo | 6 |")
-    assert head.startswith(
-        "5 missions: 1 gave no joint fit, 1 one that is not sound; the 3 others are counted"
-    )
+    assert head.startswith("5 missions: 1 without a joint fit, 1 with one that is not sound; 3 are counted")
     assert row == "| C_1 | 3 | +0.00 ± 0.76 | 1.32 ± 0.41 | 33 % | 1.5 |"
 
 
-def test_the_table_is_written_between_its_marks(tmp_path, monkeypatch):
+def test_table_and_summary_are_written(tmp_path, monkeypatch):
     page, log = tmp_path / "page.md", tmp_path / "log"
     page.write_text("a\n<!-- from missions.py x -->\nold\n<!-- end of missions.py x -->\nb\n")
     kept = {"unsound": [], "left_out": [], "scatter": {}}
@@ -76,8 +74,9 @@ def test_the_table_is_written_between_its_marks(tmp_path, monkeypatch):
     missions.main()
     text = page.read_text()
     assert text.startswith("a\n") and text.endswith("\nb\n")
-    assert "| C_1 | 2 |" in text
+    assert "Mean pulls are +0.05 to +0.05" in text
     assert "old" not in text
+    assert "C_1,2,+0.05" in (tmp_path / "mission-pulls-x.csv").read_text()
 
 
 def test_levels_are_those_of_stretches_without_glitches():
