@@ -67,6 +67,7 @@ USERS = {
     },  # the language of the fits
     "matio": {"fit.telemetry"},
     "matplotlib": {"fit.plotting"},
+    "pebble": {"lpfcosim.execution"},
     "pint": {"fit.units"},
     "rich": {"lpfcosim.cli"},
     "rumoca": {"lpfcosim.modelica"},

@@ -42,7 +42,7 @@ def figures(directory: Path, names: Sequence[str], console: Console, *, jobs: in
         ):
             for done, (name, outcome) in enumerate(drawn, start=1):
                 if isinstance(outcome, process_pool.WorkerFailure):
-                    raise RunError(f"figure {name!r}: its process {outcome.how}")
+                    raise RunError(f"figure {name!r}: its process {outcome.description}")
                 if isinstance(outcome, LpfcosimError):
                     raise outcome
                 progress(done)
@@ -57,7 +57,7 @@ def _told(names: Iterable[str]) -> str:
 
 
 def _written(place: Path, name: str, figure: Figure, where: SimulationProgress) -> None:
-    where.rest()  # nothing that hangs
+    where.set_idle()  # nothing that hangs
     from fit.plotting import draw, write  # takes its time
 
     write(place, name, draw, figure)

@@ -170,7 +170,7 @@ def _apart(
             setting, {name: (plan, campaign, dict(fmus), directory, chosen)}, 1
         )
     if isinstance(outcome, process_pool.WorkerFailure):
-        raise RunError(f"{name}: {runner.failed_component(plan.runs[0], outcome)} {outcome.how}")
+        raise RunError(f"{name}: {runner.failed_component(plan.runs[0], outcome)} {outcome.description}")
     if isinstance(outcome, LpfcosimError):
         raise outcome
     assert isinstance(outcome, Results)

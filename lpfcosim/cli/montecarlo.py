@@ -229,13 +229,14 @@ def _done(
     setting = process_pool.WorkerConfig(partial(trial, work), directory, directory / "logs", "{}")
     for name, outcome in _outcomes(setting, work, fmus, items, jobs, scheduler) if items else ():
         if isinstance(outcome, process_pool.WorkerFailure):
-            lost[name] = f"{name}: {runner.failed_component(work.plan.runs[0], outcome)} {outcome.how}"
+            component = runner.failed_component(work.plan.runs[0], outcome)
+            lost[name] = f"{name}: {component} {outcome.description}"
         elif isinstance(outcome, LpfcosimError):
             lost[name] = str(outcome)
         else:
             yield outcome
             continue
-        setting.note(name, lost[name])
+        setting.append_to_log(name, lost[name])
 
 
 def _outcomes(
@@ -280,7 +281,7 @@ def trial(work: Work, number: int, fmus: Mapping[str, Path], where: SimulationPr
     work, which alone can hang.
     """
     where = where or SimulationProgress()
-    where.rest()
+    where.set_idle()
     plan = campaign_montecarlo.numbered(work.plan, number, redraw=work.redraw)
     try:
         with serial():  # a process for each processor does better
@@ -304,7 +305,7 @@ def _through_fmus(
                 runner.write_telemetry(
                     run, fmus, Path(folder) / f"{run.name}.h5", {}, where=where, shelf=shelf
                 )
-                where.rest()
+                where.set_idle()
         telemetries = read_all(sorted(Path(folder).glob("*.h5")), trusted=True)
         return coverage.with_truth(calibrate(telemetries, chosen), telemetries)
 

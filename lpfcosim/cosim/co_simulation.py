@@ -50,24 +50,24 @@ class SimulationProgress(ctypes.Structure):
     ----------
     sample : int
         Number of the sample; `LOADING` before the first.
-    slave : int
+    component : int
         Place, in `World.steps`, of the FMU whose code runs; -1: none.
     status : int
         How it refused a call.
     """
 
-    _fields_ = (("sample", ctypes.c_int64), ("slave", ctypes.c_int32), ("status", ctypes.c_int32))
+    _fields_ = (("sample", ctypes.c_int64), ("component", ctypes.c_int32), ("status", ctypes.c_int32))
 
     def reset(self) -> None:
         """Nothing has been done yet."""
-        self.sample, self.slave, self.status = LOADING, -1, 0
+        self.sample, self.component, self.status = LOADING, -1, 0
 
-    def rest(self) -> None:
+    def set_idle(self) -> None:
         """No FMU is at work from now on."""
-        self.sample, self.slave = _RESTING, -1
+        self.sample, self.component = _RESTING, -1
 
     @property
-    def rests(self) -> bool:
+    def is_idle(self) -> bool:
         """Whether no FMU is at work, and nobody need expect a step."""
         return self.sample == _RESTING
 
@@ -157,7 +157,7 @@ def load(
     """Load the FMUs of a run and make an instance of each, not initialised yet; ``stack`` frees them."""
     where = where or SimulationProgress()
     slaves = []
-    for where.slave, i in enumerate(found):
+    for where.component, i in enumerate(found):
         theirs = i.replacement is not None
         slaves.append(
             FmuInstance(stack, i, guarded=theirs, logging=logging and theirs, shelf=None if theirs else shelf)
@@ -178,7 +178,7 @@ def start(
     where = where or SimulationProgress()
     values = world_of(run).parameters(run)
     slaves = load(stack, found, where, shelf, logging=logging)
-    for where.slave, (slave, i) in enumerate(zip(slaves, found, strict=True)):
+    for where.component, (slave, i) in enumerate(zip(slaves, found, strict=True)):
         slave.initialize(i.parameters(values[i.model]))
     return slaves
 
@@ -260,12 +260,12 @@ class CoSimulation:
         """Pass the outputs on once, in the order of the steps, and begin to step."""
         self._bus[: self._n_feeds] = feeds
         every = zip(self._slaves, self._sources, self._outputs, strict=True)
-        for self._where.slave, (slave, sources, outputs) in enumerate(every):
+        for self._where.component, (slave, sources, outputs) in enumerate(every):
             slave.inputs.values[:] = self._bus[sources].tolist()
             slave.exchange()
             self._bus[outputs] = slave.outputs.values[:]
         for place, slave in enumerate(self._slaves):
-            self._where.slave = place
+            self._where.component = place
             slave.exit_initialization()
 
     def advance(self, feeds: Array, recorded: Array, start: int) -> None:
@@ -285,7 +285,7 @@ class CoSimulation:
         else:
             self._compiled(self._bus, feeds, self._record, recorded, start, self._h, self._where)
         if self._where.status:
-            slave = self._slaves[self._where.slave]
+            slave = self._slaves[self._where.component]
             raise _refused(self._name, slave, self._where.status, self._where.sample * self._h)
 
     def _plain(self, feeds: Array, recorded: Array, start: int) -> None:
@@ -294,7 +294,7 @@ class CoSimulation:
         for i, feed in enumerate(feeds.tolist()):
             where.sample = start + i
             bus[: self._n_feeds] = feed
-            for where.slave, (slave, sources, outputs) in enumerate(steps):
+            for where.component, (slave, sources, outputs) in enumerate(steps):
                 slave.inputs.values[:] = [bus[k] for k in sources]
                 time = (start + i) * h
                 status = slave.step(time, (start + i + 1) * h - time if slave.guarded else h)
@@ -304,7 +304,7 @@ class CoSimulation:
                 bus[outputs] = slave.outputs.values[:]
             recorded[i] = [bus[k] for k in record]
         self._bus[:] = bus
-        where.sample, where.slave = start + len(feeds), -1
+        where.sample, where.component = start + len(feeds), -1
 
 
 class RunCoSimulation(CoSimulation):

@@ -22,15 +22,15 @@ def write(path: Path, content: str | bytes) -> None:
         atomic.write(path, content)
 
 
-def remove_all_partial(folder: Path) -> None:
-    """Remove files that nobody finished in ``folder``, and places for temporary files."""
-    remove_partial(folder, "*")
+def remove_temporary(folder: Path) -> None:
+    """Remove unfinished and temporary files of all processes in ``folder``."""
+    remove_partial(folder)
     for place in folder.glob(f"{_SCRATCH}*"):
         shutil.rmtree(place, ignore_errors=True)
 
 
-def remove_partial(folder: Path, process: int | str) -> None:
-    """Remove files that a process did not finish in ``folder``; ``"*"``: any process."""
+def remove_partial(folder: Path, process: int | str = "*") -> None:
+    """Remove files in ``folder`` that a process, or any, did not finish."""
     for partial in folder.glob(f".*{atomic.suffix(process)}"):
         if partial.name.split(".")[-2].isdecimal():
             with suppress(OSError):
@@ -39,7 +39,7 @@ def remove_partial(folder: Path, process: int | str) -> None:
 
 @contextmanager
 def temporary_folder(folder: Path) -> Iterator[Path]:
-    """Make a place for temporary files where `remove_all_partial` finds it if this process is killed."""
+    """Make a place for temporary files where `remove_temporary` finds it if this process is killed."""
     with tempfile.TemporaryDirectory(prefix=_SCRATCH, dir=folder, ignore_cleanup_errors=True) as place:
         yield Path(place).resolve()
 

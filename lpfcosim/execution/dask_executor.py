@@ -176,7 +176,7 @@ def record(
                 yield name, delivery
             else:
                 yield name, _received(delivery, setting, name, items[name][2])
-    setting.tidy()
+    setting.remove_empty_logs()
 
 
 def _received(delivery: _Delivery, setting: process_pool.WorkerConfig, name: str, path: Path) -> Any:

@@ -1,11 +1,11 @@
-"""Processes for native code: one that crashes, hangs or is killed fails its task and no other."""
+"""A pool of processes for native code: one that crashes, hangs or is killed fails its task and no other."""
 
 from __future__ import annotations
 
 import ctypes
 import faulthandler
 import logging
-import multiprocessing as mp
+import multiprocessing
 import os
 import shutil
 import signal
@@ -15,11 +15,14 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable, Generator, Iterator, Mapping
+from concurrent.futures import FIRST_COMPLETED, CancelledError, Future, wait
+from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
-from multiprocessing.connection import Connection, wait
 from pathlib import Path
 from typing import Any, TextIO
+
+from pebble import ProcessExpired, ProcessPool
 
 from lpfcosim.cosim import SimulationProgress
 from lpfcosim.errors import LpfcosimError, RunError
@@ -27,236 +30,202 @@ from lpfcosim.execution import checksums, forkserver
 
 SILENCE = 60.0  # s without a step, after which an FMU is taken to hang
 
-_POLL = 0.2  # s between two looks at the workers
-_MESSAGES = 1000  # of FMUs that a log takes
-_UNKNOWN = 255  # what the standard library says of a process whose server cannot tell any more
-_SERVER_LOST = "the process that starts the others was killed (out of memory?)"
+_POLL = 0.2  # s between two looks at the tasks
+_MAX_MESSAGES = 1000  # of FMUs in a log
+_NO_PROCESS = "no process can be started, or all were killed (out of memory?)"
 _CRASHES = ("SIGABRT", "SIGBUS", "SIGFPE", "SIGILL", "SIGSEGV", "SIGSYS", "SIGTRAP")
 
 
 @dataclass(frozen=True)
 class WorkerFailure:
-    """How a task ended that could not say so itself.
+    """How a task ended whose process ended, or was ended.
 
     Attributes
     ----------
-    how : str
-        Goes behind "the FMU" or "its process": ``crashed (SIGSEGV, Segmentation fault)``.
-    slave, sample : int
-        As `SimulationProgress` had them; ``slave`` is -1 too if no FMU is to blame.
+    description : str
+        A predicate of "the FMU" or "its process", such as ``crashed (SIGSEGV, Segmentation fault)``.
+    component, sample : int
+        As of `SimulationProgress`; ``component`` is also -1 if no FMU is to blame.
     """
 
-    how: str
-    slave: int
+    description: str
+    component: int
     sample: int
 
 
 @dataclass(frozen=True)
 class WorkerConfig:
-    """What all workers share.
+    """What all tasks share.
 
     Attributes
     ----------
     function : callable
-        Does a task as ``function(*item, where)``. A `LpfcosimError` that it raises is its result.
+        Does a task: ``function(*arguments, progress)``. A `LpfcosimError` that it raises is its result.
     folder : Path
-        Where tasks write; what a lost process did not finish is removed from there
-        (`checksums.remove_partial`).
+        Where tasks write. What is not finished at the end is removed (`checksums.remove_partial`).
     logs : Path
-        Folder of what tasks say: ``NAME.log`` has what FMUs report, what is written to standard output and
-        error, and where a process crashed. Those that say nothing leave none.
-    called : str
-        What a task is called in a sentence about it.
+        Folder of the logs ``NAME.log``: messages of FMUs, standard output and error, the traceback of a
+        crash. Empty logs are removed.
+    label : str
+        How messages name a task.
     """
 
     function: Callable[..., Any]
     folder: Path
     logs: Path
-    called: str = "run '{}'"
+    label: str = "run '{}'"
 
     def log(self, name: str) -> Path:
         """Path of the log of a task."""
         return self.logs / f"{name}.log"
 
-    def tidy(self) -> None:
-        """Remove the folder of logs unless something stands in it."""
+    def remove_empty_logs(self) -> None:
+        """Remove empty logs, and their folder if nothing is left in it."""
         with suppress(OSError):
             for log in self.logs.glob("*.log"):
                 if not log.stat().st_size:
                     log.unlink()
             self.logs.rmdir()
 
-    def note(self, name: str, line: str) -> None:
+    def append_to_log(self, name: str, line: str) -> None:
         """Add a line to the log of a task."""
         with suppress(OSError), self.log(name).open("a", encoding="utf-8") as log:
             log.write(f"{line}\n")
 
 
+@dataclass
+class _RunningTask:
+    """A task that a worker has, as this process sees it; durations in s."""
+
+    name: str
+    progress: SimulationProgress
+    position: tuple[int, int] = (0, 0)
+    duration: float = 0.0
+    silence: float = 0.0
+    failure: WorkerFailure | None = None
+
+    def check_limits(self, elapsed: float, time_limit: float | None, silence: float) -> bool:
+        """Note that a time has passed [s]; return whether the task is still within its limits."""
+        position = (self.progress.sample, self.progress.component)
+        is_silent = position == self.position and not self.progress.is_idle
+        self.silence = self.silence + elapsed if is_silent else 0.0
+        self.duration += elapsed
+        self.position = position
+        if self.silence > silence:
+            description = f"does not return (nothing was done for {silence:g} s)"
+            self.failure = WorkerFailure(description, position[1], position[0])
+        elif time_limit is not None and self.duration > time_limit:
+            description = f"was ended at its time limit of {time_limit:g} s"
+            self.failure = WorkerFailure(description, -1, position[0])
+        return self.failure is None
+
+    def outcome(self, future: Future[Any]) -> Any:
+        """Return what came of it: the result, a `LpfcosimError` or a `WorkerFailure`."""
+        try:
+            return future.result()
+        except CancelledError:
+            return self.failure
+        except BrokenProcessPool:
+            raise RunError(_NO_PROCESS) from None
+        except ProcessExpired as error:
+            description, is_fmu = _describe_exit(error.exitcode)
+            component = self.progress.component if is_fmu else -1
+            return WorkerFailure(description, component, self.progress.sample)
+
+
 def results(
-    setting: WorkerConfig,
-    items: Mapping[str, tuple[Any, ...]],
+    config: WorkerConfig,
+    tasks: Mapping[str, tuple[Any, ...]],
     jobs: int,
     *,
     time_limit: float | None = None,
     silence: float = SILENCE,
-    progress: Callable[[str, int], None] = lambda _name, _done: None,
+    on_progress: Callable[[str, int], None] = lambda _name, _samples: None,
 ) -> Generator[tuple[str, Any]]:
-    """Yield name and result of every task as they come; whoever stops listening ends them all.
+    """Yield name and result of every task as they are done; closing the generator ends all processes.
 
     Parameters
     ----------
-    setting : WorkerConfig
+    config : WorkerConfig
         What to do.
-    items : mapping of str to tuple
-        Tasks by name, in the order in which they are to be begun.
+    tasks : mapping of str to tuple
+        Arguments by name, in the order in which tasks are to be started.
     jobs : int
         Number of processes.
     time_limit : float, optional
         Longest that a task may take [s].
     silence : float
-        Longest that `SimulationProgress` may stay as it is [s], unless it rests.
-    progress : callable
-        Told the name of a task and how many samples are done.
+        Longest that the `SimulationProgress` of a task may stay the same [s], unless it is idle.
+    on_progress : callable
+        Called with the name of a task and its number of samples done.
 
     Yields
     ------
     (str, object)
-        The object is what the function returned, the `LpfcosimError` it raised, or `WorkerFailure`.
+        The object is what the function returned, the `LpfcosimError` it raised, or a `WorkerFailure`.
 
     Raises
     ------
     RunError
-        If the server of the `forkserver` is killed, which takes the workers along.
+        If no process can be started.
     """
-    waiting = deque(items.items())
-    with _team(setting, min(jobs, len(items))) as (team, hire):
-        for worker in team:
-            worker.begin(*waiting.popleft())
-        looked = time.monotonic()
-        while busy := [w for w in team if w.task]:
-            wait([h for w in busy for h in w.handles], _POLL)
-            # A machine or process group that was stopped meanwhile did not keep anybody waiting.
-            passed = min(time.monotonic() - looked, 5 * _POLL)
-            looked = time.monotonic()
-            for place, worker in [(k, w) for k, w in enumerate(team) if w.task]:
-                task, done = worker.task, worker.look(passed, time_limit, silence)
-                if done is None:
-                    progress(task, max(worker.where.sample, 0))
-                    continue
-                (result,) = done
-                if isinstance(result, WorkerFailure | LpfcosimError):
-                    worker.end()  # who knows in what state
-                    if waiting:
-                        team[place] = hire()
-                if waiting:
-                    team[place].begin(*waiting.popleft())
-                yield task, result
-
-
-@contextmanager
-def _team(setting: WorkerConfig, n: int) -> Iterator[tuple[list[_Worker], Callable[[], _Worker]]]:
-    """Hire `n` workers; those in the list at the end are ended. Yields it, and how to hire another."""
-    with checksums.temporary_folder(setting.folder) as scratch:
-        with suppress(OSError):  # a worker without a log says less
-            setting.logs.mkdir(parents=True, exist_ok=True)
-        team: list[_Worker] = []
+    n_workers = min(jobs, len(tasks))
+    context = forkserver.context()
+    slots = context.RawArray(SimulationProgress, len(tasks))
+    with suppress(OSError):  # without a folder there are no logs
+        config.logs.mkdir(parents=True, exist_ok=True)
+    with checksums.temporary_folder(config.folder) as scratch:
+        state = (config, slots, scratch, dict(os.environ))
+        pool = ProcessPool(n_workers, initializer=_initialize, initargs=state, context=context)
         try:
-            team.extend(_Worker(setting, scratch) for _ in range(n))
-            yield team, lambda: _Worker(setting, scratch)
+            yield from _collect(pool, tasks, slots, n_workers, time_limit, silence, on_progress)
         finally:
-            for worker in team:
-                worker.end()
-            setting.tidy()
+            pool.stop()
+            pool.join()
+            checksums.remove_partial(config.folder)
+            config.remove_empty_logs()
 
 
-class _Worker:
-    """A process and the task it is at; ``""`` if it has none."""
-
-    def __init__(self, setting: WorkerConfig, scratch: Path) -> None:
-        context = forkserver.context()
-        self.where: SimulationProgress = context.RawValue(SimulationProgress)
-        self.task = ""
-        self._folder = setting.folder
-        self._pipe, theirs = context.Pipe()
-        self._process = context.Process(
-            target=_serve, args=(setting, theirs, self.where, scratch, dict(os.environ))
-        )
-        try:
-            with forkserver.interrupts_held():
-                self._process.start()
-        except (EOFError, ConnectionError):
-            raise RunError("a process cannot be started (out of memory?)") from None
-        theirs.close()
-
-    @property
-    def handles(self) -> tuple[Connection, int]:
-        """What becomes ready when there is something to look at."""
-        return self._pipe, self._process.sentinel
-
-    def begin(self, task: str, item: tuple[Any, ...]) -> None:
-        """Hand out a task."""
-        self.task = task
-        self.where.rest()  # a process that is still starting keeps no FMU silent
-        self._seen = (self.where.sample, self.where.slave)
-        self._taken = self._silent = 0.0
-        with suppress(OSError):  # that the process is gone is noticed by the next look
-            self._pipe.send((task, item))
-
-    def look(self, passed: float, time_limit: float | None, silence: float) -> tuple[Any] | None:
-        """Return the result in a tuple of its own, or None; ``passed``: time since the last look [s]."""
-        died = not self._process.is_alive()  # in this order, as it may have sent its result before
-        try:
-            if self._pipe.poll():
-                result = self._pipe.recv()
-                self.task = ""
-                return (result,)
-        except (EOFError, OSError):
-            self._process.join(1.0)
-            died = True
-        if died:
-            if self._process.exitcode == _UNKNOWN and not self._gone():
-                raise RunError(_SERVER_LOST)
-            return (self._lost(*_told(self._process.exitcode)),)
-        seen = (self.where.sample, self.where.slave)
-        self._silent = self._silent + passed if seen == self._seen and not self.where.rests else 0.0
-        self._taken += passed
-        self._seen = seen
-        if self._silent > silence:
-            return (self._lost(f"hangs (nothing was done for {silence:g} s)", by_fmu=True),)
-        if time_limit is not None and self._taken > time_limit:
-            return (self._lost(f"was ended at its time limit of {time_limit:g} s", by_fmu=False),)
-        return None
-
-    def _lost(self, how: str, by_fmu: bool) -> WorkerFailure:
-        self.task = ""
-        return WorkerFailure(how, self.where.slave if by_fmu else -1, self.where.sample)
-
-    def end(self) -> None:
-        """End the process, whatever it does."""
-        self._process.kill()
-        self._process.join()
-        if self._process.exitcode == _UNKNOWN and self._process.pid and not self._gone():
-            with suppress(ProcessLookupError):
-                os.kill(self._process.pid, signal.SIGKILL)
-            self._gone(wait=1.0)
-        self._pipe.close()
-        if self._process.pid is not None:
-            checksums.remove_partial(self._folder, self._process.pid)
-
-    def _gone(self, wait: float = 0.0) -> bool:
-        """Tell whether the process has ended, within a time [s]: nobody holds its end of the pipe then."""
-        try:
-            while self._pipe.poll(wait):
-                self._pipe.recv()
-        except (EOFError, OSError):
-            return True
-        return False
+def _collect(
+    pool: ProcessPool,
+    tasks: Mapping[str, tuple[Any, ...]],
+    slots: ctypes.Array[SimulationProgress],
+    n_workers: int,
+    time_limit: float | None,
+    silence: float,
+    on_progress: Callable[[str, int], None],
+) -> Generator[tuple[str, Any]]:
+    """Keep all workers busy; cancel tasks beyond their limits; yield what comes of each."""
+    queue = deque(enumerate(tasks.items()))
+    running: dict[Future[Any], _RunningTask] = {}
+    clock = time.monotonic()
+    while queue or running:
+        while queue and len(running) < n_workers:
+            slot, (name, arguments) = queue.popleft()
+            slots[slot].set_idle()  # a process that is still starting is not silent
+            try:
+                future = pool.schedule(_execute, (name, slot, arguments))
+            except RuntimeError:
+                raise RunError(_NO_PROCESS) from None
+            running[future] = _RunningTask(name, slots[slot])
+        done, _ = wait(running, _POLL, FIRST_COMPLETED)
+        # While a machine or a process group was stopped, no task was silent.
+        elapsed = min(time.monotonic() - clock, 5 * _POLL)
+        clock = time.monotonic()
+        for future, task in running.items():
+            if future in done or task.failure is not None:
+                continue
+            if task.check_limits(elapsed, time_limit, silence):
+                on_progress(task.name, max(task.progress.sample, 0))
+            else:
+                future.cancel()  # ends the process
+        for future in done:
+            task = running.pop(future)
+            yield task.name, task.outcome(future)
 
 
-def _told(code: int | None) -> tuple[str, bool]:
-    """Tell how a process came to its end, and whether that is the doing of its FMU."""
-    if code is None:
-        return "does not answer", False
+def _describe_exit(code: int) -> tuple[str, bool]:
+    """Describe how a process ended; return also whether its FMU is to blame."""
     if code >= 0:
         return f"ended the process with status {code if code < 256 else hex(code)}", True
     name = signal.Signals(-code).name if -code in set(signal.Signals) else f"signal {-code}"
@@ -268,65 +237,67 @@ def _told(code: int | None) -> tuple[str, bool]:
 # In a worker -------------------------------------------------------------------------------------------
 
 
-def _serve(
-    setting: WorkerConfig,
-    pipe: Connection,
-    where: SimulationProgress,
+@dataclass
+class _Worker:
+    """What the initializer of the pool hands to the tasks of a worker."""
+
+    config: WorkerConfig
+    slots: ctypes.Array[SimulationProgress]
+
+
+_worker: _Worker
+
+
+def _initialize(
+    config: WorkerConfig,
+    slots: ctypes.Array[SimulationProgress],
     scratch: Path,
     environment: Mapping[str, str],
 ) -> None:
-    os.environ.clear()  # that of an earlier command, where a server has forked this process
+    global _worker
+    _worker = _Worker(config, slots)
+    os.environ.clear()  # that of an earlier command, if the server has served one
     os.environ.update(environment)
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
     tempfile.tempdir = str(scratch)
-    with suppress(OSError):  # Linux: when memory runs out, this process goes first
+    with suppress(OSError):  # Linux: when memory runs out, this process is ended before its parent
         Path("/proc/self/oom_score_adj").write_text("1000")
-    end = threading.Thread(target=_end_with_parent, args=(setting, scratch), daemon=True)
-    end.start()
-    try:
-        while True:
-            name, item = pipe.recv()
-            where.reset()
-            with _logged(setting.log(name)):
-                result = _done(setting, name, item, where)
-            pipe.send(result)
-    except EOFError:
-        return
-    except OSError:  # the parent is gone, and so shall be what it did not take
-        end.join()
+    threading.Thread(target=_exit_with_parent, args=(config, scratch), daemon=True).start()
 
 
-def _done(setting: WorkerConfig, name: str, item: tuple[Any, ...], where: SimulationProgress) -> Any:
-    try:
-        return setting.function(*item, where)
-    except LpfcosimError as error:
-        return error
-    except MemoryError:
-        return RunError(f"{setting.called.format(name)} failed: out of memory")
-    except Exception as error:
-        logging.getLogger(__name__).exception("in a worker")
-        log = f"{setting.logs.name}/{setting.log(name).name}"
-        cause = "internal error of lpfcosim, please report it with the traceback"
-        if isinstance(error, OSError) and error.strerror:  # a disk or a file rather than a fault of ours
-            cause = f"{error.filename}: {error.strerror}" if error.filename else error.strerror
-        return RunError(f"{setting.called.format(name)} failed: {cause}; see {log}")
+def _execute(name: str, slot: int, arguments: tuple[Any, ...]) -> Any:
+    config, progress = _worker.config, _worker.slots[slot]
+    progress.reset()
+    with _logged(config.log(name)):
+        try:
+            return config.function(*arguments, progress)
+        except LpfcosimError as error:
+            return error
+        except MemoryError:
+            return RunError(f"{config.label.format(name)} failed: out of memory")
+        except Exception as error:
+            logging.getLogger(__name__).exception("in a worker")
+            log = f"{config.logs.name}/{config.log(name).name}"
+            cause = "internal error of lpfcosim, please report it with the traceback"
+            if isinstance(error, OSError) and error.strerror:  # of a disk or a file
+                cause = f"{error.filename}: {error.strerror}" if error.filename else error.strerror
+            return RunError(f"{config.label.format(name)} failed: {cause}; see {log}")
 
 
 @contextmanager
 def _logged(path: Path) -> Iterator[None]:
-    """Send to a file what is said in this process, by Python or by native code; an empty one goes."""
+    """Redirect standard output and error of this process, also of native code, to a file."""
     with Path(os.devnull).open("w", encoding="utf-8") as nothing:
         _redirect(nothing)
         with suppress(OSError), path.open("w", encoding="utf-8") as log:
-            _redirect(log)  # a full disk will be told by who writes what matters
+            _redirect(log)  # a full disk is reported by who writes the telemetry
         faulthandler.enable()
         logging.basicConfig(format="%(message)s", level=logging.INFO, force=True)
-        limit = _Limit()
-        logging.getLogger().handlers[0].addFilter(limit)
+        messages = _MessageLimit()
+        logging.getLogger().handlers[0].addFilter(messages)
         yield
-        limit.close()
+        messages.report_excess()
         sys.stdout.flush()
-        with suppress(Exception):  # what C keeps in its buffers, where the C library can be asked
+        with suppress(Exception):  # buffers of C, where the C library can be called
             ctypes.CDLL(None).fflush(None)
         _redirect(nothing)
     with suppress(OSError):
@@ -339,29 +310,26 @@ def _redirect(file: TextIO) -> None:
         os.dup2(file.fileno(), stream)
 
 
-class _Limit(logging.Filter):
-    """Lets so many messages through that an FMU that complains at every step does not fill the disk.
+class _MessageLimit(logging.Filter):
+    """Limits the messages, so that an FMU with a complaint at every step does not fill the disk."""
 
-    `left` counts down, below zero those that were not let through.
-    """
-
-    left = _MESSAGES
+    count = 0
 
     def filter(self, _: logging.LogRecord) -> bool:
-        self.left -= 1
-        return self.left >= 0
+        self.count += 1
+        return self.count <= _MAX_MESSAGES
 
-    def close(self) -> None:
-        """Count in the log what was not let through."""
-        if self.left < 0:
-            print(f"(and {-self.left} more messages)", file=sys.stderr)
+    def report_excess(self) -> None:
+        """Print to the log how many messages are not in it."""
+        if self.count > _MAX_MESSAGES:
+            print(f"(and {self.count - _MAX_MESSAGES} more messages)", file=sys.stderr)
 
 
-def _end_with_parent(setting: WorkerConfig, scratch: Path) -> None:
-    parent = mp.parent_process()
+def _exit_with_parent(config: WorkerConfig, scratch: Path) -> None:
+    parent = multiprocessing.parent_process()
     if parent is not None:
         parent.join()
-        checksums.remove_partial(setting.folder, os.getpid())
+        checksums.remove_partial(config.folder, os.getpid())
         # This worker may be unpacking just now, and another one removing.
         for _ in range(50):
             shutil.rmtree(scratch, ignore_errors=True)

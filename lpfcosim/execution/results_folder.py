@@ -70,7 +70,7 @@ def lock(directory: Path, option: str = "") -> Iterator[None]:
             yield
             return
         for folder in (".", *_FOLDERS):
-            checksums.remove_all_partial(directory / folder)
+            checksums.remove_temporary(directory / folder)
         with suppress(OSError):
             holder.write_text(f"process {os.getpid()} on {socket.gethostname()}\n", encoding="utf-8")
         try:

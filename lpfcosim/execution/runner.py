@@ -160,7 +160,7 @@ def simulate(
     missing = {run.name: run for run in campaign.runs if run.name not in whole}
     found: dict[str, RunError] = {}
     setting = process_pool.WorkerConfig(_simulate, directory, directory.parent / "logs")
-    setting.tidy()  # after whoever was killed
+    setting.remove_empty_logs()  # after whoever was killed
     if missing:
         checksums.forget(map(paths.__getitem__, missing))
         for name in missing:  # lest old and new lie side by side, should this be killed
@@ -194,7 +194,7 @@ def _outcomes(
         yield from dask_executor.record(how.scheduler, setting, items, **limits)
     else:
         yield from process_pool.results(
-            setting, items, how.jobs or processors(), progress=under_way, **limits
+            setting, items, how.jobs or processors(), on_progress=under_way, **limits
         )
 
 
@@ -217,7 +217,7 @@ def _settled(
         failures[name] = (
             _lost(runs[name], outcome) if isinstance(outcome, process_pool.WorkerFailure) else outcome
         )
-        setting.note(name, str(failures[name]))
+        setting.append_to_log(name, str(failures[name]))
     wrong = [error for error in failures.values() if isinstance(error, InputError)]
     if wrong:
         raise InputError("; ".join(dict.fromkeys(map(str, wrong))))
@@ -235,14 +235,16 @@ def _entered(checksums: ChecksumFile, path: Path, finished: PendingFile) -> RunE
     return None
 
 
-def failed_component(run: Run, lost: process_pool.WorkerFailure) -> str:
-    """Return who is to blame for the end of a process that simulated a run."""
-    return f"the {world_of(run).steps(run)[lost.slave].model} FMU" if lost.slave >= 0 else "its process"
+def failed_component(run: Run, failure: process_pool.WorkerFailure) -> str:
+    """Return the subject of a sentence about a worker that failed: an FMU, or its process."""
+    if failure.component < 0:
+        return "its process"
+    return f"the {world_of(run).steps(run)[failure.component].model} FMU"
 
 
 def _lost(run: Run, lost: process_pool.WorkerFailure) -> RunError:
     when = f"at {lost.sample * run.h:.1f} s" if lost.sample >= 0 else "while the FMUs were loaded"
-    return RunError(f"run '{run.name}': {failed_component(run, lost)} {lost.how} {when}")
+    return RunError(f"run '{run.name}': {failed_component(run, lost)} {lost.description} {when}")
 
 
 def _whole(

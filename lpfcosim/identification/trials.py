@@ -71,7 +71,7 @@ class Trials:
         self._feeds, self._record = feeds, record
         self._given = world_of(run).parameters(run)
         self._slaves = co_simulation.load(stack, interfaces, self._where)
-        self._where.rest()
+        self._where.set_idle()
         self._used = False
         self._theirs = [slave for slave, i in zip(self._slaves, interfaces, strict=True) if i.replacement]
         self._renewed: Sequence[FmuInstance] = ()  # those whose reset does not do
@@ -107,7 +107,7 @@ class Trials:
             with co_simulation.translate_fmi_errors(self._run.name, self._slaves):
                 return self._simulated(n, inputs, changed)
         finally:
-            self._where.rest()
+            self._where.set_idle()
 
     def _simulated(self, n: int, inputs: Mapping[str, Array], changed: Values) -> dict[str, Array]:
         if self._theirs and not self._renewed:

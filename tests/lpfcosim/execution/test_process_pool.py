@@ -19,7 +19,7 @@ INTERNAL = "internal error of lpfcosim, please report it with the traceback"
 
 
 def work(cause, where):
-    where.rest()
+    where.set_idle()
     raise CAUSES[cause]
 
 
