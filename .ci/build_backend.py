@@ -40,7 +40,7 @@ class ReadyMade(BuildHookInterface):
         if version != "standard":
             return
         sys.path.insert(0, str(ROOT))
-        from lpfcosim.errors import LpfcosimError
+        from lpfcosim.errors import InputError, RunError
 
         self._folder = tempfile.TemporaryDirectory(prefix="lpfcosim-")
         self.app.display_info("Building FMUs for all platforms; the first time this takes some minutes")
@@ -51,7 +51,7 @@ class ReadyMade(BuildHookInterface):
             build.prebuild(folder, self.metadata.version, numpy_models.prebuild(folder))
         except ImportError as error:
             self.app.abort(f"The FMUs of the wheel cannot be built: {error}; install the build extra first")
-        except LpfcosimError as error:
+        except (InputError, RunError) as error:
             self.app.abort(str(error))
         build_data["force_include"][self._folder.name] = "lpfcosim/prebuilt"
         build_data["force_include"][str(ROOT / "campaigns" / "quickstart.toml")] = (

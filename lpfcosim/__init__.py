@@ -3,8 +3,10 @@
 ::
 
     campaign = lpfcosim.load_campaign("campaigns/quickstart.toml")
+    lpfcosim.forecast(campaign)["lambda_2"].sigma           # before anything is simulated
     lpfcosim.simulate(campaign, "quickstart")               # fmus=False: through the plant without FMUs
     runs = fit.load("quickstart")
+    lpfcosim.run(campaign, "quickstart").results            # both at once
 
 ``import lpfcosim`` takes no time: a name is read in when it is first used.
 """
@@ -13,15 +15,55 @@ from importlib import import_module
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from lpfcosim.api import load_campaign, simulate
     from lpfcosim.campaign import Campaign
-    from lpfcosim.errors import InputError, LpfcosimError, RunError
+    from lpfcosim.errors import InputError, RunError, UnavailableError
+    from lpfcosim.workflows.campaigns import load_campaign
+    from lpfcosim.workflows.check import CampaignCheck, check
+    from lpfcosim.workflows.design import CampaignDesign, design
+    from lpfcosim.workflows.forecast import Forecast, forecast
+    from lpfcosim.workflows.identify import Identification, identify
+    from lpfcosim.workflows.margins import Margins, margins
+    from lpfcosim.workflows.montecarlo import MonteCarlo, montecarlo
+    from lpfcosim.workflows.progress import Progress
+    from lpfcosim.workflows.run import CampaignRun, run
+    from lpfcosim.workflows.simulate import simulate
 
-__all__ = ["Campaign", "InputError", "LpfcosimError", "RunError", "load_campaign", "simulate"]
+__all__ = [
+    "Campaign",
+    "CampaignCheck",
+    "CampaignDesign",
+    "CampaignRun",
+    "Forecast",
+    "Identification",
+    "InputError",
+    "Margins",
+    "MonteCarlo",
+    "Progress",
+    "RunError",
+    "UnavailableError",
+    "check",
+    "design",
+    "forecast",
+    "identify",
+    "load_campaign",
+    "margins",
+    "montecarlo",
+    "run",
+    "simulate",
+]
 _HOME = {
     "campaign": ("Campaign",),
-    "errors": ("InputError", "LpfcosimError", "RunError"),
-    "api": ("load_campaign", "simulate"),
+    "errors": ("InputError", "RunError", "UnavailableError"),
+    "workflows.campaigns": ("load_campaign",),
+    "workflows.check": ("CampaignCheck", "check"),
+    "workflows.design": ("CampaignDesign", "design"),
+    "workflows.forecast": ("Forecast", "forecast"),
+    "workflows.identify": ("Identification", "identify"),
+    "workflows.margins": ("Margins", "margins"),
+    "workflows.montecarlo": ("MonteCarlo", "montecarlo"),
+    "workflows.progress": ("Progress",),
+    "workflows.run": ("CampaignRun", "run"),
+    "workflows.simulate": ("simulate",),
 }
 
 

@@ -1,24 +1,36 @@
-"""The errors of a simulation, sorted by what the user can do about them."""
+"""The errors of a simulation, sorted by what the user can do about them.
+
+A wrong input is an `InputError`, the class that `fit` raises as well.
+"""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-import fit.errors
+from fit.errors import FitError, InputError
 
-
-class LpfcosimError(Exception):
-    """Base of every error this package raises on purpose."""
-
-
-class InputError(LpfcosimError, fit.errors.InputError):
-    """The input is wrong; the message names the file, the place in it and what was expected (exit 2)."""
+__all__ = ["DivergenceError", "InputError", "RunError", "UnavailableError", "as_run_error", "prefix_errors"]
 
 
 class UnavailableError(InputError):
-    """What is asked for cannot be computed for this input, which is otherwise sound (exit 2)."""
+    """A quantity that cannot be computed for this input, which is otherwise sound (exit 2).
+
+    Parameters
+    ----------
+    reason : str
+        What is not available, and why.
+    source : object
+        The file that the reason is about, if it is known.
+    """
+
+    def __init__(self, reason: str, source: object = None) -> None:
+        super().__init__(reason, source)  # both, as processes hand it on
+        self.reason, self.source = reason, source
+
+    def __str__(self) -> str:
+        return self.reason if self.source is None else f"{self.source}: {self.reason}"
 
 
-class RunError(LpfcosimError):
+class RunError(Exception):
     """The input is sound but the work failed (exit 1)."""
 
 
@@ -42,13 +54,34 @@ class DivergenceError(RunError):
 
 
 @contextmanager
-def ours(place: str = "") -> Iterator[None]:
-    """Turn an error of `fit`, whose ways with files we share, into ours, with `place` before it."""
+def as_run_error(prefix: str = "") -> Iterator[None]:
+    """Turn a `FitError` of the functions of `fit` that write files into a `RunError`.
+
+    Parameters
+    ----------
+    prefix : str
+        Before the message, such as ``"A: "`` for a run.
+    """
     try:
         yield
-    except LpfcosimError:
-        raise
-    except fit.errors.InputError as error:
-        raise InputError(f"{place}{error}") from error
-    except fit.errors.CalibrationError as error:
-        raise RunError(f"{place}{error}") from error
+    except FitError as error:
+        raise RunError(f"{prefix}{error}") from error
+
+
+@contextmanager
+def prefix_errors(source: object) -> Iterator[None]:
+    """Begin the messages of input errors with the file that they are about.
+
+    Parameters
+    ----------
+    source : object
+        The file, or None for an input in memory: then messages stay as they are.
+    """
+    try:
+        yield
+    except UnavailableError as error:
+        raise UnavailableError(error.reason, source) from error
+    except InputError as error:
+        if source is None:
+            raise
+        raise InputError(f"{source}: {error}") from None

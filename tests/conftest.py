@@ -92,7 +92,7 @@ def plan(tmp_path_factory):
 @pytest.fixture
 def lpfcosim(monkeypatch, capfd, tmp_path):
     """Run the command line in ``tmp_path``; returns (status, standard output, standard error)."""
-    from lpfcosim.cli import start as cli  # takes its time, and only these tests need it
+    from lpfcosim import cli  # takes its time, and only these tests need it
 
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr("lpfcosim.cli.console.FIRST", 3600.0)  # what is said does not depend on who else runs

@@ -1,5 +1,5 @@
-"""The command line, one file a command; the only room that knows both packages."""
+"""The command line: it parses arguments, calls a workflow, and prints its result."""
 
-from lpfcosim.cli.start import main
+from lpfcosim.cli.entry_point import main
 
 __all__ = ["main"]

@@ -220,7 +220,8 @@ def fit(
         settings=settings,
         include_short=include_short,
         calibration=calibration,
-        constraints=Constraints(fix or (), tie or (), prior or (), bound or (), f_max),
+        constraints=Constraints(fix or (), tie or (), prior or (), bound or ()),
+        f_max=f_max,
     )
 
 

@@ -24,10 +24,11 @@ from rich.progress import (
 from rich.table import Table
 
 from fit.parallel import follow_progress
+from lpfcosim.workflows import progress
 
 if TYPE_CHECKING:
     from fit import tables
-    from fit.results import Results
+    from lpfcosim.workflows import calibration as workflow
 
 
 FIRST = 2.0  # s, after which a line tells how far work is; the next one after twice as long
@@ -63,7 +64,7 @@ class Spoken:
         return f"{self.name}: {100 * self.done:.0f} %, about {told} left"
 
 
-class Console:
+class Console(progress.Progress):
     """Progress on standard error, results on standard output.
 
     Parameters
@@ -101,6 +102,10 @@ class Console:
         """Print a line about the work."""
         if not self._quiet:
             print(line, file=sys.stderr, flush=True)
+
+    def warn(self, line: str) -> None:
+        """Print a warning."""
+        self.note(f"warning: {line}")
 
     def _bars(self, *columns: ProgressColumn) -> Progress:
         first = (SpinnerColumn(), TextColumn("{task.description}"))
@@ -199,17 +204,19 @@ class Console:
             if thread.ident:
                 thread.join()
 
-    def table(self, results: Results) -> None:
-        """Show the parameters of the joint fit, or of the only experiment, and of the inertial periods."""
-        if self._quiet:
-            return
-        from fit.tables import estimates  # which other commands do without
+    def show_calibration(self, calibration: workflow.Calibration, prefix: str = "") -> None:
+        """Show estimates, warnings and the report of a calibration, with a text before the last line.
 
-        (only,) = results.experiments.values() if len(results.experiments) == 1 else (None,)
-        alone = {f" ({name})": fit for name, fit in results.experiments.items()}
-        whole = only or results.joint
-        first = {"": whole} if whole else alone
-        fits = first | {f" ({period})": fit for period, fit in results.inertial.items()}
-        self.show(estimates(fits))
-        for message in dict.fromkeys(w.message for fit in fits.values() for w in fit.warnings):
-            self.note(f"warning: {message}")
+        Raises
+        ------
+        FitError
+            If sigmas do not hold.
+        RunError
+            If runs of a campaign failed.
+        """
+        self.show(calibration.table())
+        for warning in calibration.warnings:
+            self.warn(warning)
+        self.document(calibration.to_json())
+        self.say(f"{prefix}report: {calibration.report}")
+        calibration.check_sound()

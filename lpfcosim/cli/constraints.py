@@ -1,95 +1,92 @@
-"""What options say of parameters of a fit, as the table ``[fit.parameters]`` has it."""
+"""Constraints of parameters of a fit, from options to the table ``[fit.parameters]``."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 from fit.errors import InputError, quote
-from fit.settings import Settings, settings
 
 
 @dataclass(frozen=True)
 class Constraints:
-    """What options say of a fit.
+    """Options about parameters.
 
     Attributes
     ----------
     fix, tie, prior, bound : sequence of str
         ``NAME`` or ``NAME=VALUE``, ``NAME=EXPR``, ``NAME=MEAN,SIGMA``, ``NAME=MIN:MAX``.
-    f_max : float, optional
-        End of the fitted band [Hz].
     """
 
     fix: Sequence[str] = ()
     tie: Sequence[str] = ()
     prior: Sequence[str] = ()
     bound: Sequence[str] = ()
-    f_max: float | None = None
 
-    def on(self, chosen: Settings) -> Settings:
-        """Return settings with what the options say in the place of what they say of the same parameters.
+    def tables(self) -> dict[str, dict[str, object]]:
+        """Return the constraints by parameter, as ``[fit.parameters]`` has them.
 
         Raises
         ------
         InputError
             If an option cannot be read, or options contradict each other.
         """
-        said: dict[str, dict[str, object]] = {}
-        for option, form, given in self._each():
-            name, equals, text = given.partition("=")
+        tables: dict[str, dict[str, object]] = {}
+        for option, form, argument in self._arguments():
+            name, equals, text = argument.partition("=")
+            place = f"{option} {quote(argument)}"
             if not name.strip() or not (equals or option == "--fix"):
-                raise InputError(f"{option} {quote(given)}: expected {form}")
-            found = _READ[option](text, f"{option} {quote(given)}", form) if equals else {"vary": False}
-            known = said.setdefault(name.strip(), {})
-            if twice := known.keys() & found.keys():
-                raise InputError(f"{option} {quote(given)}: a second {min(twice)} of {name.strip()}")
-            known |= found
-        table = chosen.record()
-        of_file = {name: p.model_dump(exclude_defaults=True) for name, p in chosen.parameters.items()}
-        table["parameters"] = {**of_file, **said}
-        if self.f_max is not None:
-            table["f_max"] = self.f_max
-        return settings(table, "options")
+                raise InputError(f"{place}: expected {form}")
+            entries = _PARSERS[option](text, place, form) if equals else {"vary": False}
+            table = tables.setdefault(name.strip(), {})
+            if repeated := table.keys() & entries.keys():
+                raise InputError(f"{place}: a second {min(repeated)} of {name.strip()}")
+            table |= entries
+        return tables
 
-    def _each(self) -> Iterable[tuple[str, str, str]]:
-        for option, form, given in (
+    def _arguments(self) -> Iterator[tuple[str, str, str]]:
+        for option, form, arguments in (
             ("--fix", "NAME or NAME=VALUE", self.fix),
             ("--tie", "NAME=EXPR", self.tie),
             ("--prior", "NAME=MEAN,SIGMA", self.prior),
             ("--bound", "NAME=MIN:MAX, one of the two may be empty", self.bound),
         ):
-            yield from ((option, form, each) for each in given)
+            yield from ((option, form, argument) for argument in arguments)
 
 
-def _number(text: str, where: str, form: str) -> float:
+def _parse_number(text: str, place: str, form: str) -> float:
     try:
         return float(text)
     except ValueError:
-        raise InputError(f"{where}: {quote(text)} is not a number, expected {form}") from None
+        raise InputError(f"{place}: {quote(text)} is not a number, expected {form}") from None
 
 
-def _fixed(text: str, where: str, form: str) -> dict[str, object]:
-    return {"vary": False, "value": _number(text, where, form)}
+def _parse_value(text: str, place: str, form: str) -> dict[str, object]:
+    return {"vary": False, "value": _parse_number(text, place, form)}
 
 
-def _tied(text: str, where: str, form: str) -> dict[str, object]:
+def _parse_expression(text: str, place: str, form: str) -> dict[str, object]:
     if not text.strip():
-        raise InputError(f"{where}: no expression, expected {form}")
+        raise InputError(f"{place}: no expression, expected {form}")
     return {"expr": text.strip()}
 
 
-def _prior(text: str, where: str, form: str) -> dict[str, object]:
+def _parse_prior(text: str, place: str, form: str) -> dict[str, object]:
     parts = text.split(",")
     if len(parts) != 2:
-        raise InputError(f"{where}: expected {form}")
-    return {"prior": [_number(part, where, form) for part in parts]}
+        raise InputError(f"{place}: expected {form}")
+    return {"prior": [_parse_number(part, place, form) for part in parts]}
 
 
-def _bounds(text: str, where: str, form: str) -> dict[str, object]:
+def _parse_bounds(text: str, place: str, form: str) -> dict[str, object]:
     parts = text.split(":")
     if len(parts) != 2 or not any(part.strip() for part in parts):
-        raise InputError(f"{where}: expected {form}")
+        raise InputError(f"{place}: expected {form}")
     pairs = zip(("min", "max"), parts, strict=True)
-    return {name: _number(part, where, form) for name, part in pairs if part.strip()}
+    return {name: _parse_number(part, place, form) for name, part in pairs if part.strip()}
 
 
-_READ = {"--fix": _fixed, "--tie": _tied, "--prior": _prior, "--bound": _bounds}
+_PARSERS = {
+    "--fix": _parse_value,
+    "--tie": _parse_expression,
+    "--prior": _parse_prior,
+    "--bound": _parse_bounds,
+}

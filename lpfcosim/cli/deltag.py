@@ -9,9 +9,10 @@ from fit.results import load, results_beside, results_file, sound_joint
 from fit.telemetry import open_run, sandbox, validate
 from lpfcosim.cli.common import check_folder
 from lpfcosim.cli.console import Console
-from lpfcosim.cli.fit import default_folder, telemetry
+from lpfcosim.cli.fit import default_folder
 from lpfcosim.errors import InputError
 from lpfcosim.execution import checksums, results_folder
+from lpfcosim.workflows import calibration as workflow
 
 
 def deltag(paths: Sequence[Path], calibration: Path | None, out: Path | None, console: Console) -> None:
@@ -23,7 +24,7 @@ def deltag(paths: Sequence[Path], calibration: Path | None, out: Path | None, co
     sound_joint(results, str(file))
     if calibration is None:
         console.note(f"calibration: {file}")
-    inputs = telemetry(console, paths, directory, any_gaps=True)
+    inputs = workflow.find_telemetry(paths, directory, console, any_gaps=True)
     with console.stage("reading"):
         sandbox.check(validate, inputs)
         for path in inputs:

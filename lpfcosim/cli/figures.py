@@ -5,14 +5,13 @@ from contextlib import closing
 from pathlib import Path
 
 from fit.crosstalk import refit
-from fit.errors import InputError
 from fit.figures import Figure
 from fit.parallel import processors
 from fit.report import page
 from lpfcosim.cli.common import check_folder
 from lpfcosim.cli.console import Console
 from lpfcosim.cosim import SimulationProgress
-from lpfcosim.errors import LpfcosimError, RunError
+from lpfcosim.errors import InputError, RunError
 from lpfcosim.execution import process_pool, results_folder
 
 
@@ -43,7 +42,7 @@ def figures(directory: Path, names: Sequence[str], console: Console, *, jobs: in
             for done, (name, outcome) in enumerate(drawn, start=1):
                 if isinstance(outcome, process_pool.WorkerFailure):
                     raise RunError(f"figure {name!r}: its process {outcome.description}")
-                if isinstance(outcome, LpfcosimError):
+                if isinstance(outcome, InputError | RunError):
                     raise outcome
                 progress(done)
     console.say(f"{len(chosen)} figures: {place}")

@@ -1,11 +1,8 @@
 """The commands about FMUs: build, list, show, validate, export."""
 
-from __future__ import annotations
-
 import sys
-from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import Annotated, Literal
 
 import typer
 
@@ -19,10 +16,6 @@ from lpfcosim.cli.common import (
     help_without_command,
 )
 from lpfcosim.errors import InputError
-
-if TYPE_CHECKING:
-    from lpfcosim.campaign import Campaign
-    from lpfcosim.cli.console import Console
 
 app = typer.Typer(
     help="Build, list, show, check and export FMUs.",
@@ -59,6 +52,7 @@ def build(
     from fit.files import closest_match
     from lpfcosim.cli.console import Console
     from lpfcosim.modelica import build as fmu_build
+    from lpfcosim.workflows import fmus
 
     console = Console(quiet=quiet)
     if out is not None:
@@ -66,7 +60,7 @@ def build(
     for name in models or ():
         if name not in fmu_build.MODELS:
             raise InputError(f"no model {quote(name)}{closest_match(name, fmu_build.MODELS)}")
-    built = _built(models or fmu_build.MODELS, console, fmi=fmi, force=force)
+    built = fmus.build_fmus(models or fmu_build.MODELS, console, fmi=fmi, force=force)
     if out is not None:
         built = fmu_build.copy(built, out)
     for path in built.values():
@@ -112,9 +106,10 @@ def show(
     """
     from lpfcosim.cli import fmu_show
     from lpfcosim.cli.console import Console
+    from lpfcosim.workflows import fmus
 
     console = Console(quiet=False, as_json=as_json)
-    if fmu_show.show(given, lambda models: _built(models, Console(quiet=True)), console):
+    if fmu_show.show(given, lambda models: fmus.build_fmus(models, Console(quiet=True)), console):
         raise typer.Exit(1)
 
 
@@ -135,9 +130,10 @@ def validate(
     from lpfcosim.cli.console import Console
     from lpfcosim.cosim import checks
     from lpfcosim.modelica import build as fmu_build
+    from lpfcosim.workflows import fmus
 
     console = Console(quiet=quiet, as_json=as_json)
-    archives = paths or list(_built(fmu_build.MODELS, console).values())
+    archives = paths or list(fmus.build_fmus(fmu_build.MODELS, console).values())
     found = {}
     with console.counted("checks", len(archives)) as progress:
         for path in archives:
@@ -188,6 +184,7 @@ def export_ssp(
     from lpfcosim.cli import outcome
     from lpfcosim.cli.console import Console
     from lpfcosim.export import ssp
+    from lpfcosim.workflows import fmus
 
     console = Console(quiet=quiet)
     plan = loading.load(campaign)
@@ -195,7 +192,7 @@ def export_ssp(
     check_file(path, loading.sources(campaign), parents=True)
     came = outcome.gather(results, plan) if results else None
     with about(campaign):
-        archives = fmus(plan, console, ssp.fmi(version))
+        archives = fmus.campaign_fmus(plan, console, ssp.fmi(version))
         written = ssp.export(plan, archives, path, version, came)
     console.say(str(written))
 
@@ -219,6 +216,7 @@ def container(
     from lpfcosim.campaign import loading
     from lpfcosim.cli.console import Console
     from lpfcosim.export import container as containers
+    from lpfcosim.workflows import fmus
 
     console = Console(quiet=quiet)
     plan = loading.load(campaign)
@@ -228,26 +226,6 @@ def container(
     path = out or Path(f"{run_name}.fmu")
     check_file(path, [*loading.sources(campaign), *(r.archive for r in plan.replacements)], parents=True)
     with about(campaign):
-        archives = fmus(plan, console, "2.0")
+        archives = fmus.campaign_fmus(plan, console, "2.0")
         written = containers.container(runs[run_name], archives, path)
     console.say(str(written))
-
-
-def fmus(plan: Campaign, console: Console, fmi: str = "3.0") -> dict[str, Path]:
-    """Return the FMUs of a campaign: the user's, and ours in the other places."""
-    from lpfcosim.execution import fmus as archives
-
-    return archives.resolve_fmus(plan, lambda models: _built(models, console, fmi=fmi))
-
-
-def _built(
-    models: Sequence[str], console: Console, *, fmi: str = "3.0", force: bool = False
-) -> dict[str, Path]:
-    from lpfcosim.modelica import build as fmu_build
-
-    built: dict[str, Path] = {}
-    with console.counted("FMUs", len(models)) as progress:
-        for done, model in enumerate(models, start=1):
-            built |= fmu_build.build([model], fmi=fmi, force=force)
-            progress(done)
-    return built

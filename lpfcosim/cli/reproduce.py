@@ -1,24 +1,21 @@
-"""The command ``reproduce``: make the results of a folder again, and compare."""
+"""The command ``reproduce``: make the content of a folder again, and compare."""
 
 import json
-import subprocess
-import sys
 import tempfile
 from pathlib import Path
 
+from fit.errors import CalibrationError
 from fit.telemetry import root_attributes
-from lpfcosim.campaign import loading
+from lpfcosim.campaign import Campaign, loading
 from lpfcosim.cli.common import about
 from lpfcosim.cli.console import Console
 from lpfcosim.errors import InputError, RunError
 from lpfcosim.execution import checksums, fmus, results_folder
-
-#: The command line, but for the word that what an interrupt leaves is kept: here it is not.
-_COMMAND = "from lpfcosim.cli import main; main(told=False)"
+from lpfcosim.workflows import run, simulate
 
 
-def reproduce(directory: Path, console: Console, *, jobs: int | None, quiet: bool, trusted: bool) -> None:
-    """Run the campaign that a folder holds again, elsewhere, by the same command, and compare.
+def reproduce(directory: Path, console: Console, *, jobs: int | None, trusted: bool) -> None:
+    """Simulate the campaign that a folder holds again, elsewhere, fit it if there are results, and compare.
 
     Raises
     ------
@@ -39,50 +36,68 @@ def reproduce(directory: Path, console: Console, *, jobs: int | None, quiet: boo
         fmus.check(plan, {r.model: r.archive for r in plan.replacements}, trusted=trusted)
     with tempfile.TemporaryDirectory(prefix="lpfcosim-") as name:
         again = Path(name) / "again"
-        command = [sys.executable, "-P", "-c", _COMMAND, "run", str(campaign), "--out", str(again)]
-        options = ["--quiet"] * quiet + ["--trust"] * trusted + (["--jobs", str(jobs)] if jobs else [])
-        status = subprocess.run([*command, *options], stdout=subprocess.DEVNULL, check=False).returncode
-        if status == 2 or not (again / "telemetry").is_dir():
+        _repeat(plan, recorded[0], again, console, jobs=jobs, trusted=trusted)
+        if not (again / "telemetry").is_dir():
             raise RunError(f"{directory}: its campaign cannot be run any more")
-        names = sorted({p.name for p in (*recorded, *(again / "telemetry").glob("*.h5"))})
-        told = {}
-        with console.counted("comparison", len(names)) as progress:
-            for file in names:
-                of_folders = (place / "telemetry" / file for place in (directory, again))
-                told[f"telemetry/{file}"] = _telemetry(*of_folders)
-                progress(len(told))
-        told["results.json"] = _results(directory / "results.json", again / "results.json")
-    for file, difference in told.items():
+        files = sorted({p.name for p in (*recorded, *(again / "telemetry").glob("*.h5"))})
+        differences = {}
+        with console.counted("comparison", len(files)) as progress:
+            for file in files:
+                paths = (folder / "telemetry" / file for folder in (directory, again))
+                differences[f"telemetry/{file}"] = _compare_telemetry(*paths)
+                progress(len(differences))
+        if any((folder / "results.json").is_file() for folder in (directory, again)):
+            paths = (folder / "results.json" for folder in (directory, again))
+            differences["results.json"] = _compare_results(*paths)
+    for file, difference in differences.items():
         console.say(f"{directory / file}: {difference or 'the same'}")
-    different = [file for file, difference in told.items() if difference]
-    if different:
-        raise RunError(f"{directory}: {len(different)} of {len(told)} files are not reproduced")
+    if n_different := sum(map(bool, differences.values())):
+        raise RunError(f"{directory}: {n_different} of {len(differences)} files are not reproduced")
 
 
-def _telemetry(old: Path, new: Path) -> str:
-    """Tell in what a telemetry file differs from an earlier one; empty if in nothing."""
-    for path, what in ((old, "is missing"), (new, "is not made any more")):
+def _repeat(
+    plan: Campaign, recorded: Path, again: Path, console: Console, *, jobs: int | None, trusted: bool
+) -> None:
+    """Do to a campaign what was done to it; what fails is seen by what it leaves."""
+    attributes = root_attributes(recorded) or {}
+    try:
+        if attributes.get("simulated_by") == simulate.REFERENCE_PLANT:
+            simulate.simulate(plan, again, fmus=False, progress=console)
+        elif (recorded.parents[1] / "results.json").is_file():
+            run.run(plan, again, jobs=jobs, trusted=trusted, progress=console)
+        else:
+            simulate.simulate(plan, again, jobs=jobs, trusted=trusted, progress=console)
+    except InputError as error:
+        raise RunError(f"{recorded.parents[1]}: its campaign cannot be run any more: {error}") from None
+    except (CalibrationError, RunError) as error:
+        console.warn(str(error))
+
+
+def _compare_telemetry(old: Path, new: Path) -> str:
+    """Return in what a telemetry file differs from an earlier one; empty if in nothing."""
+    for path, state in ((old, "is missing"), (new, "is not made any more")):
         if not path.is_file():
-            return what
-    return "" if checksums.digest(old) == checksums.digest(new) else f"differs ({_parts(old, new)})"
+            return state
+    same = checksums.digest(old) == checksums.digest(new)
+    return "" if same else f"differs ({_compare_attributes(old, new)})"
 
 
-def _parts(old: Path, new: Path) -> str:
+def _compare_attributes(old: Path, new: Path) -> str:
     a, b = root_attributes(old), root_attributes(new)
     if a is None or b is None:
         return "it is damaged"
-    attributes = sorted(k for k in a | b if str(a.get(k)) != str(b.get(k)))
-    told = [f"{k} was {a.get(k, 'not there')}, is {b.get(k, 'not there')}" for k in attributes]
-    return "; ".join(told) or "same provenance"
+    names = sorted(name for name in a | b if str(a.get(name)) != str(b.get(name)))
+    changes = [f"{name} was {a.get(name, 'not there')}, is {b.get(name, 'not there')}" for name in names]
+    return "; ".join(changes) or "same provenance"
 
 
-def _results(old: Path, new: Path) -> str:
+def _compare_results(old: Path, new: Path) -> str:
     documents = []
-    for path, what in ((old, "is missing"), (new, "is not made any more")):
+    for path, state in ((old, "is missing"), (new, "is not made any more")):
         try:
             documents.append(json.loads(path.read_text(encoding="utf-8")))
         except FileNotFoundError:
-            return what
+            return state
         except (ValueError, OSError):
             return "differs (it is damaged)"
     if not all(isinstance(document, dict) for document in documents):

@@ -125,4 +125,4 @@ def reproduce(directory: Directory, jobs: Jobs = None, trusted: Trust = False, q
     from lpfcosim.cli import reproduce as cli_reproduce
     from lpfcosim.cli.console import Console
 
-    cli_reproduce.reproduce(directory, Console(quiet=quiet), jobs=jobs, quiet=quiet, trusted=trusted)
+    cli_reproduce.reproduce(directory, Console(quiet=quiet), jobs=jobs, trusted=trusted)

@@ -11,14 +11,14 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from fit.files import atomic
-from lpfcosim.errors import RunError, ours
+from lpfcosim.errors import RunError, as_run_error
 
 _SCRATCH = ".lpfcosim-"
 
 
 def write(path: Path, content: str | bytes) -> None:
     """Write a file at once; RunError if it cannot be, and what was there before is still there."""
-    with ours():
+    with as_run_error():
         atomic.write(path, content)
 
 

@@ -22,7 +22,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from fit.files import atomic
-from lpfcosim.errors import InputError, LpfcosimError, RunError
+from lpfcosim.errors import InputError, RunError
 from lpfcosim.execution import process_pool
 from lpfcosim.execution.checksums import PendingFile
 
@@ -56,7 +56,8 @@ class Cluster:
         Parameters
         ----------
         function : callable
-            Of a module that the workers have installed. A `LpfcosimError` that it raises is its result.
+            Of a module that the workers have installed. An `InputError` or `RunError` that it raises is its
+            result.
         shared : object
             Sent once, not once an item.
         items : mapping of str to object
@@ -172,7 +173,7 @@ def record(
     sent = {name: (run, path.name, *more) for name, (run, _, path, *more) in items.items()}
     with connected(address) as connection:
         for name, delivery in connection.results(_there, shared, sent, fmus):
-            if isinstance(delivery, LpfcosimError):
+            if isinstance(delivery, InputError | RunError):
                 yield name, delivery
             else:
                 yield name, _received(delivery, setting, name, items[name][2])
@@ -206,7 +207,7 @@ def _outcome(future: Future, name: str) -> Any:
 
     try:
         return future.result()
-    except LpfcosimError as error:
+    except (InputError, RunError) as error:
         return error
     except KilledWorker:
         return RunError(f"{name}: every worker that took it on died, which may be its doing")

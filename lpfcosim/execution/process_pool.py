@@ -25,7 +25,7 @@ from typing import Any, TextIO
 from pebble import ProcessExpired, ProcessPool
 
 from lpfcosim.cosim import SimulationProgress
-from lpfcosim.errors import LpfcosimError, RunError
+from lpfcosim.errors import InputError, RunError
 from lpfcosim.execution import checksums, forkserver
 
 SILENCE = 60.0  # s without a step, after which an FMU is taken to hang
@@ -60,7 +60,8 @@ class WorkerConfig:
     Attributes
     ----------
     function : callable
-        Does a task: ``function(*arguments, progress)``. A `LpfcosimError` that it raises is its result.
+        Does a task: ``function(*arguments, progress)``. An `InputError` or `RunError` that it raises is its
+        result.
     folder : Path
         Where tasks write. What is not finished at the end is removed (`checksums.remove_partial`).
     logs : Path
@@ -120,7 +121,7 @@ class _RunningTask:
         return self.failure is None
 
     def outcome(self, future: Future[Any]) -> Any:
-        """Return what came of it: the result, a `LpfcosimError` or a `WorkerFailure`."""
+        """Return what came of it: the result, an error or a `WorkerFailure`."""
         try:
             return future.result()
         except CancelledError:
@@ -162,7 +163,7 @@ def results(
     Yields
     ------
     (str, object)
-        The object is what the function returned, the `LpfcosimError` it raised, or a `WorkerFailure`.
+        The object is what the function returned, the error it raised, or a `WorkerFailure`.
 
     Raises
     ------
@@ -270,7 +271,7 @@ def _execute(name: str, slot: int, arguments: tuple[Any, ...]) -> Any:
     with _logged(config.log(name)):
         try:
             return config.function(*arguments, progress)
-        except LpfcosimError as error:
+        except (InputError, RunError) as error:
             return error
         except MemoryError:
             return RunError(f"{config.label.format(name)} failed: out of memory")

@@ -17,7 +17,7 @@ import tomli_w
 from filelock import FileLock, Timeout
 
 from fit.files import refuse_links
-from lpfcosim.errors import InputError, RunError, ours
+from lpfcosim.errors import InputError, RunError
 from lpfcosim.execution import checksums
 
 CAMPAIGN = "campaign.toml"
@@ -43,8 +43,7 @@ def lock(directory: Path, option: str = "") -> Iterator[None]:
     RunError
         If the folder cannot be locked, or made as the disk is full.
     """
-    with ours():
-        refuse_links(directory)
+    refuse_links(directory)
     holder = directory / _HOLDER
     try:
         directory.mkdir(parents=True, exist_ok=True)

@@ -15,7 +15,7 @@ from fit.parallel import processors
 from fit.telemetry import root_attributes
 from lpfcosim.campaign import Campaign
 from lpfcosim.cosim import FmuLibraryCache, co_simulation, compatibility, compiled
-from lpfcosim.errors import InputError, LpfcosimError, RunError
+from lpfcosim.errors import InputError, RunError
 from lpfcosim.execution import dask_executor, process_pool, telemetry_file
 from lpfcosim.execution.checksums import ChecksumFile, PendingFile, digest
 from lpfcosim.linear import saturation
@@ -207,7 +207,7 @@ def _settled(
     setting: process_pool.WorkerConfig,
 ) -> dict[str, RunError]:
     """Enter what is finished into the checksums as it comes, and name it; return why the rest failed."""
-    failures: dict[str, LpfcosimError] = {}
+    failures: dict[str, InputError | RunError] = {}
     for name, outcome in outcomes:
         if isinstance(outcome, PendingFile):
             outcome = _entered(checksums, paths[name], outcome)

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fit.telemetry import CHANNELS, SCHEMA, Writer
-from lpfcosim.errors import RunError, ours
+from lpfcosim.errors import RunError, as_run_error
 from lpfcosim.models import world_of
 from lpfcosim.signals import decimation, events
 from lpfcosim.spacecraft import LIVING, SCATTERED, Run
@@ -74,7 +74,7 @@ def create(
             raise RunError(f"{run.name}: no unit is known for channel {name}")
     grid = decimation.grid(run)
     with (
-        ours(f"{run.name}: "),
+        as_run_error(f"{run.name}: "),
         Writer(
             path,
             grid.n,

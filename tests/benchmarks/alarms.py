@@ -32,9 +32,9 @@ from fit.telemetry.reader import Telemetry
 from fit.warnings import FitWarning, Severity
 from lpfcosim.campaign import Campaign, loading
 from lpfcosim.campaign import montecarlo as campaigns
-from lpfcosim.cli.planned import in_memory
 from lpfcosim.linear import planning, spectral
 from lpfcosim.models import drive, world_of
+from lpfcosim.planned_experiments import telemetry_of
 from lpfcosim.signals import decimation
 from lpfcosim.spacecraft import Run
 
@@ -60,7 +60,7 @@ def drawn(run: Run, number: int) -> Telemetry:
     stride = round(run.fs / planning.RATE)
     given = drive.injections(run)
     shown = {name: given[name][::stride] for name in world_of(run).record if name in given}
-    return in_memory(run, {**channels, **shown})
+    return telemetry_of(run, {**channels, **shown})
 
 
 #: What the last campaign left, by run: made anew only if more than the seed is another.
@@ -72,7 +72,7 @@ def stepped(run: Run, _: int) -> Telemetry:
     archived, world = replace(run, sample_rate=planning.RATE), world_of(run)
     found = world.simulate(archived)
     (channels,) = decimation.decimate(archived, [{name: found[name] for name in world.record}])
-    return in_memory(archived, {name: np.asarray(channels[name]) for name in world.record})
+    return telemetry_of(archived, {name: np.asarray(channels[name]) for name in world.record})
 
 
 def alarms(results: Results) -> Iterator[tuple[str, str, str]]:

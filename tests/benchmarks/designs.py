@@ -21,9 +21,9 @@ from numpy.typing import NDArray
 
 from fit.settings import settings
 from lpfcosim.campaign import loading
-from lpfcosim.cli.design import foresight
-from lpfcosim.design.sought import Problem, problem
-from lpfcosim.design.stage import Stage
+from lpfcosim.experiment_design import FitModel
+from lpfcosim.experiment_design.sought import Problem, problem
+from lpfcosim.experiment_design.stage import Stage
 from lpfcosim.spacecraft import TaperedSine
 
 Array = NDArray[np.float64]
@@ -108,7 +108,7 @@ def climbed(
 def climb(chosen: argparse.Namespace) -> None:
     """Print what chance makes of a design, and of beginnings of its own."""
     plan = loading.load(chosen.campaign)
-    sought = problem(plan, foresight(plan, settings(plan.fit, "fit")))
+    sought = problem(plan, FitModel(plan, settings(plan.fit, "fit")))
     tones = {
         e.name: [i for i in e.injections if isinstance(i, TaperedSine)]
         for e in loading.load(chosen.designed).experiments
@@ -121,7 +121,7 @@ def climb(chosen: argparse.Namespace) -> None:
 def scatter(chosen: argparse.Namespace) -> None:
     """Print the scatter of estimates over the sigmas that were forecast, with its error."""
     plan = loading.load(chosen.designed)
-    expected = foresight(plan, settings(plan.fit, "fit")).forecast(plan)
+    expected = FitModel(plan, settings(plan.fit, "fit")).sigmas(plan)
     _, *lines = (chosen.folder / "campaigns.jsonl").read_text(encoding="utf-8").splitlines()
     found = [one["estimates"] for one in map(json.loads, lines) if "estimates" in one]
     n = len(found)

@@ -30,7 +30,7 @@ from fit.telemetry.reader import Telemetry, inertial_period, read_all
 from fit.whitening import Experiment
 from fit.whitening.run import Run
 from lpfcosim.campaign import loading
-from lpfcosim.cli.planned import planned
+from lpfcosim.planned_experiments import planned_experiments
 from tests import ROOT
 
 CAMPAIGN = ROOT / "campaigns" / "mission.toml"
@@ -71,7 +71,7 @@ def as_flown() -> Fit:
 
         return replace(plan, make=make)
 
-    plans = [bare(plan) for plan in planned(loading.load(CAMPAIGN))]
+    plans = [bare(plan) for plan in planned_experiments(loading.load(CAMPAIGN))]
     return forecasts.expected_fit(plans, settings({"scatter": []}), {})
 
 

@@ -33,14 +33,14 @@ from fit.pipeline import calibrate
 from fit.settings import settings
 from fit.telemetry.reader import Telemetry
 from lpfcosim.campaign import Campaign, loading, montecarlo
-from lpfcosim.cli.identify import _free
-from lpfcosim.errors import LpfcosimError
+from lpfcosim.errors import RunError
 from lpfcosim.execution import telemetry_file
 from lpfcosim.execution.telemetry_file import truth
 from lpfcosim.identification import Simulation
 from lpfcosim.modelica import build
 from lpfcosim.models import world_of
 from lpfcosim.spacecraft import Run
+from lpfcosim.workflows.identify import free_parameter
 from tests.benchmarks.sbc import known
 
 Line = dict[str, Any]
@@ -73,9 +73,9 @@ def trial(plan: Campaign, number: int) -> Line:
             experiments, how = refit.experiments(results, runs, Path("results.json"))
             flown = [run.telemetry for e in experiments for run in (e.sysid, e.noise) if run]
             loop = Simulation(stack, plan, flown, build.build())
-            free = [_free(target) for target in loop.targets]
+            free = [free_parameter(target) for target in loop.targets]
             found = identify(experiments, free, loop, results, how, loop.fixed_values)
-    except (CalibrationError, LpfcosimError) as error:
+    except (CalibrationError, RunError) as error:
         return {**line, "failed": str(error)}
     given = {t.name: t.default_value for t in loop.targets if "." in t.name}
     joint = coverage.with_truth(found, runs, {run.name: given | truth(run) for run in plan.runs}).joint

@@ -49,15 +49,15 @@ from fit.results.results import Fit, Results
 from fit.settings import settings
 from fit.telemetry.reader import read_all
 from lpfcosim.campaign import Campaign, loading, montecarlo
-from lpfcosim.cli.montecarlo import _channels
-from lpfcosim.cli.planned import in_memory
-from lpfcosim.errors import LpfcosimError
+from lpfcosim.errors import RunError
 from lpfcosim.execution import runner
 from lpfcosim.execution.telemetry_file import truth
 from lpfcosim.linear import spectral
 from lpfcosim.modelica import build
 from lpfcosim.models import world_of
+from lpfcosim.planned_experiments import telemetry_of
 from lpfcosim.spacecraft import Run
+from lpfcosim.workflows.montecarlo_trial import channels_of_fit
 from tests import ROOT
 from tests.benchmarks.sbc import known
 
@@ -137,7 +137,7 @@ def fitted(plan: Campaign, number: int) -> Results:
     runs = []
     for run in plan.runs:
         rng = np.random.default_rng([number, plan.seed, *run.name.encode()])
-        runs.append(in_memory(run, spectral.Simulation(run, _channels(run)).record(rng)))
+        runs.append(telemetry_of(run, spectral.Simulation(run, channels_of_fit(run)).record(rng)))
     results = calibrate(runs, settings(dict(plan.fit), "missions"))
     return coverage.with_truth(results, runs, {run.name: truth(run) for run in plan.runs})
 
@@ -149,7 +149,7 @@ def trial(number: int, kind: str) -> Line:
             return rotated(number)
         plan = drawn(loading.load(CAMPAIGN), number, kind)
         found = fitted(plan, number)
-    except (CalibrationError, LpfcosimError) as error:
+    except (CalibrationError, RunError) as error:
         return {"number": number, "failed": str(error)}
     fits = {"": found.joint} | {f"{epoch}: ": fit for epoch, fit in found.cross_talk.items()}
     line: Line = {"number": number, "pulls": {}, "sigmas": {}, "withheld": [], "unsound": []}

@@ -10,6 +10,7 @@ from fit.forecasting.expected_fit import document as forecast_document
 from fit.forecasting.expected_fit import expected_fit
 from fit.settings import settings
 from lpfcosim.cli.constraints import Constraints
+from lpfcosim.workflows.calibration import constrain
 from tests.fit.forecasting.test_expected_fit import SETS, expected
 from tests.oracles.synthetic import World, pair
 
@@ -272,9 +273,9 @@ def test_options_are_the_table():
         tie=["alpha_phi_1 = alpha_phi_2"],
         prior=["C_2=0.186,0.01"],
         bound=["C_2=0.1:", "delta_ifo_1=-1e-4:1e-4"],
-        f_max=0.05,
     )
-    found = options.on(settings({"parameters": {"C_1": {"min": 0.0}, "omega2_1_0": {"vary": False}}}))
+    known = settings({"parameters": {"C_1": {"min": 0.0}, "omega2_1_0": {"vary": False}}})
+    found = constrain(known, options.tables(), f_max=0.05)
     assert found.f_max == 0.05
     assert {n: p.model_dump(exclude_defaults=True) for n, p in found.parameters.items()} == {
         "C_1": {"vary": False},
@@ -301,10 +302,10 @@ def test_options_are_the_table():
 )
 def test_options_that_cannot_be_read_are_refused(option, given, message):
     with pytest.raises(fit.InputError) as refused:
-        Constraints(**{option: [given]}).on(settings())
+        constrain(settings(), Constraints(**{option: [given]}).tables())
     assert message in str(refused.value)
 
 
 def test_one_option_for_one_thing():
     with pytest.raises(fit.InputError, match="a second vary of C_2"):
-        Constraints(fix=["C_2", "C_2=0.1"]).on(settings())
+        Constraints(fix=["C_2", "C_2=0.1"]).tables()

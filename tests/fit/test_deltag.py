@@ -19,7 +19,7 @@ from fit.errors import FitError, InputError
 from fit.results.estimates import Estimate
 from fit.results.results import Fit
 from fit.warnings import FitWarning
-from lpfcosim.cli import start as cli
+from lpfcosim import cli
 from tests.oracles.rotation_synthetic import BASELINE, World, calibration, run, write
 
 DAY = 86400.0

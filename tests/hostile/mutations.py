@@ -23,7 +23,7 @@ from fit.telemetry.sandbox import Validator, rejections
 LONGEST = 2000  # letters of a sentence
 PATIENCE = 60  # s for a case; what takes longer hangs
 
-REFUSALS = (fit.errors.CalibrationError, lpfcosim.errors.LpfcosimError)
+REFUSALS = (fit.errors.CalibrationError, lpfcosim.errors.RunError)
 
 #: What stands in the place of a value; every one of them has been the end of some program.
 TEXTS = (

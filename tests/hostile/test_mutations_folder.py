@@ -19,8 +19,8 @@ from fit.sampling import emcee_sampling
 from fit.sampling.posterior import Posterior
 from fit.telemetry import sandbox
 from fit.telemetry.writer import Writer
-from lpfcosim.cli import montecarlo as cli_montecarlo
 from lpfcosim.execution import results_folder as folders
+from lpfcosim.workflows import montecarlo
 from tests.hostile.mutations import damaged, hostile, restructured, survives
 from tests.oracles.synthetic import World, pair
 
@@ -160,8 +160,8 @@ def test_logs_of_campaigns(tmp_path, cases):
         path.write_bytes(text.encode() if n % 2 else damaged(text.encode(), rng))
 
         def read():
-            kept = cli_montecarlo._kept(path, header)
-            cli_montecarlo.coverage.summary([line["estimates"] for line in kept.values()])
+            kept = montecarlo.read_log(path, header)
+            montecarlo.coverage.summary([line["estimates"] for line in kept.values()])
 
         survives(read, path, f"log {n}")
 

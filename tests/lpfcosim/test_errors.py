@@ -1,17 +1,30 @@
-"""Errors of the input are one class for who catches them, and keep their kind."""
+"""Errors of the input are one class in both packages, and name the file that they are about."""
+
+import pickle
 
 import pytest
 
-import fit.errors
-from lpfcosim.errors import InputError, UnavailableError, ours
+import fit
+import lpfcosim
+from lpfcosim.errors import InputError, RunError, UnavailableError, as_run_error, prefix_errors
 
 
-def test_an_error_of_the_input_is_one_of_fit_as_well():
-    assert issubclass(InputError, fit.errors.InputError)
+def test_an_input_error_is_one_class_in_both_packages():
+    assert lpfcosim.InputError is fit.InputError
 
 
-def test_errors_of_this_package_pass_unchanged():
-    error = UnavailableError("no forecast")
-    with pytest.raises(UnavailableError) as caught, ours("A: "):
-        raise error
-    assert caught.value is error
+def test_errors_name_their_file_and_keep_their_kind():
+    for error in (UnavailableError("no forecast"), InputError("no forecast")):
+        with pytest.raises(type(error), match=r"^a\.toml: no forecast$"), prefix_errors("a.toml"):
+            raise error
+        with pytest.raises(type(error), match=r"^no forecast$"), prefix_errors(None):
+            raise error
+    unavailable = pickle.loads(pickle.dumps(UnavailableError("no forecast", "a.toml")))
+    assert (str(unavailable), unavailable.reason) == ("a.toml: no forecast", "no forecast")
+
+
+def test_what_cannot_be_written_is_a_run_that_failed():
+    with pytest.raises(RunError, match=r"^A: disk full$"), as_run_error("A: "):
+        raise fit.FitError("disk full")
+    with pytest.raises(InputError), as_run_error("A: "):
+        raise InputError("a link")

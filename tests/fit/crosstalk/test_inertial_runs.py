@@ -12,7 +12,7 @@ from fit.crosstalk.euler_fit import fit_period, takes_part
 from fit.errors import InputError
 from fit.pipeline import calibrate, calibrate_inertial
 from fit.telemetry.reader import read_all
-from lpfcosim.cli import start as cli
+from lpfcosim import cli
 from tests.fit.crosstalk.euler import DAY, LOW_NOISE, as_quaternion, codes, fitted, lacking, pulls
 from tests.oracles import synthetic
 from tests.oracles.rotation_synthetic import Plane, World, calibration, run, write

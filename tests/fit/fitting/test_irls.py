@@ -23,7 +23,7 @@ from fit.spectra.noise_psd import NoiseModel
 from fit.whitening import weights, whitened_run
 from lpfcosim.campaign import loading
 from lpfcosim.campaign.montecarlo import numbered
-from lpfcosim.cli import montecarlo
+from lpfcosim.workflows.montecarlo_trial import SpectralSimulator
 from tests import ROOT
 from tests.oracles import thirteen
 from tests.oracles.closed_loop import Drive
@@ -242,7 +242,8 @@ def test_noise_that_creeps_comes_to_rest(monkeypatch):
     # plainly stops 0.018 sigma before it.
     campaign = replace(loading.load(ROOT / "campaigns" / "mission-x.toml"), seed=777)
     of_G3 = [r for r in numbered(campaign, 928, redraw=True).runs if r.experiment == "G3"]
-    runs = [montecarlo._drawn(r, np.random.default_rng([928, r.seed, *r.name.encode()])) for r in of_G3]
+    simulator = SpectralSimulator()
+    runs = [simulator.draw(r, np.random.default_rng([928, r.seed, *r.name.encode()])) for r in of_G3]
     accelerated = fit_one(runs)
     monkeypatch.setattr(weighings, "LATE", 10**6)
     monkeypatch.setattr(irls, "TOLERANCE", 1e-5)

@@ -11,12 +11,12 @@ from fit.errors import InputError
 from fit.forecasting.expected_euler_fit import expected_periods
 from fit.settings import settings
 from lpfcosim.campaign import loading
-from lpfcosim.cli import montecarlo
-from lpfcosim.cli.planned import in_memory, turning
 from lpfcosim.linear import spectral
 from lpfcosim.models import whole_plant
+from lpfcosim.planned_experiments import planned_noise_runs, telemetry_of
 from lpfcosim.signals import decimation
 from lpfcosim.spacecraft import Noise
+from lpfcosim.workflows.montecarlo_trial import SpectralSimulator
 from tests import ROOT
 from tests.oracles.rotation_synthetic import calibration
 
@@ -34,7 +34,7 @@ def plan():
 
 
 def expected_fits(*runs):
-    return expected_periods(turning(runs), calibration().joint)
+    return expected_periods(planned_noise_runs(runs), calibration().joint)
 
 
 def sigmas(fit):
@@ -61,7 +61,7 @@ def test_agrees_with_a_fit_of_the_reference_plant(plan):
     channels = whole_plant.simulate(run)
     low_pass = decimation.taps(10)
     filtered = {name: np.convolve(channels[name], low_pass, "valid")[::10] for name in CHANNELS}
-    fit = fit_period([in_memory(run, filtered)], calibration().joint)
+    fit = fit_period([telemetry_of(run, filtered)], calibration().joint)
     # the spacecraft turns by noise of few bins, and by how much happens
     assert sigmas(expected_fits(run)["3"]) == pytest.approx(sigmas(fit), rel=0.2)
 
@@ -71,7 +71,9 @@ def test_loud_torques_widen_as_they_do_in_fits(plan):
     run = next(run for run in plan.runs if run.experiment == "P3a")
     noisy = replace(run, noise=replace(run.noise, torque=8e-12))
     drawn, joint = spectral.Simulation(noisy, CHANNELS), calibration().joint
-    fits = [fit_period([in_memory(noisy, drawn.record(np.random.default_rng(i)))], joint) for i in range(4)]
+    fits = [
+        fit_period([telemetry_of(noisy, drawn.record(np.random.default_rng(i)))], joint) for i in range(4)
+    ]
     nominal, expected = sigmas(expected_fits(run)["3"]), sigmas(expected_fits(noisy)["3"])
     for name, sigma in expected.items():
         assert sigma == pytest.approx(np.mean([sigmas(fit)[name] for fit in fits]), rel=0.08)
@@ -81,7 +83,8 @@ def test_loud_torques_widen_as_they_do_in_fits(plan):
 @pytest.mark.slow
 def test_monte_carlo_fits_have_these_sigmas(plan):
     run, joint = next(run for run in plan.runs if run.experiment == "P3a"), calibration().joint
-    fits = [fit_period([montecarlo._drawn(run, np.random.default_rng(i))], joint) for i in range(3)]
+    simulator = SpectralSimulator()
+    fits = [fit_period([simulator.draw(run, np.random.default_rng(i))], joint) for i in range(3)]
     for name, sigma in sigmas(expected_fits(run)["3"]).items():
         assert sigma == pytest.approx(np.mean([sigmas(fit)[name] for fit in fits]), rel=0.08)
     for fit in fits:  # the steady turn is there too
@@ -91,7 +94,7 @@ def test_monte_carlo_fits_have_these_sigmas(plan):
 
 def test_angles_obey_the_settings(plan):
     run = next(run for run in plan.runs if run.experiment == "P3a")
-    noise_runs, joint = turning([run]), calibration().joint
+    noise_runs, joint = planned_noise_runs([run]), calibration().joint
     unconstrained = expected_periods(noise_runs, joint)["3"]
     value, sigma = unconstrained["delta_phi"].value, unconstrained["delta_phi"].sigma
     fixed = settings({"parameters": {"delta_phi_3": {"vary": False, "value": value}}})

@@ -19,9 +19,9 @@ from fit.settings import settings
 from fit.whitening import Experiment, likelihoods
 from fit.whitening.run import Run
 from lpfcosim.campaign import loading
-from lpfcosim.cli.planned import planned
 from lpfcosim.linear import planning
 from lpfcosim.models import along_x_plant, whole_loops, whole_plant, world_of
+from lpfcosim.planned_experiments import planned_experiments
 from lpfcosim.spacecraft.run import Authority, HalfCosine, Noise, Sine
 from lpfcosim.spacecraft.spacecraft import Spacecraft
 from tests import ROOT
@@ -119,7 +119,7 @@ def test_a_single_tone_or_none_determines_as_little_as_in_the_fit(tones):
 
 @pytest.fixture(scope="module")
 def mission():
-    return planned(loading.load(CAMPAIGNS / "mission-x.toml"))
+    return planned_experiments(loading.load(CAMPAIGNS / "mission-x.toml"))
 
 
 def test_regressors_without_noise_determine_delta_ifo_worse(mission):
@@ -161,7 +161,7 @@ def test_regressors_without_noise_determine_delta_ifo_worse(mission):
 def test_agrees_with_a_fit_of_the_reference_plant(quickstart):
     plan = loading.load(quickstart)
     runs = [recorded(run, along_x_plant.simulate(run)) for run in plan.runs]
-    fitted, forecasted = calibrate(runs).joint, forecast(planned(plan))
+    fitted, forecasted = calibrate(runs).joint, forecast(planned_experiments(plan))
     assert sigmas(forecasted) == pytest.approx(sigmas(fitted), rel=0.1)
     undetermined = [w.parameters for w in fitted.warnings if w.code == "indeterminable"]
     assert [w.parameters for w in forecasted.warnings] == undetermined
@@ -171,7 +171,7 @@ def test_agrees_with_a_fit_of_the_reference_plant(quickstart):
 def test_agrees_with_a_fit_of_the_whole_spacecraft():
     plan = loading.load(CAMPAIGNS / "spacecraft.toml")
     fitted = calibrate([recorded(run, whole_plant.simulate(run)) for run in plan.runs]).joint
-    forecasted = sigmas(forecast(planned(plan)))
+    forecasted = sigmas(forecast(planned_experiments(plan)))
     for name, sigma in sigmas(fitted).items():
         # the noise PSDs at the lowest frequencies make that of a stiffness scatter by 8 % from fit to fit
         scatters = name.startswith(("omega2", "alpha"))
@@ -272,9 +272,9 @@ def test_it_ends_where_it_would_wherever_it_starts(quickstart):
 
         return replace(p, make=make)
 
-    from_truth = forecast([counted(p) for p in planned(plan)])
+    from_truth = forecast([counted(p) for p in planned_experiments(plan)])
     assert len(calls) == len(plan.experiments)  # a campaign of hundreds has no time for more
-    from_flight = forecast([replace(p, truth={}) for p in planned(plan)])
+    from_flight = forecast([replace(p, truth={}) for p in planned_experiments(plan)])
     assert sigmas(from_truth) == pytest.approx(sigmas(from_flight), rel=2e-3)
     for name, value in {"lambda_2": 1.13, "delta_ifo_2": -4e-5}.items():
         assert from_truth[name].value == pytest.approx(value, abs=0.2 * from_truth[name].sigma)
@@ -282,7 +282,7 @@ def test_it_ends_where_it_would_wherever_it_starts(quickstart):
 
 
 def test_hardly_anything_is_kept_of_a_run(quickstart):
-    experiment = planned(loading.load(quickstart))[0].make()
+    experiment = planned_experiments(loading.load(quickstart))[0].make()
     emptied = experiment.sysid.without_samples()
     arrays = [
         emptied.telemetry.time,
@@ -298,7 +298,7 @@ def test_hardly_anything_is_kept_of_a_run(quickstart):
 
 
 def test_short_and_excluded_runs_stay_out(quickstart):
-    plan = planned(loading.load(quickstart))
+    plan = planned_experiments(loading.load(quickstart))
     all_but_b = forecast(plan, settings({"exclude": ["B"]}))
     assert sigmas(all_but_b)["delta_ifo_1"] > 1.2 * sigmas(forecast(plan))["delta_ifo_1"]
     short = expected(World(), SETS[:1], duration=7200.0)

@@ -11,7 +11,7 @@ from fit.parameters import joint_parameter
 from fit.settings import settings
 from fit.whitening.whitened_run import Solution
 from lpfcosim.campaign import loading
-from lpfcosim.cli.planned import planned
+from lpfcosim.planned_experiments import planned_experiments
 from tests import ROOT
 
 N = 10.4e-12  # N m, the same in all runs
@@ -56,7 +56,7 @@ def test_weak_priors_are_no_knowledge(outcome):
 def test_a_sweep_of_one_authority_knows_the_stiffness_at_each():
     plan = loading.load(ROOT / "campaigns" / "sweep.toml")
     plan = replace(plan, experiments=plan.experiments[::3])
-    joint = expected_fit.expected_fit(planned(plan), settings())
+    joint = expected_fit.expected_fit(planned_experiments(plan), settings())
     assert {"omega2_2_0", "alpha_phi_2", "omega2_1_0", "alpha_phi_1"} <= set(joint.undetermined)
     truth = plan.truth
     stiffness = {(s.j, s.F_max): s for s in joint.stiffness}

@@ -89,7 +89,7 @@ def refusals(lpfcosim, tmp_path, path):
         said.add(sentence(err).removeprefix(f"{path}: "))
     with pytest.raises(package.InputError) as refusal:
         package.simulate(path, tmp_path / "out", trusted=True)
-    said.add(str(refusal.value))
+    said.add(str(refusal.value).removeprefix(f"{path}: "))
     assert sorted(tmp_path.rglob("*")) == before
     return said
 

@@ -9,10 +9,10 @@ import pytest
 
 from fit.settings import settings
 from lpfcosim.campaign import loading
-from lpfcosim.cli import check as cli_check
 from lpfcosim.cli import new as cli_new
 from lpfcosim.cli import schema as cli_schema
 from lpfcosim.modelica import build
+from lpfcosim.workflows import check as workflow
 from tests.campaign_text import ONE_EXPERIMENT
 
 HEAD = 'schema = "lpf-campaign/1"\nname = "one"\nseed = 1\n'
@@ -173,13 +173,13 @@ MEASURED = {"quickstart": 3.3, "mission-x": 8.5, "inertial": 25.0, "mission": 70
 @pytest.mark.parametrize("name", MEASURED)
 def test_the_time_that_a_run_will_take_is_about_what_it_takes(quickstart, name):
     plan = loading.load(quickstart.with_name(f"{name}.toml"))
-    assert cli_check.wall_time(plan, 2) == pytest.approx(MEASURED[name], rel=0.3)
+    assert workflow.wall_time(plan, 2) == pytest.approx(MEASURED[name], rel=0.3)
 
 
 def test_longest_run_is_not_divided(quickstart):
     plan = loading.load(quickstart.with_name("mission.toml"))
     longest = max(run.n_samples for run in plan.runs) * 2e-6
-    one, two, many, more = (cli_check.wall_time(plan, n) for n in (1, 2, 1000, 10000))
+    one, two, many, more = (workflow.wall_time(plan, n) for n in (1, 2, 1000, 10000))
     assert one > two > many > longest
     assert many == more
 

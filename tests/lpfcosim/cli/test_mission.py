@@ -8,9 +8,9 @@ import pytest
 from fit.parameters import FLIGHT, joint_names
 from fit.pipeline import calibrate
 from lpfcosim.campaign import loading, montecarlo
-from lpfcosim.cli.planned import in_memory
 from lpfcosim.execution.telemetry_file import truth
 from lpfcosim.linear import planning, spectral
+from lpfcosim.planned_experiments import telemetry_of
 from lpfcosim.spacecraft.run import Noise
 from tests import ROOT
 
@@ -92,7 +92,7 @@ def test_approximations_bias_nothing(plan, redraw):
             drawn = spectral.Simulation(run, CHANNELS).record(rng)
         else:
             drawn = planning.response(replace(run, noise=Noise()))
-        telemetries.append(in_memory(run, {name: drawn[name] for name in CHANNELS}))
+        telemetries.append(telemetry_of(run, {name: drawn[name] for name in CHANNELS}))
     joint = calibrate(telemetries).joint
     assert list(joint.parameters) == list(joint_names([1, 2, 3, 4]))
     true = {name: truth(plan.runs[0])[name] for name in joint.parameters}

@@ -21,7 +21,8 @@ from fit.results.provenance import Provenance
 from fit.results.results import Fit, Results
 from fit.settings import settings
 from lpfcosim.campaign import loading, montecarlo
-from lpfcosim.cli import montecarlo as cli_montecarlo
+from lpfcosim.workflows import montecarlo as workflow
+from lpfcosim.workflows.montecarlo_trial import MonteCarloTask
 from tests.campaign_text import ONE_EXPERIMENT
 
 HEAD = 'schema = "lpf-campaign/1"\nname = "small"\nseed = 3\n'
@@ -180,8 +181,8 @@ def test_bad_input_is_one_sentence(small, lpfcosim, arguments, told):
 
 def test_a_command_at_its_limit_is_no_campaign_that_counts(small):
     small.write_text(SMALL.replace('"2200 pN"', '"0.5 pN"'), encoding="utf-8")
-    work = cli_montecarlo.Work(loading.load(small), settings(), redraw=False)
-    assert "f_x_2 reaches its limit" in cli_montecarlo.trial(work, 1, {})["failed"]
+    task = MonteCarloTask(loading.load(small), settings(), redraw=False)
+    assert "f_x_2 reaches its limit" in task.run(1, {})["failed"]
 
 
 def test_pulls_that_chance_explains_are_valid_and_others_are_not():
@@ -214,7 +215,7 @@ def test_montecarlo_ends_with_its_verdict(small, lpfcosim, monkeypatch):
     def drawn(mean):
         rng = np.random.default_rng(3)
         lines = [{"number": k, "estimates": {"C_2": (mean + rng.standard_normal(), 1.0)}} for k in range(40)]
-        monkeypatch.setattr(cli_montecarlo, "_done", lambda *_: (line for line in lines))
+        monkeypatch.setattr(workflow, "_outcomes", lambda *_: (line for line in lines))
         return "montecarlo", small, "-n", 40, "--out", f"o{mean}"
 
     status, out, err = lpfcosim(*drawn(0.0))

@@ -15,8 +15,8 @@ from tests import ROOT
 def mine(tmp_path, monkeypatch):
     """A campaign that extends another, a file and a folder; nothing may be forecast or built."""
     monkeypatch.setattr(build, "build", None)
-    monkeypatch.setattr("lpfcosim.cli.forecast.planned", None)
-    monkeypatch.setattr("lpfcosim.cli.design.planned", None)
+    monkeypatch.setattr("lpfcosim.workflows.forecast.planned_experiments", None)
+    monkeypatch.setattr("lpfcosim.experiment_design.fit_model.planned_experiments", None)
     base = (ROOT / "campaigns" / "quickstart.toml").read_text(encoding="utf-8")
     (tmp_path / "base.toml").write_text(base, encoding="utf-8")
     (tmp_path / "mine.toml").write_text('extends = "base.toml"\nname = "mine"\n', encoding="utf-8")

@@ -1,0 +1,131 @@
+"""An experiment ready for its design: what each tone into each loop tells, and what it costs."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fit.forecasting import fisher
+from lpfcosim.experiment_design.limits import QUANTITIES, Limit
+from lpfcosim.linear import planning
+from lpfcosim.models import System, world_of
+from lpfcosim.spacecraft import Run, Target
+
+Array = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+
+SLOW = 5e-3  # Hz, up to which the suspension is driven through its guidance, above as a force
+LOWEST = 8.0  # cycles in a run, at least; slower tones are too near to the drifts that a fit takes out
+HIGHEST = 0.095  # Hz, below the end of the fitted band
+_ENTERS = {"F_x_1": "f_x_1"}  # where an injection enters the system, if not under its own name
+
+
+@dataclass(frozen=True)
+class Stage:
+    """One experiment.
+
+    Attributes
+    ----------
+    run : Run
+        With nothing injected but what is no tone.
+    sight : fisher.ExperimentInformation
+        What it tells.
+    limits : tuple of Limit
+        What it must not exceed.
+    scale : ndarray, shape (P,)
+        Of the parameters: all information is in units of its inverse squares.
+    """
+
+    run: Run
+    sight: fisher.ExperimentInformation
+    limits: tuple[Limit, ...]
+    scale: Array
+
+    @cached_property
+    def system(self) -> System:
+        """Its closed loop."""
+        return world_of(self.run).system(self.run)
+
+    @cached_property
+    def bounds(self) -> tuple[Limit, ...]:
+        """Limits above nothing; a quantity that may not move at all closes the loop that moves it."""
+        return tuple(limit for limit in self.limits if not limit.of_nothing)
+
+    @cached_property
+    def loops(self) -> tuple[str, ...]:
+        """Loops that tones may go into, by the read-out or force they move."""
+        closed = {limit.quantity for limit in self.limits if limit.of_nothing}
+        first = ("F_x_1",) if self.run.authority.F_max_1 > 0 and self._named("F_x_1") else ()
+        return tuple(loop for loop in ("o_1", "o_12", *first) if loop not in closed)
+
+    def _named(self, quantity: str) -> bool:
+        return any(limit.quantity == quantity for limit in self.bounds)
+
+    def target(self, loop: str, frequency: float) -> Target:
+        """Return what a tone of this frequency is injected into to move a loop."""
+        if loop == "o_1":
+            return "guidance_o_1"
+        if loop == "F_x_1":
+            return "F_x_1"
+        return "guidance_o_12" if frequency <= SLOW else "F_x_2"
+
+    def gains(self, frequency: Array) -> Complex:
+        """Return the responses of the channels of the system to a unit tone in each loop, shape (n, S, L)."""
+        H = planning.transfer(self.system, self.run.h, frequency)
+        of_loop = []
+        for loop in self.loops:
+            targets = [self.target(loop, float(f)) for f in frequency]
+            columns = [self.system.inputs.index(_ENTERS.get(t, t)) for t in targets]
+            scale = np.array([1 / self.run.m_tm if t == "F_x_1" else 1.0 for t in targets])
+            of_loop.append(H[np.arange(frequency.size), :, columns] * scale[:, None])
+        return np.stack(of_loop, axis=2)
+
+    def responses(self, frequency: Array) -> tuple[Complex, Complex]:
+        """Return what unit tones tell and what they cost.
+
+        Parameters
+        ----------
+        frequency : ndarray, shape (n,)
+            Hz.
+
+        Returns
+        -------
+        told : ndarray of complex, shape (n, P, L)
+            A tone of amplitude u tells ``Re[(D u)^* (D u)^T]`` for every second that it is worth.
+        cost : ndarray of complex, shape (n, limits, L)
+            Amplitude of each limited quantity, in units of its limit.
+        """
+        G = self.gains(frequency)
+        rows = [self.system.channels.index(name) for name in self.sight.channels]
+        D = np.einsum("npc,ncl->npl", self.sight.sensitivity(frequency), G[:, rows], optimize=True)
+        cost = []
+        for limit in self.bounds:
+            channel, unit = QUANTITIES[limit.quantity]
+            row = G[:, self.system.channels.index(channel)] / limit.value
+            row = row * self.run.m_tm if unit == "N" and channel != "F_x_sc" else row
+            cost.append(row * 2j * np.pi * frequency[:, None] if limit.kind == "slew" else row)
+        return D * self.scale[:, None], np.stack(cost, axis=1)
+
+    @cached_property
+    def known(self) -> Array:
+        """Information without tones, scaled, shape (P, P)."""
+        return self.scale[:, None] * self.sight.information * self.scale
+
+    def frequencies(self, count: int, forbidden: Sequence[tuple[float, float]]) -> Array:
+        """Return frequencies from the lowest to the highest that a tone may have, log-spaced [Hz]."""
+        f = np.geomspace(LOWEST / self.sight.duration, HIGHEST, count)
+        return np.asarray(f[~_inside(f, forbidden)])
+
+    def allowed(self, frequency: Array, forbidden: Sequence[tuple[float, float]]) -> NDArray[np.bool_]:
+        """Tell which frequencies a tone may have."""
+        reach = (frequency >= LOWEST / self.sight.duration) & (frequency <= HIGHEST)
+        return np.asarray(reach & ~_inside(frequency, forbidden))
+
+
+def _inside(frequency: Array, bands: Sequence[tuple[float, float]]) -> NDArray[np.bool_]:
+    found = np.zeros(frequency.size, dtype=bool)
+    for low, high in bands:
+        found |= (frequency >= low) & (frequency <= high)
+    return found

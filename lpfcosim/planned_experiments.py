@@ -1,0 +1,95 @@
+"""The runs of a campaign as `fit.forecasting` expects them: responses and spectra of the closed loop."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import fields
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fit.forecasting import PlannedExperiment, PlannedNoiseRun
+from fit.model import rotation
+from fit.telemetry import Telemetry
+from fit.whitening import Experiment
+from fit.whitening import Run as FitRun
+from lpfcosim.campaign import Campaign
+from lpfcosim.execution import telemetry_file
+from lpfcosim.linear import planning, stability
+from lpfcosim.models import world_of
+from lpfcosim.spacecraft import Run
+
+Array = NDArray[np.float64]
+
+
+def planned_experiments(campaign: Campaign) -> list[PlannedExperiment]:
+    """Return the sysid runs of a campaign, noise-free, with the cross-spectra of their noise.
+
+    Raises
+    ------
+    InputError
+        If a loop is unstable.
+    """
+    with_noise_run = {run.experiment for run in campaign.runs if run.kind == "noise"}
+    sysid_runs = [run for run in campaign.runs if run.kind == "sysid"]
+    stability.check(*sysid_runs)
+    return [
+        PlannedExperiment(
+            partial(_noise_free, run, has_noise_run=run.experiment in with_noise_run),
+            partial(planning.cross_spectra, run),
+            telemetry_file.truth(run),
+        )
+        for run in sysid_runs
+    ]
+
+
+def planned_noise_runs(runs: Sequence[Run]) -> list[PlannedNoiseRun]:
+    """Return the noise runs of the whole spacecraft, which the inertial calibration may use.
+
+    Raises
+    ------
+    InputError
+        If a loop is unstable.
+    """
+    rotating = [run for run in runs if run.kind == "noise" and world_of(run).turns(run)]
+    stability.check(*rotating)
+    return [_planned_noise_run(run) for run in rotating]
+
+
+def _planned_noise_run(run: Run) -> PlannedNoiseRun:
+    zeros = np.broadcast_to(0.0, round(run.n_samples / run.fs * planning.RATE))
+    rates = world_of(run).turns(run)
+    phi, eta = (rates.get(f"attitude_{axis}", 0.0) for axis in rotation.AXES)
+    channels = dict.fromkeys(world_of(run).record, zeros)
+    return PlannedNoiseRun(telemetry_of(run, channels), partial(planning.cross_spectra, run), (phi, eta))
+
+
+def _noise_free(run: Run, *, has_noise_run: bool) -> Experiment:
+    response = FitRun(telemetry_of(run, planning.response(run)))
+    return Experiment(response, response if has_noise_run else None)
+
+
+def telemetry_of(run: Run, channels: Mapping[str, Array]) -> Telemetry:
+    """Return the telemetry of a run in memory.
+
+    Parameters
+    ----------
+    run : Run
+        Gives the attributes of the telemetry.
+    channels : mapping of str to ndarray, shape (n,)
+        At 1 Hz.
+    """
+    attributes = telemetry_file.attributes(run)
+    known = {f.name: attributes[f.name] for f in fields(Telemetry) if f.name in attributes}
+    n = channels["o_1"].size
+    values: Any = {
+        **known,
+        "path": Path(run.name),
+        "fs": planning.RATE,
+        "time": np.arange(n) / planning.RATE,
+        "channels": channels,
+        "units": {},
+        "attributes": {name: value for name, value in attributes.items() if name not in (*known, "schema")},
+    }
+    return Telemetry(**values)

@@ -1,0 +1,19 @@
+"""What a script calls and a command prints: campaigns simulated, fitted, forecast, designed.
+
+Each workflow is a module with a function of the same name; `lpfcosim` hands on the functions and their
+results.
+"""
+
+__all__ = [
+    "calibration",
+    "check",
+    "design",
+    "fmus",
+    "forecast",
+    "identify",
+    "margins",
+    "montecarlo",
+    "progress",
+    "run",
+    "simulate",
+]

@@ -1,0 +1,187 @@
+"""Telemetry calibrated into a folder: ``results.json`` and ``report.html``, with the provenance of both."""
+
+import os
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+
+from fit import api
+from fit.errors import FitError
+from fit.report import page
+from fit.results import Fit, Results, load, sound_joint, telemetry_files, write
+from fit.settings import Settings, settings
+from fit.tables import Table, estimates
+from fit.telemetry import Telemetry, archive_conversion, read_all
+from lpfcosim.execution import checksums, results_folder
+from lpfcosim.workflows.progress import Progress
+from lpfcosim.workflows.result import WorkflowResult
+
+VERSIONS = ("lpfcosim", "numpy", "scipy", "lmfit", "fmpy")  # on which results depend
+
+
+@dataclass(frozen=True, repr=False)
+class Calibration(WorkflowResult):
+    """The results of a fit and the files that hold them.
+
+    Attributes
+    ----------
+    results : Results
+        Of all sections.
+    path : Path
+        Their file, of schema ``lpf-results/1``.
+    report : Path
+        ``report.html`` in the same folder.
+    """
+
+    results: Results
+    path: Path
+    report: Path
+
+    def table(self) -> Table:
+        """Return the estimates of the joint fit or of the experiments, and of the inertial periods."""
+        return estimates(main_fits(self.results))
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """The messages of all warnings, once each."""
+        fits = main_fits(self.results).values()
+        return tuple(dict.fromkeys(w.message for fit in fits for w in fit.warnings))
+
+    def to_json(self) -> str:
+        """Return the content of the file of results."""
+        return self.path.read_text(encoding="utf-8")
+
+    def document(self) -> dict[str, Any]:
+        """Return the estimates by section, as `records` has them."""
+        return {"parameters": self.records()}
+
+    def records(self) -> list[dict[str, Any]]:
+        """Return a row for each parameter."""
+        return [
+            {
+                "parameter": f"{name}{suffix}",
+                "value": estimate.value,
+                "sigma": estimate.sigma,
+                "unit": estimate.unit,
+                "truth": estimate.truth,
+                "pull": estimate.pull,
+            }
+            for suffix, fit in main_fits(self.results).items()
+            for name, estimate in fit.parameters.items()
+        ]
+
+    def check_sound(self) -> None:
+        """Raise FitError if sigmas do not hold."""
+        for place, warning in self.results.unsound:
+            raise FitError(f"{self.path}: {place}: {warning.message}")
+
+
+def main_fits(results: Results) -> dict[str, Fit]:
+    """Return the joint fit, or that of the only experiment, or those of all, and those of inertial periods.
+
+    They are returned by the suffix that the names of their parameters get.
+    """
+    experiments = {f" ({name})": fit for name, fit in results.experiments.items()}
+    joint = next(iter(experiments.values())) if len(experiments) == 1 else results.joint
+    fits = {"": joint} if joint else experiments
+    return fits | {f" ({period})": fit for period, fit in results.inertial.items()}
+
+
+def calibrate_into(
+    directory: Path,
+    paths: Sequence[Path],
+    fit_settings: Settings,
+    progress: Progress,
+    *,
+    trusted_files: bool = False,
+    calibration: Path | None = None,
+    provenance: Mapping[str, str | int | float] | None = None,
+    check_telemetry: Callable[[Sequence[Telemetry]], None] = lambda _: None,
+    amend: Callable[[Results], Results] = lambda results: results,
+) -> Calibration:
+    """Fit telemetry, and write results and report to a folder.
+
+    Parameters
+    ----------
+    directory : Path
+        The folder.
+    paths : sequence of Path
+        Telemetry files.
+    fit_settings : Settings
+        Of the fit.
+    progress : Progress
+        Its callbacks.
+    trusted_files : bool
+        Whether the files were written here, and need not be read by another process first.
+    calibration : Path, optional
+        A file of results, from which the dynamics are taken: only the inertial forces are fitted.
+    provenance : mapping, optional
+        Of the telemetry.
+    check_telemetry : callable
+        Refuses telemetry before it is fitted.
+    amend : callable
+        Adds warnings to the results before they are written.
+    """
+    if calibration is not None:
+        dynamics = load(calibration)
+        sound_joint(dynamics, str(calibration))
+        provenance = {"calibration": str(calibration), "calibration_sha256": checksums.digest(calibration)}
+    with progress.stage("reading"):
+        telemetries = read_all(paths, trusted=trusted_files)
+    check_telemetry(telemetries)
+    with progress.stage("fit"):
+        if calibration is not None:
+            results = api.calibrate_inertial(telemetries, dynamics, parameters=fit_settings.parameters)
+        else:
+            results = api.calibrate(telemetries, **fit_settings.record())
+    details = replace(
+        results.provenance,
+        extra={**results.provenance.extra, **(provenance or {})},
+        versions={name: metadata.version(name) for name in VERSIONS},
+        telemetry=[os.path.relpath(t.path, directory) for t in telemetries],
+    )
+    results = amend(replace(results, provenance=details))
+    with results_folder.lock(directory, "--out"):
+        write(results, directory / "results.json")
+        with progress.stage("report"):
+            report = page.write_report(directory, results, telemetries)
+    return Calibration(results, directory / "results.json", report)
+
+
+def constrain(
+    fit_settings: Settings, parameters: Mapping[str, Mapping[str, object]], f_max: float | None = None
+) -> Settings:
+    """Return settings with other constraints of parameters, in the place of those they have.
+
+    Parameters
+    ----------
+    fit_settings : Settings
+        Of the fit.
+    parameters : mapping
+        By parameter, as in the table ``[fit.parameters]``.
+    f_max : float, optional
+        End of the fitted band [Hz].
+
+    Raises
+    ------
+    InputError
+        If a constraint is not possible.
+    """
+    table = fit_settings.record()
+    known = {name: p.model_dump(exclude_defaults=True) for name, p in fit_settings.parameters.items()}
+    table["parameters"] = {**known, **parameters}
+    if f_max is not None:
+        table["f_max"] = f_max
+    return settings(table, "options")
+
+
+def find_telemetry(
+    paths: Sequence[Path], directory: Path, progress: Progress, *, any_gaps: bool = False
+) -> list[Path]:
+    """Return the telemetry files that paths mean; what maps describe is converted into `directory` first."""
+    if any(map(archive_conversion.is_map, paths)):
+        with progress.stage("conversion"):
+            paths = archive_conversion.convert(paths, directory / "telemetry", any_gaps=any_gaps)
+    return telemetry_files(paths)

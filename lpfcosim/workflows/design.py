@@ -1,0 +1,275 @@
+"""The best injections of a campaign within limits, checked through the FMUs, as a campaign to run."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from fit.files import atomic
+from fit.parallel import update_progress
+from fit.settings import settings
+from fit.tables import Table
+from lpfcosim.campaign import Campaign, loading, names
+from lpfcosim.errors import InputError, RunError, prefix_errors
+from lpfcosim.execution import validation
+from lpfcosim.experiment_design import (
+    Design,
+    FitModel,
+    Robustness,
+    Told,
+    robustness,
+    telling,
+    text,
+)
+from lpfcosim.experiment_design import design as find_design
+from lpfcosim.workflows.campaigns import CampaignLike, PathLike, as_path, is_described_by_file, resolve
+from lpfcosim.workflows.design_check import TOLERANCE, LimitRatios, verify_in_time_domain
+from lpfcosim.workflows.progress import LOG, Progress
+from lpfcosim.workflows.result import WorkflowResult
+
+SCHEMA = "lpf-design/1"
+HEAD = ("parameter", "sigma", "designed", "ratio", "ratio at best, alone")
+HOUR = 3600.0
+MIN_BOUND_RATIO = 0.98  # of the bound, below which a forecast proves a mistake; both are right to 1 %
+GRID = (4e-4, 0.095, 300)  # Hz, from, to, and number of frequencies of the figure
+
+
+@dataclass(frozen=True, repr=False)
+class CampaignDesign(WorkflowResult):
+    """A designed campaign.
+
+    Attributes
+    ----------
+    design : Design
+        Tones, sigmas before and after, and the bound.
+    path : Path
+        The file of the campaign.
+    limits_reached : mapping
+        By experiment and limit, what its runs reach through the FMUs, in units of the limit.
+    robustness : Robustness or None
+        With other truths and noise; None if the search was interrupted.
+    dropped : tuple of str
+        Experiments that are not needed.
+    """
+
+    design: Design
+    path: Path
+    limits_reached: LimitRatios
+    robustness: Robustness | None
+    dropped: tuple[str, ...]
+
+    def records(self) -> list[dict[str, Any]]:
+        """Return a row for each parameter, NaN where there is no number."""
+        nan, found = float("nan"), self.design
+        rows = [
+            (name, found.problem.before[name], found.after.get(name, nan), found.alone.get(name, nan))
+            for name in found.problem.wanted
+        ]
+        if found.angles:
+            rows += [
+                (name, found.angles.before[name], found.angles.after[name], nan)
+                for name in found.angles.wanted
+            ]
+        columns = ("parameter", "sigma_before", "sigma_after", "sigma_bound")
+        return [dict(zip(columns, row, strict=True)) for row in rows]
+
+    def table(self) -> Table:
+        """Return the sigmas before and after."""
+
+        def optional(number: float, form: str) -> str:
+            return format(number, form) if number == number else ""
+
+        rows = [
+            (
+                record["parameter"],
+                f"{record['sigma_before']:.2g}",
+                optional(record["sigma_after"], ".2g"),
+                optional(record["sigma_after"] / record["sigma_before"], ".3f"),
+                optional(record["sigma_bound"] / record["sigma_before"], ".3f"),
+            )
+            for record in self.records()
+        ]
+        return Table(HEAD, tuple(rows))
+
+    def document(self) -> dict[str, Any]:
+        """Return the content of `to_json`, schema ``lpf-design/1``."""
+        found, robust = self.design, self.robustness
+        before = found.problem.before
+        return {
+            "schema": SCHEMA,
+            "parameters": {
+                name: {
+                    "sigma_before": before[name],
+                    "sigma_after": found.after.get(name),
+                    "sigma_bound": found.alone.get(name),
+                }
+                for name in found.problem.wanted
+            },
+            "objective": {
+                "value": found.value,
+                "bound": found.optimum.bound,
+                "gap": found.optimum.gap,
+            },
+            "limits": {
+                stage.run.experiment: {
+                    limit.name: {
+                        "limit": limit.value,
+                        "reached": self.limits_reached[stage.run.experiment][limit.name],
+                    }
+                    for limit in stage.bounds
+                }
+                for stage in found.problem.stages
+            },
+            "robustness": robust
+            and {"loss": robust.loss, "reached": robust.reached, "corners": robust.draws},
+            "efficiency": found.efficiency,
+            "complete": found.complete,
+            "hours": found.hours / HOUR,
+            "hours_bound": None if found.fewest is None else found.fewest / HOUR,
+            "inertial": self._inertial_document(),
+        }
+
+    def _inertial_document(self) -> dict[str, Any] | None:
+        angles = self.design.angles
+        if angles is None:
+            return None
+        hours_before, hours_after = (seconds / HOUR for seconds in angles.hours)
+        parameters = {
+            name: {
+                "sigma_before": angles.before[name],
+                "sigma_wanted": wanted,
+                "sigma_after": angles.after[name],
+            }
+            for name, wanted in angles.wanted.items()
+        }
+        return {"parameters": parameters, "hours_before": hours_before, "hours_after": hours_after}
+
+    def summary(self) -> Iterator[str]:
+        """Yield sentences about objective, bound and hours."""
+        found = self.design
+        if not found.complete:
+            yield "interrupted: these are the best tones found so far"
+        kind = "largest ratio" if found.problem.objective.worst else "geometric mean of the ratios"
+        yield f"{kind}: {found.value:.4f}; bound at the limits on rms: {found.optimum.bound:.4f}"
+        if found.fewest is not None:
+            yield (
+                f"{found.hours / HOUR:.2f} h with tones; no design of the same experiments does with less "
+                f"than {found.fewest / HOUR:.2f} h"
+            )
+        if found.angles:
+            before, after = (seconds / HOUR for seconds in found.angles.hours)
+            yield f"{after:.1f} h of noise instead of {before:.1f} h for {', '.join(found.angles.wanted)}"
+
+    def check_valid(self) -> None:
+        """Check the design against the campaign, its bound and its limits.
+
+        Raises
+        ------
+        RunError
+            If it does not determine what the campaign did, its forecast is below the bound, or the FMUs
+            exceed a limit.
+        """
+        found = self.design
+        if lost := [name for name in found.problem.wanted if name not in found.after]:
+            raise RunError(
+                f"{self.path}: the design does not determine {', '.join(lost)}, which the campaign did"
+            )
+        if found.complete and found.value < MIN_BOUND_RATIO * found.optimum.bound:
+            raise RunError(
+                f"{self.path}: the forecast of the design is below the bound, one of the two is wrong"
+            )
+        exceeded = [
+            f"{name}: {limit} at {ratio:.4f} of its limit"
+            for name, ratios in self.limits_reached.items()
+            for limit, ratio in ratios.items()
+            if ratio > 1 + TOLERANCE
+        ]
+        if exceeded:
+            raise RunError(f"{self.path}: the FMUs pass limits: {'; '.join(exceeded)}")
+
+    def draw(self, path: PathLike) -> None:
+        """Draw the information of tones by frequency, with the tones of the design (svg, pdf, png)."""
+        from fit.figures import tones
+        from fit.plotting import draw  # matplotlib, which nothing else needs
+
+        frequency = np.geomspace(*GRID)
+        marks = [
+            (f"{name}: {tone.injection.into}", tone.injection.frequency, tone.without)
+            for name, designed in self.design.tones.items()
+            for tone in designed
+        ]
+        draw(tones.tones(frequency, telling(self.design, frequency), marks)).save(Path(path))
+
+
+def design(
+    campaign: CampaignLike,
+    out: PathLike | None = None,
+    *,
+    jobs: int | None = None,
+    progress: Progress = LOG,
+) -> CampaignDesign:
+    """Find the best injections of a campaign within limits, and write them as a campaign.
+
+    The table ``[design]`` of the campaign sets objective and limits; without it, all that the campaign itself
+    does not exceed, run by run. The tones are checked through the FMUs. Interrupted, the best tones so far
+    are written.
+
+    Parameters
+    ----------
+    campaign : Campaign or path
+        What is redesigned.
+    out : path, optional
+        The file to write, which must end in ``.toml``; by default ``NAME-designed.toml``.
+    jobs : int, optional
+        Number of processes that step the FMUs, by default one per processor.
+    progress : Progress, optional
+        By default warnings are logged.
+
+    Raises
+    ------
+    UnavailableError
+        If the campaign has a third-party FMU in the loop.
+    InputError
+        If the campaign is wrong, has nothing to free, or asks for what cannot be reached, or the solver is
+        not installed (``lpfcosim[design]``).
+    RunError
+        If a run fails.
+    """
+    plan, source = resolve(campaign)
+    path = Path(f"{source.stem if source else plan.name}-designed.toml")
+    path = path if out is None else as_path(out, "the path of a file")
+    if path.suffix != ".toml":
+        raise InputError(f"{path}: expected a name that ends in .toml")
+    names.check_stem(path)
+    if source is None and not is_described_by_file(plan):
+        raise InputError("design: a campaign that was changed in Python, expected one as its file has it")
+    with prefix_errors(source):
+        model = FitModel(plan, settings(plan.fit, "fit"))
+        found = _search(plan, model, progress)
+    atomic.write(path, text(found, path.stem, source.name if source else plan.name))
+    loading.load(path)
+    with progress.stage("check through the FMUs"):
+        reached = verify_in_time_domain(found, jobs)
+    robust = None
+    if found.complete:
+        with progress.stage("other truths and noise"):
+            robust = robustness(found, model, update_progress)
+    experiments = {experiment.name for experiment in found.campaign.experiments}
+    dropped = tuple(e.name for e in plan.experiments if e.name not in experiments)
+    return CampaignDesign(found, path, reached, robust, dropped)
+
+
+def _search(plan: Campaign, model: FitModel, progress: Progress) -> Design:
+    """Validate a campaign, and find its best injections."""
+    validation.check_linear_model(plan, "a design is")
+    for doubt in validation.validate(plan).doubts:
+        progress.warn(doubt)
+    callbacks = Told(
+        lambda value, bound: progress.note(f"programme: {value:.4f}, no design below {bound:.4f}"),
+        lambda step, value: progress.note(f"{step}: {value:.4f}"),
+        update_progress,
+    )
+    with progress.stage("search"):
+        return find_design(plan, model, callbacks)

@@ -1,0 +1,158 @@
+"""The sigmas of the joint fit and of the inertial calibration, before anything is simulated."""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from fit.errors import shown
+from fit.files import closest_match
+from fit.forecasting import expected_euler_fit, expected_fit
+from fit.parameters import FLIGHT, misalignments
+from fit.results import FIXED, Estimate, Fit
+from fit.settings import Settings, settings
+from fit.tables import Table
+from lpfcosim.campaign import Campaign
+from lpfcosim.errors import InputError, prefix_errors
+from lpfcosim.execution import validation
+from lpfcosim.messages import grouped
+from lpfcosim.planned_experiments import planned_experiments, planned_noise_runs
+from lpfcosim.workflows.campaigns import CampaignLike, resolve
+from lpfcosim.workflows.result import WorkflowResult
+
+SCHEMA = expected_fit.SCHEMA
+HEAD = ("parameter", "unit", "sigma", "flight sigma", "ratio")
+
+
+@dataclass(frozen=True, repr=False)
+class Forecast(WorkflowResult):
+    """Expected estimates of a campaign; index it by the name of a parameter, such as ``lambda_2``.
+
+    The angles of the inertial calibration have the period at their end, such as ``delta_phi_1``.
+
+    Attributes
+    ----------
+    joint : Fit
+        The joint fit to expect; estimates are the true values of the campaign.
+    inertial : mapping of str to Fit
+        The Euler fits to expect, by inertial period.
+    warnings : tuple of str
+        Sentences about the campaign, and about what its data will not determine.
+    """
+
+    joint: Fit
+    inertial: Mapping[str, Fit]
+    warnings: tuple[str, ...]
+
+    @property
+    def estimates(self) -> dict[str, Estimate]:
+        """The estimates by parameter, those of inertial periods last."""
+        angles = {
+            f"{name}_{period}": estimate
+            for period, fit in self.inertial.items()
+            for name, estimate in fit.parameters.items()
+        }
+        return {**self.joint.parameters, **angles}
+
+    def __getitem__(self, name: str) -> Estimate:
+        estimates = self.estimates
+        if name not in estimates:
+            raise InputError(f"no parameter {shown(name)}{closest_match(str(name), estimates)}")
+        return estimates[name]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.estimates)
+
+    def __len__(self) -> int:
+        return len(self.estimates)
+
+    def records(self) -> list[dict[str, Any]]:
+        """Return a row for each parameter, with sigma and ratio of flight; NaN where there is none."""
+        flight = {name: parameter.sigma for name, parameter in FLIGHT.items()}
+        for period in self.inertial:
+            flight |= {f"{p.name}_{period}": p.sigma for p in misalignments(period) if p.flown}
+        nan = float("nan")
+        records = []
+        for name, estimate in self.estimates.items():
+            sigma = nan if estimate.fixed else estimate.sigma
+            flight_sigma = nan if estimate.fixed else flight.get(name) or nan
+            records.append(
+                {
+                    "parameter": name,
+                    "unit": estimate.unit,
+                    "sigma": sigma,
+                    "flight_sigma": flight_sigma,
+                    "ratio": sigma / flight_sigma,
+                }
+            )
+        return records
+
+    def table(self) -> Table:
+        """Return the sigmas beside those of flight."""
+
+        def text(number: float) -> str:
+            return f"{number:.2g}" if number == number else ""
+
+        estimates = self.estimates
+        rows = [
+            (
+                row["parameter"],
+                row["unit"],
+                FIXED if estimates[row["parameter"]].fixed else text(row["sigma"]),
+                text(row["flight_sigma"]),
+                text(row["ratio"]),
+            )
+            for row in self.records()
+        ]
+        return Table(HEAD, tuple(rows))
+
+    def document(self) -> dict[str, Any]:
+        """Return the content of `to_json`, schema ``lpf-forecast/1``."""
+        return expected_fit.document(self.joint, self.inertial)
+
+
+def forecast(campaign: CampaignLike) -> Forecast:
+    """Compute the sigmas to expect of the fit of a campaign; nothing is simulated.
+
+    They come from the Fisher matrix at the true parameters, with the closed-loop noise of the channels, for
+    the estimator and the settings that the campaign asks for.
+
+    Parameters
+    ----------
+    campaign : Campaign or path
+        What would be simulated.
+
+    Raises
+    ------
+    UnavailableError
+        If the campaign has a third-party FMU in the loop.
+    InputError
+        If the campaign is wrong, or no run takes part in the joint fit.
+    FitError
+        If the fit would not yield any estimate.
+    """
+    plan, source = resolve(campaign)
+    with prefix_errors(source):
+        fit_settings = settings(plan.fit, "fit")
+        validation.check_linear_model(plan, "a forecast is", "lpfcosim run gives the sigmas of its fit")
+        return expected_results(plan, fit_settings, validation.validate(plan).doubts)
+
+
+def expected_results(plan: Campaign, fit_settings: Settings, doubts: tuple[str, ...]) -> Forecast:
+    """Return the forecast of a validated campaign, with the doubts about it among its warnings.
+
+    Raises
+    ------
+    NoneTakesPartError, NoiselessError
+        If no run takes part in the joint fit, or there is no noise.
+    """
+    gain_scatter = dict.fromkeys(("lambda_1", "lambda_2"), plan.truth.lambda_scatter)
+    joint = expected_fit.expected_fit(planned_experiments(plan), fit_settings, gain_scatter)
+    inertial = expected_euler_fit.expected_periods(
+        planned_noise_runs(plan.runs), joint, fit_settings.parameters
+    )
+    ignored = [
+        f"truth.{name}: the forecast leaves out gains that change within a run" for name in plan.truth.living
+    ]
+    of_periods = [(period, w.message) for period, fit in inertial.items() for w in fit.warnings]
+    messages = [*(w.message for w in joint.warnings), *grouped(of_periods, "inertial period")]
+    return Forecast(joint, inertial, (*doubts, *ignored, *messages))

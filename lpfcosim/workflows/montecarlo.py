@@ -1,0 +1,345 @@
+"""A campaign repeated with new noise, and fitted each time, to see whether its sigmas are true."""
+
+import json
+from collections.abc import Generator, Iterator, Mapping, Sequence
+from contextlib import ExitStack, closing
+from dataclasses import dataclass
+from importlib import metadata
+from pathlib import Path
+from typing import Annotated, Any
+
+from pydantic import BaseModel, Field
+
+from fit.errors import shown
+from fit.files import closest_match, documents
+from fit.forecasting import Pulls, coverage
+from fit.parallel import processors
+from fit.tables import Table
+from lpfcosim.campaign import Campaign
+from lpfcosim.errors import InputError, RunError, prefix_errors
+from lpfcosim.execution import checksums, dask_executor, process_pool, results_folder, runner, validation
+from lpfcosim.execution import fmus as fmu_archives
+from lpfcosim.messages import grouped
+from lpfcosim.workflows.campaigns import CampaignLike, PathLike, resolve
+from lpfcosim.workflows.fmus import campaign_fmus
+from lpfcosim.workflows.montecarlo_trial import MonteCarloTask, Record, run_trial
+from lpfcosim.workflows.progress import LOG, Progress
+from lpfcosim.workflows.result import WorkflowResult
+from lpfcosim.workflows.run import output_folder, validate_simulation
+
+HEAD = ("parameter", "n", "mean pull", "std", "within 1 sigma", "mean sigma")
+MAX_LOG_SIZE = 2**28  # bytes
+_Number = Annotated[float, Field(ge=-1e60, le=1e60)]
+
+
+@dataclass(frozen=True, repr=False)
+class MonteCarlo(WorkflowResult):
+    """Pulls of many fitted campaigns; index it by the name of a parameter.
+
+    Attributes
+    ----------
+    campaign : str
+        Name of the campaign.
+    pulls : mapping of str to Pulls
+        ``pull_mean``, ``pull_std``, ``coverage_1sigma`` and their errors, by parameter.
+    n : int
+        Number of campaigns that were fitted.
+    failures : mapping of int to str
+        By number of a campaign without a sound fit, why.
+    unfinished : mapping of str to str
+        Campaigns that could not be simulated, and why; the same call tries them again.
+    verdict : Verdict
+        Whether chance explains pulls, coverage and failures.
+    path : Path
+        ``montecarlo.json``.
+    """
+
+    campaign: str
+    pulls: Mapping[str, Pulls]
+    n: int
+    failures: Mapping[int, str]
+    unfinished: Mapping[str, str]
+    verdict: coverage.Verdict
+    path: Path
+
+    def __getitem__(self, name: str) -> Pulls:
+        if name not in self.pulls:
+            raise InputError(f"no parameter {shown(name)}{closest_match(str(name), self.pulls)}")
+        return self.pulls[name]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.pulls)
+
+    def __len__(self) -> int:
+        return len(self.pulls)
+
+    def table(self) -> Table:
+        """Return the pulls with their errors."""
+        rows = [
+            (
+                name,
+                str(p.n),
+                f"{p.pull_mean:+.2f} ± {p.pull_mean_error:.2f}",
+                f"{p.pull_std:.2f} ± {p.pull_std_error:.2f}",
+                f"{100 * p.coverage_1sigma:.0f} ± {100 * p.coverage_1sigma_error:.0f} %",
+                f"{p.sigma:.2g}",
+            )
+            for name, p in self.pulls.items()
+        ]
+        return Table(HEAD, tuple(rows))
+
+    def records(self) -> list[dict[str, Any]]:
+        """Return a row for each parameter."""
+        return [{"parameter": name, **vars(pulls)} for name, pulls in self.pulls.items()]
+
+    def to_json(self) -> str:
+        """Return the content of ``montecarlo.json``, schema ``lpf-montecarlo/1``."""
+        return self.path.read_text(encoding="utf-8")
+
+    def document(self) -> dict[str, Any]:
+        """Return the content of ``montecarlo.json``."""
+        document: dict[str, Any] = json.loads(self.to_json())
+        return document
+
+    def check_valid(self) -> None:
+        """Raise RunError if campaigns are unfinished, or chance does not explain the pulls."""
+        if self.unfinished:
+            raise _unfinished(self.unfinished)
+        if not self.verdict.valid:
+            raise RunError(f"{self.campaign}: not valid: {'; '.join(self.verdict.reasons)}")
+
+
+def montecarlo(
+    campaign: CampaignLike,
+    n: int = 200,
+    out: PathLike | None = None,
+    *,
+    redraw: bool = False,
+    fmus: bool = False,
+    trusted: bool = False,
+    jobs: int | None = None,
+    scheduler: str | None = None,
+    progress: Progress = LOG,
+) -> MonteCarlo:
+    """Repeat a campaign with new noise, fit each, and test pulls and coverage.
+
+    Telemetry is drawn at 1 Hz from the spectra of the linear closed loop. An interrupted call continues where
+    it was; `n` may be larger then.
+
+    Parameters
+    ----------
+    campaign : Campaign or path
+        What is repeated.
+    n : int
+        Number of campaigns.
+    out : path, optional
+        Folder of ``montecarlo.json`` and ``figures/pulls.*``; by default ``NAME-montecarlo``.
+    redraw : bool
+        Draw new truths for every campaign: gains within 5 %, stiffness and delays within 30 %.
+    fmus : bool
+        Simulate through the FMUs, which takes many times as long.
+    trusted : bool
+        Let FMUs run that are not built here and not approved.
+    jobs : int, optional
+        Number of processes, by default one per processor.
+    scheduler : str, optional
+        Address of the scheduler of a Dask cluster.
+    progress : Progress, optional
+        By default warnings are logged.
+
+    Raises
+    ------
+    InputError, RunError
+        If the campaign is wrong or needs the FMUs; if no campaign yields an estimate.
+    """
+    if not isinstance(n, int) or n < 2:
+        raise InputError(f"n: {shown(n)}, expected two campaigns or more")
+    plan, source = resolve(campaign)
+    directory = output_folder(out, plan, source, "-montecarlo")
+    fit_settings, validated = validate_simulation(plan, source, jobs, scheduler)
+    archives = campaign_fmus(plan, progress) if fmus else {}
+    with prefix_errors(source):
+        if not fmus:
+            _check_spectra(plan, validated)
+    task = MonteCarloTask(plan, fit_settings, redraw)
+    with results_folder.lock(directory, "--out"), ExitStack() as stack:
+        with prefix_errors(source):
+            copies = stack.enter_context(fmu_archives.snapshot(plan, archives, directory, trusted=trusted))
+        header = _header(task, copies)
+        records, unfinished = _run_trials(directory, task, header, copies, n, jobs, scheduler, progress)
+        return _summarize(directory, plan.name, header, records, unfinished, progress)
+
+
+def _header(task: MonteCarloTask, fmus: Mapping[str, Path]) -> dict[str, object]:
+    """Return the first line of the log: what all its campaigns have in common."""
+    return {
+        "campaign_digest": task.plan.digest,
+        "settings": task.fit_settings.model_dump(),
+        "redraw": task.redraw,
+        "fmus": {model: checksums.digest(path) for model, path in fmus.items()},
+        "lpfcosim_version": metadata.version("lpfcosim"),
+    }
+
+
+def _check_spectra(plan: Campaign, validated: validation.Validation) -> None:
+    """Refuse a campaign with what telemetry drawn from spectra does not have."""
+    validation.check_linear_model(plan, "the spectra that telemetry is drawn from are", "add --fmus")
+    if validated.saturation:
+        raise InputError(
+            f"{'; '.join(validated.saturation)}; expected --fmus, as telemetry drawn from spectra knows no "
+            "limit"
+        )
+    if plan.events and plan.events.noise_drift:
+        raise InputError(
+            "events.noise_drift: the noise drawn from spectra keeps its level; expected --fmus, or a "
+            "campaign without it"
+        )
+    for name in plan.truth.living:
+        raise InputError(
+            f"truth.{name}: the loop behind the spectra keeps its gains; expected --fmus, or a campaign "
+            "without it"
+        )
+
+
+def _run_trials(
+    directory: Path,
+    task: MonteCarloTask,
+    header: Mapping[str, object],
+    fmus: Mapping[str, Path],
+    n: int,
+    jobs: int | None,
+    scheduler: str | None,
+    progress: Progress,
+) -> tuple[dict[int, Record], dict[str, str]]:
+    """Run the campaigns that the log does not hold, and add them to it.
+
+    Returns
+    -------
+    records : dict of int to dict
+        Of the first n campaigns, by number.
+    unfinished : dict of str to str
+        Reasons, by campaign that could not be simulated.
+    """
+    log = directory / "campaigns.jsonl"
+    records = read_log(log, header)
+    missing = [number for number in range(n) if number not in records]
+    unfinished: dict[str, str] = {}
+    with (
+        progress.counted("campaigns", n, n - len(missing)) as advance,
+        log.open("a", encoding="utf-8") as file,
+        closing(_outcomes(directory, task, fmus, missing, unfinished, jobs, scheduler)) as outcomes,
+    ):
+        for record in outcomes:  # in any order, as each has its own seed
+            records[record["number"]] = record
+            file.write(json.dumps(record) + "\n")
+            file.flush()
+            advance(len(records))
+    return {number: record for number, record in sorted(records.items()) if number < n}, unfinished
+
+
+def _summarize(
+    directory: Path,
+    name: str,
+    header: Mapping[str, object],
+    records: Mapping[int, Record],
+    unfinished: Mapping[str, str],
+    progress: Progress,
+) -> MonteCarlo:
+    """Write the pulls of all campaigns and their figure."""
+    failures = {k: record["failed"] for k, record in records.items() if "failed" in record}
+    estimates = [record["estimates"] for record in records.values() if "estimates" in record]
+    if unfinished and not estimates:
+        raise _unfinished(unfinished)
+    causes = ((str(number), f"failed: {reason}") for number, reason in failures.items())
+    for line in grouped(causes, "campaign"):
+        progress.note(line)
+    pulls = coverage.summary(estimates)
+    if not pulls:
+        raise RunError(f"{name}: of {len(records)} campaigns {len(failures)} failed; there are no pulls")
+    path = directory / "montecarlo.json"
+    coverage.write(pulls, len(estimates), failures, {"campaign": name, **header}, path)
+    with progress.stage("figure"):
+        from fit.plotting import studies, write  # matplotlib, which workers do without
+
+        (directory / "figures").mkdir(exist_ok=True)
+        write(directory / "figures", "pulls", studies.histograms, pulls, estimates)
+    verdict = coverage.verdict(pulls, len(estimates), len(failures))
+    return MonteCarlo(name, pulls, len(estimates), failures, unfinished, verdict, path)
+
+
+def _unfinished(unfinished: Mapping[str, str]) -> RunError:
+    reason, *others = unfinished.values()
+    more = f" and {len(others)} more" if others else ""
+    return RunError(f"{reason}{more}; what is finished is kept, the same command continues")
+
+
+class _FittedRecord(BaseModel, extra="allow", allow_inf_nan=False):
+    """A line of the log about a campaign that was fitted."""
+
+    number: Annotated[int, Field(ge=0)]
+    estimates: dict[str, tuple[_Number, _Number]]
+
+
+def read_log(log: Path, header: Mapping[str, object]) -> dict[int, Record]:
+    """Return the fitted campaigns of an earlier call, and leave the log ready to be appended to.
+
+    Raises
+    ------
+    InputError
+        If it is not a log of campaigns, or its header is another one.
+    """
+    records: dict[int, Record] = {}
+    if log.exists():
+        text = documents.text(log, "a log of campaigns", MAX_LOG_SIZE)
+        lines = text[: text.rfind("\n") + 1].splitlines()  # a killed process leaves half a line
+        try:
+            log_header, *entries = [json.loads(line) for line in lines] or [header]
+            fitted = [_FittedRecord.model_validate(entry) for entry in entries if "estimates" in entry]
+            records = {record.number: record.model_dump() for record in fitted}
+        except (ValueError, TypeError, RecursionError) as error:
+            raise InputError(f"{log}: not a log of campaigns, expected one line of JSON for each") from error
+        if log_header != header:
+            raise InputError(f"{log}: of another campaign or other options, expected another folder (--out)")
+    content = [header, *records.values()]
+    log.write_text("".join(json.dumps(entry) + "\n" for entry in content), encoding="utf-8")
+    return records
+
+
+def _outcomes(
+    directory: Path,
+    task: MonteCarloTask,
+    fmus: Mapping[str, Path],
+    numbers: Sequence[int],
+    unfinished: dict[str, str],
+    jobs: int | None,
+    scheduler: str | None,
+) -> Generator[Record]:
+    """Yield the records of campaigns; add those that could not be simulated to `unfinished`."""
+    items = {f"campaign {number}": number for number in numbers}
+    config = process_pool.WorkerConfig(task.run, directory, directory / "logs", "{}")
+    for name, outcome in _execute(config, task, fmus, items, jobs, scheduler) if items else ():
+        if isinstance(outcome, process_pool.WorkerFailure):
+            component = runner.failed_component(task.plan.runs[0], outcome)
+            unfinished[name] = f"{name}: {component} {outcome.description}"
+        elif isinstance(outcome, InputError | RunError):
+            unfinished[name] = str(outcome)
+        else:
+            yield outcome
+            continue
+        config.append_to_log(name, unfinished[name])
+
+
+def _execute(
+    config: process_pool.WorkerConfig,
+    task: MonteCarloTask,
+    fmus: Mapping[str, Path],
+    items: Mapping[str, int],
+    jobs: int | None,
+    scheduler: str | None,
+) -> Iterator[tuple[str, Any]]:
+    if scheduler:
+        with dask_executor.connected(scheduler) as connection:
+            yield from connection.results(run_trial, task, items, fmus)
+        return
+    arguments = {name: (number, fmus) for name, number in items.items()}
+    yield from process_pool.results(config, arguments, jobs or processors())

@@ -1,0 +1,152 @@
+"""One campaign of a Monte Carlo, in a process of its own or on a cluster: simulated, and fitted."""
+
+import tempfile
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from fit.crosstalk import euler_fit
+from fit.errors import CalibrationError
+from fit.forecasting import coverage
+from fit.model import dynamics, rotation
+from fit.parallel import one_blas_thread, serial
+from fit.pipeline import calibrate
+from fit.results import Results
+from fit.settings import Settings
+from fit.telemetry import Telemetry, read_all
+from lpfcosim.campaign import Campaign, montecarlo
+from lpfcosim.cosim import FmuLibraryCache, SimulationProgress
+from lpfcosim.errors import RunError
+from lpfcosim.execution import runner, telemetry_file
+from lpfcosim.linear import spectral, stability
+from lpfcosim.models import world_of
+from lpfcosim.planned_experiments import telemetry_of
+from lpfcosim.spacecraft import Run
+
+Record = dict[str, Any]  # of one campaign, as the log holds it
+
+
+class SpectralSimulator:
+    """Draws telemetry of runs from the spectra of the linear closed loop.
+
+    The spectra of a run are computed once, and again only if more than its seed has changed.
+    """
+
+    def __init__(self) -> None:
+        self._simulations: dict[str, tuple[Run, spectral.Simulation]] = {}
+
+    def draw(self, run: Run, rng: np.random.Generator) -> Telemetry:
+        """Return telemetry of a run at 1 Hz.
+
+        Raises
+        ------
+        RunError
+            If a command reaches its limit.
+        """
+        channels = self._simulation(run).record(rng)
+        limit = run.authority.F_max_2 / run.m_tm
+        if np.nanmax(np.abs(channels["f_x_2"])) >= limit:
+            raise RunError(f"{run.name}: f_x_2 reaches its limit, which only the FMUs know: add --fmus")
+        return telemetry_of(run, channels)
+
+    def _simulation(self, run: Run) -> spectral.Simulation:
+        key = run if run.events else replace(run, seed=0)  # the seed counts for glitches and gaps alone
+        previous, simulation = self._simulations.pop(run.name, (None, None))
+        if simulation is None or previous != key:
+            _, latest = next(reversed(self._simulations.values()), (None, None))
+            simulation = spectral.Simulation(run, channels_of_fit(run), latest)
+        self._simulations[run.name] = (key, simulation)
+        return simulation
+
+
+@dataclass(frozen=True)
+class MonteCarloTask:
+    """What all campaigns of a Monte Carlo have in common.
+
+    Attributes
+    ----------
+    plan : Campaign
+        Each campaign has its own number and seed, and its own truths if `redraw`.
+    fit_settings : Settings
+        Of the fit.
+    redraw : bool
+        Whether every campaign has truths of its own.
+    """
+
+    plan: Campaign
+    fit_settings: Settings
+    redraw: bool
+    _simulator: SpectralSimulator = field(default_factory=SpectralSimulator, compare=False, repr=False)
+
+    @one_blas_thread
+    def run(
+        self, number: int, fmus: Mapping[str, Path], progress: SimulationProgress | None = None
+    ) -> Record:
+        """Simulate and fit a campaign; the same results whatever the process and what came before in it.
+
+        Parameters
+        ----------
+        number : int
+            Of the campaign.
+        fmus : mapping of str to Path
+            By model; without any, telemetry is drawn from spectra.
+        progress : SimulationProgress, optional
+            Of the FMUs, which alone can hang.
+
+        Returns
+        -------
+        dict
+            With ``estimates`` (difference from the truth and sigma, by parameter), or with ``failed``, the
+            reason.
+        """
+        progress = progress or SimulationProgress()
+        progress.set_idle()
+        plan = montecarlo.numbered(self.plan, number, redraw=self.redraw)
+        try:
+            with serial():  # one process for each processor is faster than threads
+                results = self._with_fmus(plan, fmus, progress) if fmus else self._from_spectra(plan, number)
+        except (CalibrationError, RunError) as error:
+            return {"number": number, "failed": str(error)}
+        if results.joint and results.joint.unsound:
+            return {"number": number, "failed": results.joint.unsound[0].message}
+        truth = {"truth": telemetry_file.truth(plan.runs[0])} if self.redraw else {}
+        return {"number": number, "estimates": coverage.estimates(results), **truth}
+
+    def _with_fmus(self, plan: Campaign, fmus: Mapping[str, Path], progress: SimulationProgress) -> Results:
+        with tempfile.TemporaryDirectory(prefix="lpfcosim-") as name:
+            folder = Path(name)
+            with FmuLibraryCache() as libraries:
+                for run in plan.runs:
+                    path = folder / f"{run.name}.h5"
+                    runner.write_telemetry(run, fmus, path, {}, where=progress, shelf=libraries)
+                    progress.set_idle()
+            telemetries = read_all(sorted(folder.glob("*.h5")), trusted=True)
+            return coverage.with_truth(calibrate(telemetries, self.fit_settings), telemetries)
+
+    def _from_spectra(self, plan: Campaign, number: int) -> Results:
+        if self.redraw:
+            stability.check(*plan.runs)  # other truths may not be stable where the campaign's are
+        telemetries = [
+            self._simulator.draw(run, np.random.default_rng([number, plan.seed, *run.name.encode()]))
+            for run in plan.runs
+        ]
+        results = calibrate(telemetries, self.fit_settings)
+        truths = {run.name: telemetry_file.truth(run) for run in plan.runs}
+        return coverage.with_truth(results, telemetries, truths)
+
+
+def run_trial(task: MonteCarloTask, number: int, fmus: Mapping[str, Path]) -> Record:
+    """Run one campaign, see `MonteCarloTask.run`; a function that a cluster finds by its name."""
+    return task.run(number, fmus)
+
+
+def channels_of_fit(run: Run) -> list[str]:
+    """Return the recorded channels that a fit reads; the star tracker only in long noise runs."""
+    means = (name for parts in dynamics.MEANS.values() for name in parts)
+    inertial = run.kind == "noise" and run.n_samples / run.fs >= euler_fit.MIN_DURATION
+    stars = [f"ast_{axis}" for axis in rotation.AXES] if inertial else []
+    record = world_of(run).record
+    return [*dynamics.CHANNELS, *(name for name in (*means, *stars) if name in record)]

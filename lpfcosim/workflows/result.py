@@ -1,0 +1,55 @@
+"""What the results of all workflows have in common: a table, JSON, and a data frame of pandas."""
+
+import json
+from abc import ABC, abstractmethod
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+from fit.errors import InputError
+from fit.tables import Table
+
+if TYPE_CHECKING:
+    import pandas
+
+
+class WorkflowResult(ABC):
+    """A result that shows itself as a table."""
+
+    @abstractmethod
+    def table(self) -> Table:
+        """Return what is printed."""
+
+    @abstractmethod
+    def document(self) -> dict[str, Any]:
+        """Return the content of `to_json`."""
+
+    @abstractmethod
+    def records(self) -> list[dict[str, Any]]:
+        """Return the rows of `to_dataframe`; the first key is the index."""
+
+    def to_json(self) -> str:
+        """Return the result as JSON, in the schema of the command of this name."""
+        return json.dumps(self.document(), indent=1, allow_nan=False)
+
+    def to_dataframe(self) -> "pandas.DataFrame":
+        """Return the result as a table of pandas.
+
+        Raises
+        ------
+        InputError
+            If pandas is not installed.
+        """
+        try:
+            pd = import_module("pandas")
+        except ImportError:
+            raise InputError("to_dataframe needs pandas, of the extra lpfcosim[notebook]") from None
+        records = self.records()
+        frame: pandas.DataFrame = pd.DataFrame.from_records(records)
+        return frame.set_index(next(iter(records[0]))) if records else frame
+
+    def __repr__(self) -> str:
+        return "\n".join(self.table().aligned())
+
+    def _repr_html_(self) -> str:
+        """Return what Jupyter shows."""
+        return str(self.table().html(1))

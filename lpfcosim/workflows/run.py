@@ -1,0 +1,201 @@
+"""A campaign simulated, fitted and reported; results say what is missing where runs failed."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+
+from fit.errors import CalibrationError, FitError
+from fit.results import Fit, Results
+from fit.settings import Settings, settings
+from fit.warnings import FitWarning
+from lpfcosim.campaign import Campaign
+from lpfcosim.cosim import Engine
+from lpfcosim.errors import InputError, RunError, prefix_errors
+from lpfcosim.execution import results_folder, runner, validation
+from lpfcosim.messages import grouped, names
+from lpfcosim.workflows.calibration import Calibration, calibrate_into
+from lpfcosim.workflows.campaigns import CampaignLike, PathLike, as_path, resolve
+from lpfcosim.workflows.fmus import campaign_fmus
+from lpfcosim.workflows.progress import LOG, Progress
+from lpfcosim.workflows.simulate import failure_causes, simulate_fmus
+
+
+@dataclass(frozen=True, repr=False)
+class CampaignRun(Calibration):
+    """The results of a campaign.
+
+    Attributes
+    ----------
+    telemetry : mapping of str to Path
+        The files by run.
+    failures : mapping of str to str
+        By run that failed, why. Results are those of the other experiments.
+    """
+
+    telemetry: Mapping[str, Path]
+    failures: Mapping[str, str]
+
+    def check_sound(self) -> None:
+        """Raise FitError if sigmas do not hold, and RunError if runs failed."""
+        if not self.failures:
+            super().check_sound()
+            return
+        n_runs = len(self.failures) + len(self.telemetry)
+        failure = _failure(self.path.parent, len(self.failures), n_runs, grouped(self.failures.items()))
+        try:
+            super().check_sound()
+        except FitError as error:
+            raise RunError(f"{failure}; of the others: {error}") from None
+        raise failure
+
+
+def run(
+    campaign: CampaignLike,
+    out: PathLike | None = None,
+    *,
+    jobs: int | None = None,
+    scheduler: str | None = None,
+    engine: Engine = "compiled",
+    time_limit: float | None = None,
+    rerun: bool = False,
+    trusted: bool = False,
+    progress: Progress = LOG,
+) -> CampaignRun:
+    """Simulate a campaign with the FMUs, fit it, and report.
+
+    An interrupted call continues where it was. If a run fails, the experiments that are complete are fitted
+    all the same: see `CampaignRun.failures`.
+
+    Parameters
+    ----------
+    campaign : Campaign or path
+        What to simulate.
+    out : path, optional
+        Folder of telemetry, results and report; by default it has the name of the campaign, or of its file.
+    jobs : int, optional
+        Number of processes, by default one per processor.
+    scheduler : str, optional
+        Address of the scheduler of a Dask cluster, which then does the work.
+    engine : {"compiled", "fmpy"}
+        The loop over the FMUs.
+    time_limit : float, optional
+        Longest time that a run may take [s].
+    rerun : bool
+        Simulate again what was made with another campaign, seed, version or FMU.
+    trusted : bool
+        Let FMUs run that are not built here and not approved.
+    progress : Progress, optional
+        By default warnings are logged.
+
+    Raises
+    ------
+    InputError
+        If the campaign is wrong or cannot be simulated, or the folder holds telemetry of another campaign.
+    RunError
+        If no experiment is complete, or the fit of those that are yields nothing.
+    """
+    plan, source = resolve(campaign)
+    directory = output_folder(out, plan, source)
+    fit_settings, validated = validate_simulation(plan, source, jobs, scheduler)
+    fmus = campaign_fmus(plan, progress)
+    options = runner.RunOptions(jobs, scheduler, engine, rerun, time_limit)
+    with results_folder.lock(directory, "--out"):
+        simulated = simulate_fmus(
+            plan, source, directory, fmus, options, validated, progress, trusted=trusted
+        )
+        return _fit(plan, directory, simulated, fit_settings, progress)
+
+
+def output_folder(out: PathLike | None, plan: Campaign, source: Path | None, suffix: str = "") -> Path:
+    """Return the folder for results: by default it has the name of the input."""
+    if out is not None:
+        return as_path(out, "the path of a folder")
+    return Path(f"{source.stem if source else plan.name}{suffix}")
+
+
+def validate_simulation(
+    plan: Campaign, source: Path | None, jobs: int | None, scheduler: str | None
+) -> tuple[Settings, validation.Validation]:
+    """Validate a campaign that is to be simulated and fitted, and read its settings of the fit.
+
+    Raises
+    ------
+    InputError
+        If it cannot be simulated, or both processes and a cluster are to do the work.
+    """
+    if jobs and scheduler:
+        raise InputError("--jobs, --scheduler: expected one of them; a cluster has as many workers as it has")
+    with prefix_errors(source):
+        return settings(plan.fit, "fit"), validation.validate(plan)
+
+
+def _fit(
+    plan: Campaign,
+    directory: Path,
+    simulated: runner.SimulationResult,
+    fit_settings: Settings,
+    progress: Progress,
+) -> CampaignRun:
+    """Fit the experiments that are complete, and report them and the failures."""
+    complete, missing = _divide(plan, simulated)
+    causes = failure_causes(simulated)
+    failure = _failure(directory, len(simulated.failures), len(plan.runs), causes)
+    if not complete:
+        raise failure
+    try:
+        fitted = calibrate_into(
+            directory,
+            complete,
+            fit_settings,
+            progress,
+            trusted_files=True,
+            provenance=simulated.origin,
+            amend=partial(_with_missing, missing=missing, causes="; ".join(causes)),
+        )
+    except CalibrationError as error:
+        if not missing:
+            raise
+        raise RunError(f"{failure}; of the others: {error}") from None
+    failures = {name: str(error) for name, error in simulated.failures.items()}
+    return CampaignRun(fitted.results, fitted.path, fitted.report, simulated.files, failures)
+
+
+def _divide(plan: Campaign, simulated: runner.SimulationResult) -> tuple[list[Path], dict[str, str]]:
+    """Return the telemetry of the experiments that are complete, and why each of the others is not."""
+    complete: list[Path] = []
+    missing = {}
+    for experiment in plan.experiments:
+        failed = [
+            (name, str(simulated.failures[name]))
+            for name in experiment.run_names
+            if name in simulated.failures
+        ]
+        if failed:
+            missing[experiment.name] = "; ".join(grouped(failed))
+        else:
+            complete += [simulated.files[name] for name in experiment.run_names]
+    return complete, missing
+
+
+def _with_missing(results: Results, missing: Mapping[str, str], causes: str) -> Results:
+    """Add a warning of missing experiments, for the report and the readers of the file."""
+    if not missing:
+        return results
+    which = "experiments {} are" if len(missing) > 1 else "experiment {} is"
+    warning = FitWarning("missing_run", (), f"{which.format(names(list(missing)))} missing: {causes}")
+
+    def with_warning(fit: Fit) -> Fit:
+        return replace(fit, warnings=(warning, *fit.warnings))
+
+    extra = {**results.provenance.extra, "missing": dict(missing)}
+    provenance = replace(results.provenance, extra=extra)
+    if results.joint is not None:
+        return replace(results, joint=with_warning(results.joint), provenance=provenance)
+    experiments = {name: with_warning(fit) for name, fit in results.experiments.items()}
+    return replace(results, experiments=experiments, provenance=provenance)
+
+
+def _failure(directory: Path, n_failures: int, n_runs: int, causes: list[str]) -> RunError:
+    """Return the error of a campaign of which runs failed."""
+    return RunError(f"{n_failures} of {n_runs} runs failed, see {directory / 'logs'}: {'; '.join(causes)}")

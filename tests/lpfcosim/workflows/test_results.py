@@ -1,0 +1,129 @@
+"""Workflows from Python: a campaign in memory or by its path, typed results, one class of errors."""
+
+import json
+from dataclasses import FrozenInstanceError, replace
+
+import pytest
+
+import fit
+import lpfcosim
+
+
+@pytest.fixture(scope="module")
+def campaign(quickstart):
+    return lpfcosim.load_campaign(quickstart)
+
+
+def test_a_forecast_is_that_of_the_command(campaign, quickstart, lpfcosim_json):
+    expected = lpfcosim.forecast(campaign)
+    assert json.loads(expected.to_json()) == lpfcosim_json("forecast", quickstart)
+    assert list(expected) == list(expected.joint.parameters)
+    assert expected["lambda_2"].sigma == pytest.approx(3.47e-5, rel=0.01)
+    frame = expected.to_dataframe()
+    assert frame.loc["C_2", "ratio"] == frame.loc["C_2", "sigma"] / frame.loc["C_2", "flight_sigma"]
+    assert repr(expected).startswith("parameter    unit      sigma    flight sigma  ratio\nlambda_2     1 ")
+    assert "<td" in expected._repr_html_()
+    with pytest.raises(fit.InputError, match=r"no parameter 'lambda_3', did you mean"):
+        expected["lambda_3"]
+    with pytest.raises(FrozenInstanceError):
+        expected.joint = None
+
+
+def test_the_angles_of_a_period_are_forecast_by_name(quickstart):
+    expected = lpfcosim.forecast(quickstart.with_name("inertial.toml"))
+    assert expected["delta_phi_2"].sigma == expected.inertial["2"]["delta_phi"].sigma
+    assert "delta_phi_2" in expected.to_dataframe().index
+
+
+def test_margins_are_those_of_the_command(campaign, quickstart, lpfcosim_json):
+    found = lpfcosim.margins(str(quickstart))
+    assert json.loads(found.to_json()) == lpfcosim_json("margins", quickstart)
+    assert [margin.loop for margin in found] == ["drag_free_x", "suspension_x"]
+    assert found["suspension_x"].unity_gain == found.to_dataframe().loc["suspension_x", "unity_gain"]
+    assert repr(lpfcosim.margins(campaign)) == repr(found)
+    with pytest.raises(fit.InputError, match="no loop 'drag_free_y'"):
+        found["drag_free_y"]
+
+
+def test_a_check_is_that_of_the_command(campaign, quickstart, lpfcosim_json):
+    checked = lpfcosim.check(campaign)
+    assert json.loads(checked.to_json()) == lpfcosim_json("check", quickstart)
+    assert checked.valid
+    assert checked.forecast["C_2"].sigma == lpfcosim.forecast(campaign)["C_2"].sigma
+    assert checked.to_dataframe().loc["A", "injections"] == 10
+    text = repr(checked)
+    assert text.startswith("valid: 8 runs along x, 48 h\n")
+    assert "drag_free_x" in text
+    assert "warning: the data do not determine lambda_1" in text
+
+
+def test_gain_scatter_counts_in_check_and_forecast_alike(campaign):
+    scattered = replace(campaign, truth=replace(campaign.truth, lambda_scatter=1e-3))
+    assert lpfcosim.check(scattered).forecast.to_json() == lpfcosim.forecast(scattered).to_json()
+
+
+@pytest.mark.parametrize("name", ["check", "forecast", "margins", "montecarlo", "design", "identify", "run"])
+@pytest.mark.parametrize(
+    ("argument", "message"),
+    [
+        (3, r"^3: expected a Campaign, or the path of its file$"),
+        (None, r"^None: expected a Campaign"),
+        ("nowhere.toml", r"^nowhere\.toml: no such file"),
+        ("no\0where", "without NUL"),
+    ],
+)
+def test_what_is_no_campaign_is_refused_in_one_sentence(name, argument, message):
+    with pytest.raises(fit.InputError, match=message):
+        getattr(lpfcosim, name)(argument)
+
+
+def test_other_arguments_are_checked(campaign, tmp_path):
+    with pytest.raises(fit.InputError, match=r"^n: 1, expected two campaigns or more$"):
+        lpfcosim.montecarlo(campaign, 1, tmp_path)
+    with pytest.raises(fit.InputError, match=r"a\.txt: expected a name that ends in \.toml"):
+        lpfcosim.design(campaign, tmp_path / "a.txt")
+    with pytest.raises(fit.InputError, match=r"^4: expected the path of a folder$"):
+        lpfcosim.run(campaign, 4)
+    with pytest.raises(fit.InputError, match=r"^5: expected the path of telemetry$"):
+        lpfcosim.identify(campaign, 5)
+    changed = replace(campaign, experiments=campaign.experiments[:2])
+    with pytest.raises(fit.InputError, match="changed in Python"):
+        lpfcosim.design(changed, tmp_path / "a.toml")
+
+
+def test_a_simulated_folder_is_reproduced(quickstart, tmp_path, run_lpfcosim):
+    path = tmp_path / "short.toml"
+    text = quickstart.read_text(encoding="utf-8").split("[[experiments]]")
+    path.write_text("[[experiments]]".join(text[:2]), encoding="utf-8")
+    lpfcosim.simulate(path, tmp_path / "out", fmus=False)
+    status, out, err = run_lpfcosim("reproduce", tmp_path / "out")
+    assert status == 0, err
+    assert [line.rsplit(": ")[-1] for line in out.splitlines()] == ["the same", "the same"]
+    changed = replace(lpfcosim.load_campaign(path), seed=7)
+    lpfcosim.simulate(changed, tmp_path / "changed", fmus=False)
+    assert not (tmp_path / "changed" / "campaign.toml").exists()
+
+
+@pytest.mark.slow
+def test_a_montecarlo_study_from_python(campaign, tmp_path):
+    pair = replace(campaign, experiments=campaign.experiments[:2])
+    study = lpfcosim.montecarlo(pair, 4, tmp_path / "study", jobs=1)
+    assert (study.n, study.failures, study.unfinished) == (4, {}, {})
+    assert abs(study["lambda_2"].pull_mean) < 4
+    assert json.loads(study.to_json())["n"] == 4
+    assert study.to_dataframe().loc["C_2", "pull_std"] == study["C_2"].pull_std
+    assert "mean pull" in repr(study)
+
+
+@pytest.mark.fmu
+@pytest.mark.slow
+def test_a_run_from_python_is_that_of_the_command(quickstart, tmp_path, run_lpfcosim):
+    path = tmp_path / "short.toml"
+    text = quickstart.read_text(encoding="utf-8").split("[[experiments]]")
+    path.write_text("[[experiments]]".join(text[:2]), encoding="utf-8")
+    finished = lpfcosim.run(path, tmp_path / "out", jobs=1)
+    assert finished.failures == {}
+    assert finished.results.experiments["A"]["lambda_2"].pull is not None
+    assert finished.to_json() == (tmp_path / "out" / "results.json").read_text(encoding="utf-8")
+    assert "lambda_2" in repr(finished)
+    assert run_lpfcosim("reproduce", tmp_path / "out")[0] == 0
