@@ -1,10 +1,9 @@
 within LISAPathfinder;
 model Plant "Spacecraft and two test masses along x, the three-body plant"
-  parameter Types.Time h = 0.1 "Sampling time of the commands";
   parameter Types.Mass m_sc = 422.7 "Mass of the spacecraft";
   parameter Types.Mass m_tm = 1.928 "Mass of each test mass";
-  parameter Types.Time tau_1 = 0.13863 "Effective delay of f_x_1: transport plus half a sample of hold";
-  parameter Types.Time tau_2 = 0.17261 "Effective delay of f_x_2: transport plus half a sample of hold";
+  parameter Types.Time tau_1 = 0.08863 "Transport delay of f_applied_1";
+  parameter Types.Time tau_2 = 0.12261 "Transport delay of f_applied_2";
   parameter Types.Stiffness omega2_1_0 = -3.99e-7 "Background stiffness of test mass 1";
   parameter Types.Stiffness omega2_2_0 = -4.19e-7 "Background stiffness of test mass 2";
   parameter Types.StiffnessPerForce alpha_x_1 = -345 "Stiffness of test mass 1 per force authority";
@@ -35,8 +34,8 @@ model Plant "Spacecraft and two test masses along x, the three-body plant"
   Thrusters thrusters(tau_sc = tau_sc, T_sc = T_sc, F_x_sc_start = F_x_sc_start) "The thrusters";
 equation
   // A force that switches between two samples cannot cross an FMU boundary: the delay acts here.
-  testMass_1.f = delay(f_applied_1, tau_1 - h/2);
-  testMass_2.f = delay(f_applied_2, tau_2 - h/2);
+  testMass_1.f = delay(f_applied_1, tau_1);
+  testMass_2.f = delay(f_applied_2, tau_2);
   testMass_1.g = g_1;
   testMass_2.g = g_2;
   testMass_1.a_SC = spacecraft.a_SC;

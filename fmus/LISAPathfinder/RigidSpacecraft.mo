@@ -1,6 +1,5 @@
 within LISAPathfinder;
 model RigidSpacecraft "The spacecraft in six degrees of freedom: thrusters push it, and what it pushes pushes back"
-  parameter Types.Time h = 0.1 "Sampling time of the quadratic terms";
   parameter Types.Mass m_sc = 422.7 "Mass of the spacecraft";
   parameter Types.Inertia I_sc[3] = {202.5, 209.7, 191.7} "Inertia about x, y, z";
   parameter Types.Length R_1[3] = zeros(3) "Place of the housing of test mass 1";
@@ -18,23 +17,9 @@ model RigidSpacecraft "The spacecraft in six degrees of freedom: thrusters push 
   output Types.Angle attitude[3](each start = 0, each fixed = true) "Small angles with respect to J2000";
   output Types.AngularVelocity Omega[3](start = Omega_start, each fixed = true) "Rate with respect to J2000";
   output Types.AngularAcceleration dOmega[3] "Angular acceleration";
-  discrete output Types.AngularAcceleration dOmega_n[3](each start = 0, each fixed = true)
-    "Angular acceleration at the last sample";
-  Types.ThrustTorque N[3] "Torque on the spacecraft but for t";
-  discrete Types.ThrustTorque t_n[3](each start = 0, each fixed = true)
-    "Torque that is quadratic in the motion, at the last sample";
-  discrete Types.ThrustTorque t[3](each start = 0, each fixed = true) "t_n, extrapolated by half a step";
-  discrete Real ahead(start = 0, fixed = true, unit = "1") "Steps to extrapolate by; none at the first sample";
 equation
   m_sc*a_O = F_sc - F_1 - F_2;
-  N = N_sc - N_1 - N_2 - cross(R_1, F_1) - cross(R_2, F_2);
-  I_sc .* dOmega = N + t;
+  I_sc .* dOmega = N_sc - N_1 - N_2 - cross(R_1 + s_1, F_1) - cross(R_2 + s_2, F_2) - cross(Omega, I_sc .* Omega);
   der(Omega) = dOmega;
   der(attitude) = Omega;
-  when sample(0, h) then
-    t_n = -cross(s_1, F_1) - cross(s_2, F_2) - cross(Omega, I_sc .* Omega);
-    dOmega_n = (N + t_n) ./ I_sc;
-    t = t_n + pre(ahead)*(t_n - pre(t_n));
-    ahead = 0.5;
-  end when;
 end RigidSpacecraft;

@@ -1,6 +1,5 @@
 within LISAPathfinder;
 model RigidTestMass "One free-floating test mass, six degrees of freedom, seen from the rotating spacecraft"
-  parameter Types.Time h = 0.1 "Sampling time of the quadratic terms";
   parameter Types.Mass m_tm = 1.928 "Mass of the test mass";
   parameter Types.Inertia I_tm = 6.80e-4 "Inertia of the test mass, a cube, about any axis";
   parameter Types.Length R[3] = zeros(3) "Place of its housing, from the centre of the spacecraft";
@@ -13,31 +12,17 @@ model RigidTestMass "One free-floating test mass, six degrees of freedom, seen f
   input Types.Acceleration a_O[3] "Acceleration of the spacecraft";
   input Types.AngularVelocity Omega[3] "Rate of the spacecraft";
   input Types.AngularAcceleration dOmega[3] "Angular acceleration of the spacecraft";
-  input Types.AngularAcceleration dOmega_n[3] "The same, at the last sample";
   output Types.Position s[3](each start = 0, each fixed = true) "Position in the housing";
   output Types.Angle angle[3](each start = 0, each fixed = true) "Small angles against the housing";
   output Types.Force F[3] "Force of the spacecraft on the test mass";
   output Types.Torque N[3] "Torque of the spacecraft on the test mass";
   Types.Velocity v[3](each start = 0, each fixed = true) "Velocity relative to the housing";
   Types.AngularVelocity w[3](each start = 0, each fixed = true) "Rate relative to the housing";
-  discrete Types.Acceleration q_n[3](each start = 0, each fixed = true)
-    "Apparent acceleration, quadratic in the motion, at the last sample";
-  discrete Types.AngularAcceleration p_n[3](each start = 0, each fixed = true) "Likewise about x, y, z";
-  discrete Types.Acceleration q[3](each start = 0, each fixed = true) "q_n, extrapolated by half a step";
-  discrete Types.AngularAcceleration p[3](each start = 0, each fixed = true) "p_n, extrapolated by half a step";
-  discrete Real ahead(start = 0, fixed = true, unit = "1") "Steps to extrapolate by; none at the first sample";
 equation
   F = m_tm*(g - omega2 .* s + f);
   N = I_tm*(gamma - omega2_rot .* angle + nu);
   der(s) = v;
-  der(v) = F/m_tm - a_O - cross(dOmega, R) + q;
+  der(v) = F/m_tm - a_O - cross(dOmega, R + s) - cross(Omega, cross(Omega, R + s) + 2*v);
   der(angle) = w;
-  der(w) = N/I_tm - dOmega + p;
-  when sample(0, h) then
-    q_n = -cross(dOmega_n, s) - cross(Omega, cross(Omega, R + s) + 2*v);
-    p_n = -cross(Omega, w);
-    q = q_n + pre(ahead)*(q_n - pre(q_n));
-    p = p_n + pre(ahead)*(p_n - pre(p_n));
-    ahead = 0.5;
-  end when;
+  der(w) = N/I_tm - dOmega - cross(Omega, w);
 end RigidTestMass;

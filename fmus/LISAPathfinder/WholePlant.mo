@@ -1,6 +1,5 @@
 within LISAPathfinder;
 model WholePlant "Spacecraft and two test masses, six degrees of freedom each, in the frame of the spacecraft"
-  parameter Types.Time h = 0.1 "Sampling time of the commands";
   parameter Types.Mass m_sc = 422.7 "Mass of the spacecraft";
   parameter Types.Inertia I_xx_sc = 202.5 "Inertia of the spacecraft about x";
   parameter Types.Inertia I_yy_sc = 209.7 "Inertia of the spacecraft about y";
@@ -10,8 +9,8 @@ model WholePlant "Spacecraft and two test masses, six degrees of freedom each, i
   parameter Types.Length d = 0.376 "Distance of the test masses along x";
   parameter Types.Length delta_y = 0 "Offset of test mass 2 against test mass 1 along y";
   parameter Types.Length delta_z = 0 "Offset of test mass 2 against test mass 1 along z";
-  parameter Types.Time tau_1 = 0.13863 "Effective delay of f_applied_1: transport plus half a sample of hold";
-  parameter Types.Time tau_2 = 0.17261 "Effective delay of f_applied_2: transport plus half a sample of hold";
+  parameter Types.Time tau_1 = 0.08863 "Transport delay of f_applied_1";
+  parameter Types.Time tau_2 = 0.12261 "Transport delay of f_applied_2";
   parameter Types.Time tau_es = 0.1 "Transport delay of all other electrostatic commands";
   parameter Types.Time tau_sc = 0.25 "Transport delay of the thrust commands";
   parameter Types.Time T_sc = 0.1 "Lag of the thrust";
@@ -97,23 +96,25 @@ model WholePlant "Spacecraft and two test masses, six degrees of freedom each, i
   output Types.Acceleration a_z_sc "Acceleration of the centre of the spacecraft along z";
   final parameter Types.Length R_2[3] = {d, delta_y, delta_z}/2 "Place of the housing of test mass 2";
   final parameter Types.Length R_1[3] = -R_2 "Place of the housing of test mass 1";
-  RigidTestMass testMass_1(h = h, m_tm = m_tm, I_tm = I_tm, R = R_1,
+  RigidTestMass testMass_1(m_tm = m_tm, I_tm = I_tm, R = R_1,
     omega2 = {omega2_1_0 + alpha_x_1*F_max_1 + alpha_phi_1*N_max_1, omega2_y, omega2_z},
     omega2_rot = {omega2_theta, omega2_eta - domega2_eta_12/2, omega2_phi - domega2_phi_12/2}) "Test mass 1, stiffness along x by eq. stiff_model";
-  RigidTestMass testMass_2(h = h, m_tm = m_tm, I_tm = I_tm, R = R_2,
+  RigidTestMass testMass_2(m_tm = m_tm, I_tm = I_tm, R = R_2,
     omega2 = {omega2_2_0 + alpha_x_2*F_max_2 + alpha_phi_2*N_max_2, omega2_y, omega2_z},
     omega2_rot = {omega2_theta, omega2_eta + domega2_eta_12/2, omega2_phi + domega2_phi_12/2}) "Test mass 2";
-  RigidSpacecraft spacecraft(h = h, m_sc = m_sc, I_sc = {I_xx_sc, I_yy_sc, I_zz_sc}, R_1 = R_1, R_2 = R_2,
+  RigidSpacecraft spacecraft(m_sc = m_sc, I_sc = {I_xx_sc, I_yy_sc, I_zz_sc}, R_1 = R_1, R_2 = R_2,
     Omega_start = {Omega_theta_start, Omega_eta_start, Omega_phi_start}) "The spacecraft";
   WholeThrusters thrusters(tau_sc = tau_sc, T_sc = T_sc, F_sc_start = {F_x_sc_start, 0, 0}) "The thrusters";
 equation
   // A force that switches between two samples cannot cross an FMU boundary: the delays act here.
-  testMass_1.f = {delay(f_applied_1, tau_1 - h/2),
+  testMass_1.f = {delay(f_applied_1, tau_1),
     delay(F_applied_y_1, tau_es)/m_tm, delay(F_applied_z_1, tau_es)/m_tm};
-  testMass_2.f = {delay(f_applied_2, tau_2 - h/2),
+  testMass_2.f = {delay(f_applied_2, tau_2),
     delay(F_applied_y_2, tau_es)/m_tm, delay(F_applied_z_2, tau_es)/m_tm};
-  testMass_1.nu = delay({N_applied_theta_1, N_applied_eta_1, N_applied_phi_1}, tau_es)/I_tm;
-  testMass_2.nu = delay({N_applied_theta_2, N_applied_eta_2, N_applied_phi_2}, tau_es)/I_tm;
+  testMass_1.nu = {delay(N_applied_theta_1, tau_es), delay(N_applied_eta_1, tau_es),
+    delay(N_applied_phi_1, tau_es)}/I_tm;
+  testMass_2.nu = {delay(N_applied_theta_2, tau_es), delay(N_applied_eta_2, tau_es),
+    delay(N_applied_phi_2, tau_es)}/I_tm;
   testMass_1.g = {g_1, g_y_1, g_z_1};
   testMass_2.g = {g_2 - b_5*(y_1 + y_2)/2 - b_6*(z_1 + z_2)/2, g_y_2, g_z_2};
   testMass_1.gamma = {gamma_theta_1, gamma_eta_1, gamma_phi_1};
@@ -124,8 +125,6 @@ equation
   testMass_2.Omega = spacecraft.Omega;
   testMass_1.dOmega = spacecraft.dOmega;
   testMass_2.dOmega = spacecraft.dOmega;
-  testMass_1.dOmega_n = spacecraft.dOmega_n;
-  testMass_2.dOmega_n = spacecraft.dOmega_n;
   thrusters.F_sc = {F_x_sc, F_y_sc, F_z_sc};
   thrusters.N_sc = {N_x_sc, N_y_sc, N_z_sc};
   spacecraft.F_sc = thrusters.F_thrust + {F_noise_x_sc, F_noise_y_sc, F_noise_z_sc};
@@ -143,10 +142,4 @@ equation
   {Theta, Eta, Phi} = spacecraft.attitude;
   {Omega_theta, Omega_eta, Omega_phi} = spacecraft.Omega;
   {a_x_sc, a_y_sc, a_z_sc} = spacecraft.a_O;
-  annotation (Documentation(info = "<html>
-<p>All that is linear is exact: offsets, stiffness, back-reaction, lags, and delays that end inside a step.
-What is quadratic in the motion (q, p and t of the parts) is evaluated at every sample and held over the step at
-its value in the middle of it, extrapolated from this sample and the one before; of these terms an error of
-relative order (h*Omega)^2 is left, where Omega is the rate at which they change.</p>
-</html>"));
 end WholePlant;

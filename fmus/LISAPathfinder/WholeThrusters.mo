@@ -8,6 +8,6 @@ model WholeThrusters "Thrusters in six degrees of freedom: transport delay, then
   output Types.Thrust F_thrust[3](start = F_sc_start, each fixed = true) "Thrust";
   output Types.ThrustTorque N_thrust[3](each start = 0, each fixed = true) "Torque";
 equation
-  T_sc*der(F_thrust) = delay(F_sc, tau_sc) - F_thrust;
-  T_sc*der(N_thrust) = delay(N_sc, tau_sc) - N_thrust;
+  T_sc*der(F_thrust) = {delay(F_sc[1], tau_sc), delay(F_sc[2], tau_sc), delay(F_sc[3], tau_sc)} - F_thrust;
+  T_sc*der(N_thrust) = {delay(N_sc[1], tau_sc), delay(N_sc[2], tau_sc), delay(N_sc[3], tau_sc)} - N_thrust;
 end WholeThrusters;

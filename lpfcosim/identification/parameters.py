@@ -15,7 +15,8 @@ from lpfcosim.errors import InputError
 from lpfcosim.models import world_of
 from lpfcosim.spacecraft import LONGEST_DELAY, H, Run
 
-#: What the fit has under the same name, and what follows from others: C_j = lambda_j tau_j.
+#: What the fit has under the same name, and what follows from others: C_j = lambda_j (tau_j + h/2). The
+#: parameter tau_j of the FMU is the transport delay; the hold of a command adds half a sample.
 SHARED_NAMES = (
     *("lambda_1", "lambda_2", "omega2_1_0", "omega2_2_0"),
     *("alpha_x_1", "alpha_phi_1", "alpha_x_2", "alpha_phi_2", "delta_ifo"),
@@ -76,7 +77,9 @@ def targets(plan: Campaign, run: Run, interfaces: Sequence[Interface]) -> tuple[
         if model not in by_model:
             raise InputError(f"{location}: the loop has no {quote(model)}{closest_match(model, by_model)}")
         target = _target(key, name, by_model[model], values[model], entry)
-        default_value = target.default_value * _gain(key, run) if key in DELAYS else target.default_value
+        default_value = target.default_value
+        if key in DELAYS:
+            default_value = (default_value + H / 2) * _gain(key, run)
         resolved.append(replace(target, default_value=default_value, limits=_limits(target, run)))
     names = [target.name for target in resolved]
     for name in names:
@@ -96,7 +99,7 @@ def _limits(target: Target, run: Run) -> tuple[float, float]:
     if target.name in DELAYS:
         gain = _gain(target.name, run)
         return H / 2 * gain, LONGEST_DELAY * gain
-    return (H / 2, LONGEST_DELAY) if target.name.endswith(("Plant.tau_1", "Plant.tau_2")) else _ANY
+    return (0, LONGEST_DELAY) if target.name.endswith(("Plant.tau_1", "Plant.tau_2")) else _ANY
 
 
 def _gain(delay: str, run: Run) -> float:
@@ -121,7 +124,7 @@ def fixed_values(
     for name, (gain, tau) in DELAYS.items():
         delay = known.pop(tau, None)
         if delay is not None and gain in known:
-            known[name] = known[gain] * delay
+            known[name] = known[gain] * (delay + H / 2)
     return known
 
 
@@ -194,6 +197,6 @@ def settings(
             gain = theta[name] if name in theta else gains[name]
             if gain == 0:
                 raise InputError(f"{target.name} tells no delay where {name} is 0")
-            value /= gain
+            value = value / gain - H / 2
         values.setdefault(target.model, {})[target.variable] = value
     return values

@@ -36,7 +36,9 @@ class SampledModel:
     """A model with its parameters, stepped from sample to sample.
 
     In each step the sampled variables change first, in the order of their events, limiters included; then
-    the states move exactly, with inputs held and delayed values that switch inside the step.
+    the states move, with inputs held and delayed values that switch inside the step: exactly for the affine
+    part of the derivatives, with the polynomial remainder at its extrapolated midpoint (see
+    `lpfcosim.modelica.sorted_model.Affine`).
 
     Parameters
     ----------
@@ -87,7 +89,7 @@ class SampledModel:
 
     @cached_property
     def _transition(self) -> Array:
-        """Matrix from (states, held, delayed values before and after their switch, 1) to the next states.
+        """Matrix from (states, held, delayed before and after their switch, 1, remainder) to the next states.
 
         The old value of delay j acts up to its switch at ``_part[j]``, the new one after it; with
         G(t) the integral of exp(A s) over 0 < s < t, these make of it G(h) - G(h - part) and G(h - part).
@@ -103,7 +105,8 @@ class SampledModel:
         held = integral[0] @ B[:, [*range(n_held), -1]]
         after = np.einsum("jnk,kj->nj", integral[1:], B[:, n_held:-1])
         before = integral[0] @ B[:, n_held:-1] - after
-        return np.hstack([exponential[0, :n, :n], held[:, :-1], before, after, held[:, -1:]])
+        remainder = integral[0][:, list(self._module.REMAINDER)]
+        return np.hstack([exponential[0, :n, :n], held[:, :-1], before, after, held[:, -1:], remainder])
 
     # Simulation ----------------------------------------------------------------------------------------
 
@@ -125,9 +128,10 @@ class SampledModel:
         delays = list(enumerate(zip(self._whole.tolist(), self._age.tolist(), strict=True)))
         history = deque([delay_values(u, z)] * (int(self._age.max(initial=0)) + 1))
         transition = self._transition if x else None
+        remainder, previous = equations.remainder if self._module.REMAINDER else None, None
 
         def step(u: Values) -> Values:
-            nonlocal x, z
+            nonlocal x, z, previous
             values = delay_values(u, z)
             d = [history[age - 1][j] if age else values[j] for j, (_, age) in delays]
             z = events(x, z, u, d)
@@ -139,7 +143,12 @@ class SampledModel:
                 row = [*x, *(groups[group][i] for group, i in held)]
                 row += [history[age][j] for j, (_, age) in delays]
                 row += [history[whole][j] for j, (whole, _) in delays]
-                x = transition.dot([*row, 1.0]).tolist()
+                row.append(1.0)
+                if remainder is not None:
+                    present = remainder(x, u, [history[age][j] for j, (_, age) in delays], z)
+                    row += [1.5 * a - 0.5 * b for a, b in zip(present, previous or present, strict=True)]
+                    previous = present
+                x = transition.dot(row).tolist()
             if moves:
                 return tuple(state_outputs(x))
             d = [history[max(age - 1, 0)][j] for j, (_, age) in delays]
@@ -175,6 +184,8 @@ class SampledModel:
 
     def linearize(self, point: OperatingPoint, *, moves: bool) -> StateSpace:
         """Linearise one step about an operating point, with every limiter the identity.
+
+        The polynomial remainder of the derivatives, of second order in the motion, is left out.
 
         Parameters
         ----------
@@ -258,7 +269,8 @@ class SampledModel:
             return rows["x"]
         held = [rows[group][i] for group, i in self._module.HELD]
         before, after = (self._delayed_rows(issued, rows, ages) for ages in (self._age, self._whole))
-        return np.asarray(self._transition[:, :-1] @ np.array([*rows["x"], *held, *before, *after]))
+        columns = np.array([*rows["x"], *held, *before, *after])
+        return np.asarray(self._transition[:, : len(columns)] @ columns)
 
     def _partials(self, function: str, point: OperatingPoint) -> Values:
         evaluate = getattr(self._equations, f"{function}_partials")

@@ -1,8 +1,8 @@
-"""Linear forms: of equations to be solved, and of derivatives, so that a step can be exact."""
+"""Split derivatives into an affine part, which is integrated exactly, and a polynomial remainder."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 
 import sympy as sp
 
@@ -16,22 +16,85 @@ def linear(
 ) -> tuple[sp.Matrix, sp.Matrix] | None:
     """Return M and r of ``expressions = M symbols + r``; None if M, or an ``if``, depends on what moves."""
     matrix = sp.Matrix(expressions).jacobian(symbols) if symbols else sp.zeros(len(expressions), 0)
-    # The derivative of an `if` says nothing of its condition.
+    # The derivative of an `if` does not show its condition.
     if matrix.free_symbols & moving or switches(expressions, moving):
         return None
     return matrix, sp.Matrix(expressions).xreplace(dict.fromkeys(symbols, sp.S.Zero))
 
 
-def affine(
-    derivatives: Sequence[Assignment], held: Sequence[sp.Symbol], delayed: Sequence[sp.Symbol]
+def split_derivatives(
+    solved: Sequence[Assignment],
+    states: Sequence[sp.Symbol],
+    rates: Sequence[sp.Symbol],
+    held: Sequence[sp.Symbol],
+    delayed: Sequence[sp.Symbol],
 ) -> Affine | None:
-    """Return the matrices of the derivatives if these are affine in states, held and delayed quantities."""
-    states, rates = [x for x, _ in derivatives], [e for _, e in derivatives]
-    used = [w for w in held if any(e.has(w) for e in rates)]
-    varying = [*states, *used, *delayed]
-    form = linear(rates, varying, {*varying, TIME}) if rates else None
+    """Return the derivatives as matrices and remainder, see `Affine`.
+
+    Parameters
+    ----------
+    solved : sequence of (symbol, expression)
+        Assignments of all algebraic variables and rates, each in terms of those before it.
+    states, rates : sequence of symbol
+        In the same order.
+    held, delayed : sequence of symbol
+        Inputs and sampled variables, and delayed signals.
+
+    Returns
+    -------
+    Affine or None
+        None if the derivatives depend on time, switch, or are no polynomials in states, held and delayed
+        signals.
+    """
+    if not rates:
+        return None
+    varying = {TIME, *states, *held, *delayed}
+    affine_parts: dict[sp.Symbol, sp.Expr] = {}  # of all assignments, in terms of `varying`
+    remainders: dict[sp.Symbol, sp.Expr] = {}  # those that are not zero
+    for symbol, value in _required(solved, rates):
+        nonlinear = _nonlinear_terms(value, {*varying, *affine_parts})
+        if nonlinear is None:
+            return None
+        affine_value = sp.expand(value) - nonlinear if nonlinear else value
+        affine_parts[symbol] = affine_value.xreplace(affine_parts)
+        remainder = nonlinear + sum(affine_value.diff(s) * r for s, r in remainders.items())
+        if remainder != 0:
+            remainders[symbol] = remainder
+    expressions = [affine_parts[rate] for rate in rates]
+    used = [w for w in held if any(e.has(w) for e in expressions)]
+    form = linear(expressions, [*states, *used, *delayed], varying)
     if form is None or TIME in form[1].free_symbols:
         return None
     matrix, constant = form
     n = len(states)
-    return Affine(matrix[:, :n], matrix[:, n:].row_join(constant), tuple(used))
+    remainder_of_rates = tuple(remainders.get(rate, sp.S.Zero) for rate in rates)
+    symbols = {s for e in remainder_of_rates for s in e.free_symbols}
+    return Affine(
+        matrix[:, :n],
+        matrix[:, n:].row_join(constant),
+        tuple(used),
+        remainder_of_rates,
+        tuple(_required(solved, symbols)),
+    )
+
+
+def _required(solved: Sequence[Assignment], symbols: Collection[sp.Symbol]) -> list[Assignment]:
+    """Return the assignments that ``symbols`` need, in their order."""
+    required = set(symbols)
+    selection = []
+    for symbol, value in reversed(solved):
+        if symbol in required:
+            required |= value.free_symbols
+            selection.append((symbol, value))
+    return selection[::-1]
+
+
+def _nonlinear_terms(value: sp.Expr, symbols: set[sp.Symbol]) -> sp.Expr | None:
+    """Return the terms of degree 2 and higher in ``symbols``; None if ``value`` is no polynomial in them."""
+    variables = value.free_symbols & symbols
+    if not any(value.diff(s).free_symbols & variables for s in variables):
+        return sp.S.Zero
+    if TIME in variables or switches([value], variables) or not value.is_polynomial(*variables):
+        return None
+    terms = sp.Add.make_args(sp.expand(value))
+    return sp.Add(*(term for term in terms if sp.Poly(term, *variables).total_degree() > 1))

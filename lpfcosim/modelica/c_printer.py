@@ -79,7 +79,8 @@ def print_header(
 ) -> str:
     """Text of ``model.h``; ``step`` is the internal step in s."""
     affine = model.affine
-    n_held = len(affine.held) if affine else 0
+    n_remainder = sum(q != 0 for q in affine.remainder) if affine else 0
+    n_held = len(affine.held) + n_remainder if affine else 0
     sizes = {
         "NV": 1 + len(layout.order),
         "NA": len(arrays),
@@ -89,6 +90,7 @@ def print_header(
         "NC": len(model.clocks),
         "ND": len(model.delays),
         "NH": n_held,
+        "NQ": n_remainder,
         "NP": len(sensitivity.partials),
         "AFFINE": int(affine is not None),
         "NZ": len(model.derivatives) + n_held + 2 * len(model.delays) + 1,
@@ -207,19 +209,38 @@ def _clocks_and_delays(model: SortedModel, c: _Printer) -> list[str]:
 
 def _rates(model: SortedModel, names: dict[sp.Symbol, str], c: _Printer) -> list[str]:
     """Functions of the derivatives; ``names``, those of the printer, get their common parts."""
-    if model.affine:
-        a, b = _numbered(c, "a", model.affine.a), _numbered(c, "b", model.affine.b)
-        return [
-            _function("model_held", f"{_V}, double *held", _numbered(c, "held", model.affine.held)),
-            _function("model_affine", f"{_V}, double *a, double *b", a + b),
+    if affine := model.affine:
+        rows = [i for i, q in enumerate(affine.remainder) if q != 0]
+        n_held = len(affine.held)
+        # The remainder counts among the held signals: it is constant during a step.
+        columns = sp.Matrix(len(affine.remainder), len(rows), lambda i, j: int(i == rows[j]))
+        b = affine.b[:, :n_held].row_join(columns).row_join(affine.b[:, n_held:])
+        functions = [
+            _function("model_held", f"{_V}, double *held", _numbered(c, "held", affine.held)),
+            _function(
+                "model_affine",
+                f"{_V}, double *a, double *b",
+                _numbered(c, "a", affine.a) + _numbered(c, "b", b),
+            ),
         ]
+        if rows:
+            local_names = {s: f"algebraic[{k}]" for k, (s, _) in enumerate(affine.algebraic)}
+            names = {**names, **local_names}
+            local_printer = _Printer(names)
+            body = [f"double algebraic[{len(local_names)}];"] if local_names else []
+            body += _numbered(local_printer, "algebraic", (value for _, value in affine.algebraic))
+            body += _common_subexpressions(local_printer, names, "q", [affine.remainder[i] for i in rows])
+            functions.append(_function("model_remainder", f"{_V}, {_D}, double *q", body))
+        return functions
     if not model.derivatives:
         return []
-    body = _sharing(c, names, "rate", [e for _, e in model.derivatives])
+    body = _common_subexpressions(c, names, "rate", [e for _, e in model.derivatives])
     return [_function("model_rates", f"{_V}, {_D}, double *rate", body)]
 
 
-def _sharing(c: _Printer, names: dict[sp.Symbol, str], array: str, values: list[sp.Expr]) -> list[str]:
+def _common_subexpressions(
+    c: _Printer, names: dict[sp.Symbol, str], array: str, values: list[sp.Expr]
+) -> list[str]:
     """Fill an array, what several elements have in common but once."""
     symbols = sp.numbered_symbols("common", sp.Dummy, real=True)
     common, values = sp.cse(values, symbols)
@@ -239,7 +260,7 @@ def _partials(
         f" /* {_comment(partial.unknown.name)} by {_comment(partial.known.name)} */"
         for partial in sensitivity.partials
     ]
-    partials = _sharing(c, names, "p", [partial.partial for partial in sensitivity.partials])
+    partials = _common_subexpressions(c, names, "p", [partial.partial for partial in sensitivity.partials])
     return [
         "\n".join(["static const Partial model_partial_table[] = {", *(rows or ["    {0, 0, 0}"]), "};\n"]),
         _function("model_partials", f"{_V}, {_D}, double *p", partials),

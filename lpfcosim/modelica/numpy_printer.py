@@ -88,10 +88,10 @@ def python_source(model: SortedModel) -> str:
     Raises
     ------
     UnsupportedError
-        If the derivatives of the states are not affine, so that no step is exact.
+        If the derivatives of the states are no polynomials, so that there is no affine part to be exact in.
     """
     if model.derivatives and model.affine is None:
-        raise UnsupportedError(f"{model.name}: derivatives that are not affine have no exact step")
+        raise UnsupportedError(f"{model.name}: derivatives that are no polynomials have no exact step")
     return _ModulePrinter(model).source()
 
 
@@ -116,7 +116,7 @@ class _ModulePrinter:
         names = self._arguments.names()
         names |= {s: f"p_{i}" for i, s in enumerate(self._symbols("parameter"))}
         names |= {s: f"c_{i}" for i, s in enumerate(self._symbols("calculated"))}
-        names |= {s: f"a_{i}" for i, s in enumerate(self._symbols("algebraic"))}
+        names |= {s: f"a_{i}" for i, s in enumerate([*self._symbols("algebraic"), *self._symbols("rate")])}
         self._print = _Printer(names)
         self._constants = {*self._symbols("parameter"), *self._symbols("calculated")}
         self._algebraic = dict(model.algebraic)
@@ -166,12 +166,17 @@ class _ModulePrinter:
             "DISCRETE": tuple(s.name for s in arguments["z"]),
             "STATE_OUTPUTS": self._state_outputs(),
             "HELD": tuple(self._place(s, ("u", "z")) for s in held),
+            "REMAINDER": tuple(i for i, q in enumerate(self._remainder()) if q != 0),
             "ERRORS": self._errors(),
             "LIMITED": tuple(name for name, _ in self._limits()),
             **{f"{name.upper()}_PARTIALS": tuple((row, self._place(column)) for row, column, _ in partials)
                for name, partials in self._partials().items()},
         }  # fmt: skip
         return [f"{name} = {value!r}" for name, value in tables.items()]
+
+    def _remainder(self) -> tuple[sp.Expr, ...]:
+        """Return the remainder of the derivatives beyond their affine part, by state."""
+        return self._model.affine.remainder if self._model.affine else ()
 
     def _place(self, symbol: sp.Symbol, groups: Iterable[str] = "xqudz") -> tuple[str, int]:
         """Return argument and index of a symbol."""
@@ -256,8 +261,11 @@ class _ModulePrinter:
         }
         lines = [f"{name} = [{', '.join(map(self._code, values))}]" for name, values in constants.items()]
         partials = {name: [p for *_, p in found] for name, found in self._partials().items()}
+        common, remainder = _shared([q for q in self._remainder() if q != 0])
+        algebraic = list(model.affine.algebraic) if model.affine else []
         functions = {
             "events": ("xqud", list(self._events.items()), order),
+            "remainder": ("xudz", [*algebraic, *common], remainder),
             "delay_values": ("uz", [], [d.value for d in model.delays]),
             "outputs": ("xudz", [p for p in model.algebraic if p[0] in needed],
                         [s.symbol for s in self._outputs]),

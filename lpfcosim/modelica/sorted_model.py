@@ -42,11 +42,30 @@ class Event:
 
 @dataclass(frozen=True)
 class Affine:
-    """``der(x) = A x + B [held; delayed; 1]``; A and B depend on parameters only."""
+    """``der(x) = A x + B [held; delayed; 1] + q``.
+
+    The affine part is integrated exactly. The remainder q is held over a step at its value in the middle,
+    extrapolated as 1.5 q_n - 0.5 q_(n-1) from the values at the begins of this step and of the last one (an
+    exponential Adams-Bashforth method); in the first step it is q_0. Its error is of relative order
+    (h omega)^2, where omega is the rate at which q changes.
+
+    Attributes
+    ----------
+    a, b : Matrix
+        Depend on parameters only.
+    held : tuple of symbol
+        Inputs and sampled variables that the columns of ``b`` begin with.
+    remainder : tuple of expression
+        q by state: terms of degree 2 and higher in states, held, delayed and algebraic variables.
+    algebraic : tuple of (symbol, expression)
+        Assignments that the remainder needs, in an order in which they can be executed.
+    """
 
     a: sp.Matrix
     b: sp.Matrix
     held: tuple[sp.Symbol, ...]
+    remainder: tuple[sp.Expr, ...]
+    algebraic: tuple[Assignment, ...]
 
 
 @dataclass(frozen=True)
@@ -75,7 +94,7 @@ class SortedModel:
     derivatives : tuple of (state, expression)
         Expressions hold states, inputs, sampled variables, delayed signals, parameters and time only.
     affine : Affine or None
-        The derivatives as matrices, if they are affine.
+        The derivatives as matrices and a polynomial remainder; None if they have no such form.
     delays : tuple of Delay
         Delayed held signals.
     clocks : tuple of (start, period)

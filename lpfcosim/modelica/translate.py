@@ -66,7 +66,9 @@ def translate(model: FlatModel) -> SortedModel:
         ),
         solved=tuple(solved),
         derivatives=derivatives,
-        affine=affine.affine(derivatives, symbols("input", "discrete"), [d.symbol for d in delays]),
+        affine=affine.split_derivatives(
+            solved, states, rates, symbols("input", "discrete"), [d.symbol for d in delays]
+        ),
         delays=delays,
         clocks=sampling.clocks(evaluate),
         events=events,

@@ -121,7 +121,8 @@ def parameters(run: Run) -> dict[str, dict[str, float]]:
             "f_x_2_start": run.f_x_2_start, **limits, **electrodes.parameters(run),
         },
         "Plant": {
-            "h": run.h, "m_sc": run.m_sc, "m_tm": run.m_tm, "tau_1": run.tau_1, "tau_2": run.tau_2,
+            "m_sc": run.m_sc, "m_tm": run.m_tm,
+            "tau_1": run.tau_1 - run.h / 2, "tau_2": run.tau_2 - run.h / 2,
             "omega2_1_0": truth.omega2_1_0, "omega2_2_0": truth.omega2_2_0,
             "alpha_x_1": truth.alpha_x_1, "alpha_x_2": truth.alpha_x_2,
             "alpha_phi_1": truth.alpha_phi_1, "alpha_phi_2": truth.alpha_phi_2,

@@ -125,6 +125,19 @@ static void multiply(const State *s, const double *z, double *dx) {
 }
 #endif
 
+#if AFFINE && NQ > 0
+/* The remainder of the derivatives in the middle of the step, extrapolated from the begins of this step and the last. */
+static void extrapolate_remainder(State *s, double *q) {
+    double d[AT_LEAST_ONE(ND)], now[NQ];
+    delayed(s, s->ring[s->n % DELAY_CAPACITY], d);
+    model_remainder(s->v, d, now);
+    for (int i = 0; i < NQ; i++) {
+        q[i] = s->n > 0 ? now[i] + 0.5 * (now[i] - s->remainder[i]) : now[i];
+        s->remainder[i] = now[i];
+    }
+}
+#endif
+
 /* The end of the subinterval that begins at t: the next switch of a delayed signal, or the end of the step. */
 static double next_switch(const State *s, double t) {
     double end = s->h;
@@ -190,7 +203,7 @@ static const char *prepare(State *s, double step) {
     model_delay_times(s->v, duration);
     for (int j = 0; j < ND; j++) {
         double n = duration[j] / s->h, whole = floor(n + 1e-9);
-        if (!(n >= 0)) return "a delay is negative";
+        if (!(n > -1e-9)) return "a delay is negative";
         if (whole + 2 > DELAY_CAPACITY) return "a delay spans too many communication steps";
         s->whole[j] = (unsigned long long)whole;
         s->part[j] = n - whole > 1e-9 ? (n - whole) * s->h : 0;
@@ -222,6 +235,9 @@ static void integrate(State *s) {
     double z[NZ], dx[NX];
     for (int i = 0; i < NX; i++) z[i] = states(s)[i];
     model_held(s->v, z + NX);
+#if NQ > 0
+    extrapolate_remainder(s, z + NX + NH - NQ);
+#endif
     for (int j = 0; j < ND; j++) {
         z[NX + NH + j] = held_signal(s, j, s->n - s->whole[j] - 1);
         z[NX + NH + ND + j] = held_signal(s, j, s->n - s->whole[j]);

@@ -1,4 +1,5 @@
-/* The numerical core of every FMU: one fixed internal step, exact where the model is affine.
+/* The numerical core of every FMU: one fixed internal step. The affine part of the derivatives is integrated exactly, a
+   polynomial remainder is held at its extrapolated midpoint; other derivatives take Runge-Kutta steps.
 
    model.h and model.c are generated from Modelica; core.c is the same for all models and knows no FMI.
    State holds no pointers, so saving and restoring it is a copy. */
@@ -22,6 +23,9 @@
 
 typedef struct {
 #if AFFINE
+#if NQ > 0
+    double remainder[NQ]; /* of the derivatives, at the begin of the last step */
+#endif
     double e[NZ * NX]; /* of the step, by columns: x += e [x; held; delayed, before and after its switch; 1] */
 #endif
     double start_time;
@@ -69,6 +73,9 @@ static void model_delay_times(const double *v, double *duration);
 #if AFFINE
 static void model_held(const double *v, double *held);
 static void model_affine(const double *v, double *a, double *b);
+#if NQ > 0
+static void model_remainder(const double *v, const double *d, double *q);
+#endif
 #elif NX > 0
 static void model_rates(const double *v, const double *d, double *rate);
 #endif

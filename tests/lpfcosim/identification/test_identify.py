@@ -174,7 +174,7 @@ def test_what_is_clipped_is_masked(lpfcosim, campaign):
     [
         ("Plant.omega2_2 = {}", 'has no parameter "omega2_2", did you mean "omega2_2_0"'),
         ("Plnt.omega2_2_0 = {}", 'identify.Plnt.omega2_2_0: the loop has no "Plnt", did you mean "Plant"'),
-        ("Plant.h = {}", "held by the loop"),
+        ("DragFreeControl.h = {}", "held by the loop"),
         ("Plant.x_1 = {}", "of causality 'output'; expected a parameter"),
         ("omega_2 = {}", "expected a table of a model, or a parameter of the fit"),
         ("lambda_2 = {}\nActuation.lambda_2 = {}", "lambda_2 is sought twice"),
@@ -189,7 +189,7 @@ def test_what_is_clipped_is_masked(lpfcosim, campaign):
         ),
         ("lambda_2 = { start = 0 }", "identify.lambda_2.start: 0, expected 0.1078 to 10.78"),
         ("C_2 = { start = -1 }", "start: -1, expected 0.05388 to 10.78, what is possible about the 0.186 of"),
-        ("Plant.tau_2 = { start = 0.01 }", "identify.Plant.tau_2.start: 0.01, expected 0.05 to 10"),
+        ("Plant.tau_2 = { start = -0.01 }", "identify.Plant.tau_2.start: -0.01, expected 0 to 10"),
         ("omega2_2_0 = { start = 1 }", "start: 1, expected a value within 4.2e-05 of -4.19e-07, that of the"),
         ("lambda_2 = { width = 1e-300 }", "identify.lambda_2.width: 1e-300 is too small"),
         ("lambda_2 = { width = 1e300 }", "identify.lambda_2.width: 1e+300 is too large"),

@@ -25,4 +25,4 @@ def test_archive_holds_documentation_licence_and_icon(model, version):
     if model == "Plant":
         text = " ".join(pre.text for pre in page.iter("pre"))
         assert "spacecraft.a_SC = (" in text
-        assert "delay(f_applied_1, -h/2 + tau_1)" in text
+        assert "delay(f_applied_1, tau_1)" in text

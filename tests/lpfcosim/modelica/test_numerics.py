@@ -61,7 +61,7 @@ _PLANT = (
     ("x_1", "x_2", "a_SC"),
 )
 _FLIGHT = {
-    "h": H, "m_sc": M_SC, "m_tm": M_TM, "tau_1": 0.149 / 1.0748, "tau_2": 0.186 / 1.0776,
+    "m_sc": M_SC, "m_tm": M_TM, "tau_1": 0.149 / 1.0748 - H / 2, "tau_2": 0.186 / 1.0776 - H / 2,
     "omega2_1_0": -3.99e-7, "omega2_2_0": -4.19e-7, "alpha_x_1": -345.0, "alpha_x_2": -317.0,
     "alpha_phi_1": -28.2e3, "alpha_phi_2": -27.4e3, "F_max_1": 1100e-12, "F_max_2": 2200e-12,
     "N_max_1": 1.5e-12, "N_max_2": 10.4e-12, "tau_sc": 0.25, "T_sc": 0.1,
@@ -237,13 +237,13 @@ def plant(p, u, to):
     rates[1, :], rates[3, :] = force_1 - a_SC, force_2 - a_SC
     rates[4, 4], rates[4, 7] = -1 / p["T_sc"], 1 / p["T_sc"]
 
-    delays = [p["tau_1"] - p["h"] / 2, p["tau_2"] - p["h"] / 2, p["tau_sc"]]
-    whole = [int(mp.floor(d / p["h"])) for d in delays]
-    switch = [d - n * p["h"] for d, n in zip(delays, whole, strict=True)]
+    delays = [p["tau_1"], p["tau_2"], p["tau_sc"]]
+    whole = [int(mp.floor(d / H)) for d in delays]
+    switch = [d - n * mp.mpf(H) for d, n in zip(delays, whole, strict=True)]
     # Columns of a step: states, the three commands before their switch and after it, g_1, g_2, F_noise.
     step = mp.zeros(5, 14)
     step[:, :5] = mp.eye(5)
-    times = sorted({mp.mpf(0), *switch, p["h"]})
+    times = sorted({mp.mpf(0), *switch, mp.mpf(H)})
     for start, end in pairwise(times):
         e = mp.expm(rates * (end - start))
         step = e[:5, :5] * step
