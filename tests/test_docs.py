@@ -24,7 +24,7 @@ ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs"
 PAGES = sorted(DOCS.glob("*.md"))
 ELSEWHERE = DOCS / "python.md"  # its blocks are run by tests/fit/test_api.py
-SLOW = (DOCS / "own-plant.md",)  # a plant in Python is stepped by the minute
+SLOW = (DOCS / "injection.md", DOCS / "own-plant.md")  # simulate through FMUs
 FIRST = (ROOT / "README.md", DOCS / "first-hour.md", DOCS / "flight-telemetry.md")  # one leads to the next
 NOT_RUN = {
     "dask",
@@ -79,6 +79,7 @@ class Runner:
         self._lpfcosim, self._capfd = lpfcosim, capfd
         self._names: dict[str, object] = {}
         self.printed = ""
+        self.history: list[str] = []
 
     def run(self, block: Block) -> None:
         if block.language.startswith("{"):  # for Sphinx
@@ -111,6 +112,7 @@ class Runner:
         if shown and (value := eval(compile(ast.Expression(shown.value), "page", "eval"), self._names)):
             print(repr(value))
         self.printed = self._capfd.readouterr().out
+        self.history.append(self.printed)
 
     def _toml(self, block: Block) -> None:
         fragment(block.text)
@@ -198,6 +200,21 @@ def test_page(page, runner):
 def test_slow_page(page, runner):
     for block in blocks(page):
         runner.run(block)
+
+
+@pytest.mark.slow
+def test_notebook(runner):
+    pytest.importorskip("matplotlib").use("Agg")
+    nbformat = pytest.importorskip("nbformat")
+    notebook = nbformat.read(DOCS / "calibration.ipynb", as_version=4)
+    nbformat.validate(notebook)
+    for cell in notebook.cells:
+        if cell.cell_type == "code":
+            assert not cell.outputs
+            runner.run(Block("python", cell.source, None, False))
+    levels = re.findall(r"([\d.]+) fm s\^-2", "".join(runner.history))
+    assert len(levels) == 2
+    assert float(levels[0]) == pytest.approx(float(levels[1]), rel=0.2)
 
 
 def test_hardly_any_code_is_not_run():
