@@ -1,11 +1,16 @@
-"""Co-simulation: FMU archives, their place in the loop, and the master that steps them.
+"""Co-simulation: FMU archives, their place in the loop, and the algorithm that steps them.
 
 It treats FMUs of any origin alike. The loop itself is compiled C (`engine.c`); a plain one in FMPy gives
 the same bits.
 """
 
 from lpfcosim.cosim.co_simulation import Engine, SimulationProgress
-from lpfcosim.cosim.compatibility import interfaces, interfaces_of_runs, stimulus_component, warnings
+from lpfcosim.cosim.compatibility import (
+    read_interfaces,
+    read_interfaces_of_runs,
+    stimulus_component,
+    warnings,
+)
 from lpfcosim.cosim.fmu_instance import FmuInstance
 from lpfcosim.cosim.fmu_library import FmuLibraryCache
 from lpfcosim.cosim.interface import Interface, describe, nonconformity, read
@@ -24,12 +29,11 @@ __all__ = [
     "co_simulation",
     "compatibility",
     "compilation",
-    "compiled",
     "describe",
-    "interfaces",
-    "interfaces_of_runs",
     "nonconformity",
     "read",
+    "read_interfaces",
+    "read_interfaces_of_runs",
     "stimulus_component",
     "warnings",
 ]

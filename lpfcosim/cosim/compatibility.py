@@ -26,7 +26,7 @@ _SYMBOLS: dict[str, dict[str, int]] = {
 _FACTOR = re.compile(r"([A-Za-z]+)\^?([+-]?\d+)?|1")
 
 
-def interfaces(run: Run, fmus: Mapping[str, Path]) -> list[Interface]:
+def read_interfaces(run: Run, fmus: Mapping[str, Path]) -> list[Interface]:
     """Read the descriptions of the FMUs of a run, in the order of their steps, and check that they fit.
 
     This is all that can be known of FMUs in their places before their code is loaded, which it never is here:
@@ -49,7 +49,7 @@ def interfaces(run: Run, fmus: Mapping[str, Path]) -> list[Interface]:
         sources, or closes an algebraic loop. The message names table and file of the user.
     """
     replaced = {r.model: r for r in run.replacements}
-    found = []
+    interfaces = []
     world = world_of(run)
     settings = world.parameters(run)
     direct: dict[str, Mapping[str, Iterable[str]]] = {}
@@ -66,14 +66,14 @@ def interfaces(run: Run, fmus: Mapping[str, Path]) -> list[Interface]:
         except InputError as error:
             place = f"fmus.{component.model}: " if replacement else ""
             raise InputError(f"{place}{error}") from None
-        found.append(interface)
+        interfaces.append(interface)
         direct[component.model] = interface.direct
     check_feedthrough(world.steps(run), direct)
-    return found
+    return interfaces
 
 
-def interfaces_of_runs(runs: Sequence[Run], fmus: Mapping[str, Path]) -> list[Interface]:
-    """Check that the FMUs of a campaign fit their places in every run, as `interfaces` does for one.
+def read_interfaces_of_runs(runs: Sequence[Run], fmus: Mapping[str, Path]) -> list[Interface]:
+    """Check that the FMUs of a campaign fit their places in every run, as `read_interfaces` does for one.
 
     Runs may differ in parameter values, which an FMU may refuse.
 
@@ -82,7 +82,7 @@ def interfaces_of_runs(runs: Sequence[Run], fmus: Mapping[str, Path]) -> list[In
     runs : sequence of Run
         All of the campaign.
     fmus : mapping of str to Path
-        As of `interfaces`.
+        As of `read_interfaces`.
 
     Returns
     -------
@@ -92,13 +92,13 @@ def interfaces_of_runs(runs: Sequence[Run], fmus: Mapping[str, Path]) -> list[In
     Raises
     ------
     InputError
-        As `interfaces`; with the names of the runs, unless it is the same for all.
+        As `read_interfaces`; with the names of the runs, unless it is the same for all.
     """
-    found: list[list[Interface]] = []
+    interfaces: list[list[Interface]] = []
     refused: list[tuple[str, str]] = []
     for run in runs:
         try:
-            found.append(interfaces(run, fmus))
+            interfaces.append(read_interfaces(run, fmus))
         except InputError as error:
             refused.append((run.name, str(error)))
     causes = {cause for _, cause in refused}
@@ -106,22 +106,24 @@ def interfaces_of_runs(runs: Sequence[Run], fmus: Mapping[str, Path]) -> list[In
         raise InputError(causes.pop())
     if refused:
         raise InputError("; ".join(grouped(refused)))
-    return found[0]
+    return interfaces[0]
 
 
-def warnings(found: Iterable[Interface]) -> list[str]:
+def warnings(interfaces: Iterable[Interface]) -> list[str]:
     """Return what users should know of their FMUs that does not keep them from running, a sentence each."""
-    said = []
-    for interface in found:
+    sentences = []
+    for interface in interfaces:
         place = f"fmus.{interface.model}: {interface.named}"
         if interface.faults:
-            said.append(f"{place}: {nonconformity(interface.faults)}; accepted because of validate = false")
+            sentences.append(
+                f"{place}: {nonconformity(interface.faults)}; accepted because of validate = false"
+            )
         if interface.replacement and not compilation.has_binary(interface.archive, interface.description):
-            said.append(f"{place}: has no binary for this platform, its sources are compiled")
-    return said
+            sentences.append(f"{place}: has no binary for this platform, its sources are compiled")
+    return sentences
 
 
-def stimulus_component(run: Run, found: Iterable[Interface], archive: Path) -> Interface:
+def stimulus_component(run: Run, interfaces: Iterable[Interface], archive: Path) -> Interface:
     """Read the FMU that gives the loop what comes from outside, where another tool steps it.
 
     Raises
@@ -129,7 +131,7 @@ def stimulus_component(run: Run, found: Iterable[Interface], archive: Path) -> I
     InputError
         If it lacks a signal.
     """
-    sources = (s for i in found for s in i.component.inputs.values() if not endpoint(s)[0])
+    sources = (s for i in interfaces for s in i.component.inputs.values() if not endpoint(s)[0])
     component = Component(world_of(run).signals, {}, tuple(dict.fromkeys(sources)))
     interface = read(component, archive, (), None)
     for name in interface.outputs:
@@ -137,9 +139,9 @@ def stimulus_component(run: Run, found: Iterable[Interface], archive: Path) -> I
     return interface
 
 
-def ignored_names(found: Iterable[Interface]) -> dict[str, tuple[str, ...]]:
+def ignored_names(interfaces: Iterable[Interface]) -> dict[str, tuple[str, ...]]:
     """Of every replaced component, inputs and parameters of ours that the FMU in its place does not take."""
-    return {i.model: i.ignored for i in found if i.replacement}
+    return {i.model: i.ignored for i in interfaces if i.replacement}
 
 
 def problems(
@@ -168,8 +170,8 @@ def problems(
         for name in names:
             checks.append(partial(check_variable, interface, name, causality))
             checks.append(partial(check_unit, interface, name, units[name]))
-    own = interface.replacement.values if interface.replacement else {}
-    checks += [partial(_check_settable, interface, name) for name in own]
+    user_values = interface.replacement.values if interface.replacement else {}
+    checks += [partial(_check_settable, interface, name) for name in user_values]
     missing = False
     for check in checks:
         try:
@@ -197,17 +199,17 @@ def problems(
 
 def _check_once(interface: Interface, parameters: Iterable[str]) -> None:
     """Refuse a variable that would be set from two sides, be it under two names."""
-    own = interface.replacement.values if interface.replacement else ()
+    user_values = interface.replacement.values if interface.replacement else ()
     set_by: dict[tuple[tuple[str, int], int], str] = {}
-    for name in (*interface.inputs, *map(interface.name, parameters), *own):
+    for name in (*interface.inputs, *map(interface.name, parameters), *user_values):
         place = interface.place(name)
         if set_by.get(place) == name:
             raise InputError(
                 f"{interface.named}: '{name}' is set by the loop and under values; expected once"
             )
         if place in set_by:
-            other = set_by[place]
-            raise InputError(f"{interface.named}: '{other}' and '{name}' are one variable; expected two")
+            name_set = set_by[place]
+            raise InputError(f"{interface.named}: '{name_set}' and '{name}' are one variable; expected two")
         set_by[place] = name
 
 
@@ -237,8 +239,8 @@ def check_variable(interface: Interface, ours: str, causality: str) -> None:
     place = f"{interface.named}: variable '{name}'"
     if variable.causality != causality or variable.variability == "constant":
         constant = variable.variability == "constant"
-        given = "constant" if constant else f"of causality '{line(variable.causality)}'"
-        raise InputError(f"{place} is {given}; expected causality '{causality}' for {ours}")
+        attribute = "constant" if constant else f"of causality '{line(variable.causality)}'"
+        raise InputError(f"{place} is {attribute}; expected causality '{causality}' for {ours}")
     kind = "Real" if interface.version.startswith("2") else "Float64"
     if variable.type not in REALS:
         raise InputError(f"{place} is of type {line(variable.type)}; expected {kind} for {ours}")
@@ -263,7 +265,7 @@ def _check_settable(interface: Interface, name: str) -> None:
         )
 
 
-def check_unit(interface: Interface, ours: str, wanted: str) -> None:
+def check_unit(interface: Interface, ours: str, unit_expected: str) -> None:
     """Refuse a variable in another unit than ours; one that states none is taken to be in ours."""
     name = interface.name(ours)
     unit = interface.stated_unit(name)
@@ -272,17 +274,21 @@ def check_unit(interface: Interface, ours: str, wanted: str) -> None:
     base = interface.units.get(unit)
     place = f"{interface.named}: variable '{name}' is in {line(unit)}"
     if base is None:
-        if _exponents(unit) != _exponents(wanted):
+        if _exponents(unit) != _exponents(unit_expected):
             raise InputError(
-                f"{place}, of which it does not give the base units; expected {wanted}, for {ours}"
+                f"{place}, of which it does not give the base units; expected {unit_expected}, for {ours}"
             )
         return
     exponents = {n: int(p) for n, p in base.items() if n in BASE_UNITS}
     factor, offset = float(base.get("factor", 1)), float(base.get("offset", 0))
-    if exponents != _exponents(wanted) or abs(factor - 1) > 1e-12 or offset:
-        told = f"{factor:g} {wanted}" if exponents == _exponents(wanted) else _spelled(exponents, factor)
+    if exponents != _exponents(unit_expected) or abs(factor - 1) > 1e-12 or offset:
+        meaning = (
+            f"{factor:g} {unit_expected}"
+            if exponents == _exponents(unit_expected)
+            else _spelled(exponents, factor)
+        )
         also = f" with an offset of {offset:g}" if offset else ""
-        raise InputError(f"{place}, by which it means {told}{also}; expected {wanted}, for {ours}")
+        raise InputError(f"{place}, by which it means {meaning}{also}; expected {unit_expected}, for {ours}")
 
 
 def _spelled(exponents: Mapping[str, int], factor: float) -> str:
@@ -319,11 +325,11 @@ def _check_step(interface: Interface, h: float) -> None:
     if needed is None:
         return
     try:
-        own = float(needed)
+        step = float(needed)
     except ValueError:  # in an archive that is not valid
-        own = math.nan
-    steps = h / own if own > h * 1e-9 else math.nan
+        step = math.nan
+    steps = h / step if step > h * 1e-9 else math.nan
     if not steps >= 0.5 or abs(steps - round(steps)) > 1e-6:
         raise InputError(
-            f"{interface.named}: steps by {own:g} s; expected a step that divides that of the loop, {h:g} s"
+            f"{interface.named}: steps by {step:g} s; expected a step that divides that of the loop, {h:g} s"
         )

@@ -35,15 +35,15 @@ class Port:
         Value references, one per variable; an array variable has one.
     values : ctypes array of double
         The values, arrays row by row.
-    places : tuple of int
-        For every name asked for, its place among the values.
+    offsets : tuple of int
+        For every name, its place among the values.
     n_doubles, n_double_values : int
         Number of variables, and of their values, that are not of type Float32; they come first.
     """
 
     references: Any
     values: Any
-    places: tuple[int, ...]
+    offsets: tuple[int, ...]
     n_doubles: int
     n_double_values: int
 
@@ -59,17 +59,17 @@ class FmuInstance:
         Frees the instance, its library and its temporary folder.
     interface : Interface
         The FMU in its place.
-    guarded : bool
-        It is one of the user: look at every output of a step, which must be finite.
+    check_finite : bool
+        It is a third-party FMU, whose outputs must be finite after every step.
     logging : bool
-        Have it log all that it does.
-    shelf : FmuLibraryCache, optional
-        Where libraries come from and go to.
+        Turn its debug logging on.
+    libraries : FmuLibraryCache, optional
+        Libraries of FMUs that are loaded already.
 
     Attributes
     ----------
-    said : str
-        What the FMU last said was wrong; empty if it said nothing.
+    last_error : str
+        The last message of the FMU about an error; empty if there was none.
 
     Raises
     ------
@@ -84,22 +84,22 @@ class FmuInstance:
         stack: contextlib.ExitStack,
         interface: Interface,
         *,
-        guarded: bool = False,
+        check_finite: bool = False,
         logging: bool = False,
-        shelf: fmu_library.FmuLibraryCache | None = None,
+        libraries: fmu_library.FmuLibraryCache | None = None,
     ) -> None:
         self.name = interface.model
-        self.guarded = guarded
-        self.said = ""
-        self._interface, self._shelf, self._logging = interface, shelf, logging
+        self.check_finite = check_finite
+        self.last_error = ""
+        self._interface, self._libraries, self._logging = interface, libraries, logging
         self.version = int(interface.version[0])
         self.inputs, self.outputs = self._port(interface.inputs), self._port(interface.outputs)
         self._starts = list(self.inputs.values)
         self._resources = contextlib.ExitStack()
         stack.push(self._resources)
         if self.version == 2:
-            _listening[id(self)] = self
-            stack.callback(_listening.pop, id(self))
+            _loggers[id(self)] = self
+            stack.callback(_loggers.pop, id(self))
         self._load()
 
     def initialize(self, parameters: Mapping[str, Value]) -> None:
@@ -124,8 +124,8 @@ class FmuInstance:
             raise
         except Exception as error:  # as bare as FMPy has it
             named = self._interface.named
-            self._ask(partial(self._repeat, parameters))
-            raise InputError(f"{named}: cannot be initialised: {line(error)}{self.reason}") from None
+            self._repeat_with_logging(partial(self._repeat, parameters))
+            raise InputError(f"{named}: cannot be initialised: {line(error)}{self.error_suffix}") from None
 
     def restart(self, parameters: Mapping[str, Value]) -> None:
         """Take the instance back to its start, and give it these parameters; nothing is loaded anew.
@@ -135,14 +135,14 @@ class FmuInstance:
         RunError
             If it refuses.
         """
-        self.said = ""
+        self.last_error = ""
         self.inputs.values[:] = self._starts
         try:
-            self.fmu.reset()
+            self.library.reset()
             self._initialize(parameters)
         except FMICallException as error:
             named = self._interface.named
-            raise RunError(f"{named}: cannot be reset: {error}{self.reason}") from None
+            raise RunError(f"{named}: cannot be reset: {error}{self.error_suffix}") from None
 
     def renew(self, parameters: Mapping[str, Value]) -> None:
         """Free the instance together with its library, and initialise a new one.
@@ -154,28 +154,28 @@ class FmuInstance:
         InputError
             If it refuses.
         """
-        self.said = ""
+        self.last_error = ""
         self.inputs.values[:] = self._starts
         self._resources.close()
         self._load()
         self.initialize(parameters)
 
     @property
-    def reason(self) -> str:
-        """What the FMU said was wrong, to go behind a sentence about it."""
-        return f" ({self.said})" if self.said else ""
+    def error_suffix(self) -> str:
+        """The last error in parentheses, to be appended to a sentence about the FMU."""
+        return f" ({self.last_error})" if self.last_error else ""
 
     @property
     def is_silent(self) -> bool:
-        """Whether it is one of the user that said nothing, and might with debug logging."""
-        return self.guarded and not self.said and not self._logging
+        """Whether it is a third-party FMU without a message, which debug logging might give."""
+        return self.check_finite and not self.last_error and not self._logging
 
-    def hear(self, status: int, message: bytes | None) -> None:
-        """Log a message of the FMU, and note one that is worse than a warning."""
+    def on_log(self, status: int, message: bytes | None) -> None:
+        """Log a message of the FMU, and keep one that is worse than a warning."""
         text = (message or b"").decode("utf-8", "replace")
         _messages.info("%s: %s", self.name, text.strip() if status > 1 else line(text))
         if status > 1:
-            self.said = line(_last(text))
+            self.last_error = line(_last_line(text))
 
     def _repeat(self, parameters: Mapping[str, Value], logging: bool) -> None:
         self._logging = logging
@@ -185,15 +185,15 @@ class FmuInstance:
 
     def _load(self) -> None:
         stack, named = self._resources, self._interface.named
-        if self._shelf:
-            self.fmu = self._shelf.library(stack, self._interface)
+        if self._libraries:
+            self.library = self._libraries.library(stack, self._interface)
         else:
-            self.fmu = fmu_library.load_fmu(stack, self._interface)
+            self.library = fmu_library.load_fmu(stack, self._interface)
         try:
             self._instantiate(self._logging)
         except Exception as error:  # as bare as FMPy has it
-            self._ask(self._instantiate)
-            why = f"{line(error)}{self.reason}".replace(self.fmu.unzipDirectory, str(named))
+            self._repeat_with_logging(self._instantiate)
+            why = f"{line(error)}{self.error_suffix}".replace(self.library.unzipDirectory, str(named))
             if self._interface.description.coSimulation.canBeInstantiatedOnlyOncePerProcess:
                 why += (
                     "; its description allows one instance in a process (canBeInstantiatedOnlyOncePerProcess)"
@@ -205,14 +205,14 @@ class FmuInstance:
         if self.version == 2:
             callbacks = fmi2.fmi2CallbackFunctions.from_buffer_copy(_callbacks)
             callbacks.componentEnvironment = id(self)
-            self.fmu.instantiate(callbacks=callbacks, loggingOn=logging)
+            self.library.instantiate(callbacks=callbacks, loggingOn=logging)
         else:
-            self.fmu.instantiate(
-                logMessage=lambda _, status, __, message: self.hear(status, message), loggingOn=logging
+            self.library.instantiate(
+                logMessage=lambda _, status, __, message: self.on_log(status, message), loggingOn=logging
             )
 
-    def _ask(self, call: Callable[[bool], None]) -> None:
-        """Repeat with debug logging what an FMU of the user refused without a word; it may say why."""
+    def _repeat_with_logging(self, call: Callable[[bool], None]) -> None:
+        """Repeat a call that a third-party FMU refused without a message, with debug logging."""
         if self.is_silent:
             with contextlib.suppress(Exception):  # it fails again
                 call(True)
@@ -220,15 +220,15 @@ class FmuInstance:
     def _initialize(self, parameters: Mapping[str, Value]) -> None:
         values = self._values(parameters)
         if Stage.CONFIGURATION in values:
-            self.fmu.enterConfigurationMode()
+            self.library.enterConfigurationMode()
             self._assign(values[Stage.CONFIGURATION])
-            self.fmu.exitConfigurationMode()
+            self.library.exitConfigurationMode()
         self._assign(values.get(Stage.INSTANTIATED, {}))
         if self.version == 2:
-            self.fmu.setupExperiment(startTime=0.0)
-            self.fmu.enterInitializationMode()
+            self.library.setupExperiment(startTime=0.0)
+            self.library.enterInitializationMode()
         else:
-            self.fmu.enterInitializationMode(startTime=0.0)
+            self.library.enterInitializationMode(startTime=0.0)
         self._assign(values.get(Stage.INITIALIZATION, {}))
 
     def _values(
@@ -236,7 +236,7 @@ class FmuInstance:
     ) -> dict[Stage, dict[str, list[tuple[int, list[Value]]]]]:
         """Return what is to be set, by stage and type: value references and values, arrays as a whole."""
         arrays: dict[str, list[Value]] = {}
-        found: dict[Stage, dict[str, list[tuple[int, list[Value]]]]] = {}
+        by_stage: dict[Stage, dict[str, list[tuple[int, list[Value]]]]] = {}
         for name, value in parameters.items():
             variable, element = self._resolve(name)
             if variable.causality == "structuralParameter" and str(value).lower() == variable.start:
@@ -245,43 +245,43 @@ class FmuInstance:
                 single = size(variable) == 1
                 arrays[variable.name] = [value] if single else self._interface.start_values(variable)
                 when = stage(variable) or Stage.INSTANTIATED
-                of_type = found.setdefault(when, {}).setdefault(variable.type, [])
+                of_type = by_stage.setdefault(when, {}).setdefault(variable.type, [])
                 of_type.append((variable.valueReference, arrays[variable.name]))
             arrays[variable.name][element] = value
-        return found
+        return by_stage
 
     def _assign(self, values: Mapping[str, list[tuple[int, list[Value]]]]) -> None:
         for kind, assigned in values.items():
             name = ("Integer" if self.version == 2 else "Int64") if kind == "Enumeration" else kind
             references = [reference for reference, _ in assigned]
-            getattr(self.fmu, f"set{name}")(references, [v for _, values in assigned for v in values])
+            getattr(self.library, f"set{name}")(references, [v for _, values in assigned for v in values])
 
     def _free(self) -> None:
         if self.version == 2:
-            self.fmu.fmi2FreeInstance(self.fmu.component)
+            self.library.fmi2FreeInstance(self.library.component)
         else:
-            self.fmu.fmi3FreeInstance(self.fmu.component)
+            self.library.fmi3FreeInstance(self.library.component)
 
     def _resolve(self, name: str) -> tuple[Any, int]:
         interface = self._interface
         return resolve(interface.named, interface.variables, name, self.name)
 
     def _port(self, names: Sequence[str]) -> Port:
-        meant = [self._resolve(name) for name in names]
-        distinct = {reference(variable): variable for variable, _ in meant}
+        resolved = [self._resolve(name) for name in names]
+        distinct = {reference(variable): variable for variable, _ in resolved}
         variables = sorted(distinct.values(), key=lambda v: bool(v.type == "Float32"))
-        first: dict[tuple[str, int], int] = {}  # variable to the place of its first value
+        offsets: dict[tuple[str, int], int] = {}  # variable to the place of its first value
         starts: list[float] = []
         n_doubles = n_double_values = 0
         for variable in variables:
-            first[reference(variable)] = len(starts)
+            offsets[reference(variable)] = len(starts)
             starts += map(float, self._interface.start_values(variable))
             if variable.type != "Float32":
                 n_doubles, n_double_values = n_doubles + 1, len(starts)
         return Port(
             (ctypes.c_uint32 * len(variables))(*(v.valueReference for v in variables)),
             (ctypes.c_double * len(starts))(*starts),
-            tuple(first[reference(variable)] + element for variable, element in meant),
+            tuple(offsets[reference(variable)] + element for variable, element in resolved),
             n_doubles,
             n_double_values,
         )
@@ -293,21 +293,21 @@ class FmuInstance:
 
     def exit_initialization(self) -> None:
         """Begin to step."""
-        self.fmu.exitInitializationMode()
+        self.library.exitInitializationMode()
 
     def step(self, time: float, h: float) -> int:
         """Set the inputs, step from ``time`` to ``time + h``, read the outputs; return the status."""
         try:
             self._set(self.inputs)
-            told = self.fmu.doStep(time, h)
+            step_result = self.library.doStep(time, h)
             if self.version == 3:
-                _, terminate, early, _ = told
+                _, terminate, early, _ = step_result
                 if terminate or early:
                     return ENDS if terminate else EARLY
             self._get(self.outputs)
         except FMICallException as error:
             return int(error.status)
-        if self.guarded and not all(map(math.isfinite, self.outputs.values)):
+        if self.check_finite and not all(map(math.isfinite, self.outputs.values)):
             return NOT_FINITE
         return 0
 
@@ -319,29 +319,29 @@ class FmuInstance:
     def _set(self, port: Port) -> None:
         n, n_values = port.n_doubles, port.n_double_values
         if n and self.version == 2:
-            self.fmu.fmi2SetReal(self.fmu.component, port.references, n, port.values)
+            self.library.fmi2SetReal(self.library.component, port.references, n, port.values)
         elif n:
-            self.fmu.fmi3SetFloat64(self.fmu.component, port.references, n, port.values, n_values)
+            self.library.fmi3SetFloat64(self.library.component, port.references, n, port.values, n_values)
         if n < len(port.references):
-            self.fmu.setFloat32(port.references[n:], port.values[n_values:])
+            self.library.setFloat32(port.references[n:], port.values[n_values:])
 
     def _get(self, port: Port) -> None:
         n, n_values = port.n_doubles, port.n_double_values
         if n and self.version == 2:
-            self.fmu.fmi2GetReal(self.fmu.component, port.references, n, port.values)
+            self.library.fmi2GetReal(self.library.component, port.references, n, port.values)
         elif n:
-            self.fmu.fmi3GetFloat64(self.fmu.component, port.references, n, port.values, n_values)
+            self.library.fmi3GetFloat64(self.library.component, port.references, n, port.values, n_values)
         if n < len(port.references):
-            more = len(port.values) - n_values
-            port.values[n_values:] = self.fmu.getFloat32(port.references[n:], more)
+            n_single = len(port.values) - n_values
+            port.values[n_values:] = self.library.getFloat32(port.references[n:], n_single)
 
 
-_listening: dict[int, FmuInstance] = {}  # FMI 2.0 instances by what they pass to the logger
+_loggers: dict[int, FmuInstance] = {}  # FMI 2.0 instances by what they pass to the logger
 
 
 def _log(environment: int | None, name: bytes, status: int, category: bytes, message: bytes) -> None:
-    if environment in _listening:
-        _listening[environment].hear(status, message)
+    if environment in _loggers:
+        _loggers[environment].on_log(status, message)
     else:  # an instance of somebody else in this process
         printLogMessage(environment, name, status, category, message)
 
@@ -361,7 +361,7 @@ _logger = fmi2.fmi2CallbackLoggerTYPE(_log)
 _callbacks = _make_callbacks()
 
 
-def _last(text: str) -> str:
+def _last_line(text: str) -> str:
     """Return the last line of a message of many: of a Python traceback the one that says what happened."""
-    lines = [each for each in text.splitlines() if each.strip()]
+    lines = [text_line for text_line in text.splitlines() if text_line.strip()]
     return lines[-1] if lines and lines[0].lstrip().startswith("Traceback") else text

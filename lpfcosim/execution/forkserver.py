@@ -16,7 +16,7 @@ if TYPE_CHECKING:  # Windows lacks one of them
 LIBRARIES = (
     "numpy",
     "scipy.fft",
-    "scipy.special",
+    "scipy.signal",
     "h5py",
     "fmpy",
     "fmpy.fmi2",
@@ -30,7 +30,7 @@ LIBRARIES = (
 )
 
 #: What workers that fit import besides.
-FITTING = ("scipy.linalg", "scipy.signal")
+FITTING = ("scipy.linalg",)
 
 
 def preload(*modules: str) -> None:

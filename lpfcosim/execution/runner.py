@@ -14,7 +14,7 @@ from fit.files import atomic
 from fit.parallel import processors
 from fit.telemetry import root_attributes
 from lpfcosim.campaign import Campaign
-from lpfcosim.cosim import FmuLibraryCache, co_simulation, compatibility, compiled
+from lpfcosim.cosim import FmuLibraryCache, SimulationProgress, co_simulation, compatibility
 from lpfcosim.errors import InputError, RunError
 from lpfcosim.execution import dask_executor, process_pool, telemetry_file
 from lpfcosim.execution.checksums import ChecksumFile, PendingFile, digest
@@ -301,27 +301,26 @@ def write_telemetry(
     path: Path,
     origin: Mapping[str, str | int | float],
     engine: co_simulation.Engine = "compiled",
-    where: co_simulation.SimulationProgress | None = None,
-    shelf: FmuLibraryCache | None = None,
+    progress: SimulationProgress | None = None,
+    libraries: FmuLibraryCache | None = None,
 ) -> None:
-    """Simulate one run into a telemetry file, block by block; to have it settled is left to who keeps it.
+    """Simulate one run into a file, block by block; to flush it to disk is up to the caller.
 
     The attribute ``saturated_samples`` counts the samples with a command at its limit, if there are any.
     """
     saturated = 0
     world = world_of(run)
-    found = compatibility.interfaces(run, fmus)
-    untold = world.untold(run, compatibility.ignored_names(found))
-    with telemetry_file.create(path, run, world.record, origin, untold, is_final=False) as writer:
+    interfaces = compatibility.read_interfaces(run, fmus)
+    unknown_truths = world.untold(run, compatibility.ignored_names(interfaces))
+    with telemetry_file.create(path, run, world.record, origin, unknown_truths, is_final=False) as writer:
 
-        def told() -> Iterator[Mapping[str, co_simulation.Array]]:
+        def simulated_blocks() -> Iterator[Mapping[str, co_simulation.Array]]:
             nonlocal saturated
-            for block in co_simulation.blocks(run, found, engine, where, shelf):
+            for block in co_simulation.blocks(run, interfaces, engine, progress, libraries):
                 saturated += saturation.count(run, block)
                 yield block
 
-        low_pass = compiled.low_pass if engine == "compiled" else decimation.plain
-        for block in decimation.decimate(run, told(), low_pass):
+        for block in decimation.decimate(run, simulated_blocks()):
             writer.append(block)
         if saturated:
             writer.annotate("saturated_samples", saturated)
@@ -329,13 +328,14 @@ def write_telemetry(
 
 def saturated_samples(paths: Iterable[Path]) -> dict[str, int]:
     """Return the number of samples with a command at its limit, by run, of the files that have some."""
-    told = (root_attributes(path) or {} for path in paths)
-    return {str(said["run"]): int(said["saturated_samples"]) for said in told if "saturated_samples" in said}
+    files = (root_attributes(path) or {} for path in paths)
+    key = "saturated_samples"
+    return {str(attributes["run"]): int(attributes[key]) for attributes in files if key in attributes}
 
 
 # In a worker -------------------------------------------------------------------------------------------
 
-_SHELF = FmuLibraryCache()
+_libraries = FmuLibraryCache()
 
 
 def _simulate(
@@ -344,12 +344,12 @@ def _simulate(
     path: Path,
     origin: Provenance,
     engine: co_simulation.Engine,
-    where: co_simulation.SimulationProgress,
+    progress: SimulationProgress,
 ) -> PendingFile:
     """Simulate a run into a file that the main process gives its name."""
     partial = atomic.temporary(path)
     try:
-        write_telemetry(run, fmus, partial, origin, engine, where, _SHELF)
+        write_telemetry(run, fmus, partial, origin, engine, progress, _libraries)
     except RunError as error:  # which may name the file
         raise RunError(str(error).replace(partial.name, path.name)) from None
     return PendingFile(partial, digest(partial))

@@ -81,7 +81,7 @@ def validate(plan: Campaign, *, fitted: bool = True) -> Validation:
         from lpfcosim.execution import fmus
 
         theirs = {r.model: r.archive for r in plan.replacements}
-        interfaces = compatibility.interfaces_of_runs(plan.runs, theirs)
+        interfaces = compatibility.read_interfaces_of_runs(plan.runs, theirs)
         odd = compatibility.warnings(interfaces)
         fmus.check_digests(plan, theirs)
     else:

@@ -1,8 +1,8 @@
 """Put the FMUs of the closed loop into one FMU that steps them in the order of the network.
 
-The master inside is that of the FMU manipulation toolbox in its sequential mode. It passes outputs on once
-during initialization and steps as the master does: driven with the same signals it gives the same
-bits.
+The co-simulation inside is that of the FMU manipulation toolbox in its sequential mode. It passes outputs on
+once during initialization and steps as `cosim.co_simulation` does: driven with the same signals it gives the
+same bits.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from xml.etree import ElementTree as ET
 
-from lpfcosim.cosim import Interface, Value, checks, interfaces
+from lpfcosim.cosim import Interface, Value, checks, read_interfaces
 from lpfcosim.errors import InputError
 from lpfcosim.export.ssp import same_units
 from lpfcosim.modelica import build, serialize_xml
@@ -32,7 +32,7 @@ def container(run: Run, fmus: Mapping[str, Path], path: Path) -> Path:
 
     Its inputs are the signals that drive the loop, its outputs the recorded channels that are not such
     signals; the parameters are those of the run, fixed. The inputs of the first sample are set in
-    initialization mode, those of every sample before its step. It runs where the toolbox has a master for it
+    initialization mode, those of every sample before its step. It runs where the toolbox has a binary
     and the FMUs have a binary: Linux and Windows on x86-64, macOS on arm64.
 
     Parameters
@@ -54,7 +54,7 @@ def container(run: Run, fmus: Mapping[str, Path], path: Path) -> Path:
     InputError
         If an FMU cannot be read or does not fit, or the toolbox is not installed.
     """
-    found = interfaces(run, fmus)
+    found = read_interfaces(run, fmus)
     same_units(found)
     path.parent.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(prefix="lpfcosim-") as folder:

@@ -21,7 +21,7 @@ from typing import Any
 from xml.etree import ElementTree as ET
 
 from lpfcosim.campaign import Campaign
-from lpfcosim.cosim import REALS, Interface, Value, interfaces_of_runs, stimulus_component
+from lpfcosim.cosim import REALS, Interface, Value, read_interfaces_of_runs, stimulus_component
 from lpfcosim.errors import InputError
 from lpfcosim.export import traceability
 from lpfcosim.export.outcome import IRLSResult
@@ -93,7 +93,7 @@ def export(
     for run in campaign.runs:
         first.setdefault(run.authority.name, run)
     run = next(iter(first.values()))
-    found = interfaces_of_runs(list(first.values()), fmus)
+    found = read_interfaces_of_runs(list(first.values()), fmus)
     _refuse_unfit(found, version)
     signals = world_of(run).signals
     driving = stimulus_component(run, found, build.build([signals], fmi=fmi(version))[signals])

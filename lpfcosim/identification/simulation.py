@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 import fit.errors
 from fit.telemetry import TOWARDS_1, Telemetry
 from lpfcosim.campaign import Campaign
-from lpfcosim.cosim import SimulationProgress, interfaces
+from lpfcosim.cosim import SimulationProgress, read_interfaces
 from lpfcosim.errors import InputError, RunError
 from lpfcosim.execution import checksums
 from lpfcosim.identification import trials
@@ -91,7 +91,7 @@ class Simulation:
         self.on_simulation: Callable[[int], None] = lambda _: None
         self._done = 0
         first_run = run_of(plan, telemetries[0])
-        placed = interfaces(first_run, fmus)
+        placed = read_interfaces(first_run, fmus)
         self.targets = targets(plan, first_run, placed)
         self.fixed_values = fixed_values(first_run, placed, self.targets)
         self.other_loop_description = other_loop(
@@ -166,7 +166,7 @@ def _load(
         run,
         dc=_balanced_acceleration(steady, {f"lambda_{j}": getattr(run.truth, f"lambda_{j}") for j in (1, 2)}),
     )
-    placed = interfaces(run, fmus)
+    placed = read_interfaces(run, fmus)
     loop = trials.whole_loop(stack, run, placed, ("o_1", "o_12"), where)
     controller = trials.controller(stack, replace(run, dc=0.0), placed, where)
     jitters = any("f_x_1_jitter" in i.component.inputs for i in placed)

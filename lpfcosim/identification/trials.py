@@ -78,7 +78,7 @@ class Trials:
         self._reference: _Reference | None = None
         components = [i.component for i in interfaces]
         self._network = co_simulation.CoSimulation(
-            run.name, run.h, components, self._slaves, feeds, record.values(), where=self._where
+            run.name, run.h, components, self._slaves, feeds, record.values(), progress=self._where
         )
 
     def simulate(self, n: int, inputs: Mapping[str, Array], changed: Values) -> dict[str, Array]:

@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lpfcosim.models.world import world_of
-from lpfcosim.signals import TARGETS, Noise, Recursion, autoregress, injected
+from lpfcosim.signals import TARGETS, Noise, injected
 from lpfcosim.spacecraft import Run
 
 Array = NDArray[np.float64]
@@ -22,9 +22,9 @@ def injections(run: Run, start: int = 0, stop: int | None = None) -> dict[str, A
     return injected(run, start, stop, world_of(run).turns(run))
 
 
-def stream(run: Run, recursion: Recursion = autoregress) -> Noise:
+def stream(run: Run) -> Noise:
     """Return the noise of a run at its beginning."""
-    return Noise(run, world_of(run).sources(run), recursion)
+    return Noise(run, world_of(run).sources(run))
 
 
 def noise(run: Run) -> dict[str, Array]:

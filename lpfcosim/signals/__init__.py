@@ -3,7 +3,6 @@
 Which noise there is depends on the world of the run, so `lpfcosim.models` starts the streams.
 """
 
-from lpfcosim.signals.autoregression import Recursion, autoregress
 from lpfcosim.signals.flicker import flicker
 from lpfcosim.signals.gain_drift import GainDrift
 from lpfcosim.signals.injections import TARGETS, commanded, injected
@@ -14,10 +13,8 @@ __all__ = [
     "TARGETS",
     "GainDrift",
     "Noise",
-    "Recursion",
     "Source",
     "Weights",
-    "autoregress",
     "commanded",
     "decimation",
     "events",

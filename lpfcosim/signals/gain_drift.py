@@ -6,7 +6,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from lpfcosim.signals.autoregression import Recursion, autoregress
 from lpfcosim.signals.noise import Source
 from lpfcosim.signals.seeding import generator
 from lpfcosim.spacecraft import Run
@@ -26,7 +25,7 @@ class GainDrift(Source):
 
     drift: float = 0.0
 
-    def start(self, run: Run, recursion: Recursion = autoregress) -> "_Path":  # noqa: ARG002
+    def start(self, run: Run) -> "_Path":
         """Return the change at the beginning of the run."""
         return _Path(self, run)
 

@@ -6,10 +6,10 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
 from lpfcosim.signals import events
-from lpfcosim.signals.autoregression import Recursion, autoregress
 from lpfcosim.signals.injections import add_pulses
 from lpfcosim.signals.seeding import generator
 from lpfcosim.spacecraft import Run
@@ -46,14 +46,14 @@ class Source:
         """The signals it goes into, with their factors."""
         return ((self.into, 1.0),) if isinstance(self.into, str) else self.into
 
-    def start(self, run: Run, recursion: Recursion = autoregress) -> "Stream":
+    def start(self, run: Run) -> "Stream":
         """Return the stream at its beginning."""
         nyquist = run.fs / 2
         if not self.corner:
-            return _Drawn(run, self.name, self.level * math.sqrt(nyquist), 0.0, recursion)
+            return _AutoregressiveStream(run, self.name, self.level * math.sqrt(nyquist), 0.0)
         # PSD 2 h size^2 / |1 - rho z^-1|^2 -> (level / f)^2, with size = pi level sqrt(2 h)
         size = 2 * math.pi * self.level * run.h * math.sqrt(nyquist)
-        return _Drawn(run, self.name, size, math.exp(-2 * math.pi * self.corner * run.h), recursion)
+        return _AutoregressiveStream(run, self.name, size, math.exp(-2 * math.pi * self.corner * run.h))
 
     def psd(self, frequency: Array, h: float) -> Array:
         """Return the one-sided PSD of the stream, sampled every ``h`` seconds, at ``frequency`` [Hz]."""
@@ -80,15 +80,13 @@ class Noise:
         Its name and seed.
     sources : sequence of Source
         What drives it.
-    recursion : Recursion
-        The filter of noise that rises as 1/f.
     """
 
-    def __init__(self, run: Run, sources: Sequence[Source], recursion: Recursion = autoregress) -> None:
+    def __init__(self, run: Run, sources: Sequence[Source]) -> None:
         self._run = run
         self._drawn = 0
         self._glitches = events.glitches(run)
-        self._sources = [(source.shares, source.start(run, recursion)) for source in sources]
+        self._sources = [(source.shares, source.start(run)) for source in sources]
 
     def take(self, n: int) -> dict[str, Array]:
         """Draw the next ``n`` samples.
@@ -115,24 +113,21 @@ class Noise:
         return drawn
 
 
-class _Drawn:
+class _AutoregressiveStream:
     """Stationary first-order autoregression, ``y[i] = size x[i] + rho y[i-1]``; white noise without `rho`."""
 
-    def __init__(self, run: Run, name: str, size: float, rho: float, recursion: Recursion) -> None:
-        self._generator, self._recursion = generator(run, name), recursion
-        self._size, self._rho = size, rho
-        self._last: float | None = None
+    def __init__(self, run: Run, name: str, size: float, rho: float) -> None:
+        self._generator, self._size, self._rho = generator(run, name), size, rho
+        self._state: Array | None = None
 
     def take(self, n: int) -> Array:
         if self._size == 0:
             return np.zeros(n)
-        drawn = self._generator.standard_normal(n)
-        drawn *= self._size
-        if self._rho and n:
-            if self._last is None:
-                drawn[0] /= math.sqrt(1 - self._rho**2)  # the first sample has the stationary variance
-                self._recursion(drawn[1:], self._rho, drawn[0])
-            else:
-                self._recursion(drawn, self._rho, self._last)
-            self._last = float(drawn[-1])
-        return drawn
+        x = self._size * self._generator.standard_normal(n)
+        if not self._rho or not n:
+            return x
+        if self._state is None:
+            self._state = np.zeros(1)
+            x[0] /= math.sqrt(1 - self._rho**2)  # the first sample has the stationary variance
+        y, self._state = scipy.signal.lfilter([1.0], [1.0, -self._rho], x, zi=self._state)
+        return np.asarray(y)

@@ -18,7 +18,7 @@ from fit.telemetry import Telemetry, read_truth
 from fit.warnings import FitWarning
 from fit.whitening import Experiment
 from lpfcosim.campaign import Campaign
-from lpfcosim.cosim import SimulationProgress, interfaces_of_runs, warnings
+from lpfcosim.cosim import SimulationProgress, read_interfaces_of_runs, warnings
 from lpfcosim.errors import InputError, RunError, as_run_error, prefix_errors
 from lpfcosim.execution import fmus as fmu_archives
 from lpfcosim.execution import process_pool, results_folder, runner, validation
@@ -162,7 +162,7 @@ def identify(
     fit_settings = constrain(fit_settings, parameters or {})
     fmus = campaign_fmus(plan, progress)
     with prefix_errors(source):
-        interfaces = interfaces_of_runs(plan.runs, fmus)
+        interfaces = read_interfaces_of_runs(plan.runs, fmus)
         for target in targets(plan, plan.runs[0], interfaces):
             free_parameter(target)  # refused before anything takes its time
     for warning in warnings(interfaces):

@@ -121,7 +121,7 @@ class MonteCarloTask:
             with FmuLibraryCache() as libraries:
                 for run in plan.runs:
                     path = folder / f"{run.name}.h5"
-                    runner.write_telemetry(run, fmus, path, {}, where=progress, shelf=libraries)
+                    runner.write_telemetry(run, fmus, path, {}, progress=progress, libraries=libraries)
                     progress.set_idle()
             telemetries = read_all(sorted(folder.glob("*.h5")), trusted=True)
             return coverage.with_truth(calibrate(telemetries, self.fit_settings), telemetries)

@@ -36,8 +36,7 @@ import numpy as np
 
 from lpfcosim.campaign import loading
 from lpfcosim.cosim import co_simulation
-from lpfcosim.cosim import compiled as compiled_engine
-from lpfcosim.cosim.compatibility import interfaces
+from lpfcosim.cosim.compatibility import read_interfaces
 from lpfcosim.execution import runner
 from lpfcosim.modelica import build
 from lpfcosim.modelica.compiler import FLAGS, compiler
@@ -110,7 +109,7 @@ def timed_loop(
 ) -> float:
     """Seconds that one loop takes through the feeds."""
     with contextlib.ExitStack() as stack:
-        found = interfaces(run, fmus)
+        found = read_interfaces(run, fmus)
         loop = co_simulation.RunCoSimulation(
             run, [i.component for i in found], co_simulation.start(stack, run, found), engine
         )
@@ -123,7 +122,7 @@ def timed_loop(
 def draw(run: Run) -> float:
     """Seconds that the injections and the noise of a run take, block by block."""
     started = time.perf_counter()
-    noise = drive.stream(run, compiled_engine.autoregress)
+    noise = drive.stream(run)
     for start in range(0, run.n_samples, co_simulation.BLOCK):
         stop = min(start + co_simulation.BLOCK, run.n_samples)
         drawn = {**drive.injections(run, start, stop), **noise.take(stop - start)}
@@ -200,9 +199,9 @@ def parts(campaign: str, hours: float, repeat: int) -> dict[str, float]:
 
 def stepped(run: Run, fmus: dict[str, Path], *, record: bool, instead: ctypes.CDLL | None = None) -> float:
     """Processor seconds of the loop over a run, block by block; with other functions instead of the FMUs'."""
-    noise = drive.stream(run, compiled_engine.autoregress)
+    noise = drive.stream(run)
     with contextlib.ExitStack() as stack:
-        found = interfaces(run, fmus)
+        found = read_interfaces(run, fmus)
         loop = co_simulation.RunCoSimulation(
             run, [i.component for i in found], co_simulation.start(stack, run, found), "compiled"
         )

@@ -54,7 +54,7 @@ def with_description(path, original, text):
 def use(path, run, fmus, validate=True):
     """Do with an FMU what a run does before its first step."""
     replaced = replace(run, replacements=(Replacement(MODEL, path, validate=validate),))
-    for found in compatibility.interfaces(replaced, {**fmus, MODEL: path}):
+    for found in compatibility.read_interfaces(replaced, {**fmus, MODEL: path}):
         if found.archive == path:
             parameters = found.parameters(world_of(replaced).parameters(replaced)[MODEL])
             with contextlib.ExitStack() as stack:
@@ -246,7 +246,7 @@ def test_an_array_without_end(tmp_path, ours, make_run):
     run = make_run()
     names = Replacement(MODEL, path, {"x_1": "x_1[1]"})
     run = replace(run, replacements=(names,))
-    said = survives(lambda: compatibility.interfaces(run, {**ours["3.0"], MODEL: path}), path, "array")
+    said = survives(lambda: compatibility.read_interfaces(run, {**ours["3.0"], MODEL: path}), path, "array")
     assert "elements; expected at most" in said
 
 

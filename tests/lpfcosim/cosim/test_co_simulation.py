@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from lpfcosim.campaign import loading
-from lpfcosim.cosim import co_simulation, interfaces
+from lpfcosim.cosim import co_simulation, read_interfaces
 from lpfcosim.errors import InputError, RunError
 from lpfcosim.modelica import build
 from lpfcosim.models import along_x, along_x_plant, world
@@ -121,7 +121,7 @@ def test_unreadable_fmu_is_told(fmus, make_run, tmp_path):
 def test_blocks_make_up_the_run(fmus, make_run, monkeypatch):
     monkeypatch.setattr(co_simulation, "BLOCK", 1000)
     run = make_run(n_samples=2500)
-    blocks = co_simulation.blocks(run, interfaces(run, fmus))
+    blocks = co_simulation.blocks(run, read_interfaces(run, fmus))
     assert [len(block["o_1"]) for block in blocks] == [1000, 1000, 500]
 
 

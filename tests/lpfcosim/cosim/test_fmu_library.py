@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from lpfcosim.cosim import FmuLibraryCache, co_simulation, interfaces
+from lpfcosim.cosim import FmuLibraryCache, co_simulation, read_interfaces
 from lpfcosim.errors import InputError, RunError
 from lpfcosim.modelica import build
 from lpfcosim.spacecraft import Replacement
@@ -41,7 +41,7 @@ def shelf():
 
 
 def simulate(run, fmus, shelf):
-    return list(co_simulation.blocks(run, interfaces(run, fmus), shelf=shelf))
+    return list(co_simulation.blocks(run, read_interfaces(run, fmus), libraries=shelf))
 
 
 def test_a_run_is_the_same_whoever_had_the_libraries_before(fmus, make_run, folders, shelf):
@@ -56,7 +56,7 @@ def test_a_run_is_the_same_whoever_had_the_libraries_before(fmus, make_run, fold
 
 def test_two_runs_at_once_have_libraries_of_their_own(fmus, make_run, folders, shelf):
     run = make_run(n_samples=2500)
-    one, other = (co_simulation.blocks(run, interfaces(run, fmus), shelf=shelf) for _ in range(2))
+    one, other = (co_simulation.blocks(run, read_interfaces(run, fmus), libraries=shelf) for _ in range(2))
     for block, beside in zip(one, other, strict=True):
         assert all(np.array_equal(block[name], beside[name]) for name in block)
     assert folders() == 2 * LOOP

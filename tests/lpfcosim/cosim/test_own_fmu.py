@@ -52,7 +52,7 @@ def simulate(run, fmus, replacement, **options):
 def refusal(run, fmus, replacement):
     run = replace(run, replacements=(replacement,))
     with pytest.raises(InputError) as refused:
-        compatibility.interfaces(run, {**fmus, replacement.model: replacement.archive})
+        compatibility.read_interfaces(run, {**fmus, replacement.model: replacement.archive})
     message = str(refused.value)
     assert "\n" not in message
     return message
@@ -171,7 +171,7 @@ def test_variable_that_is_set_from_two_sides_is_told(run, fmus, tmp_path):
     assert "'o_12' and 'twin' are one variable; expected two" in told
     # The name of another parameter of ours: that one is then not set.
     mine = replace(run, replacements=(Replacement(SUSPENSION, ours, {"f_u": "f_z"}),))
-    assert "f_z" in compatibility.ignored_names(compatibility.interfaces(mine, fmus))[SUSPENSION]
+    assert "f_z" in compatibility.ignored_names(compatibility.read_interfaces(mine, fmus))[SUSPENSION]
 
 
 def test_our_parameter_can_be_declined(run, fmus):

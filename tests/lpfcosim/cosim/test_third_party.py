@@ -164,7 +164,7 @@ def test_array_of_integers_reaches_the_fmu_as_it_is(run, fmus, tmp_path):
     (interface,) = (i for i in found if i.model == MODEL)
     with contextlib.ExitStack() as stack:
         alone = fmu_instance.FmuInstance(stack, interface)
-        alone.fmu.setInt64 = lambda references, values: sent.append((references, values))
+        alone.library.setInt64 = lambda references, values: sent.append((references, values))
         alone.initialize(interface.parameters(world_of(run).parameters(run)[MODEL]))
     assert sent == [([20], [9007199254740993, 7])]
 

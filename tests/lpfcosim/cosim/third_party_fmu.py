@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import pytest
 
-from lpfcosim.cosim import interfaces
+from lpfcosim.cosim import read_interfaces
 from lpfcosim.errors import InputError
 from lpfcosim.spacecraft.run import Replacement
 from tests import third_party
@@ -21,7 +21,7 @@ def replacement(archive, *, unused=third_party.UNUSED, **fields):
 
 def placed(run, fmus, mine, archive=None):
     run = replace(run, replacements=(mine,))
-    return run, interfaces(run, {**fmus, MODEL: archive or mine.archive})
+    return run, read_interfaces(run, {**fmus, MODEL: archive or mine.archive})
 
 
 def simulate(run, fmus, archive, engine="compiled", **fields):

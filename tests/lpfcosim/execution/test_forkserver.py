@@ -74,8 +74,8 @@ print(*sys.modules)
 
 @pytest.mark.fmu
 @pytest.mark.parametrize("rate", [10.0, 1.0])
-def test_to_simulate_takes_no_library_that_takes_long_to_read_in(make_run, tmp_path, rate):
+def test_to_simulate_imports_nothing_of_a_fit(make_run, tmp_path, rate):
     task = tmp_path / "task"
     task.write_bytes(pickle.dumps((make_run(n_samples=12_000, sample_rate=rate), build.build())))
     done = subprocess.run([sys.executable, "-c", TASK, str(task)], capture_output=True, text=True, check=True)
-    assert not {"pint", "scipy.linalg", "scipy.signal", "scipy.stats"} & set(done.stdout.split())
+    assert not {"pint", "lmfit"} & set(done.stdout.split())

@@ -20,7 +20,7 @@ def resolved(make_run, plan, fmus):
     def made(sought, *replacements):
         run = make_run(replacements=replacements)
         archives = {**fmus, **{r.model: r.archive for r in replacements}}
-        return targets(replace(plan, identify=sought), run, compatibility.interfaces(run, archives))
+        return targets(replace(plan, identify=sought), run, compatibility.read_interfaces(run, archives))
 
     return made
 
@@ -48,7 +48,7 @@ def test_a_delay_coefficient_is_a_gain_times_a_delay(resolved):
 
 def test_what_is_not_sought_is_held_by_the_loop(make_run, plan, fmus):
     run = make_run()
-    found = compatibility.interfaces(run, fmus)
+    found = compatibility.read_interfaces(run, fmus)
     some = {"lambda_2": ParameterSpec(), "Plant.omega2_2_0": ParameterSpec()}
     held = parameters.fixed_values(run, found, targets(replace(plan, identify=some), run, found))
     assert held["lambda_1"] == 1.0748

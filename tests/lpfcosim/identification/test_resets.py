@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from lpfcosim.cosim import interfaces
+from lpfcosim.cosim import read_interfaces
 from lpfcosim.errors import RunError
 from lpfcosim.identification import trials
 from lpfcosim.models import drive
@@ -23,7 +23,7 @@ def simulated(make_run, fmus, archive):
     mine = Replacement(MODEL, archive, third_party.VARIABLES, third_party.UNUSED)
     sine = Sine("guidance_o_12", 1e-8, 0.01, 2, 10)
     run = replace(make_run(n_samples=N, injections=(sine,), dc=4e-12), replacements=(mine,))
-    found = interfaces(run, {**fmus, MODEL: archive})
+    found = read_interfaces(run, {**fmus, MODEL: archive})
     feeds = {**drive.injections(run), "g_2": np.full(N, run.dc)}
     with contextlib.ExitStack() as stack:
         loop = trials.whole_loop(stack, run, found, ("o_12", "f_x_2"))

@@ -23,7 +23,7 @@ def run(make_run):
 
 @pytest.mark.parametrize("fmi", ["2.0", "3.0"])
 def test_a_trial_leaves_nothing_behind(run, fmi):
-    found = compatibility.interfaces(run, build.build(fmi=fmi))
+    found = compatibility.read_interfaces(run, build.build(fmi=fmi))
     feeds = {**drive.injections(run), "g_2": np.full(N, run.dc)}
     with contextlib.ExitStack() as stack:
         loop = trials.whole_loop(stack, run, found, ("o_1", "o_12"))
@@ -40,7 +40,7 @@ def test_a_trial_leaves_nothing_behind(run, fmi):
 
 
 def test_a_loop_goes_on_after_a_trial_that_is_not_stable(run, fmus):
-    found = compatibility.interfaces(run, fmus)
+    found = compatibility.read_interfaces(run, fmus)
     feeds = {**drive.injections(run), "g_2": np.full(N, run.dc)}
     with contextlib.ExitStack() as stack:
         loop = trials.whole_loop(stack, run, found, ("o_1", "o_12"))
@@ -53,7 +53,7 @@ def test_a_loop_goes_on_after_a_trial_that_is_not_stable(run, fmus):
 
 
 def test_the_controller_alone_makes_the_commands_that_it_made_in_the_loop(run, fmus):
-    found = compatibility.interfaces(run, fmus)
+    found = compatibility.read_interfaces(run, fmus)
     feeds = {**drive.injections(run), "g_2": np.full(N, run.dc)}
     with contextlib.ExitStack() as stack:
         loop = trials.whole_loop(stack, run, found, ("o_12", "f_x_2"))

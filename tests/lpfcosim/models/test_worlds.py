@@ -59,7 +59,7 @@ def test_third_world_is_simulated_without_fmus(run):
 @pytest.mark.fmu
 def test_third_world_is_wired_and_recorded(run):
     fmus = build.build([c.model for c in WATCHED.components])
-    found = compatibility.interfaces(run, fmus)
+    found = compatibility.read_interfaces(run, fmus)
     assert [i.model for i in found] == [c.model for c in WATCHED.steps(run)]
     (got,) = co_simulation.blocks(run, found)
     assert got.keys() == WATCHED.record.keys()
