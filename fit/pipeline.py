@@ -209,9 +209,9 @@ def _prepared(recorded: Sequence[Experiment], chosen: Settings) -> ExperimentSet
     together = [prepared[e.name].experiment if e.name in prepared else e for e in recorded]
     taking_part, short, excluded = divide(together, chosen)
     campaign = ExperimentSet(prepared, tuple(taking_part), tuple(short), tuple(excluded)).exclude(left_out)
-    # where glitches are not searched for, they pass for changes
     whole = [e for e in campaign.usable if e.name not in chosen.exclude]
-    breaks = metadata.changes(whole if glitch_search_enabled(chosen) else ())
+    # what the equation lacks in all runs passes for changes as well
+    breaks = metadata.changes(() if misfit else whole, glitches_masked=glitch_search_enabled(chosen))
     campaign = replace(campaign, notes=(*screening.notes, *misfit, *breaks.notes)).exclude(breaks.exclusions)
     return campaign.exclude_unusable()
 

@@ -246,7 +246,8 @@ def _largest_pull(test: ConsistencyTest, i: int, experiment: Experiment) -> str:
     sigma = np.sqrt(np.einsum("ij,jk,ik->i", share, rest.covariance(), share))
     single, single_sigma = score.single_fit()
     n = len(dynamics.PARAMETERS)
-    pulls = np.abs(single[:n] - theta[:n]) / np.hypot(single_sigma[:n], sigma[:n])
+    shared = sigma[:n] > 0  # the others have no delta_ifo of an epoch that they do not belong to
+    pulls = np.where(shared, np.abs(single[:n] - theta[:n]) / np.hypot(single_sigma[:n], sigma[:n]), 0.0)
     if not np.any(pulls > 0):
         return "agrees with them"
     k = int(np.nanargmax(pulls))

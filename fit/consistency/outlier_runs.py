@@ -9,7 +9,8 @@ where T is the chisqr of the joint model without S, d(S) by how much its degrees
 the variance of a bad run in units of that of the noise (`MixturePrior`). The runs of one authority or one
 alignment epoch may all be bad for one reason and count as one. The probability that a run is bad is the sum
 of p over all subsets that hold it. Above one half the run is left out, if the contradiction itself is beyond
-the budget of false alarms; of two that may about as well be bad, both are.
+the budget of false alarms; of two that may about as well be bad, both are,
+and of a group that may about as well be bad as some of its runs, all are.
 """
 
 import math
@@ -113,7 +114,9 @@ def find_outlier_runs(test: ConsistencyTest, groups: Groups = ()) -> OutlierRuns
     bad = (p / p.sum()) @ ~good
     names = [run.name for run in test.runs]
     reasons = _reasons(test, good, groups)
-    probable = good[(log_p > log_p.max() - PRIOR.margin) & (reasons <= reasons[np.argmax(log_p)])]
+    order = np.argsort(-log_p, kind="stable")
+    is_probable = (log_p > log_p.max() - PRIOR.margin) & (reasons <= reasons[order[0]])
+    probable = good[order[is_probable[order]]]
     outliers, undecided = _decide(test, bad, probable, groups)
     return OutlierRuns(
         dict(zip(names, bad.tolist(), strict=True)),
@@ -135,13 +138,17 @@ def _decide(
     bad : ndarray, shape (R,)
         Probability of each run to be bad.
     probable : ndarray of bool, shape (M, R)
-        Good runs of the subsets that are about as probable as the most probable one, for no more reasons.
+        Good runs of the subsets that are about as probable as the most probable one, for no more reasons,
+        in falling order.
     groups : collection of frozenset of str
         Runs, by name, that may be bad for one reason.
     """
     if not is_contradicted(test, groups):
         return [], []
     outliers = np.flatnonzero(bad > 0.5).tolist()
+    shared = probable[_is_group(test, probable, groups) & ~probable[:, outliers].any(axis=1)]
+    if outliers and len(shared):
+        outliers = np.flatnonzero(~shared[0]).tolist()
     in_place = probable[probable[:, outliers].any(axis=1)]
     doubtful = sorted({*outliers, *np.flatnonzero((~in_place).any(axis=0)).tolist()})
     decided = len(doubtful) <= len(outliers) + PRIOR.max_innocent and 2 * len(doubtful) < len(bad)

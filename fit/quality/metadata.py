@@ -106,10 +106,15 @@ def screen(experiments: Sequence[Experiment]) -> ScreeningReport:
     return ScreeningReport(list(exclusions.values()), [note for r in reports for note in r.notes])
 
 
-def changes(experiments: Sequence[Experiment]) -> ScreeningReport:
-    """Return the experiments, glitches masked, of which parts obey different equations."""
+def changes(experiments: Sequence[Experiment], *, glitches_masked: bool) -> ScreeningReport:
+    """Return the experiments of which parts obey different equations.
+
+    Glitches that are not masked pass for changes: then only those count that a channel accounts for.
+    """
     n = len(experiments)
-    breaks = _per_experiment(lambda e: _structural_breaks(e, n), evidence="misfit")
+    breaks = _per_experiment(
+        lambda e: (c for c in _structural_breaks(e, n) if glitches_masked or c.channel), evidence="misfit"
+    )
     return Check(breaks, dict.fromkeys((*KINDS, "jump", "wild sample"), "structural_break")).apply(
         experiments
     )

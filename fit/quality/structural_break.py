@@ -26,7 +26,7 @@ from fit.model import dynamics
 from fit.quality.initial_fit import initial_fit, initial_noise_psd
 from fit.spectra import Spectra, windowing
 from fit.warnings import Cause
-from fit.whitening import Experiment, whitened_run
+from fit.whitening import Experiment, frequency_bands, whitened_run
 
 Array = NDArray[np.float64]
 
@@ -146,28 +146,53 @@ def structural_break(experiment: Experiment, n_experiments: int = 1) -> Cause | 
         Of one of the `KINDS`: coefficients that change, with the channels any of which accounts for that;
         noise that changes; a segment in which no equation holds.
     """
-    run, tau = experiment.sysid, initial_fit(experiment.sysid).tau
-    terms = run.spectra(tau)
-    U = whitened_run.as_real(whitened_run.whiten(terms, initial_noise_psd(experiment).expected(terms.f))[0])
+    terms = experiment.sysid.spectra(initial_fit(experiment.sysid).tau)
+    S = initial_noise_psd(experiment).expected(terms.f)
+    cause, residual = _find_break(experiment, terms, S, n_experiments)
+    if cause is None or cause.kind == "noise":
+        return cause
+    louder = S * _excess_power(terms.f, residual)
+    return cause if _find_break(experiment, terms, louder, n_experiments)[0] else None
+
+
+def _find_break(
+    experiment: Experiment, terms: Spectra, S: Array, n_experiments: int
+) -> tuple[Cause | None, Array]:
+    """Return what changes within a run, whitened by a PSD, shape (B,), and its residual, shape (2 B,)."""
+    U = whitened_run.as_real(whitened_run.whiten(terms, S)[0])
     norms = np.linalg.norm(U[:, 1:], axis=0)
     basis = np.linalg.qr(U[:, 1:][:, norms > 0] / norms[norms > 0])[0]
     estimates = basis.T @ U[:, 0]
     residual = U[:, 0] - basis @ estimates
-    products = _products(np.column_stack([residual, basis]), terms, run.channels.fs)
+    channels = experiment.sysid.channels
+    products = _products(np.column_stack([residual, basis]), terms, channels.fs)
     n_tests = n_experiments * len(products.power)
     if len(products.power) < 3 or not basis.size or not products.power.any():
-        return None
+        return None, residual
     split = _split(products, n_tests)
     begin, segment_fall, segment_excess = _segment(products, n_tests)
     if max(split.excess, segment_excess) < 1:
-        return None
+        return None, residual
     if split.excess < 1 or (segment_excess >= 1 and segment_fall > split.fall):
         end = begin + products.size / products.fs
         words = f"no equation of motion holds from {begin:.0f} s to {end:.0f} s"
-        return Cause(experiment.name, "", "segment", words=words, onset=begin)
-    names = (*dynamics.COLUMNS, *run.channels.parameters[len(dynamics.PARAMETERS) :])[1:]
+        return Cause(experiment.name, "", "segment", words=words, onset=begin), residual
+    names = (*dynamics.COLUMNS, *channels.parameters[len(dynamics.PARAMETERS) :])[1:]
     columns = dict(zip(names, (basis.T @ U[:, 1:]).T, strict=True))
-    return _cause(split, experiment.name, _changed_channels(split, columns, estimates))
+    return _cause(split, experiment.name, _changed_channels(split, columns, estimates)), residual
+
+
+def _excess_power(f: Array, residual: Array) -> Array:
+    """Return by how much a whitened residual, shape (2 B,), is louder than its noise model, shape (B,).
+
+    The median over a band of frequencies ignores tones. Noise that is louder than that of the noise run and
+    fluctuates slowly is no change of the coefficients.
+    """
+    power = np.sum(residual.reshape(-1, 2) ** 2, axis=1) / 2
+    divided = frequency_bands(f)
+    centres = [np.log(f[band]).mean() for band in divided]
+    ratios = [max(1.0, np.median(power[band]) / np.log(2)) for band in divided]
+    return np.asarray(np.exp(np.interp(np.log(f), centres, np.log(ratios))))
 
 
 def _products(columns: Array, terms: Spectra, fs: float) -> RunProducts:

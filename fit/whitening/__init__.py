@@ -6,7 +6,7 @@ the PSD of the noise run. A `WhitenedRun` holds all of chi^2 of a run in a small
 
 from fit.whitening.experiment import Experiment, divide, pair
 from fit.whitening.glitch_templates import Glitch, Shape
-from fit.whitening.likelihoods import Likelihood, Weights, expected_weights, weights
+from fit.whitening.likelihoods import Likelihood, Weights, expected_weights, frequency_bands, weights
 from fit.whitening.residual_psd import ResidualSpectrum, fit_residual_noise, noise_model
 from fit.whitening.run import Run, check_coverage
 from fit.whitening.whitened_run import WhitenedRun
@@ -24,6 +24,7 @@ __all__ = [
     "divide",
     "expected_weights",
     "fit_residual_noise",
+    "frequency_bands",
     "glitch_templates",
     "noise_model",
     "pair",

@@ -85,7 +85,7 @@ def weights(likelihood: Likelihood, f: Array, u: Array) -> Weights:
         return Weights(w, w * NU / (NU + u), score, likelihood=likelihood)
     if likelihood == "marginalised":
         w, n = np.empty(u.size), np.empty(u.size)
-        divided = tuple(bands(f))
+        divided = tuple(frequency_bands(f))
         for band in divided:
             n[band] = band.stop - band.start
             w[band] = 2 * n[band] / np.sum(u[band])
@@ -114,7 +114,7 @@ def expected_weights(likelihood: Likelihood, f: Array) -> Weights:
     return weights(likelihood, f, np.full(f.size, 2.0))
 
 
-def bands(f: Array) -> list[slice]:
+def frequency_bands(f: Array) -> list[slice]:
     """Divide the bins into bands of at least BAND bins and of BAND_WIDTH relative width."""
     edges = [0]
     while edges[-1] < f.size:

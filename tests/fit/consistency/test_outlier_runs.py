@@ -49,6 +49,14 @@ def test_group_counts_as_one_reason():
     assert find_outlier_runs(consistency(2, 7, (1,)), groups).runs == ("run 1",)
 
 
+def test_a_group_is_left_out_where_it_may_as_well_be_bad_as_some_of_its_runs():
+    groups = {frozenset({"run 0", "run 1", "run 2"})}
+    test = consistency(3, 9, (0, 1), shift=30.0)  # log odds of group to runs: -5.7
+    assert find_outlier_runs(test).runs == ("run 0", "run 1")
+    assert find_outlier_runs(test, groups).runs == ("run 0", "run 1", "run 2")
+    assert find_outlier_runs(consistency(4, 9, (0, 1), shift=30.0), groups).runs == ("run 0", "run 1")
+
+
 def test_of_two_runs_that_may_equally_well_be_bad_both_are_left_out():
     # these two alone determine the first parameter
     test = consistency(1, 7)

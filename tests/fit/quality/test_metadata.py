@@ -231,5 +231,6 @@ def test_clean_campaigns_raise_no_alarm():
         experiments = pair(list(thirteen.campaign(seed).values()))
         assert metadata.screen(experiments) == ScreeningReport([], [])
         assert metadata.changes(
-            [p.experiment for p in mask_experiments(experiments, settings(), ()).values()]
+            [p.experiment for p in mask_experiments(experiments, settings(), ()).values()],
+            glitches_masked=True,
         ) == ScreeningReport([], [])

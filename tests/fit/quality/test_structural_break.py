@@ -9,8 +9,10 @@ import pytest
 from fit.pipeline import calibrate
 from fit.quality import glitches
 from fit.quality.structural_break import structural_break
+from fit.settings import settings
 from fit.whitening import Experiment
 from fit.whitening.run import Run
+from tests.hostile.spoiling import SEED
 from tests.oracles import thirteen
 from tests.oracles.synthetic import World
 from tests.oracles.synthetic import pair as open_loop
@@ -114,6 +116,26 @@ def test_noise_that_grows_is_no_change_of_the_dynamics():
     cause = find_break(growing_noise(8e-15))
     assert (cause.kind, cause.channel) == ("noise", "")
     assert cause.size > 10
+
+
+def test_slow_noise_that_is_louder_than_that_of_the_noise_run_is_no_break():
+    made = thirteen.made("B2", "sysid", seed=SEED)
+    louder = replace(made, noise=replace(made.noise, tail=5 * made.noise.tail))
+    noise = Run(thirteen.telemetry(thirteen.made("B2", "noise", seed=SEED)))
+    sysid = thirteen.telemetry(louder)
+    assert not structural_break(Experiment(Run(sysid), noise))
+    changed = {**sysid.channels, "f_x_2": second_half(1.1)(sysid.channels["f_x_2"])}
+    assert structural_break(Experiment(Run(replace(sysid, channels=changed)), noise))
+
+
+@pytest.mark.parametrize("estimator", ["gaussian", "flscov"])
+def test_without_a_search_for_glitches_the_break_of_a_channel_is_found(estimator):
+    runs = [*open_loop(World(), "A", seed=1), *open_loop(World(), "E", seed=2, drive_1=1e-12)]
+    runs += open_loop(World(), "B", seed=3)
+    weaker = second_half(0.9)(runs[4].channels["f_x_2"])
+    runs[4] = replace(runs[4], channels={**runs[4].channels, "f_x_2": weaker})
+    results = calibrate(runs, settings({"glitches": False, "estimator": estimator}))
+    assert results.provenance.joint_runs == ["A-sysid", "E-sysid"]
 
 
 def test_without_a_noise_run_the_residual_gives_the_noise():

@@ -13,7 +13,7 @@ def minus_log_likelihood(kind, u, f):
         return np.sum(u) / 2
     if kind == "student_t":
         return (likelihoods.NU + 2) / 2 * np.sum(np.log1p(u / likelihoods.NU))
-    return sum(len(u[b]) * np.log(np.sum(u[b])) for b in likelihoods.bands(f))
+    return sum(len(u[b]) * np.log(np.sum(u[b])) for b in likelihoods.frequency_bands(f))
 
 
 @pytest.mark.parametrize("kind", ["gaussian", "student_t", "marginalised"])
@@ -50,10 +50,10 @@ def test_the_cost_is_that_of_the_likelihood(kind):
 
 def test_bands_hold_every_bin_once_and_enough_of_them():
     f = np.arange(1, 2200) / 21600
-    bands = likelihoods.bands(f)
+    bands = likelihoods.frequency_bands(f)
     assert np.concatenate([np.arange(f.size)[b] for b in bands]).tolist() == list(range(f.size))
     assert min(b.stop - b.start for b in bands) >= likelihoods.BAND
-    assert likelihoods.bands(f[:10]) == [slice(0, 10)]
+    assert likelihoods.frequency_bands(f[:10]) == [slice(0, 10)]
 
 
 def test_student_t_bears_outliers():
