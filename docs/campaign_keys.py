@@ -16,12 +16,12 @@ TABLES = {  # in the order of a campaign file
     "AuthorityTable": "[authority.NAME]",
     "NoiseTable": "[noise]",
     "EventsTable": "[events]",
-    "PlateauTable": "An entry of events.plateau",
+    "PlateauTable": "entry of events.plateau",
     "ActuationTable": "[actuation]",
-    "SineTable": "An injection of shape sine",
-    "TaperedSineTable": "An injection of shape tapered_sine",
-    "HalfCosineTable": "An injection of shape half_cosine",
-    "PulseTable": "An injection of shape pulse",
+    "SineTable": "injection of shape sine",
+    "TaperedSineTable": "injection of shape tapered_sine",
+    "HalfCosineTable": "injection of shape half_cosine",
+    "PulseTable": "injection of shape pulse",
     "ExperimentTable": "[[experiments]]",
     "DefaultsTable": "[defaults]",
     "SweepTable": "[sweep]",
@@ -38,10 +38,9 @@ TABLES = {  # in the order of a campaign file
 
 
 def section() -> str:
-    """Return the table of tables, markers included."""
-    parts = _parts(json_schema())
-    rows = [f"| {_title(head)} | {_description(part)} |" for head, part in parts]
-    return BEGIN + "\n".join(["| table | content |", "|---|---|", *rows, ""]) + END
+    """Return the names of the tables, markers included."""
+    names = ", ".join(re.sub(r"(\[[^]]+\]+)", r"`\1`", head) for head in ("top level", *TABLES.values()))
+    return f"{BEGIN}{names}.\n{END}"
 
 
 def keys() -> list[tuple[str, str, str, str]]:
@@ -58,17 +57,6 @@ def keys() -> list[tuple[str, str, str, str]]:
 
 def _parts(schema: dict[str, Any]) -> list[tuple[str, dict[str, Any]]]:
     return [("top level", schema)] + [(TABLES[name], schema["$defs"][name]) for name in TABLES]
-
-
-def _title(head: str) -> str:
-    return f"`{head}`" if head.startswith("[") else head
-
-
-def _description(part: dict[str, Any]) -> str:
-    """Return the first sentence of the description of a table."""
-    text = " ".join(part.get("description", "").replace("``", "`").split())
-    text = re.sub(r"^\[\S+( or \S+)?: ", "", text)  # the table it is, which is the title
-    return re.split(r"(?<=\.) |; ", text)[0].rstrip(".")
 
 
 def _value(known: dict[str, Any]) -> str:

@@ -24,7 +24,11 @@ myst_heading_anchors = 3
 exclude_patterns = ["_build"]
 nitpicky = True
 
-OUTSIDE = {"readme": "README.md", "changelog": "CHANGELOG.md"}  # pages that lie above this folder
+OUTSIDE = {
+    "readme": "README.md",
+    "changelog": "CHANGELOG.md",
+    "contributing": "CONTRIBUTING.md",
+}  # pages that lie above this folder
 _LINK = re.compile(r"\]\((?!https:|#)([^)]+)\)")
 
 

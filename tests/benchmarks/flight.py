@@ -2,8 +2,8 @@
 
 The folder is that of ``lpfcosim run campaigns/mission.toml``. Everything is read from its results and
 telemetry, or computed from these, but for the forecast of the fit that the flight made: gains common to all
-experiments, cross-talk not subtracted (eq. deltagjointfit). ``--docs`` writes the short tables into
-docs/mission.md, and the spectra into docs/mission-spectra.csv and docs/mission-motion.csv.
+experiments, cross-talk not subtracted (eq. deltagjointfit). ``--docs`` writes them into docs/mission.md and
+the CSV files beside it.
 """
 
 from __future__ import annotations
@@ -36,7 +36,12 @@ from tests import ROOT
 CAMPAIGN = ROOT / "campaigns" / "mission.toml"
 DOCS = ROOT / "docs" / "mission.md"
 BEGIN, END = "<!-- from flight.py -->", "<!-- end of flight.py -->"
-CSV_FILES = {"Spectra by date": "mission-spectra.csv", "Rotation and motion": "mission-motion.csv"}
+CSV_FILES = {
+    "Dynamics": "mission-dynamics.csv",
+    "Misalignment angles": "mission-angles.csv",
+    "Spectra by date": "mission-spectra.csv",
+    "Rotation and motion": "mission-motion.csv",
+}
 MOTION = {name for parts in dynamics.MEANS.values() for name in parts}
 #: Frequencies [Hz], the stretches that are averaged [s], and what the flight has there in fm s^-2 Hz^-1/2.
 SPECTRA = (
@@ -225,9 +230,9 @@ def write_csv(path: Path, table: Sequence[str]) -> None:
 
 
 def write(tables_by_heading: Mapping[str, Sequence[str]]) -> None:
-    """Write the short tables into the page and the long ones into CSV files beside it."""
+    """Write the short table into the page and the long ones into CSV files beside it."""
     short = {h: lines for h, lines in tables_by_heading.items() if h not in CSV_FILES}
-    text = "\n\n".join(f"### {heading}\n\n" + "\n".join(lines) for heading, lines in short.items())
+    text = "\n\n".join("\n".join(lines) for lines in short.values())
     page = DOCS.read_text(encoding="utf-8")
     before, after = page.split(BEGIN)[0], page.split(END)[1]
     DOCS.write_text(f"{before}{BEGIN}\n{text}\n{END}{after}", encoding="utf-8")

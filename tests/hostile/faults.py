@@ -1,4 +1,4 @@
-"""Put every fault of the catalogue into telemetry, fit it, and write docs/faults.csv and docs/faults.md.
+"""Put every fault of the catalogue into telemetry, fit it, and write docs/faults.csv and its summaries.
 
 ``python -m tests.hostile.faults [PARTIAL]`` takes half an hour on two cores. Rows are kept in PARTIAL, by
 default faults.jsonl in the working folder, from which an interrupted run resumes; remove it to begin again.
@@ -20,6 +20,7 @@ from tests.hostile.catalogue import FAULTS, Fault
 from tests.hostile.judging import FAR, judge
 
 TABLE, PAGE = ROOT / "docs" / "faults.csv", ROOT / "docs" / "faults.md"
+KINDS, DETECTORS = ROOT / "docs" / "faults-by-kind.csv", ROOT / "docs" / "faults-by-detector.csv"
 COLUMNS = (
     "kind",
     "size",
@@ -33,6 +34,7 @@ COLUMNS = (
     "message",
 )
 OUTCOMES = ("sound", "left out", "no sigma", "failed", "refused")
+HEADING = ("fault", "cases", "sound", "left out", "not sound", "failed", "refused", "largest error [σ]")
 LONGEST = 300  # characters of a message
 Row = dict[str, str]
 
@@ -65,29 +67,34 @@ def row_of(number: int) -> Row:
     return make_row(FAULTS[number])
 
 
-def by_kind(rows: Sequence[Row]) -> str:
-    """Return the summary: what becomes of the faults of each kind."""
-    lines = ["| fault | cases | " + " | ".join(OUTCOMES) + " | largest error [σ] |", "|---" * 8 + "|"]
+def by_kind(rows: Sequence[Row]) -> list[tuple[str, ...]]:
+    """Return what becomes of the faults of each kind, a row for each."""
     kinds: dict[str, list[Row]] = defaultdict(list)
     for row in rows:
         kinds[row["kind"]].append(row)
-    for kind, members in kinds.items():
-        counts = Counter(row["outcome"] for row in members)
-        largest = max(
-            (float(row["error"]) for row in members if row["error"] and row["outcome"] in OUTCOMES[:2]),
-            default=0,
-        )
-        cells = (
-            kind,
-            len(members),
-            *(counts[outcome] or "" for outcome in OUTCOMES),
-            f"{largest:.1f}" if largest else "",
-        )
-        lines.append("| " + " | ".join(map(str, cells)) + " |")
+    return [(kind, *outcomes(members)) for kind, members in kinds.items()]
+
+
+def outcomes(rows: Sequence[Row]) -> tuple[str, ...]:
+    """Return the number of rows, of each outcome, and the largest error of those with uncertainties."""
+    counts = Counter(row["outcome"] for row in rows)
+    errors = [float(row["error"]) for row in rows if row["error"] and row["outcome"] in OUTCOMES[:2]]
+    cells = (len(rows), *(counts[outcome] or "" for outcome in OUTCOMES))
+    return (*map(str, cells), f"{max(errors):.1f}" if errors else "")
+
+
+def by_verdict(rows: Sequence[Row]) -> str:
+    """Return the summary of `by_kind`: what becomes of all faults, of harmless and of undetectable ones."""
+    lines = ["| fault | " + " | ".join(HEADING[1:]) + " |", "|---" * len(HEADING) + "|"]
+    for name, verdicts in (("undetectable", {"undetectable"}), ("harmless", {"harmless"})):
+        members = [row for row in rows if row["verdict"] in verdicts]
+        lines.append(f"| {name} | " + " | ".join(outcomes(members)) + " |")
+    others = [row for row in rows if row["verdict"] not in ("undetectable", "harmless")]
+    lines.append("| others | " + " | ".join(outcomes(others)) + " |")
     return "\n".join(lines)
 
 
-def ablation(rows: Sequence[Row]) -> str:
+def ablation(rows: Sequence[Row]) -> list[tuple[str, ...]]:
     """Return the table of detectors: on how many faults each fires, and on how many it alone does."""
     clean = next(row for row in rows if row["kind"] == "nothing is wrong")
     always = set(clean["detectors"].split())
@@ -101,11 +108,7 @@ def ablation(rows: Sequence[Row]) -> str:
             single.update(fired)
         for name in fired:
             example.setdefault(name, f"{row['kind']}, {row['channel']}".strip(", "))
-    lines = ["| detector | faults | alone | for example |", "|---" * 4 + "|"]
-    lines += [
-        f"| `{name}` | {n} | {single[name] or ''} | {example[name]} |" for name, n in fires.most_common()
-    ]
-    return "\n".join(lines)
+    return [(name, str(n), str(single[name] or ""), example[name]) for name, n in fires.most_common()]
 
 
 def totals(rows: Sequence[Row]) -> str:
@@ -113,13 +116,13 @@ def totals(rows: Sequence[Row]) -> str:
     verdicts = Counter(row["verdict"] for row in rows)
     harmless = sum(fault.harmless for fault in FAULTS)
     return (
-        f"{len(rows)} faults, {harmless} of them harmless. Sound and more than {FAR:g} σ off, though data "
-        f"could show it: {verdicts['silent']}. Sound with more than half of the experiments left out: "
-        f"{verdicts['minority']}. Harmless, but no sound result: {verdicts['cries wolf']}; harmless, but "
-        f"an experiment is left out: {verdicts['costs a run'] + verdicts['costs others']}. One faulty "
-        f"experiment that costs the others their fit: {verdicts['costs all']}. No cause named: "
-        f"{verdicts['no cause']}; another cause named: {verdicts['wrong cause']}; another experiment "
-        f"named: {verdicts['wrong run']}."
+        f"{len(rows)} faults, {harmless} of them harmless. Detectable faults with a sound result more than "
+        f"{FAR:g} σ off: {verdicts['silent']}; with a sound result from fewer than half of the experiments: "
+        f"{verdicts['minority']}. Harmless faults without a sound result: {verdicts['cries wolf']}; with "
+        f"an experiment left out: {verdicts['costs a run'] + verdicts['costs others']}. Faults of one "
+        f"experiment that prevent the fit of the others: {verdicts['costs all']}. Faults without a named "
+        f"cause: {verdicts['no cause']}; with a wrong cause: {verdicts['wrong cause']}; with a wrong "
+        f"experiment: {verdicts['wrong run']}."
     )
 
 
@@ -137,9 +140,13 @@ def replace_section(page: str, name: str, text: str) -> str:
 
 
 def write_summary(rows: Sequence[Row]) -> None:
-    """Write the summaries into the page."""
+    """Write the summaries into the page, and those by kind and by detector beside it."""
+    detectors = ("detector", "faults", "alone", "example")
+    for path, table in ((KINDS, [HEADING, *by_kind(rows)]), (DETECTORS, [detectors, *ablation(rows)])):
+        with path.open("w", encoding="utf-8", newline="") as file:
+            csv.writer(file, lineterminator="\n").writerows(table)
     page = PAGE.read_text(encoding="utf-8")
-    for name, text in (("totals", totals(rows)), ("kinds", by_kind(rows)), ("ablation", ablation(rows))):
+    for name, text in (("totals", totals(rows)), ("kinds", by_verdict(rows))):
         page = replace_section(page, name, text)
     PAGE.write_text(page, encoding="utf-8")
 
