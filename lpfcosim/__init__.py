@@ -4,7 +4,8 @@
 
     campaign = lpfcosim.load_campaign("campaigns/quickstart.toml")
     lpfcosim.forecast(campaign)["lambda_2"].sigma           # before anything is simulated
-    lpfcosim.simulate(campaign, "quickstart")               # fmus=False: through the plant without FMUs
+    lpfcosim.closed_loop(campaign, "A").linearize()         # A, B, C, D with names and units
+    lpfcosim.simulate(campaign, "quickstart")               # fmus=False: from the equations, without FMUs
     runs = fit.load("quickstart")
     lpfcosim.run(campaign, "quickstart").results            # both at once
 
@@ -19,6 +20,7 @@ if TYPE_CHECKING:
     from lpfcosim.errors import InputError, RunError, UnavailableError
     from lpfcosim.workflows.campaigns import load_campaign
     from lpfcosim.workflows.check import CampaignCheck, check
+    from lpfcosim.workflows.closed_loop import closed_loop
     from lpfcosim.workflows.design import CampaignDesign, design
     from lpfcosim.workflows.forecast import Forecast, forecast
     from lpfcosim.workflows.identify import Identification, identify
@@ -42,6 +44,7 @@ __all__ = [
     "RunError",
     "UnavailableError",
     "check",
+    "closed_loop",
     "design",
     "forecast",
     "identify",
@@ -56,6 +59,7 @@ _HOME = {
     "errors": ("InputError", "RunError", "UnavailableError"),
     "workflows.campaigns": ("load_campaign",),
     "workflows.check": ("CampaignCheck", "check"),
+    "workflows.closed_loop": ("closed_loop",),
     "workflows.design": ("CampaignDesign", "design"),
     "workflows.forecast": ("Forecast", "forecast"),
     "workflows.identify": ("Identification", "identify"),

@@ -16,8 +16,8 @@ from fit.whitening import Experiment
 from fit.whitening import Run as FitRun
 from lpfcosim.campaign import Campaign
 from lpfcosim.execution import telemetry_file
-from lpfcosim.linear import planning, stability
-from lpfcosim.models import world_of
+from lpfcosim.linear import response, stability
+from lpfcosim.models import model_of
 from lpfcosim.spacecraft import Run
 
 Array = NDArray[np.float64]
@@ -37,7 +37,7 @@ def planned_experiments(campaign: Campaign) -> list[PlannedExperiment]:
     return [
         PlannedExperiment(
             partial(_noise_free, run, has_noise_run=run.experiment in with_noise_run),
-            partial(planning.cross_spectra, run),
+            partial(response.cross_spectra, run),
             telemetry_file.truth(run),
         )
         for run in sysid_runs
@@ -52,22 +52,22 @@ def planned_noise_runs(runs: Sequence[Run]) -> list[PlannedNoiseRun]:
     InputError
         If a loop is unstable.
     """
-    rotating = [run for run in runs if run.kind == "noise" and world_of(run).turns(run)]
+    rotating = [run for run in runs if run.kind == "noise" and model_of(run).attitude_rates(run)]
     stability.check(*rotating)
     return [_planned_noise_run(run) for run in rotating]
 
 
 def _planned_noise_run(run: Run) -> PlannedNoiseRun:
-    zeros = np.broadcast_to(0.0, round(run.n_samples / run.fs * planning.RATE))
-    rates = world_of(run).turns(run)
+    zeros = np.broadcast_to(0.0, round(run.n_samples / run.fs * response.RATE))
+    rates = model_of(run).attitude_rates(run)
     phi, eta = (rates.get(f"attitude_{axis}", 0.0) for axis in rotation.AXES)
-    channels = dict.fromkeys(world_of(run).record, zeros)
-    return PlannedNoiseRun(telemetry_of(run, channels), partial(planning.cross_spectra, run), (phi, eta))
+    channels = dict.fromkeys(model_of(run).record, zeros)
+    return PlannedNoiseRun(telemetry_of(run, channels), partial(response.cross_spectra, run), (phi, eta))
 
 
 def _noise_free(run: Run, *, has_noise_run: bool) -> Experiment:
-    response = FitRun(telemetry_of(run, planning.response(run)))
-    return Experiment(response, response if has_noise_run else None)
+    noise_free = FitRun(telemetry_of(run, response.linear_response(run)))
+    return Experiment(noise_free, noise_free if has_noise_run else None)
 
 
 def telemetry_of(run: Run, channels: Mapping[str, Array]) -> Telemetry:
@@ -86,8 +86,8 @@ def telemetry_of(run: Run, channels: Mapping[str, Array]) -> Telemetry:
     values: Any = {
         **known,
         "path": Path(run.name),
-        "fs": planning.RATE,
-        "time": np.arange(n) / planning.RATE,
+        "fs": response.RATE,
+        "time": np.arange(n) / response.RATE,
         "channels": channels,
         "units": {},
         "attributes": {name: value for name, value in attributes.items() if name not in (*known, "schema")},

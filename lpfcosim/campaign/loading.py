@@ -27,7 +27,7 @@ from lpfcosim.campaign.resolved_experiments import (
 from lpfcosim.campaign.schema import CampaignTable, ExperimentTable, FmuTable
 from lpfcosim.errors import InputError
 from lpfcosim.linear import saturation, stability
-from lpfcosim.models import world_of
+from lpfcosim.models import model_of
 from lpfcosim.network import Component
 from lpfcosim.spacecraft import (
     DRAG_FREE,
@@ -114,14 +114,16 @@ def _build(table: CampaignTable) -> Campaign:
     _check_order(campaign, entries)
     if table.sweep and not table.fmus:
         _check_swept(campaign, entries)
+    if not table.fmus:
+        return campaign
     run = campaign.runs[0]
-    world = world_of(run)
-    places = {c.model: c for c in world.components_of(run)}
+    spacecraft = model_of(run)
+    places = {c.model: c for c in spacecraft.components(run)}
     for model in table.fmus:
         if model not in places:
             have = ", ".join(places)
             raise ConflictError(f"fmus.{model}: the loop of this campaign has no such place (it has {have})")
-    parameters = world.parameters(run)
+    parameters = spacecraft.parameters(run)
     return replace(
         campaign,
         replacements=tuple(

@@ -17,12 +17,12 @@ from lpfcosim.cli.console import Console
 from lpfcosim.cosim import Interface, compatibility, compilation, describe, nonconformity, read
 from lpfcosim.errors import InputError
 from lpfcosim.messages import line
-from lpfcosim.models import world_of
+from lpfcosim.models import model_of
 from lpfcosim.network import Component
 from lpfcosim.spacecraft import Authority, Replacement, Run, Spacecraft
 
 SCHEMA = "lpf-fmu/1"
-#: One run of each world, for the parameters of its places; the authority is that of the first experiments.
+#: One run of each spacecraft model, for the parameters of its places; the authority is that of experiment A.
 _AUTHORITY = Authority("A", 0.0, 2200e-12, 10.4e-12, 10.4e-12)
 _RUNS = tuple(
     Run("place", "place", "noise", 1, _AUTHORITY, spacecraft=craft) for craft in (None, Spacecraft())
@@ -144,20 +144,20 @@ def _is_file(name: str) -> bool:
 
 
 def _places() -> dict[str, tuple[Run, Component]]:
-    return {c.model: (run, c) for run in reversed(_RUNS) for c in world_of(run).components}
+    return {c.model: (run, c) for run in reversed(_RUNS) for c in model_of(run).components(run)}
 
 
 def _place(model: str, built: Callable[[Sequence[str]], Mapping[str, Path]]) -> Place:
     run, component = _places()[model]
-    world = world_of(run)
-    parameters = world.parameters(run)[model]
+    spacecraft = model_of(run)
+    parameters = spacecraft.parameters(run)[model]
     ours = read(component, built([model])[model], parameters, None)
 
     def need(name: str, causality: str, default: float | None, *, optional: bool = False) -> Need:
         variable = ours.variables.get(name)
         text = (variable.description or "") if variable else ""
         value = None if default is None else default + 0.0  # no negative zero
-        return Need(name, causality, world.units.get(name, "1"), value, text, optional)
+        return Need(name, causality, spacecraft.units.get(name, "1"), value, text, optional)
 
     def start(name: str) -> float:
         return float(str(ours.variables[name].start or 0).split()[0])
@@ -224,8 +224,8 @@ def _faults(path: Path, description: Any, faults: Sequence[str]) -> Iterator[str
 def _match(place: Place, path: Path, valid: bool) -> Match:
     """Propose a map of names, and see what is wrong with it."""
     mine = Replacement(place.component.model, path, validate=valid)
-    units = world_of(place.run).units
-    settings = world_of(place.run).parameters(place.run)[place.component.model]
+    units = model_of(place.run).units
+    settings = model_of(place.run).parameters(place.run)[place.component.model]
     theirs = read(place.component, path, settings, mine)
     needs = [need for need in place.needs if not need.optional]
     found: dict[str, str] = {n.name: n.name for n in needs if n.name in theirs.candidates(n.causality)}
@@ -274,8 +274,8 @@ def _fitting(theirs: Interface, need: Need, units: Mapping[str, str]) -> Iterato
 
 
 def _print_place(place: Place, console: Console) -> None:
-    world = world_of(place.run)
-    console.say(f"{place.component.model}: a place in the loop ({world.name})\n")
+    spacecraft = model_of(place.run)
+    console.say(f"{place.component.model}: a place in the loop ({spacecraft.name})\n")
     rows = [
         (
             f"{n.causality}{' (optional)' if n.optional else ''}",

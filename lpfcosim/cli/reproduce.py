@@ -61,7 +61,7 @@ def _repeat(
     """Do to a campaign what was done to it; what fails is seen by what it leaves."""
     attributes = root_attributes(recorded) or {}
     try:
-        if attributes.get("simulated_by") == simulate.REFERENCE_PLANT:
+        if attributes.get("simulated_by") == simulate.MODEL_EQUATIONS:
             simulate.simulate(plan, again, fmus=False, progress=console)
         elif (recorded.parents[1] / "results.json").is_file():
             run.run(plan, again, jobs=jobs, trusted=trusted, progress=console)

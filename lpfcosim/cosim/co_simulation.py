@@ -20,7 +20,7 @@ from lpfcosim.cosim.fmu_instance import EARLY, ENDS, NOT_FINITE, FmuInstance
 from lpfcosim.cosim.fmu_library import FmuLibraryCache
 from lpfcosim.cosim.interface import Interface
 from lpfcosim.errors import RunError
-from lpfcosim.models import drive, world_of
+from lpfcosim.models import model_of, stimuli
 from lpfcosim.network import Component
 from lpfcosim.spacecraft import READ_OUT_RANGE, Run
 
@@ -176,7 +176,7 @@ def start(
 ) -> list[FmuInstance]:
     """Load the FMUs of a run and give them their parameters; ``stack`` frees them."""
     progress = progress or SimulationProgress()
-    values = world_of(run).parameters(run)
+    values = model_of(run).parameters(run)
     fmus = load(stack, interfaces, progress, libraries, logging=logging)
     for progress.component, (fmu, i) in enumerate(zip(fmus, interfaces, strict=True)):
         fmu.initialize(i.parameters(values[i.model]))
@@ -327,8 +327,8 @@ class RunCoSimulation(CoSimulation):
         progress: SimulationProgress | None = None,
     ) -> None:
         self._run = run
-        self._noise = drive.stream(run)
-        self._stimuli, self._channels = drive.names(run), world_of(run).record
+        self._noise = stimuli.noise_source(run)
+        self._stimuli, self._channels = model_of(run).stimuli(run), model_of(run).record
         record = self._channels.values()
         super().__init__(run.name, run.h, components, fmus, self._stimuli, record, engine, progress)
 
@@ -337,12 +337,12 @@ class RunCoSimulation(CoSimulation):
         buffer = np.empty((len(self._stimuli), BLOCK))  # each signal by itself, as it is drawn
         for start in range(0, self._run.n_samples, BLOCK):
             stop = min(start + BLOCK, self._run.n_samples)
-            drawn = {**drive.injections(self._run, start, stop), **self._noise.take(stop - start)}
-            stimuli = np.stack([drawn[name] for name in self._stimuli], out=buffer[:, : stop - start])
+            drawn = {**stimuli.injections(self._run, start, stop), **self._noise.take(stop - start)}
+            signals = np.stack([drawn[name] for name in self._stimuli], out=buffer[:, : stop - start])
             if start == 0:
-                self.initialize(stimuli[:, 0])
+                self.initialize(signals[:, 0])
             recorded = np.empty((len(self._channels), stop - start))
-            self.advance(stimuli.T, recorded.T, start)
+            self.advance(signals.T, recorded.T, start)
             check_measurement_range(self._run, list(self._channels), recorded, start)
             yield dict(zip(self._channels, recorded, strict=True))
 

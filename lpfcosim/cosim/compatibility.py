@@ -14,7 +14,7 @@ from lpfcosim.cosim.interface import BASE_UNITS, Interface, nonconformity, read
 from lpfcosim.cosim.variables import REALS, MissingVariableError, known, size, stage
 from lpfcosim.errors import InputError
 from lpfcosim.messages import grouped, line
-from lpfcosim.models import world_of
+from lpfcosim.models import model_of
 from lpfcosim.network import Component, check_feedthrough, endpoint
 from lpfcosim.spacecraft import Run
 
@@ -50,10 +50,10 @@ def read_interfaces(run: Run, fmus: Mapping[str, Path]) -> list[Interface]:
     """
     replaced = {r.model: r for r in run.replacements}
     interfaces = []
-    world = world_of(run)
-    settings = world.parameters(run)
+    spacecraft = model_of(run)
+    settings = spacecraft.parameters(run)
     direct: dict[str, Mapping[str, Iterable[str]]] = {}
-    for component in world.steps(run):
+    for component in spacecraft.components(run):
         if component.model not in fmus:
             direct[component.model] = component.direct
             continue
@@ -61,14 +61,14 @@ def read_interfaces(run: Run, fmus: Mapping[str, Path]) -> list[Interface]:
         values = settings[component.model]
         try:
             interface = read(component, fmus[component.model], values, replacement)
-            for problem in problems(interface, world.units, values, run.h):
+            for problem in problems(interface, spacecraft.units, values, run.h):
                 raise problem
         except InputError as error:
             place = f"fmus.{component.model}: " if replacement else ""
             raise InputError(f"{place}{error}") from None
         interfaces.append(interface)
         direct[component.model] = interface.direct
-    check_feedthrough(world.steps(run), direct)
+    check_feedthrough(spacecraft.components(run), direct)
     return interfaces
 
 
@@ -132,7 +132,7 @@ def stimulus_component(run: Run, interfaces: Iterable[Interface], archive: Path)
         If it lacks a signal.
     """
     sources = (s for i in interfaces for s in i.component.inputs.values() if not endpoint(s)[0])
-    component = Component(world_of(run).signals, {}, tuple(dict.fromkeys(sources)))
+    component = Component(model_of(run).signals, {}, tuple(dict.fromkeys(sources)))
     interface = read(component, archive, (), None)
     for name in interface.outputs:
         interface.variable(name)

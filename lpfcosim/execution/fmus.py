@@ -16,7 +16,7 @@ from lpfcosim.cosim import compilation
 from lpfcosim.errors import InputError
 from lpfcosim.execution import checksums, trust_store
 from lpfcosim.modelica import build
-from lpfcosim.models import world_of
+from lpfcosim.models import model_of
 
 
 def resolve_fmus(
@@ -24,7 +24,7 @@ def resolve_fmus(
 ) -> dict[str, Path]:
     """Return the FMUs of a campaign by model: the user's, and ours, `built` if need be, for the others."""
     theirs = {r.model: r.archive for r in plan.replacements}
-    ours = [c.model for c in world_of(plan.runs[0]).components if c.model not in theirs]
+    ours = [model for model in model_of(plan.runs[0]).models if model not in theirs]
     return {**built(ours), **theirs}
 
 

@@ -20,7 +20,7 @@ from lpfcosim.execution import dask_executor, process_pool, telemetry_file
 from lpfcosim.execution.checksums import ChecksumFile, PendingFile, digest
 from lpfcosim.linear import saturation
 from lpfcosim.modelica import engine_library
-from lpfcosim.models import world_of
+from lpfcosim.models import model_of
 from lpfcosim.signals import decimation
 from lpfcosim.spacecraft import Run
 
@@ -239,7 +239,7 @@ def failed_component(run: Run, failure: process_pool.WorkerFailure) -> str:
     """Return the subject of a sentence about a worker that failed: an FMU, or its process."""
     if failure.component < 0:
         return "its process"
-    return f"the {world_of(run).steps(run)[failure.component].model} FMU"
+    return f"the {model_of(run).components(run)[failure.component].model} FMU"
 
 
 def _lost(run: Run, lost: process_pool.WorkerFailure) -> RunError:
@@ -309,10 +309,12 @@ def write_telemetry(
     The attribute ``saturated_samples`` counts the samples with a command at its limit, if there are any.
     """
     saturated = 0
-    world = world_of(run)
+    spacecraft = model_of(run)
     interfaces = compatibility.read_interfaces(run, fmus)
-    unknown_truths = world.untold(run, compatibility.ignored_names(interfaces))
-    with telemetry_file.create(path, run, world.record, origin, unknown_truths, is_final=False) as writer:
+    unknown_truths = spacecraft.unknown_truths(run, compatibility.ignored_names(interfaces))
+    with telemetry_file.create(
+        path, run, spacecraft.record, origin, unknown_truths, is_final=False
+    ) as writer:
 
         def simulated_blocks() -> Iterator[Mapping[str, co_simulation.Array]]:
             nonlocal saturated

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from fit.telemetry import CHANNELS, SCHEMA, Writer
 from lpfcosim.errors import RunError, as_run_error
-from lpfcosim.models import world_of
+from lpfcosim.models import model_of
 from lpfcosim.signals import decimation, events
 from lpfcosim.spacecraft import LIVING, SCATTERED, Run
 
@@ -110,7 +110,7 @@ def attributes(run: Run) -> dict[str, str | int | float]:
         "N_max_2": authority.N_max_2,
         "alignment_epoch": run.alignment_epoch,
         "m_tm": run.m_tm,
-        **world_of(run).attributes(run),
+        **model_of(run).attributes(run),
         **({"inertial_period": run.inertial_period} if run.inertial_period else {}),
     }
 
@@ -131,7 +131,7 @@ def truth(run: Run) -> dict[str, float]:
     if run.about is not None:
         truth |= {f"{name}_mean": getattr(run.about, name) for name in SCATTERED}
     return truth | {
-        **world_of(run).truth(run),
+        **model_of(run).truth(run),
         "delta_ifo": run.delta_ifo,
         "omega2_1": run.omega2_1,
         "omega2_2": run.omega2_2,

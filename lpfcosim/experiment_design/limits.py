@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from lpfcosim.linear import planning
+from lpfcosim.linear import response
 from lpfcosim.spacecraft import Run, Sine
 
 Array = NDArray[np.float64]
@@ -75,7 +75,7 @@ def tones(run: Run) -> Run:
 
 def driven(run: Run) -> dict[str, Array]:
     """Return what the tones of a run make of the `QUANTITIES`, at its full rate and without noise."""
-    return quantities(run, planning.response(tones(run), rate=run.fs))
+    return quantities(run, response.linear_response(tones(run), rate=run.fs))
 
 
 def reached(run: Run, of: Mapping[str, Array], kind: str) -> dict[str, float]:
@@ -99,7 +99,7 @@ def own(run: Run, held: Collection[tuple[str, str]]) -> tuple[Limit, ...]:
 def resting(run: Run) -> dict[str, float]:
     """Return how large quantities are without tones: what is held steadily, and what is no tone."""
     others = tuple(i for i in run.injections if not isinstance(i, Sine))
-    moved = quantities(run, planning.response(replace(run, injections=others)))
+    moved = quantities(run, response.linear_response(replace(run, injections=others)))
     held = {"F_x_2": abs(run.f_x_2_start) * run.m_tm}
     return {name: float(np.max(np.abs(x))) + held.get(name, 0.0) for name, x in moved.items()}
 

@@ -9,8 +9,7 @@ from numpy.typing import NDArray
 
 from fit.forecasting import fisher
 from lpfcosim.experiment_design.limits import QUANTITIES, Limit
-from lpfcosim.linear import planning
-from lpfcosim.models import System, world_of
+from lpfcosim.linear import StateSpace, response
 from lpfcosim.spacecraft import Run, Target
 
 Array = NDArray[np.float64]
@@ -19,7 +18,6 @@ Complex = NDArray[np.complex128]
 SLOW = 5e-3  # Hz, up to which the suspension is driven through its guidance, above as a force
 LOWEST = 8.0  # cycles in a run, at least; slower tones are too near to the drifts that a fit takes out
 HIGHEST = 0.095  # Hz, below the end of the fitted band
-_ENTERS = {"F_x_1": "f_x_1"}  # where an injection enters the system, if not under its own name
 
 
 @dataclass(frozen=True)
@@ -44,9 +42,9 @@ class Stage:
     scale: Array
 
     @cached_property
-    def system(self) -> System:
+    def system(self) -> StateSpace:
         """Its closed loop."""
-        return world_of(self.run).system(self.run)
+        return response.recorded_system(self.run)
 
     @cached_property
     def bounds(self) -> tuple[Limit, ...]:
@@ -73,13 +71,12 @@ class Stage:
 
     def gains(self, frequency: Array) -> Complex:
         """Return the responses of the channels of the system to a unit tone in each loop, shape (n, S, L)."""
-        H = planning.transfer(self.system, self.run.h, frequency)
+        H = self.system.frequency_response(frequency)
         of_loop = []
         for loop in self.loops:
             targets = [self.target(loop, float(f)) for f in frequency]
-            columns = [self.system.inputs.index(_ENTERS.get(t, t)) for t in targets]
-            scale = np.array([1 / self.run.m_tm if t == "F_x_1" else 1.0 for t in targets])
-            of_loop.append(H[np.arange(frequency.size), :, columns] * scale[:, None])
+            columns = [self.system.inputs.index(target) for target in targets]
+            of_loop.append(H[np.arange(frequency.size), :, columns])
         return np.stack(of_loop, axis=2)
 
     def responses(self, frequency: Array) -> tuple[Complex, Complex]:
@@ -98,12 +95,12 @@ class Stage:
             Amplitude of each limited quantity, in units of its limit.
         """
         G = self.gains(frequency)
-        rows = [self.system.channels.index(name) for name in self.sight.channels]
+        rows = [self.system.outputs.index(name) for name in self.sight.channels]
         D = np.einsum("npc,ncl->npl", self.sight.sensitivity(frequency), G[:, rows], optimize=True)
         cost = []
         for limit in self.bounds:
             channel, unit = QUANTITIES[limit.quantity]
-            row = G[:, self.system.channels.index(channel)] / limit.value
+            row = G[:, self.system.outputs.index(channel)] / limit.value
             row = row * self.run.m_tm if unit == "N" and channel != "F_x_sc" else row
             cost.append(row * 2j * np.pi * frequency[:, None] if limit.kind == "slew" else row)
         return D * self.scale[:, None], np.stack(cost, axis=1)

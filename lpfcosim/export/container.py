@@ -20,7 +20,7 @@ from lpfcosim.cosim import Interface, Value, checks, read_interfaces
 from lpfcosim.errors import InputError
 from lpfcosim.export.ssp import same_units
 from lpfcosim.modelica import build, serialize_xml
-from lpfcosim.models import world_of
+from lpfcosim.models import model_of
 from lpfcosim.network import endpoint
 from lpfcosim.spacecraft import Run
 
@@ -82,7 +82,7 @@ def _make(run: Run, found: Sequence[Interface], folder: Path) -> Path:
         try:
             box = FMUContainer(IDENTIFIER, folder, fmi_version=2)
             by_model = {interface.model: interface for interface in found}
-            values = world_of(run).parameters(run)
+            values = model_of(run).parameters(run)
             for interface in found:
                 box.get_fmu(str(interface.archive.resolve()), name=interface.model)
             for interface in found:
@@ -96,7 +96,7 @@ def _make(run: Run, found: Sequence[Interface], folder: Path) -> Path:
                         box.add_input(source, interface.model, variable)
                 for variable, value in interface.parameters(values[interface.model]).items():
                     box.add_start_value(interface.model, variable, _written(value))
-            for channel, source in world_of(run).record.items():
+            for channel, source in model_of(run).record.items():
                 model, output = endpoint(source)
                 if model:
                     box.add_output(model, by_model[model].name(output), channel)
@@ -143,7 +143,7 @@ def _add_units(root: ET.Element, run: Run, found: Sequence[Interface]) -> None:
         # What passes between the components is local, and called after them in small letters.
         units |= {f"{interface.model.lower()}.{v}": interface.unit(v) for v in interface.outputs}
     by_model = {interface.model: interface for interface in found}
-    for channel, source in world_of(run).record.items():
+    for channel, source in model_of(run).record.items():
         model, variable = endpoint(source)
         if model:
             units[channel] = by_model[model].unit(by_model[model].name(variable))

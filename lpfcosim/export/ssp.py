@@ -26,7 +26,7 @@ from lpfcosim.errors import InputError
 from lpfcosim.export import traceability
 from lpfcosim.export.outcome import IRLSResult
 from lpfcosim.modelica import build, serialize_xml
-from lpfcosim.models import world_of
+from lpfcosim.models import model_of
 from lpfcosim.network import endpoint
 from lpfcosim.spacecraft import Run
 
@@ -95,7 +95,7 @@ def export(
     run = next(iter(first.values()))
     found = read_interfaces_of_runs(list(first.values()), fmus)
     _refuse_unfit(found, version)
-    signals = world_of(run).signals
+    signals = model_of(run).signals
     driving = stimulus_component(run, found, build.build([signals], fmi=fmi(version))[signals])
     same_units([driving, *found])
     writer = _Writer(version, found, driving)
@@ -215,7 +215,7 @@ class _Writer:
                 if around is not None and signal and source not in signals:
                     signals.add(source)
                     self._connector(around, source, "input", interface, variable, used)
-        for channel, source in world_of(run).record.items():
+        for channel, source in model_of(run).record.items():
             model, variable = endpoint(source)
             if around is not None and model:  # a recorded signal is an input of the system already
                 interface = self.by_model[model]
@@ -235,7 +235,7 @@ class _Writer:
         parameters = ET.SubElement(root, f"{_SSV}Parameters")
         used: list[str] = []
         # Noise aside, what comes from outside is the constant that test mass 2 is held against.
-        values = {self.driving.model: {"g_2_held": run.dc}, **world_of(run).parameters(run)}
+        values = {self.driving.model: {"g_2_held": run.dc}, **model_of(run).parameters(run)}
         for prefix, interface in of:
             for name, value in interface.parameters(values[interface.model]).items():
                 parameter = ET.SubElement(parameters, f"{_SSV}Parameter", name=f"{prefix}{name}")

@@ -14,7 +14,7 @@ from fit.files import closest_match
 from fit.telemetry import TOWARDS_1, Telemetry, utc
 from lpfcosim.campaign import Campaign
 from lpfcosim.errors import InputError
-from lpfcosim.models import drive
+from lpfcosim.models import stimuli
 from lpfcosim.spacecraft import Authority, Run
 
 Array = NDArray[np.float64]
@@ -150,7 +150,7 @@ def _has_planned_guidance(run: Run, telemetry: Telemetry, name: str) -> bool:
     offset, n = start_sample(run, telemetry), size(run, telemetry)
     simulated = "campaign_digest" in telemetry.attributes
     for start in (offset, 0) if simulated else (offset,):
-        planned = drive.injections(run, start, start + n)[name][:: round(run.fs / telemetry.fs)]
+        planned = stimuli.injections(run, start, start + n)[name][:: round(run.fs / telemetry.fs)]
         loudest = max(_rms(planned[is_finite]), _rms(recorded[is_finite]))
         if _rms((recorded - planned)[is_finite]) <= GUIDANCE_TOLERANCE * loudest or not (
             simulated or planned.any()

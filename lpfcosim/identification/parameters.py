@@ -12,7 +12,7 @@ from fit.files import closest_match
 from lpfcosim.campaign import Campaign, ParameterSpec
 from lpfcosim.cosim import Interface
 from lpfcosim.errors import InputError
-from lpfcosim.models import world_of
+from lpfcosim.models import model_of
 from lpfcosim.spacecraft import LONGEST_DELAY, H, Run
 
 #: What the fit has under the same name, and what follows from others: C_j = lambda_j (tau_j + h/2). The
@@ -65,7 +65,7 @@ def targets(plan: Campaign, run: Run, interfaces: Sequence[Interface]) -> tuple[
         If there is no such parameter, or it cannot be set.
     """
     by_model = {i.model: i for i in interfaces}
-    values = world_of(run).parameters(run)
+    values = model_of(run).parameters(run)
     of_fit = (*SHARED_NAMES[:2], *DELAYS, *SHARED_NAMES[2:])
     requests = dict(plan.identify) or {name: ParameterSpec() for name in of_fit}
     resolved = []
@@ -113,7 +113,7 @@ def fixed_values(
 ) -> dict[str, float]:
     """Return the parameters of the fit that the loop fixes, by name, without delta_ifo."""
     by_model = {i.model: i for i in interfaces}
-    values = world_of(run).parameters(run)
+    values = model_of(run).parameters(run)
     known: dict[str, float] = {}
     for name in (*SHARED_NAMES[:-1], *(tau for _, tau in DELAYS.values())):
         with contextlib.suppress(InputError):  # no FMU takes it

@@ -20,7 +20,7 @@ from lpfcosim.identification import trials
 from lpfcosim.identification.origin import GUIDANCE, is_simulated, other_loop, run_of, size, start_sample
 from lpfcosim.identification.parameters import fixed_values, settings, targets
 from lpfcosim.identification.trials import Trials
-from lpfcosim.models import drive
+from lpfcosim.models import stimuli
 from lpfcosim.spacecraft import Run
 
 Array = NDArray[np.float64]
@@ -194,7 +194,7 @@ def _driven(run: Run, telemetry: Telemetry, sense: float) -> dict[str, Array]:
     """Return what is injected into a run, at the rate of the loop; the guidance as it was recorded, if so."""
     n = size(run, telemetry)
     start = start_sample(run, telemetry)
-    feeds = drive.injections(run, start, start + n)
+    feeds = stimuli.injections(run, start, start + n)
     recorded = {name for name in GUIDANCE if name in telemetry.channels and telemetry.fs == run.fs}
     needed = {i.into for i in run.injections} - recorded
     if needed and not -n < start < run.n_samples:

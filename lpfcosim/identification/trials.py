@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from lpfcosim.cosim import FmuInstance, Interface, SimulationProgress, Value, co_simulation
 from lpfcosim.errors import InputError, RunError
-from lpfcosim.models import drive, world_of
+from lpfcosim.models import model_of
 from lpfcosim.network import Component
 from lpfcosim.spacecraft import Run
 
@@ -69,7 +69,7 @@ class Trials:
     ) -> None:
         self._run, self._interfaces, self._where = run, interfaces, where or SimulationProgress()
         self._feeds, self._record = feeds, record
-        self._given = world_of(run).parameters(run)
+        self._given = model_of(run).parameters(run)
         self._slaves = co_simulation.load(stack, interfaces, self._where)
         self._where.set_idle()
         self._used = False
@@ -205,8 +205,10 @@ def whole_loop(
     where: SimulationProgress | None = None,
 ) -> Trials:
     """Load all FMUs of a run, to record some of its channels."""
-    sources = world_of(run).record
-    return Trials(stack, run, interfaces, drive.names(run), {name: sources[name] for name in record}, where)
+    sources = model_of(run).record
+    return Trials(
+        stack, run, interfaces, model_of(run).stimuli(run), {name: sources[name] for name in record}, where
+    )
 
 
 def controller(

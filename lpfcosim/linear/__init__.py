@@ -1,6 +1,17 @@
-"""The closed loop in the frequency domain, the same for every world: stability, margins, response, spectra.
+"""The closed loop from the equations of its models: simulation, stability, margins, response, spectra.
 
-Nothing here steps an FMU. The reference plants themselves are in `lpfcosim.models`.
+Nothing here steps an FMU.
 """
 
-__all__ = ["margins", "planning", "saturation", "spectral", "stability"]
+from lpfcosim.linear.closed_loop import ClosedLoop
+from lpfcosim.linear.state_space import StateSpace
+
+__all__ = [
+    "ClosedLoop",
+    "StateSpace",
+    "margins",
+    "response",
+    "saturation",
+    "spectral_simulation",
+    "stability",
+]

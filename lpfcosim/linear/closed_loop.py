@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from lpfcosim.errors import DivergenceError
 from lpfcosim.linear.sampled_model import OperatingPoint, SampledModel
 from lpfcosim.linear.state_space import StateSpace
-from lpfcosim.models import drive, world_of
+from lpfcosim.models import model_of, stimuli
 from lpfcosim.network import Component, endpoint
 from lpfcosim.spacecraft import READ_OUT_RANGE, Run
 
@@ -45,9 +45,9 @@ class ClosedLoop:
     """
 
     def __init__(self, run: Run) -> None:
-        self.run, self._world = run, world_of(run)
-        self.components: tuple[Component, ...] = self._world.steps(run)
-        parameters = self._world.parameters(run)
+        self.run, self._spacecraft = run, model_of(run)
+        self.components: tuple[Component, ...] = self._spacecraft.components(run)
+        parameters = self._spacecraft.parameters(run)
         self._models = [SampledModel(c.model, parameters[c.model], run.h) for c in self.components]
         sources = [s for c in self.components for s in c.inputs.values()]
         #: Signals from outside.
@@ -56,10 +56,20 @@ class ClosedLoop:
         self.loops = tuple(_loop_name(model.name, law) for model in self._models for law in model.controllers)
 
     @property
+    def commands(self) -> dict[str, float]:
+        """Largest magnitude of each command that an authority limits, SI; zero where there is none."""
+        return {name: limit for model in self._models for name, limit in model.limits.items()}
+
+    @property
     def limits(self) -> dict[str, float]:
-        """Largest magnitude of each command of limited authority, SI; no command has none."""
-        limits = {name: limit for model in self._models for name, limit in model.limits.items()}
-        return {name: limit for name, limit in limits.items() if limit > 0}
+        """Largest magnitude of each command of limited authority, SI; none is clipped without."""
+        return {name: limit for name, limit in self.commands.items() if limit > 0}
+
+    def equilibrium(self) -> dict[str, float]:
+        """Return the outputs of the models at the equilibrium, by name, SI."""
+        points = zip(self._models, self._operating_points({}), strict=True)
+        values = ((model.outputs, model.outputs_at(point)) for model, point in points)
+        return {name: float(x) for names, xs in values for name, x in zip(names, xs, strict=True)}
 
     # Linearisation -------------------------------------------------------------------------------------
 
@@ -78,9 +88,9 @@ class ClosedLoop:
             From `inputs` to the outputs of the models.
         """
         loop = self._joined(commands or {})
-        names = [f"{c.model}.{name}" for c in self.components for name in c.outputs]
+        names = self._observed()
         outputs = tuple(endpoint(name)[1] for name in names)
-        units = {name: self._world.units[name] for name in (*self.inputs, *outputs)}
+        units = {name: self._spacecraft.units[name] for name in (*self.inputs, *outputs)}
         return replace(loop.select(self.inputs, names), outputs=outputs, units=units)
 
     def loop_gain(self) -> StateSpace:
@@ -93,6 +103,14 @@ class ClosedLoop:
         closed = self._joined({}).select([f"{law}.disturbance" for law in laws], [f"{law}.e" for law in laws])
         A, B, C = closed.A, closed.B, closed.C
         return StateSpace(A - B @ C, B, -C, np.zeros_like(closed.D), self.loops, self.loops, closed.dt)
+
+    def _observed(self) -> list[str]:
+        """Return the outputs that are fed on or recorded, and the motion, as ``Model.output``."""
+        return [
+            f"{component.model}.{name}"
+            for component, model in zip(self.components, self._models, strict=True)
+            for name in (model.state_outputs if component.moves else component.outputs)
+        ]
 
     def _joined(self, commands: Mapping[str, float]) -> StateSpace:
         """Return the loop with disturbances of the errors as inputs, and all outputs as ``Model.output``."""
@@ -144,12 +162,12 @@ class ClosedLoop:
 
     # Simulation ----------------------------------------------------------------------------------------
 
-    def simulate(self, stimuli: Mapping[str, Array] | None = None) -> dict[str, Array]:
+    def simulate(self, signals: Mapping[str, Array] | None = None) -> dict[str, Array]:
         """Simulate the run from its equilibrium, commands limited by their authority.
 
         Parameters
         ----------
-        stimuli : mapping of str to ndarray, shape (n_samples,)
+        signals : mapping of str to ndarray, shape (n_samples,)
             Signals from outside by name, SI; what is missing is zero. By default those of the run.
 
         Returns
@@ -163,11 +181,10 @@ class ClosedLoop:
             If a read-out leaves its range.
         """
         run = self.run
-        if stimuli is None:
-            stimuli = drive.injections(run) | drive.noise(run)
+        by_name = stimuli.stimuli(run) if signals is None else signals
         zero = np.zeros(run.n_samples)
-        signals = [stimuli.get(name, zero) for name in self.inputs]
-        advance, names = self._network([float(signal[0]) for signal in signals])
+        driven = [by_name.get(name, zero) for name in self.inputs]
+        advance, names = self._network([float(signal[0]) for signal in driven])
         recorded = np.empty((run.n_samples, len(names)))
         checked = [(i, name) for i, name in enumerate(names) if name in INTERFEROMETERS]
         for begin in range(0, run.n_samples, BLOCK):
@@ -175,12 +192,12 @@ class ClosedLoop:
             block[:] = np.nan
             with np.errstate(over="ignore", invalid="ignore"), suppress(OverflowError):  # see _check_range
                 for i, values in enumerate(
-                    zip(*(s[begin : begin + BLOCK].tolist() for s in signals), strict=True)
+                    zip(*(s[begin : begin + BLOCK].tolist() for s in driven), strict=True)
                 ):
                     block[i] = advance(values)
             _check_range(run, checked, block, begin)
         channels = dict(zip(names, recorded.T.copy(), strict=True))
-        return channels | {n: stimuli.get(n, zero) for n in self._world.record if n not in channels}
+        return channels | {n: by_name.get(n, zero) for n in self._spacecraft.record if n not in channels}
 
     def _network(
         self, signals: Sequence[float]
@@ -197,7 +214,7 @@ class ClosedLoop:
             outputs = model.state_outputs if component.moves else model.outputs
             into = [place[f"{model.name}.{name}"] for name in outputs]
             (plants if component.moves else others).append((step, sources, into))
-        recorded = [f"{c.model}.{name}" for c in self.components for name in c.outputs]
+        recorded = self._observed()
         rows = [place[name] for name in recorded]
         n = len(self.inputs)
 

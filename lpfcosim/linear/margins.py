@@ -12,7 +12,7 @@ import numpy as np
 import scipy
 from numpy.typing import ArrayLike, NDArray
 
-from lpfcosim.models import world_of
+from lpfcosim.linear.closed_loop import ClosedLoop
 from lpfcosim.spacecraft import Run
 
 Array = NDArray[np.float64]
@@ -36,17 +36,18 @@ class Margin:
 
 
 def margins(run: Run) -> list[Margin]:
-    """Give unity gain, phase and gain margin of each loop, in the order of `World.loops`."""
-    world = world_of(run)
-    all_cut = world.open_loop(run)
+    """Return unity gain, phase and gain margin of each loop, in the order of `ClosedLoop.loops`."""
+    loop = ClosedLoop(run)
+    all_cut = loop.loop_gain()
 
     def one_cut(log_frequency: ArrayLike) -> Complex:
-        sensitivity = np.linalg.inv(np.eye(len(world.loops)) + all_cut(np.exp(log_frequency)))
+        gain = all_cut.frequency_response(np.exp(log_frequency))
+        sensitivity = np.linalg.inv(np.eye(len(loop.loops)) + gain)
         return np.asarray(1 / np.diagonal(sensitivity, axis1=1, axis2=2) - 1)
 
     grid = np.log(_GRID)
     L = one_cut(grid)
-    return [_margin(name, i, one_cut, grid, L[:, i]) for i, name in enumerate(world.loops)]
+    return [_margin(name, i, one_cut, grid, L[:, i]) for i, name in enumerate(loop.loops)]
 
 
 def _margin(name: str, i: int, one_cut: Callable[[ArrayLike], Complex], grid: Array, L: Complex) -> Margin:

@@ -59,7 +59,7 @@ class SampledModel:
         self.name, self.dt = name, dt
         self._module = module = numpy_models.load(name)
         defaults = {parameter: value for parameter, (value, _) in module.PARAMETERS.items()}
-        self._equations = module.bind({**defaults, **parameters})
+        self._equations = module.bind({name: float(x) for name, x in {**defaults, **parameters}.items()})
         self.inputs = tuple(module.INPUTS)
         self.outputs = tuple(module.OUTPUTS)
         #: Outputs that follow from states and parameters alone.
@@ -185,8 +185,6 @@ class SampledModel:
     def linearize(self, point: OperatingPoint, *, moves: bool) -> StateSpace:
         """Linearise one step about an operating point, with every limiter the identity.
 
-        The polynomial remainder of the derivatives, of second order in the motion, is left out.
-
         Parameters
         ----------
         point : OperatingPoint
@@ -206,10 +204,11 @@ class SampledModel:
         rows["d"] = self._delayed_rows(self._rows("delay", point, rows | {"z": rows["q"]}), rows, self._age)
         rows["z"], errors = self._event_rows(point, rows, disturbance)
         issued = self._rows("delay", point, rows)
-        moved = self._state_rows(rows, issued)
+        remainder = self._remainder_rows(point, rows, issued)
+        moved = self._state_rows(rows, issued, 1.5 * remainder - 0.5 * rows["r"])
         ages = np.array([(j, age - 1) for j, age in self._memory], dtype=int).reshape(-1, 2)
         remembered = [self._delayed_row(issued, rows, j, age) for j, age in ages]
-        following = np.array([*moved, *rows["z"], *remembered]).reshape(states, width)
+        following = np.array([*moved, *rows["z"], *remembered, *remainder]).reshape(states, width)
         if not moves:
             rows |= {"x": moved, "d": self._delayed_rows(issued, rows, self._age - 1)}
         output = np.vstack([self._rows("output", point, rows), errors])
@@ -226,10 +225,11 @@ class SampledModel:
     def _unit_rows(self) -> tuple[dict[str, Array], Array]:
         """Return unit rows over states, memory, inputs and disturbances, by argument of the equations.
 
-        The memory are sampled variables (``q``) and delayed values (``m``).
+        The memory are sampled variables (``q``), delayed values (``m``) and the last remainder (``r``).
         """
         m = self._module
-        sizes = {"x": len(m.STATES), "q": len(m.DISCRETE), "m": len(self._memory), "u": len(m.INPUTS)}
+        sizes = {"x": len(m.STATES), "q": len(m.DISCRETE), "m": len(self._memory), "r": len(m.REMAINDER)}
+        sizes["u"] = len(m.INPUTS)
         ends = np.cumsum(list(sizes.values()))
         unit = np.eye(ends[-1] + len(m.ERRORS))
         rows = {name: unit[end - size : end] for (name, size), end in zip(sizes.items(), ends, strict=True)}
@@ -263,14 +263,20 @@ class SampledModel:
                 sampled[row] += disturbance[controllers[row]]
         return sampled, errors
 
-    def _state_rows(self, rows: Mapping[str, Array], issued: Array) -> Array:
+    def _remainder_rows(self, point: OperatingPoint, rows: Mapping[str, Array], issued: Array) -> Array:
+        """Return the rows of the remainder of the derivatives at the begin of the step."""
+        acting = self._delayed_rows(issued, rows, self._age)
+        return self._rows("remainder", point, {**rows, "d": acting})
+
+    def _state_rows(self, rows: Mapping[str, Array], issued: Array, remainder: Array) -> Array:
         """Return the rows of the states after the step."""
         if not self._module.STATES:
             return rows["x"]
         held = [rows[group][i] for group, i in self._module.HELD]
         before, after = (self._delayed_rows(issued, rows, ages) for ages in (self._age, self._whole))
-        columns = np.array([*rows["x"], *held, *before, *after])
-        return np.asarray(self._transition[:, : len(columns)] @ columns)
+        constant = np.zeros(rows["u"].shape[1])
+        columns = np.array([*rows["x"], *held, *before, *after, constant, *remainder])
+        return np.asarray(self._transition @ columns)
 
     def _partials(self, function: str, point: OperatingPoint) -> Values:
         evaluate = getattr(self._equations, f"{function}_partials")
@@ -278,7 +284,8 @@ class SampledModel:
 
     def _rows(self, function: str, point: OperatingPoint, rows: Mapping[str, Array]) -> Array:
         """Return the derivatives of delayed values or outputs by the chain rule."""
-        count = len(self._age) if function == "delay" else len(self.outputs)
+        m = self._module
+        count = {"delay": len(self._age), "output": len(m.OUTPUTS), "remainder": len(m.REMAINDER)}[function]
         result = np.zeros((count, rows["u"].shape[1]))
         places = getattr(self._module, f"{function.upper()}_PARTIALS")
         for (row, (group, i)), value in zip(places, self._partials(function, point), strict=True):

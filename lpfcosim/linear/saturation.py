@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 
 from fit.parallel import one_blas_thread
 from fit.requirements import GAP_TAPER, TAPER
-from lpfcosim.linear import planning
-from lpfcosim.models import System, on_circle, world_of
+from lpfcosim.linear import response
+from lpfcosim.linear.closed_loop import ClosedLoop
+from lpfcosim.linear.state_space import StateSpace
 from lpfcosim.spacecraft import READ_OUT_RANGE, Actuation, HalfCosine, Injection, Run, Sine
 
 Array = NDArray[np.float64]
@@ -57,7 +58,7 @@ class Demand:
 
 def count(run: Run, block: Mapping[str, Array]) -> int:
     """Count the samples of a block in which a command is at its limit."""
-    limits = world_of(run).limits(run)
+    limits = ClosedLoop(run).limits
     reached = [np.abs(block[name]) >= limit * AT_LIMIT for name, limit in limits.items() if name in block]
     return int(np.any(reached, axis=0).sum())
 
@@ -69,24 +70,25 @@ def demands(run: Run) -> list[Demand]:
     Injections, the force that holds `Run.dc` and the stationary noise count. A limit is exceeded if one
     sample or more of the run is expected beyond it. The loop must be stable.
     """
-    system = world_of(run).system(run)
-    limits = {name: limit for name, limit in world_of(run).limits(run).items() if name in COMMANDS}
+    loop = ClosedLoop(run)
+    system = loop.linearize()
+    limits = {name: limit for name, limit in loop.limits.items() if name in COMMANDS}
     limits |= dict.fromkeys(READ_OUTS, READ_OUT_RANGE)
     gains, rms = _gains(run, system, list(limits))
-    start = {"f_x_2": run.f_x_2_start}
+    start = loop.equilibrium()
     if all(
-        abs(start.get(name, 0.0)) + _bound(run, gains[name]) + _SIGMAS * rms[name] < limit
+        abs(start[name]) + _bound(run, gains[name]) + _SIGMAS * rms[name] < limit
         for name, limit in limits.items()
     ):
         return []
-    moved = planning.response(run)
+    moved = response.linear_response(run)
     found = []
     for name, limit in limits.items():
-        size = np.abs(moved[name] + start.get(name, 0.0))
+        size = np.abs(moved[name] + start[name])
         beyond = _beyond(size, limit, rms[name])
         if beyond * run.n_samples >= 1:
             peak = int(np.argmax(size))
-            time = peak / planning.RATE
+            time = peak / response.RATE
             culprit = _culprit(run, gains[name], time)
             found.append(Demand(name, float(size[peak]), limit, rms[name], time, beyond, culprit))
     return found
@@ -95,15 +97,15 @@ def demands(run: Run) -> list[Demand]:
 def masked_share(run: Run) -> float:
     """Return the fraction of a run, as its window counts it, that a fit would mask for saturation.
 
-    The run is simulated by the reference plant, whose commands have their limits.
+    The run is simulated from the equations of its models, whose commands have their limits.
 
     Raises
     ------
     DivergenceError
         If a read-out leaves its range.
     """
-    channels = world_of(run).simulate(run)
-    limits = world_of(run).limits(run)
+    channels = ClosedLoop(run).simulate()
+    limits = ClosedLoop(run).limits
     limited = np.any([np.abs(channels[k]) >= limits[k] * AT_LIMIT for k in COMMANDS if k in limits], axis=0)
     if not limited.any():
         return 0.0
@@ -114,17 +116,13 @@ def masked_share(run: Run) -> float:
 
 
 def _gains(
-    run: Run, system: System, names: Sequence[str]
+    run: Run, system: StateSpace, names: Sequence[str]
 ) -> tuple[dict[str, dict[str, Array]], dict[str, float]]:
     """Return the gain of channels by input over `_GRID`, and the rms of their noise."""
-    rows = [system.channels.index(name) for name in names]
-    # a row of the transfer function each, as there are fewer channels than inputs
-    z = on_circle(_GRID, run.h)
-    back = np.linalg.solve((z * np.eye(len(system.A)) - system.A).mT, system.C[rows].T.astype(complex))
-    H = back.mT @ system.B + system.D[rows]
+    H = system.select(system.inputs, names).frequency_response(_GRID)
     # noise of the electrodes, which takes a response of its own, hardly adds to the commands
-    shares, psd = planning.streams(replace(run, actuation=Actuation()), system, _GRID)
-    power = np.abs(H @ shares) ** 2 @ psd[:, :, None]
+    weights, psd = response.noise_streams(replace(run, actuation=Actuation()), system, _GRID)
+    power = np.abs(H @ weights) ** 2 @ psd[:, :, None]
     rms = np.sqrt(np.trapezoid(power[:, :, 0], _GRID, axis=0))
     size = np.abs(H)
     gains = {
@@ -133,16 +131,9 @@ def _gains(
     return gains, dict(zip(names, map(float, rms), strict=True))
 
 
-def _gain(run: Run, gains: Mapping[str, Array], injection: Injection) -> Array:
-    """Return the gain from an injection, shape of `_GRID`."""
-    if injection.into == "F_x_1":
-        return gains["f_x_1"] / run.m_tm
-    return gains[injection.into]
-
-
 def _bound(run: Run, gains: Mapping[str, Array]) -> float:
     """Return what all injections together hardly reach."""
-    return sum(_TRANSIENT * abs(i.amplitude) * float(_gain(run, gains, i).max()) for i in run.injections)
+    return sum(_TRANSIENT * abs(i.amplitude) * float(gains[i.into].max()) for i in run.injections)
 
 
 def _beyond(size: Array, limit: float, rms: float) -> float:
@@ -157,7 +148,7 @@ def _culprit(run: Run, gains: Mapping[str, Array], time: float) -> Injection | N
     """Return the injection that moves a channel most of those that act at a time or have begun before it."""
 
     def effect(injection: Injection) -> float:
-        gain = _gain(run, gains, injection)
+        gain = gains[injection.into]
         at = injection.frequency if isinstance(injection, Sine) else _GRID[0]
         return abs(injection.amplitude) * float(np.interp(at, _GRID, gain))
 

@@ -7,14 +7,13 @@ from numpy.typing import NDArray
 
 from fit.parallel import one_blas_thread
 from lpfcosim.errors import InputError
-from lpfcosim.models import world_of
+from lpfcosim.linear.closed_loop import ClosedLoop
 from lpfcosim.spacecraft import Noise, Run
 
 
 def poles(run: Run) -> NDArray[np.complex128]:
     """Poles z of the sampled closed loop, largest magnitude first, as long as no command is at its limit."""
-    z = np.linalg.eigvals(world_of(run).loop(run).closed).astype(np.complex128)
-    return np.asarray(z[np.argsort(-np.abs(z))])
+    return ClosedLoop(run).linearize().observable().poles()
 
 
 def is_stable(run: Run) -> bool:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -58,6 +58,16 @@ class StateSpace:
             self.dt,
             {name: self.units[name] for name in (*inputs, *outputs) if name in self.units},
         )
+
+    def observable(self) -> StateSpace:
+        """Return the system without states that neither an output nor another state follows from."""
+        states = np.arange(len(self.A))
+        while True:
+            A, C = self.A[np.ix_(states, states)], self.C[:, states]
+            seen = A.any(axis=0) | C.any(axis=0)
+            if seen.all():
+                return replace(self, A=A, B=self.B[states], C=C)
+            states = states[seen]
 
     def frequency_response(self, frequency: ArrayLike) -> Complex:
         """Return the response of the outputs to the inputs, shape (n, Y, U), at n frequencies [Hz]."""

@@ -178,6 +178,13 @@ class _ModulePrinter:
         """Return the remainder of the derivatives beyond their affine part, by state."""
         return self._model.affine.remainder if self._model.affine else ()
 
+    def _resolved_remainder(self) -> list[sp.Expr]:
+        """Return what of the remainder is not zero, in terms of the arguments of the functions."""
+        resolved: dict[sp.Symbol, sp.Expr] = {}
+        for symbol, value in self._model.affine.algebraic if self._model.affine else ():
+            resolved[symbol] = value.xreplace(resolved)
+        return [q.xreplace(resolved) for q in self._remainder() if q != 0]
+
     def _place(self, symbol: sp.Symbol, groups: Iterable[str] = "xqudz") -> tuple[str, int]:
         """Return argument and index of a symbol."""
         for group in groups:
@@ -222,6 +229,7 @@ class _ModulePrinter:
             "event": list(self._events.values()),
             "delay": [delay.value for delay in self._model.delays],
             "output": [self._resolved.get(s.symbol, s.symbol) for s in self._outputs],
+            "remainder": self._resolved_remainder(),
         }
         return {
             name: [

@@ -1,15 +1,13 @@
-"""Worlds: the one place that tells a simulation along x from one of the whole spacecraft.
+"""Spacecraft models: which Modelica models a run joins, and what it gives them.
 
-A `World` holds all that depends on the degrees of freedom of a run: its components and what is recorded,
-their parameters, units and truths, its noise, limits, reference plant and loops. `Run.spacecraft`, what a
-run has beside the x axis, chooses the world by its type. To add a world, write a module here that makes it,
-and register it below.
+A `SpacecraftModel` holds all that depends on the degrees of freedom of a run: its models, their parameters
+and truths, its noise. `Run.spacecraft`, what a run has beside the x axis, chooses it by its type. To add one,
+write a module here that makes it, and register it below.
 """
 
-from lpfcosim.models import along_x, electrodes, whole
-from lpfcosim.models.loop import System, on_circle
-from lpfcosim.models.world import register, world_of
+from lpfcosim.models import one_axis, six_dof
+from lpfcosim.models.spacecraft_model import SpacecraftModel, model_of, register
 
-register(along_x.WORLD, whole.WORLD)
+register(one_axis.MODEL, six_dof.MODEL)
 
-__all__ = ["System", "drive", "electrodes", "on_circle", "world_of"]
+__all__ = ["SpacecraftModel", "model_of", "register", "stimuli"]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from graphlib import CycleError, TopologicalSorter
 
 from lpfcosim.errors import InputError
@@ -24,15 +24,12 @@ class Component:
     moves : bool
         Its outputs are states, none follows at once from an input: others see them as its last step left
         them, so it steps after all that listen to it.
-    truths : mapping of str to tuple of str
-        Input or parameter to the names under /truth that hold only of a component that takes it.
     """
 
     model: str
     inputs: dict[str, str]
     outputs: tuple[str, ...]
     moves: bool = False
-    truths: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
 
     @property
     def direct(self) -> dict[str, list[str]]:

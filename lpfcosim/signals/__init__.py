@@ -1,6 +1,6 @@
 """Signals: what is injected into a run, streams of noise, events, and the low-pass below 10 Hz.
 
-Which noise there is depends on the world of the run, so `lpfcosim.models` starts the streams.
+Which noise there is depends on the spacecraft model of the run, so `lpfcosim.models` starts the streams.
 """
 
 from lpfcosim.signals.flicker import flicker

@@ -234,7 +234,8 @@ class Run:
     """One run of ``n_samples`` samples at 10 Hz, recorded at ``sample_rate`` [Hz].
 
     ``dc`` [m s^-2] is the constant part of g_2. What a run has beside the x axis, ``spacecraft``, chooses its
-    world (`lpfcosim.models`): with nothing there is the x axis only. ``events`` is what happens unasked.
+    spacecraft model (`lpfcosim.models`): with nothing there is the x axis only. ``events`` is what happens
+    unasked.
     ``about`` is the truth about which that of the experiments scatters, None where it does not.
     """
 

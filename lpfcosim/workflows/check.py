@@ -10,7 +10,7 @@ from fit.tables import Table
 from lpfcosim.campaign import Campaign
 from lpfcosim.errors import UnavailableError, prefix_errors
 from lpfcosim.execution import validation
-from lpfcosim.models import world_of
+from lpfcosim.models import model_of
 from lpfcosim.spacecraft import Run
 from lpfcosim.workflows.campaigns import CampaignLike, resolve
 from lpfcosim.workflows.forecast import Forecast, expected_results
@@ -65,7 +65,7 @@ class CampaignCheck(WorkflowResult):
         """Return verdict, number of runs and hours in one line."""
         runs = self.campaign.runs
         verdict = "valid" if self.valid else "doubtful (see the warnings)"
-        model = world_of(runs[0]).name
+        model = model_of(runs[0]).name
         return f"{verdict}: {len(runs)} run{'s' * (len(runs) > 1)} {model}, {_hours(self.duration):g} h"
 
     def table(self) -> Table:
@@ -173,13 +173,13 @@ def _forecast(plan: Campaign, fit_settings: Settings) -> tuple[Forecast | None, 
 
 def wall_time(plan: Campaign, jobs: int) -> float:
     """Return about how long `run` takes on idle processors, the FMUs being built [s]."""
-    world = world_of(plan.runs[0])
-    run_times = [RUN_TIME + run.n_samples * world.sample_cost for run in plan.runs]
+    spacecraft = model_of(plan.runs[0])
+    run_times = [RUN_TIME + run.n_samples * spacecraft.sample_cost for run in plan.runs]
     simulation = max(max(run_times), sum(run_times) / jobs)  # the longest run is not divided
     n_experiments = sum(
         run.kind == "sysid" for run in plan.runs
     )  # the fit of a noise run alone takes no time
-    return STARTUP_TIME + simulation + world.experiment_cost * n_experiments
+    return STARTUP_TIME + simulation + spacecraft.experiment_cost * n_experiments
 
 
 def _duration(run: Run) -> float:

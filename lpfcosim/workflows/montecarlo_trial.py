@@ -21,8 +21,8 @@ from lpfcosim.campaign import Campaign, montecarlo
 from lpfcosim.cosim import FmuLibraryCache, SimulationProgress
 from lpfcosim.errors import RunError
 from lpfcosim.execution import runner, telemetry_file
-from lpfcosim.linear import spectral, stability
-from lpfcosim.models import world_of
+from lpfcosim.linear import spectral_simulation, stability
+from lpfcosim.models import model_of
 from lpfcosim.planned_experiments import telemetry_of
 from lpfcosim.spacecraft import Run
 
@@ -36,7 +36,7 @@ class SpectralSimulator:
     """
 
     def __init__(self) -> None:
-        self._simulations: dict[str, tuple[Run, spectral.Simulation]] = {}
+        self._simulations: dict[str, tuple[Run, spectral_simulation.Simulation]] = {}
 
     def draw(self, run: Run, rng: np.random.Generator) -> Telemetry:
         """Return telemetry of a run at 1 Hz.
@@ -52,12 +52,12 @@ class SpectralSimulator:
             raise RunError(f"{run.name}: f_x_2 reaches its limit, which only the FMUs know: add --fmus")
         return telemetry_of(run, channels)
 
-    def _simulation(self, run: Run) -> spectral.Simulation:
+    def _simulation(self, run: Run) -> spectral_simulation.Simulation:
         key = run if run.events else replace(run, seed=0)  # the seed counts for glitches and gaps alone
         previous, simulation = self._simulations.pop(run.name, (None, None))
         if simulation is None or previous != key:
             _, latest = next(reversed(self._simulations.values()), (None, None))
-            simulation = spectral.Simulation(run, channels_of_fit(run), latest)
+            simulation = spectral_simulation.Simulation(run, channels_of_fit(run), latest)
         self._simulations[run.name] = (key, simulation)
         return simulation
 
@@ -148,5 +148,5 @@ def channels_of_fit(run: Run) -> list[str]:
     means = (name for parts in dynamics.MEANS.values() for name in parts)
     inertial = run.kind == "noise" and run.n_samples / run.fs >= euler_fit.MIN_DURATION
     stars = [f"ast_{axis}" for axis in rotation.AXES] if inertial else []
-    record = world_of(run).record
+    record = model_of(run).record
     return [*dynamics.CHANNELS, *(name for name in (*means, *stars) if name in record)]

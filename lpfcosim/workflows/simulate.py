@@ -1,4 +1,4 @@
-"""A campaign simulated into a folder: through the FMUs, or through the reference plant."""
+"""A campaign simulated into a folder: through the FMUs, or from the equations of their models."""
 
 from collections.abc import Iterator, Mapping
 from contextlib import ExitStack
@@ -10,16 +10,16 @@ from lpfcosim.cosim import compatibility
 from lpfcosim.errors import InputError, RunError, prefix_errors
 from lpfcosim.execution import fmus as archives
 from lpfcosim.execution import results_folder, runner, telemetry_file, validation
-from lpfcosim.linear import saturation
+from lpfcosim.linear import ClosedLoop, saturation
 from lpfcosim.messages import grouped
-from lpfcosim.models import world_of
+from lpfcosim.models import model_of
 from lpfcosim.signals import decimation
 from lpfcosim.spacecraft import Run
 from lpfcosim.workflows.campaigns import CampaignLike, PathLike, as_path, resolve
 from lpfcosim.workflows.fmus import campaign_fmus
 from lpfcosim.workflows.progress import LOG, Progress
 
-REFERENCE_PLANT = "reference plant"  # attribute simulated_by of telemetry that no FMU made
+MODEL_EQUATIONS = "model equations"  # attribute simulated_by of telemetry that no FMU made
 
 
 def simulate(
@@ -43,7 +43,8 @@ def simulate(
     folder : path
         ``fit.load(folder)`` reads the telemetry.
     fmus : bool
-        False: through the reference plant, without FMU and compiler; the same to 1e-9 of each channel's rms.
+        False: from the equations of the same models, without FMU and compiler; the same to 1e-9 of
+        each channel's rms.
     jobs : int, optional
         Number of processes, by default one per processor. A script needs ``if __name__ == "__main__":``
         around the call, as with `multiprocessing`.
@@ -156,7 +157,9 @@ def _describe_replacements(plan: Campaign, validated: validation.Validation) -> 
         yield f"{replacement.model}: {replacement.archive}, a third-party FMU; takes {used}{unused}"
     if plan.replacements:
         yield "stability and saturation are not checked beforehand, as its dynamics are not known"
-    if unknown := sorted(world_of(run).untold(run, compatibility.ignored_names(validated.interfaces))):
+    if unknown := sorted(
+        model_of(run).unknown_truths(run, compatibility.ignored_names(validated.interfaces))
+    ):
         yield f"true values not known, left out of /truth: {', '.join(unknown)}"
 
 
@@ -168,7 +171,7 @@ def _simulate_reference_plant(
     if plan.replacements:
         models = ", ".join(f"fmus.{r.model}" for r in plan.replacements)
         raise InputError(f"{models}: a third-party FMU, expected fmus=True where a campaign names one")
-    origin = {**runner.provenance(plan, {}), "simulated_by": REFERENCE_PLANT}
+    origin = {**runner.provenance(plan, {}), "simulated_by": MODEL_EQUATIONS}
     paths = [directory / "telemetry" / f"{run.name}.h5" for run in plan.runs]
     with results_folder.lock(directory):
         (directory / "telemetry").mkdir(exist_ok=True)
@@ -186,9 +189,8 @@ def _simulate_reference_plant(
 
 
 def _record(run: Run, path: Path, origin: Mapping[str, str | int | float]) -> None:
-    world = world_of(run)
-    simulated = world.simulate(run)
-    channels = {name: simulated[name] for name in world.record}
+    simulated = ClosedLoop(run).simulate()
+    channels = {name: simulated[name] for name in model_of(run).record}
     with telemetry_file.create(path, run, channels, origin) as writer:
         for block in decimation.decimate(run, [channels]):
             writer.append(block)

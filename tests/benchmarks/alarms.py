@@ -5,7 +5,7 @@
 
 simulates a campaign again and again, each time with new noise and every tenth time with new truths, and
 fits it. Every warning that casts doubt on a fit, and every other one of `SAID`, is a false alarm. The noise
-is drawn from the spectra of the closed loop; with `--stepped` the reference plant, which has no FMUs, steps
+is drawn from the spectra of the closed loop; with `--stepped` the equations of the models, without FMUs, step
 every run. What is done is in the log; the same command continues it. A campaign depends on its number alone.
 """
 
@@ -32,8 +32,8 @@ from fit.telemetry.reader import Telemetry
 from fit.warnings import FitWarning, Severity
 from lpfcosim.campaign import Campaign, loading
 from lpfcosim.campaign import montecarlo as campaigns
-from lpfcosim.linear import planning, spectral
-from lpfcosim.models import drive, world_of
+from lpfcosim.linear import response, spectral_simulation
+from lpfcosim.models import model_of, stimuli
 from lpfcosim.planned_experiments import telemetry_of
 from lpfcosim.signals import decimation
 from lpfcosim.spacecraft import Run
@@ -52,24 +52,24 @@ def drawn(run: Run, number: int) -> Telemetry:
     """Draw a run from the spectra of its loop, as `lpfcosim montecarlo` does, guidance included."""
     of_run = replace(run, seed=0)  # which counts for nothing else here
     if _simulations.get(run.name, (None, None))[0] != of_run:
-        world = world_of(run)
+        world = model_of(run)
         of_loop = world.system(run).channels
         names = [name for name in world.record if name in of_loop]
-        _simulations[run.name] = of_run, spectral.Simulation(of_run, names)
+        _simulations[run.name] = of_run, spectral_simulation.Simulation(of_run, names)
     channels = _simulations[run.name][1].record(np.random.default_rng([number, *run.name.encode()]))
-    stride = round(run.fs / planning.RATE)
-    given = drive.injections(run)
-    shown = {name: given[name][::stride] for name in world_of(run).record if name in given}
+    stride = round(run.fs / response.RATE)
+    given = stimuli.injections(run)
+    shown = {name: given[name][::stride] for name in model_of(run).record if name in given}
     return telemetry_of(run, {**channels, **shown})
 
 
 #: What the last campaign left, by run: made anew only if more than the seed is another.
-_simulations: dict[str, tuple[Run, spectral.Simulation]] = {}
+_simulations: dict[str, tuple[Run, spectral_simulation.Simulation]] = {}
 
 
 def stepped(run: Run, _: int) -> Telemetry:
-    """Step a run in the reference plant; at 1 Hz."""
-    archived, world = replace(run, sample_rate=planning.RATE), world_of(run)
+    """Step a run from the equations of the models; at 1 Hz."""
+    archived, world = replace(run, sample_rate=response.RATE), model_of(run)
     found = world.simulate(archived)
     (channels,) = decimation.decimate(archived, [{name: found[name] for name in world.record}])
     return telemetry_of(archived, {name: np.asarray(channels[name]) for name in world.record})
@@ -110,7 +110,7 @@ def main() -> None:
     parser.add_argument("campaign", type=Path)
     parser.add_argument("-n", type=int, default=100, help="campaigns")
     parser.add_argument("--log", type=Path, help="what is done")
-    parser.add_argument("--stepped", action="store_true", help="in the reference plant")
+    parser.add_argument("--stepped", action="store_true", help="from the equations of the models")
     parser.add_argument("--without", nargs="*", default=[], help="experiments to leave out")
     chosen = parser.parse_args()
     plan = loading.load(chosen.campaign)

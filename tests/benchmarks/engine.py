@@ -40,8 +40,9 @@ from lpfcosim.cosim.compatibility import read_interfaces
 from lpfcosim.execution import runner
 from lpfcosim.modelica import build
 from lpfcosim.modelica.compiler import FLAGS, compiler
-from lpfcosim.models import drive, world_of
+from lpfcosim.models import model_of, stimuli
 from lpfcosim.spacecraft.run import Run
+from tests.oracles import reference_plant
 
 HERE = Path(__file__).parent
 MONOLITHIC = HERE.parent / "oracles" / "monolithic.c"
@@ -97,10 +98,10 @@ def monolith(run: Run) -> Monolith:
     filled.e[:] = e.ravel().tolist()
     filled.whole[:] = [int(d // h) for d in delays]
     for j, controller in ((1, run.drag_free), (2, run.suspension)):
-        p = np.array(controller.rates)
+        p, r = reference_plant.partial_fractions(controller)
         getattr(filled, f"decay_{j}")[:] = ((2 - p * h) / (2 + p * h)).tolist()
         getattr(filled, f"entry_{j}")[:] = (h / (2 + p * h)).tolist()
-        getattr(filled, f"r_{j}")[:] = list(controller.residues)
+        getattr(filled, f"r_{j}")[:] = list(r)
     return filled
 
 
@@ -122,21 +123,21 @@ def timed_loop(
 def draw(run: Run) -> float:
     """Seconds that the injections and the noise of a run take, block by block."""
     started = time.perf_counter()
-    noise = drive.stream(run)
+    noise = stimuli.noise_source(run)
     for start in range(0, run.n_samples, co_simulation.BLOCK):
         stop = min(start + co_simulation.BLOCK, run.n_samples)
-        drawn = {**drive.injections(run, start, stop), **noise.take(stop - start)}
-        np.column_stack([drawn[name] for name in drive.names(run)])
+        drawn = {**stimuli.injections(run, start, stop), **noise.take(stop - start)}
+        np.column_stack([drawn[name] for name in model_of(run).stimuli(run)])
     return time.perf_counter() - started
 
 
 def loops(hours: float, repeat: int) -> dict[str, float]:
     """Microseconds per step of the three loops and of drawing noise; sees that the loops compute the same."""
     run, fmus = first_experiment(hours), build.build()
-    drawn = {**drive.injections(run), **drive.noise(run)}
-    feeds = np.column_stack([drawn[name] for name in drive.names(run)])
+    drawn = {**stimuli.injections(run), **stimuli.noise(run)}
+    feeds = np.column_stack([drawn[name] for name in model_of(run).stimuli(run)])
     plain = feeds[: min(len(feeds), 20_000)]  # as slow as it is, a part suffices
-    out = {name: np.zeros((len(feeds), len(world_of(run).record))) for name in ("ours", "fmpy", "monolithic")}
+    out = {name: np.zeros((len(feeds), len(model_of(run).record))) for name in ("ours", "fmpy", "monolithic")}
     with tempfile.TemporaryDirectory() as folder:
         c = compiled(MONOLITHIC, Path(folder) / "monolithic.so")
         constants = monolith(run)
@@ -175,7 +176,7 @@ def parts(campaign: str, hours: float, repeat: int) -> dict[str, float]:
     """Microseconds of processor time of what a step of the first run of a campaign consists of."""
     plan = loading.load(QUICKSTART.with_name(f"{campaign}.toml"))
     run = replace(plan.runs[0], n_samples=round(hours * 36_000))
-    fmus = build.build([c.model for c in world_of(run).components])
+    fmus = build.build(model_of(run).models)
     times: dict[str, list[float]] = {}
     with tempfile.TemporaryDirectory() as folder:
         nothing = compiled(HERE / "nothing.c", Path(folder) / "nothing.so")
@@ -199,7 +200,7 @@ def parts(campaign: str, hours: float, repeat: int) -> dict[str, float]:
 
 def stepped(run: Run, fmus: dict[str, Path], *, record: bool, instead: ctypes.CDLL | None = None) -> float:
     """Processor seconds of the loop over a run, block by block; with other functions instead of the FMUs'."""
-    noise = drive.stream(run)
+    noise = stimuli.noise_source(run)
     with contextlib.ExitStack() as stack:
         found = read_interfaces(run, fmus)
         loop = co_simulation.RunCoSimulation(
@@ -212,8 +213,8 @@ def stepped(run: Run, fmus: dict[str, Path], *, record: bool, instead: ctypes.CD
         seconds = 0.0
         for start in range(0, run.n_samples, co_simulation.BLOCK):
             stop = min(start + co_simulation.BLOCK, run.n_samples)
-            drawn = {**drive.injections(run, start, stop), **noise.take(stop - start)}
-            feeds = np.stack([drawn[name] for name in drive.names(run)])
+            drawn = {**stimuli.injections(run, start, stop), **noise.take(stop - start)}
+            feeds = np.stack([drawn[name] for name in model_of(run).stimuli(run)])
             if start == 0:
                 loop.initialize(feeds[:, 0])
             out = np.zeros((len(loop._record), stop - start))

@@ -1,4 +1,4 @@
-"""A mission along x whose gains live, through the reference plant, and the fit of it.
+"""A mission along x whose gains live, from the equations of its models, and the fit of it.
 
 ``python -m tests.benchmarks.gains`` prints what each way to live makes of lambda_2 of the experiments: the
 paper's puzzle (lambda_2 within 0.5 %, chi2_red near 90), cause by cause.

@@ -2,7 +2,7 @@
 
     python -m tests.benchmarks.identified tests/benchmarks/pole.toml -n 200 --log pole.jsonl
 
-draws a campaign again and again, by the reference plant, with noise and truths of its own (gains within 5 %,
+draws a campaign again and again, without FMUs, with noise and truths of its own (gains within 5 %,
 all else within 30 % of those of the campaign), and identifies what it seeks through the FMUs. It tells the
 pulls, and how far the estimates are from those of the fit of the same telemetry. With ``--same-truths`` only
 the noise is drawn anew. What is done is in the log; the same command continues it.
@@ -19,6 +19,8 @@ from collections.abc import Sequence
 from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
+
+from lpfcosim.linear import ClosedLoop
 
 os.environ["OPENBLAS_NUM_THREADS"] = "1"
 
@@ -38,7 +40,6 @@ from lpfcosim.execution import telemetry_file
 from lpfcosim.execution.telemetry_file import truth
 from lpfcosim.identification import Simulation
 from lpfcosim.modelica import build
-from lpfcosim.models import world_of
 from lpfcosim.spacecraft import Run
 from lpfcosim.workflows.identify import free_parameter
 from tests.benchmarks.sbc import known
@@ -53,8 +54,8 @@ def cpu() -> float:
 
 
 def drawn(run: Run) -> Telemetry:
-    """Return a run as the reference plant has it, at the rate of the loop."""
-    said, channels = telemetry_file.attributes(run), world_of(run).simulate(run)
+    """Return a run as it is simulated without FMUs, at the rate of the loop."""
+    said, channels = telemetry_file.attributes(run), ClosedLoop(run).simulate()
     known: Any = {name: said.pop(name) for name in [*said] if name in Telemetry.__dataclass_fields__}
     return Telemetry(
         **known, path=Path(run.name), time=run.time, channels=channels, units={}, attributes=said

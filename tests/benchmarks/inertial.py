@@ -27,7 +27,7 @@ from fit.telemetry import reader as telemetry
 from lpfcosim.campaign import loading
 from lpfcosim.execution import runner
 from lpfcosim.modelica import build
-from lpfcosim.models import world_of
+from lpfcosim.models import model_of
 from lpfcosim.spacecraft.run import Run
 
 CAMPAIGN = Path(__file__).parents[2] / "campaigns" / "inertial.toml"
@@ -49,7 +49,7 @@ def true_dynamics(run: Run) -> Fit:
 
 def fitted(run: Run, change: Callable[[telemetry.Telemetry], telemetry.Telemetry] = lambda t: t) -> Fit:
     """Simulate and fit one run."""
-    fmus = build.build([c.model for c in world_of(run).components])
+    fmus = build.build(model_of(run).models)
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "run.h5"
         runner.write_telemetry(run, fmus, path, {})

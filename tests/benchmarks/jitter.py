@@ -1,7 +1,7 @@
 """What the motion of the spacecraft adds to Delta g, by frequency: ``python -m tests.benchmarks.jitter``.
 
-From the matrices of the reference plant, without a step, for the last noise run of a campaign; and, to check
-these, the read-out o_12 of half a day that the reference plant steps.
+From the linear closed loop, without a step, for the last noise run of a campaign; and, to check
+these, the read-out o_12 of half a day simulated without FMUs.
 """
 
 import sys
@@ -12,8 +12,7 @@ import numpy as np
 from scipy.signal import welch
 
 from lpfcosim.campaign import loading
-from lpfcosim.linear import margins, planning
-from lpfcosim.models import whole_plant
+from lpfcosim.linear import ClosedLoop, margins, response
 from tests import ROOT
 
 F = np.array([0.1, 0.3, 0.5, 1, 2, 5, 10, 20, 30, 50, 70]) * 1e-3  # Hz
@@ -46,7 +45,7 @@ def rotation(run, f, axis):
 
 def asd(run, f, weights):
     """ASD of a sum of channels."""
-    S = planning.cross_spectra(run, tuple(weights), f)
+    S = response.cross_spectra(run, tuple(weights), f)
     c = np.stack(list(weights.values()), axis=1)
     return np.sqrt(np.einsum("ni,nij,nj->n", c.conj(), S.transpose(0, 2, 1), c).real)
 
@@ -59,7 +58,7 @@ def jitter(run, f):
     for row, parts in enumerate(READ_OUTS.values(), 1):
         for name, part in parts.items():
             mean[row, names.index(name)] = part
-    return mean @ planning.cross_spectra(run, names, f) @ mean.T
+    return mean @ response.cross_spectra(run, names, f) @ mean.T
 
 
 def without_motion(run):
@@ -87,11 +86,11 @@ def coherence(run, f):
 
 
 def stepped(run):
-    """ASD of o_12 over its expectation, 10 to 100 mHz, as the reference plant steps half a day."""
+    """ASD of o_12 over its expectation, 10 to 100 mHz, of half a day without FMUs."""
     run = replace(run, n_samples=432_000)
-    f, S = welch(whole_plant.simulate(run)["o_12"], fs=10, nperseg=20_000)
+    f, S = welch(ClosedLoop(run).simulate()["o_12"], fs=10, nperseg=20_000)
     band = (f > 10e-3) & (f < 100e-3)
-    expected = planning.cross_spectra(run, ("o_12",), f[band])[:, 0, 0].real
+    expected = response.cross_spectra(run, ("o_12",), f[band])[:, 0, 0].real
     return float(np.sqrt(np.mean(S[band] / expected)))
 
 

@@ -52,9 +52,9 @@ from lpfcosim.campaign import Campaign, loading, montecarlo
 from lpfcosim.errors import RunError
 from lpfcosim.execution import runner
 from lpfcosim.execution.telemetry_file import truth
-from lpfcosim.linear import spectral
+from lpfcosim.linear import spectral_simulation
 from lpfcosim.modelica import build
-from lpfcosim.models import world_of
+from lpfcosim.models import model_of
 from lpfcosim.planned_experiments import telemetry_of
 from lpfcosim.spacecraft import Run
 from lpfcosim.workflows.montecarlo_trial import channels_of_fit
@@ -114,7 +114,7 @@ def rotated(number: int) -> Line:
     """Step three days of noise of one period, in turn, and fit the misalignment."""
     runs = drawn(loading.load(CAMPAIGN), number, "euler").runs
     run = runs[number % len(runs)]
-    fmus = build.build([c.model for c in world_of(run).components])
+    fmus = build.build(model_of(run).models)
     with tempfile.TemporaryDirectory() as folder:
         runner.write_telemetry(run, fmus, Path(folder) / "run.h5", {})
         found = fit_period(read_all(sorted(Path(folder).glob("*.h5")), trusted=True), known_dynamics(run))
@@ -137,7 +137,7 @@ def fitted(plan: Campaign, number: int) -> Results:
     runs = []
     for run in plan.runs:
         rng = np.random.default_rng([number, plan.seed, *run.name.encode()])
-        runs.append(telemetry_of(run, spectral.Simulation(run, channels_of_fit(run)).record(rng)))
+        runs.append(telemetry_of(run, spectral_simulation.Simulation(run, channels_of_fit(run)).record(rng)))
     results = calibrate(runs, settings(dict(plan.fit), "missions"))
     return coverage.with_truth(results, runs, {run.name: truth(run) for run in plan.runs})
 

@@ -14,10 +14,10 @@ from fit.parameters import joint_names
 from fit.pipeline import calibrate
 from fit.settings import settings
 from lpfcosim.campaign import loading
-from lpfcosim.models import along_x_plant
 from lpfcosim.spacecraft.run import Noise, Truth
 from tests.fit.recorded import recorded
 from tests.oracles.synthetic import World, of_run, pair, telemetry, without
+from tests.reference_run import simulate_reference
 
 SETS = (("A", 1), ("B", 1), ("C", 2), ("D", 2))
 SHARING = Sharing(settings().shared)
@@ -192,9 +192,9 @@ TRUTH = Truth(
 def simulated(quickstart):
     """Quick-start telemetry with the truth moved: sysid runs without noise, sysid and noise runs with it."""
     runs = replace(loading.load(quickstart), truth=TRUTH).runs
-    noisy = {run.name: recorded(run, along_x_plant.simulate(run)) for run in runs}
+    noisy = {run.name: recorded(run, simulate_reference(run)) for run in runs}
     clean = {
-        run.name: recorded(run, along_x_plant.simulate(replace(run, noise=Noise())))
+        run.name: recorded(run, simulate_reference(replace(run, noise=Noise())))
         for run in runs
         if run.kind == "sysid"
     }
@@ -250,7 +250,7 @@ def test_pulls_of_the_quickstart_are_standard_normal(quickstart):
     loaded = replace(loading.load(quickstart), truth=TRUTH)
     values = []
     for seed in range(20):
-        runs = [recorded(run, along_x_plant.simulate(run)) for run in replace(loaded, seed=seed).runs]
+        runs = [recorded(run, simulate_reference(run)) for run in replace(loaded, seed=seed).runs]
         values.append(list(pulls(calibrate(runs).joint, truth_of_joint()).values()))
     all_pulls = np.array(values)
     assert np.all(np.abs(all_pulls.mean(axis=0)) < 4.5 / np.sqrt(20))

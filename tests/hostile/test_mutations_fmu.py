@@ -19,7 +19,7 @@ from lpfcosim.execution import checksums as files
 from lpfcosim.execution import fmus as archives
 from lpfcosim.execution import trust_store
 from lpfcosim.modelica import build
-from lpfcosim.models import world_of
+from lpfcosim.models import model_of
 from lpfcosim.spacecraft.run import Replacement
 from tests.campaign_text import ONE_EXPERIMENT
 from tests.hostile.mutations import NUMBERS, TEXTS, damaged, raw_archive, survives
@@ -56,7 +56,7 @@ def use(path, run, fmus, validate=True):
     replaced = replace(run, replacements=(Replacement(MODEL, path, validate=validate),))
     for found in compatibility.read_interfaces(replaced, {**fmus, MODEL: path}):
         if found.archive == path:
-            parameters = found.parameters(world_of(replaced).parameters(replaced)[MODEL])
+            parameters = found.parameters(model_of(replaced).parameters(replaced)[MODEL])
             with contextlib.ExitStack() as stack:
                 fmu_instance.FmuInstance(stack, found).initialize(parameters)
 

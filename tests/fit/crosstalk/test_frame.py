@@ -20,7 +20,7 @@ from fit.results.results import Fit, load, write
 from fit.telemetry.reader import read_all
 from lpfcosim.campaign import loading
 from lpfcosim.execution.telemetry_file import attributes
-from lpfcosim.models import whole_plant
+from lpfcosim.linear import ClosedLoop
 from tests import ROOT
 from tests.fit.recorded import recorded
 from tests.oracles import rotation_synthetic as synthetic
@@ -131,7 +131,7 @@ def test_the_whole_spacecraft_in_either_frame():
     plan = loading.load(ROOT / "campaigns" / "inertial.toml")
     long = next(run for run in plan.runs if run.inertial_period == 3 and run.sample_rate == 1)
     simulated = replace(long, n_samples=432_000, sample_rate=10.0)
-    run = recorded(simulated, whole_plant.simulate(simulated))
+    run = recorded(simulated, ClosedLoop(simulated).simulate())
     root = attributes(simulated)
     run = replace(run, attributes={name: root[name] for name in ("omega2_phi", "omega2_eta", "I_yy", "I_zz")})
     truth = vars(simulated.truth) | {"delta_ifo_2": simulated.delta_ifo}

@@ -1,4 +1,4 @@
-"""The forecast of the inertial angles: against fits through FMUs, of the reference plant, and drawn."""
+"""The forecast of the inertial angles: against fits through FMUs, without FMUs, and drawn."""
 
 import json
 from dataclasses import replace
@@ -11,8 +11,7 @@ from fit.errors import InputError
 from fit.forecasting.expected_euler_fit import expected_periods
 from fit.settings import settings
 from lpfcosim.campaign import loading
-from lpfcosim.linear import spectral
-from lpfcosim.models import whole_plant
+from lpfcosim.linear import ClosedLoop, spectral_simulation
 from lpfcosim.planned_experiments import planned_noise_runs, telemetry_of
 from lpfcosim.signals import decimation
 from lpfcosim.spacecraft import Noise
@@ -58,7 +57,7 @@ def test_sigmas_are_those_of_the_campaign_through_fmus(plan):
 def test_agrees_with_a_fit_of_the_reference_plant(plan):
     run = next(run for run in plan.runs if run.experiment == "P3a")
     run = replace(run, n_samples=run.n_samples // 3 * 2)
-    channels = whole_plant.simulate(run)
+    channels = ClosedLoop(run).simulate()
     low_pass = decimation.taps(10)
     filtered = {name: np.convolve(channels[name], low_pass, "valid")[::10] for name in CHANNELS}
     fit = fit_period([telemetry_of(run, filtered)], calibration().joint)
@@ -70,7 +69,7 @@ def test_agrees_with_a_fit_of_the_reference_plant(plan):
 def test_loud_torques_widen_as_they_do_in_fits(plan):
     run = next(run for run in plan.runs if run.experiment == "P3a")
     noisy = replace(run, noise=replace(run.noise, torque=8e-12))
-    drawn, joint = spectral.Simulation(noisy, CHANNELS), calibration().joint
+    drawn, joint = spectral_simulation.Simulation(noisy, CHANNELS), calibration().joint
     fits = [
         fit_period([telemetry_of(noisy, drawn.record(np.random.default_rng(i)))], joint) for i in range(4)
     ]

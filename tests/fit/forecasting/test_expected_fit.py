@@ -19,16 +19,16 @@ from fit.settings import settings
 from fit.whitening import Experiment, likelihoods
 from fit.whitening.run import Run
 from lpfcosim.campaign import loading
-from lpfcosim.linear import planning
-from lpfcosim.models import along_x_plant, whole_loops, whole_plant, world_of
+from lpfcosim.linear import ClosedLoop, response
 from lpfcosim.planned_experiments import planned_experiments
 from lpfcosim.spacecraft.run import Authority, HalfCosine, Noise, Sine
 from lpfcosim.spacecraft.spacecraft import Spacecraft
 from tests import ROOT
 from tests.fit.recorded import recorded
 from tests.lpfcosim.linear import drives
-from tests.lpfcosim.models import whole_spectra
+from tests.oracles import reference_plant
 from tests.oracles.synthetic import World, of_run, pair, telemetry
+from tests.reference_run import simulate_reference
 
 CAMPAIGNS = ROOT / "campaigns"
 SETS = (("A", 1), ("B", 1), ("C", 2), ("D", 2), ("E", 2))
@@ -160,7 +160,7 @@ def test_regressors_without_noise_determine_delta_ifo_worse(mission):
 
 def test_agrees_with_a_fit_of_the_reference_plant(quickstart):
     plan = loading.load(quickstart)
-    runs = [recorded(run, along_x_plant.simulate(run)) for run in plan.runs]
+    runs = [recorded(run, simulate_reference(run)) for run in plan.runs]
     fitted, forecasted = calibrate(runs).joint, forecast(planned_experiments(plan))
     assert sigmas(forecasted) == pytest.approx(sigmas(fitted), rel=0.1)
     undetermined = [w.parameters for w in fitted.warnings if w.code == "indeterminable"]
@@ -170,7 +170,7 @@ def test_agrees_with_a_fit_of_the_reference_plant(quickstart):
 @pytest.mark.long
 def test_agrees_with_a_fit_of_the_whole_spacecraft():
     plan = loading.load(CAMPAIGNS / "spacecraft.toml")
-    fitted = calibrate([recorded(run, whole_plant.simulate(run)) for run in plan.runs]).joint
+    fitted = calibrate([recorded(run, ClosedLoop(run).simulate()) for run in plan.runs]).joint
     forecasted = sigmas(forecast(planned_experiments(plan)))
     for name, sigma in sigmas(fitted).items():
         # the noise PSDs at the lowest frequencies make that of a stiffness scatter by 8 % from fit to fit
@@ -200,12 +200,11 @@ def still(run):
 @pytest.mark.parametrize("spacecraft", [None, CRAFT])
 def test_response_is_what_a_simulation_without_noise_gives(make_run, spacecraft):
     run = make_run(**DRIVEN, spacecraft=spacecraft)
-    simulate = whole_plant.simulate if spacecraft else along_x_plant.simulate
-    driven, rest = simulate(run), simulate(still(run))
-    response = planning.response(run)
+    driven, rest = ClosedLoop(run).simulate(), ClosedLoop(still(run)).simulate()
+    expected = response.linear_response(run)
     for name in ("o_1", "o_12", "f_x_1", "f_x_2"):
         difference = (driven[name] - rest[name])[::10]
-        assert response[name] == pytest.approx(difference, abs=1e-6 * np.abs(difference).max())
+        assert expected[name] == pytest.approx(difference, abs=1e-6 * np.abs(difference).max())
 
 
 F = np.geomspace(1e-4, 0.2, 9)
@@ -213,22 +212,10 @@ F = np.geomspace(1e-4, 0.2, 9)
 
 def test_noise_along_x_against_the_loop_gain(make_run):
     run = make_run(noise=Noise(oms=35e-15))
-    closed = np.linalg.inv(np.eye(2) + along_x_plant.open_loop(run)(F))
-    assert planning.cross_spectra(run, ("o_1", "o_12"), F) == pytest.approx(
+    closed = np.linalg.inv(np.eye(2) + reference_plant.open_loop(run)(F))
+    assert response.cross_spectra(run, ("o_1", "o_12"), F) == pytest.approx(
         35e-15**2 * closed.conj() @ closed.transpose(0, 2, 1), rel=1e-9
     )
-
-
-def test_noise_of_the_whole_spacecraft_against_its_transfer(make_run):
-    run = make_run(noise=Noise(oms=35e-15, grs=1.8e-9, thruster=0.15e-6, torque=1e-12), spacecraft=CRAFT)
-    psd = drives.psd(run, F)
-    expected_spectra = whole_spectra.spectra(
-        run, F, {name: psd[name] for name in psd if name in whole_loops.INPUTS}
-    )
-    names = ("o_1", "o_12", "f_x_2", "grs_y_1", "N_phi_1")
-    cross_spectra_of_run = planning.cross_spectra(run, names, F)
-    for i, name in enumerate(names):
-        assert cross_spectra_of_run[:, i, i].real == pytest.approx(expected_spectra[name], rel=1e-6)
 
 
 def test_levels_of_the_noise(make_run):
@@ -249,11 +236,11 @@ def test_turning_against_the_simulation(make_run):
         for k, rate in zip(("theta", "eta", "phi"), turn.Omega_DC, strict=True)
     }
     pulse = np.where(n == 100, 1e-7, 0.0)
-    driven, rest = (whole_plant.simulate(run, {**steady, **extra}) for extra in ({"N_noise_z_sc": pulse}, {}))
-    s = world_of(run).system(run)
+    driven, rest = (ClosedLoop(run).simulate({**steady, **extra}) for extra in ({"N_noise_z_sc": pulse}, {}))
+    s = ClosedLoop(run).linearize()
     state, states = s.B[:, s.inputs.index("N_noise_z_sc")] * 1e-7, []
     for _ in range(2000):
-        states.append((s.C @ state)[s.channels.index("o_12")])
+        states.append((s.C @ state)[s.outputs.index("o_12")])
         state = s.A @ state
     difference = (driven["o_12"] - rest["o_12"])[101:2101]
     assert np.array(states) == pytest.approx(difference, abs=2e-3 * np.abs(difference).max())

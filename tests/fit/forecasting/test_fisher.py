@@ -9,8 +9,7 @@ from fit.forecasting import fisher
 from fit.forecasting.expected_fit import expected_fit
 from fit.settings import settings
 from lpfcosim.campaign import loading
-from lpfcosim.linear import planning
-from lpfcosim.models import world_of
+from lpfcosim.linear import ClosedLoop
 from lpfcosim.planned_experiments import planned_experiments
 from lpfcosim.spacecraft import TaperedSine
 from tests import ROOT
@@ -42,12 +41,12 @@ def test_information_of_tones_is_that_of_the_forecast(plan):
     for experiment, run in zip(
         campaign.experiments, (r for r in plan.runs if r.kind == "sysid"), strict=True
     ):
-        s = world_of(run).system(run)
+        s = ClosedLoop(run).linearize()
         information += experiment.information
         for tone in TONES:
             f = np.array([tone.frequency])
-            H = planning.transfer(s, run.h, f)[0, :, s.inputs.index(tone.into)]
-            signal = H[[s.channels.index(name) for name in experiment.channels]] * tone.amplitude
+            H = s.frequency_response(f)[0, :, s.inputs.index(tone.into)]
+            signal = H[[s.outputs.index(name) for name in experiment.channels]] * tone.amplitude
             d = experiment.sensitivity(f)[0] @ signal
             information += experiment.equivalent_duration(power) * np.outer(d.conj(), d).real
     sigma = dict(zip(campaign.names, np.sqrt(np.diag(np.linalg.inv(information))), strict=True))

@@ -9,10 +9,10 @@ import scipy
 from fit.errors import FitError
 from fit.telemetry.reader import Telemetry
 from lpfcosim.execution import telemetry_file
-from lpfcosim.linear import planning
-from lpfcosim.models import drive, world_of
-from lpfcosim.models.loop import sampled
+from lpfcosim.linear import ClosedLoop, response
+from lpfcosim.models import stimuli
 from lpfcosim.spacecraft import Noise, Sine
+from tests.oracles.reference_plant import tustin
 
 TONES = (
     Sine("guidance_o_12", 10e-9, 1.5e-3, 4, 300),
@@ -40,7 +40,7 @@ def recorded_experiment(make_run, name, truth, seed):
 
 
 def _recorded(run):
-    root, channels = telemetry_file.attributes(run), world_of(run).simulate(run)
+    root, channels = telemetry_file.attributes(run), ClosedLoop(run).simulate()
     fields = {name: root.pop(name) for name in list(root) if name in Telemetry.__dataclass_fields__}
     return Telemetry(
         **fields, path=Path(run.name), time=run.time, channels=channels, units={}, attributes=root
@@ -88,12 +88,12 @@ class LinearLoop:
         n = inputs["f_x_1"].size
         run = replace(self._run(telemetry, theta), n_samples=n)
         driven = {"f_x_1_jitter": inputs["f_x_1"], "F_noise_x_sc": inputs["F_noise_x_sc"]}
-        response = planning.response(run, Feeds(driven, n), run.fs)
-        return {name: response[name] for name in ("o_1", "o_12")}
+        expected = response.linear_response(run, Feeds(driven, n), run.fs)
+        return {name: expected[name] for name in ("o_1", "o_12")}
 
     def command(self, telemetry, theta, o_12):
         run = self._run(telemetry, theta)
-        decay, entry, direct = sampled(run.suspension, run.h)
+        decay, entry, direct = tustin(run.suspension, run.h)
         command = direct * o_12
         for d, e in zip(decay, entry, strict=True):
             command = command + scipy.signal.lfilter([0, e], [1, -d], o_12)
@@ -101,4 +101,4 @@ class LinearLoop:
 
     def direct(self, telemetry):
         run = self._runs[telemetry_file.run]
-        return drive.injections(run)["F_x_2"] / run.m_tm
+        return stimuli.injections(run)["F_x_2"] / run.m_tm

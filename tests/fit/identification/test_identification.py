@@ -15,7 +15,7 @@ from fit.quality import noise_adaptation
 from fit.settings import settings
 from fit.warnings import FitWarning
 from fit.whitening import pair
-from lpfcosim.linear import planning
+from lpfcosim.linear import response
 from lpfcosim.spacecraft import Truth
 from tests.fit.identification.linear_loop import Feeds, LinearLoop, recorded_experiment
 
@@ -247,8 +247,8 @@ def test_sigmas_allow_for_noise_that_changes_within_a_run(flown):
     n, rng = sysid.time.size, np.random.default_rng(3)
     late = np.where(np.arange(n) > 0.75 * n, 2e-14 * rng.standard_normal(n), 0.0)
     still = replace(runs[0], injections=(), dc=0.0)
-    response = planning.response(still, Feeds({"g_2": late, "f_x_1_jitter": np.zeros(n)}, n), still.fs)
-    flight = changed(flown, **{name: response[name] for name in ("o_1", "o_12", "f_x_2")})
+    expected = response.linear_response(still, Feeds({"g_2": late, "f_x_1_jitter": np.zeros(n)}, n), still.fs)
+    flight = changed(flown, **{name: expected[name] for name in ("o_1", "o_12", "f_x_2")})
     fit = identified(flight).joint
     assert "nonstationary_noise" in {w.code for w in fit.warnings}
     agree(fit, flight)

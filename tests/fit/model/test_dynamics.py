@@ -9,10 +9,10 @@ from hypothesis import strategies as st
 
 from fit.model import dynamics
 from fit.spectra import derivatives, windowing
-from lpfcosim.models import along_x_plant
 from lpfcosim.spacecraft.run import Noise, Sine
 from tests.fit.recorded import recorded
 from tests.oracles.synthetic import World, of_run, telemetry, without
+from tests.reference_run import simulate_reference
 
 EPOCH_1 = {"lambda_1", "lambda_2", "C_1", "C_2", "omega2_2", "domega2_12", "delta_ifo"}
 
@@ -125,7 +125,7 @@ def test_closed_loop_of_the_reference_plant_obeys_the_equation(make_run):
         "domega2_12": run.omega2_2 - run.omega2_1,
         "delta_ifo": run.delta_ifo,
     }
-    simulated = recorded(run, along_x_plant.simulate(run))
+    simulated = recorded(run, simulate_reference(run))
     _, signal = dynamics.residual(simulated, {})
     _, delta_g = dynamics.residual(simulated, truth)
     assert np.median(delta_g) == pytest.approx(5e-12, rel=1e-5)

@@ -15,12 +15,12 @@ from fit.settings import settings
 from fit.whitening import Experiment
 from fit.whitening.run import Run
 from lpfcosim.campaign import loading
-from lpfcosim.models import along_x_plant
 from lpfcosim.spacecraft.run import Noise, Pulse
 from tests.fit.recorded import recorded
 from tests.fit.test_pipeline import OFF
 from tests.oracles import thirteen
 from tests.oracles.synthetic import World, pair, telemetry, without
+from tests.reference_run import simulate_reference
 
 pytestmark = pytest.mark.slow
 
@@ -118,7 +118,7 @@ def simulated(quickstart):
     def simulate(name, *pulses, noise=None):
         run = replace(runs[name], injections=(*runs[name].injections, *pulses))
         run = replace(run, noise=noise or run.noise)
-        return recorded(run, along_x_plant.simulate(run))
+        return recorded(run, simulate_reference(run))
 
     return simulate
 

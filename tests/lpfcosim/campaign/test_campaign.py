@@ -14,7 +14,7 @@ from lpfcosim.campaign import loading
 from lpfcosim.campaign.schema import CampaignTable
 from lpfcosim.errors import InputError
 from lpfcosim.execution.telemetry_file import truth
-from lpfcosim.models import drive
+from lpfcosim.models import stimuli
 from lpfcosim.spacecraft.control import DRAG_FREE
 from lpfcosim.spacecraft.run import Authority, HalfCosine, Noise, Pulse, Sine, Truth
 from tests import ROOT
@@ -77,7 +77,7 @@ def test_quick_start_is_the_campaign_it_should_be(quickstart):
     assert [r.name for r in c.runs] == [n for x in "ABCD" for n in (f"{x}-noise", x)]
     assert {r.n_samples for r in c.runs} == {216_000}
     for run in c.runs:
-        injected = drive.injections(run)
+        injected = stimuli.injections(run)
         assert abs(run.dc) * run.m_tm < 0.5 * run.authority.F_max_2
         assert not injected["F_x_1"].any()
         if run.kind == "sysid":

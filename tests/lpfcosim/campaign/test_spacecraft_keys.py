@@ -7,8 +7,8 @@ import pytest
 
 from lpfcosim.campaign import loading
 from lpfcosim.errors import InputError
-from lpfcosim.linear import planning
-from lpfcosim.models import world_of
+from lpfcosim.linear import response
+from lpfcosim.models import model_of
 from lpfcosim.spacecraft import EIGHT_NOZZLES, Lead
 from tests.campaign_text import ONE_EXPERIMENT
 
@@ -42,7 +42,7 @@ def test_cross_talk_is_that_of_the_read_out_unless_asked(make):
 def test_cross_talk_may_be_what_is_left_after_the_lever_arm(make):
     runs = make(LENGTHS + "lever_arm_compensated = true\n")
     assert lengths(runs) == pytest.approx((1.2e-5 + 0.47e-3 * D, -0.9e-5 - 0.066e-3 * D, 2.2e-5))
-    assert world_of(runs[0]).truth(runs[0])["b_1"] == lengths(runs)[0]  # what the read-out has
+    assert model_of(runs[0]).truth(runs[0])["b_1"] == lengths(runs)[0]  # what the read-out has
 
 
 def test_a_period_may_have_cross_talk_of_its_own(make):
@@ -67,7 +67,7 @@ def test_cross_talk_follows_the_temperature_of_an_experiment(make):
 
 def bump(run, frequency):
     """ASD of -(2 pi f)^2 o_12, which above 10 mHz is Delta g, where torques alone shake the spacecraft."""
-    S = planning.cross_spectra(run, ("o_12",), frequency)[:, 0, 0].real
+    S = response.cross_spectra(run, ("o_12",), frequency)[:, 0, 0].real
     return (2 * np.pi * frequency) ** 2 * np.sqrt(S)
 
 
@@ -97,13 +97,13 @@ def test_layout_and_attitude_are_as_asked(make):
 def test_angular_stiffness_follows_the_authority_where_asked(make):
     """By hand, with 2200 pN on test mass 2 and 10.4 pN m on both; electrodes at 11 mm, 14.5 by 36 mm."""
     still, follows = make(""), make('omega2_phi_0 = "-1.2e-6 s^-2"\n')
-    assert world_of(still[0]).attributes(still[0])["omega2_phi"] == -1.5e-6
-    told = world_of(follows[0]).attributes(follows[0])
+    assert model_of(still[0]).attributes(still[0])["omega2_phi"] == -1.5e-6
+    told = model_of(follows[0]).attributes(follows[0])
     per_x = 1.928 / 6.8e-4 * (11e-3**2 + 14.5e-3**2 / 12 - 23e-3 * 2.9e-10 / 1.58e-7)
     along_x = (-28.2e3 * 10.4e-12, -27.4e3 * 10.4e-12 - 317 * 2200e-12)
     assert told["omega2_phi"] == pytest.approx(-1.2e-6 + per_x * sum(along_x) / 2, rel=1e-4)
     assert told["omega2_eta"] == -1.5e-6
-    plant = world_of(follows[0]).parameters(follows[0])["WholePlant"]
+    plant = model_of(follows[0]).parameters(follows[0])["WholePlant"]
     assert plant["domega2_phi_12"] == pytest.approx(per_x * (along_x[1] - along_x[0]), rel=1e-4)
     assert "domega2_eta_12" not in plant
 

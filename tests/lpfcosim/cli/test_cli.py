@@ -17,8 +17,8 @@ from lpfcosim.cosim import compatibility
 from lpfcosim.errors import InputError, RunError
 from lpfcosim.execution import runner, telemetry_file
 from lpfcosim.modelica import build as fmu_build
-from lpfcosim.models import along_x_plant
 from tests.campaign_text import ONE_EXPERIMENT
+from tests.reference_run import simulate_reference
 
 SHORT = f"""
 schema = "lpf-campaign/1"
@@ -67,7 +67,7 @@ def recorded(short, tmp_path):
     folder = tmp_path / "recorded"
     folder.mkdir()
     for run in loading.load(short).runs:
-        channels = {k: v for k, v in along_x_plant.simulate(run).items() if k in telemetry_file.CHANNELS}
+        channels = {k: v for k, v in simulate_reference(run).items() if k in telemetry_file.CHANNELS}
         with telemetry_file.create(folder / f"{run.name}.h5", run, channels, {}) as file:
             file.append(channels)
     return folder

@@ -5,7 +5,7 @@ import tomllib
 
 import pytest
 
-from lpfcosim.models import world_of
+from lpfcosim.models import model_of
 from tests import third_party
 
 pytestmark = pytest.mark.fmu
@@ -17,8 +17,8 @@ def test_a_place_and_all_that_it_needs(lpfcosim, make_run):
     assert (status, document["schema"]) == (0, "lpf-fmu/1")
     needs = {need["name"]: need for need in document["place"]["variables"]}
     run = make_run()
-    (component,) = (c for c in world_of(run).components if c.model == "SuspensionControl")
-    parameters = world_of(run).parameters(run)["SuspensionControl"]
+    (component,) = (c for c in model_of(run).components(run) if c.model == "SuspensionControl")
+    parameters = model_of(run).parameters(run)["SuspensionControl"]
     assert set(needs) == {*component.inputs, *component.outputs, *parameters}
     assert needs["f_u"] == {
         "name": "f_u", "causality": "parameter", "unit": "Hz", "default": parameters["f_u"],

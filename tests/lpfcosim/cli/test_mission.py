@@ -9,7 +9,7 @@ from fit.parameters import FLIGHT, joint_names
 from fit.pipeline import calibrate
 from lpfcosim.campaign import loading, montecarlo
 from lpfcosim.execution.telemetry_file import truth
-from lpfcosim.linear import planning, spectral
+from lpfcosim.linear import response, spectral_simulation
 from lpfcosim.planned_experiments import telemetry_of
 from lpfcosim.spacecraft.run import Noise
 from tests import ROOT
@@ -43,7 +43,7 @@ def test_it_is_the_campaign_it_should_be(plan):
 @pytest.mark.slow
 def test_the_ramp_on_test_mass_1_stays_small(plan):
     (run,) = (r for r in plan.runs if r.name == "G3")
-    moved = planning.response(run)
+    moved = response.linear_response(run)
     assert 1e-9 < np.abs(moved["o_12"]).max() < 1e-6
     assert np.abs(moved["f_x_1"]).max() * run.m_tm == pytest.approx(4e-9, rel=1e-3)
 
@@ -89,9 +89,9 @@ def test_approximations_bias_nothing(plan, redraw):
     telemetries, rng = [], np.random.default_rng(1)
     for run in plan.runs:
         if run.kind == "noise":
-            drawn = spectral.Simulation(run, CHANNELS).record(rng)
+            drawn = spectral_simulation.Simulation(run, CHANNELS).record(rng)
         else:
-            drawn = planning.response(replace(run, noise=Noise()))
+            drawn = response.linear_response(replace(run, noise=Noise()))
         telemetries.append(telemetry_of(run, {name: drawn[name] for name in CHANNELS}))
     joint = calibrate(telemetries).joint
     assert list(joint.parameters) == list(joint_names([1, 2, 3, 4]))

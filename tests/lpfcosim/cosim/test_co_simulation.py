@@ -10,9 +10,10 @@ from lpfcosim.campaign import loading
 from lpfcosim.cosim import co_simulation, read_interfaces
 from lpfcosim.errors import InputError, RunError
 from lpfcosim.modelica import build
-from lpfcosim.models import along_x, along_x_plant, world
+from lpfcosim.models import one_axis, spacecraft_model
 from lpfcosim.spacecraft.run import Authority, HalfCosine, Pulse, Sine
 from tests.lpfcosim.cosim import in_memory
+from tests.reference_run import simulate_reference
 
 pytestmark = pytest.mark.fmu
 
@@ -35,8 +36,8 @@ def test_six_hours_agree_with_the_reference_plant(fmus, quickstart):
     run = next(r for r in loading.load(quickstart).runs if r.kind == "sysid")
     assert run.n_samples == 216_000
     got = in_memory.simulate(run, fmus)
-    assert set(got) == set(along_x.RECORD)
-    assert_agree(got, along_x_plant.simulate(run))
+    assert set(got) == set(one_axis.MODEL.record)
+    assert_agree(got, simulate_reference(run))
     assert np.all(got["f_x_1"] == 0)
     assert got["guidance_o_12"].any()
 
@@ -58,7 +59,7 @@ def test_driven_test_mass_1_agrees_with_the_reference_plant(fmus, make_run):
         ),
     )
     got = in_memory.simulate(run, fmus)
-    assert_agree(got, along_x_plant.simulate(run))
+    assert_agree(got, simulate_reference(run))
     assert got["f_x_1"].any()
 
 
@@ -69,7 +70,7 @@ def test_clipped_force_agrees_with_the_reference_plant(fmus, make_run):
     )
     got = in_memory.simulate(run, fmus)
     assert np.abs(got["f_x_2"]).max() == pytest.approx(2e-12 / run.m_tm, rel=1e-12)
-    assert_agree(got, along_x_plant.simulate(run))
+    assert_agree(got, simulate_reference(run))
 
 
 @pytest.mark.parametrize("older", [(), build.MODELS, build.MODELS[::2]], ids=["3.0", "2.0", "mixed"])
@@ -89,10 +90,10 @@ def test_engines_versions_and_block_sizes_give_the_same_bits(older, quickstart, 
 def test_step_order_decides(fmus, make_run, monkeypatch):
     # Against the flow of signals every FMU boundary costs a sample of delay.
     run = make_run(injections=(Sine("guidance_o_1", amplitude=5e-9, frequency=0.05, cycles=20, start=1),))
-    wanted = along_x_plant.simulate(run)
+    wanted = simulate_reference(run)
     # Without noise o_12 is what two motions 4000 times as large differ by: the plant's last bits show.
     assert_agree(in_memory.simulate(run, fmus), wanted, tolerance=1e-8)
-    monkeypatch.setattr(world, "in_order", lambda components: tuple(components)[::-1])
+    monkeypatch.setattr(spacecraft_model, "in_order", lambda components: tuple(components)[::-1])
     late = in_memory.simulate(run, fmus)
     assert np.abs(late["o_1"] - wanted["o_1"]).max() > 0.01 * np.abs(wanted["o_1"]).max()
 

@@ -18,7 +18,7 @@ from lpfcosim.cosim.interface import resolve
 from lpfcosim.errors import InputError, RunError
 from lpfcosim.execution import runner
 from lpfcosim.modelica import build
-from lpfcosim.models import world_of
+from lpfcosim.models import model_of
 from lpfcosim.spacecraft.run import Noise, Replacement, Sine
 from lpfcosim.spacecraft.spacecraft import Spacecraft
 from tests import ROOT
@@ -72,9 +72,9 @@ def test_map_of_names_gives_the_same_bits(run, fmus, tmp_path, fmi, engine):
 
 @pytest.mark.parametrize("model", build.MODELS)
 def test_every_place_can_be_taken(run, fmus, tmp_path, model):
-    if model not in {c.model for c in world_of(run).components}:
+    if model not in set(model_of(run).models):
         run = replace(run, spacecraft=Spacecraft())
-    component = next(c for c in world_of(run).components if c.model == model)
+    component = next(c for c in model_of(run).components(run) if c.model == model)
     names = {name: f"{name}_theirs" for name in (*component.inputs, *component.outputs)}
     archive = renamed(fmus[model], tmp_path / "mine.fmu", names)
     wanted = in_memory.simulate(run, fmus)
@@ -354,7 +354,7 @@ def test_truth_that_no_fmu_takes_is_left_out(run, fmus, tmp_path):
     ],
 )
 def test_truths_that_hang_on_what_is_taken(run, model, missing, gone):
-    assert world_of(run).untold(run, {model: missing}) == gone
+    assert model_of(run).unknown_truths(run, {model: missing}) == gone
 
 
 @ENGINE

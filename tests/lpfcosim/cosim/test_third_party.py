@@ -11,7 +11,7 @@ import pytest
 from lpfcosim.cosim import fmu_instance, warnings
 from lpfcosim.cosim.variables import known
 from lpfcosim.errors import InputError, RunError
-from lpfcosim.models import world_of
+from lpfcosim.models import model_of
 from lpfcosim.spacecraft.run import Noise, Replacement
 from tests import third_party
 from tests.lpfcosim.cosim import in_memory
@@ -50,7 +50,7 @@ def stepped(run, fmus, archive, values, n=20):
     (interface,) = (i for i in found if i.model == MODEL)
     with contextlib.ExitStack() as stack:
         alone = fmu_instance.FmuInstance(stack, interface)
-        alone.initialize(interface.parameters(world_of(run).parameters(run)[MODEL]))
+        alone.initialize(interface.parameters(model_of(run).parameters(run)[MODEL]))
         alone.inputs.values[:] = (2e-9, 1e-9)
         alone.exchange()
         alone.exit_initialization()
@@ -69,7 +69,7 @@ def test_typed_values_do_what_they_do_in_fmpy(run, fmus, tmp_path, fmi, values, 
     numbers = {
         name: 2 if value == "stiff" else 1 if value == "standard" else value for name, value in values.items()
     }
-    ours = world_of(run).parameters(run)[MODEL]
+    ours = model_of(run).parameters(run)[MODEL]
     starts = {"bandwidth": ours["f_u"], "hold": ours["f_x_2_start"], "distance": 2e-9, "wanted": 1e-9}
     times = {"stop_time": 2.0, "step_size": 0.1, "output_interval": 0.1}
     wanted = fmpy.simulate_fmu(str(archive), start_values={**starts, **numbers}, **times)
@@ -79,7 +79,7 @@ def test_typed_values_do_what_they_do_in_fmpy(run, fmus, tmp_path, fmi, values, 
 
 def test_types_of_fmi_3_alone(run, fmus, tmp_path):
     archive = third_party.built(tmp_path, "EARLY", fmi="3.0")
-    hold = world_of(run).parameters(run)[MODEL]["f_x_2_start"]
+    hold = model_of(run).parameters(run)[MODEL]["f_x_2_start"]
     plain = stepped(run, fmus, archive, {}) - hold
     assert np.allclose(stepped(run, fmus, archive, {"single": 0.25}) - hold, 0.25 * plain, rtol=1e-9, atol=0)
     # A structural parameter is set in configuration mode, and arrays follow.
@@ -165,7 +165,7 @@ def test_array_of_integers_reaches_the_fmu_as_it_is(run, fmus, tmp_path):
     with contextlib.ExitStack() as stack:
         alone = fmu_instance.FmuInstance(stack, interface)
         alone.library.setInt64 = lambda references, values: sent.append((references, values))
-        alone.initialize(interface.parameters(world_of(run).parameters(run)[MODEL]))
+        alone.initialize(interface.parameters(model_of(run).parameters(run)[MODEL]))
     assert sent == [([20], [9007199254740993, 7])]
 
 

@@ -5,8 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from lpfcosim.linear import ClosedLoop
 from lpfcosim.modelica import build
-from lpfcosim.models import whole_plant, world_of
+from lpfcosim.models import model_of
 from lpfcosim.spacecraft import EIGHT_NOZZLES
 from lpfcosim.spacecraft.run import Authority, Noise, Sine
 from lpfcosim.spacecraft.spacecraft import Spacecraft
@@ -43,13 +44,13 @@ def run(make_run):
 
 
 def built(run, fmi):
-    return build.build([c.model for c in world_of(run).components], fmi=fmi)
+    return build.build(model_of(run).models, fmi=fmi)
 
 
 @pytest.mark.parametrize("fmi", ["2.0", "3.0"])
 def test_agrees_with_the_reference_plant(run, fmi):
-    got, wanted = in_memory.simulate(run, built(run, fmi)), whole_plant.simulate(run)
-    assert set(got) == set(world_of(run).record)
+    got, wanted = in_memory.simulate(run, built(run, fmi)), ClosedLoop(run).simulate()
+    assert set(got) == set(model_of(run).record)
     for channel, values in got.items():
         expected = wanted[channel]
         assert np.abs(values - expected).max() <= 1e-9 * np.sqrt(np.mean(expected**2)), channel
@@ -59,7 +60,7 @@ def test_agrees_with_the_reference_plant(run, fmi):
 def test_authority_agrees_with_the_reference_plant(run):
     # Star tracker far off at first: the lateral forces and the torque about x stay at their limits.
     shaken = replace(run, noise=replace(NOISE, star_tracker_eta=0.2, star_tracker_theta=2.0), n_samples=6000)
-    got, wanted = in_memory.simulate(shaken, built(run, "3.0")), whole_plant.simulate(shaken)
+    got, wanted = in_memory.simulate(shaken, built(run, "3.0")), ClosedLoop(shaken).simulate()
     assert np.abs(got["F_z_1"]).max() == pytest.approx(EVERYTHING.F_max_yz, rel=1e-12)
     for channel, values in got.items():
         expected = wanted[channel]

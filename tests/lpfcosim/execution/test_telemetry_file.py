@@ -10,8 +10,8 @@ from fit.files import atomic
 from fit.parameters import FLIGHT
 from lpfcosim.errors import RunError
 from lpfcosim.execution import telemetry_file
-from lpfcosim.models import along_x_plant
 from lpfcosim.spacecraft.run import Sine
+from tests.reference_run import simulate_reference
 
 PROVENANCE = {"version": "1.2.3", "campaign_digest": "ab" * 32, "seed": 7}
 CHANNELS = {"o_1", "o_12", "f_x_1", "f_x_2", "guidance_o_1", "guidance_o_12", "F_x_sc"}
@@ -37,7 +37,7 @@ def run(make_run, flight_noise):
 
 @pytest.fixture(scope="module")
 def channels(run):
-    return along_x_plant.simulate(run)
+    return simulate_reference(run)
 
 
 @pytest.fixture

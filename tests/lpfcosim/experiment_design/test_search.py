@@ -13,7 +13,8 @@ from lpfcosim.experiment_design import limits, text
 from lpfcosim.experiment_design.objective import Objective
 from lpfcosim.experiment_design.search import search
 from lpfcosim.experiment_design.sought import problem
-from lpfcosim.models import world_of
+from lpfcosim.linear import ClosedLoop
+from lpfcosim.models import model_of
 from lpfcosim.spacecraft import TaperedSine
 from tests import ROOT
 
@@ -69,7 +70,7 @@ def test_limits_are_kept_by_the_reference_plant(designed):
     runs = {run.experiment: run for run in found.campaign.runs if run.kind == "sysid"}
     for stage in found.problem.stages:
         run = replace(runs[stage.run.experiment], noise=type(stage.run.noise)(), dc=0.0)
-        moved = world_of(run).simulate(run)
+        moved = ClosedLoop(run).simulate()
         of = {
             "o_1": moved["o_1"],
             "o_12": moved["o_12"],
@@ -157,7 +158,7 @@ def test_without_the_solver_one_sentence_tells_what_to_install(monkeypatch):
 def test_limits_of_its_own_are_what_tones_reach(pair):
     run = pair.runs[1]
     found = {limit.name: limit.value for limit in limits.own(run, [("o_1", "peak"), ("F_x_sc", "rms")])}
-    moved = world_of(run).simulate(replace(run, noise=type(run.noise)()))
+    moved = model_of(run).simulate(replace(run, noise=type(run.noise)()))
     assert found["peak of o_1"] == pytest.approx(np.max(np.abs(moved["o_1"])), rel=1e-6)
     assert found["rms of F_x_sc"] == pytest.approx(np.sqrt(np.mean(moved["F_x_sc"] ** 2)), rel=1e-6)
 

@@ -12,13 +12,13 @@ from lpfcosim.cosim import checks, compatibility
 from lpfcosim.errors import InputError
 from lpfcosim.export.container import container
 from lpfcosim.modelica import build
-from lpfcosim.models import along_x, drive, world
+from lpfcosim.models import SpacecraftModel, model_of, one_axis, stimuli
 from lpfcosim.spacecraft.run import Authority, HalfCosine, Pulse, Sine
 from tests.lpfcosim.cosim import in_memory
 
 pytestmark = pytest.mark.fmu
 
-CHANNELS = [channel for channel, source in along_x.RECORD.items() if "." in source]
+CHANNELS = [channel for channel, source in one_axis.MODEL.record.items() if "." in source]
 
 
 @pytest.fixture(scope="module")
@@ -48,7 +48,7 @@ def archive(run, tmp_path_factory):
 
 def driven(archive, run, folder):
     """Step a container through a run, each sample with its signals."""
-    feeds = {**drive.injections(run), **drive.noise(run)}
+    feeds = {**stimuli.injections(run), **stimuli.noise(run)}
     values = np.column_stack(list(feeds.values())).tolist()
     description = fmpy.read_model_description(str(archive))
     references = {v.name: v.valueReference for v in description.modelVariables}
@@ -108,7 +108,7 @@ def test_interface_is_signals_and_channels_with_their_units(archive, run):
     variables = {v.name: v for v in description.modelVariables}
     inputs = {n for n, v in variables.items() if v.causality == "input"}
     outputs = {n for n, v in variables.items() if v.causality == "output"}
-    assert inputs == {*drive.names(run)}
+    assert inputs == {*model_of(run).stimuli(run)}
     assert outputs == set(CHANNELS)
     assert {n: variables[n].unit for n in ("o_1", "f_x_2", "F_x_sc", "g_2", "F_x_1", "plant.x_1")} == {
         "o_1": "m",
@@ -142,10 +142,9 @@ def test_unfit_fmus_are_told(run, tmp_path):
 def test_what_the_toolbox_refuses_is_told(run, tmp_path, monkeypatch):
     # An output where an input is due, which our own check would find first.
     monkeypatch.setattr(compatibility, "problems", lambda *_: ())
-    sensors = along_x.COMPONENTS[0]
+    sensors, *others = one_axis.MODEL.components(run)
     wrong = replace(sensors, inputs={**sensors.inputs, "o_1": "n_1"})
-    rewired = replace(along_x.WORLD, components=(wrong, *along_x.COMPONENTS[1:]))
-    monkeypatch.setitem(world.WORLDS, type(None), rewired)
+    monkeypatch.setattr(SpacecraftModel, "components", lambda *_: (wrong, *others))
     with pytest.raises(InputError, match=r"^the FMUs do not fit into a container: .*o_1.*output"):
         container(run, build.build(fmi="2.0"), tmp_path / "loop.fmu")
 

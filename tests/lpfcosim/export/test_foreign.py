@@ -18,13 +18,13 @@ from lxml import etree
 from lpfcosim.campaign import loading
 from lpfcosim.export import ssp
 from lpfcosim.modelica import build
-from lpfcosim.models import along_x, world_of
+from lpfcosim.models import model_of, one_axis
 from lpfcosim.network import endpoint
 from tests.lpfcosim.modelica.slaves import slave
 
 pytestmark = pytest.mark.fmu
 NANOMETRE = 1e-9
-MODELS = [c.model for c in along_x.COMPONENTS]
+MODELS = one_axis.MODEL.models
 
 
 @pytest.fixture(scope="module")
@@ -44,8 +44,8 @@ def by_fmpy(plan, fmus, held, n, *, jacobi):
     """o_1 and o_12 of a loop with constant signals, at the end of every step."""
     run = plan.runs[0]
     signals = {"g_2": run.dc, **held}
-    components = world_of(run).steps(run)
-    values = world_of(run).parameters(run)
+    components = model_of(run).components(run)
+    values = model_of(run).parameters(run)
     with contextlib.ExitStack() as stack:
         slaves = {c.model: stack.enter_context(slave(fmus[c.model], **values[c.model])) for c in components}
 

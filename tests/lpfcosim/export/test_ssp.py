@@ -18,7 +18,8 @@ from lpfcosim.campaign import loading
 from lpfcosim.errors import InputError
 from lpfcosim.export import ssp
 from lpfcosim.modelica import build
-from lpfcosim.models import along_x, drive, world, world_of
+from lpfcosim.models import SpacecraftModel, model_of, one_axis
+from lpfcosim.spacecraft.run import Authority, Run
 from tests import ROOT, third_party
 from tests.campaign_text import ONE_EXPERIMENT
 from tests.lpfcosim.modelica.modelica_source import fmu
@@ -29,6 +30,8 @@ SCHEMAS = Path(fmpy.ssp.__file__).parent / "schema"
 SSD = "{http://ssp-standard.org/SSP1/SystemStructureDescription}"
 SSV = "{http://ssp-standard.org/SSP1/SystemStructureParameterValues}"
 SSC = "{http://ssp-standard.org/SSP1/SystemStructureCommon}"
+
+COMPONENTS = one_axis.MODEL.components(Run("run", "run", "sysid", 1, Authority("A", 0.0, 1.0, 1.0, 1.0)))
 
 
 @pytest.fixture(scope="module")
@@ -69,12 +72,12 @@ def structure(archive, variant="SystemStructure"):
 def expected_connections(variant="open"):
     """(start element, start connector, end element, end connector), None for the system."""
     wanted = []
-    for component in along_x.COMPONENTS:
+    for component in COMPONENTS:
         for variable, source in component.inputs.items():
             outside = None if variant == "open" else "Signals"
             start = tuple(source.split(".")) if "." in source else (outside, source)
             wanted.append((*start, component.model, variable))
-    for channel, source in along_x.RECORD.items():
+    for channel, source in one_axis.MODEL.record.items():
         if "." in source and variant == "open":
             wanted.append((*source.split("."), None, channel))
     return wanted
@@ -93,9 +96,9 @@ def test_fits_the_schema(members, kind):
 def test_components_stand_in_the_order_of_the_steps(archive):
     driving, *elements = read_ssd(str(archive)).system.elements
     assert driving.name == "Signals"
-    assert [e.name for e in elements] == [c.model for c in along_x.COMPONENTS]
-    assert [e.name for e in structure(archive, "open").elements] == [c.model for c in along_x.COMPONENTS]
-    for element, component in zip(elements, along_x.COMPONENTS, strict=True):
+    assert [e.name for e in elements] == [c.model for c in COMPONENTS]
+    assert [e.name for e in structure(archive, "open").elements] == [c.model for c in COMPONENTS]
+    for element, component in zip(elements, COMPONENTS, strict=True):
         kinds = {c.name: c.kind for c in element.connectors}
         assert kinds == dict.fromkeys(component.inputs, "input") | dict.fromkeys(component.outputs, "output")
 
@@ -104,8 +107,11 @@ def test_the_outside_is_signals_and_channels(plan, archive):
     system = structure(archive, "open")
     inputs = [c.name for c in system.connectors if c.kind == "input"]
     outputs = [c.name for c in system.connectors if c.kind == "output"]
-    assert sorted(inputs) == sorted(drive.names(plan.runs[0]))
-    assert set(inputs) | set(outputs) == {*drive.names(plan.runs[0]), *along_x.RECORD}
+    assert sorted(inputs) == sorted(model_of(plan.runs[0]).stimuli(plan.runs[0]))
+    assert set(inputs) | set(outputs) == {
+        *model_of(plan.runs[0]).stimuli(plan.runs[0]),
+        *one_axis.MODEL.record,
+    }
     assert not set(inputs) & set(outputs)
 
 
@@ -161,7 +167,7 @@ def test_every_authority_set_has_its_values(archive, members, plan, fmus):
     for name in ("A", "B", "C", "D"):
         run = next(r for r in plan.runs if r.authority.name == name)
         values = read_ssv(str(archive), f"resources/authority_{name}.ssv")
-        wanted = {f"{m}.{n}": v for m, vs in world_of(run).parameters(run).items() for n, v in vs.items()}
+        wanted = {f"{m}.{n}": v for m, vs in model_of(run).parameters(run).items() for n, v in vs.items()}
         wanted["Signals.g_2_held"] = run.dc
         assert {p.name: float(p.value) for p in values.parameters} == wanted
         assert len(values.parameters) == len(wanted)
@@ -211,9 +217,9 @@ def test_experiments_that_share_a_set_share_a_file(fmus, tmp_path):
 
 
 def test_signal_that_feeds_two_components_is_one_connector(fmus, plan, tmp_path, monkeypatch):
-    *others, plant = along_x.COMPONENTS
+    *others, plant = COMPONENTS
     plant = replace(plant, inputs={**plant.inputs, "g_2": "g_1"})
-    monkeypatch.setitem(world.WORLDS, type(None), replace(along_x.WORLD, components=(*others, plant)))
+    monkeypatch.setattr(SpacecraftModel, "components", lambda *_: (*others, plant))
     system = structure(ssp.export(plan, fmus, tmp_path / "loop.ssp"), "open")
     assert [c.name for c in system.connectors].count("g_1") == 1
     assert sum(c.startConnector == "g_1" for c in system.connections) == 2
@@ -244,7 +250,7 @@ def test_arrays_are_refused(tmp_path):
         {ONE_EXPERIMENT}duration = "60 s"\nnoise_duration = "60 s"
         """
     )
-    newer = build.build([c.model for c in along_x.COMPONENTS])
+    newer = build.build([c.model for c in COMPONENTS])
     with pytest.raises(InputError, match=r"M\.fmu: 'y\[1\]' is an element of an array; an exported system"):
         ssp.export(loading.load(file), {**newer, "SuspensionControl": mine}, tmp_path / "loop.ssp", "2.0")
     assert not (tmp_path / "loop.ssp").exists()
@@ -284,7 +290,7 @@ def test_values_are_written_with_their_types(fmus, tmp_path, version, fmi):
     file = tmp_path / "own.toml"
     head = 'schema = "lpf-campaign/1"\nname = "own"\nseed = 3\n'
     file.write_text(f'{head}{third_party.TABLE}{values}\n{ONE_EXPERIMENT}duration = "60 s"\n')
-    others = build.build([c.model for c in along_x.COMPONENTS], fmi=fmi)
+    others = build.build([c.model for c in COMPONENTS], fmi=fmi)
     archives = {**others, "SuspensionControl": tmp_path / "ThirdParty.fmu"}
     written = ssp.export(loading.load(file), archives, tmp_path / "loop.ssp", version)
     with zipfile.ZipFile(written) as archive:

@@ -11,7 +11,7 @@ from lpfcosim.errors import InputError
 from lpfcosim.execution import telemetry_file
 from lpfcosim.identification import check
 from lpfcosim.identification.origin import other_loop
-from lpfcosim.models import world_of
+from lpfcosim.linear import ClosedLoop
 
 LOOP = {"Plant": "12ab", "Actuation": "34cd"}
 SIMULATED = {"campaign_digest": "ef56", **{f"fmu_{name}": digest for name, digest in LOOP.items()}}
@@ -22,7 +22,7 @@ def flown(plan):
     """The telemetry of that campaign, as flown: it does not tell where it is from."""
     found = []
     for run in plan.runs:
-        said, channels = telemetry_file.attributes(run), world_of(run).simulate(run)
+        said, channels = telemetry_file.attributes(run), ClosedLoop(run).simulate()
         known = {name: said.pop(name) for name in [*said] if name in Telemetry.__dataclass_fields__}
         more = {"path": Path(f"{run.name}.h5"), "time": run.time, "channels": channels, "units": {}}
         found.append(Telemetry(**known, **more, attributes=said))

@@ -9,7 +9,7 @@ import pytest
 from lpfcosim.cosim import read_interfaces
 from lpfcosim.errors import RunError
 from lpfcosim.identification import trials
-from lpfcosim.models import drive
+from lpfcosim.models import stimuli
 from lpfcosim.spacecraft.run import Replacement, Sine
 from tests import third_party
 
@@ -24,7 +24,7 @@ def simulated(make_run, fmus, archive):
     sine = Sine("guidance_o_12", 1e-8, 0.01, 2, 10)
     run = replace(make_run(n_samples=N, injections=(sine,), dc=4e-12), replacements=(mine,))
     found = read_interfaces(run, {**fmus, MODEL: archive})
-    feeds = {**drive.injections(run), "g_2": np.full(N, run.dc)}
+    feeds = {**stimuli.injections(run), "g_2": np.full(N, run.dc)}
     with contextlib.ExitStack() as stack:
         loop = trials.whole_loop(stack, run, found, ("o_12", "f_x_2"))
         return [

@@ -8,8 +8,9 @@ import pytest
 from lpfcosim.cosim import compatibility
 from lpfcosim.errors import RunError
 from lpfcosim.identification import trials
+from lpfcosim.linear import ClosedLoop
 from lpfcosim.modelica import build
-from lpfcosim.models import drive, world_of
+from lpfcosim.models import stimuli
 from lpfcosim.spacecraft.run import Sine
 
 pytestmark = pytest.mark.fmu
@@ -24,14 +25,14 @@ def run(make_run):
 @pytest.mark.parametrize("fmi", ["2.0", "3.0"])
 def test_a_trial_leaves_nothing_behind(run, fmi):
     found = compatibility.read_interfaces(run, build.build(fmi=fmi))
-    feeds = {**drive.injections(run), "g_2": np.full(N, run.dc)}
+    feeds = {**stimuli.injections(run), "g_2": np.full(N, run.dc)}
     with contextlib.ExitStack() as stack:
         loop = trials.whole_loop(stack, run, found, ("o_1", "o_12"))
         first = loop.simulate(N, feeds, {})
         other = loop.simulate(N, feeds, {"Plant": {"omega2_2_0": -5e-7}})
         again = loop.simulate(N, feeds, {})
         short = loop.simulate(100, feeds, {})
-        wanted = world_of(run).simulate(run)
+        wanted = ClosedLoop(run).simulate()
     for name, values in first.items():
         assert np.array_equal(again[name], values)
         assert np.array_equal(short[name], values[:100])
@@ -41,7 +42,7 @@ def test_a_trial_leaves_nothing_behind(run, fmi):
 
 def test_a_loop_goes_on_after_a_trial_that_is_not_stable(run, fmus):
     found = compatibility.read_interfaces(run, fmus)
-    feeds = {**drive.injections(run), "g_2": np.full(N, run.dc)}
+    feeds = {**stimuli.injections(run), "g_2": np.full(N, run.dc)}
     with contextlib.ExitStack() as stack:
         loop = trials.whole_loop(stack, run, found, ("o_1", "o_12"))
         first = loop.simulate(N, feeds, {})
@@ -54,7 +55,7 @@ def test_a_loop_goes_on_after_a_trial_that_is_not_stable(run, fmus):
 
 def test_the_controller_alone_makes_the_commands_that_it_made_in_the_loop(run, fmus):
     found = compatibility.read_interfaces(run, fmus)
-    feeds = {**drive.injections(run), "g_2": np.full(N, run.dc)}
+    feeds = {**stimuli.injections(run), "g_2": np.full(N, run.dc)}
     with contextlib.ExitStack() as stack:
         loop = trials.whole_loop(stack, run, found, ("o_12", "f_x_2"))
         alone = trials.controller(stack, run, found)

@@ -9,8 +9,9 @@ import pytest
 from lpfcosim.errors import DivergenceError, InputError
 from lpfcosim.linear.closed_loop import ClosedLoop
 from lpfcosim.linear.sampled_model import SampledModel
-from lpfcosim.models import drive, world_of
+from lpfcosim.models import stimuli
 from lpfcosim.spacecraft import Actuation, Authority, Noise, Sine, Spacecraft
+from tests.reference_run import simulate_reference
 
 NOISE = Noise(oms=3e-15, thruster=5e-8, plateau=6e-15, tail=1.0, f_x_1_jitter=1e-15)
 NOISE = replace(NOISE, dws=1e-10, grs=1e-9, grs_angle=1e-7, thruster_torque=1e-8, torque=1e-13, lateral=1e-13)
@@ -35,29 +36,26 @@ def deviations(computed, expected):
     }
 
 
-@pytest.mark.parametrize("spacecraft", [None, WHOLE])
-def test_simulation_is_that_of_the_hand_written_plants(driven, spacecraft):
+def test_simulation_is_that_of_the_reference_plant(driven):
     authority = Authority("wide", 1e-9, 2.2e-9, 1e-11, 1e-11)
-    run = driven(spacecraft=spacecraft, authority=authority, actuation=Actuation(electrode=1e-6))
+    run = driven(authority=authority, actuation=Actuation(electrode=1e-6))
     run = replace(run, truth=replace(run.truth, lambda_bend_1=1e-3, lambda_walk_2=1e-3))
-    expected = world_of(run).simulate(run)
-    found = deviations(ClosedLoop(run).simulate(), {name: expected[name] for name in world_of(run).record})
-    # The attitude commands are small differences of a growing attitude.
-    assert max(found.values()) < (5e-10 if spacecraft else 3e-11), found
+    found = deviations(ClosedLoop(run).simulate(), simulate_reference(run))
+    assert max(found.values()) < 1e-12, found
 
 
-def test_commands_at_their_limit_are_those_of_the_hand_written_plant(driven):
+def test_commands_at_their_limit_are_those_of_the_reference_plant(driven):
     run = driven(authority=Authority("narrow", 1e-12, 4e-10, 1e-11, 1e-11))
-    expected, channels = world_of(run).simulate(run), ClosedLoop(run).simulate()
+    expected = simulate_reference(run)
     assert np.mean(np.abs(expected["f_x_2"]) >= 0.999 * np.abs(expected["f_x_2"]).max()) > 0.05
-    assert max(deviations(channels, expected).values()) < 3e-11
+    assert max(deviations(ClosedLoop(run).simulate(), expected).values()) < 1e-12
 
 
 @pytest.mark.parametrize("spacecraft", [None, WHOLE])
 def test_linear_loop_predicts_small_departures(driven, spacecraft):
     run = replace(driven(spacecraft=spacecraft), injections=(), noise=Noise(), dc=0.0)
     loop = ClosedLoop(run)
-    system, steady = loop.linearize(), drive.injections(run)
+    system, steady = loop.linearize(), stimuli.injections(run)
     equilibrium = loop.simulate(steady)
     for name, size in (("g_2", 1e-13), ("guidance_o_1", 1e-10), ("F_noise_x_sc", 1e-8), ("F_x_2", 1e-12)):
         pulse = np.zeros(run.n_samples)

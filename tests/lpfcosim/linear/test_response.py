@@ -8,10 +8,11 @@ import pytest
 from scipy import signal
 
 from lpfcosim.campaign import loading
-from lpfcosim.linear import planning
-from lpfcosim.models import along_x_plant, drive, world_of
+from lpfcosim.linear import ClosedLoop, response
+from lpfcosim.models import stimuli
 from lpfcosim.spacecraft.run import Noise, Sine
 from tests.lpfcosim.linear import drives
+from tests.oracles import reference_plant
 
 CHANNELS = ("o_1", "o_12", "f_x_1", "f_x_2")
 # m or m s^-2 or N: far from any limit, far above rounding
@@ -34,21 +35,20 @@ def still(quickstart):
 
 
 @pytest.mark.parametrize("name", DRIVES)
-def test_steady_state_of_a_sine(still, monkeypatch, name):
+def test_steady_state_of_a_sine(still, name):
     t = still.time
     driven = {other: np.zeros(t.size) for other in DRIVES}
     driven[name] = DRIVES[name] * np.sin(2 * np.pi * FREQUENCY * t)
-    monkeypatch.setattr(drive, "noise", lambda run: driven)
-    simulated = along_x_plant.simulate(still)
-    s = world_of(still).system(still)
-    H = planning.transfer(s, still.h, np.array([FREQUENCY]))[0]
+    simulated = reference_plant.simulate(still, stimuli.injections(still) | driven)
+    s = ClosedLoop(still).linearize()
+    H = s.frequency_response(np.array([FREQUENCY]))[0]
 
     late = t > t[-1] - 400  # whole cycles; what is left of the start is slow: constant and ramp take it
     angle = 2 * np.pi * FREQUENCY * t[late]
     basis = np.stack([np.sin(angle), np.cos(angle), np.ones(angle.size), t[late] - t[late].mean()], axis=1)
     for channel in CHANNELS:
         a, b, *_ = np.linalg.lstsq(basis, simulated[channel][late], rcond=None)[0]
-        expected = DRIVES[name] * H[s.channels.index(channel), s.inputs.index(name.removesuffix("_jitter"))]
+        expected = DRIVES[name] * H[s.outputs.index(channel), s.inputs.index(name)]
         assert abs(a + 1j * b - expected) <= 1e-4 * abs(expected), channel
 
 
@@ -58,14 +58,14 @@ def test_the_drives_have_the_spectra_they_are_drawn_with(still):
     segment = 16_384  # 1638 s
     power: dict[str, list] = {name: [] for name in DRIVES}
     for seed in range(10):
-        drawn = drive.noise(replace(still, noise=levels, seed=seed, n_samples=8 * segment))
+        drawn = stimuli.noise(replace(still, noise=levels, seed=seed, n_samples=8 * segment))
         for name in DRIVES:
             f, S = signal.welch(drawn[name], fs=still.fs, nperseg=segment, detrend="linear")
             power[name].append(S)
     expected = drives.psd(replace(still, noise=levels), f[1:])
     edges = (0.005, 0.02, 0.1, 0.5, 1.0, 2.0, 4.9)
     for name in DRIVES:
-        ratio = np.mean(power[name], axis=0)[1:] / expected[name.removesuffix("_jitter")]
+        ratio = np.mean(power[name], axis=0)[1:] / expected[name]
         for low, high in pairwise(edges):
             band = (f[1:] >= low) & (f[1:] < high)
             averages = 10 * 8 * band.sum() / 1.5  # Hann: neighbours are not independent
@@ -78,10 +78,10 @@ def test_injections_add(still):
         Sine("guidance_o_1", 4e-9, 2e-2, 30, 900.0, phase=0.3),
         Sine("F_x_2", 1e-12, 1e-2, 12, 1500.0),
     )
-    together = planning.response(replace(still, injections=tones))
-    alone = [planning.response(replace(still, injections=(tone,))) for tone in tones]
+    together = response.linear_response(replace(still, injections=tones))
+    alone = [response.linear_response(replace(still, injections=(tone,))) for tone in tones]
     louder = [replace(tone, amplitude=-2.5 * tone.amplitude) for tone in tones]
-    scaled = planning.response(replace(still, injections=tuple(louder)))
+    scaled = response.linear_response(replace(still, injections=tuple(louder)))
     for channel in CHANNELS:
         x = together[channel]
         assert np.abs(sum(one[channel] for one in alone) - x).max() <= 1e-10 * np.ptp(x), channel
@@ -90,13 +90,12 @@ def test_injections_add(still):
 
 @pytest.mark.parametrize(("stretch", "block"), [(7, 49), (30, 900), (60, 3600), (1000, 1000)])
 def test_response_is_that_of_one_step_after_the_other(quickstart, monkeypatch, stretch, block):
-    monkeypatch.setattr(planning, "STRETCH", stretch)
-    monkeypatch.setattr(planning, "BLOCK", block)
+    monkeypatch.setattr(response, "CHUNK", stretch)
+    monkeypatch.setattr(response, "BLOCK", block)
     run = loading.load(quickstart).runs[1]
     push = Sine("F_x_1", frequency=5e-3, amplitude=1e-12, cycles=5, start=100.0)
     run = replace(run, n_samples=17_770, injections=(*run.injections, push))
-    s, w = world_of(run).system(run), drive.injections(run)
-    w["f_x_1"] = w["F_x_1"] / run.m_tm
+    s, w = response.recorded_system(run), stimuli.injections(run)
     columns = [i for i, name in enumerate(s.inputs) if name in w]
     inputs = np.stack([w[s.inputs[i]] for i in columns], axis=1)
     state, seen = np.zeros(len(s.A)), []
@@ -105,6 +104,6 @@ def test_response_is_that_of_one_step_after_the_other(quickstart, monkeypatch, s
         state = s.A @ state + s.B[:, columns] @ now
     expected = np.array(seen)[::10].T
     assert np.ptp(expected, axis=1).min() > 0
-    for name, x in zip(s.channels, expected, strict=True):
-        found = planning.response(run)[name]
+    for name, x in zip(s.outputs, expected, strict=True):
+        found = response.linear_response(run)[name]
         np.testing.assert_allclose(found, x, rtol=0, atol=1e-11 * np.abs(x).max(), err_msg=name)

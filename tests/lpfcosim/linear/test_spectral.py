@@ -8,10 +8,11 @@ import pytest
 from scipy import signal
 
 from lpfcosim.campaign import loading
-from lpfcosim.linear import planning, spectral
-from lpfcosim.models import along_x_plant, drive, whole_plant
+from lpfcosim.linear import ClosedLoop, response, spectral_simulation
+from lpfcosim.models import stimuli
 from lpfcosim.signals import decimation
 from lpfcosim.spacecraft.run import Noise, Pulse
+from tests.reference_run import simulate_reference
 
 CHANNELS = ("o_1", "o_12", "f_x_1", "f_x_2")
 
@@ -24,8 +25,8 @@ def sysid(quickstart):
 
 
 def test_same_noise_same_telemetry(sysid):
-    expected = along_x_plant.simulate(sysid)
-    found = planning.response(sysid, drive.stream(sysid))
+    expected = simulate_reference(sysid)
+    found = response.linear_response(sysid, stimuli.noise_source(sysid))
     found["f_x_2"] = found["f_x_2"] + sysid.f_x_2_start
     for name in CHANNELS:
         x = expected[name][::10]
@@ -37,8 +38,8 @@ def test_same_noise_same_telemetry_of_the_whole_spacecraft(quickstart):
     # not turning: a run starts without the steady turn's centrifugal force, the linear loop never has it
     still = replace(run.spacecraft, Omega_DC=(0.0, 0.0, 0.0))
     run = replace(run, n_samples=6000, injections=run.injections[:0], spacecraft=still)
-    expected = whole_plant.simulate(run)
-    found = planning.response(run, drive.stream(run))
+    expected = ClosedLoop(run).simulate()
+    found = response.linear_response(run, stimuli.noise_source(run))
     found["f_x_2"] = found["f_x_2"] + run.f_x_2_start
     for name in ("o_1", "o_12", "f_x_2", "o_phi_1", "o_eta_12", "grs_y_1", "grs_z_2"):
         x = expected[name][::10]
@@ -48,8 +49,8 @@ def test_same_noise_same_telemetry_of_the_whole_spacecraft(quickstart):
 
 def test_without_noise_there_is_the_response(sysid):
     quiet = replace(sysid, noise=Noise())
-    drawn = spectral.Simulation(quiet, CHANNELS).record(np.random.default_rng(1))
-    expected = planning.response(quiet)
+    drawn = spectral_simulation.Simulation(quiet, CHANNELS).record(np.random.default_rng(1))
+    expected = response.linear_response(quiet)
     expected["f_x_2"] = expected["f_x_2"] + quiet.f_x_2_start
     for name in CHANNELS:
         assert np.array_equal(drawn[name], expected[name])
@@ -58,7 +59,7 @@ def test_without_noise_there_is_the_response(sysid):
 @pytest.mark.parametrize("samples", [3600, 3601, 1125, 1124])  # at 1 Hz
 def test_noise_ends_at_a_quarter_of_a_hertz(sysid, samples):
     run = replace(sysid, n_samples=10 * samples, injections=())
-    drawn = spectral.Simulation(run, CHANNELS).record(np.random.default_rng(1))
+    drawn = spectral_simulation.Simulation(run, CHANNELS).record(np.random.default_rng(1))
     for name in CHANNELS:  # of which every second sample is made by itself
         f, S = signal.welch(drawn[name], 1.0, window=("kaiser", 20), nperseg=512, detrend="linear")
         assert S[f > 0.28].max() < 1e-6 * S[(f > 0.15) & (f < 0.235)].mean(), name
@@ -67,8 +68,8 @@ def test_noise_ends_at_a_quarter_of_a_hertz(sysid, samples):
 def test_glitches_are_there_too(sysid):
     glitches = (Pulse("g_2", 1e-11, 4000.0, 20.0), Pulse("g_1", -3e-12, 5000.5, 7.0))
     glitchy = replace(sysid, noise=Noise(), injections=(*sysid.injections, *glitches), dc=8e-12)
-    drawn = spectral.Simulation(glitchy, CHANNELS).record(np.random.default_rng(1))
-    expected = along_x_plant.simulate(glitchy)
+    drawn = spectral_simulation.Simulation(glitchy, CHANNELS).record(np.random.default_rng(1))
+    expected = simulate_reference(glitchy)
     for name in CHANNELS:
         x = expected[name][::10]
         assert np.abs(drawn[name] - x).max() <= 1e-6 * np.ptp(x), name
@@ -77,10 +78,12 @@ def test_glitches_are_there_too(sysid):
 def test_a_glitch_does_not_start_the_turn_of_the_spacecraft_anew(quickstart):
     run = loading.load(quickstart.with_name("spacecraft.toml")).runs[1]
     turning = replace(run, n_samples=20_000, injections=(), noise=Noise())
-    struck = replace(turning, injections=(Pulse("g_2", 1e-11, 1500.0, 20.0),))
+    glitchy = replace(turning, injections=(Pulse("g_2", 1e-11, 1500.0, 20.0),))
     without, found = (
-        spectral.Simulation(each, ("o_12", "f_x_2", "ast_phi", "grs_y_1")).record(np.random.default_rng(1))
-        for each in (turning, struck)
+        spectral_simulation.Simulation(each, ("o_12", "f_x_2", "ast_phi", "grs_y_1")).record(
+            np.random.default_rng(1)
+        )
+        for each in (turning, glitchy)
     )
     rate = run.spacecraft.Omega_DC[2]
     for name in without:
@@ -96,12 +99,12 @@ def test_spectra_are_those_of_the_simulation(sysid):
     Five sigma in each of 60 numbers: false positives once in 30,000 (seeds are fixed).
     """
     run = replace(sysid, injections=(), n_samples=216_000)
-    simulation = spectral.Simulation(run, CHANNELS)
+    simulation = spectral_simulation.Simulation(run, CHANNELS)
     taps = decimation.taps(10)
     made: dict[str, list] = {"drawn": [], "simulated": []}
     for seed in range(10):
         made["drawn"].append(simulation.record(np.random.default_rng(seed)))
-        channels = along_x_plant.simulate(replace(run, seed=seed, n_samples=216_000 + taps.size))
+        channels = simulate_reference(replace(run, seed=seed, n_samples=216_000 + taps.size))
         made["simulated"].append(
             {n: signal.oaconvolve(channels[n], taps, mode="valid")[::10] for n in CHANNELS}
         )
@@ -125,7 +128,7 @@ def test_spectra_are_those_of_the_simulation(sysid):
 def test_a_command_stays_what_its_controller_makes_of_the_error(sysid):
     """The suspension's command depends on o_12 alone: coherent, but for what leaks into other bins."""
     run = replace(sysid, injections=(), n_samples=216_000)
-    drawn = spectral.Simulation(run, CHANNELS).record(np.random.default_rng(2))
+    drawn = spectral_simulation.Simulation(run, CHANNELS).record(np.random.default_rng(2))
     f, coherence = signal.coherence(drawn["o_12"], drawn["f_x_2"], fs=1.0, nperseg=4096)
     assert coherence[(f > 5e-3) & (f < 0.15)].min() > 1 - 5e-3  # 2e-3 in most draws
 
@@ -135,13 +138,13 @@ def test_read_outs_beside_commands_keep_their_cross_spectra(quickstart):
     run = loading.load(quickstart.with_name("mission.toml")).runs[0]
     read_outs = ("o_1", "o_12", "f_x_1", "f_x_2", "o_phi_1", "o_phi_12", "grs_y_1", "grs_y_2")
     f = np.array([0.3, 1.7, 20.3, 25.7, 31.1, 44.4, 60.1, 77.7]) * 1e-3
-    factor = spectral._factor(run, read_outs, -5)
+    factor = spectral_simulation._factor(run, read_outs, -5)
     L = np.zeros((f.size, len(read_outs), factor.independent), dtype=complex)
-    places = spectral._lower(len(read_outs), factor.independent)
-    L[:, *np.array(places).T] = factor.chords(np.log(f)).T
+    places = spectral_simulation._lower(len(read_outs), factor.independent)
+    L[:, *np.array(places).T] = factor.interpolator(np.log(f)).T
     found = np.einsum("nik,njk->nij", L.conj(), L)
     names = [read_outs[i] for i in factor.order]
-    expected = planning.cross_spectra(run, names, f)
+    expected = response.cross_spectra(run, names, f)
     arm = run.spacecraft.d / 2
     apart = {"grs_y_1": -0.5, "grs_y_2": 0.5, "o_phi_1": -arm, "o_phi_12": -arm / 2}
     for weights in (*({name: 1.0} for name in names), {"grs_y_1": 0.5, "grs_y_2": 0.5}, apart):
@@ -154,8 +157,12 @@ def test_the_noise_of_a_run_beside_it_is_taken_over_only_where_it_is_the_same(sy
     noise = replace(sysid, name="noise", kind="noise", injections=(), n_samples=90_000)
     other = replace(noise, truth=replace(noise.truth, lambda_2=1.01))
     anew, same, not_same = (
-        spectral.Simulation(sysid, CHANNELS, beside)
-        for beside in (None, spectral.Simulation(noise, CHANNELS), spectral.Simulation(other, CHANNELS))
+        spectral_simulation.Simulation(sysid, CHANNELS, beside)
+        for beside in (
+            None,
+            spectral_simulation.Simulation(noise, CHANNELS),
+            spectral_simulation.Simulation(other, CHANNELS),
+        )
     )
     drawn = [simulation.record(np.random.default_rng(3)) for simulation in (anew, same, not_same)]
     for name in CHANNELS:
@@ -176,6 +183,6 @@ def test_noise_of_1_over_f_has_its_power_in_the_lowest_bins_although_it_repeats(
         f = np.arange(1, period // 2 + 1) / period
         return np.abs(np.fft.rfft(seen, period)[:, 1:]) ** 2 @ (1 / (f**2 + corner**2)) / period
 
-    found = power(spectral.PERIOD * n) / power(40 * n)
+    found = power(spectral_simulation.PERIOD * n) / power(40 * n)
     assert np.abs(found - 1).max() < 2e-3
     assert np.abs(found[[1, 3, 4, 5]] - 1).max() < 5e-4

@@ -7,10 +7,10 @@ import pytest
 
 from lpfcosim.campaign.loading import load
 from lpfcosim.errors import InputError
-from lpfcosim.linear import stability
-from lpfcosim.models import along_x_plant
+from lpfcosim.linear import ClosedLoop, stability
 from lpfcosim.spacecraft.control import DRAG_FREE, SUSPENSION
 from lpfcosim.spacecraft.run import Noise, Truth
+from tests.reference_run import simulate_reference
 
 
 def test_every_run_of_the_quick_start_is_stable(quickstart):
@@ -28,7 +28,7 @@ def test_slowest_mode_is_the_known_one(make_run):
 @pytest.mark.parametrize(("loop", "unity_gain", "margin"), [(0, 0.080, 45), (1, 1.0e-3, 59)])
 def test_phase_margins_are_the_design_values(make_run, loop, unity_gain, margin):
     f = unity_gain * np.linspace(0.9, 1.1, 2001)
-    L = along_x_plant.open_loop(make_run())(f)[:, loop, loop]
+    L = ClosedLoop(make_run()).loop_gain().frequency_response(f)[:, loop, loop]
     i = int(np.abs(np.abs(L) - 1).argmin())
     assert f[i] == pytest.approx(unity_gain, rel=0.05)
     assert 180 + np.degrees(np.angle(L[i])) == pytest.approx(margin, abs=1)
@@ -64,7 +64,7 @@ def test_an_unstable_loop_grows_at_the_rate_of_its_pole(make_run, flight_noise, 
     # 1e-18 of the usual noise leaves many e-foldings of the pole alone before the test mass is lost
     faint = Noise(oms=1e-18 * flight_noise.oms, thruster=1e-18 * flight_noise.thruster)
     n = int(32 / growth)
-    o = along_x_plant.simulate(make_run(noise=faint, n_samples=n, **change))
+    o = simulate_reference(make_run(noise=faint, n_samples=n, **change))
     size = np.maximum(np.abs(o["o_1"]), np.abs(o["o_12"]))
     quarter = int(8 / growth)
     later, earlier = size[-quarter:].max(), size[-2 * quarter : -quarter].max()

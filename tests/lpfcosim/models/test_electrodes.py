@@ -1,5 +1,6 @@
 """What electrodes and living gains do to a run: against electrodes one by one, and against the FMUs."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -7,14 +8,15 @@ import pytest
 
 from lpfcosim.campaign import loading
 from lpfcosim.cosim import compatibility
-from lpfcosim.linear import planning
+from lpfcosim.linear import ClosedLoop, response
 from lpfcosim.modelica import build
-from lpfcosim.models import electrodes, world_of
+from lpfcosim.models import model_of
 from lpfcosim.spacecraft.actuation import Actuation, largest_pull
 from lpfcosim.spacecraft.run import Authority, HalfCosine, Noise, Sine, Truth
 from lpfcosim.spacecraft.spacecraft import Spacecraft
 from tests.lpfcosim.cosim.in_memory import simulate
 from tests.oracles import electrodes as oracle
+from tests.oracles import reference_plant
 
 M_TM = 1.928
 SET = Authority("G", 4400e-12, 5000e-12, 1.5e-12, 10.4e-12)
@@ -57,9 +59,9 @@ def test_three_sums_stand_for_four_electrodes(make_run, F, N):
         "gain_2": eps.sum(axis=0) / 2,
         "e_N_2": (oracle.SIDES * turning) @ eps / 2,
     }
-    excess = electrodes.excess(run, drawn)[1]
+    error = reference_plant.actuation_errors(run, drawn)[1]
     f = F / run.truth.lambda_2 / M_TM  # what the test mass receives is F
-    got = [run.truth.lambda_2 * M_TM * excess(i, f, N) for i in range(500)]
+    got = [run.truth.lambda_2 * M_TM * error(i, f, N) for i in range(500)]
     expected = oracle.force_noise(F, N, *limits, eps)
     np.testing.assert_allclose(got, expected, rtol=0, atol=1e-5 * np.abs(expected).max())
 
@@ -75,13 +77,12 @@ def test_no_electrode_pushes_and_none_pulls_beyond_its_largest():
 
 @pytest.mark.fmu
 @pytest.mark.parametrize("whole", [False, True])
-def test_fmus_and_reference_agree_on_all_of_it(lively, whole):
+def test_fmus_and_equations_agree_on_all_of_it(lively, whole):
     if whole:
         lively = replace(lively, spacecraft=Spacecraft(leak_phi_1=40.0), noise=SHAKEN)
-    world = world_of(lively)
-    got = simulate(lively, build.build([c.model for c in world.components]))
-    expected = world.simulate(lively)
-    off = world.simulate(replace(lively, truth=Truth(), actuation=Actuation()))
+    got = simulate(lively, build.build(model_of(lively).models))
+    expected = ClosedLoop(lively).simulate()
+    off = ClosedLoop(replace(lively, truth=Truth(), actuation=Actuation())).simulate()
     for name in got:
         rms = np.sqrt(np.mean(expected[name] ** 2))
         assert np.abs(got[name] - expected[name]).max() <= 1e-9 * rms, name
@@ -90,7 +91,7 @@ def test_fmus_and_reference_agree_on_all_of_it(lively, whole):
 
 @pytest.mark.fmu
 def test_what_is_not_asked_for_is_not_wired(make_run, fmus):
-    (usual,) = (c for c in world_of(make_run()).steps(make_run()) if c.model == "Actuation")
+    (usual,) = (c for c in model_of(make_run()).components(make_run()) if c.model == "Actuation")
     assert set(usual.inputs) == {"f_control_2", "F_x_1", "F_x_2", "f_x_1_jitter"}
     asked = make_run(actuation=Actuation(electrode=1e-6), truth=Truth(lambda_drift_2=1e-4))
     (found,) = (i for i in compatibility.read_interfaces(asked, fmus) if i.model == "Actuation")
@@ -100,37 +101,39 @@ def test_what_is_not_asked_for_is_not_wired(make_run, fmus):
 
 
 def psd(run, frequency):
-    """Give the PSDs at the inputs of the loop at one frequency, by name."""
-    system = world_of(run).system(run)
-    shares, of_streams = planning.streams(run, system, np.array([frequency]))
-    return dict(zip(system.inputs, shares**2 @ of_streams[0], strict=True))
+    """Return the PSDs of the force per unit mass on test masses 1 and 2 by the electrodes, at a frequency."""
+    system = response.noise_system(run)
+    weights, of_streams = response.noise_streams(run, system, np.array([frequency]))
+    loud = [bool(re.match("e_|gain_", name)) for name in system.inputs]
+    power = (weights**2 @ of_streams[0]) * loud
+    system = system.select(system.inputs, ("f_applied_1", "f_applied_2"))
+    return system.D**2 @ power
 
 
 @pytest.mark.parametrize(
     ("authority", "expected"),
     [
-        (Authority("A", 0, 2200e-12, 10.4e-12, 10.4e-12), (2200e-12 + 10.4e-12 / 0.011, 10.4e-12 / 0.011)),
-        (Authority("D", 0, 50e-12, 1.5e-12, 1e-12), (50e-12 + 1e-12 / 0.011, 1.5e-12 / 0.011)),
+        (Authority("A", 0, 2200e-12, 10.4e-12, 10.4e-12), (10.4e-12 / 0.011, 2200e-12 + 10.4e-12 / 0.011)),
+        (Authority("D", 0, 50e-12, 1.5e-12, 1e-12), (1.5e-12 / 0.011, 50e-12 + 1e-12 / 0.011)),
     ],
 )
 def test_expected_noise_follows_the_authority(make_run, authority, expected):
     """At 0.1 mHz 2e-6 has risen to 6.3e-6; nothing else is noisy, nothing is commanded."""
     run = make_run(authority=authority, actuation=Actuation(electrode=2e-6), noise=Noise())
-    found = psd(run, 1e-4)
-    for j, F in ((2, expected[0]), (1, expected[1])):
-        assert np.sqrt(found[f"g_{j}"]) == pytest.approx(2e-6 * np.sqrt(10) * F / M_TM, rel=0.06)
+    for power, F in zip(psd(run, 1e-4), expected, strict=True):
+        assert np.sqrt(power) == pytest.approx(2e-6 * np.sqrt(10) * F / M_TM, rel=0.06)
 
 
 def test_common_noise_follows_the_force(make_run):
     """4 nN on both test masses: 8 fm s-2 Hz-1/2 each at 4e-6 of the force, above 1 mHz; none without it."""
     quiet = make_run(authority=SET, actuation=Actuation(electrode_common=2e-6))
-    assert psd(quiet, 0.01)["g_1"] == 0
+    assert psd(quiet, 0.01)[0] == 0
     steps = [HalfCosine(f"F_x_{j}", 4e-9, 0.0, 1.0) for j in (1, 2)]
     loud = psd(replace(quiet, injections=tuple(steps)), 0.02)
-    for j, gain in ((1, 1.0748), (2, 1.0776)):
-        assert np.sqrt(loud[f"g_{j}"]) == pytest.approx(4e-6 * gain * 4e-9 / M_TM, rel=0.07), j
-    held = psd(replace(quiet, dc=1e-11), 0.02)
-    assert np.sqrt(held["g_2"]) == pytest.approx(4e-6 * 1e-11, rel=0.07)
+    for power, gain in zip(loud, (1.0748, 1.0776), strict=True):
+        assert np.sqrt(power) == pytest.approx(4e-6 * gain * 4e-9 / M_TM, rel=0.07)
+    steady = psd(replace(quiet, dc=1e-11), 0.02)
+    assert np.sqrt(steady[1]) == pytest.approx(4e-6 * 1e-11, rel=0.07)
 
 
 TEXT = """\

@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from lpfcosim.models import along_x_plant
 from lpfcosim.spacecraft.run import Truth
+from tests.oracles import reference_plant
 
 H = 0.1
 RATIO = 1.928 / 422.7
@@ -21,10 +21,10 @@ def bare(make_run):
 
 def advance(run, n, **inputs):
     """Step the plant alone; positions of both test masses at n + 1 samples from equilibrium."""
-    plant = along_x_plant.plant(run)
-    u = np.zeros((n, len(along_x_plant.PLANT_INPUTS)))
+    plant = reference_plant.plant(run)
+    u = np.zeros((n, len(reference_plant.PLANT_INPUTS)))
     for name, values in inputs.items():
-        u[:, along_x_plant.PLANT_INPUTS.index(name)] = values
+        u[:, reference_plant.PLANT_INPUTS.index(name)] = values
     states = np.zeros((n + 1, len(plant.A)))
     for i in range(n):
         states[i + 1] = plant.A @ states[i] + plant.B @ u[i]

@@ -4,13 +4,14 @@ import numpy as np
 import pytest
 from scipy.signal import csd, welch
 
-from lpfcosim.linear import planning
-from lpfcosim.models import drive, whole, whole_plant, world_of
+from lpfcosim.linear import ClosedLoop, response
+from lpfcosim.models import stimuli
 from lpfcosim.spacecraft import EIGHT_NOZZLES
 from lpfcosim.spacecraft.run import Noise
 from lpfcosim.spacecraft.spacecraft import Spacecraft
 
 SIGNALS = [f"{kind}_noise_{k}_sc" for kind in "FN" for k in "xyz"]
+THRUST = [f"{kind}_{k}_sc" for kind in "FN" for k in "xyz"]
 LEVEL = 0.15e-6
 
 
@@ -22,7 +23,7 @@ def run(make_run):
 
 @pytest.fixture(scope="module")
 def flown(run):
-    return whole_plant.simulate(run)
+    return ClosedLoop(run).simulate()
 
 
 def by_hand(thrusts):
@@ -57,15 +58,15 @@ def test_alike_they_push_towards_the_sun_alone():
 
 def test_flight_never_asks_a_nozzle_to_pull(flown):
     """Under 20 uN of sunlight, the commands of the loops beside."""
-    commands = np.array([flown[name] for name in whole.THRUST])
+    commands = np.array([flown[name] for name in THRUST])
     sunlight = np.array([0, 0, 20e-6, 0, 0, 0])
     thrusts = EIGHT_NOZZLES.allocation @ (commands + sunlight[:, None])
     assert thrusts.min() > 0
 
 
 def test_along_x_they_are_as_loud_as_without_a_layout(run):
-    s = world_of(run).system(run)
-    shares, psd = planning.streams(run, s, np.array([1e-3, 0.05]))
+    s = ClosedLoop(run).linearize()
+    shares, psd = response.noise_streams(run, s, np.array([1e-3, 0.05]))
     row = s.inputs.index("F_noise_x_sc")
     assert psd @ shares[row] ** 2 == pytest.approx(LEVEL**2)
 
@@ -73,7 +74,7 @@ def test_along_x_they_are_as_loud_as_without_a_layout(run):
 @pytest.mark.stat
 def test_drawn_forces_and_torques_go_together(run):
     """36 cross spectra over 40,000 samples: 5 sigma of their mean (p = 6e-7 each)."""
-    drawn = drive.noise(run)
+    drawn = stimuli.noise(run)
     size = LEVEL / np.linalg.norm(EIGHT_NOZZLES.matrix[0])
     expected = size**2 * EIGHT_NOZZLES.matrix @ EIGHT_NOZZLES.matrix.T
     x = np.array([drawn[name] for name in SIGNALS])
@@ -89,7 +90,7 @@ def test_jitter_goes_together_as_the_spectra_say(run, flown):
     f, cross = csd(*(flown[name] for name in names), fs=10, nperseg=2500)
     powers = [welch(flown[name], fs=10, nperseg=2500)[1] for name in names]
     band = (f >= 20e-3) & (f <= 100e-3)
-    S = planning.cross_spectra(run, names, f[band])
+    S = response.cross_spectra(run, names, f[band])
     expected = S[:, 0, 1] / np.sqrt(S[:, 0, 0].real * S[:, 1, 1].real)
     found = (cross / np.sqrt(powers[0] * powers[1]))[band]
     assert np.abs(expected).mean() > 0.5

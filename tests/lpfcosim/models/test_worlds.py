@@ -1,4 +1,4 @@
-"""Another world is one module: its tables choose the wiring, the reference plant and all that follows."""
+"""Another spacecraft model is one module: its models and tables choose the wiring and all that follows."""
 
 from dataclasses import dataclass, replace
 
@@ -7,31 +7,24 @@ import pytest
 
 from lpfcosim.cosim import co_simulation, compatibility
 from lpfcosim.execution import telemetry_file
-from lpfcosim.linear import margins, saturation, stability
+from lpfcosim.linear import ClosedLoop, margins, saturation, stability
 from lpfcosim.modelica import build
-from lpfcosim.models import along_x, drive, whole, world, world_of
+from lpfcosim.models import model_of, one_axis, register, six_dof, spacecraft_model
 from lpfcosim.spacecraft.spacecraft import Spacecraft
 
 
 @dataclass(frozen=True)
 class Witness:
-    """What a run along x of a third world has: a window on the test mass, and a set point that grows."""
+    """What a run along x of a third model has: a set point that grows."""
 
     rate: float
 
 
-def simulate(run):
-    found = along_x.WORLD.simulate(run)
-    return found | {"x_1": found["o_1"] - drive.noise(run)["n_1"]}
-
-
 WATCHED = replace(
-    along_x.WORLD,
+    one_axis.MODEL,
     name="along x, watched",
-    equipment=Witness,
-    record={**along_x.RECORD, "x_1": "Plant.x_1", "shown": "shown"},
-    turns=lambda run: {"shown": run.spacecraft.rate},
-    simulate=simulate,
+    config_type=Witness,
+    attitude_rates=lambda run: {"guidance_o_1": run.spacecraft.rate},
     truth=lambda run: {"rate": run.spacecraft.rate},
     attributes=lambda _: {"watched": 1},
 )
@@ -39,42 +32,34 @@ WATCHED = replace(
 
 @pytest.fixture
 def run(make_run, flight_noise, monkeypatch):
-    monkeypatch.setattr(world, "WORLDS", dict(world.WORLDS))
-    world.register(WATCHED)
-    return make_run(noise=flight_noise, n_samples=600, spacecraft=Witness(1e-9))
+    monkeypatch.setattr(spacecraft_model, "MODELS", dict(spacecraft_model.MODELS))
+    register(WATCHED)
+    return make_run(noise=flight_noise, n_samples=600, spacecraft=Witness(1e-12))
 
 
-def test_a_run_chooses_its_world(run):
-    assert world_of(run) is WATCHED
-    assert world_of(replace(run, spacecraft=None)) is along_x.WORLD
-    assert world_of(replace(run, spacecraft=Spacecraft())) is whole.WORLD
-
-
-def test_third_world_is_simulated_without_fmus(run):
-    channels = WATCHED.simulate(run)
-    assert channels["x_1"].std() > 0
-    assert np.array_equal(channels["o_12"], along_x.WORLD.simulate(replace(run, spacecraft=None))["o_12"])
+def test_a_run_chooses_its_model(run):
+    assert model_of(run) is WATCHED
+    assert model_of(replace(run, spacecraft=None)) is one_axis.MODEL
+    assert model_of(replace(run, spacecraft=Spacecraft())) is six_dof.MODEL
 
 
 @pytest.mark.fmu
-def test_third_world_is_wired_and_recorded(run):
-    fmus = build.build([c.model for c in WATCHED.components])
-    found = compatibility.read_interfaces(run, fmus)
-    assert [i.model for i in found] == [c.model for c in WATCHED.steps(run)]
+def test_third_model_is_wired_and_recorded(run):
+    found = compatibility.read_interfaces(run, build.build(WATCHED.models))
+    assert [i.model for i in found] == [c.model for c in WATCHED.components(run)]
     (got,) = co_simulation.blocks(run, found)
     assert got.keys() == WATCHED.record.keys()
-    expected = WATCHED.simulate(run)["x_1"]
-    # the plant steps last: what it puts out is where its step has led
-    np.testing.assert_allclose(got["x_1"][:-1], expected[1:], rtol=0, atol=1e-9 * expected.std())
-    assert np.array_equal(got["shown"], 1e-9 * run.time)
+    expected = ClosedLoop(run).simulate()["o_12"]
+    np.testing.assert_allclose(got["o_12"], expected, rtol=0, atol=1e-9 * expected.std())
+    assert np.array_equal(got["guidance_o_1"], 1e-12 * run.time)
 
 
-def test_third_world_has_loops_limits_attributes_and_truth(run):
+def test_third_model_has_loops_limits_attributes_and_truth(run):
     stability.check(run)
     assert [m.loop for m in margins.margins(run)] == ["drag_free_x", "suspension_x"]
     assert saturation.count(run, {"f_x_2": np.array([0.0, 1.0])}) == 1
     assert telemetry_file.attributes(run)["watched"] == 1
-    assert telemetry_file.truth(run)["rate"] == 1e-9
+    assert telemetry_file.truth(run)["rate"] == 1e-12
 
 
 def test_margins_along_x_are_those_of_the_whole_spacecraft(make_run):

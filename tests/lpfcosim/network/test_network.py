@@ -8,7 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from lpfcosim.errors import InputError
-from lpfcosim.models import along_x, drive, world_of
+from lpfcosim.modelica import numpy_models
+from lpfcosim.models import model_of, one_axis, six_dof
 from lpfcosim.network.wiring import Component, check_feedthrough, endpoint, in_order
 from lpfcosim.spacecraft.actuation import Actuation
 from lpfcosim.spacecraft.run import Truth
@@ -16,16 +17,17 @@ from lpfcosim.spacecraft.spacecraft import Spacecraft
 
 
 def test_order_of_ours_is_that_of_the_signals(make_run):
-    names = [c.model for c in world_of(make_run()).steps(make_run())]
+    names = [c.model for c in model_of(make_run()).components(make_run())]
     assert names[0] == "OpticalMetrology"
     assert names[-2:] == ["Actuation", "Plant"]
-    assert set(names) == {c.model for c in along_x.COMPONENTS}
+    assert set(names) == set(one_axis.MODEL.models)
 
 
-@given(st.permutations(along_x.COMPONENTS))
-def test_order_does_not_depend_on_how_they_are_listed(components):
+@given(st.data())
+def test_order_does_not_depend_on_how_they_are_listed(make_run, data):
     done = set()
-    for component in in_order(components):
+    components = model_of(make_run()).components(make_run())
+    for component in in_order(data.draw(st.permutations(components))):
         sources = {endpoint(s)[0] for s in component.inputs.values()} - {""}
         assert sources - done <= {"Plant"}
         done.add(component.model)
@@ -34,13 +36,13 @@ def test_order_does_not_depend_on_how_they_are_listed(components):
 
 def test_whole_spacecraft_is_wired_to_signals_and_outputs_that_exist(make_run):
     run = make_run(spacecraft=Spacecraft())
-    outputs = {f"{c.model}.{v}" for c in world_of(run).components for v in c.outputs}
-    sources = [s for c in world_of(run).components for s in c.inputs.values()] + list(
-        world_of(run).record.values()
+    outputs = {f"{c.model}.{v}" for c in model_of(run).components(run) for v in c.outputs}
+    sources = [s for c in model_of(run).components(run) for s in c.inputs.values()] + list(
+        model_of(run).record.values()
     )
-    assert set(sources) <= outputs | set(drive.names(run))
-    assert set(drive.names(run)) <= set(sources)
-    names = [c.model for c in world_of(run).steps(run)]
+    assert set(sources) <= outputs | set(model_of(run).stimuli(run))
+    assert set(model_of(run).stimuli(run)) <= set(sources)
+    names = [c.model for c in model_of(run).components(run)]
     assert names[-2:] == ["WholeActuation", "WholePlant"]
 
 
@@ -74,11 +76,20 @@ def test_signals_that_pass_each_other_in_two_components_are_no_loop():
     check_feedthrough([a, b], {"A": {"y": ["u"], "z": ["v"]}, "B": {"y": ["u"]}})
 
 
-def test_every_variable_of_a_world_has_one_unit(make_run):
-    everything = {"truth": Truth(lambda_bend_2=1e-3), "actuation": Actuation(electrode=2e-6)}
-    craft = Spacecraft(eta_per_x=0.4, phi_per_x=0.5)
-    for run in (make_run(**everything), make_run(**everything, spacecraft=craft)):
-        world = world_of(run)
-        values = world.parameters(run)
-        used = {n for c in world.components_of(run) for n in (*c.inputs, *c.outputs, *values[c.model])}
-        assert used == set(world.units)
+def test_every_variable_of_a_spacecraft_model_has_one_unit():
+    for model in (one_axis.MODEL, six_dof.MODEL):
+        for module in map(numpy_models.load, model.models):
+            units = {name: unit for name, (_, unit) in (module.PARAMETERS | module.INPUTS).items()}
+            for name, unit in (units | module.OUTPUTS).items():
+                assert model.units[name] == unit, (module.__name__, name)
+
+
+def test_all_signals_between_models_are_joined_by_name(make_run):
+    everything = {"truth": Truth(lambda_drift_1=1e-4, lambda_drift_2=1e-4), "actuation": Actuation(2e-6)}
+    channels = 0
+    for spacecraft in (None, Spacecraft()):
+        run = make_run(**everything, spacecraft=spacecraft)
+        for component in model_of(run).components(run):
+            assert list(component.inputs) == list(numpy_models.load(component.model).INPUTS)
+        channels += len(model_of(run).record)
+    assert channels == 7 + 41

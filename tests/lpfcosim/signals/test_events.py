@@ -7,11 +7,12 @@ import numpy as np
 import pytest
 import scipy
 
-from lpfcosim.linear import spectral
-from lpfcosim.models import along_x_plant, drive
+from lpfcosim.linear import spectral_simulation
+from lpfcosim.models import stimuli
 from lpfcosim.signals import events
 from lpfcosim.spacecraft.events import Events
 from lpfcosim.spacecraft.run import Authority, Noise, Run
+from tests.reference_run import simulate_reference
 
 EVENTS = Events(glitches_per_day=60.0, gaps_per_day=20.0, gap_duration=20.0, noise_drift=0.5)
 DAY = 86400
@@ -39,8 +40,8 @@ def test_a_glitch_gives_its_impulse_or_takes_it_back():
 
 
 def test_drawing_knows_neither_order_nor_blocks():
-    whole = drive.noise(RUN)
-    stream = drive.stream(RUN)
+    whole = stimuli.noise(RUN)
+    stream = stimuli.noise_source(RUN)
     parts = [stream.take(n) for n in (1, 9_999, 106_000, 100_000)]
     for name in ("g_1", "g_2"):
         np.testing.assert_array_equal(np.concatenate([part[name] for part in parts]), whole[name])
@@ -53,7 +54,10 @@ def test_drawing_knows_neither_order_nor_blocks():
 
 def test_glitches_act_on_their_test_mass_and_on_nothing_else():
     found = events.glitches(RUN)
-    struck, rest = drive.noise(RUN), drive.noise(replace(RUN, events=replace(EVENTS, glitches_per_day=0.0)))
+    struck, rest = (
+        stimuli.noise(RUN),
+        stimuli.noise(replace(RUN, events=replace(EVENTS, glitches_per_day=0.0))),
+    )
     for j in (1, 2):
         expected = sum(glitch.at(RUN.time) for glitch in found if glitch.mass == j)
         np.testing.assert_allclose(struck[f"g_{j}"] - rest[f"g_{j}"], expected, atol=1e-22)
@@ -95,8 +99,8 @@ def test_gaps_are_no_more_than_telemetry_may_lack():
 
 
 def test_noise_drifts_from_begin_to_end():
-    steady = drive.noise(replace(RUN, events=None))
-    drifting = drive.noise(replace(RUN, events=Events(noise_drift=0.5)))
+    steady = stimuli.noise(replace(RUN, events=None))
+    drifting = stimuli.noise(replace(RUN, events=Events(noise_drift=0.5)))
     ratio = drifting["g_1"] / steady["g_1"]
     assert ratio[[0, -1]] == pytest.approx([0.75, 1.25], abs=1e-5)
     assert np.ptp(np.diff(ratio)) < 1e-12
@@ -106,8 +110,10 @@ def test_noise_drifts_from_begin_to_end():
 def test_a_run_from_spectra_has_the_same_glitches_and_gaps():
     run = replace(RUN, n_samples=72_000, noise=Noise(), events=replace(EVENTS, noise_drift=0.0))
     assert events.glitches(run)
-    drawn = spectral.Simulation(run, ["o_1", "o_12", "f_x_1", "f_x_2"]).record(np.random.default_rng(1))
-    exact = along_x_plant.simulate(run)
+    drawn = spectral_simulation.Simulation(run, ["o_1", "o_12", "f_x_1", "f_x_2"]).record(
+        np.random.default_rng(1)
+    )
+    exact = simulate_reference(run)
     lost = events.missing(run, np.arange(7200.0))
     assert lost.any()
     for name, values in drawn.items():

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.signal import welch
 
-from lpfcosim.models import drive
+from lpfcosim.models import stimuli
 from lpfcosim.spacecraft.run import HalfCosine, Noise, Pulse, Sine
 
 TARGETS = ("guidance_o_1", "guidance_o_12", "F_x_1", "F_x_2")
@@ -16,14 +16,14 @@ TARGETS = ("guidance_o_1", "guidance_o_12", "F_x_1", "F_x_2")
 
 
 def test_without_injections_every_channel_is_exactly_zero(make_run):
-    injected = drive.injections(make_run())
+    injected = stimuli.injections(make_run())
     assert tuple(injected) == TARGETS
     assert all(not values.any() and values.shape == (6000,) for values in injected.values())
 
 
 def test_a_sine_has_its_cycles_and_nothing_else(make_run):
     run = make_run(injections=(Sine("guidance_o_12", 10e-9, 13.33e-3, 4, 100.0),))
-    signal = drive.injections(run)["guidance_o_12"]
+    signal = stimuli.injections(run)["guidance_o_12"]
     t = run.time
     inside = (t >= 100.0) & (t < 100.0 + 4 / 13.33e-3)
     np.testing.assert_allclose(
@@ -40,14 +40,14 @@ def test_a_sine_has_its_cycles_and_nothing_else(make_run):
 )
 def test_whole_cycles_that_end_on_a_sample_sum_to_zero(make_run, start, cycles, period):
     run = make_run(injections=(Sine("F_x_2", 1.0, 1 / period, cycles, start),))
-    signal = drive.injections(run)["F_x_2"]
+    signal = stimuli.injections(run)["F_x_2"]
     assert np.count_nonzero(signal) <= round(cycles * period * 10)
     assert abs(signal.sum()) < 1e-8
 
 
 def test_phase_shifts_a_sine(make_run):
     run = make_run(injections=(Sine("F_x_1", 2.0, 0.01, 1, 0.0, phase=np.pi / 2),))
-    signal = drive.injections(run)["F_x_1"]
+    signal = stimuli.injections(run)["F_x_1"]
     assert signal[0] == 2.0
     assert signal[500] == pytest.approx(-2.0)
     assert signal[999] != 0
@@ -56,7 +56,7 @@ def test_phase_shifts_a_sine(make_run):
 
 def test_half_cosine_rises_smoothly_and_stays(make_run):
     run = make_run(injections=(HalfCosine("F_x_1", 4e-9, 100.0, 300.0),))
-    signal = drive.injections(run)["F_x_1"]
+    signal = stimuli.injections(run)["F_x_1"]
     assert not signal[:1001].any()
     assert signal[2000] == pytest.approx(2e-9)
     assert (signal[3000:] == 4e-9).all()
@@ -79,7 +79,7 @@ sines = st.builds(
 @given(injections=st.lists(sines, max_size=4), seed=st.randoms())
 def test_injections_add_in_any_order(make_run, injections, seed):
     def signal(chosen):
-        return drive.injections(make_run(injections=tuple(chosen)))
+        return stimuli.injections(make_run(injections=tuple(chosen)))
 
     shuffled = list(injections)
     seed.shuffle(shuffled)
@@ -91,13 +91,13 @@ def test_injections_add_in_any_order(make_run, injections, seed):
 
 def test_a_pulse_pushes_one_test_mass_for_its_duration(make_run):
     run = make_run(injections=(Pulse("g_1", 2e-12, 100.0, 50.0), Pulse("g_2", -1e-12, 120.05, 1.0)), dc=3e-12)
-    assert not any(values.any() for values in drive.injections(run).values())
-    drawn, t = drive.noise(run), run.time
+    assert not any(values.any() for values in stimuli.injections(run).values())
+    drawn, t = stimuli.noise(run), run.time
     assert not drawn["g_1"][(t <= 100) | (t >= 150)].any()
     assert drawn["g_1"].sum() / 10 == pytest.approx(2e-12 * 50 / 2)  # momentum per unit mass
     assert drawn["g_1"][1250] == pytest.approx(2e-12)
     assert (drawn["g_2"] - 3e-12).min() == pytest.approx(-1e-12, rel=0.01)
-    source = drive.stream(run)
+    source = stimuli.noise_source(run)
     blocks = [source.take(n) for n in (1, 1100, 399, 4500)]
     for name, values in drawn.items():
         np.testing.assert_array_equal(np.concatenate([block[name] for block in blocks]), values)
@@ -107,32 +107,32 @@ def test_a_pulse_pushes_one_test_mass_for_its_duration(make_run):
 
 
 def test_level_zero_is_exactly_zero(make_run):
-    assert all(not values.any() for values in drive.noise(make_run()).values())
+    assert all(not values.any() for values in stimuli.noise(make_run()).values())
 
 
 def test_dc_sits_in_g_2(make_run):
-    noise = drive.noise(make_run(dc=-3e-12))
+    noise = stimuli.noise(make_run(dc=-3e-12))
     assert (noise["g_2"] == -3e-12).all()
     assert not noise["g_1"].any()
 
 
 def test_noise_depends_on_seed_run_and_name_only(make_run):
     level = Noise(1.0, 1.0, 1.0, 1.0, 1.0)
-    reference = drive.noise(make_run(noise=level, seed=7))
-    again = drive.noise(make_run(noise=level, seed=7, n_samples=500))  # another length, same beginning
-    one = drive.noise(make_run(noise=Noise(thruster=1.0), seed=7))["F_noise_x_sc"]
+    reference = stimuli.noise(make_run(noise=level, seed=7))
+    again = stimuli.noise(make_run(noise=level, seed=7, n_samples=500))  # another length, same beginning
+    one = stimuli.noise(make_run(noise=Noise(thruster=1.0), seed=7))["F_noise_x_sc"]
     for name, values in reference.items():
         np.testing.assert_array_equal(again[name], values[:500])
     np.testing.assert_array_equal(one, reference["F_noise_x_sc"])
     draws = [*reference.values()]
-    draws += drive.noise(make_run(noise=level, seed=8)).values()
-    draws += drive.noise(make_run(noise=level, seed=7, name="other")).values()
+    draws += stimuli.noise(make_run(noise=level, seed=8)).values()
+    draws += stimuli.noise(make_run(noise=level, seed=7, name="other")).values()
     assert len({values[10] for values in draws}) == len(draws)
 
 
 def test_seeds_beyond_32_bit_count(make_run):
     def first(seed):
-        return drive.noise(make_run(noise=Noise(oms=1.0), seed=seed))["n_1"][0]
+        return stimuli.noise(make_run(noise=Noise(oms=1.0), seed=seed))["n_1"][0]
 
     assert len({first(0), first(1), first(2**32), first(2**62)}) == 4
 
@@ -155,7 +155,7 @@ def assert_ratio_is_one(ratio):
 @pytest.mark.parametrize(("name", "asd"), [("n_1", 35e-15), ("n_12", 35e-15), ("F_noise_x_sc", 0.15e-6)])
 def test_white_noise_has_its_level(make_run, flight_noise, name, asd):
     """False-positive probability 1e-6 a spectrum."""
-    values = drive.noise(make_run(noise=flight_noise, n_samples=216_000))[name]
+    values = stimuli.noise(make_run(noise=flight_noise, n_samples=216_000))[name]
     assert values.std() == pytest.approx(asd * np.sqrt(5), rel=5 / np.sqrt(2 * 216_000))
     for low, high in ((1e-3, 0.1), (0.1, 1), (1, 5)):
         _, power = density(values, low, high)
@@ -165,7 +165,7 @@ def test_white_noise_has_its_level(make_run, flight_noise, name, asd):
 @pytest.mark.stat
 def test_delta_g_has_its_plateau_and_tail(make_run, flight_noise):
     """False-positive probability 1e-6 a band; Delta g = g_2 - g_1 carries both halves."""
-    noise = drive.noise(make_run(noise=flight_noise, n_samples=2_000_000))
+    noise = stimuli.noise(make_run(noise=flight_noise, n_samples=2_000_000))
     delta_g = noise["g_2"] - noise["g_1"]
     for low, high in ((1e-4, 1e-3), (1e-3, 1e-2), (1e-2, 1)):
         f, power = density(delta_g, low, high)
@@ -180,7 +180,7 @@ def test_the_tail_is_stationary_from_its_first_sample(make_run):
     """Its variance is that of a first-order process, slope^2 pi / (2 corner); false positive 1e-6."""
     first, last = [], []
     for seed in range(400):
-        values = drive.noise(make_run(noise=Noise(tail=1.0), seed=seed, n_samples=2))["g_1"]
+        values = stimuli.noise(make_run(noise=Noise(tail=1.0), seed=seed, n_samples=2))["g_1"]
         first.append(values[0])
         last.append(values[1])
     expected = (60e-15 * 20e-6) ** 2 / 2 * np.pi / (2 * 2e-6)
@@ -191,7 +191,7 @@ def test_the_tail_is_stationary_from_its_first_sample(make_run):
 @pytest.mark.stat
 def test_jitter_falls_as_1_over_f_above_a_flat_part(make_run):
     """False-positive probability 1e-6 a band."""
-    jitter = drive.noise(make_run(noise=Noise(f_x_1_jitter=1e-14), n_samples=2_000_000))["f_x_1_jitter"]
+    jitter = stimuli.noise(make_run(noise=Noise(f_x_1_jitter=1e-14), n_samples=2_000_000))["f_x_1_jitter"]
     for low, high in ((5e-4, 2e-3), (2e-3, 0.1)):
         f, power = density(jitter, low, high)
         assert_ratio_is_one(power * (f / 1e-3) ** 2 / 1e-28 * (1 + (1e-4 / f) ** 2))
@@ -203,8 +203,8 @@ def test_colloid_thrusters_rise_below_their_knee(make_run):
     level = 0.1e-6
     run = make_run(n_samples=2**20, noise=Noise(thruster=level, thrusters="colloid"))
     cold = make_run(n_samples=2**20, noise=Noise(thruster=level))
-    f, psd = welch(drive.noise(run)["F_noise_x_sc"], fs=run.fs, nperseg=2**17)
-    _, white = welch(drive.noise(cold)["F_noise_x_sc"], fs=run.fs, nperseg=2**17)
+    f, psd = welch(stimuli.noise(run)["F_noise_x_sc"], fs=run.fs, nperseg=2**17)
+    _, white = welch(stimuli.noise(cold)["F_noise_x_sc"], fs=run.fs, nperseg=2**17)
     high, low = (f > 0.1) & (f < 4), (f > 1.5e-4) & (f < 3e-4)
     assert np.mean(psd[high]) == pytest.approx(level**2, rel=0.02)
     assert np.mean(psd[low] / (1 + (1e-3 / f[low]) ** 2)) == pytest.approx(level**2, rel=0.5)

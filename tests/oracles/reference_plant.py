@@ -1,4 +1,4 @@
-"""The loop along x without FMUs, exactly discretised: what the co-simulation has to reproduce.
+"""The loop along x, written by hand and exactly discretised; it shares no code with the simulator.
 
 Continuous plant, seen from the spacecraft (signs in `lpfcosim.spacecraft.parameters`)::
 
@@ -10,30 +10,95 @@ Commands are held for a sample and their transport delays are not whole samples,
 step. The plant is linear, so each step is exact: the old value acts up to the switch, the new one after it.
 """
 
+import math
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.linalg import block_diag
 
-from lpfcosim.models import drive, electrodes
-from lpfcosim.models.loop import (
-    BLOCK,
-    Loop,
-    System,
-    block_diagonal,
-    check_inside,
-    held,
-    linear,
-    on_circle,
-    sampled,
-)
-from lpfcosim.models.world import Gain
-from lpfcosim.spacecraft import Run
+from lpfcosim.spacecraft import ARM, F_REF, Controller, Run
 
 PLANT_INPUTS = ("F_x_sc", "f_x_1", "f_x_2", "g_1", "g_2", "F_noise_x_sc")
 LOOP_INPUTS = ("n_1", "n_12", "guidance_o_1", "guidance_o_12", "f_x_1", "g_1", "g_2", "F_noise_x_sc")
 
 Array = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+
+
+BLOCK = 6000  # samples between two looks at the read-out range
+
+
+def gain(law: Controller) -> float:
+    """Return the k [s^-1] of K(s) that makes |K(i 2 pi fu)| = (2 pi fu)^2 at the unity gain fu."""
+    s = 2j * math.pi * law.unity_gain
+    wz, wi, wp, wr = (2 * math.pi * f for f in (law.zero, law.integrator_zero, *law.poles))
+    shape = (s + wz) * (s + wi) / (s * (1 + s / wp) * (1 + s / wr))
+    return abs(s) ** 2 / abs(shape)
+
+
+def partial_fractions(law: Controller) -> tuple[Array, Array]:
+    """Return p_i [rad/s] and r_i [s^-3] of the parallel form K(s) = sum_i r_i / (s + p_i)."""
+    wz, wi = 2 * math.pi * law.zero, 2 * math.pi * law.integrator_zero
+    wp, wr = 2 * math.pi * law.poles[0], 2 * math.pi * law.poles[1]
+    scale = gain(law) * wp * wr
+    residues = (
+        scale * wz * wi / (wp * wr),
+        scale * (wz - wp) * (wi - wp) / (-wp * (wr - wp)),
+        scale * (wz - wr) * (wi - wr) / (-wr * (wp - wr)),
+    )
+    return np.array([0.0, wp, wr]), np.array(residues)
+
+
+def discretize_zoh(rates: Array, times: ArrayLike) -> Array:
+    """Solve x' = A x + B u exactly, with u held.
+
+    Parameters
+    ----------
+    rates : ndarray, shape (n, n + m)
+        A and B, side by side [s^-1].
+    times : array_like, shape (k,)
+        For how long [s].
+
+    Returns
+    -------
+    ndarray, shape (k, n, n + m)
+        What x and u at the beginning make of x at the end.
+    """
+    n, t = len(rates), np.asarray(times, dtype=float)[:, np.newaxis, np.newaxis]
+    z = rates[:, :n] * t
+    halvings = max(math.ceil(math.log2(np.abs(z).sum(axis=-1).max() + 1)) - 1, 0)
+    z /= 2**halvings
+    # mean of exp(z s) over 0 < s < 1, which is 1 + z/2 + z^2/6 ...; the norm of z is at most 2
+    mean = one = np.eye(n)
+    for k in range(25, 1, -1):
+        mean = one + z @ mean / k
+    for _ in range(halvings):
+        mean = mean + z @ mean @ mean / 2
+        z *= 2
+    return np.concatenate([one + z @ mean, t * (mean @ rates[:, n:])], axis=-1)
+
+
+def tustin(law: Controller, h: float) -> tuple[Array, Array, float]:
+    """Discretise K(s) = sum r_i / (s + p_i) with the bilinear rule.
+
+    Returns
+    -------
+    decay, entry : ndarray, shape (3,)
+        ``state+ = decay * state + entry * e``, one state per pole.
+    direct : float
+        ``K e = sum(state) + direct * e``.
+    """
+    p, r = partial_fractions(law)
+    decay = (2 - p * h) / (2 + p * h)
+    direct = r * h / (2 + p * h)
+    return decay, direct * (1 + decay), float(direct.sum())
+
+
+def z_of(frequency: ArrayLike, h: float) -> Complex:
+    """Give z = exp(2 pi i f h) of frequencies [Hz], shape (n, 1, 1)."""
+    return np.asarray(np.exp(2j * np.pi * h * np.asarray(frequency, dtype=float))[:, np.newaxis, np.newaxis])
 
 
 @dataclass(frozen=True)
@@ -66,11 +131,11 @@ def plant(run: Run) -> Plant:
     continuous[4, [4, 5]] = np.array([-1, 1]) / run.thruster_lag
 
     transports = (run.thruster_delay, max(run.tau_1 - h / 2, 0.0), max(run.tau_2 - h / 2, 0.0))
-    values = (run.F_x_sc_start, 0.0, run.f_x_2_start)  # commands issued before the run
+    values = (0.0, 0.0, run.f_x_2_start)  # commands issued before the run
     lengths = [int(transport // h) + 1 for transport in transports]
     # the new value acts after the switch
     switches = (length * h - transport for length, transport in zip(lengths, transports, strict=True))
-    whole, *late = held(continuous, [h, *switches])
+    whole, *late = discretize_zoh(continuous, [h, *switches])
     n = 5 + sum(lengths)
     A, B, start = np.zeros((n, n)), np.zeros((n, 6)), np.zeros(n)
     A[:5, :5] = whole[:, :5]
@@ -94,12 +159,39 @@ def plant(run: Run) -> Plant:
     return Plant(A, B, C, start)
 
 
-def loop(run: Run) -> Loop:
+@dataclass(frozen=True)
+class PlantAndController:
+    """One step of plant and controllers around the commands, which authority may clip.
+
+    ``state+ = A state + B w + B_u u`` with w = ``inputs``, u = ``commands``; the controllers ask for
+    ``u = C_u state + D_u w + u_start``; the rows of ``C state + D w`` are the ``read_outs``; SI.
+    """
+
+    inputs: tuple[str, ...]
+    commands: tuple[str, ...]
+    read_outs: tuple[str, ...]
+    A: Array
+    B: Array
+    B_u: Array
+    C_u: Array
+    D_u: Array
+    u_start: Array
+    C: Array
+    D: Array
+    start: Array
+
+    @property
+    def closed(self) -> Array:
+        """State matrix of the linear closed loop, no command at its limit."""
+        return self.A + self.B_u @ self.C_u
+
+
+def loop(run: Run) -> PlantAndController:
     """Close the drag-free loop exactly and the suspension loop up to the authority of f_x_2."""
     body = plant(run)
     n = len(body.A)
-    decay_1, entry_1, direct_1 = sampled(run.drag_free, run.h)
-    decay_2, entry_2, direct_2 = sampled(run.suspension, run.h)
+    decay_1, entry_1, direct_1 = tustin(run.drag_free, run.h)
+    decay_2, entry_2, direct_2 = tustin(run.suspension, run.h)
 
     # read-outs o = C state + D_o w and errors e = C state + D_e w of both loops; commands F_x_sc and f_x_2
     C = np.hstack([body.C, np.zeros((2, 6))])
@@ -111,7 +203,7 @@ def loop(run: Run) -> Loop:
     c_2 = -direct_2 * C[1]
     c_2[n + 3 :] = -1
 
-    A = block_diagonal(body.A, np.diag(decay_1), np.diag(decay_2))
+    A = block_diag(body.A, np.diag(decay_1), np.diag(decay_2))
     A[n : n + 3] += np.outer(entry_1, C[0])
     A[n + 3 :] += np.outer(entry_2, C[1])
     B = np.zeros((n + 6, len(LOOP_INPUTS)))
@@ -122,7 +214,7 @@ def loop(run: Run) -> Loop:
     thrust = np.concatenate([body.B[:, 0], np.zeros(6)])
     A += np.outer(thrust, F_c)
     B += np.outer(thrust, F_d)
-    return Loop(
+    return PlantAndController(
         inputs=LOOP_INPUTS,
         commands=("f_x_2",),
         read_outs=("o_1", "o_12", "F_x_sc"),
@@ -138,12 +230,7 @@ def loop(run: Run) -> Loop:
     )
 
 
-def system(run: Run) -> System:
-    """Close both loops."""
-    return linear(loop(run), run, leak=np.zeros(1))
-
-
-def open_loop(run: Run) -> Gain:
+def open_loop(run: Run) -> Callable[[ArrayLike], Complex]:
     """Give the loop gain of the sampled system, both loops cut at their errors.
 
     Returns
@@ -154,16 +241,16 @@ def open_loop(run: Run) -> Gain:
     """
     body = plant(run)
 
-    def gain(frequency: ArrayLike) -> NDArray[np.complex128]:
-        z = on_circle(frequency, run.h)
+    def response(frequency: ArrayLike) -> NDArray[np.complex128]:
+        z = z_of(frequency, run.h)
         from_commands = body.C @ np.linalg.solve(z * np.eye(len(body.A)) - body.A, body.B[:, [0, 2]])
         gains = []
         for law, scale in ((run.drag_free, run.m_sc), (run.suspension, -1.0)):
-            decay, entry, direct = sampled(law, run.h)
+            decay, entry, direct = tustin(law, run.h)
             gains.append(scale * ((entry / (z[:, 0] - decay)).sum(axis=1) + direct))
         return np.asarray(-from_commands * np.stack(gains, axis=1)[:, np.newaxis, :])
 
-    return gain
+    return response
 
 
 def limits(run: Run) -> dict[str, float]:
@@ -173,8 +260,75 @@ def limits(run: Run) -> dict[str, float]:
     return {name: force / run.m_tm for name, force in F_max.items() if force > 0 or name == "f_x_2"}
 
 
-def simulate(run: Run) -> dict[str, Array]:
-    """Simulate a run from its equilibrium.
+def preload(run: Run, j: int) -> float:
+    """Return what a relative noise e_x makes of the balanced pulls of the electrodes [m s^-2]."""
+    a = run.authority
+    F_max, N_max = {1: (a.F_max_1, a.N_max_1), 2: (a.F_max_2, a.N_max_2)}[j]
+    return (F_max + N_max / ARM) / run.m_tm
+
+
+@dataclass(frozen=True)
+class ActuationError:
+    """What test mass j receives beyond lambda_j times its command, as a command that would do the same.
+
+    Attributes
+    ----------
+    bend : float
+        Relative growth of the gain with the command [m^-1 s^2].
+    gain : ndarray, shape (n,)
+        Relative change of the gain.
+    push : ndarray, shape (n,)
+        Whatever the command [m s^-2].
+    twist : ndarray, shape (n,)
+        Per torque about z [kg^-1 m^-1].
+    """
+
+    bend: float
+    gain: Array
+    push: Array
+    twist: Array
+
+    def __call__(self, i: int, f: float, N: float = 0.0) -> float:
+        """Return it at sample i, for a command f [m s^-2] and a torque N about z [N m]."""
+        bent, gain = self.bend * abs(f), self.gain[i]
+        return float(f * (bent + gain + bent * gain) + self.push[i] + self.twist[i] * N)
+
+    def received(self, f: Array) -> Array:
+        """Return commands, shape (n,), with their excess."""
+        return f * (1 + self.bend * np.abs(f)) * (1 + self.gain) + self.push
+
+
+def actuation_errors(run: Run, drawn: Mapping[str, Array]) -> tuple[ActuationError, ActuationError] | None:
+    """Return what both test masses receive in excess, None if it is nothing.
+
+    Parameters
+    ----------
+    run : Run
+        Whose actuation it is.
+    drawn : mapping of str to ndarray, shape (n,)
+        Stimuli of the actuation.
+    """
+    bends = run.truth.lambda_bend_1, run.truth.lambda_bend_2
+    gains = run.truth.lambda_1, run.truth.lambda_2
+    if not any(bends) and not any(f"{name}_{j}" in drawn for name in ("e_x", "gain") for j in (1, 2)):
+        return None
+    still = np.zeros(run.n_samples)
+
+    def of(j: int) -> ActuationError:
+        e_x, e_N, gain = (drawn.get(f"{name}_{j}", still) for name in ("e_x", "e_N", "gain"))
+        per_lambda = 1 / gains[j - 1]
+        return ActuationError(
+            bends[j - 1] * run.m_tm / F_REF,
+            gain,
+            e_x * preload(run, j) * per_lambda,
+            e_N * per_lambda / (ARM * run.m_tm),
+        )
+
+    return of(1), of(2)
+
+
+def simulate(run: Run, stimuli: Mapping[str, Array]) -> dict[str, Array]:
+    """Simulate a run from its equilibrium, driven by injections and noise by name.
 
     Returns
     -------
@@ -184,19 +338,18 @@ def simulate(run: Run) -> dict[str, Array]:
 
     Raises
     ------
-    DivergenceError
+    ValueError
         If o_1 or o_12 leaves +-1e-4 m.
     """
     step = loop(run)
     (b_2,), (c_2,), (d_2,), (start_2,) = step.B_u.T, step.C_u, step.D_u, step.u_start
-    injected, drawn = drive.injections(run), drive.noise(run)
     limit = limits(run)
     limit_1, limit_2 = limit.get("f_x_1", 0.0), limit["f_x_2"]
-    f_x_1 = np.clip(injected["F_x_1"] / run.m_tm, -limit_1, limit_1) + drawn["f_x_1_jitter"]
-    excess_1, excess_2 = electrodes.excess(run, drawn) or (None, None)
+    f_x_1 = np.clip(stimuli["F_x_1"] / run.m_tm, -limit_1, limit_1) + stimuli["f_x_1_jitter"]
+    excess_1, excess_2 = actuation_errors(run, stimuli) or (None, None)
     received_1 = excess_1.received(f_x_1) if excess_1 else f_x_1
-    w = np.stack([{**injected, **drawn, "f_x_1": received_1}[name] for name in LOOP_INPUTS], axis=1)
-    asked = start_2 + injected["F_x_2"] / run.m_tm + w @ d_2
+    w = np.stack([{**stimuli, "f_x_1": received_1}[name] for name in LOOP_INPUTS], axis=1)
+    asked = start_2 + stimuli["F_x_2"] / run.m_tm + w @ d_2
 
     # The rows of `track` are (state, f_x_2): each follows from the one before, then authority clips f_x_2.
     advance = np.column_stack([step.A, b_2])
@@ -211,25 +364,26 @@ def simulate(run: Run) -> dict[str, Array]:
         push = np.column_stack([push, ask])
         track = np.empty((len(push) + 1, len(latest)))
         track[0] = latest
-        with np.errstate(over="ignore", invalid="ignore"):  # check_inside tells, with the time
+        with np.errstate(over="ignore", invalid="ignore"):  # read-outs that diverge are refused
             _advance(track, advance, push, limit_2, excess_2, begin)
             readout[block] = track[:-1, :-1] @ step.C.T + w[block] @ step.D.T
         latest = track[-1]
         f_x_2[block] = track[:-1, -1]
-        check_inside(run, readout[block, 0], readout[block, 1], begin)
+        if not np.all(np.abs(readout[block, :2]) <= 1e-4):
+            raise ValueError(f"{run.name}: the loop diverged")
     return {
         "o_1": readout[:, 0].copy(),
         "o_12": readout[:, 1].copy(),
         "f_x_1": f_x_1,
         "f_x_2": f_x_2,
-        "guidance_o_1": injected["guidance_o_1"],
-        "guidance_o_12": injected["guidance_o_12"],
+        "guidance_o_1": stimuli["guidance_o_1"],
+        "guidance_o_12": stimuli["guidance_o_12"],
         "F_x_sc": readout[:, 2].copy(),
     }
 
 
 def _advance(
-    track: Array, advance: Array, push: Array, limit: float, excess: electrodes.Excess | None, begin: int
+    track: Array, advance: Array, push: Array, limit: float, excess: ActuationError | None, begin: int
 ) -> None:
     """Fill the rows of ``track`` after its first, which is of sample ``begin``."""
     felt = advance[:, -1]

@@ -14,8 +14,9 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from lpfcosim.linear import planning
-from lpfcosim.models import drive, world_of
+from lpfcosim.linear import response
+from lpfcosim.linear.closed_loop import ClosedLoop
+from lpfcosim.models import model_of, stimuli
 from lpfcosim.signals import decimation, events
 from lpfcosim.spacecraft import Actuation, Noise, Pulse, Run
 
@@ -24,20 +25,20 @@ Complex = NDArray[np.complex128]
 
 # Hz, end of the noise, and no more than this quarter, see `record`. An archive has noise beyond it, which
 # moves estimates by some 1e-5 sigma.
-HIGHEST = planning.RATE / 4
+HIGHEST = response.RATE / 4
 GRID = 50  # frequencies per decade between which the noise is interpolated: right to 1e-5
 FINER = 24  # chords between two of them, right to 1e-5 as well
 BLOCK = 8192  # bins held at a time
 # Channels that are transformed at a time: more of them would fill the memory.
-TOGETHER = 2
-DEPENDENT = 1e-6  # share of its noise that a channel has beside others, below which it depends on them
+BATCH = 2
+RANK_TOLERANCE = 1e-6  # share of its noise that a channel has similar others, below which it depends on them
 # Lengths of a run after which its noise repeats. Of noise that rises as 1/f, without constant and ramp, the
 # lowest bin of the run has its power to 2e-3 then, and every other one to 5e-4.
 PERIOD = 2
 LENGTHS = 8  # that the runs of a campaign have, at most, for what these share to be at hand
 
 
-def struck(run: Run) -> bool:
+def has_glitches(run: Run) -> bool:
     """Tell whether there are glitches in a run."""
     return any(isinstance(injection, Pulse) for injection in run.injections) or bool(events.glitches(run))
 
@@ -50,30 +51,34 @@ class Simulation:
     run : Run
         Its own seed counts for its glitches and gaps alone.
     channels : sequence of str
-        C of `System.channels`.
-    beside : Simulation, optional
+        C outputs of the models.
+    similar : Simulation, optional
         Of a run with the same channels. If it has the same loop and the same noise, these are taken over.
     """
 
-    def __init__(self, run: Run, channels: Sequence[str], beside: "Simulation | None" = None) -> None:
+    def __init__(self, run: Run, channels: Sequence[str], similar: "Simulation | None" = None) -> None:
         glitches = None
-        if struck(run):  # the same in every draw
-            glitches = drive.stream(replace(run, noise=Noise(), actuation=Actuation()))
-        self._n = run.n_samples // round(run.fs / planning.RATE)
+        if has_glitches(run):  # the same in every draw
+            glitches = stimuli.noise_source(replace(run, noise=Noise(), actuation=Actuation()))
+        self._n = run.n_samples // round(run.fs / response.RATE)
         driven = run.injections or glitches
-        responses = planning.response(run, glitches) if driven else dict.fromkeys(channels, np.zeros(self._n))
+        responses = (
+            response.linear_response(run, glitches) if driven else dict.fromkeys(channels, np.zeros(self._n))
+        )
         self._mean = {name: responses[name].copy() for name in channels}  # those of the others go
-        self._mean["f_x_2"] += run.f_x_2_start
-        for set_point, rate in world_of(run).turns(run).items():
+        for name, level in ClosedLoop(run).equilibrium().items():
+            if name in self._mean:
+                self._mean[name] += level
+        for set_point, rate in model_of(run).attitude_rates(run).items():
             follows = set_point.replace("attitude", "ast")
             if follows in self._mean:
-                self._mean[follows] += rate * np.arange(self._n) / planning.RATE
-        self._lost = events.missing(run, np.arange(self._n) / planning.RATE)
+                self._mean[follows] += rate * np.arange(self._n) / response.RATE
+        self._lost = events.missing(run, np.arange(self._n) / response.RATE)
         self._half, self._log_f, self._later = _bins(self._n)
         decade = int(np.floor(self._log_f[0] / np.log(10)))
         self._of_noise = _noise_of(run), decade
-        if beside and beside._of_noise == self._of_noise:
-            self._factor: Factor = beside._factor
+        if similar and similar._of_noise == self._of_noise:
+            self._factor: SpectralFactor = similar._factor
         else:
             self._factor = _factor(run, channels, decade)
 
@@ -90,27 +95,27 @@ class Simulation:
         inside = spectrum[:, 1 : self._log_f.size + 1]
         for begin in range(0, self._log_f.size, BLOCK):
             block = slice(begin, begin + BLOCK)
-            L = self._factor.chords(self._log_f[block])
+            L = self._factor.interpolator(self._log_f[block])
             drawn = generator.standard_normal((independent, L.shape[1], 2)).view(np.complex128)[:, :, 0]
             for (i, j), of_bins in zip(_lower(C, independent), L, strict=True):
                 of_bins *= drawn[j]
                 inside[order[i], block] += of_bins
-        spectrum *= np.sqrt(2 * self._half * planning.RATE) / 4
+        spectrum *= np.sqrt(2 * self._half * response.RATE) / 4
         series = np.empty((C, self._n))
         # As nothing lies above HIGHEST, every second sample is a series by itself; long ones are faster so.
         even = -(-self._n // 2)
-        for i in range(0, C, TOGETHER):  # faster than one by one
-            rows = spectrum[i : i + TOGETHER]
-            series[i : i + TOGETHER, ::2] = scipy.fft.irfft(rows, self._half)[:, :even]
+        for i in range(0, C, BATCH):  # faster than one by one
+            rows = spectrum[i : i + BATCH]
+            series[i : i + BATCH, ::2] = scipy.fft.irfft(rows, self._half)[:, :even]
             rows *= self._later
-            series[i : i + TOGETHER, 1::2] = scipy.fft.irfft(rows, self._half)[:, : self._n - even]
+            series[i : i + BATCH, 1::2] = scipy.fft.irfft(rows, self._half)[:, : self._n - even]
         for x, mean in zip(series, self._mean.values(), strict=True):
             x += mean
         series[:, self._lost] = np.nan
         return dict(zip(self._mean, series, strict=True))
 
 
-class _Chords:
+class UniformInterpolator:
     """Chords of splines of several functions on evenly spaced knots: what looks up every place takes longer.
 
     Parameters
@@ -139,7 +144,7 @@ class _Chords:
 
 
 @dataclass(frozen=True)
-class Factor:
+class SpectralFactor:
     """The noise of C channels: products of a lower triangle L with its own adjoint are cross-spectra.
 
     Attributes
@@ -148,13 +153,13 @@ class Factor:
         Which channels its rows are.
     independent : int
         How many of its columns are not zero: the channels after these depend on those before.
-    chords : _Chords
+    interpolator : UniformInterpolator
         The entries by log f, as `_lower` has them, low-passed; the cross-spectra are one-sided.
     """
 
     order: tuple[int, ...]
     independent: int
-    chords: _Chords
+    interpolator: UniformInterpolator
 
 
 def _lower(C: int, independent: int) -> list[tuple[int, int]]:
@@ -177,8 +182,8 @@ def _bins(n: int) -> tuple[int, Array, Complex]:
     The last are factors from one sample to the next, that of the constant first.
     """
     half = scipy.fft.next_fast_len(PERIOD * n // 2, real=True)
-    f = np.arange(half // 2 + 1) * planning.RATE / (2 * half)
-    log_f, later = np.log(f[(f > 0) & (f < HIGHEST)]), np.exp(2j * np.pi * f / planning.RATE)
+    f = np.arange(half // 2 + 1) * response.RATE / (2 * half)
+    log_f, later = np.log(f[(f > 0) & (f < HIGHEST)]), np.exp(2j * np.pi * f / response.RATE)
     for shared in (log_f, later):
         shared.setflags(write=False)
     return half, log_f, later
@@ -195,30 +200,29 @@ def _low_pass(decade: int, factor: int, fs: float) -> tuple[Array, Array]:
     return f, np.cos(2 * np.pi * f[:, None] * lags) @ taps
 
 
-def _factor(run: Run, channels: Sequence[str], decade: int) -> Factor:
+def _factor(run: Run, channels: Sequence[str], decade: int) -> SpectralFactor:
     """Return the noise of channels of a run from 10^decade Hz on."""
-    f, low_pass = _low_pass(decade, round(run.fs / planning.RATE), run.fs)
-    s = world_of(run).system(run)
-    shares, psd = planning.streams(run, s, f)
-    rows = [s.channels.index(name) for name in channels]
-    G = planning.transfer(s, run.h, f, rows) @ shares * np.sqrt(psd)[:, None, :]
+    f, low_pass = _low_pass(decade, round(run.fs / response.RATE), run.fs)
+    system = response.noise_system(run)
+    weights, psd = response.noise_streams(run, system, f)
+    G = system.select(system.inputs, channels).frequency_response(f) @ weights * np.sqrt(psd)[:, None, :]
     # What depends on the channels before it, as a command on its error, adds no direction but that of
     # rounding, another one at every frequency. What came after it could not be interpolated.
-    L = _triangle(G)
+    L = cholesky_factor(G)
     own, whole = np.abs(np.diagonal(L, axis1=1, axis2=2)), np.linalg.norm(G, axis=2)
-    depends = np.all(own <= DEPENDENT * whole, axis=0)
+    depends = np.all(own <= RANK_TOLERANCE * whole, axis=0)
     order = tuple(int(i) for i in np.argsort(depends, kind="stable"))
     if order != tuple(sorted(order)):
-        L = _triangle(G[:, order])  # of one kind at all frequencies
+        L = cholesky_factor(G[:, order])  # of one kind at all frequencies
     diagonal = np.diagonal(L, axis1=1, axis2=2)
     size = np.abs(diagonal)
     phase = np.where(size > 0, diagonal.conj() / np.where(size > 0, size, 1.0), 1.0)
     L = L * phase[:, None, :] * low_pass[:, None, None]
     independent = max(1, int(np.count_nonzero(~depends)))
-    entries = np.stack([L[:, i, j] for i, j in _lower(len(rows), independent)], axis=1)
-    return Factor(order, independent, _Chords(np.log(f), entries))
+    entries = np.stack([L[:, i, j] for i, j in _lower(len(channels), independent)], axis=1)
+    return SpectralFactor(order, independent, UniformInterpolator(np.log(f), entries))
 
 
-def _triangle(G: Complex) -> Complex:
+def cholesky_factor(G: Complex) -> Complex:
     """Return the lower triangles L with L L^* = G G^*, shape (n, C, C), for G of shape (n, C, streams)."""
     return np.asarray(np.linalg.qr(G.conj().transpose(0, 2, 1), mode="r")).conj().transpose(0, 2, 1)

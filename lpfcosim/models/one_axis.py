@@ -1,0 +1,110 @@
+"""The sensitive x axis alone: five FMUs in one loop each for drag-free and suspension."""
+
+from __future__ import annotations
+
+import math
+
+from lpfcosim.models import actuation_noise
+from lpfcosim.models.spacecraft_model import SpacecraftModel
+from lpfcosim.signals import CORNER, Source, red_noise
+from lpfcosim.spacecraft import Controller, Run
+
+TAIL_LEVEL, TAIL_FREQUENCY = 60e-15, 20e-6  # m s^-2 Hz^-0.5 at Hz
+JITTER_FREQUENCY, JITTER_CORNER = 1e-3, 0.1e-3  # Hz; flat below the corner (choice)
+THRUSTER_KNEE = {"cold gas": 0.0, "colloid": 1e-3}  # Hz, below which thruster noise rises as 1/f
+
+
+def _test_mass_truths(j: int) -> dict[str, tuple[str, ...]]:
+    stiffness = (f"omega2_{j}", "domega2_12")
+    return {
+        f"tau_{j}": (f"tau_{j}", f"C_{j}"),
+        f"f_applied_{j}": (f"lambda_{j}", f"tau_{j}", f"C_{j}"),
+        f"omega2_{j}_0": (f"omega2_{j}_0", *stiffness),
+        **dict.fromkeys((f"alpha_x_{j}", f"F_max_{j}"), (f"alpha_x_{j}", *stiffness)),
+        **dict.fromkeys((f"alpha_phi_{j}", f"N_max_{j}"), (f"alpha_phi_{j}", *stiffness)),
+    }
+
+
+METROLOGY_TRUTHS: dict[str, tuple[str, ...]] = dict.fromkeys(("delta_ifo", "x_1"), ("delta_ifo",))
+ACTUATION_TRUTHS: dict[str, tuple[str, ...]] = {
+    **{f"lambda_{j}": (f"lambda_{j}", f"C_{j}") for j in (1, 2)},
+    **{f"gain_{j}": (f"lambda_drift_{j}", f"lambda_walk_{j}") for j in (1, 2)},
+    **{f"lambda_bend_{j}": (f"lambda_bend_{j}",) for j in (1, 2)},
+}
+PLANT_TRUTHS = _test_mass_truths(1) | _test_mass_truths(2)
+
+
+def shared_parameters(run: Run) -> dict[str, float | None]:
+    """Return the parameters that every model along x shares by name, SI."""
+    truth, authority = run.truth, run.authority
+    of_truth = ("lambda_1", "lambda_2", "omega2_1_0", "omega2_2_0", "alpha_x_1", "alpha_x_2",
+                "alpha_phi_1", "alpha_phi_2")  # fmt: skip
+    return {
+        **{name: getattr(truth, name) for name in of_truth},
+        **{name: getattr(authority, name) for name in ("F_max_1", "F_max_2", "N_max_1", "N_max_2")},
+        **{name: getattr(run, name) for name in ("h", "m_sc", "m_tm", "delta_ifo")},
+        "f_x_2_start": run.f_x_2_start, "F_x_sc_start": run.F_x_sc_start,
+        "tau_1": run.tau_1 - run.h / 2, "tau_2": run.tau_2 - run.h / 2,
+        "tau_sc": run.thruster_delay, "T_sc": run.thruster_lag,
+    }  # fmt: skip
+
+
+def model_parameters(run: Run) -> dict[str, dict[str, float | None]]:
+    """Return control laws, and of the actuation what few runs set."""
+    return {
+        "DragFreeControl": {**controller_parameters(run.drag_free)},
+        "SuspensionControl": {**controller_parameters(run.suspension)},
+        "Actuation": {"N_max_1": None, "N_max_2": None, **actuation_noise.parameters(run)},
+    }
+
+
+def controller_parameters(law: Controller) -> dict[str, float]:
+    """Return the parameters of a control law under the names of the models."""
+    return {
+        "f_u": law.unity_gain,
+        "f_z": law.zero,
+        "f_i": law.integrator_zero,
+        "f_p": law.poles[0],
+        "f_r": law.poles[1],
+    }
+
+
+def sources(run: Run) -> tuple[Source, ...]:
+    """Return the streams of noise along x; that of Delta g is shared in equal power by g_1 and g_2."""
+    noise = run.noise
+    plateau = noise.plateau / math.sqrt(2)
+    rising = noise.tail * TAIL_LEVEL * TAIL_FREQUENCY / math.sqrt(2)
+    jitter = noise.f_x_1_jitter * JITTER_FREQUENCY
+    return (
+        Source("n_1", "n_1", noise.oms),
+        Source("n_12", "n_12", noise.oms),
+        Source("g_1_plateau", "g_1", plateau),
+        Source("g_2_plateau", "g_2", plateau),
+        Source("F_noise_x_sc", "F_noise_x_sc", noise.thruster),
+        *red_noise("F_noise_x_sc", noise.thruster, THRUSTER_KNEE[noise.thrusters]),
+        Source("g_1_tail", "g_1", rising, CORNER),
+        Source("g_2_tail", "g_2", rising, CORNER),
+        Source("f_x_1_jitter", "f_x_1_jitter", jitter, JITTER_CORNER),
+        *actuation_noise.sources(run),
+    )
+
+
+MODEL = SpacecraftModel(
+    name="along x",
+    config_type=type(None),
+    models=("OpticalMetrology", "DragFreeControl", "SuspensionControl", "Actuation", "Plant"),
+    shared_parameters=shared_parameters,
+    model_parameters=model_parameters,
+    sources=sources,
+    attitude_rates=lambda _: {},
+    affected_truths={
+        "OpticalMetrology": METROLOGY_TRUTHS,
+        "Actuation": ACTUATION_TRUTHS,
+        "Plant": PLANT_TRUTHS,
+    },
+    attributes=lambda _: {},
+    truth=lambda _: {},
+    signals="Signals",
+    sample_cost=0.3e-6,
+    experiment_cost=0.38,
+)
