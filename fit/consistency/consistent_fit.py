@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from fit.consistency.consistency_test import ConsistencyTest, consistency_test
-from fit.consistency.likely_causes import contradiction_exclusions
+from fit.consistency.likely_causes import contradiction_exclusions, largest_pull
 from fit.consistency.model_misfit import lag_warning, readout_lag
 from fit.consistency.outlier_runs import (
     LEVERAGE,
@@ -367,13 +367,14 @@ def _warnings(
     if not is_contradicted(test, groups):
         return _leverage(test, joint)
     outliers = find_outlier_runs(test, groups)
-    # of equal ones the first: the last digits depend on the machine
-    p = {name: float(f"{value:.3g}") for name, value in outliers.probabilities.items()}
+    p = {name: round(value, 3) for name, value in outliers.probabilities.items()}  # the same on every machine
     suspects = outliers.undecided or sorted(p, key=lambda name: -p[name])[:2]
+    i = [run.name for run in test.runs].index(suspects[0])
     message = (
         f"the experiments contradict each other: chi2 between them is {test.total.value:.4g} for "
         f"{test.total.dof} degrees of freedom; which of them is wrong the data do not show, "
-        f"{' or '.join(suspects)} most likely; the sigmas do not hold"
+        f"{' or '.join(suspects)} most likely: {suspects[0]} {largest_pull(test, i, experiments[i])}; "
+        "the uncertainties are not valid"
     )
     return [FitWarning("contradiction", (), message)]
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from fit.consistency.consistency_test import ConsistencyTest
 from fit.consistency.corrections import Candidate, segment_candidates, whole_run_candidates
-from fit.consistency.run_test import Correction, RunTest
+from fit.consistency.run_test import MAX_EXCESS, Correction, RunTest
 from fit.errors import FitError
 from fit.false_alarms import p_limit
 from fit.fitting import IRLSResult
@@ -72,6 +72,8 @@ def rank_causes(test: RunTest, lenders: Sequence[Experiment]) -> tuple[Cause, ..
     explained = min((rating.chi2 for rating in ratings if rating.is_noise), default=unexplained)
     min_gain = unexplained - explained - INDISTINCT if explained < unexplained else INDISTINCT
     ratings += [rate(candidate) for candidate in segment_candidates(test, min_gain)]
+    # one that leaves less than noise fits noise
+    ratings = [rating for rating in ratings if rating.level > 1 / MAX_EXCESS]
     limit = INDISTINCT * max(1.0, min(rating.level for rating in ratings))
     ratings.sort(key=lambda rating: rating.chi2)
     likely = [rating for rating in ratings if rating.chi2 < ratings[0].chi2 + limit]
@@ -162,28 +164,35 @@ def explain_exclusions(
 def _exchanged_data(
     exclusion: Exclusion, exclusions: Sequence[Exclusion], tests: Mapping[str, RunTest | None]
 ) -> Cause | None:
-    """Return the exchange of data between two runs that contradict the others, None if there is none."""
+    """Return the exchange of data with another run that contradicts the others, None if there is none."""
     names = [x.experiment for x in exclusions if x.single_fit_code == "contradiction"]
-    if len(names) != 2 or exclusion.experiment not in names:
+    test = tests[exclusion.experiment]
+    if test is None or exclusion.experiment not in names:
         return None
-    (name,) = {*names} - {exclusion.experiment}
-    test, partner = tests[exclusion.experiment], tests[name]
-    if test is None or partner is None:
-        return None
+    for name in names:
+        partner = tests[name]
+        labels = _exchanged_labels(test, partner) if partner and partner is not test else []
+        if labels:
+            words = (
+                f"its data and those of {name} look exchanged, each fits with the {' and '.join(labels)} of "
+                "the other"
+            )
+            return Cause(exclusion.experiment, "", "exchanged data", words=words)
+    return None
+
+
+def _exchanged_labels(test: RunTest, partner: RunTest) -> list[str]:
+    """Return the labels that differ between two runs if each run fits with those of the other."""
     a, b = test.telemetry, partner.telemetry
-    labels = {
+    differs = {
         "authority": a.authority != b.authority,
         "alignment epoch": a.alignment_epoch != b.alignment_epoch,
     }
-    if not any(labels.values()) or not all(
+    labels = [label for label, is_different in differs.items() if is_different]
+    fits = labels and all(
         one.corrected(Correction(labels=run)).is_noise for one, run in ((test, b), (partner, a))
-    ):
-        return None
-    words = (
-        f"its data and those of {name} look exchanged, each fits with the "
-        f"{' and '.join(label for label, differs in labels.items() if differs)} of the other"
     )
-    return Cause(exclusion.experiment, "", "exchanged data", words=words)
+    return labels if fits else []
 
 
 def _peculiarities(experiment: Experiment) -> list[Cause]:
@@ -227,9 +236,9 @@ def contradiction_exclusions(
         agrees = test.runs[i].noise_level == 1 and remaining.of_runs([position]).p > p_limit("consistency")
         # from the other outliers, or from all
         largest = (
-            _largest_pull(test, i, experiments[i])
+            largest_pull(test, i, experiments[i])
             if agrees
-            else _largest_pull(remaining, position, experiments[i])
+            else largest_pull(remaining, position, experiments[i])
         )
         cause = Cause(name, "", "contradiction", words=f"{observation}; {name} {largest}")
         exclusions.append(
@@ -238,7 +247,7 @@ def contradiction_exclusions(
     return tuple(exclusions)
 
 
-def _largest_pull(test: ConsistencyTest, i: int, experiment: Experiment) -> str:
+def largest_pull(test: ConsistencyTest, i: int, experiment: Experiment) -> str:
     """Describe the parameter of a run that differs most from what the others determine, in sigmas."""
     score, rest = test.runs[i], test.without((i,))
     theta = score.run_theta + score.equation.parameter_map @ rest.step()
@@ -250,7 +259,7 @@ def _largest_pull(test: ConsistencyTest, i: int, experiment: Experiment) -> str:
     pulls = np.where(shared, np.abs(single[:n] - theta[:n]) / np.hypot(single_sigma[:n], sigma[:n]), 0.0)
     if not np.any(pulls > 0):
         return "agrees with them"
-    k = int(np.nanargmax(pulls))
+    k = int(np.argmax(pulls))
     name = dynamics.PARAMETERS[k]
     units = {p.name: p.unit for p in experiment_parameters(experiment.sysid.telemetry.authority, 1).values()}
     return (

@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 from fit.errors import FitError
 from fit.model import dynamics
 from fit.quality.initial_fit import flight_psd, initial_fit, lstsq_coefficients
-from fit.quality.injections import Coincidences, coincidences, injected_cells
+from fit.quality.injections import Coincidences, coincidences, injected_cells, is_excessive
 from fit.quality.matched_filter import WIDTHS, MatchedFilter
 from fit.quality.matching_pursuit import matching_pursuit
 from fit.quality.whitened_templates import WhitenedTemplates
@@ -64,7 +64,7 @@ class GlitchResult:
     warnings : mapping of str to FitWarning
         By name of the run, where there are glitches, or too many.
     coincidences : Coincidences
-        Glitches and injections of both runs.
+        Glitches and injections of the sysid run.
     """
 
     searched: Experiment
@@ -108,12 +108,11 @@ def remove_glitches(experiment: Experiment, n_experiments: int = 1) -> GlitchRes
         # the noise weighs: it goes first
         if not any(search.iterate(noise) for search in reversed(searches)):
             break
-        if sysid.has_glitches and sysid.coincidences.significant(n_experiments + 1):
+        if sysid.has_glitches and is_excessive([sysid.coincidences], n_experiments + 1):
             break
     cleaned = Experiment(sysid.run.with_free_shapes(), noise.run.with_free_shapes() if noise else None)
     warnings = {search.run.telemetry.run: search.warning() for search in searches if search.has_glitches}
-    total = sum((search.coincidences for search in searches), Coincidences())
-    return GlitchResult(experiment, cleaned, warnings, total)
+    return GlitchResult(experiment, cleaned, warnings, sysid.coincidences)
 
 
 class GlitchSearch:
@@ -172,9 +171,7 @@ class GlitchSearch:
     @cached_property
     def _injected(self) -> NDArray[np.bool_] | None:
         """Which of its cells are injected."""
-        if not self.has_glitches or self._original.telemetry.kind == "noise":
-            return None
-        return injected_cells(self._original, self._tau)
+        return injected_cells(self._original, self._tau) if self.has_glitches else None
 
     def _psd(self, f: Array) -> Array:
         """Return the PSD of what is left, shape (B,), at first the shape it had in flight."""

@@ -30,7 +30,7 @@ _DRIVEN_COLUMNS += [dynamics.COLUMNS.index(name) for name in ("ddo_12", "ddo_1")
 
 @dataclass(frozen=True)
 class Coincidences:
-    """Cells of `CELL` seconds of one or several runs: how many hold a glitch, an injection, and both.
+    """Cells of `CELL` seconds of a run: how many hold a glitch, an injection, and both.
 
     Attributes
     ----------
@@ -38,30 +38,33 @@ class Coincidences:
         Number of cells with a glitch and an injection, with a glitch, with an injection, and of all.
     """
 
-    both: int = 0
-    glitches: int = 0
-    injected: int = 0
-    total: int = 0
-
-    def __add__(self, other: "Coincidences") -> "Coincidences":
-        return Coincidences(
-            self.both + other.both,
-            self.glitches + other.glitches,
-            self.injected + other.injected,
-            self.total + other.total,
-        )
+    both: int
+    glitches: int
+    injected: int
+    total: int
 
     @property
-    def p_value(self) -> float:
-        """Probability that as many glitches or more lie in the injections by chance."""
-        if not self.both:
-            return 1.0
-        share = self.injected / self.total
-        return float(scipy.special.betainc(self.both, self.glitches - self.both + 1, share))
+    def expected(self) -> float:
+        """Number of cells with a glitch and an injection by chance."""
+        return self.glitches * self.injected / self.total
 
-    def significant(self, n_tests: int) -> bool:
-        """Return whether they lie there more often than the budget of false alarms allows."""
-        return self.p_value < p_limit(FAMILY, n_tests)
+
+def chance_probability(counts: Sequence[Coincidences]) -> float:
+    """Return the probability that as many glitches or more lie in the injections of several runs by chance.
+
+    Each run has its own number of glitches and its own share of injected cells: the total is a sum of
+    binomial variables.
+    """
+    probabilities = np.ones(1)  # of 0, 1, 2 ... coincidences
+    for count in counts:
+        binomial = scipy.stats.binom(count.glitches, count.injected / count.total)
+        probabilities = np.convolve(probabilities, binomial.pmf(np.arange(count.glitches + 1)))
+    return min(1.0, float(probabilities[sum(count.both for count in counts) :].sum()))
+
+
+def is_excessive(counts: Sequence[Coincidences], n_tests: int) -> bool:
+    """Return whether glitches lie in the injections more often than the budget of false alarms allows."""
+    return chance_probability(counts) < p_limit(FAMILY, n_tests)
 
 
 def injected_cells(run: Run, tau: tuple[float, float]) -> NDArray[np.bool_]:

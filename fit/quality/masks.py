@@ -14,7 +14,7 @@ from fit.errors import InputError
 from fit.parallel import parallel_map
 from fit.quality import saturation
 from fit.quality.glitches import TOO_MANY, GlitchResult, remove_glitches
-from fit.quality.injections import Coincidences
+from fit.quality.injections import chance_probability, is_excessive
 from fit.requirements import MOST_SATURATED
 from fit.settings import Settings
 from fit.spectra import derivatives
@@ -141,12 +141,13 @@ def mask_experiments(
         for name, result in results.items()
         if not isinstance(result, InputError) and result[1]
     }
-    misfits = {name: count.p_value for name, count in counts.items() if count.significant(n_tests)}
-    rest = sum((count for name, count in counts.items() if name not in misfits), Coincidences())
-    if rest.significant(n_tests):
-        misfits |= {
-            name: rest.p_value for name, count in counts.items() if count.both and name not in misfits
-        }
+    misfits = {
+        name: chance_probability([count]) for name, count in counts.items() if is_excessive([count], n_tests)
+    }
+    rest = {name: count for name, count in counts.items() if name not in misfits}
+    if is_excessive([*rest.values()], n_tests):
+        p_value = chance_probability([*rest.values()])
+        misfits |= {name: p_value for name, count in rest.items() if count.both}
 
     def masked(name: str) -> MaskedExperiment | InputError:
         result = results[name]
@@ -168,10 +169,10 @@ def mask_experiments(
 def _misfit(glitches: GlitchResult, p_value: float) -> FitWarning:
     """Return the warning that the equation lacks a signal at the injections."""
     count = glitches.coincidences
-    run, expected = glitches.experiment.sysid.telemetry.run, count.glitches * count.injected / count.total
+    run = glitches.experiment.sysid.telemetry.run
     message = (
         f"{run}: the equation of motion lacks a signal at the injections: of "
-        f"{count.glitches} stretches with an excess {count.both} are injected, {expected:.2g} expected by "
-        f"chance (p = {p_value:.1g}); nothing is masked"
+        f"{count.glitches} stretches with an excess {count.both} are injected, {count.expected:.2g} expected "
+        f"by chance (p = {p_value:.1g}); nothing is masked"
     )
     return FitWarning(MODEL_MISFIT, (), message)

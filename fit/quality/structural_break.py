@@ -175,7 +175,10 @@ def _find_break(
         return None, residual
     if split.excess < 1 or (segment_excess >= 1 and segment_fall > split.fall):
         end = begin + products.size / products.fs
-        words = f"no equation of motion holds from {begin:.0f} s to {end:.0f} s"
+        words = (
+            f"from {begin:.0f} s to {end:.0f} s something acts that is not in the equation of motion, such "
+            "as a glitch, a spike, or a loss of data"
+        )
         return Cause(experiment.name, "", "segment", words=words, onset=begin), residual
     names = (*dynamics.COLUMNS, *channels.parameters[len(dynamics.PARAMETERS) :])[1:]
     columns = dict(zip(names, (basis.T @ U[:, 1:]).T, strict=True))

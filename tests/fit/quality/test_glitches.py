@@ -241,7 +241,7 @@ def test_what_is_full_of_glitches_stays_out_of_the_joint_fit(simulated):
     assert results.provenance.joint_runs == ["B"]
     (told,) = (w.message for w in results.joint.warnings if w.code in ("excluded", "rejected"))
     assert re.search(
-        r"\bA\b.*(no matter of glitches|no equation of motion holds|no change of the noise)", told
+        r"\bA\b.*(no matter of glitches|not in the equation of motion|no change of the noise)", told
     )
     others = [w.message for w in results.joint.warnings if w.message != told]
     assert not [m for m in others if re.search(r"\bA\b", m)]
@@ -282,11 +282,18 @@ def test_what_the_equation_lacks_is_not_masked():
 
 
 def test_glitches_lie_in_injections_as_often_as_chance_has_it():
-    counts = injections.Coincidences(1, 6, 10, 168)
-    assert counts.p_value == pytest.approx(1 - (1 - 10 / 168) ** 6)
-    assert not (counts + counts).significant(1)
-    assert injections.Coincidences(5, 6, 10, 168).significant(2)
-    assert injections.Coincidences().p_value == 1
+    count = injections.Coincidences(1, 6, 10, 168)
+    assert injections.chance_probability([count]) == pytest.approx(1 - (1 - 10 / 168) ** 6)
+    assert injections.chance_probability([count, count]) == pytest.approx(1 - (1 - 10 / 168) ** 12)
+    assert not injections.is_excessive([count, count], 1)
+    assert injections.is_excessive([injections.Coincidences(5, 6, 10, 168)], 2)
+    assert injections.chance_probability([]) == 1
+
+
+def test_runs_without_glitches_do_not_make_coincidences_of_others_significant():
+    struck, quiet = injections.Coincidences(4, 17, 15, 168), injections.Coincidences(0, 0, 0, 168)
+    p = injections.chance_probability([struck])
+    assert injections.chance_probability([struck, *[quiet] * 11]) == pytest.approx(p)
 
 
 def test_injected_cells_are_those_of_the_strongest_tones():

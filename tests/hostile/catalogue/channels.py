@@ -7,7 +7,7 @@ from tests.hostile.catalogue.fault import at_10_hz, changes, channels, faults, f
 from tests.hostile.spoiling import PLANS, before_archive, changed, every, late, rewritten, stretched
 
 MASS = 1.928
-LATE = "late|lag|delay|sample|clock|time|C_2"
+LATE = "late|early|lag|delay|sample|clock|time|C_2"
 SCALE = "scale|gain|lambda|unit|factor|times (what|as much)"
 SIGN = "sign"
 UNIT = "unit|scale|is in .+ and not|times (what|as much)"
@@ -174,8 +174,8 @@ TIMES = (
         ("1e-2", "all", "C2", clock("C2", 1e-2)),
         ("1e-3", "all", "B4", clock("B4", 1e-3)),
         ("1e-4", "all", "D4", clock("D4", 1e-4)),
-        ("1e-5", "f_x_2", "A1b", clock("A1b", 1e-5, "f_x_2")),
     ),
+    *faults("clock off", LATE, ("1e-5", "f_x_2", "A1b", clock("A1b", 1e-5, "f_x_2"))),
     *faults("clock off", "", ("1e-5", "all", "A1", clock("A1", 1e-5)), harmless=True),
     *faults(
         "clock off in every run",

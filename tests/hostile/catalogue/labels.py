@@ -4,7 +4,7 @@ from tests.hostile.catalogue.fault import Fault, faults
 from tests.hostile.spoiling import all_of, changed, copied, cut, exchanged, labelled, lent
 
 EXCHANGE = "look exchanged|not its own"
-AUTHORITY = "authority|F_max|N_max|stiffness|alpha"
+AUTHORITY = "authority|F_max|N_max|stiffness|alpha|omega2"
 SAME = "same|equal|copy|shared|identical|cannot be two|hold the noise"
 
 
