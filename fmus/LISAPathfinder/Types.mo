@@ -1,5 +1,6 @@
 within LISAPathfinder;
 package Types "SI quantities, with nominal values of drag-free flight"
+  extends Icons.Package;
   type Time = Real(final quantity = "Time", final unit = "s");
   type Frequency = Real(final quantity = "Frequency", final unit = "Hz");
   type AngularFrequency = Real(final quantity = "AngularFrequency", final unit = "rad/s");
@@ -22,4 +23,5 @@ package Types "SI quantities, with nominal values of drag-free flight"
     "Force gradient per unit mass; negative is destabilising";
   type StiffnessPerForce = Real(final unit = "kg-1.m-1", nominal = 1e2);
   type StiffnessPerTorque = Real(final unit = "kg-1.m-2", nominal = 1e4);
+  type Ratio = Real(final unit = "1");
 end Types;

@@ -60,7 +60,7 @@ def build(
     for name in models or ():
         if name not in fmu_build.MODELS:
             raise InputError(f"no model {quote(name)}{closest_match(name, fmu_build.MODELS)}")
-    built = fmus.build_fmus(models or fmu_build.MODELS, console, fmi=fmi, force=force)
+    built = fmus.build_fmus(models or list(fmu_build.MODELS), console, fmi=fmi, force=force)
     if out is not None:
         built = fmu_build.copy(built, out)
     for path in built.values():
@@ -133,7 +133,7 @@ def validate(
     from lpfcosim.workflows import fmus
 
     console = Console(quiet=quiet, as_json=as_json)
-    archives = paths or list(fmus.build_fmus(fmu_build.MODELS, console).values())
+    archives = paths or list(fmus.build_fmus(list(fmu_build.MODELS), console).values())
     found = {}
     with console.counted("checks", len(archives)) as progress:
         for path in archives:

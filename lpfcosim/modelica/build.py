@@ -12,7 +12,7 @@ import shutil
 import tempfile
 import uuid
 import zipfile
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from importlib import metadata
 from pathlib import Path
@@ -34,12 +34,24 @@ from lpfcosim.modelica.frontend import flatten
 from lpfcosim.modelica.sources import package_files
 
 PACKAGE = Path(__file__).parents[2] / "fmus" / "LISAPathfinder"
-MODELS = (
-    *("Plant", "Actuation", "OpticalMetrology", "DragFreeControl", "SuspensionControl"),
-    *("WholePlant", "WholeActuation", "WholeMetrology", "InertialSensor", "StarTracker"),
-    *("WholeDragFreeControl", "WholeSuspensionControl", "AttitudeControl"),
-)
-SIGNALS = ("Signals", "WholeSignals")  # what drives the loop elsewhere; not of the loop
+#: FMUs of the loops by name, and the classes of the package that they are made from.
+MODELS = {
+    "Plant": "OneAxis.Plant",
+    "Actuation": "OneAxis.Actuation",
+    "OpticalMetrology": "OneAxis.Interferometer",
+    "DragFreeControl": "OneAxis.DragFreeController",
+    "SuspensionControl": "OneAxis.SuspensionController",
+    "WholePlant": "SixDof.Plant",
+    "WholeActuation": "SixDof.Actuation",
+    "WholeMetrology": "SixDof.Interferometer",
+    "InertialSensor": "SixDof.InertialSensor",
+    "StarTracker": "SixDof.StarTracker",
+    "WholeDragFreeControl": "SixDof.DragFreeController",
+    "WholeSuspensionControl": "SixDof.SuspensionController",
+    "AttitudeControl": "SixDof.AttitudeController",
+}
+#: Likewise, sources of the external signals in an exported system.
+SIGNALS = {"Signals": "Sources.OneAxisSignals", "WholeSignals": "Sources.SixDofSignals"}
 STEP = 0.1  # s, internal step; shorter communication steps are taken as they are
 RUNTIME = Path(__file__).parent / "runtime"
 ENGINE = Path(__file__).parents[1] / "cosim" / "engine.c"
@@ -92,14 +104,14 @@ def _version(distribution: str) -> str:
 
 
 def build(
-    models: Sequence[str] = MODELS, package: Path = PACKAGE, *, fmi: str = "3.0", force: bool = False
+    models: Collection[str] = MODELS, package: Path = PACKAGE, *, fmi: str = "3.0", force: bool = False
 ) -> dict[str, Path]:
     """Return the FMU of each model, built if it neither came with the package nor lies in the cache.
 
     Parameters
     ----------
-    models : sequence of str
-        Names of models of the package.
+    models : collection of str
+        Names of FMUs: those of `MODELS` and `SIGNALS`, or of classes of the package.
     package : Path
         Folder of the Modelica package.
     fmi : str
@@ -117,8 +129,13 @@ def build(
     archives = _cached(models, package, fmi) if force else locations(models, package, fmi=fmi)
     for model, archive in archives.items():
         if force or not _is_whole(archive):
-            build_one(package, f"{package.stem}.{model}", archive, fmi=fmi)
+            build_one(package, class_name(model, package), archive, name=model, fmi=fmi)
     return archives
+
+
+def class_name(model: str, package: Path = PACKAGE) -> str:
+    """Return the full Modelica name of the class that an FMU is made from."""
+    return f"{package.stem}.{(MODELS | SIGNALS).get(model, model)}"
 
 
 def _is_whole(archive: Path) -> bool:
@@ -130,7 +147,7 @@ def _is_whole(archive: Path) -> bool:
 
 
 def locations(
-    models: Sequence[str] = MODELS, package: Path = PACKAGE, *, fmi: str = "3.0"
+    models: Collection[str] = MODELS, package: Path = PACKAGE, *, fmi: str = "3.0"
 ) -> dict[str, Path]:
     """Where the FMU of each model is, or would be: with the package, or in the cache."""
     if package != PACKAGE:
@@ -144,7 +161,7 @@ def locations(
             return _cached(models, package, fmi)
 
 
-def _cached(models: Sequence[str], package: Path, fmi: str) -> dict[str, Path]:
+def _cached(models: Collection[str], package: Path, fmi: str) -> dict[str, Path]:
     folder = cache_directory() / digest(package)[:16] / f"fmi{fmi[0]}"
     return {model: folder / f"{model}.fmu" for model in models}
 
@@ -211,7 +228,7 @@ def prebuild(
         for model in (*MODELS, *SIGNALS):
             archive = folder / group / f"{model}.fmu"
             build_one(
-                PACKAGE, f"{PACKAGE.stem}.{model}", archive, fmi=fmi, version=version, targets=supported
+                PACKAGE, class_name(model), archive, name=model, fmi=fmi, version=version, targets=supported
             )
     groups["engine"] = prebuilt.PrebuiltGroup([t.name for t in targets], {ENGINE.name: ENGINE})
     (folder / "engine").mkdir()
@@ -232,14 +249,15 @@ def build_one(
     model: str,
     archive: Path,
     *,
+    name: str | None = None,
     fmi: str = "3.0",
     version: str | None = None,
     targets: Sequence[Target] = (),
 ) -> None:
     """Translate ``model`` (full Modelica name) and write its FMU to ``archive``, all or nothing.
 
-    The FMU is for this machine, or for ``targets``; it names ``version`` of this package, by default the one
-    installed.
+    The FMU is called ``name``, by default as its class without the package. It is for this machine, or for
+    ``targets``; it names ``version`` of this package, by default the one installed.
     """
     from lpfcosim.modelica import c_printer, model_description, variables
     from lpfcosim.modelica.documentation import write_documentation
@@ -247,7 +265,7 @@ def build_one(
     from lpfcosim.modelica.translate import translate
 
     flat = flatten(package, model)
-    sorted_model = translate(flat)
+    sorted_model = translate(flat, name)
     sensitivity = Sensitivity(sorted_model)
     layout = c_printer.make_layout(sorted_model)
     fmi_variables = variables.declare_variables(layout, fmi)
@@ -264,8 +282,8 @@ def build_one(
     )
 
     archive.parent.mkdir(parents=True, exist_ok=True)
-    with tempfile.TemporaryDirectory(prefix="lpfcosim-") as name:
-        root = Path(name)
+    with tempfile.TemporaryDirectory(prefix="lpfcosim-") as folder:
+        root = Path(folder)
         sources = root / "sources"
         units = _write_sources(sources, header, body.replace("@token@", token), fmi)
         if fmi == "3.0":

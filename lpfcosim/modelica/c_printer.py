@@ -93,6 +93,7 @@ def print_header(
         "NQ": n_remainder,
         "NP": len(sensitivity.partials),
         "AFFINE": int(affine is not None),
+        "NM": len(model.assertions),
         "NZ": len(model.derivatives) + n_held + 2 * len(model.delays) + 1,
     }
     lines = [f"#define {name} {value}" for name, value in sizes.items()]
@@ -146,6 +147,7 @@ def print_source(
         *_clocks_and_delays(model, c),
         *_rates(model, names, c),
         *_partials(model, layout, sensitivity, names, c),
+        _assertions(model, c),
     ])  # fmt: skip
 
 
@@ -265,6 +267,16 @@ def _partials(
         "\n".join(["static const Partial model_partial_table[] = {", *(rows or ["    {0, 0, 0}"]), "};\n"]),
         _function("model_partials", f"{_V}, {_D}, double *p", partials),
     ]
+
+
+def _assertions(model: SortedModel, c: _Printer) -> str:
+    lines = []
+    for assertion in model.assertions:
+        message = assertion.message.replace("\\", "\\\\").replace('"', '\\"').replace("\n", " ")
+        condition = "1" if assertion.condition == sp.true else c.doprint(assertion.condition)
+        lines.append(f'if (!({condition})) return "{message}";')
+    body = "".join(f"    {line}\n" for line in lines)
+    return f"static const char *model_assert({_V}, {_D}) {{\n    (void)v;(void)d;\n{body}    return 0;\n}}\n"
 
 
 def _comment(text: str) -> str:

@@ -7,6 +7,7 @@ turns it into algebra.
 from __future__ import annotations
 
 import itertools
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -18,8 +19,7 @@ _REFUSED_SECTIONS = {
     "algorithms": "algorithm section",
     "initial_algorithms": "initial algorithm section",
     "initial_equations": "initial equation",
-    "assert_equations": "assert",
-    "initial_assert_equations": "assert",
+    "initial_assert_equations": "initial assert",
 }
 
 
@@ -92,6 +92,14 @@ class When:
 
 
 @dataclass(frozen=True)
+class AssertEquation:
+    """``assert(condition, message)``."""
+
+    condition: Node
+    message: str
+
+
+@dataclass(frozen=True)
 class FlatModel:
     """A flattened class together with what is needed to say where something stands."""
 
@@ -100,6 +108,7 @@ class FlatModel:
     variables: tuple[Variable, ...]
     equations: tuple[Equation, ...]
     whens: tuple[When, ...]
+    assertions: tuple[AssertEquation, ...]
     functions: dict[str, Node]
     sources: SourceMap
 
@@ -134,6 +143,7 @@ def flat_model(tree: Node, name: str, sources: SourceMap) -> FlatModel:
         variables=tuple(_variables(tree, name, sources, {t for w in whens for t, _, _ in w.assignments})),
         equations=tuple(_equations(tree)),
         whens=whens,
+        assertions=tuple(_assertions(tree, name, sources)),
         functions=functions,
         sources=sources,
     )
@@ -216,6 +226,18 @@ def _equations(tree: Node) -> list[Equation]:
         ]
         equations[first : first + len(expanded)] = expanded
     return equations
+
+
+def _assertions(tree: Node, model: str, sources: SourceMap) -> Iterator[AssertEquation]:
+    for equation in tree["assert_equations"]:
+        message = equation["message"].get("Literal", {}).get("value", {}).get("String")
+        if message is None or equation["level"] is not None:
+            construct = (
+                "assert with a message that is no literal" if message is None else "assert with a level"
+            )
+            place = sources.location(equation["span"])
+            raise UnsupportedError(f"{place}: {model}: '{construct}' is not supported")
+        yield AssertEquation(equation["condition"], message)
 
 
 def _whens(tree: Node, model: str, sources: SourceMap) -> list[When]:

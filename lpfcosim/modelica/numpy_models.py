@@ -41,7 +41,7 @@ def write(model: str, path: Path) -> None:
     from lpfcosim.modelica.numpy_printer import python_source
     from lpfcosim.modelica.translate import translate
 
-    text = python_source(translate(flatten(build.PACKAGE, f"{build.PACKAGE.stem}.{model}")))
+    text = python_source(translate(flatten(build.PACKAGE, build.class_name(model)), model))
     path.parent.mkdir(parents=True, exist_ok=True)
     partial = path.with_suffix(f".{os.getpid()}.part")
     partial.write_text(text, encoding="utf-8")

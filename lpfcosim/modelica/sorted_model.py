@@ -79,6 +79,14 @@ class Delay:
 
 
 @dataclass(frozen=True)
+class Assertion:
+    """``condition`` holds at every communication point, or ``message`` is an error."""
+
+    condition: sp.Basic
+    message: str
+
+
+@dataclass(frozen=True)
 class SortedModel:
     """A model ready to be printed.
 
@@ -101,6 +109,8 @@ class SortedModel:
         One for each ``when sample``.
     events : tuple of Event
         In an order in which they can be executed.
+    assertions : tuple of Assertion
+        Conditions on any variables.
     """
 
     name: str
@@ -114,3 +124,4 @@ class SortedModel:
     delays: tuple[Delay, ...]
     clocks: tuple[tuple[sp.Expr, sp.Expr], ...]
     events: tuple[Event, ...]
+    assertions: tuple[Assertion, ...]

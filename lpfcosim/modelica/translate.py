@@ -18,11 +18,11 @@ from lpfcosim.modelica import affine, classify, equations, sampling
 from lpfcosim.modelica.evaluator import TIME, Evaluator
 from lpfcosim.modelica.event_functions import switches
 from lpfcosim.modelica.flat_model import FlatModel
-from lpfcosim.modelica.sorted_model import Assignment, SortedModel
+from lpfcosim.modelica.sorted_model import Assertion, Assignment, SortedModel
 
 
-def translate(model: FlatModel) -> SortedModel:
-    """Order and solve the equations of a flat model.
+def translate(model: FlatModel, name: str | None = None) -> SortedModel:
+    """Order and solve the equations of a flat model, called ``name`` or as its class.
 
     Raises
     ------
@@ -48,7 +48,7 @@ def translate(model: FlatModel) -> SortedModel:
     delays = sampling.delays(evaluate, resolved, symbols("parameter", "calculated"), states)
     calculated = {s.symbol: s for s in scalars if s.kind == "calculated"}
     return SortedModel(
-        name=model.name.rpartition(".")[2],
+        name=name or model.name.rpartition(".")[2],
         description=model.description,
         scalars=tuple(scalars),
         calculated=tuple(
@@ -72,6 +72,7 @@ def translate(model: FlatModel) -> SortedModel:
         delays=delays,
         clocks=sampling.clocks(evaluate),
         events=events,
+        assertions=tuple(Assertion(evaluate(a.condition)[()], a.message) for a in model.assertions),
     )
 
 

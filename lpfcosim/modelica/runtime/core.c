@@ -66,6 +66,14 @@ static void core_evaluate(State *s, int stage) {
     s->evaluated_stage = stage;
 }
 
+static const char *core_assert(State *s) {
+    double d[AT_LEAST_ONE(ND)];
+    if (NM == 0) return NULL;
+    core_evaluate(s, 3);
+    core_delayed(s, d);
+    return model_assert(s->v, d);
+}
+
 static void core_initialize(State *s) {
     double value[AT_LEAST_ONE(ND)];
     s->evaluated_stage = 0;
@@ -311,5 +319,5 @@ static const char *core_step(State *s, double time, double step) {
     }
     for (unsigned long long i = s->internal_steps; i > 0; i--) advance(s);
     s->evaluated_stage = 0;
-    return NULL;
+    return core_assert(s);
 }

@@ -70,6 +70,7 @@ static void model_events(double *v, const double *d, const unsigned char *tick);
 static void model_clocks(const double *v, double *start, double *period);
 static void model_delay_values(const double *v, double *value);
 static void model_delay_times(const double *v, double *duration);
+static const char *model_assert(const double *v, const double *d); /* NULL, or the message of what does not hold */
 #if AFFINE
 static void model_held(const double *v, double *held);
 static void model_affine(const double *v, double *a, double *b);
@@ -87,6 +88,7 @@ static void core_inputs_changed(State *s);          /* a variable was set */
 static void core_parameters_changed(State *s);           /* a parameter was set after initialization */
 static void core_delayed(const State *s, double *d);
 static void core_evaluate(State *s, int stage); /* bring up to date all variables of this stage */
+static const char *core_assert(State *s); /* NULL, or the message of an assertion that does not hold */
 static const char *core_step(State *s, double time, double step); /* NULL, or what went wrong */
 
 #endif

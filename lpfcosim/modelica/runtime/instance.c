@@ -20,7 +20,7 @@ static const char *instance_exit(Instance *m) {
     if (m->now.mode != INITIALIZATION) return "the end of initialization without its beginning";
     core_initialize(&m->now.state);
     m->now.mode = STEP;
-    return NULL;
+    return core_assert(&m->now.state);
 }
 
 static const char *instance_get(Instance *m, const uint32_t *vr, size_t n, double *values) {

@@ -73,7 +73,9 @@ def test_clipped_force_agrees_with_the_reference_plant(fmus, make_run):
     assert_agree(got, simulate_reference(run))
 
 
-@pytest.mark.parametrize("older", [(), build.MODELS, build.MODELS[::2]], ids=["3.0", "2.0", "mixed"])
+@pytest.mark.parametrize(
+    "older", [(), tuple(build.MODELS), tuple(build.MODELS)[::2]], ids=["3.0", "2.0", "mixed"]
+)
 def test_engines_versions_and_block_sizes_give_the_same_bits(older, quickstart, monkeypatch):
     run = next(r for r in loading.load(quickstart).runs if r.kind == "sysid")
     run = replace(run, n_samples=12_000)

@@ -367,10 +367,10 @@ def test_an_fmu_that_fails_in_a_trial_is_named(lpfcosim, done, tmp_path, name, w
 
 #: What is wrong in a model of the package: the file, what is there, and what is put in its place.
 WRONG = {
-    "Plant": ("TestMass", "- omega2*x", "+ omega2*x"),
-    "SuspensionControl": ("SuspensionControl", "- compensator.a", "- 1.001*compensator.a"),
+    "Plant": ("OneAxis/TestMass", "- omega2*x", "+ omega2*x"),
+    "SuspensionControl": ("OneAxis/SuspensionController", "- x.a", "- 1.001*x.a"),
     "OpticalMetrology": (
-        "OpticalMetrology",
+        "OneAxis/Interferometer",
         "x_2 - x_1 + delta_ifo*x_1",
         "delay(x_2 - x_1 + delta_ifo*x_1, 0.2)",
     ),

@@ -151,7 +151,7 @@ def test_the_whole_plant_shows_its_vectors():
     path = build.build(["WholePlant"])["WholePlant"]
     description = fmpy.read_model_description(str(path))
     arrays = {v.name: v.shape for v in description.modelVariables if v.shape}
-    assert arrays["testMass_1.s"] == arrays["thrusters.F_thrust"] == arrays["der(spacecraft.Omega)"] == (3,)
+    assert arrays["testMass_1.s"] == arrays["spacecraft.attitude"] == arrays["der(spacecraft.Omega)"] == (3,)
     # What crosses the boundary keeps the names that channels and parameters have everywhere.
     assert not {v.name for v in description.modelVariables if v.causality != "local" and v.shape} - {
         v.name for v in description.modelVariables if v.causality == "calculatedParameter"

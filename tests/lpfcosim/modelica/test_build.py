@@ -63,7 +63,7 @@ def test_every_variable_is_documented(fmus, model):
 def test_same_sources_give_the_same_bytes(tmp_path):
     first, second = tmp_path / "1" / "Plant.fmu", tmp_path / "2" / "Plant.fmu"
     for archive in (first, second):
-        build.build_one(build.PACKAGE, "LISAPathfinder.Plant", archive)
+        build.build_one(build.PACKAGE, "LISAPathfinder.OneAxis.Plant", archive)
     assert first.read_bytes() == second.read_bytes()
 
 
@@ -77,13 +77,13 @@ def test_changed_equation_changes_the_simulation(tmp_path):
             str(archive), stop_time=10, output_interval=0.1, start_values={"g_1": 1e-12}
         )["x_1"][-1]
 
-    build.build_one(package, "LISAPathfinder.Plant", tmp_path / "before.fmu")
-    file = package / "TestMass.mo"
+    build.build_one(package, "LISAPathfinder.OneAxis.Plant", tmp_path / "before.fmu")
+    file = package / "OneAxis" / "TestMass.mo"
     text = file.read_text()
     assert "der(v) = F/m_tm - a_SC;" in text
     file.write_text(text.replace("der(v) = F/m_tm - a_SC;", "der(v) = 3*F/m_tm - a_SC;"))
     assert build.digest(package) != before
-    build.build_one(package, "LISAPathfinder.Plant", tmp_path / "after.fmu")
+    build.build_one(package, "LISAPathfinder.OneAxis.Plant", tmp_path / "after.fmu")
     # x = g t^2/2 in both, but for stiffness and back-reaction of order 1e-2
     assert moved(tmp_path / "after.fmu") == pytest.approx(3 * moved(tmp_path / "before.fmu"), rel=0.02)
 
@@ -124,7 +124,7 @@ def test_ziglang_gives_the_same_bits(fmus, tmp_path, monkeypatch):
     monkeypatch.setenv("CC", f"{sys.executable} -m ziglang cc")
     compiler.cache_clear()
     try:
-        build.build_one(build.PACKAGE, "LISAPathfinder.Plant", tmp_path / "Plant.fmu")
+        build.build_one(build.PACKAGE, "LISAPathfinder.OneAxis.Plant", tmp_path / "Plant.fmu")
     finally:
         monkeypatch.undo()
         compiler.cache_clear()

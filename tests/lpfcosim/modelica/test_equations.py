@@ -33,14 +33,14 @@ def test_harmonic_oscillator_against_its_solution(tmp_path):
 @pytest.mark.parametrize("nonlinear", [False, True])
 def test_delayed_force_switches_inside_the_step(tmp_path, delay, nonlinear):
     # A unit step of the command at t = 1: x = (t - 1 - delay)^2 / 2 afterwards, exactly.
-    # A term that vanishes, but is not linear, sends the second model down the Runge-Kutta path.
+    # A term that vanishes, but is not affine, sends the second model down the Runge-Kutta path.
     archive = fmu(
         tmp_path,
         f"""model M
           input Real u; output Real x(start = 0, fixed = true); Real v(start = 0, fixed = true);
           parameter Real d = 0.2; parameter Real zero = 0;
         equation
-          der(x) = v; der(v) = delay(u, d){" + zero*x*x" if nonlinear else ""};
+          der(x) = v; der(v) = delay(u, d){" + zero*sin(x)" if nonlinear else ""};
         end M;""",
     )
     signal = np.array([(0.0, 0.0), (0.9, 0.0), (1.0, 1.0), (3.0, 1.0)], dtype=[("time", float), ("u", float)])
@@ -71,12 +71,40 @@ def test_nonlinear_system_against_a_high_order_integrator(tmp_path):
     assert 1e-9 < error < 1e-5  # classical Runge-Kutta at h = 0.1: of order h^4, and not better by accident
 
 
+def test_polynomial_remainder_is_extrapolated_and_the_affine_part_exact(tmp_path):
+    # The lag of 0.05 s is half a step: only an exact exponential resolves it.
+    archive = fmu(
+        tmp_path,
+        """model M
+          input Real u; Real lag(start = 0, fixed = true); Real a;
+          output Real x(start = 1, fixed = true); Real v(start = 0, fixed = true);
+        equation
+          0.05*der(lag) = u - lag; a = lag - x; der(x) = v; der(v) = a - 0.1*x^2*v + 0.05*a*x;
+        end M;""",
+    )
+
+    def rate(_, y):
+        a = y[0] - y[1]
+        return [(0.3 - y[0]) / 0.05, y[2], a - 0.1 * y[1] ** 2 * y[2] + 0.05 * a * y[1]]
+
+    time = np.arange(201) / 10
+    exact = solve_ivp(rate, (0, 20), [0, 1, 0], method="DOP853", rtol=1e-12, atol=1e-14, t_eval=time).y[1]
+    errors = []
+    for step in (0.1, 0.05, 0.025):
+        result = fmpy.simulate_fmu(
+            str(archive), stop_time=20, step_size=step, output_interval=step, start_values={"u": 0.3}
+        )
+        errors.append(np.abs(result["x"][:: round(0.1 / step)] - exact).max())
+    assert errors[0] < 1e-3
+    np.testing.assert_allclose(np.divide(errors[:2], errors[1:]), 4, rtol=0.2)
+
+
 SWITCHES = {
     "input": ("der(x) = if u > 1 then 3 else 5;", 3.0),
     "if equation": ("if u > 1 then der(x) = 3; else der(x) = 5; end if;", 3.0),
     "algebraic": ("der(x) = g; g = if u > 1 then 3 else 5;", 3.0),
     "maximum": ("der(x) = max(u, 1.5);", 2.0),
-    "Runge-Kutta": ("der(x) = (if u > 1 then 3 else 5) + zero*x*x;", 3.0),
+    "Runge-Kutta": ("der(x) = (if u > 1 then 3 else 5) + zero*sin(x);", 3.0),
     "delayed": ("der(x) = if delay(u, 0.25) > 1 then 3 else 5;", 3.0),
     "sampled": ("der(x) = if n > 5.5 then 1 else 0; when sample(0, 0.1) then n = pre(n) + 1; end when;", 0.5),
 }

@@ -29,23 +29,27 @@ def value(system, name, **numbers):
 def test_package_parses_with_an_independent_front_end(file):
     parser = pytest.importorskip("pymoca.parser")
     tree = parser.parse(file.read_text(encoding="utf-8"))
-    package = tree.classes["LISAPathfinder"]
-    assert file.name == "package.mo" or file.stem in package.classes
+    scope = tree
+    for name in (build.PACKAGE.name, *file.relative_to(build.PACKAGE).with_suffix("").parts):
+        scope = scope if name == "package" else scope.classes[name]
 
 
 @pytest.mark.parametrize("file", sorted(build.PACKAGE.rglob("*.mo")), ids=lambda p: p.name)
 def test_package_stands_alone_and_files_are_where_tools_look_for_them(file):
     text = file.read_text(encoding="utf-8")
     assert "Modelica." not in text
-    if file.name != "package.mo":
-        assert text.startswith("within LISAPathfinder;\n")
-        assert f"end {file.stem};" in text
-        assert file.stem in (build.PACKAGE / "package.order").read_text().split()
+    folder = file.parent if file.name != "package.mo" else file.parent.parent
+    name = file.stem if file.name != "package.mo" else file.parent.name
+    assert f"end {name};" in text
+    if file.parent != build.PACKAGE or file.name != "package.mo":
+        within = ".".join([build.PACKAGE.name, *folder.relative_to(build.PACKAGE).parts])
+        assert text.startswith(f"within {within};\n")
+        assert name in (folder / "package.order").read_text().split()
 
 
 def test_every_declaration_is_described_and_every_real_has_a_unit():
     for model in (*build.MODELS, *build.SIGNALS):
-        for v in flatten(build.PACKAGE, f"LISAPathfinder.{model}").variables:
+        for v in flatten(build.PACKAGE, build.class_name(model)).variables:
             assert v.description, f"{model}.{v.name}"
             assert v.unit, f"{model}.{v.name}"
 
@@ -155,7 +159,8 @@ def test_affine_systems_are_recognised(tmp_path):
 REFUSED = {
     "algorithm section": ("Real x; input Real u;\nalgorithm\n  x := u;", 3),
     "initial equation": ("Real x; input Real u;\ninitial equation\n  x = 3;\nequation\n  der(x) = u;", 3),
-    "assert": ("output Real x; input Real u;\nequation\n  x = u;\n  assert(u > 0, \"negative\");", 4),
+    "assert with a level": ("output Real x; input Real u;\nequation\n  x = u;\n"
+                            "  assert(u > 0, \"negative\", AssertionLevel.warning);", 4),
     "elsewhen": ("discrete Real x; input Real u;\nequation\n  when sample(0, 0.1) then\n    x = u;\n"
                  "  elsewhen u > 1 then\n    x = 2;\n  end when;", 5),
     "when with a condition other than sample": ("discrete Real x; input Real u;\nequation\n"

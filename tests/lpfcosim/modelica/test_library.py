@@ -1,0 +1,102 @@
+"""The Modelica library: its test models hold, and its examples are the loops of the co-simulation."""
+
+import re
+
+import fmpy
+import numpy as np
+import pytest
+from fmpy.fmi1 import FMICallException
+
+from lpfcosim.modelica import build
+from lpfcosim.models import world_of
+from lpfcosim.spacecraft import Sine, Spacecraft
+from tests.lpfcosim.cosim import in_memory
+from tests.lpfcosim.modelica.modelica_source import fmu
+
+pytestmark = pytest.mark.fmu
+
+TESTS = sorted(p.stem for p in (build.PACKAGE / "Test").glob("*.mo") if p.stem != "package")
+#: Component of an example by FMU; those of six degrees of freedom have the same names.
+COMPONENTS = {
+    "OpticalMetrology": "interferometer", "DragFreeControl": "dragFree", "SuspensionControl": "suspension",
+    "Actuation": "actuation", "Plant": "plant", "Metrology": "interferometer", "StarTracker": "starTracker",
+    "InertialSensor": "inertialSensor", "AttitudeControl": "attitude",
+}  # fmt: skip
+WHOLE = Spacecraft(
+    delta_phi=-0.47e-3,
+    b=(1.2e-5, -0.9e-5, 2.2e-5, -1.8e-5, 1e-7, -1e-7),
+    leak_phi_1=0.01,
+    eta_per_x=0.19,
+    phi_per_x=0.27,
+)
+LOOPS = [
+    pytest.param("OneAxisClosedLoop", None, id="OneAxis"),
+    pytest.param("SixDofClosedLoop", WHOLE, id="SixDof", marks=pytest.mark.slow),
+]
+
+
+def component(model):
+    return COMPONENTS[model.removeprefix("Whole")]
+
+
+@pytest.mark.parametrize("name", TESTS)
+def test_assertions_of_a_test_model_hold(name):
+    text = (build.PACKAGE / "Test" / f"{name}.mo").read_text(encoding="utf-8")
+    stop = float(re.search(r"StopTime = (\d+)", text)[1])
+    archive = build.build([f"Test.{name}"])[f"Test.{name}"]
+    assert len(fmpy.simulate_fmu(str(archive), stop_time=stop, output_interval=0.1)) == round(stop / 0.1) + 1
+
+
+def test_assertion_that_does_not_hold_is_an_error_with_its_message(tmp_path):
+    archive = fmu(
+        tmp_path,
+        """model M output Real x(start = 0, fixed = true);
+        equation der(x) = 1; assert(x < 0.55, "x is large"); end M;""",
+    )
+    messages = []
+    with pytest.raises(FMICallException):
+        fmpy.simulate_fmu(
+            str(archive), stop_time=1, output_interval=0.1, logger=lambda *entry: messages.append(entry[-1])
+        )
+    assert messages == [b"x is large"]
+
+
+@pytest.mark.parametrize(("example", "spacecraft"), LOOPS)
+def test_example_is_wired_as_the_co_simulation(make_run, example, spacecraft):
+    text = (build.PACKAGE / "Examples" / f"{example}.mo").read_text(encoding="utf-8")
+    wired = dict(reversed(pair) for pair in re.findall(r"connect\(([\w.]+), ([\w.]+)\);", text))
+    for c in world_of(make_run(spacecraft=spacecraft)).components:
+        for name, source in c.inputs.items():
+            model, dot, output = source.partition(".")
+            signal = "guidance.y" if source == "guidance_o_12" else f"signals.{source}"
+            expected = f"{component(model)}.{output}" if dot else signal
+            assert wired.pop(f"{component(c.model)}.{name}") == expected
+    assert all(source.startswith("signals.") for source in wired.values())
+
+
+@pytest.mark.parametrize(("example", "spacecraft"), LOOPS)
+def test_example_steps_like_the_co_simulation(make_run, example, spacecraft):
+    sine = Sine("guidance_o_12", amplitude=10e-9, frequency=0.01, cycles=100, start=0)
+    run = make_run(spacecraft=spacecraft, injections=(sine,), dc=3e-12, n_samples=3000)
+    world = world_of(run)
+    parts = build.build([c.model for c in world.components])
+    expected = in_memory.simulate(run, parts)
+    channels = {
+        name: f"{component(model)}.{variable}"
+        for name, (model, dot, variable) in ((n, s.partition(".")) for n, s in world.record.items())
+        if dot
+    }
+    start = {
+        f"{component(m)}.{p}": v for m, values in world.parameters(run).items() for p, v in values.items()
+    }
+    start |= {"guidance.amplitude": 10e-9, "guidance.f": 0.01, "signals.g_2_held": run.dc}
+    result = fmpy.simulate_fmu(
+        str(build.build([f"Examples.{example}"])[f"Examples.{example}"]), stop_time=run.n_samples * run.h,
+        output_interval=run.h, start_values=start, output=list(channels.values()),
+    )  # fmt: skip
+    for name, variable in channels.items():
+        commanded = component(world.record[name].partition(".")[0]) in ("actuation", "dragFree")
+        # A command that follows from the read-outs at t_n is seen at the end of the step from t_n.
+        values = result[variable][1:] if commanded else result[variable][:-1]
+        tolerance = 1e-9 * np.sqrt(np.mean(expected[name] ** 2)) + 1e-28  # rounding, where nothing moves
+        np.testing.assert_allclose(values, expected[name], rtol=0, atol=tolerance, err_msg=name)
