@@ -37,6 +37,6 @@ def design(
         console.say(
             f"at {box.draws} corners of a box of truths (gains 5 %, stiffness and delays 30 %) and noise "
             f"(half to twice): sigmas up to {100 * box.loss:.1f} % larger, relative to the best there, than "
-            f"here; limits reached up to {box.reached:.3f}"
+            f"here; limits reached up to {box.max_limit_ratio:.3f}"
         )
     console.say(f"{path}: written; simulate it with: lpfcosim run {path}")

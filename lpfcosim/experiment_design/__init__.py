@@ -4,23 +4,23 @@ A convex programme finds the best power by frequency, and a bound that no design
 sought that come near to it. `FitModel` forecasts what a fit will determine.
 """
 
-from lpfcosim.experiment_design.designing import design
+from lpfcosim.experiment_design.campaign_writer import campaign_text
+from lpfcosim.experiment_design.design_problem import with_tones
 from lpfcosim.experiment_design.fit_model import FitModel
+from lpfcosim.experiment_design.information_spectrum import information_spectrum
+from lpfcosim.experiment_design.optimize import design
 from lpfcosim.experiment_design.robustness import Robustness, robustness
-from lpfcosim.experiment_design.search import Design, Told
-from lpfcosim.experiment_design.sought import with_tones
-from lpfcosim.experiment_design.telling import telling
-from lpfcosim.experiment_design.writing import text
+from lpfcosim.experiment_design.search import Design, SearchProgress
 
 __all__ = [
     "Design",
     "FitModel",
     "Robustness",
-    "Told",
+    "SearchProgress",
+    "campaign_text",
     "design",
+    "information_spectrum",
     "limits",
     "robustness",
-    "telling",
-    "text",
     "with_tones",
 ]

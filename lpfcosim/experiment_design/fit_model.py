@@ -45,8 +45,10 @@ class FitModel:
 
     def information(self, campaign: Campaign) -> fisher.CampaignInformation:
         """Return the information of the experiments of a variant, frequency by frequency."""
-        planned = [replace(p, truth={**p.truth, **self._cross_talk}) for p in planned_experiments(campaign)]
-        return fisher.fisher_information(planned, self.settings)
+        experiments = [
+            replace(p, truth={**p.truth, **self._cross_talk}) for p in planned_experiments(campaign)
+        ]
+        return fisher.fisher_information(experiments, self.settings)
 
     @cached_property
     def _cross_talk(self) -> dict[str, float]:
@@ -72,8 +74,8 @@ class InertialModel:
 
     def sigmas(self, campaign: Campaign) -> Sigmas:
         """Return the sigmas of the angles for the noise runs of a campaign, by angle and period."""
-        planned = planned_noise_runs(campaign.runs)
-        periods = expected_euler_fit.expected_periods(planned, self.joint, self.constraints)
+        noise_runs = planned_noise_runs(campaign.runs)
+        periods = expected_euler_fit.expected_periods(noise_runs, self.joint, self.constraints)
         return {
             name: sigma
             for period, fit in periods.items()
@@ -82,6 +84,6 @@ class InertialModel:
 
 
 def _free_sigmas(fit: Fit, constraints: Mapping[str, ParameterSettings], suffix: str = "") -> Sigmas:
-    fixed = {name for name, c in constraints.items() if c.expr or not c.vary}
+    prior_information = {name for name, c in constraints.items() if c.expr or not c.vary}
     sigmas = {f"{name}{suffix}": estimate.sigma for name, estimate in fit.parameters.items()}
-    return {name: sigma for name, sigma in sigmas.items() if name not in fixed}
+    return {name: sigma for name, sigma in sigmas.items() if name not in prior_information}

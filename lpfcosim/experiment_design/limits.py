@@ -1,4 +1,4 @@
-"""What a design must not exceed: peak, rms and slew of motions, forces and thrust, run by run."""
+"""Limits of a design: peak, rms and slew of motions, forces and thrust, run by run."""
 
 from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, replace
@@ -43,18 +43,18 @@ class Limit:
     value: float
 
     @property
-    def of_nothing(self) -> bool:
-        """Whether it is on what nobody drives, and what other loops hardly move."""
+    def is_zero(self) -> bool:
+        """Whether it is practically zero: its loop cannot be driven."""
         return self.value <= NOTHING[QUANTITIES[self.quantity][1]]
 
     @property
-    def of_wave(self) -> bool:
+    def is_peak_limit(self) -> bool:
         """Whether it depends on the phases of tones; only by mistake does anything reach an authority."""
         return self.kind in ("peak", "slew")
 
     @property
     def name(self) -> str:
-        """What is limited, in words."""
+        """Kind and quantity, such as ``peak of o_1``."""
         return f"{self.kind} of {self.quantity}"
 
 
@@ -73,39 +73,39 @@ def tones(run: Run) -> Run:
     return replace(run, injections=tuple(i for i in run.injections if isinstance(i, Sine)))
 
 
-def driven(run: Run) -> dict[str, Array]:
+def tone_response(run: Run) -> dict[str, Array]:
     """Return what the tones of a run make of the `QUANTITIES`, at its full rate and without noise."""
     return quantities(run, response.linear_response(tones(run), rate=run.fs))
 
 
-def reached(run: Run, of: Mapping[str, Array], kind: str) -> dict[str, float]:
-    """Return what quantities reach, by name; `kind` is one of the `KINDS`."""
+def magnitudes(run: Run, signals: Mapping[str, Array], kind: str) -> dict[str, float]:
+    """Return the magnitude of signals by name; `kind` is one of the `KINDS`."""
 
     def measure(x: Array) -> float:
         if kind == "rms":
             return float(np.sqrt(np.mean(x**2)))
         return float(np.max(np.abs(np.diff(x) * run.fs if kind == "slew" else x)))
 
-    return {name: measure(x) for name, x in of.items()}
+    return {name: measure(x) for name, x in signals.items()}
 
 
-def own(run: Run, held: Collection[tuple[str, str]]) -> tuple[Limit, ...]:
-    """Return what the tones of a run reach themselves, of each pair of quantity and kind in `held`."""
-    of = driven(run)
-    found = {kind: reached(run, of, kind) for _, kind in held}
-    return tuple(Limit(name, kind, found[kind][name]) for name, kind in held if name in of)
+def baseline_limits(run: Run, pairs: Collection[tuple[str, str]]) -> tuple[Limit, ...]:
+    """Return what the tones of a run reach themselves, of each pair of quantity and kind in `pairs`."""
+    signals = tone_response(run)
+    values = {kind: magnitudes(run, signals, kind) for _, kind in pairs}
+    return tuple(Limit(name, kind, values[kind][name]) for name, kind in pairs if name in signals)
 
 
-def resting(run: Run) -> dict[str, float]:
-    """Return how large quantities are without tones: what is held steadily, and what is no tone."""
-    others = tuple(i for i in run.injections if not isinstance(i, Sine))
-    moved = quantities(run, response.linear_response(replace(run, injections=others)))
-    held = {"F_x_2": abs(run.f_x_2_start) * run.m_tm}
-    return {name: float(np.max(np.abs(x))) + held.get(name, 0.0) for name, x in moved.items()}
+def static_levels(run: Run) -> dict[str, float]:
+    """Return the peaks of quantities without tones: static levels, and other injections."""
+    injections = tuple(i for i in run.injections if not isinstance(i, Sine))
+    signals = quantities(run, response.linear_response(replace(run, injections=injections)))
+    static = {"F_x_2": abs(run.f_x_2_start) * run.m_tm}
+    return {name: float(np.max(np.abs(x))) + static.get(name, 0.0) for name, x in signals.items()}
 
 
-def excess(run: Run, limits: Iterable[Limit], of: Mapping[str, Array]) -> dict[str, float]:
-    """Return how far quantities go, in units of each limit; by the name of the limit."""
-    kept = [limit for limit in limits if not limit.of_nothing]
-    found = {kind: reached(run, of, kind) for kind in {limit.kind for limit in kept}}
-    return {limit.name: found[limit.kind][limit.quantity] / limit.value for limit in kept}
+def limit_ratios(run: Run, limits: Iterable[Limit], signals: Mapping[str, Array]) -> dict[str, float]:
+    """Return the magnitudes of signals in units of each limit, by the name of the limit."""
+    active = [limit for limit in limits if not limit.is_zero]
+    values = {kind: magnitudes(run, signals, kind) for kind in {limit.kind for limit in active}}
+    return {limit.name: values[limit.kind][limit.quantity] / limit.value for limit in active}

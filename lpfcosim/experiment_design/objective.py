@@ -1,4 +1,4 @@
-"""What a design is to be good at: a number to make small, of the sigmas of the joint fit."""
+"""The objective of a design: a function of the sigmas of the joint fit, to be minimised."""
 
 from dataclasses import dataclass
 
@@ -17,34 +17,34 @@ class Objective:
 
     Attributes
     ----------
-    wanted : ndarray of int, shape (W,)
+    indices : ndarray of int, shape (W,)
         Which of the P parameters count.
     weights : ndarray, shape (W,)
         Of the logarithms of their sigmas; they add up to one. Of no meaning for the worst ratio.
-    worst : bool
+    minimax : bool
         Whether the largest sigma counts alone, in units of its scale.
-    most : ndarray, shape (W,)
+    max_ratios : ndarray, shape (W,)
         What the sigmas must not exceed, in units of their scales; infinite where anything goes.
     """
 
-    wanted: NDArray[np.intp]
+    indices: NDArray[np.intp]
     weights: Array
-    worst: bool
-    most: Array
+    minimax: bool
+    max_ratios: Array
 
     def logs(self, information: Array) -> Array:
         """Return the logarithms of the sigmas in units of their scales, shape (W,)."""
-        return np.asarray(0.5 * np.log(np.diag(np.linalg.inv(information))[self.wanted]))
+        return np.asarray(0.5 * np.log(np.diag(np.linalg.inv(information))[self.indices]))
 
     def value(self, logs: Array) -> float:
-        """Return what is to be small: the weighted geometric mean of the sigmas, or the largest of them."""
-        return float(np.exp(np.max(logs) if self.worst else self.weights @ logs))
+        """Return the objective: the weighted geometric mean of the sigmas, or the largest of them."""
+        return float(np.exp(np.max(logs) if self.minimax else self.weights @ logs))
 
     def slope(self, logs: Array) -> tuple[float, Array]:
         """Return a smooth logarithm of the objective, penalties included, and its derivatives by `logs`."""
-        over = np.maximum(logs - np.log(self.most), 0)
+        over = np.maximum(logs - np.log(self.max_ratios), 0)
         penalty, of_penalty = STRICT * float(over @ over), 2 * STRICT * over
-        if self.worst:
+        if self.minimax:
             top = float(np.max(logs))
             powers = np.exp(STEEP * (logs - top))
             total = float(np.sum(powers))
@@ -62,5 +62,5 @@ class Objective:
             Derivatives of the objective by the logarithms of the sigmas.
         """
         C = np.linalg.inv(information)
-        rows = C[self.wanted] * np.sqrt(weights / np.diag(C)[self.wanted])[:, None]
+        rows = C[self.indices] * np.sqrt(weights / np.diag(C)[self.indices])[:, None]
         return np.asarray(rows.T @ rows)

@@ -18,10 +18,10 @@ from lpfcosim.experiment_design import (
     Design,
     FitModel,
     Robustness,
-    Told,
+    SearchProgress,
+    campaign_text,
+    information_spectrum,
     robustness,
-    telling,
-    text,
 )
 from lpfcosim.experiment_design import design as find_design
 from lpfcosim.workflows.campaigns import CampaignLike, PathLike, as_path, is_described_by_file, resolve
@@ -64,13 +64,18 @@ class CampaignDesign(WorkflowResult):
         """Return a row for each parameter, NaN where there is no number."""
         nan, found = float("nan"), self.design
         rows = [
-            (name, found.problem.before[name], found.after.get(name, nan), found.alone.get(name, nan))
-            for name in found.problem.wanted
+            (
+                name,
+                found.problem.sigmas_before[name],
+                found.sigmas_after.get(name, nan),
+                found.sigma_bounds.get(name, nan),
+            )
+            for name in found.problem.parameters
         ]
         if found.angles:
             rows += [
-                (name, found.angles.before[name], found.angles.after[name], nan)
-                for name in found.angles.wanted
+                (name, found.angles.sigmas_before[name], found.angles.sigmas_after[name], nan)
+                for name in found.angles.target_sigmas
             ]
         columns = ("parameter", "sigma_before", "sigma_after", "sigma_bound")
         return [dict(zip(columns, row, strict=True)) for row in rows]
@@ -96,16 +101,16 @@ class CampaignDesign(WorkflowResult):
     def document(self) -> dict[str, Any]:
         """Return the content of `to_json`, schema ``lpf-design/1``."""
         found, robust = self.design, self.robustness
-        before = found.problem.before
+        before = found.problem.sigmas_before
         return {
             "schema": SCHEMA,
             "parameters": {
                 name: {
                     "sigma_before": before[name],
-                    "sigma_after": found.after.get(name),
-                    "sigma_bound": found.alone.get(name),
+                    "sigma_after": found.sigmas_after.get(name),
+                    "sigma_bound": found.sigma_bounds.get(name),
                 }
-                for name in found.problem.wanted
+                for name in found.problem.parameters
             },
             "objective": {
                 "value": found.value,
@@ -118,16 +123,16 @@ class CampaignDesign(WorkflowResult):
                         "limit": limit.value,
                         "reached": self.limits_reached[stage.run.experiment][limit.name],
                     }
-                    for limit in stage.bounds
+                    for limit in stage.active_limits
                 }
-                for stage in found.problem.stages
+                for stage in found.problem.experiments
             },
             "robustness": robust
-            and {"loss": robust.loss, "reached": robust.reached, "corners": robust.draws},
+            and {"loss": robust.loss, "reached": robust.max_limit_ratio, "corners": robust.draws},
             "efficiency": found.efficiency,
             "complete": found.complete,
-            "hours": found.hours / HOUR,
-            "hours_bound": None if found.fewest is None else found.fewest / HOUR,
+            "hours": found.duration / HOUR,
+            "hours_bound": None if found.min_duration is None else found.min_duration / HOUR,
             "inertial": self._inertial_document(),
         }
 
@@ -135,14 +140,14 @@ class CampaignDesign(WorkflowResult):
         angles = self.design.angles
         if angles is None:
             return None
-        hours_before, hours_after = (seconds / HOUR for seconds in angles.hours)
+        hours_before, hours_after = (seconds / HOUR for seconds in angles.durations)
         parameters = {
             name: {
-                "sigma_before": angles.before[name],
+                "sigma_before": angles.sigmas_before[name],
                 "sigma_wanted": wanted,
-                "sigma_after": angles.after[name],
+                "sigma_after": angles.sigmas_after[name],
             }
-            for name, wanted in angles.wanted.items()
+            for name, wanted in angles.target_sigmas.items()
         }
         return {"parameters": parameters, "hours_before": hours_before, "hours_after": hours_after}
 
@@ -151,16 +156,17 @@ class CampaignDesign(WorkflowResult):
         found = self.design
         if not found.complete:
             yield "interrupted: these are the best tones found so far"
-        kind = "largest ratio" if found.problem.objective.worst else "geometric mean of the ratios"
+        kind = "largest ratio" if found.problem.objective.minimax else "geometric mean of the ratios"
         yield f"{kind}: {found.value:.4f}; bound at the limits on rms: {found.optimum.bound:.4f}"
-        if found.fewest is not None:
+        if found.min_duration is not None:
             yield (
-                f"{found.hours / HOUR:.2f} h with tones; no design of the same experiments does with less "
-                f"than {found.fewest / HOUR:.2f} h"
+                f"{found.duration / HOUR:.2f} h with tones; no design of the same experiments does with less "
+                f"than {found.min_duration / HOUR:.2f} h"
             )
         if found.angles:
-            before, after = (seconds / HOUR for seconds in found.angles.hours)
-            yield f"{after:.1f} h of noise instead of {before:.1f} h for {', '.join(found.angles.wanted)}"
+            before, after = (seconds / HOUR for seconds in found.angles.durations)
+            names_of_angles = ", ".join(found.angles.target_sigmas)
+            yield f"{after:.1f} h of noise instead of {before:.1f} h for {names_of_angles}"
 
     def check_valid(self) -> None:
         """Check the design against the campaign, its bound and its limits.
@@ -172,7 +178,7 @@ class CampaignDesign(WorkflowResult):
             exceed a limit.
         """
         found = self.design
-        if lost := [name for name in found.problem.wanted if name not in found.after]:
+        if lost := [name for name in found.problem.parameters if name not in found.sigmas_after]:
             raise RunError(
                 f"{self.path}: the design does not determine {', '.join(lost)}, which the campaign did"
             )
@@ -196,11 +202,11 @@ class CampaignDesign(WorkflowResult):
 
         frequency = np.geomspace(*GRID)
         marks = [
-            (f"{name}: {tone.injection.into}", tone.injection.frequency, tone.without)
+            (f"{name}: {tone.injection.into}", tone.injection.frequency, tone.sigma_growth)
             for name, designed in self.design.tones.items()
             for tone in designed
         ]
-        draw(tones.tones(frequency, telling(self.design, frequency), marks)).save(Path(path))
+        draw(tones.tones(frequency, information_spectrum(self.design, frequency), marks)).save(Path(path))
 
 
 def design(
@@ -248,7 +254,7 @@ def design(
     with prefix_errors(source):
         model = FitModel(plan, settings(plan.fit, "fit"))
         found = _search(plan, model, progress)
-    atomic.write(path, text(found, path.stem, source.name if source else plan.name))
+    atomic.write(path, campaign_text(found, path.stem, source.name if source else plan.name))
     loading.load(path)
     with progress.stage("check through the FMUs"):
         reached = verify_in_time_domain(found, jobs)
@@ -266,7 +272,7 @@ def _search(plan: Campaign, model: FitModel, progress: Progress) -> Design:
     validation.check_linear_model(plan, "a design is")
     for doubt in validation.validate(plan).doubts:
         progress.warn(doubt)
-    callbacks = Told(
+    callbacks = SearchProgress(
         lambda value, bound: progress.note(f"programme: {value:.4f}, no design below {bound:.4f}"),
         lambda step, value: progress.note(f"{step}: {value:.4f}"),
         update_progress,

@@ -28,20 +28,20 @@ def verify_in_time_domain(design: Design, jobs: int | None) -> LimitRatios:
     RunError
         If a run fails.
     """
-    stages = {stage.run.experiment: stage for stage in design.problem.stages}
-    disturbed = {name for name, stage in stages.items() if stage.run.injections or stage.run.spacecraft}
-    driven = _simulate_quantities(design.campaign, set(stages), jobs)
-    update_progress(len(stages) / (len(stages) + len(disturbed)))
+    experiments = {stage.run.experiment: stage for stage in design.problem.experiments}
+    disturbed = {name for name, stage in experiments.items() if stage.run.injections or stage.run.spacecraft}
+    tone_response = _simulate_quantities(design.campaign, set(experiments), jobs)
+    update_progress(len(experiments) / (len(experiments) + len(disturbed)))
     without_tones = with_tones(design.campaign, dict.fromkeys(disturbed, ()))
     undriven = _simulate_quantities(without_tones, disturbed, jobs) if disturbed else {}
     ratios = {}
-    for name, stage in stages.items():
+    for name, stage in experiments.items():
         # along x a static level is there from the first sample on; a rotating spacecraft settles
         response = {
             quantity: x - (undriven[name][quantity] if name in undriven else x[0])
-            for quantity, x in driven[name].items()
+            for quantity, x in tone_response[name].items()
         }
-        ratios[name] = limits.excess(stage.run, stage.bounds, response)
+        ratios[name] = limits.limit_ratios(stage.run, stage.active_limits, response)
     return ratios
 
 

@@ -22,8 +22,8 @@ from numpy.typing import NDArray
 from fit.settings import settings
 from lpfcosim.campaign import loading
 from lpfcosim.experiment_design import FitModel
-from lpfcosim.experiment_design.sought import Problem, problem
-from lpfcosim.experiment_design.stage import Stage
+from lpfcosim.experiment_design.design_problem import DesignProblem, design_problem
+from lpfcosim.experiment_design.designed_experiment import DesignedExperiment
 from lpfcosim.spacecraft import TaperedSine
 
 Array = NDArray[np.float64]
@@ -33,24 +33,24 @@ Complex = NDArray[np.complex128]
 class Steady:
     """Tones of one experiment, as long as they are steady: what they tell once the tightest limit is met."""
 
-    def __init__(self, stage: Stage, tones: list[TaperedSine]) -> None:
-        self.stage, first = stage, tones[0]
+    def __init__(self, experiment: DesignedExperiment, tones: list[TaperedSine]) -> None:
+        self.experiment, first = experiment, tones[0]
         self.length = first.end - first.start
-        t = np.linspace(0, stage.sight.duration, 4000)
+        t = np.linspace(0, experiment.model.duration, 4000)
         left = np.clip(np.minimum(t - first.start, first.end - t) / first.ramp, 0, 1)
         power = np.sin(np.pi / 2 * left) ** 4
-        self.energy, self.worth = float(power.mean()), stage.sight.worth(power)
+        self.energy, self.worth = float(power.mean()), experiment.model.worth(power)
         self.number = np.array([round(tone.frequency * self.length) for tone in tones])
         self.loop = np.array([self._loop(tone.into) for tone in tones])
         self.size = np.array([tone.amplitude * np.exp(1j * (tone.phase - np.pi / 2)) for tone in tones])
         self.highest = round(0.095 * self.length)
 
     def _loop(self, into: str) -> int:
-        return self.stage.loops.index({"guidance_o_1": "o_1", "F_x_1": "F_x_1"}.get(into, "o_12"))
+        return self.experiment.loops.index({"guidance_o_1": "o_1", "F_x_1": "F_x_1"}.get(into, "o_12"))
 
     def told(self, number: NDArray[np.intp], size: Complex) -> Array:
         """What the tones tell, shape (P, P)."""
-        told, cost = self.stage.responses(number / self.length)
+        told, cost = self.experiment.responses(number / self.length)
         every = np.arange(number.size)
         signal = cost[every, :, self.loop] * size[:, None]
         bins = np.zeros((self.highest + 1, signal.shape[1]), dtype=complex)
@@ -59,7 +59,7 @@ class Steady:
         waves = scipy.fft.irfft(bins, n, axis=0) * n / 2
         rms = np.sqrt(np.sum(np.abs(bins) ** 2, axis=0) / 2 * self.energy)
         peaks = np.abs(waves).max(axis=0)
-        of_rms = np.array([limit.kind == "rms" for limit in self.stage.bounds])
+        of_rms = np.array([limit.kind == "rms" for limit in self.experiment.active_limits])
         reach = np.where(of_rms, rms, peaks).max()
         found = np.zeros((self.highest + 1, told.shape[1]), dtype=complex)
         np.add.at(found, number, told[every, :, self.loop] * (size / reach)[:, None])
@@ -68,27 +68,27 @@ class Steady:
 
 
 def climbed(
-    sought: Problem, tones: dict[str, list[TaperedSine]], start: str, seconds: float
+    problem: DesignProblem, tones: dict[str, list[TaperedSine]], start: str, seconds: float
 ) -> tuple[float, float, int]:
     """Objective of the beginning and of the best that is found, and how many trials that took."""
     rng = np.random.default_rng(len(start))
-    stages = [Steady(stage, tones[stage.run.experiment]) for stage in sought.stages]
-    for one in stages:
+    experiments = [Steady(experiment, tones[experiment.run.experiment]) for experiment in problem.experiments]
+    for one in experiments:
         if start != "design":
             one.size = one.size * np.exp(2j * np.pi * rng.uniform(size=one.size.size))
         if start == "drawn":
             one.number = rng.integers(20, one.highest, one.number.size)
-    told = [one.told(one.number, one.size) for one in stages]
+    told = [one.told(one.number, one.size) for one in experiments]
 
     def value() -> float:
-        return sought.objective.value(sought.objective.logs(sought.known + sum(told)))
+        return problem.objective.value(problem.objective.logs(problem.base_information + sum(told)))
 
     first = best = value()
     step, trials, until = 0.3, 0, time.process_time() + seconds
     while time.process_time() < until:
         trials += 1
-        k = int(rng.integers(len(stages)))
-        one, before = stages[k], told[k]
+        k = int(rng.integers(len(experiments)))
+        one, before = experiments[k], told[k]
         number, size = one.number.copy(), one.size.copy()
         i = int(rng.integers(size.size))
         if rng.uniform() < 0.15:
@@ -108,13 +108,13 @@ def climbed(
 def climb(chosen: argparse.Namespace) -> None:
     """Print what chance makes of a design, and of beginnings of its own."""
     plan = loading.load(chosen.campaign)
-    sought = problem(plan, FitModel(plan, settings(plan.fit, "fit")))
+    problem = design_problem(plan, FitModel(plan, settings(plan.fit, "fit")))
     tones = {
         e.name: [i for i in e.injections if isinstance(i, TaperedSine)]
         for e in loading.load(chosen.designed).experiments
     }
     for start in ("design", "phases", "drawn"):
-        first, best, trials = climbed(sought, tones, start, chosen.seconds / 3)
+        first, best, trials = climbed(problem, tones, start, chosen.seconds / 3)
         print(f"from {start}: {first:.4f}, after {trials} trials {best:.4f}", flush=True)
 
 

@@ -127,7 +127,7 @@ def test_a_process_that_is_killed_loses_its_campaign_only(small, tmp_path, lpfco
     def kill():
         while not log.exists() or log.read_text(encoding="utf-8").count("\n") < 2:
             time.sleep(0.02)
-        os.kill(mp.active_children()[0].pid, signal.SIGKILL)
+        os.kill(max(process.pid for process in mp.active_children()), signal.SIGKILL)
 
     killer = threading.Thread(target=kill)
     killer.start()

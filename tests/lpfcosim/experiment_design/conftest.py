@@ -45,29 +45,29 @@ def pair(tmp_path_factory):
 
 
 @pytest.fixture(scope="session")
-def sought(pair, fit_model):
+def problem(pair, fit_model):
     """What is sought at equal rms."""
-    from lpfcosim.experiment_design.sought import problem
+    from lpfcosim.experiment_design.design_problem import design_problem
 
-    return problem(replace(pair, design=replace(pair.design, held="rms", sines=4)), fit_model)
-
-
-@pytest.fixture(scope="session")
-def optimum(sought):
-    from lpfcosim.experiment_design import programme
-
-    return programme.optimum(sought.stages, sought.fixed, sought.objective, ())
+    return design_problem(replace(pair, design=replace(pair.design, held="rms", sines=4)), fit_model)
 
 
 @pytest.fixture(scope="session")
-def designed(sought, fit_model):
-    from lpfcosim.experiment_design import Told
+def optimum(problem):
+    from lpfcosim.experiment_design import convex_bound
+
+    return convex_bound.optimize_power(problem.experiments, problem.prior_information, problem.objective, ())
+
+
+@pytest.fixture(scope="session")
+def designed(problem, fit_model):
+    from lpfcosim.experiment_design import SearchProgress
     from lpfcosim.experiment_design.search import search
 
     said = SimpleNamespace(bounds=[], values=[], shares=[])
-    told = Told(
+    told = SearchProgress(
         lambda value, bound: said.bounds.append((value, bound)),
         lambda _, value: said.values.append(value),
         said.shares.append,
     )
-    return search(sought, fit_model, told), said
+    return search(problem, fit_model, told), said

@@ -9,35 +9,35 @@ import pytest
 from fit.forecasting.expected_fit import NoneTakesPartError
 from lpfcosim.campaign import loading
 from lpfcosim.errors import InputError
-from lpfcosim.experiment_design import limits, text
+from lpfcosim.experiment_design import campaign_text, limits
+from lpfcosim.experiment_design.design_problem import design_problem
 from lpfcosim.experiment_design.objective import Objective
 from lpfcosim.experiment_design.search import search
-from lpfcosim.experiment_design.sought import problem
 from lpfcosim.linear import ClosedLoop
 from lpfcosim.models import model_of
 from lpfcosim.spacecraft import TaperedSine
 from tests import ROOT
 
 
-def random_value(sought, generator) -> float:
+def random_value(problem, generator) -> float:
     """Return the objective of a design of random powers at random frequencies, as strong as limits allow."""
-    information = sought.known.copy()
-    for stage in sought.stages:
+    information = problem.base_information.copy()
+    for experiment in problem.experiments:
         n = int(generator.integers(1, 12))
         frequency = np.exp(generator.uniform(np.log(4e-4), np.log(0.09), n))
-        told, cost = stage.responses(frequency)
+        told, cost = experiment.responses(frequency)
         size = 1 / np.abs(cost).max(axis=1) * generator.exponential(size=(n, told.shape[2]))
         u = size * np.exp(2j * np.pi * generator.uniform(size=size.shape))
         reached = np.sqrt(np.sum(np.abs(np.einsum("nkl,nl->nk", cost, u)) ** 2, axis=0) / 2).max()
         y = np.einsum("npl,nl->np", told, u / reached)
-        information += stage.sight.duration * (y.conj().T @ y).real
-    return sought.objective.value(sought.objective.logs(information))
+        information += experiment.model.duration * (y.conj().T @ y).real
+    return problem.objective.value(problem.objective.logs(information))
 
 
-def test_no_random_design_beats_the_bound(sought, optimum):
+def test_no_random_design_beats_the_bound(problem, optimum):
     assert 0 <= optimum.gap < 5e-3
     generator = np.random.default_rng(20161117)
-    assert min(random_value(sought, generator) for _ in range(200)) > optimum.bound
+    assert min(random_value(problem, generator) for _ in range(200)) > optimum.bound
 
 
 @pytest.mark.slow
@@ -56,20 +56,20 @@ def test_certificate_is_tight_and_tones_come_near(designed):
 @pytest.mark.slow
 def test_the_forecast_knows_the_same(designed):
     found, _ = designed
-    assert found.after.keys() == found.problem.before.keys()
-    told = np.exp(found.problem.objective.logs(found.score.information))
-    scale = found.problem.stages[0].scale[found.problem.objective.wanted]
-    forecast = np.array([found.after[name] for name in found.problem.wanted]) / scale
+    assert found.sigmas_after.keys() == found.problem.sigmas_before.keys()
+    told = np.exp(found.problem.objective.logs(found.solution.information))
+    scale = found.problem.experiments[0].scale[found.problem.objective.indices]
+    forecast = np.array([found.sigmas_after[name] for name in found.problem.parameters]) / scale
     np.testing.assert_allclose(told, forecast, rtol=1e-2)
-    assert all(found.alone[name] < found.after[name] for name in found.problem.wanted)
+    assert all(found.sigma_bounds[name] < found.sigmas_after[name] for name in found.problem.parameters)
 
 
 @pytest.mark.slow
 def test_limits_are_kept_by_the_reference_plant(designed):
     found, _ = designed
     runs = {run.experiment: run for run in found.campaign.runs if run.kind == "sysid"}
-    for stage in found.problem.stages:
-        run = replace(runs[stage.run.experiment], noise=type(stage.run.noise)(), dc=0.0)
+    for experiment in found.problem.experiments:
+        run = replace(runs[experiment.run.experiment], noise=type(experiment.run.noise)(), dc=0.0)
         moved = ClosedLoop(run).simulate()
         of = {
             "o_1": moved["o_1"],
@@ -78,7 +78,7 @@ def test_limits_are_kept_by_the_reference_plant(designed):
             "F_x_sc": moved["F_x_sc"],
         }
         reached = {q: np.sqrt(np.mean(x**2)) for q, x in of.items()}
-        shares = [reached[limit.quantity] / limit.value for limit in stage.bounds]
+        shares = [reached[limit.quantity] / limit.value for limit in experiment.active_limits]
         assert max(shares) == pytest.approx(1, abs=1e-3)
 
 
@@ -99,7 +99,7 @@ def test_few_tones_begin_and_end_together(designed):
 def test_the_file_is_that_campaign_with_reasons(designed, tmp_path):
     found, _ = designed
     path = tmp_path / "better.toml"
-    path.write_text(text(found, "better", "pair.toml"), encoding="utf-8")
+    path.write_text(campaign_text(found, "better", "pair.toml"), encoding="utf-8")
     written = loading.load(path)
     assert written.name == "better"
     for experiment in found.campaign.experiments:
@@ -116,48 +116,50 @@ def test_the_file_is_that_campaign_with_reasons(designed, tmp_path):
 
 
 @pytest.mark.slow
-def test_the_worst_ratio_is_bounded_too(sought):
-    from lpfcosim.experiment_design import programme
+def test_the_worst_ratio_is_bounded_too(problem):
+    from lpfcosim.experiment_design import convex_bound
 
-    mean = sought.objective
-    worst = Objective(mean.wanted, mean.weights, worst=True, most=mean.most)
-    found = programme.optimum(sought.stages, sought.fixed, worst, ())
+    mean = problem.objective
+    worst = Objective(mean.indices, mean.weights, minimax=True, max_ratios=mean.max_ratios)
+    found = convex_bound.optimize_power(problem.experiments, problem.prior_information, worst, ())
     assert found.gap < 5e-3
     assert found.bound < np.exp(max(worst.logs(found.information))) < 1
 
 
-def test_what_no_design_reaches_is_told_with_how_near_one_comes(sought, fit_model):
-    asked = replace(sought.objective, most=np.full(sought.objective.most.size, 0.3))
+def test_what_no_design_reaches_is_told_with_how_near_one_comes(problem, fit_model):
+    asked = replace(problem.objective, max_ratios=np.full(problem.objective.max_ratios.size, 0.3))
     with pytest.raises(InputError, match=r"design.no_worse: 0.3 is beyond reach.*stays at 0\.9.*hinder"):
-        search(replace(sought, objective=asked), fit_model, None)
+        search(replace(problem, objective=asked), fit_model, None)
 
 
 def test_mistakes_are_one_sentence(pair, fit_model):
     def asked(**more):
-        return problem(replace(pair, design=replace(pair.design, **more)), fit_model)
+        return design_problem(replace(pair, design=replace(pair.design, **more)), fit_model)
 
     with pytest.raises(InputError, match=r"design.weights: the fit tells no lambda_3, did you mean"):
         asked(weights={"lambda_3": 2.0})
     still = replace(pair, experiments=tuple(replace(e, injections=()) for e in pair.experiments))
     with pytest.raises(InputError, match="there is nothing to free"):
-        problem(still, fit_model)
+        design_problem(still, fit_model)
     short = replace(pair, experiments=tuple(replace(e, n_samples=60000) for e in pair.experiments))
     with pytest.raises(NoneTakesPartError):
-        problem(short, fit_model)
+        design_problem(short, fit_model)
 
 
 def test_without_the_solver_one_sentence_tells_what_to_install(monkeypatch):
-    from lpfcosim.experiment_design import solving
+    from lpfcosim.experiment_design import cvxpy_problem
 
     monkeypatch.setitem(__import__("sys").modules, "cvxpy", None)
     with pytest.raises(InputError, match=r"pip install 'lpfcosim\[design\]'"):
-        solving.solver()
+        cvxpy_problem.solver()
 
 
 @pytest.mark.slow
 def test_limits_of_its_own_are_what_tones_reach(pair):
     run = pair.runs[1]
-    found = {limit.name: limit.value for limit in limits.own(run, [("o_1", "peak"), ("F_x_sc", "rms")])}
+    found = {
+        limit.name: limit.value for limit in limits.baseline_limits(run, [("o_1", "peak"), ("F_x_sc", "rms")])
+    }
     moved = model_of(run).simulate(replace(run, noise=type(run.noise)()))
     assert found["peak of o_1"] == pytest.approx(np.max(np.abs(moved["o_1"])), rel=1e-6)
     assert found["rms of F_x_sc"] == pytest.approx(np.sqrt(np.mean(moved["F_x_sc"] ** 2)), rel=1e-6)

@@ -7,11 +7,11 @@ from lpfcosim.campaign import Campaign
 from lpfcosim.errors import InputError
 from lpfcosim.spacecraft import FS
 
-WHOLE = 60.0  # s, of which a run has a whole number
+TIME_STEP = 60.0  # s, of which a run has a whole number
 HOUR = 3600.0
 
 
-def in_turn(plan: Campaign) -> Campaign:
+def check_schedule(plan: Campaign) -> Campaign:
     """Return a campaign whose runs follow each other.
 
     Raises
@@ -19,11 +19,11 @@ def in_turn(plan: Campaign) -> Campaign:
     InputError
         If one would reach into the next.
     """
-    for before, run in zip(plan.runs[:-1], plan.runs[1:], strict=True):
-        end = datetime.fromisoformat(before.t0) + timedelta(seconds=before.n_samples / FS)
+    for previous, run in zip(plan.runs[:-1], plan.runs[1:], strict=True):
+        end = datetime.fromisoformat(previous.t0) + timedelta(seconds=previous.n_samples / FS)
         if datetime.fromisoformat(run.t0) < end:
             raise InputError(
-                f"design.hours: experiment {quote(before.experiment)} would reach into "
+                f"design.hours: experiment {quote(previous.experiment)} would reach into "
                 f"{quote(run.experiment)}, which has a start t0 of its own"
             )
     return plan

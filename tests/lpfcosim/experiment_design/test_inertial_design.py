@@ -8,7 +8,7 @@ import pytest
 
 from lpfcosim.campaign import loading
 from lpfcosim.errors import InputError
-from lpfcosim.experiment_design import calibration
+from lpfcosim.experiment_design import inertial_design
 from tests import ROOT
 
 DAY = 86400.0
@@ -38,26 +38,26 @@ MODEL = SimpleNamespace(sigmas=formula)
 
 @pytest.mark.parametrize("wanted", [3e-6, 4.5e-6, 9e-6])
 def test_the_hours_are_those_of_the_formula(plan, wanted):
-    found, angles = calibration.settled(plan, {"delta_phi_2": wanted}, MODEL)
+    found, angles = inertial_design.shorten_noise_runs(plan, {"delta_phi_2": wanted}, MODEL)
     least = (1e-5) ** 2 * DAY / (wanted**2 - FLOOR**2)
-    assert angles.after["delta_phi_2"] <= wanted
+    assert angles.sigmas_after["delta_phi_2"] <= wanted
     assert sum(seconds(found, 2)) == pytest.approx(least, rel=0.02)
-    assert angles.hours == (6 * DAY, sum(seconds(found, 2)))
+    assert angles.durations == (6 * DAY, sum(seconds(found, 2)))
     assert seconds(found, 1) == seconds(plan, 1)
     assert [e for e in found.experiments if e.n_samples] == [e for e in plan.experiments if e.n_samples]
 
 
 def test_runs_that_would_be_too_short_are_left_out(plan):
-    found, _ = calibration.settled(plan, {"delta_phi_3": sigma(DAY)}, MODEL)
+    found, _ = inertial_design.shorten_noise_runs(plan, {"delta_phi_3": sigma(DAY)}, MODEL)
     assert seconds(found, 3) == [pytest.approx(DAY / 2, rel=0.02)] * 2
-    found, _ = calibration.settled(plan, {"delta_phi_3": 1.0}, MODEL)
+    found, _ = inertial_design.shorten_noise_runs(plan, {"delta_phi_3": 1.0}, MODEL)
     assert seconds(found, 3) == [43200.0]
 
 
 def test_what_no_hours_reach_is_told(plan):
     with pytest.raises(InputError, match=r"design.sigmas: delta_phi_1: beyond reach, with 1440 h of noise"):
-        calibration.settled(plan, {"delta_phi_1": 0.9 * FLOOR}, MODEL)
+        inertial_design.shorten_noise_runs(plan, {"delta_phi_1": 0.9 * FLOOR}, MODEL)
     tones_alone = replace(plan, experiments=tuple(e for e in plan.experiments if e.n_samples))
     still = SimpleNamespace(sigmas=lambda of: {"delta_phi_1": 1e-5})
     with pytest.raises(InputError, match="delta_phi_1: no run of noise alone tells of them"):
-        calibration.settled(tones_alone, {"delta_phi_1": 1e-5}, still)
+        inertial_design.shorten_noise_runs(tones_alone, {"delta_phi_1": 1e-5}, still)

@@ -13,32 +13,44 @@ import pytest
 from lpfcosim.campaign import loading
 from lpfcosim.campaign.design_spec import LimitSpec
 from lpfcosim.errors import InputError
-from lpfcosim.experiment_design import Told, hours, programme, robustness, settings, telling, text
-from lpfcosim.experiment_design.designing import design
+from lpfcosim.experiment_design import (
+    SearchProgress,
+    authority_selection,
+    campaign_text,
+    convex_bound,
+    duration_allocation,
+    information_spectrum,
+    robustness,
+)
+from lpfcosim.experiment_design.cvxpy_problem import TimeBudget
+from lpfcosim.experiment_design.design_problem import build_problem, design_problem
+from lpfcosim.experiment_design.optimize import design
 from lpfcosim.experiment_design.search import search
-from lpfcosim.experiment_design.solving import Hours
-from lpfcosim.experiment_design.sought import changed, problem
 from tests import ROOT
 from tests.lpfcosim.experiment_design.conftest import PAIR
 
-SILENT = Told(lambda value, bound: None, lambda step, value: None, lambda share: None)
+SILENT = SearchProgress(lambda value, bound: None, lambda step, value: None, lambda share: None)
 
 
-def with_wishes(sought, **more):
-    return replace(sought, plan=replace(sought.plan, design=replace(sought.plan.design, **more)))
+def with_wishes(problem, **more):
+    return replace(problem, plan=replace(problem.plan, design=replace(problem.plan.design, **more)))
 
 
-def test_commands_stay_within_their_authority(sought):
-    for stage in sought.stages:
-        (limit,) = (limit for limit in stage.limits if limit.kind == "authority")
+def test_commands_stay_within_their_authority(problem):
+    for experiment in problem.experiments:
+        (limit,) = (limit for limit in experiment.limits if limit.kind == "authority")
         assert limit.quantity == "F_x_2"
-        held = abs(stage.run.dc) * stage.run.m_tm
-        assert limit.value == pytest.approx(stage.run.authority.F_max_2 - held, rel=0.1)
+        held = abs(experiment.run.dc) * experiment.run.m_tm
+        assert limit.value == pytest.approx(experiment.run.authority.F_max_2 - held, rel=0.1)
 
 
-def test_hours_go_where_they_tell_most(sought, optimum):
-    longer = programme.optimum(
-        sought.stages, sought.fixed, sought.objective, (), hours=Hours(86400.0, np.full(2, 21600.0))
+def test_hours_go_where_they_tell_most(problem, optimum):
+    longer = convex_bound.optimize_power(
+        problem.experiments,
+        problem.prior_information,
+        problem.objective,
+        (),
+        budget=TimeBudget(86400.0, np.full(2, 21600.0)),
     )
     assert longer.durations.sum() == pytest.approx(86400, rel=1e-4)
     assert longer.durations.min() > 21590
@@ -48,60 +60,64 @@ def test_hours_go_where_they_tell_most(sought, optimum):
     assert longer.bound > optimum.bound / 2
 
 
-def test_too_few_hours_are_told(sought):
+def test_too_few_hours_are_told(problem):
     with pytest.raises(InputError, match=r"design.hours: 9 h are too few, .* last 12 h at the least"):
-        hours.solved(sought, 9 * 3600.0, SILENT)
+        duration_allocation.optimize_durations(problem, 9 * 3600.0, SILENT)
 
 
 def test_an_experiment_does_not_reach_into_the_next(pair):
     first, second = pair.experiments
-    fixed = replace(pair, experiments=(first, replace(second, t0="2016-04-16T22:00:00+00:00")))
+    prior_information = replace(pair, experiments=(first, replace(second, t0="2016-04-16T22:00:00+00:00")))
     with pytest.raises(InputError, match=r'"A" would reach into "D"'):
-        hours.with_durations(fixed, {"A": 50000.0})
+        duration_allocation.with_durations(prior_information, {"A": 50000.0})
 
 
-def test_bands_that_leave_nothing_are_told(sought, fit_model):
-    plan = with_wishes(sought, forbidden=((1e-5, 1.0),)).plan
+def test_bands_that_leave_nothing_are_told(problem, fit_model):
+    plan = with_wishes(problem, forbidden=((1e-5, 1.0),)).plan
     with pytest.raises(InputError, match=r"design.forbidden: experiment A has no frequency left"):
-        changed(plan, sought.before, sought.own, fit_model)
+        build_problem(plan, problem.sigmas_before, problem.baseline_limits, fit_model)
 
 
-def test_limits_that_close_every_loop_are_told(sought, fit_model):
+def test_limits_that_close_every_loop_are_told(problem, fit_model):
     caps = tuple(LimitSpec(quantity, "peak", 1e-16) for quantity in ("o_1", "o_12"))
-    plan = with_wishes(sought, caps=caps).plan
+    plan = with_wishes(problem, caps=caps).plan
     with pytest.raises(InputError, match=r"design.limits: peak of o_1 and peak of o_12 so small leave no"):
-        changed(plan, sought.before, sought.own, fit_model)
+        build_problem(plan, problem.sigmas_before, problem.baseline_limits, fit_model)
 
 
 @pytest.mark.parametrize(
     ("most", "said"), [(48 * 3600.0, "48"), pytest.param(None, "2000", marks=pytest.mark.slow)]
 )
 def test_what_no_hours_reach_is_told_before_a_search(pair, fit_model, most, said):
-    wishes = replace(pair.design, goal="least hours", hours=most, sigmas={"omega2_1_0": 1e-13})
+    spec = replace(pair.design, goal="least hours", hours=most, sigmas={"omega2_1_0": 1e-13})
     with pytest.raises(InputError, match=rf"design.hours: in {said} h no design does, .* omega2_1_0 is"):
-        design(replace(pair, design=wishes), fit_model, SILENT)
+        design(replace(pair, design=spec), fit_model, SILENT)
 
 
 @pytest.mark.slow
 def test_settings_that_tell_more_are_found(pair, fit_model):
     allowed = {"F_max_2": (50e-12, 2200e-12), "N_max_1": (1.5e-12, 10.4e-12)}
-    sought = problem(replace(pair, design=replace(pair.design, held="rms", authority=allowed)), fit_model)
-    first, second = sought.plan.experiments
+    problem = design_problem(
+        replace(pair, design=replace(pair.design, held="rms", authority=allowed)), fit_model
+    )
+    first, second = problem.plan.experiments
     near = replace(first.authority, name="near", F_max_2=1500e-12, N_max_1=8e-12)
-    near = replace(sought.plan, experiments=(first, replace(second, authority=near)))
-    worse = changed(near, sought.before, sought.own, fit_model)
-    found = settings.settled(worse, fit_model, SILENT)
+    near = replace(problem.plan, experiments=(first, replace(second, authority=near)))
+    worse = build_problem(near, problem.sigmas_before, problem.baseline_limits, fit_model)
+    found = authority_selection.select_authority(worse, fit_model, SILENT)
     a, b = (e.authority for e in found.plan.experiments)
     assert a.N_max_1 != b.N_max_1
 
     def value(of):
-        return programme.optimum(of.stages, of.fixed, of.objective, (), rounds=1).value
+        return convex_bound.optimize_power(
+            of.experiments, of.prior_information, of.objective, (), rounds=1
+        ).value
 
     assert value(found) < 0.7 * value(worse)
 
 
 @pytest.mark.slow
-def test_interrupted_it_gives_the_best_so_far(sought, fit_model):
+def test_interrupted_it_gives_the_best_so_far(problem, fit_model):
     said = []
 
     def value(step, reached):
@@ -109,17 +125,17 @@ def test_interrupted_it_gives_the_best_so_far(sought, fit_model):
         if step.startswith("trial 2"):
             raise KeyboardInterrupt
 
-    found = search(sought, fit_model, replace(SILENT, value=value))
+    found = search(problem, fit_model, replace(SILENT, on_value=value))
     assert not found.complete
-    assert found.after.keys() == found.problem.before.keys()
+    assert found.sigmas_after.keys() == found.problem.sigmas_before.keys()
     assert found.value < 1
-    assert max(x for of in found.reached.values() for x in of.values()) < 1 + 1e-6
+    assert max(x for of in found.limit_ratios.values() for x in of.values()) < 1 + 1e-6
 
     def at_once(step, reached):
         raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        search(sought, fit_model, replace(SILENT, value=at_once))
+        search(problem, fit_model, replace(SILENT, on_value=at_once))
 
 
 @pytest.mark.long
@@ -130,9 +146,9 @@ def test_the_least_hours_reach_what_is_wanted(pair, fit_model):
         SILENT,
     )
     assert found.value <= 1
-    assert found.fewest <= found.hours * (1 + 1e-6)
-    assert found.hours == pytest.approx(2 * 21600, rel=1e-3)
-    written = text(found, "soon", "pair.toml")
+    assert found.min_duration <= found.duration * (1 + 1e-6)
+    assert found.duration == pytest.approx(2 * 21600, rel=1e-3)
+    written = campaign_text(found, "soon", "pair.toml")
     assert "[design]" not in written
 
 
@@ -142,13 +158,15 @@ def test_an_experiment_that_need_not_be_is_left_out(pair, fit_model, tmp_path):
     base = (ROOT / "campaigns" / "quickstart.toml").as_posix()
     spare = '[[experiments]]\nname = "spare"\nauthority = "A"\n'
     path.write_text(f'extends = "{base}"\n{PAIR}\n{spare}', encoding="utf-8")
-    three, before = loading.load(path), fit_model.sigmas(pair)
-    wishes = replace(three.design, goal="least hours", held="rms", sines=3, shortest=21600.0, sigmas=before)
-    found = design(replace(three, design=wishes), fit_model, SILENT)
-    assert found.hours == pytest.approx(2 * 21600, rel=1e-3)
+    three, sigmas_before = loading.load(path), fit_model.sigmas(pair)
+    spec = replace(
+        three.design, goal="least hours", held="rms", sines=3, shortest=21600.0, sigmas=sigmas_before
+    )
+    found = design(replace(three, design=spec), fit_model, SILENT)
+    assert found.duration == pytest.approx(2 * 21600, rel=1e-3)
     assert found.value <= 1
-    assert found.after.keys() == before.keys()
-    path.write_text(text(found, "two", "three.toml"), encoding="utf-8")
+    assert found.sigmas_after.keys() == sigmas_before.keys()
+    path.write_text(campaign_text(found, "two", "three.toml"), encoding="utf-8")
     names = [experiment.name for experiment in loading.load(path).experiments]
     assert names == [experiment.name for experiment in found.campaign.experiments]
     assert len(names) == 2
@@ -168,7 +186,7 @@ def test_interrupted_on_the_command_line_what_there_is_is_written(tmp_path):
         cwd=tmp_path,
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
-        text=True,
+        campaign_text=True,
         start_new_session=True,
     ) as process:
         try:
@@ -191,15 +209,15 @@ def test_elsewhere_a_design_loses_little(designed, fit_model):
     found, _ = designed
     lost = robustness(found, fit_model, lambda share: None)
     assert -0.01 < lost.loss < 0.1
-    assert 0.9 < lost.reached < 1.2
+    assert 0.9 < lost.max_limit_ratio < 1.2
 
 
 @pytest.mark.slow
 def test_what_one_tone_would_tell(designed):
     found, _ = designed
     f = np.geomspace(5e-4, 0.09, 40)
-    told = telling(found, f)
-    assert told.keys() == set(found.problem.wanted)
+    told = information_spectrum(found, f)
+    assert told.keys() == set(found.problem.parameters)
     peak = {name: f[np.argmax(x)] for name, x in told.items()}
     assert peak["omega2_1_0"] < 1e-2 < peak["C_2"]
     assert peak["delta_ifo_1"] > 1e-2
@@ -207,11 +225,11 @@ def test_what_one_tone_would_tell(designed):
 
 @pytest.mark.slow
 def test_the_redesigned_mission_is_what_it_says(fit_model):
-    before, after = (
+    sigmas_before, sigmas_after = (
         fit_model.sigmas(loading.load(ROOT / "campaigns" / f"{name}.toml"))
         for name in ("mission-x", "designed")
     )
-    assert after.keys() == before.keys()
-    ratios = np.array([after[name] / before[name] for name in before])
+    assert sigmas_after.keys() == sigmas_before.keys()
+    ratios = np.array([sigmas_after[name] / sigmas_before[name] for name in sigmas_before])
     assert ratios.max() < 1
     assert np.exp(np.mean(np.log(ratios))) == pytest.approx(0.4759, rel=1e-3)

@@ -1,4 +1,4 @@
-"""An experiment ready for its design: what each tone into each loop tells, and what it costs."""
+"""An experiment to be designed: information and cost of a tone into each loop, by frequency."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -21,14 +21,14 @@ HIGHEST = 0.095  # Hz, below the end of the fitted band
 
 
 @dataclass(frozen=True)
-class Stage:
+class DesignedExperiment:
     """One experiment.
 
     Attributes
     ----------
     run : Run
         With nothing injected but what is no tone.
-    sight : fisher.ExperimentInformation
+    model : fisher.ExperimentInformation
         What it tells.
     limits : tuple of Limit
         What it must not exceed.
@@ -37,7 +37,7 @@ class Stage:
     """
 
     run: Run
-    sight: fisher.ExperimentInformation
+    model: fisher.ExperimentInformation
     limits: tuple[Limit, ...]
     scale: Array
 
@@ -47,19 +47,19 @@ class Stage:
         return response.recorded_system(self.run)
 
     @cached_property
-    def bounds(self) -> tuple[Limit, ...]:
+    def active_limits(self) -> tuple[Limit, ...]:
         """Limits above nothing; a quantity that may not move at all closes the loop that moves it."""
-        return tuple(limit for limit in self.limits if not limit.of_nothing)
+        return tuple(limit for limit in self.limits if not limit.is_zero)
 
     @cached_property
     def loops(self) -> tuple[str, ...]:
         """Loops that tones may go into, by the read-out or force they move."""
-        closed = {limit.quantity for limit in self.limits if limit.of_nothing}
-        first = ("F_x_1",) if self.run.authority.F_max_1 > 0 and self._named("F_x_1") else ()
-        return tuple(loop for loop in ("o_1", "o_12", *first) if loop not in closed)
+        closed = {limit.quantity for limit in self.limits if limit.is_zero}
+        force_loop = ("F_x_1",) if self.run.authority.F_max_1 > 0 and self._named("F_x_1") else ()
+        return tuple(loop for loop in ("o_1", "o_12", *force_loop) if loop not in closed)
 
     def _named(self, quantity: str) -> bool:
-        return any(limit.quantity == quantity for limit in self.bounds)
+        return any(limit.quantity == quantity for limit in self.active_limits)
 
     def target(self, loop: str, frequency: float) -> Target:
         """Return what a tone of this frequency is injected into to move a loop."""
@@ -80,7 +80,7 @@ class Stage:
         return np.stack(of_loop, axis=2)
 
     def responses(self, frequency: Array) -> tuple[Complex, Complex]:
-        """Return what unit tones tell and what they cost.
+        """Return the sensitivities of the parameters to unit tones, and what they cost.
 
         Parameters
         ----------
@@ -89,16 +89,16 @@ class Stage:
 
         Returns
         -------
-        told : ndarray of complex, shape (n, P, L)
+        sensitivity : ndarray of complex, shape (n, P, L)
             A tone of amplitude u tells ``Re[(D u)^* (D u)^T]`` for every second that it is worth.
         cost : ndarray of complex, shape (n, limits, L)
             Amplitude of each limited quantity, in units of its limit.
         """
         G = self.gains(frequency)
-        rows = [self.system.outputs.index(name) for name in self.sight.channels]
-        D = np.einsum("npc,ncl->npl", self.sight.sensitivity(frequency), G[:, rows], optimize=True)
+        rows = [self.system.outputs.index(name) for name in self.model.channels]
+        D = np.einsum("npc,ncl->npl", self.model.sensitivity(frequency), G[:, rows], optimize=True)
         cost = []
-        for limit in self.bounds:
+        for limit in self.active_limits:
             channel, unit = QUANTITIES[limit.quantity]
             row = G[:, self.system.outputs.index(channel)] / limit.value
             row = row * self.run.m_tm if unit == "N" and channel != "F_x_sc" else row
@@ -106,23 +106,23 @@ class Stage:
         return D * self.scale[:, None], np.stack(cost, axis=1)
 
     @cached_property
-    def known(self) -> Array:
+    def base_information(self) -> Array:
         """Information without tones, scaled, shape (P, P)."""
-        return self.scale[:, None] * self.sight.information * self.scale
+        return self.scale[:, None] * self.model.information * self.scale
 
     def frequencies(self, count: int, forbidden: Sequence[tuple[float, float]]) -> Array:
         """Return frequencies from the lowest to the highest that a tone may have, log-spaced [Hz]."""
-        f = np.geomspace(LOWEST / self.sight.duration, HIGHEST, count)
+        f = np.geomspace(LOWEST / self.model.duration, HIGHEST, count)
         return np.asarray(f[~_inside(f, forbidden)])
 
     def allowed(self, frequency: Array, forbidden: Sequence[tuple[float, float]]) -> NDArray[np.bool_]:
-        """Tell which frequencies a tone may have."""
-        reach = (frequency >= LOWEST / self.sight.duration) & (frequency <= HIGHEST)
+        """Return which frequencies a tone may have."""
+        reach = (frequency >= LOWEST / self.model.duration) & (frequency <= HIGHEST)
         return np.asarray(reach & ~_inside(frequency, forbidden))
 
 
 def _inside(frequency: Array, bands: Sequence[tuple[float, float]]) -> NDArray[np.bool_]:
-    found = np.zeros(frequency.size, dtype=bool)
+    mask = np.zeros(frequency.size, dtype=bool)
     for low, high in bands:
-        found |= (frequency >= low) & (frequency <= high)
-    return found
+        mask |= (frequency >= low) & (frequency <= high)
+    return mask

@@ -1,4 +1,4 @@
-"""A design as a campaign file: all that the old one says, other tones, and the reason for each."""
+"""A design as a campaign file: the original tables with other tones, and the reason for each."""
 
 import json
 from collections.abc import Mapping, Sequence
@@ -14,10 +14,10 @@ from lpfcosim.spacecraft import FS, TaperedSine
 
 _REPLACED = ("extends", "name", "design", "defaults", "sweep", "sequences", "experiments", "authority")
 _TONES = ("sine", "tapered_sine")
-_OWN = ("sequences", "injections")
+_INJECTION_KEYS = ("sequences", "injections")
 
 
-def text(design: Design, name: str, source: str) -> str:
+def campaign_text(design: Design, name: str, source: str) -> str:
     """Return the campaign file.
 
     Parameters
@@ -30,34 +30,36 @@ def text(design: Design, name: str, source: str) -> str:
         Name of the file it was made from.
     """
     tables = design.campaign.tables
-    first = {"schema": tables["schema"], "name": name}
+    header = {"schema": tables["schema"], "name": name}
     rest = {key: value for key, value in tables.items() if key not in (*_REPLACED, "schema")}
     plain = {key: value for key, value in rest.items() if not isinstance(value, dict)}
     deep = {key: value for key, value in rest.items() if isinstance(value, dict)}
     authority = {"authority": _authority(design.campaign)}
-    parts = [
+    sections = [
         _head(design, source),
-        tomli_w.dumps(first | plain),
+        tomli_w.dumps(header | plain),
         tomli_w.dumps(authority),
         tomli_w.dumps(deep),
     ]
-    parts += [
-        _experiment(raw | _other(raw, experiment), design.tones.get(experiment.name))
-        for raw, experiment in _written_of(design)
+    sections += [
+        _experiment(raw | _changed_keys(raw, experiment), design.tones.get(experiment.name))
+        for raw, experiment in _tables_of(design)
     ]
-    return "\n".join(part for part in parts if part)
+    return "\n".join(part for part in sections if part)
 
 
-def _written_of(design: Design) -> list[tuple[dict[str, Any], Experiment]]:
+def _tables_of(design: Design) -> list[tuple[dict[str, Any], Experiment]]:
     """Return what the old file says of each experiment that is left, and the experiment."""
-    kept = {experiment.name: experiment for experiment in design.campaign.experiments}
+    experiments = {experiment.name: experiment for experiment in design.campaign.experiments}
     raw = zip(_raw(design.problem.plan), design.problem.plan.experiments, strict=True)
-    return [(said, kept[experiment.name]) for said, experiment in raw if experiment.name in kept]
+    return [
+        (tables, experiments[experiment.name]) for tables, experiment in raw if experiment.name in experiments
+    ]
 
 
 def _head(design: Design, source: str) -> str:
     objective = design.problem.objective
-    goal = "largest ratio" if objective.worst else "geometric mean"
+    goal = "largest ratio" if objective.minimax else "geometric mean"
     lines = [
         f"{source}, redesigned by lpfcosim design.",
         "",
@@ -65,40 +67,40 @@ def _head(design: Design, source: str) -> str:
         f"same limits on rms go below {design.optimum.bound:.4g}.",
         "",
         *(
-            f"  {parameter:12}  {design.problem.before[parameter]:.3g} -> {design.after[parameter]:.3g}"
-            for parameter in design.problem.wanted
-            if parameter in design.after
+            f"  {name:12}  {design.problem.sigmas_before[name]:.3g} -> {design.sigmas_after[name]:.3g}"
+            for name in design.problem.parameters
+            if name in design.sigmas_after
         ),
-        *_of_angles(design),
+        *_inertial_lines(design),
         "",
         "Tones are for what is written behind them: how many times as large a sigma would be without.",
     ]
     return "\n".join(f"# {line}".rstrip() for line in lines) + "\n"
 
 
-def _of_angles(design: Design) -> list[str]:
-    """Return the lines on angles of the inertial calibration, if they were sought."""
+def _inertial_lines(design: Design) -> list[str]:
+    """Return the lines on angles of the inertial calibration, if they have target sigmas."""
     if design.angles is None:
         return []
     return [
-        f"  {name:12}  {design.angles.before[name]:.3g} -> {design.angles.after[name]:.3g}"
-        for name in design.angles.wanted
+        f"  {name:12}  {design.angles.sigmas_before[name]:.3g} -> {design.angles.sigmas_after[name]:.3g}"
+        for name in design.angles.target_sigmas
     ]
 
 
 def _authority(campaign: Campaign) -> dict[str, dict[str, str]]:
     """Return the authority sets, those of the file as it writes them and those that a sweep made."""
-    said: dict[str, Any] = dict(campaign.tables.get("authority", {}))
+    sets: dict[str, Any] = dict(campaign.tables.get("authority", {}))
     for experiment in campaign.experiments:
         a = experiment.authority
-        made = {
+        table = {
             "F_max_1": _si(a.F_max_1, "N"),
             "F_max_2": _si(a.F_max_2, "N"),
             "N_max_1": _si(a.N_max_1, "N m"),
             "N_max_2": _si(a.N_max_2, "N m"),
         }
-        said.setdefault(a.name, made)
-    return said
+        sets.setdefault(a.name, table)
+    return sets
 
 
 def _raw(campaign: Campaign) -> list[dict[str, Any]]:
@@ -106,35 +108,35 @@ def _raw(campaign: Campaign) -> list[dict[str, Any]]:
     tables = campaign.tables
     defaults = tables.get("defaults", {})
     if "sweep" not in tables:
-        kept = {experiment.name for experiment in campaign.experiments}
-        raws = [raw for raw in tables["experiments"] if raw["name"] in kept]
+        names = {experiment.name for experiment in campaign.experiments}
+        raws = [raw for raw in tables["experiments"] if raw["name"] in names]
         return [_with_sequences({**defaults, **raw}, tables) for raw in raws]
     base = _with_sequences({**defaults, **tables["experiments"][0]}, tables)
     return [_swept(base, experiment) for experiment in campaign.experiments]
 
 
-def _other(raw: Mapping[str, Any], experiment: Experiment) -> dict[str, Any]:
+def _changed_keys(raw: Mapping[str, Any], experiment: Experiment) -> dict[str, Any]:
     """Return the settings and the durations of an experiment where they are not what the file says."""
-    found: dict[str, Any] = {}
+    changes: dict[str, Any] = {}
     if raw.get("authority") != experiment.authority.name:
-        found["authority"] = experiment.authority.name
+        changes["authority"] = experiment.authority.name
     if round(units.to_si(raw.get("duration", "0 s"), "s") * FS) != experiment.n_samples:
-        found["duration"] = f"{experiment.n_samples / FS / 60:.12g} min"
+        changes["duration"] = f"{experiment.n_samples / FS / 60:.12g} min"
     if round(units.to_si(raw.get("noise_duration", "0 s"), "s") * FS) != experiment.n_noise_samples:
-        found["noise_duration"] = f"{experiment.n_noise_samples / FS / 60:.12g} min"
-    return found
+        changes["noise_duration"] = f"{experiment.n_noise_samples / FS / 60:.12g} min"
+    return changes
 
 
 def _with_sequences(raw: Mapping[str, Any], tables: Mapping[str, Any]) -> dict[str, Any]:
     """Return an experiment with the injections of its sequences among its own."""
     injections = [one for name in raw.get("sequences", ()) for one in tables["sequences"][name]]
-    found = {key: value for key, value in raw.items() if key not in _OWN}
-    return found | {"injections": [*injections, *raw.get("injections", ())]}
+    table = {key: value for key, value in raw.items() if key not in _INJECTION_KEYS}
+    return table | {"injections": [*injections, *raw.get("injections", ())]}
 
 
 def _swept(base: Mapping[str, Any], experiment: Experiment) -> dict[str, Any]:
-    found = {key: value for key, value in base.items() if key not in ("t0", "inertial_period")}
-    found |= {
+    table = {key: value for key, value in base.items() if key not in ("t0", "inertial_period")}
+    table |= {
         "name": experiment.name,
         "authority": experiment.authority.name,
         "alignment_epoch": experiment.alignment_epoch,
@@ -142,24 +144,24 @@ def _swept(base: Mapping[str, Any], experiment: Experiment) -> dict[str, Any]:
         "noise_duration": _si(experiment.n_noise_samples / FS, "s"),
         "dc": _si(experiment.dc, "m s^-2"),
     }
-    more = {"inertial_period": experiment.inertial_period, "t0": experiment.t0}
-    return found | {key: value for key, value in more.items() if value}
+    optional = {"inertial_period": experiment.inertial_period, "t0": experiment.t0}
+    return table | {key: value for key, value in optional.items() if value}
 
 
-def _experiment(raw: Mapping[str, Any], found: Sequence[Tone] | None) -> str:
+def _experiment(raw: Mapping[str, Any], tones: Sequence[Tone] | None) -> str:
     lines = ["[[experiments]]"]
     lines += [f"{key} = {_inline(value)}" for key, value in raw.items() if key != "injections"]
-    replaced = _TONES if found is not None else ()
-    kept = [injection for injection in raw["injections"] if injection.get("shape") not in replaced]
-    if not kept and not found:
+    replaced = _TONES if tones is not None else ()
+    injections = [injection for injection in raw["injections"] if injection.get("shape") not in replaced]
+    if not injections and not tones:
         return "\n".join([*lines, ""])
     lines.append("injections = [")
-    lines += [f"  {_inline(injection)}," for injection in kept]
-    lines += [f"  {_inline(_written(tone.injection))},  # {tone.reason}" for tone in found or ()]
+    lines += [f"  {_inline(injection)}," for injection in injections]
+    lines += [f"  {_inline(_tone_table(tone.injection))},  # {tone.reason}" for tone in tones or ()]
     return "\n".join([*lines, "]", ""])
 
 
-def _written(tone: TaperedSine) -> dict[str, object]:
+def _tone_table(tone: TaperedSine) -> dict[str, object]:
     length = not tone.into.startswith("F_")
     return {
         "into": tone.into,
