@@ -40,7 +40,6 @@ LONG = {
     ("lpfcosim", "montecarlo"),
     ("lpfcosim", "mcmc"),
     ("lpfcosim", "run"),
-    ("python", "tests/benchmarks/coverage.py"),
 }
 _FENCE = re.compile(
     r"^(?P<mark>```+)(?P<language>[^\n]*)\n(?P<text>.*?)^(?P=mark)$", re.DOTALL | re.MULTILINE

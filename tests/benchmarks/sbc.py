@@ -332,7 +332,7 @@ def section(lines: Sequence[Line], table: Sequence[tuple[str, ...]]) -> str:
     ]
     text += [
         "",
-        "| model | campaigns | outside the band | outside that of all together | 68 % intervals hold |",
+        "| model | campaigns | curves outside the band | outside the joint band | 68 % intervals contain |",
     ]
     text.append("|---|---|---|---|---|")
     for model in dict.fromkeys(row[0] for row in table):

@@ -229,15 +229,12 @@ def tables(told: Mapping[str, object]) -> str:
     campaigns: dict[str, Figures] = told["campaigns"]  # type: ignore[assignment]
     commands: dict[str, Figures] = told["commands"]  # type: ignore[assignment]
     ratios: dict[str, dict[str, float]] = told.get("ratios", {})  # type: ignore[assignment]
-    columns = (*STAGES, "all processes")
-    lines = [f"On {told['machine']}.\n", f"| `run` | {' | '.join(columns)} |", "|---" * 9 + "|"]
-    for name, of in campaigns.items():
-        cells = (f"{of[stage]['s']:.1f} s, {of[stage]['mb']:.0f} MB" for stage in STAGES)
-        lines.append(f"| `{name}.toml` | {' | '.join(cells)} | {of['total']['mb_all']:.0f} MB |")
-    lines += ["", f"| `{OF_COMMANDS}` | total | all processes |", "|---" * 3 + "|"]
-    for name, of in commands.items():
-        whole = of["total"]
-        lines.append(f"| `{name}` | {whole['s']:.1f} s, {whole['mb']:.0f} MB | {whole['mb_all']:.0f} MB |")
+    lines = [f"On {told['machine']}.\n", "| command | time, memory | all processes |", "|---" * 3 + "|"]
+    figures = {f"run {name}": of for name, of in campaigns.items()}
+    figures |= {f"{name} {OF_COMMANDS}" if name != "start" else name: of for name, of in commands.items()}
+    for name, of in figures.items():
+        total = of["total"]
+        lines.append(f"| `{name}` | {total['s']:.1f} s, {total['mb']:.0f} MB | {total['mb_all']:.0f} MB |")
     if ratios:
         lines += ["", "| as fast as before | times | in processor time |", "|---" * 3 + "|"]
         lines += [f"| `{name}` | {of['total']:.1f} | {of['cpu']:.1f} |" for name, of in ratios.items()]
