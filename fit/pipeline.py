@@ -284,7 +284,7 @@ def _judged(
     fits: dict[str, Fit] = {}
     of_joint: list[FitWarning] = []
     every = campaign.experiments
-    single = parallel_map(lambda e: _of_experiment(e, campaign, single_fits[e.name], together, chosen), every)
+    single = parallel_map(lambda e: _of_experiment(e, campaign, single_fits[e.name], chosen), every)
     for e, fit in zip(every, single, strict=True):
         if isinstance(fit, Fit):
             fits[e.name] = fit
@@ -302,7 +302,10 @@ def _judged(
             for e in (e for e in left_out if e.name in fits):
                 fits[e.name] = _warned(fits[e.name], [warning])
     if not together:
-        return None, fits
+        failures = [w for w in single if isinstance(w, FitWarning)]
+        if not fits:
+            raise FitError("; ".join(failure.message for failure in failures))
+        return None, {name: _warned(fit, failures) for name, fit in fits.items()}
     of_joint += [w for e in campaign.in_joint_fit for w in campaign.prepared[e.name].warnings]
     codes = {w.code for w in together.fit.warnings}
     if "constraint_contradicted" not in codes:
@@ -316,18 +319,15 @@ def _of_experiment(
     experiment: Experiment,
     campaign: ExperimentSet,
     single_fit: IRLSResult | FitError,
-    together: _Together | None,
     chosen: Settings,
 ) -> Fit | FitWarning:
-    """Return the fit of an experiment by itself, or a warning of the joint fit that there is none."""
+    """Return the fit of an experiment by itself, or a warning that there is none."""
     judged = single_fit
     if constraints_of(experiment, chosen.parameters):  # these may be wrong
         single_fit = _fit_single(experiment, chosen, single_fit)
     if isinstance(single_fit, FitError) or isinstance(judged, FitError):
+        # what one experiment by itself does not yield must not cost the others
         error = next(e for e in (judged, single_fit) if isinstance(e, FitError))
-        if together is None:
-            raise error
-        # what one experiment by itself does not yield must not cost the joint fit
         return FitWarning("no_single_fit", (), str(error))
     fit = fit_quality.as_fit(single_fit, [experiment])
     untested = unit_faults(experiment) if experiment.name in chosen.exclude else ()

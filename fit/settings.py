@@ -121,7 +121,7 @@ class Settings(Table):
     glitches: bool
     scatter: Annotated[list[_Scattering], _AUTO]
     levels: Annotated[list[str], _AUTO]
-    f_max: Annotated[float, Field(ge=LOWEST, le=HIGHEST)]
+    f_max: Annotated[float, Field(ge=LOWEST, le=HIGHEST, allow_inf_nan=False)]
     shared: dict[str, Group]
     parameters: dict[str, ParameterSettings] = {}
 

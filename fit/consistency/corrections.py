@@ -312,9 +312,7 @@ def _slow_drift(test: RunTest) -> Candidate:
 def _loud_segments(test: RunTest) -> Iterator[Candidate]:
     """Mask segments in which something else acts."""
     recorded = test.recorded
-    limit = float(
-        scipy.special.chdtri(recorded.block_dof, p_limit("consistency", recorded.block_powers.size))
-    )
+    limit = float(scipy.special.chdtri(recorded.block_dof, p_limit("runs", recorded.block_powers.size)))
     level = max(1.0, float(np.median(recorded.block_powers)))
     excess_blocks = np.flatnonzero(recorded.block_powers > limit / recorded.block_dof * level)
     if not excess_blocks.size or excess_blocks.size * BLOCK > MAX_MASKED * np.ptp(recorded.columns.time):

@@ -233,7 +233,7 @@ def contradiction_exclusions(
         numbers = [k for k in outliers if k != i]
         remaining = test.without(numbers)
         position = i - sum(k < i for k in numbers)
-        agrees = test.runs[i].noise_level == 1 and remaining.of_runs([position]).p > p_limit("consistency")
+        agrees = test.runs[i].noise_level == 1 and remaining.of_runs([position]).p > p_limit("runs")
         # from the other outliers, or from all
         largest = (
             largest_pull(test, i, experiments[i])

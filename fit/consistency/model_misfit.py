@@ -174,7 +174,7 @@ def model_warnings(experiments: Sequence[Experiment]) -> list[FitWarning]:
     delays = _delay_warnings(runs)
     if common := common_effects(runs):
         return [_template_warning(common, largest), *delays]
-    limit = p_limit("model", len(runs))
+    limit = p_limit("driven bins", len(runs))
     misfits = [run for run in runs if run.p < limit]
     if len(misfits) >= max(min(MIN_RUNS, len(runs)), WIDESPREAD * len(runs)):
         return [_force_warning(misfits, len(runs)), *delays]
@@ -184,7 +184,7 @@ def model_warnings(experiments: Sequence[Experiment]) -> list[FitWarning]:
 def readout_lag(experiment: Experiment, n_runs: int) -> Cause | None:
     """Return by how much o_1 of one of several runs is late [s]; None if it is not, or without harm."""
     effect = _common_effect([run_misfit(experiment, (1.0, 1.0), (READOUT_LAG,))], 0, READOUT_LAG)
-    if effect.z < sigma_limit("model", n_runs) or not READOUT_LAG.admits(effect.size, effect.sigma):
+    if effect.z < sigma_limit("readout lag", n_runs) or not READOUT_LAG.admits(effect.size, effect.sigma):
         return None
     return READOUT_LAG.cause(effect.size, effect.sigma, experiment.name)
 
@@ -243,7 +243,7 @@ def common_effects(runs: Sequence[RunMisfit]) -> list[CommonEffect]:
             effects += [_common_effect(of_epoch, i, template, k) for k, of_epoch in epochs.items()]
         else:
             effects.append(_common_effect(runs, i, template))
-    limit = sigma_limit("model", len(effects))
+    limit = sigma_limit("templates", len(effects))
     possible = [e for e in effects if e.z > limit and e.accounted > ACCOUNTED and not e.scatters]
     possible = [e for e in possible if e.template.admits(e.size, e.sigma)]
     possible.sort(key=lambda e: -e.z)
@@ -273,8 +273,10 @@ def _common_effect(
     contributions = _ratio(weights[:, 1] ** 2, weights[:, 0])
     scatter = float(np.sum(contributions)) - z2  # Cochran's Q of the amounts
     largest = int(np.argmax(contributions))
-    single = np.sum(np.delete(contributions, largest)) < chi2_limit("model", len(runs), len(MODEL_TEMPLATES))
-    limit = chi2_limit("model", max(len(runs) - 1, 1), len(MODEL_TEMPLATES)) + INDISTINCT * z2
+    single = np.sum(np.delete(contributions, largest)) < chi2_limit(
+        "templates", len(runs), len(MODEL_TEMPLATES)
+    )
+    limit = chi2_limit("templates", max(len(runs) - 1, 1), len(MODEL_TEMPLATES)) + INDISTINCT * z2
     return CommonEffect(
         template,
         float(size),

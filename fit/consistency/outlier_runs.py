@@ -89,7 +89,7 @@ def n_tests(test: ConsistencyTest, groups: Groups = ()) -> int:
 
 def is_contradicted(test: ConsistencyTest, groups: Groups = ()) -> bool:
     """Return whether the runs disagree by more than the budget of false alarms allows."""
-    limit = p_limit("consistency", n_tests(test, groups))
+    limit = p_limit("runs", n_tests(test, groups))
     if test.total.p < limit:
         return True
     sets = [*([i] for i in range(len(test.runs))), *_members(test, groups)]

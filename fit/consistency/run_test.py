@@ -257,7 +257,7 @@ class CorrectedRun:
         """Whether nothing but noise remains."""
         n_known = min(self.free.rank, len(dynamics.PARAMETERS))
         excess = (self.chi2 - self.free.chi2) / max(self.level, 1.0)
-        consistent = float(scipy.special.chdtrc(n_known, max(excess, 0.0))) > p_limit("consistency")
+        consistent = float(scipy.special.chdtrc(n_known, max(excess, 0.0))) > p_limit("runs")
         return consistent and self._is_uniform and 1 / MAX_EXCESS < self.level < MAX_EXCESS
 
     @cached_property
@@ -281,6 +281,4 @@ class CorrectedRun:
     def _is_uniform(self) -> bool:
         level = max(1.0, float(np.median(self.block_powers)))
         largest = float(self.block_powers.max()) / level * self.block_dof
-        return float(scipy.special.chdtrc(self.block_dof, largest)) > p_limit(
-            "consistency", self.block_powers.size
-        )
+        return float(scipy.special.chdtrc(self.block_dof, largest)) > p_limit("runs", self.block_powers.size)

@@ -34,7 +34,7 @@ def cross_talk_drift(outcome: IRLSResult, names: Mapping[str, str]) -> dict[str,
     for i, p in enumerate(outcome.parameters):
         if names.get(p.name) in DRIFTING and not outcome.undetermined[i]:
             drift = heterogeneity(outcome.model, outcome.result.params, i)
-            if drift and drift.p < p_limit("consistency", len(DRIFTING)):
+            if drift and drift.p < p_limit("gain drift", len(DRIFTING)):
                 drifts[names[p.name]] = drift
     return drifts
 

@@ -114,7 +114,7 @@ class ConstraintTest:
     @property
     def is_contradicted(self) -> bool:
         """Whether the data contradict the constraints."""
-        return self.p_value < false_alarms.p_limit("consistency")
+        return self.p_value < false_alarms.p_limit("constraints")
 
     def warnings(self) -> list[FitWarning]:
         """Return the constraints, the estimates at a bound, and whether the data contradict them."""

@@ -9,7 +9,6 @@ import numpy as np
 import scipy
 
 from fit.crosstalk import crosstalk_fit
-from fit.false_alarms import BUDGET
 from fit.files import atomic
 from fit.model import separation
 from fit.parameters import stiffness
@@ -17,6 +16,7 @@ from fit.results import Fit, Results
 from fit.telemetry import Telemetry, inertial_period, read_truth
 
 SCHEMA = "lpf-montecarlo/1"
+FALSE_ALARM = 1e-3  # probability that sound calibrations fail any of the tests of their pulls
 FAILURES = 0.01  # share of sound calibrations whose checks may raise an alarm
 COVERAGE = 0.6826894921370859  # of a normal distribution, within one standard deviation
 _Truths = Sequence[tuple[Telemetry, dict[str, float]]]
@@ -219,7 +219,7 @@ def verdict(pulls: Mapping[str, Pulls], n: int, failed: int) -> Verdict:
 
     Of each parameter the mean is tested (Student's t), the standard deviation (chi squared) and the coverage
     (binomial), and the number of failures (binomial). Sound calibrations fail one test or more with the
-    probability `BUDGET` at most, whatever their number: it is divided among the tests.
+    probability `FALSE_ALARM` at most, whatever their number: it is divided among the tests.
 
     Parameters
     ----------
@@ -228,7 +228,7 @@ def verdict(pulls: Mapping[str, Pulls], n: int, failed: int) -> Verdict:
     n, failed : int
         Calibrations that succeeded, and that did not.
     """
-    level = BUDGET / (3 * len(pulls) + 1)
+    level = FALSE_ALARM / (3 * len(pulls) + 1)
     reasons = []
     for name, p in pulls.items():
         departures = [
@@ -299,7 +299,7 @@ def write(
         "n": n,
         "verdict": {
             "valid": result.valid,
-            "false_alarm": BUDGET,
+            "false_alarm": FALSE_ALARM,
             "reasons": list(result.reasons),
         },
         "failed": {str(number): message for number, message in failed.items()},

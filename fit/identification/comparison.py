@@ -117,7 +117,7 @@ def discrepancies(
         *_joint_differences(joint_fit, joint, bounded),
         *_run_differences(joint_fit, calibrated, context),
     ]
-    limit = sigma_limit("model", len(every))
+    limit = sigma_limit("parameters", len(every))
     significant = [difference for difference in every if difference.is_significant(limit)]
     if not significant:
         return []
@@ -170,7 +170,7 @@ def fixed_value_conflicts(fixed_values: Mapping[str, float], calibrated: Fit | N
     if calibrated is None or calibrated.unsound:
         return []
     conflicts = {}
-    limit = sigma_limit("model", len(fixed_values))
+    limit = sigma_limit("fixed values", len(fixed_values))
     for name, value in fixed_values.items():
         if name in calibrated.parameters:
             estimate = calibrated[name]
@@ -259,7 +259,7 @@ def command_warnings(
     mismatches: Mapping[str, CommandMismatch], parameters: Sequence[str]
 ) -> list[FitWarning]:
     """Warn of commands that are not those of the controller, by run; `parameters` depend on it."""
-    limit = sigma_limit("model", len(mismatches))
+    limit = sigma_limit("commands", len(mismatches))
     significant = {
         run: command.mismatch
         for run, command in mismatches.items()

@@ -63,7 +63,7 @@ class ExperimentSet:
         """Return the set without experiments that masks would take apart, unless all of them are such."""
         reasons = {e.name: self.prepared[e.name].unusable for e in self.in_joint_fit}
         unusable = [
-            Exclusion(name, (Cause(name, "", "masks", words=reason),), "excluded", "", "cause")
+            Exclusion(name, (Cause(name, "", "masks", words=reason),), single_fit_code="", evidence="cause")
             for name, reason in reasons.items()
             if reason
         ]

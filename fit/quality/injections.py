@@ -18,7 +18,6 @@ from fit.quality.initial_fit import flight_psd
 from fit.spectra import windowing
 from fit.whitening import Glitch, Run, whitened_run
 
-FAMILY = "model"
 F_MIN = 3e-3  # Hz; below, glitches of hours look like injections
 BACKGROUND_BINS, BACKGROUND_PERCENTILE = 401, 10  # neighbours that show with what power a run moves by itself
 DRIVEN = 100.0  # times that power, from which a bin is driven
@@ -64,7 +63,7 @@ def chance_probability(counts: Sequence[Coincidences]) -> float:
 
 def is_excessive(counts: Sequence[Coincidences], n_tests: int) -> bool:
     """Return whether glitches lie in the injections more often than the budget of false alarms allows."""
-    return chance_probability(counts) < p_limit(FAMILY, n_tests)
+    return chance_probability(counts) < p_limit("masks at injections", n_tests)
 
 
 def injected_cells(run: Run, tau: tuple[float, float]) -> NDArray[np.bool_]:

@@ -66,7 +66,7 @@ def response_faults(experiments: Sequence[Experiment]) -> list[Exclusion]:
     Where all runs of an alignment epoch that show their gain have another one, so have the others.
     """
     runs = parallel_map(lambda e: slow_response(e.sysid), experiments, Experiment.samples)
-    n_sigma = sigma_limit("loop response", len(experiments))
+    n_sigma = sigma_limit("guidance gain", len(experiments))
     responses = {
         e.name: response
         for e, response in zip(experiments, runs, strict=True)

@@ -9,7 +9,6 @@ import scipy
 from numpy.typing import NDArray
 
 from fit.false_alarms import sigma_limit
-from fit.quality.matching_pursuit import FAMILY
 from fit.spectra import Spectra, Spectrum, windowing
 
 Array = NDArray[np.float64]
@@ -50,7 +49,7 @@ class MatchedFilter:
     @cached_property
     def threshold(self) -> float:
         """Signal-to-noise ratio of a glitch, for as many tests as there are runs, widths and instants."""
-        return sigma_limit(FAMILY, self.n_runs * len(WIDTHS) * 2 * self.terms.f.size)
+        return sigma_limit("matched filter", self.n_runs * len(WIDTHS) * 2 * self.terms.f.size)
 
     def outputs(self, n: int) -> Iterator[tuple[Array, float]]:
         """Yield the output of each filter, shape (n,), in units of noise S, and its standard deviation."""

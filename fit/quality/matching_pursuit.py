@@ -24,7 +24,6 @@ from fit.whitening import Glitch, Shape, glitch_templates
 
 Array = NDArray[np.float64]
 
-FAMILY = "glitches"  # of the budget of false alarms
 RESIDUAL_LIMIT = 3.5  # threshold where a glitch has been subtracted
 SIMILAR_TAU = 0.2  # of the tau of that glitch, from which on a shape lasts about as long
 SUSPECT = 0.75  # of the threshold, from which the peak of a filter becomes a candidate
@@ -66,7 +65,7 @@ def threshold(view: WhitenedTemplates, shape: Shape, begin: Array) -> Array:
 
 def _limit(view: WhitenedTemplates, shape: Shape) -> float:
     n_instants = max(2 * view.duration / shape.tau, 1.0)
-    return sigma_limit(FAMILY, round(view.n_runs * len(glitch_templates.TEMPLATES) * n_instants))
+    return sigma_limit("matching pursuit", round(view.n_runs * len(glitch_templates.TEMPLATES) * n_instants))
 
 
 def matching_pursuit(view: WhitenedTemplates) -> list[GlitchCandidate]:

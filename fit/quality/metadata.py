@@ -157,10 +157,15 @@ def _unit_faults(experiments: Sequence[Experiment]) -> Iterator[Exclusion]:
     return chain.from_iterable(faults)
 
 
-def _sample_faults(e: Experiment) -> Iterator[Cause]:
-    """Yield the faults of the samples of both runs of an experiment."""
-    runs = [run.telemetry.select(dynamics.CHANNELS) for run in _runs(e)]
-    return samples.check_samples(runs[0], runs[1] if e.noise else None)
+def _sample_faults(experiments: Sequence[Experiment]) -> Iterator[Exclusion]:
+    """Yield the faults of the samples of both runs of the experiments."""
+    n_channels = len(dynamics.CHANNELS) * sum(len(_runs(e)) for e in experiments)
+
+    def find(e: Experiment) -> Iterator[Cause]:
+        runs = [run.telemetry.select(dynamics.CHANNELS) for run in _runs(e)]
+        return samples.check_samples(runs[0], runs[1] if e.noise else None, n_channels)
+
+    return _per_experiment(find)(experiments)
 
 
 def _authority_faults(e: Experiment) -> Iterator[Cause]:
@@ -302,6 +307,6 @@ CHECKS: Mapping[str, Check] = {
     "dates of noise runs": Check(_distant_noise_runs),
     "authority": Check(_per_experiment(_authority_faults)),
     "injections in noise runs": Check(_per_experiment(_paired_injections, evidence="cause")),
-    "samples": Check(_per_experiment(_sample_faults), samples.CODES),
+    "samples": Check(_sample_faults, samples.CODES),
     "response to guidance": Check(response_faults, dict.fromkeys(("scale", "sign"), "guidance_scale")),
 }

@@ -116,7 +116,7 @@ def mismatched(tables: Mapping[str, VarianceTable]) -> list[str]:
     """Return the experiments whose noise level is off, alone or together with all others in one band."""
     n = len(tables)
     single = {name: bool(table.mismatched(n).any()) for name, table in tables.items()}
-    limit = sigma_limit("noise", noise_tests.n_tests(n))
+    limit = sigma_limit("residual power", noise_tests.n_tests(n))
     z_scores: dict[int, list[float]] = {}
     for table in (table for name, table in tables.items() if not single[name]):
         for band, z in zip(table.bands.tolist(), table.z_score.tolist(), strict=True):

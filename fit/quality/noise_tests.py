@@ -167,11 +167,11 @@ class VarianceTable:
 
     def mismatched(self, n_runs: int) -> NDArray[np.bool_]:
         """Return in which bands the level is not that of the noise run, shape (B,)."""
-        return np.asarray(np.abs(self.z_score) > sigma_limit("noise", n_tests(n_runs)))
+        return np.asarray(np.abs(self.z_score) > sigma_limit("residual power", n_tests(n_runs)))
 
     def nonstationary(self, n_runs: int) -> NDArray[np.bool_]:
         """Return in which bands the variance changes within the run, shape (B,)."""
-        return np.asarray(self.p_stationary < p_limit("noise", n_tests(n_runs)))
+        return np.asarray(self.p_stationary < p_limit("residual power", n_tests(n_runs)))
 
 
 def whitened_residual(experiment: Experiment, result: IRLSResult, index: int = 0) -> WhitenedResidual:
@@ -261,7 +261,7 @@ def chi2_ratio(result: IRLSResult, *indices: int) -> tuple[float, float]:
 
 def is_misfit(ratio: float, sigma: float, n_runs: int) -> bool:
     """Return whether chi^2 / dof differs from 1, significantly and by more than `CHI2_TOLERANCE`."""
-    return abs(ratio - 1) > max(CHI2_TOLERANCE, sigma_limit("noise", n_tests(n_runs)) * sigma)
+    return abs(ratio - 1) > max(CHI2_TOLERANCE, sigma_limit("residual power", n_tests(n_runs)) * sigma)
 
 
 def is_plausible(ratio: float) -> bool:
@@ -281,7 +281,7 @@ def is_broadband(residual: WhitenedResidual, bands: NDArray[np.intp], n_runs: in
     except FitError:
         return False
     deficit = -np.log(np.maximum(power, 1e-300) / (retained * psd)) - np.euler_gamma
-    limit = sigma_limit("noise", n_tests(n_runs))
+    limit = sigma_limit("residual power", n_tests(n_runs))
     for band in bands:
         bins = (residual.f > BAND_EDGES[band]) & (residual.f <= BAND_EDGES[band + 1])
         variance = windowing.variance_factor(residual.window) * np.count_nonzero(bins) * np.pi**2 / 6
@@ -317,7 +317,9 @@ def readout_excess(experiment: Experiment) -> tuple[float, float]:
 
 def is_readout_excess(ratio: float, sigma: float, n_runs: int) -> bool:
     """Return whether a ratio as of `readout_excess` shows noise of o_1 that the noise run does not have."""
-    return ratio - 1 > sigma_limit("noise", n_tests(n_runs)) * sigma / ratio  # sigma under equal powers
+    return (
+        ratio - 1 > sigma_limit("residual power", n_tests(n_runs)) * sigma / ratio
+    )  # sigma under equal powers
 
 
 def diagnose(experiment: Experiment, result: IRLSResult) -> Diagnostics:

@@ -28,7 +28,6 @@ from fit.warnings import Cause
 Array = NDArray[np.float64]
 
 READ_OUTS = ("o_1", "o_12")
-CHANNELS_TESTED = 100  # of a campaign of thirteen experiments with their noise runs
 HEAD = 20000  # samples in which values are counted
 MIN_DISTINCT = 0.6  # share of different values; fewer are those of a rounded or periodic channel
 MIN_LINE = 6  # samples in a row on a straight line, where there is noise
@@ -64,11 +63,14 @@ class Channel:
         Sample rate [Hz].
     resolution : Resolution, optional
         Of its numbers: what that explains is no fault.
+    n_channels : int
+        Channels of the campaign that are tested.
     """
 
     x: Array
     fs: float
     resolution: Resolution | None
+    n_channels: int = 1
 
     @cached_property
     def head(self) -> Array:
@@ -142,7 +144,7 @@ def _lines(channel: Channel) -> list[SampleFault]:
         runs = derivatives.true_runs(channel.curvature <= 1e-9 * typical)
         runs = runs[runs[:, 1] - runs[:, 0] >= MIN_LINE - 2] + np.array([0, 2])
     else:
-        runs = straight.stretches(x, resolution, p_limit("samples", CHANNELS_TESTED * x.size))
+        runs = straight.stretches(x, resolution, p_limit("straight lines", channel.n_channels * x.size))
     faults = []
     for begin, end in runs.tolist():
         part = x[begin:end]
@@ -170,7 +172,7 @@ def _repeated(channel: Channel) -> list[SampleFault]:
         return []
     # where x moves less than at all of the repeats, chance explains none of them
     expected = CHANCE_ERROR * float(np.sum(chance[chance <= chance[repeats].max()]))
-    if scipy.special.pdtrc(repeats.size - 1, expected) > p_limit("samples", CHANNELS_TESTED):
+    if scipy.special.pdtrc(repeats.size - 1, expected) > p_limit("repeated samples", channel.n_channels):
         return []
     repeats += edge + 1
     zero, faults = channel.x[repeats] == 0, []
@@ -192,7 +194,9 @@ CHECKS: Mapping[str, Callable[[Channel], list[SampleFault]]] = {
 }
 
 
-def channel_faults(x: Array, fs: float, resolution: Resolution | None) -> list[SampleFault]:
+def channel_faults(
+    x: Array, fs: float, resolution: Resolution | None, n_channels: int = 1
+) -> list[SampleFault]:
     """Return where a channel that should be noise is constant, on a straight line or repeated.
 
     Parameters
@@ -203,8 +207,10 @@ def channel_faults(x: Array, fs: float, resolution: Resolution | None) -> list[S
         Its sample rate [Hz].
     resolution : Resolution, optional
         Of its numbers: what that explains is no fault.
+    n_channels : int
+        Channels of the campaign, which share the budget of false alarms.
     """
-    channel = Channel(np.asarray(x, dtype=np.float64), fs, resolution)
+    channel = Channel(np.asarray(x, dtype=np.float64), fs, resolution, n_channels)
     if np.isnan(channel.head).all():
         return []
     return next((faults for check in CHECKS.values() if (faults := check(channel))), [])
@@ -222,8 +228,16 @@ def _equality_chance(increments: Array) -> Array:
     return np.where(np.isnan(increments), 1.0, chance_of_equality(mean))
 
 
-def check_samples(sysid: Telemetry, noise: Telemetry | None) -> Iterator[Cause]:
-    """Yield the faults of the samples of an experiment and of its noise run, of the kinds in `CODES`."""
+def check_samples(sysid: Telemetry, noise: Telemetry | None, n_channels: int = 1) -> Iterator[Cause]:
+    """Yield the faults of the samples of an experiment and of its noise run, of the kinds in `CODES`.
+
+    Parameters
+    ----------
+    sysid, noise : Telemetry
+        The runs.
+    n_channels : int
+        Channels of the campaign, which share the budget of false alarms.
+    """
     commands = [name for name in dynamics.CHANNELS if name not in READ_OUTS]
     noisy = {*READ_OUTS, *(name for name in commands if noise and is_fed_back(noise.channels[name]))}
     for run, reference in ((sysid, noise), (noise, sysid)):
@@ -238,7 +252,10 @@ def check_samples(sysid: Telemetry, noise: Telemetry | None) -> Iterator[Cause]:
             and not (resolution.few_values and name in commands and not is_fed_back(run.channels[name]))
         }
         yield from rounding_faults(run, reference, rounded)
-        faults = {name: _channel_faults(run, name) if name in noisy else [] for name in dynamics.CHANNELS}
+        faults = {
+            name: _channel_faults(run, name, n_channels) if name in noisy else []
+            for name in dynamics.CHANNELS
+        }
         repeats = [{f.begin for f in channel if f.kind == "repetition"} for channel in faults.values()]
         common = set.intersection(*repeats)  # all channels at once: the archive, and the equation holds
         for name, channel in faults.items():
@@ -259,12 +276,12 @@ def is_fed_back(x: Array) -> bool:
     )
 
 
-def _channel_faults(run: Telemetry, name: str) -> list[SampleFault]:
+def _channel_faults(run: Telemetry, name: str, n_channels: int) -> list[SampleFault]:
     x = run.channels[name]
     if name not in READ_OUTS and saturation.limited(run, name).size:  # is masked, and no fault of the archive
         x = np.where(saturation.at_limit(x, saturation.limit_of(run, name)), np.nan, x)
     resolution = estimate_resolution(x)
-    faults = channel_faults(x, run.fs, resolution)
+    faults = channel_faults(x, run.fs, resolution, n_channels)
     if name in READ_OUTS:
         faults += jumps(x, run.fs, resolution.largest if resolution else 0.0)
     return faults

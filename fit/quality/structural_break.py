@@ -31,7 +31,6 @@ from fit.whitening import Experiment, frequency_bands, whitened_run
 Array = NDArray[np.float64]
 
 KINDS = ("break", "noise", "segment")  # of the cause
-FAMILY = "model"  # of the budget of false alarms
 BLOCK = 60.0  # s
 MAX_BLOCKS = 400  # of a run; longer runs have longer blocks
 MARGIN = 2  # blocks on either side of a break, over which whitening spreads its transients
@@ -218,7 +217,7 @@ def _split(products: RunProducts, n_tests: int) -> Split:
     fall, wald, dof, noise_ratio = _difference(products, index)
     level = max(1.0, (float(products.power.sum()) - fall) / (products.dof * n_blocks))
     bias = max(noise_ratio, 1 / noise_ratio) if 1 / MAX_NOISE_RATIO < noise_ratio < MAX_NOISE_RATIO else 1.0
-    excess = min(fall / level, wald / bias**2) / chi2_limit(FAMILY, max(dof, 1), n_tests)
+    excess = min(fall / level, wald / bias**2) / chi2_limit("break", max(dof, 1), n_tests)
     sums_before, sums_after = (
         (products.scores[part].sum(axis=0), products.information[part].sum(axis=0))
         for part in (slice(None, max(index - MARGIN, 1)), slice(min(index + MARGIN, n_blocks - 1), None))
@@ -294,7 +293,7 @@ def _segment(products: RunProducts, n_tests: int) -> tuple[float, float, float]:
     neighbours = np.delete(falls, peak)[max(0, peak - NEIGHBOURS) : peak + NEIGHBOURS]
     residual = (float(products.power.sum()) - float(falls[peak])) / (products.dof * n_blocks)
     scale = max(1.0, residual, float(np.median(neighbours)) / products.dof)
-    limit = chi2_limit(FAMILY, round(products.dof) + K, n_tests)
+    limit = chi2_limit("segment", round(products.dof) + K, n_tests)
     fall = float(falls[peak])
     return peak * products.size / products.fs, fall, fall / scale / limit
 

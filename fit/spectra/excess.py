@@ -19,7 +19,6 @@ Array = NDArray[np.float64]
 
 SEGMENT = 40_000.0  # s: four ordinates below 0.1 mHz
 PER_DECADE = 4
-FAMILY = "noise"  # of the budget of false alarms
 HARMLESS = 0.02  # of the power: 1 % of the amplitude
 INDEPENDENT = 0.5  # share of the ordinates that count as independent under a Hann window
 MAX_MISSING = 0.5  # share of samples that a segment may miss; both series are bridged there alike
@@ -70,7 +69,7 @@ class Excess:
         lowest = math.floor(PER_DECADE * math.log10(2 / (self._n / self._fs)))
         highest = math.ceil(PER_DECADE * math.log10(self._fs / 2))
         edges = 10.0 ** (np.arange(lowest, highest + 1) / PER_DECADE)
-        limit = sigma_limit(FAMILY, edges.size - 1)
+        limit = sigma_limit("subtraction", edges.size - 1)
         excesses: list[tuple[float, float, float]] = []
         for low, high in pairwise(edges):
             inside = (f >= max(low, 1.5 * f[1])) & (f < high)

@@ -294,5 +294,10 @@ def test_what_one_experiment_cannot_yield_does_not_cost_the_joint_fit(monkeypatc
     assert list(results.experiments) == ["A", "C", "D"]
     (warning,) = (w for w in results.joint.warnings if w.code == "no_single_fit")
     assert warning.message == "B: it does not settle"
-    with pytest.raises(FitError):
+    with pytest.raises(FitError, match=r"^B: it does not settle$"):
         calibrate(campaign_of(World())[2:4], settings({"exclude": ["B"]}))
+    without_joint = calibrate(campaign_of(World()), settings({"exclude": ["A", "B", "C", "D"]}))
+    assert without_joint.joint is None
+    assert list(without_joint.experiments) == ["A", "C", "D"]
+    for fit in without_joint.experiments.values():
+        assert "B: it does not settle" in {w.message for w in fit.warnings if w.code == "no_single_fit"}

@@ -140,7 +140,7 @@ FAULTS = [
         "saturated",
     ),
     Fault(
-        "`f_x_2` at the limit for much of a run", lambda: of("A-sysid", clipped(0.7)), "left out", "excluded"
+        "`f_x_2` at the limit for much of a run", lambda: of("A-sysid", clipped(0.7)), "left out", "rejected"
     ),
     Fault("a storm of glitches", lambda: of("A-sysid", storm), "left out", "rejected"),
     Fault(
@@ -177,8 +177,7 @@ def told(fault):
     except CalibrationError as error:
         return "failed", None, [str(error)]
     codes = {w.code for w in results.joint.warnings}
-    out = codes & {"excluded", "rejected"}
-    what = "no sigma" if results.joint.unsound else "left out" if out else "sound"
+    what = "no sigma" if results.joint.unsound else "left out" if "rejected" in codes else "sound"
     named = [*results.joint.unsound, *results.joint.warnings]
     return what, results, [w.message for w in named if fault.code in (w.code, None)]
 

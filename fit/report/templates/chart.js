@@ -11,15 +11,15 @@ const root = document.documentElement;
 let palette = {};
 const colour = role => palette[role] ??= getComputedStyle(root).getPropertyValue(`--${role}`).trim();
 const make = (name, parent, text = "", kind = "") => {
-  const made = parent.appendChild(document.createElement(name));
-  made.textContent = text;
-  made.className = kind;
-  return made;
+  const element = parent.appendChild(document.createElement(name));
+  element.textContent = text;
+  element.className = kind;
+  return element;
 };
 
-function decoded(told) {
-  if (Array.isArray(told)) return told;
-  const bytes = Uint8Array.from(atob(told), c => c.charCodeAt(0));
+function decoded(encoded) {
+  if (Array.isArray(encoded)) return encoded;
+  const bytes = Uint8Array.from(atob(encoded), c => c.charCodeAt(0));
   return Array.from(new Float32Array(bytes.buffer), x => Number.isNaN(x) ? null : x);
 }
 
@@ -29,7 +29,7 @@ function aligned(lines, arrays) {
   rows.sort((a, b) => a[0] - b[0]);
   const column = (line, key) => rows.map(([, k, i]) => k === line.x ? arrays[line[key]][i] : undefined);
   return [rows.map(row => row[0]), ...lines.map(line => {
-    line.own = rows.map(([, k, i]) => k === line.x ? i : -1);
+    line.indices = rows.map(([, k, i]) => k === line.x ? i : -1);
     return column(line, "y");
   })];
 }
@@ -49,26 +49,26 @@ class Chart {
   }
 
   plot(panel, i) {
-    const own = panel.lines = panel.marks.filter(m => m.kind === "curve" || m.kind === "points");
+    const lines = panel.lines = panel.marks.filter(m => m.kind === "curve" || m.kind === "points");
     panel.last = this.beside > 1 || i === this.panels.length - 1;
     const box = make("div", this.place, "", "panel");
     if (panel.title) make("div", box, panel.title, "name");
     const options = {
       width: 300, height: 200, pxAlign: 0, legend: { markers: { show: false } }, padding: [8, this.aside, 0, 0],
       series: [{ label: panel.x.label, value: (u, x) => x == null ? "" : this.where(panel, x) },
-        ...own.map(line => this.series(panel, line))],
+        ...lines.map(line => this.series(panel, line))],
       scales: { x: this.scale(panel.x), y: { ...this.scale(panel.y), auto: false } },
       axes: [this.axis(panel, panel.x, 0), this.axis(panel, panel.y, 1)],
       cursor: {
         drag: { x: true, y: true, uni: 24, dist: 4 }, points: { size: 7, width: 1.5 }, y: false,
         sync: { key: this.key, scales: ["x", null], setSeries: false },
-        dataIdx: (u, k, at, x) => nearest(u.data, k, at, x, panel.x.log),
+        dataIdx: (u, k, index, x) => nearest(u.data, k, index, x, panel.x.log),
         bind: { dblclick: () => () => this.reset() },
       },
       hooks: { drawAxes: [u => this.behind(u, panel)], draw: [u => this.infront(u, panel)] },
       tzDate: t => uPlot.tzDate(new Date(t * 1e3), "Etc/UTC"),
     };
-    const plot = new uPlot(options, aligned(own, this.arrays), box);
+    const plot = new uPlot(options, aligned(lines, this.arrays), box);
     for (const span of panel.marks.filter(m => m.kind === "span" && m.label)) {
       const name = make("th", make("tr", plot.root.querySelector(".u-legend tbody"), "", "u-series"));
       name.innerHTML = span.label;
@@ -79,28 +79,28 @@ class Chart {
   }
 
   scale({ log, dates, limits }) {
-    const shown = u => [u.scales.y.min ?? limits[0], u.scales.y.max ?? limits[1]];  // stays when curves come and go
-    const range = (u, low, high) => !u.status ? limits : low == null ? shown(u) : [low, high];
+    const currentLimits = u => [u.scales.y.min ?? limits[0], u.scales.y.max ?? limits[1]];  // stays when curves come and go
+    const range = (u, low, high) => !u.status ? limits : low == null ? currentLimits(u) : [low, high];
     return { time: dates, distr: log ? 3 : 1, range };
   }
 
   axis(panel, axis, side) {
     const rule = (role, width) => ({ stroke: () => colour(role), width });
-    const made = {
+    const options = {
       scale: side ? "y" : "x", side: side ? 3 : 2, stroke: () => colour("muted"), font: FONT, gap: 4,
-      grid: { ...rule("grid", 1), filter: (u, places) => axis.log ? places.map(x => whole(x / axis.factor) ? x : null) : places },
+      grid: { ...rule("grid", 1), filter: (u, places) => axis.log ? places.map(x => isDecade(x / axis.factor) ? x : null) : places },
       ticks: { ...rule("muted", 1), size: 5 },
       border: { show: true, ...rule("muted", 1) },
       size: side ? (u, texts) => 16 + 6.4 * Math.max(3, ...(texts ?? []).map(t => t?.length ?? 0)) : !panel.last ? 12 : axis.dates ? 40 : 28,
     };
-    if (panel.last || side) Object.assign(made, { label: title(axis), labelFont: FONT, labelSize: 18, labelGap: 2 });
-    if (axis.dates) return panel.last ? made : { ...made, values: (u, places) => places.map(() => null) };
+    if (panel.last || side) Object.assign(options, { label: title(axis), labelFont: FONT, labelSize: 18, labelGap: 2 });
+    if (axis.dates) return panel.last ? options : { ...options, values: (u, places) => places.map(() => null) };
     const extent = u => (side ? u.bbox.height : u.bbox.width) / sharp;
-    made.splits = (u, k, low, high) => axis.log ? decades(low, high) : rounds(low, high, extent(u) / (side ? 32 : this.beside > 1 ? 35 : 75));
-    made.values = (u, places) => panel.last || side ? labels(axis, places, extent(u)) : places.map(() => null);
-    made.filter = (u, places) => places;
-    if (this.beside > 1) Object.assign(made, { label: null, labelSize: 0 });
-    return made;
+    options.splits = (u, k, low, high) => axis.log ? decades(low, high) : rounds(low, high, extent(u) / (side ? 32 : this.beside > 1 ? 35 : 75));
+    options.values = (u, places) => panel.last || side ? labels(axis, places, extent(u)) : places.map(() => null);
+    options.filter = (u, places) => places;
+    if (this.beside > 1) Object.assign(options, { label: null, labelSize: 0 });
+    return options;
   }
 
   series(panel, line) {
@@ -111,7 +111,7 @@ class Chart {
       label, class: line.label ? line.kind : "unnamed", scale: "y", width: line.width * 1.4 || 0,
       stroke: () => colour(line.role) + alpha(line.opacity ?? 1), dash: DASHES[line.dash], pxAlign: 0,
       points: { show: Boolean(line.dots), size: 4, fill: () => colour(line.role) },
-      paths: line.kind === "points" ? () => null : undefined, value: (u, y, k, at) => this.value(panel, line, y, at),
+      paths: line.kind === "points" ? () => null : undefined, value: (u, y, k, index) => this.value(panel, line, y, index),
     };
   }
 
@@ -120,15 +120,15 @@ class Chart {
     return `${printed(x / panel.x.factor)} ${panel.x.unit}`;
   }
 
-  value(panel, line, y, at) {
+  value(panel, line, y, index) {
     if (y == null) return "";
-    const factor = panel.y.factor, i = line.own[at];
+    const factor = panel.y.factor, i = line.indices[index];
     if (line.kind !== "points") return printed(y / factor);
-    const half = (this.arrays[line.high][i] - this.arrays[line.low][i]) / 2 / factor;
-    const decimals = 1 - Math.floor(Math.log10(half)), plain = decimals >= 0 && decimals < 10;
+    const halfWidth = (this.arrays[line.high][i] - this.arrays[line.low][i]) / 2 / factor;
+    const decimals = 1 - Math.floor(Math.log10(halfWidth)), plain = decimals >= 0 && decimals < 10;
     const number = x => plain ? x.toFixed(decimals).replace("-", "−") : printed(x, 3);
-    const told = line.caps && half > 0 ? `${number(y / factor)} ± ${number(half)}` : printed(y / factor);
-    return `${told}${line.names[i] ? `  (${line.names[i]})` : ""}`;
+    const reading = line.caps && halfWidth > 0 ? `${number(y / factor)} ± ${number(halfWidth)}` : printed(y / factor);
+    return `${reading}${line.names[i] ? `  (${line.names[i]})` : ""}`;
   }
 
   /** Room for words beyond the right end, the same for all panels. */
@@ -142,8 +142,8 @@ class Chart {
     const width = this.beside > 1 ? Math.floor((this.width() - 8 * (columns - 1)) / columns) : this.width();
     this.plots.forEach((plot, i) => {
       const { height, last } = this.panels[i], scale = Math.min(180, Math.max(130, width / 3.375));
-      const up = this.beside > 1 ? Math.max(110, width * .8) : height * scale + (last ? 24 : 0);
-      if (plot.width !== width || plot.height !== Math.round(up)) plot.setSize({ width, height: Math.round(up) });
+      const panelHeight = this.beside > 1 ? Math.max(110, width * .8) : height * scale + (last ? 24 : 0);
+      if (plot.width !== width || plot.height !== Math.round(panelHeight)) plot.setSize({ width, height: Math.round(panelHeight) });
     });
   }
   width() { return printing ? this.place.closest(".pair") ? 400 : 860 : Math.floor(this.place.clientWidth); }
@@ -152,10 +152,10 @@ class Chart {
     const { ctx, bbox } = u;
     clipped(u, () => {
       for (const mark of panel.marks.filter(m => m.kind === "span")) {
-        const along = mark.along === "x", [a, b] = [mark.low, mark.high].map(v => at(u, v, mark.along));
+        const vertical = mark.along === "x", [a, b] = [mark.low, mark.high].map(v => pixel(u, v, mark.along));
         ctx.fillStyle = colour(mark.role) + alpha(mark.opacity);
         const [low, size] = [Math.min(a, b), Math.max(Math.abs(b - a), mark.edge * sharp)];
-        if (along) ctx.fillRect(low, bbox.top, size, bbox.height); else ctx.fillRect(bbox.left, low, bbox.width, size);
+        if (vertical) ctx.fillRect(low, bbox.top, size, bbox.height); else ctx.fillRect(bbox.left, low, bbox.width, size);
       }
       panel.lines.forEach((line, i) => {
         if (line.kind === "curve" && line.low != null && u.series[i + 1].show) this.band(u, line);
@@ -167,8 +167,8 @@ class Chart {
     const [x, low, high] = [line.x, line.low, line.high].map(k => this.arrays[k]), { ctx } = u;
     ctx.fillStyle = colour(line.role) + alpha(.2);
     ctx.beginPath();
-    x.forEach((value, i) => low[i] == null || ctx.lineTo(at(u, value, "x"), at(u, low[i], "y")));
-    for (let i = x.length - 1; i >= 0; i--) if (high[i] != null) ctx.lineTo(at(u, x[i], "x"), at(u, high[i], "y"));
+    x.forEach((value, i) => low[i] == null || ctx.lineTo(pixel(u, value, "x"), pixel(u, low[i], "y")));
+    for (let i = x.length - 1; i >= 0; i--) if (high[i] != null) ctx.lineTo(pixel(u, x[i], "x"), pixel(u, high[i], "y"));
     ctx.fill();
   }
 
@@ -180,9 +180,9 @@ class Chart {
     ctx.save();
     Object.assign(ctx, { fillStyle: colour("muted"), font: FONT.replace("12", 11 * sharp), textAlign: "left", textBaseline: "middle" });
     for (const note of panel.marks.filter(m => m.kind === "note")) {
-      const [x, y] = [at(u, note.x, "x"), note.y == null ? bbox.top + bbox.height - 10 * sharp : at(u, note.y, "y")];
-      const seen = x <= bbox.left + bbox.width + 1 && x >= bbox.left && y >= bbox.top && y <= bbox.top + bbox.height;
-      if (seen) ctx.fillText(note.text, x + 5 * sharp, y);
+      const [x, y] = [pixel(u, note.x, "x"), note.y == null ? bbox.top + bbox.height - 10 * sharp : pixel(u, note.y, "y")];
+      const visible = x <= bbox.left + bbox.width + 1 && x >= bbox.left && y >= bbox.top && y <= bbox.top + bbox.height;
+      if (visible) ctx.fillText(note.text, x + 5 * sharp, y);
     }
     ctx.restore();
   }
@@ -193,10 +193,10 @@ class Chart {
     Object.assign(ctx, { strokeStyle: colour(line.role), lineWidth: 1.2 * sharp });
     ctx.setLineDash([]);
     x.forEach((value, i) => {
-      const [a, b, c, d] = [at(u, value, "x"), at(u, y[i], "y"), at(u, low[i], "y"), at(u, high[i], "y")];
-      const wide = line.mark === "square" ? size : cap, path = new Path2D();
+      const [a, b, c, d] = [pixel(u, value, "x"), pixel(u, y[i], "y"), pixel(u, low[i], "y"), pixel(u, high[i], "y")];
+      const halfCap = line.mark === "square" ? size : cap, path = new Path2D();
       path.moveTo(a, c); path.lineTo(a, d);
-      if (line.caps) for (const e of [c, d]) { path.moveTo(a - wide, e); path.lineTo(a + wide, e); }
+      if (line.caps) for (const e of [c, d]) { path.moveTo(a - halfCap, e); path.lineTo(a + halfCap, e); }
       ctx.stroke(path);
       const shape = new Path2D();
       if (line.mark === "square") shape.rect(a - size, b - size, 2 * size, 2 * size);
@@ -212,8 +212,8 @@ class Chart {
     const { limits: [first, last], log } = this.panels[this.plots.indexOf(plot)][key];
     const u = x => log ? Math.log10(x) : x;
     if (!(u(high) - u(low) > (u(last) - u(first)) * 1e-4)) return;
-    const told = { min: Math.max(low, first), max: Math.min(high, last) };
-    for (const each of key === "x" ? this.plots : [plot]) each.setScale(key, told);
+    const limits = { min: Math.max(low, first), max: Math.min(high, last) };
+    for (const other of key === "x" ? this.plots : [plot]) other.setScale(key, limits);
   }
   reset() {
     this.plots.forEach((plot, i) => plot.batch(() => {
@@ -232,7 +232,7 @@ class Chart {
 
   listen(plot, panel) {
     const plane = plot.over, middle = () => ({ left: plane.clientWidth / 2, top: plane.clientHeight / 2 });
-    const here = () => plot.cursor.left >= 0 ? plot.cursor : middle();
+    const focus = () => plot.cursor.left >= 0 ? plot.cursor : middle();
     plane.tabIndex = 0;
     plane.setAttribute("role", "application");
     plane.setAttribute("aria-label", `${this.place.getAttribute("aria-label")}: ${title(panel.y)}`);
@@ -247,8 +247,8 @@ class Chart {
     }, { passive: false });
     plane.addEventListener("keydown", e => {
       const step = { ArrowLeft: -1, ArrowRight: 1 }[e.key];
-      if (step) plot.setCursor({ left: Math.max(0, Math.min(plane.clientWidth, here().left + step * 4)), top: here().top }, true, true);
-      else if (e.key === "+" || e.key === "-") this.scaled(plot, e.key === "+" ? .8 : 1.25, here(), ["x"]);
+      if (step) plot.setCursor({ left: Math.max(0, Math.min(plane.clientWidth, focus().left + step * 4)), top: focus().top }, true, true);
+      else if (e.key === "+" || e.key === "-") this.scaled(plot, e.key === "+" ? .8 : 1.25, focus(), ["x"]);
       else if (e.key === "Escape" || e.key === "0") this.reset();
       else return;
       e.preventDefault();
@@ -265,9 +265,9 @@ class Chart {
   }
 }
 
-const whole = x => Math.abs(Math.log10(x) - Math.round(Math.log10(x))) < 1e-6;
+const isDecade = x => Math.abs(Math.log10(x) - Math.round(Math.log10(x))) < 1e-6;
 const alpha = share => Math.round(255 * share).toString(16).padStart(2, "0");
-const at = (u, value, key) => u.valToPos(value, key, true);
+const pixel = (u, value, key) => u.valToPos(value, key, true);
 const title = axis => axis.unit ? `${axis.label}  [${axis.unit}]` : axis.label;
 
 function clipped({ ctx, bbox: { left, top, width, height } }, draw) {
@@ -280,36 +280,36 @@ function clipped({ ctx, bbox: { left, top, width, height } }, draw) {
 }
 
 function swatch(line) {
-  const made = document.createElement("i");
-  made.className = `swatch ${line.mark ?? (line.kind === "span" ? "shade" : "line")}`;
-  made.style.setProperty("--tone", `var(--${line.role})`);
-  made.style.setProperty("--dash", { "--": "dashed", ":": "dotted" }[line.dash] ?? "solid");
-  return made;
+  const swatch = document.createElement("i");
+  swatch.className = `swatch ${line.mark ?? (line.kind === "span" ? "shade" : "line")}`;
+  swatch.style.setProperty("--tone", `var(--${line.role})`);
+  swatch.style.setProperty("--dash", { "--": "dashed", ":": "dotted" }[line.dash] ?? "solid");
+  return swatch;
 }
 
 /** The row next to the pointer in which a curve has a value, none where that is far. */
-function nearest(data, k, at, x, log) {
-  if (data[k][at] != null) return at;
-  let [below, above] = [at, at];
+function nearest(data, k, index, x, log) {
+  if (data[k][index] != null) return index;
+  let [below, above] = [index, index];
   while (below >= 0 && data[k][below] == null) below--;
   while (above < data[0].length && data[k][above] == null) above++;
-  const apart = i => i in data[0] ? Math.abs(log ? Math.log(data[0][i] / x) : data[0][i] - x) : Infinity;
-  const found = apart(below) <= apart(above) ? below : above;
-  return found in data[0] ? found : null;
+  const distance = i => i in data[0] ? Math.abs(log ? Math.log(data[0][i] / x) : data[0][i] - x) : Infinity;
+  const closest = distance(below) <= distance(above) ? below : above;
+  return closest in data[0] ? closest : null;
 }
 
 /** Two fingers: tell by how much they closed, and where. */
 function pinched(plane, then) {
-  let before = null;
+  let lastSpread = null;
   const place = ([a, b], box) => ({ left: (a.clientX + b.clientX) / 2 - box.left, top: (a.clientY + b.clientY) / 2 - box.top });
   plane.addEventListener("touchmove", e => {
     if (e.touches.length !== 2) return;
     e.preventDefault();
-    const [a, b] = e.touches, apart = Math.hypot(a.clientX - b.clientX, a.clientY - b.clientY);
-    if (before && apart) then(before / apart, place(e.touches, plane.getBoundingClientRect()));
-    before = apart;
+    const [a, b] = e.touches, spread = Math.hypot(a.clientX - b.clientX, a.clientY - b.clientY);
+    if (lastSpread && spread) then(lastSpread / spread, place(e.touches, plane.getBoundingClientRect()));
+    lastSpread = spread;
   }, { passive: false });
-  plane.addEventListener("touchend", () => { before = null; });
+  plane.addEventListener("touchend", () => { lastSpread = null; });
 }
 
 const charts = new Map();
@@ -328,10 +328,10 @@ function onPaper(on) {
   for (const chart of charts.values()) chart.size();
   recoloured();
 }
-const seen = new IntersectionObserver(found => {
-  for (const { isIntersecting, target } of found) if (isIntersecting) { seen.unobserve(target); draw(target); }
+const observer = new IntersectionObserver(entries => {
+  for (const { isIntersecting, target } of entries) if (isIntersecting) { observer.unobserve(target); draw(target); }
 }, { rootMargin: "400px" });
-document.querySelectorAll(".chart").forEach(place => seen.observe(place));
+document.querySelectorAll(".chart").forEach(place => observer.observe(place));
 matchMedia("(prefers-color-scheme: dark)").addEventListener("change", recoloured);
 addEventListener("beforeprint", () => onPaper(true));
 addEventListener("afterprint", () => onPaper(false));
