@@ -20,7 +20,7 @@ from lpfcosim.export import ssp
 from lpfcosim.modelica import build
 from lpfcosim.models import model_of, one_axis
 from lpfcosim.network import endpoint
-from tests.lpfcosim.modelica.slaves import slave
+from tests.lpfcosim.modelica.fmu_instance import fmu_instance
 
 pytestmark = pytest.mark.fmu
 NANOMETRE = 1e-9
@@ -47,7 +47,9 @@ def by_fmpy(plan, fmus, held, n, *, jacobi):
     components = model_of(run).components(run)
     values = model_of(run).parameters(run)
     with contextlib.ExitStack() as stack:
-        slaves = {c.model: stack.enter_context(slave(fmus[c.model], **values[c.model])) for c in components}
+        slaves = {
+            c.model: stack.enter_context(fmu_instance(fmus[c.model], **values[c.model])) for c in components
+        }
 
         def give(component):
             taken = []

@@ -10,8 +10,8 @@ from fmpy.fmi1 import FMICallException
 from fmpy.validation import validate_fmu
 
 from lpfcosim.modelica import build
+from tests.lpfcosim.modelica.fmu_instance import fmu_instance, read_description
 from tests.lpfcosim.modelica.modelica_source import write
-from tests.lpfcosim.modelica.slaves import slave, told
 
 pytestmark = pytest.mark.fmu
 MODEL = """model M "Arrays"
@@ -37,7 +37,7 @@ A = np.array([[1, 2, 3], [4, 5, 6]])
 
 
 @pytest.fixture(scope="module")
-def made(tmp_path_factory):
+def array_fmus(tmp_path_factory):
     folder = tmp_path_factory.mktemp("arrays")
     source = write(folder, MODEL)
     for version in ("2.0", "3.0"):
@@ -45,9 +45,9 @@ def made(tmp_path_factory):
     return {version: folder / f"{version}.fmu" for version in ("2.0", "3.0")}
 
 
-def test_arrays_are_declared_with_their_extents(made):
-    assert validate_fmu(str(made["3.0"])) == []
-    found = {v.name: v for v in fmpy.read_model_description(str(made["3.0"])).modelVariables}
+def test_arrays_are_declared_with_their_extents(array_fmus):
+    assert validate_fmu(str(array_fmus["3.0"])) == []
+    found = {v.name: v for v in fmpy.read_model_description(str(array_fmus["3.0"])).modelVariables}
     shapes = {name: v.shape for name, v in found.items() if v.shape}
     assert shapes == {
         "p": (3,), "A": (2, 3), "one": (1,), "q": (3,), "u": (3,), "y": (2,), "x": (3,), "n": (2,),
@@ -62,8 +62,8 @@ def test_arrays_are_declared_with_their_extents(made):
     assert len({v.valueReference for v in found.values()}) == len(found)
 
 
-def test_an_array_depends_on_what_any_element_does(made):
-    structure = told(made["3.0"]).structure
+def test_an_array_depends_on_what_any_element_does(array_fmus):
+    structure = read_description(array_fmus["3.0"]).structure
     assert set(structure["Output"]["y[1]"]) == {
         *(f"x[{i}]" for i in (1, 2, 3)), *(f"A[{i},{j}]" for i in (1, 2) for j in (1, 2, 3)), "n[1]", "n[2]",
     }  # fmt: skip
@@ -72,7 +72,7 @@ def test_an_array_depends_on_what_any_element_does(made):
     assert "z" in structure["InitialUnknown"]["x[1]"]
 
 
-def test_fmpy_steps_whole_arrays_to_the_numbers_of_scalars(made):
+def test_fmpy_steps_whole_arrays_to_the_numbers_of_scalars(array_fmus):
     time = np.arange(21) * 0.1
     waves = np.array([np.sin(time), np.cos(2 * time), time**2]).T
     whole = np.zeros(21, [("time", float), ("u", float, (3,))])
@@ -83,10 +83,14 @@ def test_fmpy_steps_whole_arrays_to_the_numbers_of_scalars(made):
         single[f"u[{k + 1}]"] = waves[:, k]
     options = {"stop_time": 2.0, "step_size": 0.1, "output_interval": 0.1}
     arrays = fmpy.simulate_fmu(
-        str(made["3.0"]), input=whole, output=["y", "s", "x", "n"], start_values={"p": [2, 1, 0.5]}, **options
+        str(array_fmus["3.0"]),
+        input=whole,
+        output=["y", "s", "x", "n"],
+        start_values={"p": [2, 1, 0.5]},
+        **options,
     )
     scalars = fmpy.simulate_fmu(
-        str(made["2.0"]), input=single, start_values={"p[1]": 2, "p[2]": 1, "p[3]": 0.5},
+        str(array_fmus["2.0"]), input=single, start_values={"p[1]": 2, "p[2]": 1, "p[3]": 0.5},
         output=["y[1]", "y[2]", "s", *(f"x[{k}]" for k in (1, 2, 3)), "n[1]", "n[2]"], **options,
     )  # fmt: skip
     np.testing.assert_array_equal(arrays["s"], scalars["s"])
@@ -97,11 +101,11 @@ def test_fmpy_steps_whole_arrays_to_the_numbers_of_scalars(made):
     assert np.ptp(arrays["y"]) > 1
 
 
-def test_whole_arrays_are_set_and_read_in_any_company(made):
-    own = told(made["3.0"])
-    vr = {name: own.vr([f"{name}[1]"])[0] for name in ("p", "u", "y", "n", "one")}
-    s = own.vr(["s"])[0]
-    with slave(made["3.0"]) as fmu:
+def test_whole_arrays_are_set_and_read_in_any_company(array_fmus):
+    description = read_description(array_fmus["3.0"])
+    vr = {name: description.vr([f"{name}[1]"])[0] for name in ("p", "u", "y", "n", "one")}
+    s = description.vr(["s"])[0]
+    with fmu_instance(array_fmus["3.0"]) as fmu:
         fmu.setFloat64([vr["u"], vr["one"], vr["n"]], [1, 2, 3, 8, 0.1, 0.2])
         assert fmu.getFloat64([s, vr["u"], vr["one"], vr["n"]], 7)[1:] == [1, 2, 3, 8, 0.1, 0.2]
         np.testing.assert_allclose(
@@ -115,7 +119,7 @@ def test_whole_arrays_are_set_and_read_in_any_company(made):
         with pytest.raises(FMICallException):
             fmu.getFloat64([vr["u"], s], 2)
         with pytest.raises(FMICallException):
-            fmu.getFloat64([max(own.sizes) + 1], 1)
+            fmu.getFloat64([max(description.sizes) + 1], 1)
         assert fmu.getFloat64([vr["u"]], 3) == [1, 2, 3]
         fmu.exitInitializationMode()
         fmu.setFloat64([vr["p"]], [3, 2, 1])  # tunable
@@ -123,11 +127,11 @@ def test_whole_arrays_are_set_and_read_in_any_company(made):
             fmu.setFloat64([vr["y"]], [3, 2])
 
 
-def test_derivatives_of_arrays_by_arrays(made):
-    own = told(made["3.0"])
-    y, x, rate, u, p, s = (own.vr([n])[0] for n in ("y[1]", "x[1]", "der(x[1])", "u[1]", "p[1]", "s"))
+def test_derivatives_of_arrays_by_arrays(array_fmus):
+    description = read_description(array_fmus["3.0"])
+    y, x, rate, u, p, s = (description.vr([n])[0] for n in ("y[1]", "x[1]", "der(x[1])", "u[1]", "p[1]", "s"))
     random = np.random.default_rng(5)
-    with slave(made["3.0"]) as fmu:
+    with fmu_instance(array_fmus["3.0"]) as fmu:
         fmu.exitInitializationMode()
         fmu.doStep(0.0, 0.1)
         now = np.array(fmu.getFloat64([x], 3))

@@ -11,8 +11,8 @@ import pytest
 from fmpy.fmi1 import FMICallException
 
 from lpfcosim.modelica import build
+from tests.lpfcosim.modelica.fmu_instance import fmu_instance, read_description
 from tests.lpfcosim.modelica.modelica_source import fmu, write
-from tests.lpfcosim.modelica.slaves import slave, told
 from tests.lpfcosim.modelica.test_dependencies import ALONG_X, CASES, VERSIONS, anywhere, archive
 
 pytestmark = pytest.mark.fmu
@@ -38,121 +38,127 @@ equation
 end M;"""
 
 
-def differences(made, unknowns, name, value, width):
+def differences(instance, unknowns, name, value, width):
     """The derivatives of the unknowns by one variable, and about what they are uncertain by."""
 
     def at(offset):
-        made.set([name], [value + offset])
-        return np.array(made.get(unknowns))
+        instance.set([name], [value + offset])
+        return np.array(instance.get(unknowns))
 
     steps = width * POINTS
     pairs = [(at(h), at(-h)) for h in steps]
-    made.set([name], [value])
+    instance.set([name], [value])
     size = np.max(np.abs(pairs), axis=(0, 1))
-    found = sum(w * (up - down) for w, (up, down) in zip(WEIGHTS, pairs, strict=True)) / width
-    return found, size / width
+    estimate = sum(w * (up - down) for w, (up, down) in zip(WEIGHTS, pairs, strict=True)) / width
+    return estimate, size / width
 
 
-def jacobian(made, unknowns, knowns):
-    columns = [made.directional(unknowns, [k], [1.0]) for k in knowns]
+def jacobian(instance, unknowns, knowns):
+    columns = [instance.directional(unknowns, [k], [1.0]) for k in knowns]
     return np.array(columns).T
 
 
-def compare(made, unknowns, knowns, values):
-    exact = jacobian(made, unknowns, knowns)
+def compare(instance, unknowns, knowns, values):
+    exact = jacobian(instance, unknowns, knowns)
     assert np.isfinite(exact).all()
     for column, name in zip(exact.T, knowns, strict=True):
-        found, scale = differences(made, unknowns, name, values[name], 0.01 * abs(values[name]))
+        estimate, scale = differences(instance, unknowns, name, values[name], 0.01 * abs(values[name]))
         # 1e-10 of the derivative, or of 1e-4 of the value per size of what was poked, whichever is more.
-        np.testing.assert_array_less(np.abs(found - column), 1e-10 * np.abs(column) + 1e-14 * scale + 1e-300)
+        np.testing.assert_array_less(
+            np.abs(estimate - column), 1e-10 * np.abs(column) + 1e-14 * scale + 1e-300
+        )
     return exact
 
 
 @pytest.mark.parametrize(("model", "version"), CASES)
 def test_derivatives_are_those_of_the_values(model, version):
     path = archive(model, version)
-    own = told(path)
-    values = anywhere(own, np.random.default_rng(2))
-    unknowns = list(own.structure.get("InitialUnknown", own.structure["Output"]))
+    description = read_description(path)
+    values = anywhere(description, np.random.default_rng(2))
+    unknowns = list(description.structure.get("InitialUnknown", description.structure["Output"]))
     knowns = [n for n in values if n != "h"]
-    running = [*own.structure["Output"], *own.structure.get("ContinuousStateDerivative", {})]
-    tuned = own.names(causality=("input",)) + own.names(causality=("parameter",), variability=("tunable",))
-    with slave(path, **values) as made:
-        exact = compare(made, unknowns, knowns, values)
+    running = [*description.structure["Output"], *description.structure.get("ContinuousStateDerivative", {})]
+    tunable = description.names(causality=("input",)) + description.names(
+        causality=("parameter",), variability=("tunable",)
+    )
+    with fmu_instance(path, **values) as instance:
+        exact = compare(instance, unknowns, knowns, values)
         for row, unknown in zip(exact, unknowns, strict=True):
-            said = own.structure.get("InitialUnknown", own.structure["Output"])[unknown]
-            assert {k for k, d in zip(knowns, row, strict=True) if d} <= set(said)
-        made.exitInitializationMode()
+            dependencies = description.structure.get("InitialUnknown", description.structure["Output"])[
+                unknown
+            ]
+            assert {k for k, d in zip(knowns, row, strict=True) if d} <= set(dependencies)
+        instance.exitInitializationMode()
         for n in range(4):
-            made.doStep(n * 0.1, 0.1)
-        exact = compare(made, running, tuned, values)
-        assert exact.any() or not set(tuned) & set().union(*own.structure["Output"].values())
-        states = own.names(causality=("local", "output"), initial=("exact",))
-        assert np.isfinite(jacobian(made, running, states)).all()
+            instance.doStep(n * 0.1, 0.1)
+        exact = compare(instance, running, tunable, values)
+        assert exact.any() or not set(tunable) & set().union(*description.structure["Output"].values())
+        states = description.names(causality=("local", "output"), initial=("exact",))
+        assert np.isfinite(jacobian(instance, running, states)).all()
 
 
 def test_derivative_by_states_is_that_of_initialization():
     # After a step a state cannot be set. Where nothing is delayed or starts anew, the equations are the same.
     path = archive("Plant", "3.0")
-    own = told(path)
-    states = own.names(initial=("exact",), causality=("local",))
-    with slave(path) as made:
-        before = jacobian(made, ["x_1", "x_2", "a_SC", "der(testMass_1.v)"], states)
-        made.exitInitializationMode()
-        made.doStep(0.0, 0.1)
-        after = jacobian(made, ["x_1", "x_2", "a_SC", "der(testMass_1.v)"], states)
-    np.testing.assert_array_equal(before, after)
-    assert before[0].tolist() == [float(s == "testMass_1.x") for s in states]
+    description = read_description(path)
+    states = description.names(initial=("exact",), causality=("local",))
+    with fmu_instance(path) as instance:
+        at_start = jacobian(instance, ["x_1", "x_2", "a_SC", "der(testMass_1.v)"], states)
+        instance.exitInitializationMode()
+        instance.doStep(0.0, 0.1)
+        after_step = jacobian(instance, ["x_1", "x_2", "a_SC", "der(testMass_1.v)"], states)
+    np.testing.assert_array_equal(at_start, after_step)
+    assert at_start[0].tolist() == [float(s == "testMass_1.x") for s in states]
 
 
 @pytest.fixture(scope="module", params=VERSIONS)
-def bent(request, tmp_path_factory):
+def kinked(request, tmp_path_factory):
     folder = tmp_path_factory.mktemp("bent")
     build.build_one(write(folder, BENT), "M", folder / "M.fmu", fmi=request.param)
     return folder / "M.fmu"
 
 
-def test_what_bends_has_the_slope_of_its_side(bent):
+def test_what_bends_has_the_slope_of_its_side(kinked):
     for u, w in ((1.2, 0.7), (0.7, 1.5), (-0.9, 2.0)):
         values = {"u": u, "w": w, "p": 2.2, "n": 0.4, "z": 1.3}
-        with slave(bent, **values) as made:
-            exact = compare(made, ["y", "b", "s", "x", "der(x)", "r"], list(values), values)
+        with fmu_instance(kinked, **values) as instance:
+            exact = compare(instance, ["y", "b", "s", "x", "der(x)", "r"], list(values), values)
             assert exact[3].tolist() == [0, 0, 1.3, 0, 2.2]  # the start of x
             assert exact[2, 1] == 3  # at the start a delay hands on what is set
-            made.exitInitializationMode()
-            made.doStep(0.0, 0.1)
-            exact = compare(made, ["y", "b", "s", "der(x)"], ["u", "w", "p"], values)
+            instance.exitInitializationMode()
+            instance.doStep(0.0, 0.1)
+            exact = compare(instance, ["y", "b", "s", "der(x)"], ["u", "w", "p"], values)
             assert exact[2].tolist() == [0, 0, 0]  # and later not
 
 
-def test_time_is_a_known(bent):
-    own = told(bent)
-    if own.version.startswith("3"):
-        assert "time" in own.structure["ContinuousStateDerivative"]["der(x)"]
-        with slave(bent) as made:
-            assert made.directional(["der(x)", "y"], ["time"], [2.0]) == [2.0, 0.0]
+def test_time_is_a_known(kinked):
+    description = read_description(kinked)
+    if description.version.startswith("3"):
+        assert "time" in description.structure["ContinuousStateDerivative"]["der(x)"]
+        with fmu_instance(kinked) as instance:
+            assert instance.directional(["der(x)", "y"], ["time"], [2.0]) == [2.0, 0.0]
 
 
-def test_what_follows_from_others_is_no_known(bent):
-    own = told(bent)
-    with slave(bent) as made:
+def test_what_follows_from_others_is_no_known(kinked):
+    description = read_description(kinked)
+    with fmu_instance(kinked) as instance:
         for known in ("y", "r", "x"):  # x starts where z says
             with pytest.raises(FMICallException):
-                made.directional(["b"], [known], [1.0])
+                instance.directional(["b"], [known], [1.0])
         with pytest.raises(FMICallException):
-            made.getDirectionalDerivative([99], own.vr(["u"]), [1.0])
+            instance.getDirectionalDerivative([99], description.vr(["u"]), [1.0])
 
 
-def test_asking_for_a_derivative_changes_nothing(bent):
+def test_asking_for_a_derivative_changes_nothing(kinked):
     def run(asking):
-        with slave(bent, u=0.2) as made:
-            made.exitInitializationMode()
+        with fmu_instance(kinked, u=0.2) as instance:
+            instance.exitInitializationMode()
             for n in range(5):
-                made.set(["w"], [math.sin(n)])
+                instance.set(["w"], [math.sin(n)])
                 if asking:
-                    jacobian(made, ["y", "der(x)"], ["u", "w", "x"])
-                made.doStep(n * 0.1, 0.1)
-            return made.get(["y", "b", "s", "x", "n"])
+                    jacobian(instance, ["y", "der(x)"], ["u", "w", "x"])
+                instance.doStep(n * 0.1, 0.1)
+            return instance.get(["y", "b", "s", "x", "n"])
 
     assert run(True) == run(False)
 
@@ -167,51 +173,53 @@ def test_tuned_parameter_acts_from_the_next_step_on(tmp_path):
       der(x) = -r*x; when sample(0, h) then n = pre(n) + 1; end when;
     end M;"""
     path = fmu(tmp_path, text)
-    own = told(path)
-    assert own.names(variability=("tunable",)) == ["k", "r"]
-    with slave(path) as made:
-        made.exitInitializationMode()
+    description = read_description(path)
+    assert description.names(variability=("tunable",)) == ["k", "r"]
+    with fmu_instance(path) as instance:
+        instance.exitInitializationMode()
         for n, k in enumerate((1, 1, 3, 3, 0.5)):
-            made.set(["k"], [k])
-            made.doStep(n * 0.2, 0.2)
-        assert made.get(["x"])[0] == pytest.approx(math.exp(-2 * 0.2 * (1 + 1 + 3 + 3 + 0.5)), rel=1e-14)
-        assert made.get(["r", "n"]) == [1.0, 10.0]
+            instance.set(["k"], [k])
+            instance.doStep(n * 0.2, 0.2)
+        assert instance.get(["x"])[0] == pytest.approx(math.exp(-2 * 0.2 * (1 + 1 + 3 + 3 + 0.5)), rel=1e-14)
+        assert instance.get(["r", "n"]) == [1.0, 10.0]
         for fixed in ("h", "z"):
             with pytest.raises(FMICallException):
-                made.set([fixed], [0.2])
+                instance.set([fixed], [0.2])
 
 
 def test_tuning_to_the_same_value_changes_no_bit():
     path = archive("Plant", "3.0")
 
     def run(tuning):
-        with slave(path) as made:
-            made.exitInitializationMode()
+        with fmu_instance(path) as instance:
+            instance.exitInitializationMode()
             for n in range(40):
-                made.set(["F_x_sc", "f_applied_2"], [1e-7 * math.sin(n), 1e-12 * math.cos(n)])
+                instance.set(["F_x_sc", "f_applied_2"], [1e-7 * math.sin(n), 1e-12 * math.cos(n)])
                 if tuning:
-                    made.set(["omega2_2_0"], [-4.19e-7])
-                made.doStep(n * 0.1, 0.1)
-            return made.get(["x_1", "x_2", "a_SC"])
+                    instance.set(["omega2_2_0"], [-4.19e-7])
+                instance.doStep(n * 0.1, 0.1)
+            return instance.get(["x_1", "x_2", "a_SC"])
 
     assert run(True) == run(False)
 
 
 def test_tuning_that_makes_the_model_singular_is_an_error_that_can_be_mended():
-    with slave(archive("Plant", "3.0"), F_noise_x_sc=1e-9) as made:
-        made.exitInitializationMode()
-        made.doStep(0.0, 0.1)
-        made.set(["m_sc"], [0.0])
+    with fmu_instance(archive("Plant", "3.0"), F_noise_x_sc=1e-9) as instance:
+        instance.exitInitializationMode()
+        instance.doStep(0.0, 0.1)
+        instance.set(["m_sc"], [0.0])
         with pytest.raises(FMICallException):
-            made.doStep(0.1, 0.1)
-        made.set(["m_sc"], [422.7])
-        made.doStep(0.1, 0.1)
-        assert math.isfinite(made.get(["x_1"])[0])
+            instance.doStep(0.1, 0.1)
+        instance.set(["m_sc"], [422.7])
+        instance.doStep(0.1, 0.1)
+        assert math.isfinite(instance.get(["x_1"])[0])
 
 
 def test_what_places_clocks_delays_and_starts_stays_as_it_was():
     fixed = {
-        model: set(told(archive(model, "3.0")).names(causality=("parameter",), variability=("fixed",)))
+        model: set(
+            read_description(archive(model, "3.0")).names(causality=("parameter",), variability=("fixed",))
+        )
         for model in ALONG_X
     }
     assert fixed == {

@@ -9,7 +9,7 @@ import pytest
 from fmpy.fmi1 import FMICallException
 
 from lpfcosim.modelica import build
-from tests.lpfcosim.modelica.slaves import slave
+from tests.lpfcosim.modelica.fmu_instance import fmu_instance
 
 pytestmark = pytest.mark.fmu
 
@@ -20,9 +20,9 @@ def instantiate():
     with ExitStack() as stack:
 
         def make(archive, **values):
-            made = stack.enter_context(slave(archive, **values))
-            made.exitInitializationMode()
-            return made
+            instance = stack.enter_context(fmu_instance(archive, **values))
+            instance.exitInitializationMode()
+            return instance
 
         yield make
 

@@ -14,7 +14,7 @@ until then: below 1e-10. Actuation is not linear, for it clips; the bound is the
 The plant appears twice. Stable (the signs of both stiffnesses turned), without damping, it moves by
 nanometres for six hours. With the stiffness of flight and nothing that controls it, its motion grows by e^20
 and e^26 in that time, and so does whatever was rounded at the start: there the error can only be small beside
-the motion of its own time, which is what the measure asks for.
+the motion of its transition time, which is what the measure asks for.
 """
 
 import contextlib
@@ -256,11 +256,11 @@ def plant(p, u, to):
     u = to(u)
     late = [np.concatenate([to(np.zeros(n + 1)), u[:, j]]) for j, n in enumerate(whole)]
     held = np.column_stack([*(c[:N] for c in late), *(c[1 : N + 1] for c in late), u[:, 3:]])
-    own = to(np.array(change[:, :5].tolist()))
+    transition = to(np.array(change[:, :5].tolist()))
     pushed = held @ to(np.array(change[:, 5:].tolist())).T
     x, states = to(np.zeros(5)), np.empty((N, 5), dtype=pushed.dtype)
     for n in range(N):
-        x = x + (own @ x + pushed[n])
+        x = x + (transition @ x + pushed[n])
         states[n] = x
     acceleration = np.column_stack([states, held[:, 3:]]) @ to(np.array(a_SC.tolist()[0]))
     return np.column_stack([states[:, 0], states[:, 2], acceleration])

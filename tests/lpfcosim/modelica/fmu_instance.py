@@ -13,8 +13,8 @@ from lxml import etree
 
 
 @dataclass
-class Told:
-    """What ``modelDescription.xml`` says, read by nothing of ours and nothing of FMPy's.
+class ModelDescription:
+    """Content of ``modelDescription.xml``, read independently of lpfcosim and FMPy.
 
     ``variables`` are attributes by name, the elements of an array by theirs; ``structure`` has, by kind of
     unknown and its name, the kinds of the factors by the name of the known, or None where it is left open.
@@ -31,20 +31,20 @@ class Told:
     def names(self, **attributes):
         return [
             name
-            for name, own in self.variables.items()
-            if all(own.get(key) in value for key, value in attributes.items())
+            for name, variable in self.variables.items()
+            if all(variable.get(key) in value for key, value in attributes.items())
         ]
 
     def spread(self, names):
         """References of whole variables, how many elements they have, and where among them these are."""
-        begin, places, total = {}, [], 0
+        offsets, places, total = {}, [], 0
         for name in names:
             reference = int(self.variables[name]["valueReference"])
-            if reference not in begin:
-                begin[reference] = total
+            if reference not in offsets:
+                offsets[reference] = total
                 total += self.sizes[reference]
-            places.append(begin[reference] + self.variables[name]["element"])
-        return list(begin), total, places
+            places.append(offsets[reference] + self.variables[name]["element"])
+        return list(offsets), total, places
 
     def vr(self, names):
         return self.spread(names)[0]
@@ -65,34 +65,38 @@ def elements(name, extents):
     ]
 
 
-def told(archive):
+def read_description(archive):
     """Read the description of an archive."""
-    with zipfile.ZipFile(archive) as stored:
-        root = etree.fromstring(stored.read("modelDescription.xml"))
-    newer = root.get("fmiVersion").startswith("3")
-    found = Told(
+    with zipfile.ZipFile(archive) as archive_file:
+        root = etree.fromstring(archive_file.read("modelDescription.xml"))
+    fmi3 = root.get("fmiVersion").startswith("3")
+    description = ModelDescription(
         root.find("CoSimulation").get("modelIdentifier"),
-        root.get("instantiationToken" if newer else "guid"),
+        root.get("instantiationToken" if fmi3 else "guid"),
         root.get("fmiVersion"),
     )
     by_reference = {}
     for element in root.find("ModelVariables"):
-        attributes = {**element.attrib, **({} if newer or not len(element) else element[0].attrib)}
+        attributes = {**element.attrib, **({} if fmi3 or not len(element) else element[0].attrib)}
         names = elements(element.get("name"), [int(d.get("start")) for d in element.iter("Dimension")])
         reference = int(attributes["valueReference"])
         by_reference[reference] = names
-        found.sizes[reference] = len(names)
+        description.sizes[reference] = len(names)
         starts = attributes["start"].split() if "start" in attributes else []
         for k, name in enumerate(names):
-            found.variables[name] = {**attributes, "element": k, **({"start": starts[k]} if starts else {})}
-    ordered = list(found.variables)
+            description.variables[name] = {
+                **attributes,
+                "element": k,
+                **({"start": starts[k]} if starts else {}),
+            }
+    ordered = list(description.variables)
     groups = {
         "Outputs": "Output",
         "Derivatives": "ContinuousStateDerivative",
         "InitialUnknowns": "InitialUnknown",
     }
     for element in root.find("ModelStructure").iter(etree.Element):
-        if newer and element.get("valueReference"):
+        if fmi3 and element.get("valueReference"):
             kind, names = element.tag, by_reference[int(element.get("valueReference"))]
             known = [by_reference[int(i)] for i in element.get("dependencies", "").split()]
         elif element.get("index"):
@@ -103,66 +107,68 @@ def told(archive):
         kinds = element.get("dependenciesKind", "").split()
         stated = None
         if element.get("dependencies") is not None:
-            stated = {one: kind for all_, kind in zip(known, kinds, strict=True) for one in all_}
-        found.structure.setdefault(kind, {}).update(dict.fromkeys(names, stated))
-    return found
+            stated = {name: kind for names_, kind in zip(known, kinds, strict=True) for name in names_}
+        description.structure.setdefault(kind, {}).update(dict.fromkeys(names, stated))
+    return description
 
 
-def _by_element(made, own, newer):
-    """Let a slave be asked for elements; arrays are read and set whole."""
+def _by_element(instance, description, fmi3):
+    """Add methods that access elements; arrays are read and set whole."""
 
     def read(references, total):
-        return made.getFloat64(references, total) if newer else made.getReal(references)
+        return instance.getFloat64(references, total) if fmi3 else instance.getReal(references)
 
-    def picked(values, places):
+    def select(values, places):
         return [values[k] for k in places]
 
     def get(names):
-        references, total, places = own.spread(names)
-        return picked(read(references, total), places)
+        references, total, places = description.spread(names)
+        return select(read(references, total), places)
 
     def put(names, to):
-        references, total, places = own.spread(names)
+        references, total, places = description.spread(names)
         values = read(references, total) if total > len(names) else [0.0] * total
         for k, value in zip(places, to, strict=True):
             values[k] = value
-        (made.setFloat64 if newer else made.setReal)(references, values)
+        (instance.setFloat64 if fmi3 else instance.setReal)(references, values)
 
-    def pushed(function, seeded, seed, asked):
-        references, total, places = own.spread(seeded)
+    def directional(function, seeded, seed, outputs):
+        references, total, places = description.spread(seeded)
         seeds = [0.0] * total
         for k, value in zip(places, seed, strict=True):
             seeds[k] = value
-        others, size, found = own.spread(asked)
-        return picked(function(references, seeds, others, size), found)
+        outputs_read, size, output_places = description.spread(outputs)
+        return select(function(references, seeds, outputs_read, size), output_places)
 
-    made.get, made.set = get, put
-    made.directional = lambda unknowns, knowns, seed: pushed(
-        lambda by, seeds, of, size: made.getDirectionalDerivative(of, by, seeds, *([size] if newer else [])),
+    instance.get, instance.set = get, put
+    instance.directional = lambda unknowns, knowns, seed: directional(
+        lambda vr, seeds, outputs, size: instance.getDirectionalDerivative(
+            outputs, vr, seeds, *([size] if fmi3 else [])
+        ),
         knowns, seed, unknowns,
     )  # fmt: skip
 
 
 @contextmanager
-def slave(archive, **values):
-    """Give a slave in initialization mode, ``values`` set."""
-    own = told(archive)
-    newer = own.version.startswith("3")
+def fmu_instance(archive, **values):
+    """Yield an instance in initialization mode with ``values`` set."""
+    description = read_description(archive)
+    fmi3 = description.version.startswith("3")
     with TemporaryDirectory() as folder:
-        made = (FMU3Slave if newer else FMU2Slave)(
-            instanceName="one", guid=own.token, modelIdentifier=own.identifier,
+        instance = (FMU3Slave if fmi3 else FMU2Slave)(
+            instanceName="one", guid=description.token, modelIdentifier=description.identifier,
             unzipDirectory=fmpy.extract(str(archive), folder),
         )  # fmt: skip
-        if newer:
-            made.instantiate(logMessage=lambda *_: None)
+        if fmi3:
+            instance.instantiate(logMessage=lambda *_: None)
         else:
-            made.instantiate()
-            made.setupExperiment(startTime=0.0)
-        made.enterInitializationMode()
-        _by_element(made, own, newer)
-        made.set(list(values), list(values.values()))
+            instance.instantiate()
+            instance.setupExperiment(startTime=0.0)
+        instance.enterInitializationMode()
+        _by_element(instance, description, fmi3)
+        instance.set(list(values), list(values.values()))
         try:
-            yield made
+            yield instance
         finally:
-            (made.fmi3FreeInstance if newer else made.fmi2FreeInstance)(made.component)
-            made.freeLibrary()
+            (instance.fmi3FreeInstance if fmi3 else instance.fmi2FreeInstance)(instance.component)
+            instance.freeLibrary()
