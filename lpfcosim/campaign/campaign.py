@@ -3,7 +3,7 @@
 import hashlib
 import json
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, fields
 from datetime import UTC, datetime, timedelta
 from functools import cached_property
 from typing import Any
@@ -12,7 +12,6 @@ from lpfcosim.campaign import history
 from lpfcosim.campaign.design_spec import DesignSpec, ParameterSpec
 from lpfcosim.spacecraft import (
     FS,
-    LIVING,
     Actuation,
     Authority,
     Controller,
@@ -26,11 +25,8 @@ from lpfcosim.spacecraft import (
     Truth,
 )
 
-#: What campaigns can ask for since their digests are in files; where they do not, the digest is as it was.
-_LATER = {
-    *("actuation", "events", "tail_scatter", "plateau", *LIVING),
-    *("b_drift", "layout", "eta_per_x", "phi_per_x"),
-}
+#: Fields of a campaign that change nothing in its telemetry.
+_NOT_SIMULATED = ("fit", "design", "identify", "tables")
 
 
 @dataclass(frozen=True)
@@ -133,27 +129,23 @@ class Campaign:
 
     @cached_property
     def digest(self) -> str:
-        """SHA-256 of what the file says: comments, order of keys and choice of units do not count.
+        """SHA-256 of the canonical JSON of what is simulated: keys sorted, values in SI.
 
-        Nor does where an FMU lies; what it is stands beside this digest in the provenance. Nor what is said
-        of the fit, of a design and of what is sought, which changes nothing in the telemetry.
+        Comments, order of keys and choice of units change nothing, nor do the fit, the design and the
+        identification, nor where an FMU lies: its own digest stands beside this one in the provenance.
         """
-        said = asdict(self)
-        del said["fit"], said["design"], said["identify"], said["tables"]
-        crafts = [e["spacecraft"] for e in said["experiments"] if e["spacecraft"]]
-        for place in (said, said["truth"], *said["experiments"], *crafts):
-            for key in _LATER & place.keys():
-                if not _asked(place[key]):
-                    del place[key]
-        for replacement in said["replacements"]:
-            del replacement["archive"], replacement["sha256"], replacement["validate"]
-            replacement["values"] = {name: _number(value) for name, value in replacement["values"].items()}
-        return hashlib.sha256(json.dumps(said, sort_keys=True).encode()).hexdigest()
-
-
-def _asked(value: object) -> bool:
-    parts = value.values() if isinstance(value, dict) else value if isinstance(value, tuple) else (value,)
-    return any(parts)
+        inputs = {f.name: getattr(self, f.name) for f in fields(self) if f.name not in _NOT_SIMULATED}
+        inputs["replacements"] = [
+            {
+                "model": replacement.model,
+                "variables": replacement.variables,
+                "unused": replacement.unused,
+                "values": {name: _number(value) for name, value in replacement.values.items()},
+            }
+            for replacement in self.replacements
+        ]
+        text = json.dumps(inputs, sort_keys=True, default=asdict)
+        return hashlib.sha256(text.encode()).hexdigest()
 
 
 def _number(value: bool | int | float | str) -> bool | int | float | str:

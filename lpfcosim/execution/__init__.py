@@ -1,9 +1,12 @@
-"""Running: a campaign on several processes or a cluster, into telemetry files.
+"""Execution of a campaign by several processes or a cluster, into telemetry files.
 
-What is finished is kept and checked by its digest, so that a campaign that was killed continues.
+Finished files are kept and checked by their digest, so that a campaign that was killed continues.
 """
 
+from lpfcosim.execution.provenance import Provenance
+
 __all__ = [
+    "Provenance",
     "checksums",
     "dask_executor",
     "fmus",

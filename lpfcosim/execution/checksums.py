@@ -1,4 +1,4 @@
-"""Files that survive: they appear whole or not at all, and what they should hold is written down."""
+"""Files that appear complete or not at all, and their checksums."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _SCRATCH = ".lpfcosim-"
 
 
 def write(path: Path, content: str | bytes) -> None:
-    """Write a file at once; RunError if it cannot be, and what was there before is still there."""
+    """Replace a file in one step; RunError if that fails, and the file before is unchanged."""
     with as_run_error():
         atomic.write(path, content)
 
@@ -39,7 +39,7 @@ def remove_partial(folder: Path, process: int | str = "*") -> None:
 
 @contextmanager
 def temporary_folder(folder: Path) -> Iterator[Path]:
-    """Make a place for temporary files where `remove_temporary` finds it if this process is killed."""
+    """Make a folder for temporary files where `remove_temporary` finds it if this process is killed."""
     with tempfile.TemporaryDirectory(prefix=_SCRATCH, dir=folder, ignore_cleanup_errors=True) as place:
         yield Path(place).resolve()
 
@@ -52,7 +52,7 @@ def digest(path: Path) -> str:
 
 @dataclass(frozen=True)
 class PendingFile:
-    """A file that is whole and has yet to get its name.
+    """A file that is complete and has a temporary name.
 
     Attributes
     ----------
@@ -67,12 +67,12 @@ class PendingFile:
 
 
 class ChecksumFile:
-    """The digests of finished files, in the format of ``sha256sum``.
+    """The checksums of finished files, in the format of ``sha256sum``.
 
     Parameters
     ----------
     path : Path
-        Of the ledger. Files are named as seen from its folder; a line that names none does not count.
+        Of the checksum file. Files are named as seen from its folder; a line that names none does not count.
     """
 
     def __init__(self, path: Path) -> None:
@@ -83,8 +83,8 @@ class ChecksumFile:
                 recorded, _, name = line.partition("  ")
                 self._digests[name] = recorded
 
-    def holds(self, file: Path) -> bool | None:
-        """Tell whether a file is as it was when it was finished; None if that is not known."""
+    def matches(self, file: Path) -> bool | None:
+        """Return whether a file has its recorded checksum; None if none is recorded."""
         recorded = self._digests.get(self._name(file))
         try:
             return None if recorded is None else digest(file) == recorded
@@ -92,14 +92,14 @@ class ChecksumFile:
             return False
 
     def add(self, file: Path, finished: PendingFile) -> None:
-        """Note what a finished file holds, and then give it its name, both on disk before this returns.
+        """Record the checksum of a finished file, then give it its name, both on disk before this returns.
 
-        In this order no file has its name and is not known, whoever is killed in between.
+        In this order no file has its name without a checksum, whatever is killed in between.
 
         Raises
         ------
         RunError
-            If ledger or file cannot be written.
+            If checksums or file cannot be written.
         """
         self._digests[self._name(file)] = finished.digest
         try:
@@ -111,8 +111,8 @@ class ChecksumFile:
             with suppress(OSError):
                 finished.partial.unlink(missing_ok=True)
 
-    def forget(self, files: Iterable[Path]) -> None:
-        """Take files out."""
+    def remove(self, files: Iterable[Path]) -> None:
+        """Remove the checksums of files."""
         for file in files:
             self._digests.pop(self._name(file), None)
         self._write()

@@ -57,12 +57,12 @@ def lock(directory: Path, option: str = "") -> Iterator[None]:
         advice = f"wait for it or choose another {option}" if option else "wait for it"
         raise InputError(f"{directory}: another process works in it{who}; {advice}") from None
     except (FileExistsError, NotADirectoryError):
-        told = f"{directory}: is a file or lies in one, expected a folder for the results"
-        raise InputError(told) from None
+        message = f"{directory}: is a file or lies in one, expected a folder for the results"
+        raise InputError(message) from None
     except OSError as error:
         if not os.path.isdir(directory) and error.errno not in (errno.ENOSPC, errno.EDQUOT):  # noqa: PTH112
-            told = f"{directory}: cannot be made ({error.strerror}), expected a folder for the results"
-            raise InputError(told) from None
+            message = f"{directory}: cannot be made ({error.strerror}), expected a folder for the results"
+            raise InputError(message) from None
         raise RunError(f"{directory}: cannot be locked: {error.strerror or error}") from None
     with acquired:
         if inside:
@@ -80,30 +80,30 @@ def lock(directory: Path, option: str = "") -> Iterator[None]:
 
 
 def write_provenance(
-    directory: Path, said: Mapping[str, Any], fmus: Mapping[str, Path], digests: Mapping[str, object]
+    directory: Path, content: Mapping[str, Any], fmus: Mapping[str, Path], digests: Mapping[str, str]
 ) -> None:
-    """Write ``campaign.toml`` and ``fmus/MODEL.fmu`` for each FMU that is not ours.
+    """Write ``campaign.toml``, and ``fmus/MODEL.fmu`` for each third-party FMU.
 
     Parameters
     ----------
     directory : Path
-        The folder, `lock`.
-    said : mapping
-        What the campaign says, with whatever it extends.
+        The folder, locked.
+    content : mapping
+        The tables of the campaign, with those that it extends.
     fmus : mapping of str to Path
-        Those that are not ours, by model.
-    digests : mapping
-        ``fmu_MODEL``: SHA-256 of each.
+        Those FMUs by model.
+    digests : mapping of str to str
+        SHA-256 of each.
     """
-    tables = {**said}
+    tables = {**content}
     if fmus:
         (directory / _FMUS).mkdir(exist_ok=True)
-        tables["fmus"] = {**said["fmus"]}
+        tables["fmus"] = {**content["fmus"]}
     for model, archive in fmus.items():
         copy = directory / _FMUS / f"{model}.fmu"
         checksums.write(copy, archive.read_bytes())
-        entry = {"path": f"{_FMUS}/{copy.name}", "sha256": digests[f"fmu_{model}"]}
-        tables["fmus"][model] = {**said["fmus"][model], **entry}
+        entry = {"path": f"{_FMUS}/{copy.name}", "sha256": digests[model]}
+        tables["fmus"][model] = {**content["fmus"][model], **entry}
     checksums.write(directory / CAMPAIGN, tomli_w.dumps(tables))
 
 

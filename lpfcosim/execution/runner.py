@@ -1,68 +1,56 @@
-"""Simulate the runs of a campaign on several processes; what is already there is kept."""
+"""Simulate the runs of a campaign on several processes or a cluster; finished files are kept."""
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Callable, Generator, Iterable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import closing
+from contextlib import closing, suppress
 from dataclasses import dataclass
-from importlib import metadata
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 from fit.files import atomic
 from fit.parallel import processors
 from fit.telemetry import root_attributes
 from lpfcosim.campaign import Campaign
-from lpfcosim.cosim import FmuLibraryCache, SimulationProgress, co_simulation, compatibility
+from lpfcosim.cosim import Engine, FmuLibraryCache, SimulationProgress, co_simulation, compatibility
 from lpfcosim.errors import InputError, RunError
 from lpfcosim.execution import dask_executor, process_pool, telemetry_file
 from lpfcosim.execution.checksums import ChecksumFile, PendingFile, digest
+from lpfcosim.execution.provenance import Provenance
 from lpfcosim.linear import saturation
 from lpfcosim.modelica import engine_library
 from lpfcosim.models import model_of
 from lpfcosim.signals import decimation
 from lpfcosim.spacecraft import Run
 
-Progress = Callable[[str, int], None]  # name of a run, number of its samples done
-Provenance = Mapping[str, str | int | float]
-
-_CALLED = {"seed": "seed", "lpfcosim_version": "version", "campaign": "campaign", "campaign_digest": "digest"}
+Attributes = Mapping[str, str | int | float]
 
 
 @dataclass(frozen=True)
 class SimulationResult:
-    """What came of a campaign.
+    """The telemetry of a campaign.
 
     Attributes
     ----------
     files : mapping of str to Path
-        The telemetry of every run that is there, in the order of the campaign.
+        The telemetry of every run that is complete, in the order of the campaign.
     failures : mapping of str to RunError
-        Why the others are not.
-    origin : mapping
-        The `provenance` of all of it.
+        The errors of the others.
+    provenance : Provenance
+        Of all files.
     """
 
     files: Mapping[str, Path]
     failures: Mapping[str, RunError]
-    origin: Provenance
-
-
-def provenance(campaign: Campaign, fmus: Mapping[str, Path]) -> dict[str, str | int | float]:
-    """Tell how telemetry comes to be; every file carries it."""
-    return {
-        "lpfcosim_version": metadata.version("lpfcosim"),
-        "campaign": campaign.name,
-        "campaign_digest": campaign.digest,
-        "seed": campaign.seed,
-        **{f"fmu_{model}": digest(path) for model, path in fmus.items()},
-    }
+    provenance: Provenance
 
 
 @dataclass(frozen=True)
 class RunOptions:
-    """RunOptions a campaign is simulated.
+    """How a campaign is simulated.
 
     Attributes
     ----------
@@ -75,14 +63,14 @@ class RunOptions:
     rerun : bool
         Simulate again what comes from another campaign, seed, version or FMU, instead of refusing it.
     time_limit : float, optional
-        Longest that a run may take [s].
+        Longest that a run may take in a process of this machine [s].
     silence : float
-        Time without a step after which an FMU is taken to hang [s].
+        Time without a step after which an FMU is taken to hang there [s].
     """
 
     jobs: int | None = None
     scheduler: str | None = None
-    engine: co_simulation.Engine = "compiled"
+    engine: Engine = "compiled"
     rerun: bool = False
     time_limit: float | None = None
     silence: float = process_pool.SILENCE
@@ -90,37 +78,37 @@ class RunOptions:
 
 @dataclass(frozen=True)
 class ProgressCallbacks:
-    """Who is told what goes on.
+    """Functions that are called as a campaign is simulated.
 
     Attributes
     ----------
-    progress : callable
-        Told the name of a run and the number of samples done.
-    kept : callable
-        Told the name of a run whose file is there already.
-    told : callable
-        Told in one line what else there is to tell.
-    begin : callable
-        Told the provenance when nothing stands in the way, before anything is simulated.
+    on_progress : callable
+        With the name of a run and its number of samples done.
+    on_existing : callable
+        With the name of a run whose file is complete already.
+    on_message : callable
+        With one line of text.
+    on_start : callable
+        With the provenance, before anything is simulated, if nothing is refused.
     """
 
-    progress: Progress = lambda _name, _done: None
-    kept: Callable[[str], None] = lambda _name: None
-    told: Callable[[str], None] = lambda _line: None
-    begin: Callable[[Provenance], None] = lambda _origin: None
+    on_progress: Callable[[str, int], None] = lambda _name, _samples: None
+    on_existing: Callable[[str], None] = lambda _name: None
+    on_message: Callable[[str], None] = lambda _line: None
+    on_start: Callable[[Provenance], None] = lambda _provenance: None
 
 
 def simulate(
     campaign: Campaign,
     directory: Path,
     fmus: Mapping[str, Path],
-    how: RunOptions = RunOptions(),
-    listener: ProgressCallbacks = ProgressCallbacks(),
+    options: RunOptions = RunOptions(),
+    callbacks: ProgressCallbacks = ProgressCallbacks(),
 ) -> SimulationResult:
-    """Simulate every run of ``campaign`` whose file in ``directory`` is not there yet.
+    """Simulate every run of ``campaign`` whose file in ``directory`` is not complete yet.
 
-    A file is there if it is as it was when it was finished, by the checksums beside ``directory``
-    (``telemetry.sha256``, which ``sha256sum -c`` reads). Beside it ``logs`` tells more of runs that failed.
+    A file is complete if its checksum is that in ``telemetry.sha256`` beside ``directory``, which
+    ``sha256sum -c`` reads. The folder ``logs`` beside it has the logs of runs that failed.
 
     Parameters
     ----------
@@ -130,8 +118,8 @@ def simulate(
         Folder of the telemetry files, one per run; made if need be. No other process may use it meanwhile.
     fmus : mapping of str to Path
         The FMU of each component.
-    how, listener : RunOptions, ProgressCallbacks
-        On what and within which limits; who is told what goes on.
+    options, callbacks : RunOptions, ProgressCallbacks
+        Where, and within which limits; what is called on the way.
 
     Raises
     ------
@@ -140,99 +128,119 @@ def simulate(
     RunError
         If the folder cannot be made.
     """
-    if how.jobs is not None and how.jobs < 1:
-        raise InputError(f"jobs: {how.jobs}, expected one or more processes")
-    origin = provenance(campaign, fmus)
+    if options.jobs is not None and options.jobs < 1:
+        raise InputError(f"jobs: {options.jobs}, expected one or more processes")
+    provenance = Provenance.of(campaign, fmus)
     try:
         directory.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise RunError(f"{directory}: cannot be made: {error.strerror}") from None
     paths = {run.name: directory / f"{run.name}.h5" for run in campaign.runs}
     checksums = ChecksumFile(directory.with_name(f"{directory.name}.sha256"))
-    whole = _whole(directory, paths, origin, checksums, rerun=how.rerun)
+    complete = _completed_runs(directory, paths, provenance, checksums, rerun=options.rerun)
     for name, path in paths.items():
-        if name in whole:
-            listener.kept(name)
+        if name in complete:
+            callbacks.on_existing(name)
         elif path.exists():
-            why = "simulated again" if how.rerun else "is not as it was finished, simulated again"
-            listener.told(f"run {name}: {path} {why}")
-    listener.begin(origin)
-    missing = {run.name: run for run in campaign.runs if run.name not in whole}
-    found: dict[str, RunError] = {}
-    setting = process_pool.WorkerConfig(_simulate, directory, directory.parent / "logs")
-    setting.remove_empty_logs()  # after whoever was killed
+            reason = "simulated again" if options.rerun else "is not as it was finished, simulated again"
+            callbacks.on_message(f"run {name}: {path} {reason}")
+    callbacks.on_start(provenance)
+    missing = {run.name: run for run in campaign.runs if run.name not in complete}
+    failures: dict[str, RunError] = {}
+    config = process_pool.WorkerConfig(_simulate, directory, directory.parent / "logs")
+    config.remove_empty_logs()  # of a command that was killed
     if missing:
-        checksums.forget(map(paths.__getitem__, missing))
-        for name in missing:  # lest old and new lie side by side, should this be killed
+        checksums.remove(map(paths.__getitem__, missing))
+        for name in missing:  # lest files of two campaigns lie side by side, should this be killed
             paths[name].unlink(missing_ok=True)
-        common = dict(origin), how.engine
-        tasks = {name: (run, dict(fmus), paths[name], *common) for name, run in missing.items()}
-        with closing(_outcomes(setting, tasks, how, listener)) as outcomes:
-            found = _settled(missing, outcomes, checksums, paths, listener.progress, setting)
-    return SimulationResult({name: path for name, path in paths.items() if name not in found}, found, origin)
+        with closing(_execute(config, missing, fmus, provenance, options, callbacks)) as outcomes:
+            failures = _collect_results(missing, outcomes, checksums, paths, callbacks, config)
+    files = {name: path for name, path in paths.items() if name not in failures}
+    return SimulationResult(files, failures, provenance)
 
 
-def _outcomes(
-    setting: process_pool.WorkerConfig,
-    tasks: Mapping[str, tuple[Any, ...]],
-    how: RunOptions,
-    listener: ProgressCallbacks,
+def _execute(
+    config: process_pool.WorkerConfig,
+    runs: Mapping[str, Run],
+    fmus: Mapping[str, Path],
+    provenance: Provenance,
+    options: RunOptions,
+    callbacks: ProgressCallbacks,
 ) -> Generator[tuple[str, Any]]:
-    """Have runs done where the user wants it; yield what comes of each."""
-    if how.engine == "compiled":
-        engine_library()  # once, here, and not in every worker
-    sizes = {name: task[0].n_samples for name, task in tasks.items()}
-    # The longest first, so that none is left running alone at the end.
-    items = {name: tasks[name] for name in sorted(tasks, key=lambda name: -sizes[name])}
+    """Simulate runs in processes or on a cluster; yield the outcome of each."""
+    # The longest first, so that all processes end at about the same time.
+    queue = {name: runs[name] for name in sorted(runs, key=lambda name: -runs[name].n_samples)}
+    attributes = provenance.attributes()
+    if options.scheduler:
+        shared = (attributes, options.engine)
+        yield from dask_executor.results(options.scheduler, _simulate_remotely, shared, queue, fmus)
+        return
+    if options.engine == "compiled":
+        engine_library()  # built once, here, and not in every worker
 
-    def under_way(name: str, done: int) -> None:
-        if done < sizes[name]:  # the last is told of a file that is finished
-            listener.progress(name, done)
+    def on_progress(name: str, n_samples: int) -> None:
+        if n_samples < runs[name].n_samples:  # the last sample counts when the file is complete
+            callbacks.on_progress(name, n_samples)
 
-    limits: dict[str, Any] = {"time_limit": how.time_limit, "silence": how.silence}
-    if how.scheduler:
-        yield from dask_executor.record(how.scheduler, setting, items, **limits)
-    else:
-        yield from process_pool.results(
-            setting, items, how.jobs or processors(), on_progress=under_way, **limits
-        )
+    tasks = {
+        name: (run, dict(fmus), config.folder / f"{name}.h5", attributes, options.engine)
+        for name, run in queue.items()
+    }
+    yield from process_pool.results(
+        config,
+        tasks,
+        options.jobs or processors(),
+        time_limit=options.time_limit,
+        silence=options.silence,
+        on_progress=on_progress,
+    )
 
 
-def _settled(
+def _collect_results(
     runs: Mapping[str, Run],
     outcomes: Iterable[tuple[str, Any]],
     checksums: ChecksumFile,
     paths: Mapping[str, Path],
-    progress: Progress,
-    setting: process_pool.WorkerConfig,
+    callbacks: ProgressCallbacks,
+    config: process_pool.WorkerConfig,
 ) -> dict[str, RunError]:
-    """Enter what is finished into the checksums as it comes, and name it; return why the rest failed."""
+    """Record the checksum of each file as it comes and give it its name; return the errors of the others."""
     failures: dict[str, InputError | RunError] = {}
     for name, outcome in outcomes:
-        if isinstance(outcome, PendingFile):
-            outcome = _entered(checksums, paths[name], outcome)
-        if outcome is None:
-            progress(name, runs[name].n_samples)
-            continue
-        failures[name] = (
-            _lost(runs[name], outcome) if isinstance(outcome, process_pool.WorkerFailure) else outcome
-        )
-        setting.append_to_log(name, str(failures[name]))
-    wrong = [error for error in failures.values() if isinstance(error, InputError)]
-    if wrong:
-        raise InputError("; ".join(dict.fromkeys(map(str, wrong))))
-    for name in runs:  # whoever was to do it said nothing
+        try:
+            _settle(runs[name], outcome, checksums, paths[name])
+        except (InputError, RunError) as error:
+            failures[name] = error
+            config.append_to_log(name, str(error))
+        else:
+            callbacks.on_progress(name, runs[name].n_samples)
+    refusals = [error for error in failures.values() if isinstance(error, InputError)]
+    if refusals:
+        raise InputError("; ".join(dict.fromkeys(map(str, refusals))))
+    for name in runs:
         if name not in failures and not paths[name].is_file():
             failures[name] = RunError(f"run '{name}': was not simulated")
     return {name: RunError(str(failures[name])) for name in runs if name in failures}
 
 
-def _entered(checksums: ChecksumFile, path: Path, finished: PendingFile) -> RunError | None:
-    try:
-        checksums.add(path, finished)
-    except RunError as error:
-        return error
-    return None
+def _settle(run: Run, outcome: Any, checksums: ChecksumFile, path: Path) -> None:
+    """Give a simulated file its name, or raise why there is none."""
+    if isinstance(outcome, process_pool.WorkerFailure):
+        moment = f"at {outcome.sample * run.h:.1f} s" if outcome.sample >= 0 else "while the FMUs were loaded"
+        component = failed_component(run, outcome)
+        raise RunError(f"run '{run.name}': {component} {outcome.description} {moment}")
+    if isinstance(outcome, bytes):  # from a cluster
+        partial = atomic.temporary(path)
+        try:
+            partial.write_bytes(outcome)
+        except OSError as error:
+            with suppress(OSError):
+                partial.unlink()
+            raise RunError(f"{path}: cannot be written ({error.strerror or error})") from None
+        outcome = PendingFile(partial, hashlib.sha256(outcome).hexdigest())
+    if not isinstance(outcome, PendingFile):
+        raise outcome
+    checksums.add(path, outcome)
 
 
 def failed_component(run: Run, failure: process_pool.WorkerFailure) -> str:
@@ -242,15 +250,15 @@ def failed_component(run: Run, failure: process_pool.WorkerFailure) -> str:
     return f"the {model_of(run).components(run)[failure.component].model} FMU"
 
 
-def _lost(run: Run, lost: process_pool.WorkerFailure) -> RunError:
-    when = f"at {lost.sample * run.h:.1f} s" if lost.sample >= 0 else "while the FMUs were loaded"
-    return RunError(f"run '{run.name}': {failed_component(run, lost)} {lost.description} {when}")
-
-
-def _whole(
-    directory: Path, paths: Mapping[str, Path], origin: Provenance, checksums: ChecksumFile, *, rerun: bool
+def _completed_runs(
+    directory: Path,
+    paths: Mapping[str, Path],
+    provenance: Provenance,
+    checksums: ChecksumFile,
+    *,
+    rerun: bool,
 ) -> set[str]:
-    """Return the runs that are there; refuse files that must be neither overwritten nor mixed with them."""
+    """Return the runs whose files are complete; refuse files that must be neither overwritten nor mixed."""
     for path in sorted(directory.glob("*.h5")):
         if path.is_dir():
             raise InputError(f"{path}: is a folder, expected a file or nothing")
@@ -259,48 +267,26 @@ def _whole(
                 f"{path}: belongs to no run of this campaign; choose another --out or move it elsewhere"
             )
     with ThreadPoolExecutor(processors()) as pool:
-        sound = dict(zip(paths, pool.map(checksums.holds, paths.values()), strict=True))
-    whole = set()
+        matches = dict(zip(paths, pool.map(checksums.matches, paths.values()), strict=True))
+    complete = set()
     for name, path in paths.items():
-        found = root_attributes(path)
-        if found is None or sound[name] is False:
+        attributes = root_attributes(path)
+        if attributes is None or matches[name] is False:
             continue  # missing or damaged
-        other = provenance_mismatch(found, origin)
-        if other and not rerun:
-            raise InputError(f"{path}: {other}; choose another --out or give --rerun to simulate it again")
-        if sound[name] and not other:
-            whole.add(name)
-    return whole
-
-
-def provenance_mismatch(found: Mapping[str, Any], origin: Provenance) -> str:
-    """Tell in what the provenance among a file's attributes differs; empty if it does not."""
-    for key, wanted in sorted(origin.items(), key=lambda item: [*_CALLED, item[0]].index(item[0])):
-        if key not in found:
-            return f"does not tell its {key}, expected telemetry of this campaign"
-        if not _same(found[key], wanted):
-            if key in ("seed", "lpfcosim_version", "campaign"):
-                return f"simulated with {_CALLED[key]} {found[key]}, now it is {wanted}"
-            if key == "campaign_digest":
-                return "simulated when the campaign said something else"
-            return f"simulated with another {key.removeprefix('fmu_')} FMU"
-    more = sorted(key.removeprefix("fmu_") for key in found if key.startswith("fmu_") and key not in origin)
-    return f"simulated with an FMU {more[0]}, which is not in the loop now" if more else ""
-
-
-def _same(found: Any, wanted: str | int | float) -> bool:
-    try:
-        return bool(found == wanted)
-    except (ValueError, TypeError):  # an array, or whatever else
-        return False
+        mismatch = provenance.mismatch(attributes)
+        if mismatch and not rerun:
+            raise InputError(f"{path}: {mismatch}; choose another --out or give --rerun to simulate it again")
+        if matches[name] and not mismatch:
+            complete.add(name)
+    return complete
 
 
 def write_telemetry(
     run: Run,
     fmus: Mapping[str, Path],
     path: Path,
-    origin: Mapping[str, str | int | float],
-    engine: co_simulation.Engine = "compiled",
+    attributes: Attributes,
+    engine: Engine = "compiled",
     progress: SimulationProgress | None = None,
     libraries: FmuLibraryCache | None = None,
 ) -> None:
@@ -311,10 +297,8 @@ def write_telemetry(
     saturated = 0
     spacecraft = model_of(run)
     interfaces = compatibility.read_interfaces(run, fmus)
-    unknown_truths = spacecraft.unknown_truths(run, compatibility.ignored_names(interfaces))
-    with telemetry_file.create(
-        path, run, spacecraft.record, origin, unknown_truths, is_final=False
-    ) as writer:
+    unknown = spacecraft.unknown_truths(run, compatibility.ignored_names(interfaces))
+    with telemetry_file.create(path, run, spacecraft.record, attributes, unknown, is_final=False) as writer:
 
         def simulated_blocks() -> Iterator[Mapping[str, co_simulation.Array]]:
             nonlocal saturated
@@ -344,14 +328,23 @@ def _simulate(
     run: Run,
     fmus: Mapping[str, Path],
     path: Path,
-    origin: Provenance,
-    engine: co_simulation.Engine,
+    attributes: Attributes,
+    engine: Engine,
     progress: SimulationProgress,
 ) -> PendingFile:
     """Simulate a run into a file that the main process gives its name."""
     partial = atomic.temporary(path)
     try:
-        write_telemetry(run, fmus, partial, origin, engine, progress, _libraries)
+        write_telemetry(run, fmus, partial, attributes, engine, progress, _libraries)
     except RunError as error:  # which may name the file
         raise RunError(str(error).replace(partial.name, path.name)) from None
     return PendingFile(partial, digest(partial))
+
+
+def _simulate_remotely(shared: tuple[Attributes, Engine], run: Run, fmus: Mapping[str, Path]) -> bytes:
+    """Simulate a run on a worker of a cluster; return the content of its file."""
+    attributes, engine = shared
+    with TemporaryDirectory(prefix="lpfcosim-") as folder:
+        path = Path(folder) / f"{run.name}.h5"
+        write_telemetry(run, fmus, path, attributes, engine)
+        return path.read_bytes()

@@ -32,8 +32,8 @@ def container(run: Run, fmus: Mapping[str, Path], path: Path) -> Path:
 
     Its inputs are the signals that drive the loop, its outputs the recorded channels that are not such
     signals; the parameters are those of the run, fixed. The inputs of the first sample are set in
-    initialization mode, those of every sample before its step. It runs where the toolbox has a binary
-    and the FMUs have a binary: Linux and Windows on x86-64, macOS on arm64.
+    initialization mode, those of every sample before its step. It runs where the toolbox
+    and the FMUs have binaries: Linux and Windows on x86-64, macOS on arm64.
 
     Parameters
     ----------

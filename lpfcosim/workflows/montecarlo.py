@@ -338,8 +338,7 @@ def _execute(
     scheduler: str | None,
 ) -> Iterator[tuple[str, Any]]:
     if scheduler:
-        with dask_executor.connected(scheduler) as connection:
-            yield from connection.results(run_trial, task, items, fmus)
+        yield from dask_executor.results(scheduler, run_trial, task, items, fmus)
         return
     arguments = {name: (number, fmus) for name, number in items.items()}
     yield from process_pool.results(config, arguments, jobs or processors())

@@ -150,7 +150,7 @@ def _fit(
             fit_settings,
             progress,
             trusted_files=True,
-            provenance=simulated.origin,
+            provenance=simulated.provenance.attributes(),
             amend=partial(_with_missing, missing=missing, causes="; ".join(causes)),
         )
     except CalibrationError as error:

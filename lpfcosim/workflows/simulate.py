@@ -8,8 +8,8 @@ from fit.telemetry import root_attributes
 from lpfcosim.campaign import Campaign, loading
 from lpfcosim.cosim import compatibility
 from lpfcosim.errors import InputError, RunError, prefix_errors
+from lpfcosim.execution import Provenance, results_folder, runner, telemetry_file, validation
 from lpfcosim.execution import fmus as archives
-from lpfcosim.execution import results_folder, runner, telemetry_file, validation
 from lpfcosim.linear import ClosedLoop, saturation
 from lpfcosim.messages import grouped
 from lpfcosim.models import model_of
@@ -97,11 +97,11 @@ def simulate_fmus(
     `source` is the file of the campaign, if it has one; the folder is locked by `results_folder.lock`.
     """
 
-    def begin(origin: runner.Provenance) -> None:
+    def begin(provenance: Provenance) -> None:
         for name in ("results.json", "report.html") if options.rerun else ():
             (directory / name).unlink(missing_ok=True)
         third_party = {r.model: copies[r.model] for r in plan.replacements}
-        _write_campaign(plan, directory, third_party, origin, progress)
+        _write_campaign(plan, directory, third_party, provenance, progress)
 
     with ExitStack() as stack:
         with prefix_errors(source):
@@ -128,14 +128,14 @@ def _write_campaign(
     plan: Campaign,
     directory: Path,
     fmus: Mapping[str, Path],
-    origin: Mapping[str, object],
+    provenance: Provenance,
     progress: Progress,
 ) -> None:
     """Write the campaign and its third-party FMUs to the folder, if its file describes it as it is."""
     path = directory / results_folder.CAMPAIGN
     described = fmus.keys() <= plan.tables.get("fmus", {}).keys()
     if described:
-        results_folder.write_provenance(directory, plan.tables, fmus, origin)
+        results_folder.write_provenance(directory, plan.tables, fmus, provenance.fmus)
         try:
             described = loading.load(path).digest == plan.digest
         except InputError:  # a campaign without a file
@@ -171,27 +171,27 @@ def _simulate_reference_plant(
     if plan.replacements:
         models = ", ".join(f"fmus.{r.model}" for r in plan.replacements)
         raise InputError(f"{models}: a third-party FMU, expected fmus=True where a campaign names one")
-    origin = {**runner.provenance(plan, {}), "simulated_by": MODEL_EQUATIONS}
+    provenance = Provenance.of(plan, {}, MODEL_EQUATIONS)
     paths = [directory / "telemetry" / f"{run.name}.h5" for run in plan.runs]
     with results_folder.lock(directory):
         (directory / "telemetry").mkdir(exist_ok=True)
         for run, path in zip(plan.runs, paths, strict=True):
             if not path.exists():
-                _record(run, path, origin)
+                _record(run, path, provenance)
                 continue
             attributes = root_attributes(path)
-            if attributes is None or runner.provenance_mismatch(attributes, origin):
+            if attributes is None or provenance.mismatch(attributes):
                 raise InputError(
                     f"{path}: telemetry of something else, expected another folder or none there"
                 )
-        _write_campaign(plan, directory, {}, origin, progress)
+        _write_campaign(plan, directory, {}, provenance, progress)
     return paths
 
 
-def _record(run: Run, path: Path, origin: Mapping[str, str | int | float]) -> None:
+def _record(run: Run, path: Path, provenance: Provenance) -> None:
     simulated = ClosedLoop(run).simulate()
     channels = {name: simulated[name] for name in model_of(run).record}
-    with telemetry_file.create(path, run, channels, origin) as writer:
+    with telemetry_file.create(path, run, channels, provenance.attributes()) as writer:
         for block in decimation.decimate(run, [channels]):
             writer.append(block)
         if saturated := saturation.count(run, channels):

@@ -37,7 +37,7 @@ import numpy as np
 from lpfcosim.campaign import loading
 from lpfcosim.cosim import co_simulation
 from lpfcosim.cosim.compatibility import read_interfaces
-from lpfcosim.execution import runner
+from lpfcosim.execution import Provenance, runner
 from lpfcosim.modelica import build
 from lpfcosim.modelica.compiler import FLAGS, compiler
 from lpfcosim.models import model_of, stimuli
@@ -167,7 +167,7 @@ def whole_run(hours: float) -> tuple[float, float]:
     run, fmus = first_experiment(hours), build.build()
     with tempfile.TemporaryDirectory() as folder:
         started = time.perf_counter()
-        runner.write_telemetry(run, fmus, Path(folder) / "run.h5", runner.provenance(plan, fmus))
+        runner.write_telemetry(run, fmus, Path(folder) / "run.h5", Provenance.of(plan, fmus).attributes())
         seconds = time.perf_counter() - started
     return seconds, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
 

@@ -20,11 +20,11 @@ FAULTS = {
 _HEAD = "#include <math.h>\n#include <signal.h>\n#include <stdio.h>\nstatic int broken;\n"
 _LOAD = "    (void)intermediate, (void)n_intermediate, (void)update;\n"
 _STEP = "    const char *problem = instance_step(m, time, step);\n"
-_GET = "    return done(m, instance_get(m, vr, n, values));\n"
+_GET = "    return status_of(m, instance_get(m, vr, n, values));\n"
 _SPOILT_GET = """\
     const char *problem = instance_get(m, vr, n, values);
     if (broken) values[0] = NAN;
-    return done(m, problem);
+    return status_of(m, problem);
 """
 
 

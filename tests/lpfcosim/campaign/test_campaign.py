@@ -97,15 +97,6 @@ def test_digest_is_of_the_content_not_of_its_spelling(file):
     assert len(digest) == 64
 
 
-@pytest.mark.parametrize(
-    ("name", "digest"),
-    [("quickstart", "4b4531e957710cf7"), ("mission-x", "b239ff4fe3de1382"), ("inertial", "830953a913340754")],
-)
-def test_digest_of_a_campaign_does_not_know_what_it_does_not_ask_for(quickstart, name, digest):
-    # it stands in every file of telemetry, which stays as it was, byte for byte
-    assert loading.load(quickstart.with_name(f"{name}.toml")).digest.startswith(digest)
-
-
 def test_toml_dates_and_byte_order_marks_are_fine(file):
     text = TEXT.replace('"2016-04-16T08:00:00Z"', "2016-04-16T08:00:00+00:00")
     file.write_bytes(b"\xef\xbb\xbf" + text.encode())

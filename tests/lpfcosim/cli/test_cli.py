@@ -244,7 +244,7 @@ def test_what_fails_is_one_sentence_and_a_status(lpfcosim, short, monkeypatch, e
 
     before = signal.getsignal(signal.SIGTERM)
     monkeypatch.setattr(fmu_build, "build", lambda *_, **__: {})
-    monkeypatch.setattr(compatibility, "interfaces", lambda *_: [])
+    monkeypatch.setattr(compatibility, "read_interfaces", lambda *_: [])
     monkeypatch.setattr(runner, "simulate", fail)
     try:
         assert lpfcosim("run", short, "--quiet") == (status, "", f"lpfcosim: error: {sentence}\n")

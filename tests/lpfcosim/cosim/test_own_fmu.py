@@ -16,7 +16,7 @@ from lpfcosim.cosim import compatibility
 from lpfcosim.cosim.compatibility import _exponents
 from lpfcosim.cosim.interface import resolve
 from lpfcosim.errors import InputError, RunError
-from lpfcosim.execution import runner
+from lpfcosim.execution import Provenance, runner
 from lpfcosim.modelica import build
 from lpfcosim.models import model_of
 from lpfcosim.spacecraft.run import Noise, Replacement, Sine
@@ -314,9 +314,7 @@ def test_campaign_is_simulated_with_it_and_says_so(fmus, tmp_path):
     mine = {**fmus, SUSPENSION: tmp_path / "mine.fmu"}
     runner.simulate(plan, tmp_path / "telemetry", mine, runner.RunOptions(jobs=1))
     with h5py.File(tmp_path / "telemetry" / "one.h5") as written:
-        assert (
-            written.attrs["fmu_SuspensionControl"] == runner.provenance(plan, mine)["fmu_SuspensionControl"]
-        )
+        assert written.attrs["fmu_SuspensionControl"] == Provenance.of(plan, mine).fmus["SuspensionControl"]
         assert np.array_equal(written["o_12"], in_memory.simulate(plan.runs[0], mine)["o_12"])
         assert written["truth"].attrs["omega2_2_0"] == plan.truth.omega2_2_0
     # The folder that the FMU lies in does not count.

@@ -19,7 +19,7 @@ import pytest
 
 from fit.files import atomic
 from lpfcosim.errors import InputError
-from lpfcosim.execution import runner
+from lpfcosim.execution import Provenance, provenance, runner
 from lpfcosim.spacecraft.run import Authority, Sine
 from tests.campaign_text import SHORT_PLAN
 from tests.reference_run import simulate_reference
@@ -89,10 +89,10 @@ def test_finished_runs_are_kept_and_others_are_simulated_again(fmus, plan, copie
         if damage is not None:
             lost.write_bytes(damage)
         seen, again, told = set(), [], []
-        listener = runner.ProgressCallbacks(
+        callbacks = runner.ProgressCallbacks(
             lambda name, _, seen=seen: seen.add(name), again.append, told.append
         )
-        runner.simulate(plan, kept.parent, fmus, listener=listener)
+        runner.simulate(plan, kept.parent, fmus, callbacks=callbacks)
         assert (seen, again) == ({lost.stem}, [kept.stem])
         wanted = [f"run one: {lost} is not as it was finished, simulated again"]
         assert told == ([] if damage is None else wanted)
@@ -152,7 +152,7 @@ def test_what_comes_from_elsewhere_is_refused_or_simulated_anew(fmus, plan, copi
         with pytest.raises(InputError, match=rf"one-noise\.h5: {said}.*; choose another .* give --rerun"):
             runner.simulate(changed, folder, its)
     with monkeypatch.context() as patch:
-        patch.setattr(runner.metadata, "version", lambda _: "9.9")
+        patch.setattr(provenance.metadata, "version", lambda _: "9.9")
         with pytest.raises(InputError, match=r"one-noise\.h5: simulated with version .*, now it is 9\.9"):
             runner.simulate(plan, folder, fmus)
     asked = []
@@ -195,7 +195,7 @@ def test_a_foreign_file_is_not_ours_whatever_its_attributes(fmus, plan, tmp_path
     path = tmp_path / "one.h5"
     for odd in (np.arange(3), h5py.Empty("f8"), [b"a", b"b"], np.void(b"raw"), np.nan, None):
         with h5py.File(path, "w") as file:
-            file.attrs.update(runner.provenance(plan, fmus))
+            file.attrs.update(Provenance.of(plan, fmus).attributes())
             del file.attrs["seed"]
             if odd is not None:
                 file.attrs["seed"] = odd
@@ -278,7 +278,8 @@ def test_an_interrupt_leaves_what_is_finished_and_nothing_else(fmus, long, tmp_p
     kept = []
     short = replace(long, experiments=(replace(long.experiments[0], n_samples=0),))
     with pytest.raises(InputError, match="when the campaign said something else"):
-        runner.simulate(short, noise.parent, fmus, listener=runner.ProgressCallbacks(kept=kept.append))
+        callbacks = runner.ProgressCallbacks(on_existing=kept.append)
+        runner.simulate(short, noise.parent, fmus, callbacks=callbacks)
 
 
 def test_an_interrupt_before_the_ledger_knows_a_file_leaves_none(fmus, plan, tmp_path, monkeypatch):
@@ -298,7 +299,7 @@ def test_an_interrupt_before_the_ledger_knows_a_file_leaves_none(fmus, plan, tmp
         assert mp.active_children() == []
         assert folder_of(folder) == []
     done = runner.simulate(
-        plan, folder, fmus, runner.RunOptions(jobs=1), runner.ProgressCallbacks(told=told.append)
+        plan, folder, fmus, runner.RunOptions(jobs=1), runner.ProgressCallbacks(on_message=told.append)
     )
     assert (told, folder_of(folder)) == ([], sorted(path.name for path in done.files.values()))
 
@@ -324,7 +325,7 @@ import sys
 from pathlib import Path
 from lpfcosim.campaign import loading
 from lpfcosim.modelica import build
-from lpfcosim.execution import runner
+from lpfcosim.execution import Provenance, provenance, runner
 
 if __name__ == "__main__":
     plan = loading.load(Path(sys.argv[1]))

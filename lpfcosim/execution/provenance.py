@@ -1,0 +1,79 @@
+"""How telemetry was made: what its file states, and what must be the same when a campaign continues."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+
+from lpfcosim.campaign import Campaign
+from lpfcosim.execution.checksums import digest
+
+
+@dataclass(frozen=True)
+class Provenance:
+    """How the telemetry of a campaign was made.
+
+    Attributes
+    ----------
+    seed : int
+        Of the random numbers.
+    version : str
+        Of this package.
+    campaign, digest : str
+        Name and digest of the campaign.
+    fmus : mapping of str to str
+        SHA-256 of the FMU of each model.
+    simulator : str
+        What simulated the loop, if not the FMUs.
+    """
+
+    seed: int
+    version: str
+    campaign: str
+    digest: str
+    fmus: Mapping[str, str] = field(default_factory=dict)
+    simulator: str = ""
+
+    @classmethod
+    def of(cls, campaign: Campaign, fmus: Mapping[str, Path], simulator: str = "") -> Provenance:
+        """Return the provenance of a campaign that is simulated now, with these FMUs by model."""
+        digests = {model: digest(path) for model, path in fmus.items()}
+        version = metadata.version("lpfcosim")
+        return cls(campaign.seed, version, campaign.name, campaign.digest, digests, simulator)
+
+    def attributes(self) -> dict[str, str | int | float]:
+        """Return the attributes that a telemetry file has of it."""
+        return {
+            "seed": self.seed,
+            "lpfcosim_version": self.version,
+            "campaign": self.campaign,
+            "campaign_digest": self.digest,
+            **{f"fmu_{model}": sha256 for model, sha256 in self.fmus.items()},
+            **({"simulated_by": self.simulator} if self.simulator else {}),
+        }
+
+    def mismatch(self, attributes: Mapping[str, Any]) -> str:
+        """Return in what the attributes of a file differ from this provenance; empty if in nothing."""
+        for key, value in self.attributes().items():
+            if key not in attributes:
+                return f"does not state its {key}, expected telemetry of this campaign"
+            if _is_equal(attributes[key], value):
+                continue
+            if key in ("seed", "lpfcosim_version", "campaign"):
+                return f"simulated with {key.removeprefix('lpfcosim_')} {attributes[key]}, now it is {value}"
+            if key == "campaign_digest":
+                return "simulated when the campaign said something else"
+            return f"simulated with another {key.removeprefix('fmu_')} FMU"
+        fmus = (key.removeprefix("fmu_") for key in attributes if key.startswith("fmu_"))
+        surplus = sorted(model for model in fmus if model not in self.fmus)
+        return f"simulated with an FMU {surplus[0]}, which is not in the loop now" if surplus else ""
+
+
+def _is_equal(attribute: Any, value: str | int | float) -> bool:
+    try:
+        return bool(attribute == value)
+    except (ValueError, TypeError):  # an array, or whatever else
+        return False
