@@ -95,7 +95,9 @@ def lpfcosim(monkeypatch, capfd, tmp_path):
     from lpfcosim import cli  # takes its time, and only these tests need it
 
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("lpfcosim.cli.console.FIRST", 3600.0)  # what is said does not depend on who else runs
+    monkeypatch.setattr(
+        "lpfcosim.cli.console.FIRST_REPORT", 3600.0
+    )  # what is said does not depend on who else runs
 
     def run(*arguments):
         monkeypatch.setattr(sys, "argv", ["lpfcosim", *map(str, arguments)])

@@ -1,25 +1,13 @@
 """The commands as a user sees them: names, options, help. Calling a command reads in the code behind it."""
 
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated
 
 import typer
 
-from lpfcosim.cli import fmu as cli_fmu
-from lpfcosim.cli import planners, results
-from lpfcosim.cli.common import (
-    Bound,
-    CampaignFile,
-    Fix,
-    GaussianPrior,
-    Jobs,
-    Out,
-    Paths,
+from lpfcosim.cli import campaign_commands, fmu_commands, result_commands
+from lpfcosim.cli.options import (
     Quiet,
-    Scheduler,
-    Tie,
-    Trust,
-    duration,
     examples,
     help_without_command,
 )
@@ -36,8 +24,8 @@ app = typer.Typer(
 )
 
 
-def _version(wanted: bool) -> None:
-    if wanted:
+def _version(show_version: bool) -> None:
+    if show_version:
         from importlib import metadata
 
         print(f"lpfcosim {metadata.version('lpfcosim')}")
@@ -87,215 +75,6 @@ def new(
     (cli_new.new_map if as_map else cli_new.new)(files or [])
 
 
-@app.command(epilog=examples("lpfcosim check mine.toml", "lpfcosim check mine.toml --json | jq .wall_time"))
-def check(
-    campaign: CampaignFile,
-    as_json: Annotated[bool, typer.Option("--json", help="Print JSON, schema lpf-check/1.")] = False,
-    quiet: Quiet = False,
-) -> None:
-    """Validate a campaign and print what to expect of it.
-
-    What `run` would refuse is refused, with exit status 2: third-party FMUs that do not fit their places,
-    unstable loops, commands at their limits for too long. A campaign with a command at its limit, or with
-    a tone that the fit takes nothing from, is called doubtful instead of valid (exit status 0). Then come
-    its runs, the stability margins of its loops, the expected sigmas (those of `lpfcosim forecast`), and
-    how long it will take. With a third-party FMU in the loop these are not available. Nothing is
-    simulated, and none of our FMUs is needed.
-    """
-    from lpfcosim.cli import check as cli_check
-    from lpfcosim.cli.console import Console
-
-    cli_check.check(campaign, Console(quiet=quiet, as_json=as_json))
-
-
-@app.command(
-    epilog=examples(
-        "lpfcosim run campaigns/quickstart.toml",
-        "lpfcosim run mine.toml --out tuesday --jobs 2",
-        "lpfcosim run mine.toml --json | jq .joint.parameters.lambda_2",
-    )
-)
-def run(
-    campaign: CampaignFile,
-    out: Out = None,
-    jobs: Jobs = None,
-    engine: Annotated[
-        Literal["compiled", "fmpy"],
-        typer.Option("--engine", help="Loop over the FMUs; fmpy is the plain one: slow, same bits."),
-    ] = "compiled",
-    scheduler: Scheduler = None,
-    time_limit: Annotated[
-        float | None,
-        typer.Option(
-            "--time-limit",
-            metavar="DURATION",
-            parser=duration,
-            help='Longest time a run may take, such as "2 h". A minute without a step always ends it.',
-        ),
-    ] = None,
-    rerun: Annotated[
-        bool,
-        typer.Option(
-            "--rerun", help="Simulate anew what was made with another campaign, seed, version or FMU."
-        ),
-    ] = False,
-    trusted: Trust = False,
-    as_json: Annotated[bool, typer.Option("--json", help="Print results.json instead of a table.")] = False,
-    quiet: Quiet = False,
-) -> None:
-    """Simulate a campaign with the FMUs, fit it, report.
-
-    Afterwards the folder holds telemetry/*.h5, results.json and report.html. If it is interrupted, the
-    same command continues. A run that fails leaves a log in logs/. Complete experiments
-    are fitted all the same, and the exit status is 1.
-    """
-    from lpfcosim.cli import run as cli_run
-    from lpfcosim.cli.console import Console
-
-    cli_run.run(
-        campaign,
-        out,
-        Console(quiet=quiet, as_json=as_json),
-        jobs=jobs,
-        engine=engine,
-        scheduler=scheduler,
-        time_limit=time_limit,
-        rerun=rerun,
-        trusted=trusted,
-    )
-
-
-@app.command(
-    epilog=examples(
-        "lpfcosim fit quickstart --out again",
-        "lpfcosim fit flight/*.h5 --settings fit.toml --json",
-        "lpfcosim fit quickstart --fix lambda_2=1.0776 --tie alpha_phi_1=alpha_phi_2",
-        "lpfcosim fit noise/ --calibration quickstart",
-    )
-)
-def fit(
-    paths: Paths,
-    out: Out = None,
-    settings: Annotated[
-        Path | None,
-        typer.Option("--settings", metavar="FIT.toml", help="File with a table [fit]; a campaign will do."),
-    ] = None,
-    include_short: Annotated[
-        bool, typer.Option("--include-short", help="Let runs shorter than 6 h take part in the joint fit.")
-    ] = False,
-    calibration: Annotated[
-        Path | None,
-        typer.Option(
-            "--calibration",
-            metavar="RESULTS",
-            help="Take the dynamics from an earlier result (folder or results.json); PATH then holds noise "
-            "runs only.",
-        ),
-    ] = None,
-    fix: Fix = None,
-    tie: Tie = None,
-    prior: GaussianPrior = None,
-    bound: Bound = None,
-    f_max: Annotated[
-        float | None, typer.Option("--f-max", metavar="HZ", help="End of the fitted band (0.02 to 0.1).")
-    ] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print results.json instead of a table.")] = False,
-    quiet: Quiet = False,
-) -> None:
-    """Fit telemetry files from anywhere; needs no FMU.
-
-    The folder of an earlier run or fit means the telemetry of its results. Runs with injections (kind sysid)
-    calibrate the dynamics. Noise runs of 12 h or more with torques calibrate the inertial forces. Without
-    --out, results go to a folder in the working directory that has the name of the first PATH (NAME-fit
-    where that is the input itself).
-    """
-    from lpfcosim.cli import fit as cli_fit
-    from lpfcosim.cli.console import Console
-    from lpfcosim.cli.constraints import Constraints
-
-    cli_fit.fit_files(
-        paths,
-        out,
-        Console(quiet=quiet, as_json=as_json),
-        settings=settings,
-        include_short=include_short,
-        calibration=calibration,
-        constraints=Constraints(fix or (), tie or (), prior or (), bound or ()),
-        f_max=f_max,
-    )
-
-
-@app.command(
-    epilog=examples(
-        "lpfcosim montecarlo mine.toml -n 100 --redraw",
-        "lpfcosim montecarlo mine.toml -n 1000 --scheduler tcp://HOST:8786",
-    )
-)
-def montecarlo(
-    campaign: CampaignFile,
-    n: Annotated[int, typer.Option("-n", min=2, metavar="N", help="Number of campaigns.")] = 200,
-    out: Out = None,
-    redraw: Annotated[
-        bool,
-        typer.Option("--redraw", help="Draw new truths: gains within 5 %, stiffness and delays within 30 %."),
-    ] = False,
-    fmus: Annotated[
-        bool, typer.Option("--fmus", help="Simulate through the FMUs; takes many times as long.")
-    ] = False,
-    trusted: Trust = False,
-    jobs: Jobs = None,
-    scheduler: Scheduler = None,
-    as_json: Annotated[
-        bool, typer.Option("--json", help="Print montecarlo.json instead of a table.")
-    ] = False,
-    quiet: Quiet = False,
-) -> None:
-    """Repeat a campaign with new noise; report pulls and coverage.
-
-    Telemetry is drawn at 1 Hz from the spectra of the linear closed loop, which needs no FMU. The fit is
-    that of `lpfcosim fit`, but looks for no faults of archives, and for no glitches, and no gains that
-    change, where the campaign has none. Of the whole spacecraft, only the channels of the joint fit are
-    drawn; with --fmus the inertial calibration takes part too. The folder holds montecarlo.json,
-    campaigns.jsonl and figures/pulls.*. If it is interrupted, the same command continues; N may be larger
-    then. A campaign with a third-party FMU needs --fmus.
-
-    In the end mean and standard deviation of the pulls, coverage, and the share of campaigns that failed
-    (1 % may) are tested. Exit status 1 says that chance does not explain them; it does so by mistake in
-    1 of 100 cases.
-    """
-    from lpfcosim.cli import montecarlo as cli_montecarlo
-    from lpfcosim.cli.console import Console
-
-    cli_montecarlo.montecarlo(
-        campaign,
-        n,
-        out,
-        Console(quiet=quiet, as_json=as_json),
-        redraw=redraw,
-        fmus=fmus,
-        trusted=trusted,
-        jobs=jobs,
-        scheduler=scheduler,
-    )
-
-
-@app.command(epilog=examples("lpfcosim margins mine.toml"))
-def margins(
-    campaign: CampaignFile,
-    as_json: Annotated[bool, typer.Option("--json", help="Print JSON, schema lpf-margins/1.")] = False,
-) -> None:
-    """Print the stability margins of every control loop.
-
-    These are unity gain, phase margin and gain margin of each loop, with the others closed. They are
-    computed from our model of the loop. With a third-party FMU in it they are not available (exit status
-    2; null in JSON).
-    """
-    from lpfcosim.cli import margins as cli_margins
-    from lpfcosim.cli.console import Console
-
-    cli_margins.margins(campaign, Console(as_json=as_json))
-
-
 @app.command(
     epilog=examples(
         "lpfcosim trust my_controller.fmu",
@@ -338,6 +117,6 @@ def schema(
     cli_schema.print_schema(as_map=as_map)
 
 
-app.add_typer(planners.app)
-app.add_typer(results.app)
-app.add_typer(cli_fmu.app, name="fmu")
+app.add_typer(campaign_commands.app)
+app.add_typer(result_commands.app)
+app.add_typer(fmu_commands.app, name="fmu")

@@ -11,16 +11,16 @@ def check(campaign: Path, console: Console) -> None:
     """Validate a campaign and print what to expect of it, before anything is simulated."""
     with console.stage("forecast"):
         expected = workflow.check(campaign)
-    console.document(expected.to_json())
-    console.say(f"{campaign}: {expected.headline()}\n")
+    console.print_json(expected.to_json())
+    console.print_line(f"{campaign}: {expected.headline()}\n")
     for part in (expected, expected.margins, expected.forecast):
         if part is not None:
-            console.show(part.table())
-            console.say("")
+            console.print_table(part.table())
+            console.print_line("")
     if expected.wall_time is not None:
         n = processors()
         idle = f"{n} idle processors" if n > 1 else "an idle processor"
-        console.say(f"run: about {_rounded(expected.wall_time)} on {idle}, once the FMUs are built")
+        console.print_line(f"run: about {_rounded(expected.wall_time)} on {idle}, once the FMUs are built")
     for warning in expected.warnings:
         console.warn(warning)
 

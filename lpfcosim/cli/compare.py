@@ -18,5 +18,5 @@ def compare_results(paths: Sequence[Path], console: Console) -> None:
     with console.stage("reading"):
         comparison = compare(paths)
     for line in str(comparison).splitlines():
-        console.say(line)
-    console.document(comparison.to_json())
+        console.print_line(line)
+    console.print_json(comparison.to_json())

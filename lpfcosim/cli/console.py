@@ -31,19 +31,19 @@ if TYPE_CHECKING:
     from lpfcosim.workflows import calibration as workflow
 
 
-FIRST = 2.0  # s, after which a line tells how far work is; the next one after twice as long
+FIRST_REPORT = 2.0  # s, after which progress is reported in a line; the next one after twice as long
 
 
 @dataclass
-class Spoken:
-    """How far a piece of work is.
+class WorkProgress:
+    """The progress of a piece of work.
 
     Attributes
     ----------
     name : str
-        What it is called.
+        Its name in a line.
     done : float
-        The share of it, from 0 to 1.
+        The share that is done, from 0 to 1.
     """
 
     name: str
@@ -52,16 +52,16 @@ class Spoken:
 
     @property
     def seconds(self) -> float:
-        """For how long it has been under way."""
+        """Time since it began."""
         return time.perf_counter() - self._started
 
     def line(self) -> str:
-        """Say it, and about how long it will still take."""
+        """Return the progress in a line, and about how long it will still take."""
         if not 0 < self.done < 1:
             return f"{self.name}: for {self.seconds:.0f} s so far"
-        left = self.seconds * (1 / self.done - 1)
-        told = f"{left:.0f} s" if left < 100 else f"{left / 60:.0f} min"
-        return f"{self.name}: {100 * self.done:.0f} %, about {told} left"
+        remaining = self.seconds * (1 / self.done - 1)
+        text = f"{remaining:.0f} s" if remaining < 100 else f"{remaining / 60:.0f} min"
+        return f"{self.name}: {100 * self.done:.0f} %, about {text} left"
 
 
 class Console(progress.Progress):
@@ -72,35 +72,35 @@ class Console(progress.Progress):
     quiet : bool
         Show neither.
     as_json : bool
-        Let standard output hold one JSON document, and no result in words.
+        Print one JSON document to standard output, and no tables and lines.
     """
 
     def __init__(self, *, quiet: bool = False, as_json: bool = False) -> None:
-        self._quiet, self._as_json = quiet, as_json
+        self._is_quiet, self._as_json = quiet, as_json
         self._progress = rich.console.Console(stderr=True, quiet=quiet)
         self._live = self._progress.is_terminal and not quiet
 
-    def say(self, line: str) -> None:
+    def print_line(self, line: str) -> None:
         """Print a line of the result."""
-        if not self._quiet and not self._as_json:
+        if not self._is_quiet and not self._as_json:
             print(line)
 
-    def show(self, table: tables.Table) -> None:
+    def print_table(self, table: tables.Table) -> None:
         """Print a table of the result."""
-        if not self._quiet and not self._as_json:
+        if not self._is_quiet and not self._as_json:
             columns = Table(*table.head, box=None)
             for row in table.texts:
                 columns.add_row(*row)
             rich.console.Console().print(columns)
 
-    def document(self, text: str) -> None:
+    def print_json(self, text: str) -> None:
         """Print the result as JSON, if that is wanted."""
         if self._as_json:
             print(text.rstrip("\n"))
 
     def note(self, line: str) -> None:
         """Print a line about the work."""
-        if not self._quiet:
+        if not self._is_quiet:
             print(line, file=sys.stderr, flush=True)
 
     def warn(self, line: str) -> None:
@@ -108,99 +108,101 @@ class Console(progress.Progress):
         self.note(f"warning: {line}")
 
     def _bars(self, *columns: ProgressColumn) -> Progress:
-        first = (SpinnerColumn(), TextColumn("{task.description}"))
-        return Progress(*first, *columns, console=self._progress, transient=True, disable=not self._live)
+        columns_left = (SpinnerColumn(), TextColumn("{task.description}"))
+        return Progress(
+            *columns_left, *columns, console=self._progress, transient=True, disable=not self._live
+        )
 
     @contextmanager
     def stage(self, name: str) -> Iterator[None]:
-        """Announce a piece of work that tells its progress by itself, if it does, and how long it takes."""
+        """Show the progress of a piece of work, see `fit.parallel.update_progress`, and its duration."""
         with self._bars(BarColumn(), TimeElapsedColumn(), TimeRemainingColumn()) as bars:
             task = bars.add_task(name, total=None)
-            with self._spoken(name) as spoken:
+            with self._report_progress(name) as work:
 
-                def told(done: float) -> None:
-                    spoken.done = done
+                def update(done: float) -> None:
+                    work.done = done
                     bars.update(task, total=1.0, completed=done)
 
-                with follow_progress(told):
+                with follow_progress(update):
                     yield
-        self.note(f"{name}: {spoken.seconds:.1f} s")
+        self.note(f"{name}: {work.seconds:.1f} s")
 
     @contextmanager
     def counted(self, name: str, total: int, done: int = 0) -> Iterator[Callable[[int], None]]:
         """Follow a piece of work of at most `total` parts, `done` of them before.
 
-        Yields the function to tell how many are done by now.
+        Yields the function to call with the number of parts done.
         """
-        made = done
+        n_done = done
         with self._bars(BarColumn(), MofNCompleteColumn(), TimeRemainingColumn()) as bars:
             task = bars.add_task(name, total=total, completed=done)
-            with self._spoken(name) as spoken:
+            with self._report_progress(name) as work:
 
                 def advance(now: int) -> None:
-                    nonlocal made
-                    made = now
-                    spoken.done = (now - done) / max(total - done, 1)
+                    nonlocal n_done
+                    n_done = now
+                    work.done = (now - done) / max(total - done, 1)
                     bars.update(task, completed=now)
 
                 yield advance
-        self.note(f"{name}: {made}, {spoken.seconds:.1f} s")
+        self.note(f"{name}: {n_done}, {work.seconds:.1f} s")
 
     @contextmanager
     def samples(
         self, sizes: Mapping[str, int]
     ) -> Iterator[tuple[Callable[[str, int], None], Callable[[str], None]]]:
-        """Follow runs of known numbers of samples.
+        """Show the progress of runs of known numbers of samples.
 
-        On a terminal there is a bar for all and one for each run under way. Yields the functions to tell
-        ``(run, samples done)``, and ``(run)`` of one that need not be simulated.
+        On a terminal there is a bar for all and one for each run under way. Yields the functions to call with
+        ``(run, samples done)``, and with ``(run)`` for telemetry that exists.
         """
         simulated = dict(sizes)
         with (
             self._bars(BarColumn(), TextColumn("{task.percentage:>3.0f} %"), TimeRemainingColumn()) as bars,
-            self._spoken("simulation") as spoken,
+            self._report_progress("simulation") as work,
         ):
-            whole = bars.add_task("simulation", total=sum(sizes.values()))
+            total_task = bars.add_task("simulation", total=sum(sizes.values()))
             tasks = {name: bars.add_task(name, total=size, visible=False) for name, size in sizes.items()}
-            made = dict.fromkeys(sizes, 0)
+            n_done = dict.fromkeys(sizes, 0)
 
             def advance(name: str, done: int) -> None:
-                made[name] = done
+                n_done[name] = done
                 bars.update(tasks[name], completed=done, visible=done < sizes[name])
-                bars.update(whole, completed=sum(made.values()))
-                spoken.done = sum(made.values()) / max(sum(simulated.values()), 1)
+                bars.update(total_task, completed=sum(n_done.values()))
+                work.done = sum(n_done.values()) / max(sum(simulated.values()), 1)
                 if done == sizes[name] and not self._live:
                     self.note(f"run {name}: {done} samples")
 
-            def keep(name: str) -> None:
+            def skip(name: str) -> None:
                 del simulated[name]
-                bars.update(whole, total=sum(simulated.values()))
+                bars.update(total_task, total=sum(simulated.values()))
                 if not self._live:
                     self.note(f"run {name}: kept")
 
-            yield advance, keep
+            yield advance, skip
         n = len(sizes) - len(simulated)
-        kept = f", {n} runs kept" if n and self._live else ""
-        self.note(f"simulation: {sum(simulated.values())} samples{kept}, {spoken.seconds:.1f} s")
+        skipped = f", {n} runs kept" if n and self._live else ""
+        self.note(f"simulation: {sum(simulated.values())} samples{skipped}, {work.seconds:.1f} s")
 
     @contextmanager
-    def _spoken(self, name: str) -> Iterator[Spoken]:
-        """Say in plain lines, where there are no bars, how far a piece of work is."""
-        spoken, over = Spoken(name), threading.Event()
+    def _report_progress(self, name: str) -> Iterator[WorkProgress]:
+        """Report progress in plain lines where there are no bars."""
+        work, finished = WorkProgress(name), threading.Event()
 
-        def speak() -> None:
-            wait = FIRST
-            while not over.wait(wait):
-                self.note(spoken.line())
+        def report() -> None:
+            wait = FIRST_REPORT
+            while not finished.wait(wait):
+                self.note(work.line())
                 wait *= 2  # of what takes hours nobody wants a line every few seconds
 
-        thread = threading.Thread(target=speak, daemon=True)
-        if not self._live and not self._quiet:
+        thread = threading.Thread(target=report, daemon=True)
+        if not self._live and not self._is_quiet:
             thread.start()
         try:
-            yield spoken
+            yield work
         finally:
-            over.set()
+            finished.set()
             if thread.ident:
                 thread.join()
 
@@ -214,9 +216,9 @@ class Console(progress.Progress):
         RunError
             If runs of a campaign failed.
         """
-        self.show(calibration.table())
+        self.print_table(calibration.table())
         for warning in calibration.warnings:
             self.warn(warning)
-        self.document(calibration.to_json())
-        self.say(f"{prefix}report: {calibration.report}")
+        self.print_json(calibration.to_json())
+        self.print_line(f"{prefix}report: {calibration.report}")
         calibration.check_sound()

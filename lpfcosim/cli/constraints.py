@@ -70,18 +70,18 @@ def _parse_expression(text: str, place: str, form: str) -> dict[str, object]:
 
 
 def _parse_prior(text: str, place: str, form: str) -> dict[str, object]:
-    parts = text.split(",")
-    if len(parts) != 2:
+    numbers = text.split(",")
+    if len(numbers) != 2:
         raise InputError(f"{place}: expected {form}")
-    return {"prior": [_parse_number(part, place, form) for part in parts]}
+    return {"prior": [_parse_number(number, place, form) for number in numbers]}
 
 
 def _parse_bounds(text: str, place: str, form: str) -> dict[str, object]:
-    parts = text.split(":")
-    if len(parts) != 2 or not any(part.strip() for part in parts):
+    numbers = text.split(":")
+    if len(numbers) != 2 or not any(number.strip() for number in numbers):
         raise InputError(f"{place}: expected {form}")
-    pairs = zip(("min", "max"), parts, strict=True)
-    return {name: _parse_number(part, place, form) for name, part in pairs if part.strip()}
+    pairs = zip(("min", "max"), numbers, strict=True)
+    return {name: _parse_number(number, place, form) for name, number in pairs if number.strip()}
 
 
 _PARSERS = {

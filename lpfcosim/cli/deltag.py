@@ -7,9 +7,9 @@ from pathlib import Path
 from fit.deltag import write_delta_g
 from fit.results import load, results_beside, results_file, sound_joint
 from fit.telemetry import open_run, sandbox, validate
-from lpfcosim.cli.common import check_folder
 from lpfcosim.cli.console import Console
 from lpfcosim.cli.fit import default_folder
+from lpfcosim.cli.options import check_folder
 from lpfcosim.errors import InputError
 from lpfcosim.execution import checksums, results_folder
 from lpfcosim.workflows import calibration as workflow
@@ -41,8 +41,8 @@ def deltag(paths: Sequence[Path], calibration: Path | None, out: Path | None, co
         with results_folder.lock(directory, "--out"), console.stage(str(path)):
             notes = write_delta_g(path, directory / name, results, {**origin, "source": path.name})
         for note in notes:
-            console.note(f"warning: {note}")
-        console.say(str(directory / name))
+            console.warn(f"{note}")
+        console.print_line(str(directory / name))
 
 
 def _results_of(paths: Sequence[Path]) -> Path:
@@ -57,7 +57,7 @@ def _results_of(paths: Sequence[Path]) -> Path:
                 + advice
             )
         files.append(file)
-    for other in files[1:]:
-        if checksums.digest(other) != checksums.digest(files[0]):
-            raise InputError(f"{other}: other results than {files[0]}, expected one calibration; {advice}")
+    for file in files[1:]:
+        if checksums.digest(file) != checksums.digest(files[0]):
+            raise InputError(f"{file}: other results than {files[0]}, expected one calibration; {advice}")
     return files[0]

@@ -3,8 +3,8 @@
 from pathlib import Path
 
 from lpfcosim.campaign import loading
-from lpfcosim.cli.common import check_file
 from lpfcosim.cli.console import Console
+from lpfcosim.cli.options import check_file
 from lpfcosim.workflows import design as workflow
 
 FORMATS = (".svg", ".pdf", ".png")
@@ -21,22 +21,24 @@ def design(
     if figure:
         check_file(figure, [*inputs, path], FORMATS)
     designed = workflow.design(campaign, path, jobs=jobs, progress=console)
-    console.document(designed.to_json())
-    console.show(designed.table())
+    console.print_json(designed.to_json())
+    console.print_table(designed.table())
     if figure:
         designed.draw(figure)
-    console.say("")
+    console.print_line("")
     for line in designed.summary():
-        console.say(line)
+        console.print_line(line)
     designed.check_valid()
     largest = max(ratio for ratios in designed.limits_reached.values() for ratio in ratios.values())
-    console.say(f"stepped through the FMUs, every limit is kept; the most that is reached is {largest:.4f}")
+    console.print_line(
+        f"stepped through the FMUs, every limit is kept; the most that is reached is {largest:.4f}"
+    )
     if designed.dropped:
-        console.say(f"left out, since the others tell enough: {', '.join(designed.dropped)}")
+        console.print_line(f"left out, since the others tell enough: {', '.join(designed.dropped)}")
     if box := designed.robustness:
-        console.say(
+        console.print_line(
             f"at {box.draws} corners of a box of truths (gains 5 %, stiffness and delays 30 %) and noise "
             f"(half to twice): sigmas up to {100 * box.loss:.1f} % larger, relative to the best there, than "
             f"here; limits reached up to {box.max_limit_ratio:.3f}"
         )
-    console.say(f"{path}: written; simulate it with: lpfcosim run {path}")
+    console.print_line(f"{path}: written; simulate it with: lpfcosim run {path}")

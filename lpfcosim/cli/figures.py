@@ -1,4 +1,4 @@
-"""The command ``figures``: figures for print of what a folder holds."""
+"""The command ``figures``: figures for print of the results in a folder."""
 
 from collections.abc import Iterable, Sequence
 from contextlib import closing
@@ -8,8 +8,8 @@ from fit.crosstalk import refit
 from fit.figures import Figure
 from fit.parallel import processors
 from fit.report import page
-from lpfcosim.cli.common import check_folder
 from lpfcosim.cli.console import Console
+from lpfcosim.cli.options import check_folder
 from lpfcosim.cosim import SimulationProgress
 from lpfcosim.errors import InputError, RunError
 from lpfcosim.execution import process_pool, results_folder
@@ -24,8 +24,10 @@ def figures(directory: Path, names: Sequence[str], console: Console, *, jobs: in
     with console.stage("preparation"):
         known = {spec.name: spec for spec in page.figure_specs(results, telemetries)}
     for name in names:
-        if not any(name in each for each in known):
-            raise InputError(f"{directory}: no figure is called {name!r}, expected a part of {_told(known)}")
+        if not any(name in figure for figure in known):
+            raise InputError(
+                f"{directory}: no figure is called {name!r}, expected a part of {_list_names(known)}"
+            )
     chosen = [name for name in known if not names or any(part in name for part in names)]
     with results_folder.lock(directory):
         place.mkdir(exist_ok=True)
@@ -34,10 +36,10 @@ def figures(directory: Path, names: Sequence[str], console: Console, *, jobs: in
             for name in chosen:
                 items[name] = (place, name, known.pop(name).draw())
                 progress(len(items))
-        setting = process_pool.WorkerConfig(_written, directory, directory / "logs", "figure '{}'")
+        config = process_pool.WorkerConfig(_draw, directory, directory / "logs", "figure '{}'")
         with (
             console.counted("figures", len(items)) as progress,
-            closing(process_pool.results(setting, items, jobs or processors())) as drawn,
+            closing(process_pool.results(config, items, jobs or processors())) as drawn,
         ):
             for done, (name, outcome) in enumerate(drawn, start=1):
                 if isinstance(outcome, process_pool.WorkerFailure):
@@ -45,18 +47,18 @@ def figures(directory: Path, names: Sequence[str], console: Console, *, jobs: in
                 if isinstance(outcome, InputError | RunError):
                     raise outcome
                 progress(done)
-    console.say(f"{len(chosen)} figures: {place}")
+    console.print_line(f"{len(chosen)} figures: {place}")
 
 
-def _told(names: Iterable[str]) -> str:
+def _list_names(names: Iterable[str]) -> str:
     return ", ".join(names) or "none, as there is nothing to draw"
 
 
 # In a process of its own -------------------------------------------------------------------------------
 
 
-def _written(place: Path, name: str, figure: Figure, where: SimulationProgress) -> None:
-    where.set_idle()  # nothing that hangs
+def _draw(place: Path, name: str, figure: Figure, progress: SimulationProgress) -> None:
+    progress.set_idle()  # nothing that hangs
     from fit.plotting import draw, write  # takes its time
 
     write(place, name, draw, figure)

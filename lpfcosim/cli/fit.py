@@ -6,9 +6,9 @@ from pathlib import Path
 from fit import settings as fit_settings
 from fit.files import is_file
 from fit.results import results_file
-from lpfcosim.cli.common import check_folder
 from lpfcosim.cli.console import Console
 from lpfcosim.cli.constraints import Constraints
+from lpfcosim.cli.options import check_folder
 from lpfcosim.workflows import calibration as workflow
 
 

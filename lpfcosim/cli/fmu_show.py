@@ -28,7 +28,7 @@ _RUNS = tuple(
     Run("place", "place", "noise", 1, _AUTHORITY, spacecraft=craft) for craft in (None, Spacecraft())
 )
 _CAUSALITIES = ("input", "output", "parameter", "structuralParameter", "calculatedParameter")
-_MOST = 20  # parameters that are listed
+MAX_LISTED = 20  # parameters that are listed
 _SIMILAR = 0.75  # of two names, by difflib, from which one is proposed for the other
 
 
@@ -77,7 +77,7 @@ class Match:
     unused : list of str
         Inputs and parameters of ours for which there is nothing, or nothing that can be told from names and
         units.
-    own : list of str
+    unmapped : list of str
         Parameters of the FMU that nothing of ours is mapped to.
     faults : list of str
         What keeps it from its place with that map.
@@ -86,18 +86,18 @@ class Match:
     variables: dict[str, str]
     candidates: dict[str, list[str]]
     unused: list[str]
-    own: list[str]
+    unmapped: list[str]
     faults: list[str]
 
 
 def show(
-    given: Sequence[str], built: Callable[[Sequence[str]], Mapping[str, Path]], console: Console
+    arguments: Sequence[str], built: Callable[[Sequence[str]], Mapping[str, Path]], console: Console
 ) -> bool:
     """Show a place, a file, or how a file fits into a place; return whether it does not fit.
 
     Parameters
     ----------
-    given : sequence of str
+    arguments : sequence of str
         A place, a file, or both in any order.
     built : callable
         Builds FMUs of ours by the names of their models.
@@ -109,10 +109,10 @@ def show(
     InputError
         If there is no such place or file, or the file cannot be read.
     """
-    files = [name for name in given if name not in _places() and _is_file(name)]
-    names = [name for name in given if name not in files]
-    if len(files) > 1 or len(names) > 1 or not given:
-        raise InputError(f"{' '.join(given)}: expected a place of the loop, an FMU, or one of each")
+    files = [name for name in arguments if name not in _places() and _is_file(name)]
+    names = [name for name in arguments if name not in files]
+    if len(files) > 1 or len(names) > 1 or not arguments:
+        raise InputError(f"{' '.join(arguments)}: expected a place of the loop, an FMU, or one of each")
     for name in names:
         if name not in _places():
             raise InputError(
@@ -128,8 +128,8 @@ def show(
         document["file"] = _file(path, description, faults)
     match = _match(place, path, not faults) if place and files else None
     if match:
-        document["match"] = asdict(match)
-    console.document(json.dumps(document, indent=1, allow_nan=False))
+        document["match"] = {("own" if k == "unmapped" else k): v for k, v in asdict(match).items()}
+    console.print_json(json.dumps(document, indent=1, allow_nan=False))
     if place and not match:
         _print_place(place, console)
     if files and not match:
@@ -162,10 +162,10 @@ def _place(model: str, built: Callable[[Sequence[str]], Mapping[str, Path]]) -> 
     def start(name: str) -> float:
         return float(str(ours.variables[name].start or 0).split()[0])
 
-    more = [name for name in ours.candidates("input") if name not in component.inputs]
+    optional_inputs = [name for name in ours.candidates("input") if name not in component.inputs]
     needs = (
         *(need(name, "input", start(name)) for name in component.inputs),
-        *(need(name, "input", start(name), optional=True) for name in more),
+        *(need(name, "input", start(name), optional=True) for name in optional_inputs),
         *(need(name, "output", None) for name in component.outputs),
         *(need(name, "parameter", value) for name, value in parameters.items()),
     )
@@ -256,8 +256,8 @@ def _match(place: Place, path: Path, valid: bool) -> Match:
     outputs = tuple(name for name in place.component.outputs if name not in candidates)
     seated = read(replace(place.component, inputs=inputs, outputs=outputs), path, settings, chosen)
     faults = [str(fault) for fault in compatibility.problems(seated, units, settings, place.run.h)]
-    own = [name for name in theirs.candidates("parameter") if name not in found.values()]
-    return Match(variables, candidates, unused, own, faults)
+    unmapped = [name for name in theirs.candidates("parameter") if name not in found.values()]
+    return Match(variables, candidates, unused, unmapped, faults)
 
 
 def _fitting(theirs: Interface, need: Need, units: Mapping[str, str]) -> Iterator[str]:
@@ -275,7 +275,7 @@ def _fitting(theirs: Interface, need: Need, units: Mapping[str, str]) -> Iterato
 
 def _print_place(place: Place, console: Console) -> None:
     spacecraft = model_of(place.run)
-    console.say(f"{place.component.model}: a place in the loop ({spacecraft.name})\n")
+    console.print_line(f"{place.component.model}: a place in the loop ({spacecraft.name})\n")
     rows = [
         (
             f"{n.causality}{' (optional)' if n.optional else ''}",
@@ -288,16 +288,18 @@ def _print_place(place: Place, console: Console) -> None:
     ]
     _print(Table(("", "name", "unit", "default", "description"), tuple(rows)), console)
     if any(n.optional for n in place.needs):
-        console.say("\nOptional inputs are fed only by campaigns that ask for them (docs/own-fmu.md).")
+        console.print_line("\nOptional inputs are fed only by campaigns that ask for them (docs/own-fmu.md).")
 
 
 def _print_file(file: Mapping[str, Any], console: Console) -> None:
     kinds = [k for k, has in (("co-simulation", file["co_simulation"]),
                               ("model exchange", file["model_exchange"])) if has]  # fmt: skip
-    console.say(f"{file['path']}: {line(file['model'])}, FMI {line(file['fmi'])}, {' and '.join(kinds)}")
-    console.say(f"tool: {line(file['tool'] or 'not stated')}")
+    console.print_line(
+        f"{file['path']}: {line(file['model'])}, FMI {line(file['fmi'])}, {' and '.join(kinds)}"
+    )
+    console.print_line(f"tool: {line(file['tool'] or 'not stated')}")
     sources = " and sources" if file["sources"] else ""
-    console.say(f"platforms: {', '.join(file['platforms']) or 'none'}{sources}\n")
+    console.print_line(f"platforms: {', '.join(file['platforms']) or 'none'}{sources}\n")
     shown = [v for v in file["variables"] if v["causality"] in _CAUSALITIES]
     rows = [
         (
@@ -311,10 +313,10 @@ def _print_file(file: Mapping[str, Any], console: Console) -> None:
         for v in sorted(shown, key=lambda v: _CAUSALITIES.index(v["causality"]))
     ]
     _print(Table(("", "name", "type", "unit", "start", "description"), tuple(rows)), console)
-    if more := len(file["variables"]) - len(shown):
-        console.say(f"\nand {more} local variables; --json lists them")
+    if n_local := len(file["variables"]) - len(shown):
+        console.print_line(f"\nand {n_local} local variables; --json lists them")
     for fault in file["faults"]:
-        console.say(f"\nnot usable as it is: {fault}")
+        console.print_line(f"\nnot usable as it is: {fault}")
 
 
 def _print_match(place: Place, path: Path, match: Match, faulty: bool, console: Console) -> None:
@@ -332,22 +334,21 @@ def _print_match(place: Place, path: Path, match: Match, faulty: bool, console: 
         elif need.name in match.unused:
             theirs = "none, unused"
         rows.append((need.causality, need.name, need.unit, theirs))
-    console.say(f"{path} in the place of {place.component.model}\n")
+    console.print_line(f"{path} in the place of {place.component.model}\n")
     _print(Table(("", "ours", "unit", path.name), tuple(rows)), console)
-    console.say(f"\n[fmus.{place.component.model}]\npath = {json.dumps(str(path))}")
+    console.print_line(f"\n[fmus.{place.component.model}]\npath = {json.dumps(str(path))}")
     mapped = ", ".join(f"{_key(ours)} = {json.dumps(name)}" for ours, name in match.variables.items())
-    console.say(f"variables = {{ {mapped} }}" if mapped else "variables = {}")
+    console.print_line(f"variables = {{ {mapped} }}" if mapped else "variables = {}")
     for name, choices in match.candidates.items():
-        console.say(f"# {name} = {' or '.join(map(quote, choices)) or '?'}: to be added to variables")
-    console.say(f"unused = {json.dumps(match.unused)}")
-    if match.own:
-        console.say(
-            f"# its own parameters, for variables or values: {', '.join(map(quote, match.own[:_MOST]))}"
-        )
+        console.print_line(f"# {name} = {' or '.join(map(quote, choices)) or '?'}: to be added to variables")
+    console.print_line(f"unused = {json.dumps(match.unused)}")
+    if match.unmapped:
+        listed = ", ".join(map(quote, match.unmapped[:MAX_LISTED]))
+        console.print_line(f"# its own parameters, for variables or values: {listed}")
     if faulty:
-        console.say("validate = false")
+        console.print_line("validate = false")
     for fault in match.faults:
-        console.say(f"\ndoes not fit: {fault}")
+        console.print_line(f"\ndoes not fit: {fault}")
 
 
 def _key(name: str) -> str:
@@ -355,5 +356,5 @@ def _key(name: str) -> str:
 
 
 def _print(lines: Table, console: Console) -> None:
-    for each in lines.aligned():
-        console.say(each)
+    for text in lines.aligned():
+        console.print_line(text)

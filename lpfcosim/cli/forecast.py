@@ -3,8 +3,8 @@
 import json
 from pathlib import Path
 
-from lpfcosim.cli.common import check_folder
 from lpfcosim.cli.console import Console
+from lpfcosim.cli.options import check_folder
 from lpfcosim.errors import UnavailableError
 from lpfcosim.workflows import forecast as workflow
 
@@ -18,13 +18,13 @@ def forecast(campaign: Path, out: Path | None, console: Console) -> None:
             expected = workflow.forecast(campaign)
     except UnavailableError as error:
         document = {"schema": workflow.SCHEMA, "parameters": None, "unavailable": error.reason}
-        console.document(json.dumps(document, indent=1))
+        console.print_json(json.dumps(document, indent=1))
         raise
     text = expected.to_json()
     if out is not None:
         out.mkdir(parents=True, exist_ok=True)
         (out / "forecast.json").write_text(text + "\n", encoding="utf-8")
-    console.document(text)
-    console.show(expected.table())
+    console.print_json(text)
+    console.print_table(expected.table())
     for warning in expected.warnings:
         console.warn(warning)

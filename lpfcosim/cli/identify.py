@@ -3,9 +3,9 @@
 from collections.abc import Sequence
 from pathlib import Path
 
-from lpfcosim.cli.common import check_folder
 from lpfcosim.cli.console import Console
 from lpfcosim.cli.constraints import Constraints
+from lpfcosim.cli.options import check_folder
 from lpfcosim.workflows import identify as workflow
 
 

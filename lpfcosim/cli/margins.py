@@ -12,11 +12,11 @@ from lpfcosim.workflows import margins as workflow
 def margins(campaign: Path, console: Console) -> None:
     """Print the margins of every control loop."""
     try:
-        found = workflow.margins(campaign)
+        loop_margins = workflow.margins(campaign)
     except UnavailableError as error:
         name = loading.load(campaign).name
         document = {"schema": workflow.SCHEMA, "campaign": name, "loops": None, "unavailable": error.reason}
-        console.document(json.dumps(document, indent=1))
+        console.print_json(json.dumps(document, indent=1))
         raise
-    console.document(found.to_json())
-    console.show(found.table())
+    console.print_json(loop_margins.to_json())
+    console.print_table(loop_margins.table())

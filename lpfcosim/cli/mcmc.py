@@ -32,14 +32,14 @@ def _sample(
     seed: int,
 ) -> None:
     for warning in results.joint.unsound if results.joint else ():
-        console.note(f"warning: {directory / 'results.json'}: joint: {warning.message}")
+        console.warn(f"{directory / 'results.json'}: joint: {warning.message}")
     joint = results.joint.parameters if results.joint else {}
     corrected = attenuation.iv_parameters(results.joint)
-    given = {name: e for name, e in joint.items() if name in corrected}
-    if given:
-        told = ", ".join(given)
+    corrected_estimates = {name: e for name, e in joint.items() if name in corrected}
+    if corrected_estimates:
+        names = ", ".join(corrected_estimates)
         console.note(
-            f"sampled as least squares has it, then moved and widened as instruments have it: {told}"
+            f"sampled as least squares has it, then moved and widened as instruments have it: {names}"
         )
     with console.stage("fit"):
         outcome = refit.refit(results, telemetries, directory / "results.json")
@@ -47,7 +47,7 @@ def _sample(
     with console.counted("steps", steps) as progress:
         path, identity = directory / "mcmc.h5", chains.digest(results)
         chain = chains.sample(posterior, path, identity, steps=steps, seed=seed, progress=progress)
-    chain, outcome = chains.apply_iv_correction(chain, outcome, given)
+    chain, outcome = chains.apply_iv_correction(chain, outcome, corrected_estimates)
     truths = {name: e.truth for name, e in joint.items() if e.truth is not None}
     document = chains.summary(chain, outcome, truths)
     text = atomic.write_json(directory / "mcmc.json", document)
@@ -57,11 +57,11 @@ def _sample(
         (directory / "figures").mkdir(exist_ok=True)
         theta = chain.theta.reshape(-1, chain.theta.shape[2])
         write(directory / "figures", "corner", studies.corner_plot, theta, outcome, truths)
-    console.say(
+    console.print_line(
         f"{chain.steps} steps of {chain.z.shape[1]} walkers, autocorrelation time up to {max(chain.tau):.0f} "
         f"steps; means within {document['largest_shift_in_sigma']:.2g} sigma of the joint fit"
     )
-    console.document(text)
+    console.print_json(text)
     with console.stage("report"):
         page = fit_report.write_report(directory, results, telemetries)
-    console.say(f"chain: {directory / 'mcmc.h5'}, summary: {directory / 'mcmc.json'}, report: {page}")
+    console.print_line(f"chain: {directory / 'mcmc.h5'}, summary: {directory / 'mcmc.json'}, report: {page}")

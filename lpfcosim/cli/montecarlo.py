@@ -2,8 +2,8 @@
 
 from pathlib import Path
 
-from lpfcosim.cli.common import check_folder
 from lpfcosim.cli.console import Console
+from lpfcosim.cli.options import check_folder
 from lpfcosim.workflows import montecarlo as workflow
 
 
@@ -33,11 +33,11 @@ def montecarlo(
         scheduler=scheduler,
         progress=console,
     )
-    console.document(study.to_json())
-    console.show(study.table())
+    console.print_json(study.to_json())
+    console.print_table(study.table())
     unfinished = f", {len(study.unfinished)} not done" if study.unfinished else ""
-    console.say(f"{study.n} campaigns, {len(study.failures)} failed{unfinished}: {study.path}")
+    console.print_line(f"{study.n} campaigns, {len(study.failures)} failed{unfinished}: {study.path}")
     if study.verdict.valid:
         parameters = f"{len(study)} parameter{'s' * (len(study) > 1)}"
-        console.say(f"valid: pulls and coverage of {parameters} are consistent with true sigmas")
+        console.print_line(f"valid: pulls and coverage of {parameters} are consistent with true sigmas")
     study.check_valid()

@@ -71,6 +71,6 @@ def _write(file: Path, text: str, schema: str, content: str) -> None:
         raise InputError(f"{file}: is there already, expected a new name") from None
     except (FileNotFoundError, NotADirectoryError):
         raise InputError(f"{file}: {file.parent} is not a folder, expected one that is there") from None
-    beside = file.with_name(schema)
-    if not beside.exists():
-        beside.write_text(content, encoding="utf-8")
+    schema_file = file.with_name(schema)
+    if not schema_file.exists():
+        schema_file.write_text(content, encoding="utf-8")

@@ -14,4 +14,4 @@ def report(directory: Path, console: Console) -> None:
         results, telemetries = refit.load(directory)
     with results_folder.lock(directory), console.stage("report"):
         page = fit_report.write_report(directory, results, telemetries)
-    console.say(f"report: {page}")
+    console.print_line(f"report: {page}")

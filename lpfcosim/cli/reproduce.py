@@ -7,9 +7,8 @@ from pathlib import Path
 from fit.errors import CalibrationError
 from fit.telemetry import root_attributes
 from lpfcosim.campaign import Campaign, loading
-from lpfcosim.cli.common import about
 from lpfcosim.cli.console import Console
-from lpfcosim.errors import InputError, RunError
+from lpfcosim.errors import InputError, RunError, prefix_errors
 from lpfcosim.execution import checksums, fmus, results_folder
 from lpfcosim.workflows import run, simulate
 
@@ -25,48 +24,48 @@ def reproduce(directory: Path, console: Console, *, jobs: int | None, trusted: b
         If the campaign cannot be run any more, or a file comes out different.
     """
     if not directory.is_dir():
-        what = "is a file" if directory.is_file() else "no such folder"
-        raise InputError(f"{directory}: {what}, expected the folder of an earlier run")
+        problem = "is a file" if directory.is_file() else "no such folder"
+        raise InputError(f"{directory}: {problem}, expected the folder of an earlier run")
     campaign = results_folder.campaign_path(directory)
     recorded = sorted((directory / "telemetry").glob("*.h5"))
     if not recorded:
         raise InputError(f"{directory / 'telemetry'}: no telemetry, expected the folder of an earlier run")
     plan = loading.load(campaign)
-    with about(campaign):
+    with prefix_errors(campaign):
         fmus.check(plan, {r.model: r.archive for r in plan.replacements}, trusted=trusted)
     with tempfile.TemporaryDirectory(prefix="lpfcosim-") as name:
-        again = Path(name) / "again"
-        _repeat(plan, recorded[0], again, console, jobs=jobs, trusted=trusted)
-        if not (again / "telemetry").is_dir():
+        repetition = Path(name) / "again"
+        _repeat(plan, recorded[0], repetition, console, jobs=jobs, trusted=trusted)
+        if not (repetition / "telemetry").is_dir():
             raise RunError(f"{directory}: its campaign cannot be run any more")
-        files = sorted({p.name for p in (*recorded, *(again / "telemetry").glob("*.h5"))})
+        files = sorted({p.name for p in (*recorded, *(repetition / "telemetry").glob("*.h5"))})
         differences = {}
         with console.counted("comparison", len(files)) as progress:
             for file in files:
-                paths = (folder / "telemetry" / file for folder in (directory, again))
+                paths = (folder / "telemetry" / file for folder in (directory, repetition))
                 differences[f"telemetry/{file}"] = _compare_telemetry(*paths)
                 progress(len(differences))
-        if any((folder / "results.json").is_file() for folder in (directory, again)):
-            paths = (folder / "results.json" for folder in (directory, again))
+        if any((folder / "results.json").is_file() for folder in (directory, repetition)):
+            paths = (folder / "results.json" for folder in (directory, repetition))
             differences["results.json"] = _compare_results(*paths)
     for file, difference in differences.items():
-        console.say(f"{directory / file}: {difference or 'the same'}")
+        console.print_line(f"{directory / file}: {difference or 'the same'}")
     if n_different := sum(map(bool, differences.values())):
         raise RunError(f"{directory}: {n_different} of {len(differences)} files are not reproduced")
 
 
 def _repeat(
-    plan: Campaign, recorded: Path, again: Path, console: Console, *, jobs: int | None, trusted: bool
+    plan: Campaign, recorded: Path, repetition: Path, console: Console, *, jobs: int | None, trusted: bool
 ) -> None:
     """Do to a campaign what was done to it; what fails is seen by what it leaves."""
     attributes = root_attributes(recorded) or {}
     try:
         if attributes.get("simulated_by") == simulate.MODEL_EQUATIONS:
-            simulate.simulate(plan, again, fmus=False, progress=console)
+            simulate.simulate(plan, repetition, fmus=False, progress=console)
         elif (recorded.parents[1] / "results.json").is_file():
-            run.run(plan, again, jobs=jobs, trusted=trusted, progress=console)
+            run.run(plan, repetition, jobs=jobs, trusted=trusted, progress=console)
         else:
-            simulate.simulate(plan, again, jobs=jobs, trusted=trusted, progress=console)
+            simulate.simulate(plan, repetition, jobs=jobs, trusted=trusted, progress=console)
     except InputError as error:
         raise RunError(f"{recorded.parents[1]}: its campaign cannot be run any more: {error}") from None
     except (CalibrationError, RunError) as error:
@@ -78,8 +77,8 @@ def _compare_telemetry(old: Path, new: Path) -> str:
     for path, state in ((old, "is missing"), (new, "is not made any more")):
         if not path.is_file():
             return state
-    same = checksums.digest(old) == checksums.digest(new)
-    return "" if same else f"differs ({_compare_attributes(old, new)})"
+    is_same = checksums.digest(old) == checksums.digest(new)
+    return "" if is_same else f"differs ({_compare_attributes(old, new)})"
 
 
 def _compare_attributes(old: Path, new: Path) -> str:

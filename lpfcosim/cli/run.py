@@ -2,8 +2,8 @@
 
 from pathlib import Path
 
-from lpfcosim.cli.common import check_folder
 from lpfcosim.cli.console import Console
+from lpfcosim.cli.options import check_folder
 from lpfcosim.cosim import Engine
 from lpfcosim.workflows import run as workflow
 

@@ -15,20 +15,20 @@ def print_schema(*, as_map: bool) -> None:
 
 def json_schema() -> dict[str, Any]:
     """Return the JSON Schema of a campaign file, what the fit reads of it included."""
-    found = schema.CampaignTable.model_json_schema()
+    json_tables = schema.CampaignTable.model_json_schema()
     of_fit = fit_settings.Settings.model_json_schema()
     default = fit_settings.settings().model_dump()
     del of_fit["required"]
-    found["$defs"] |= of_fit.pop("$defs")
+    json_tables["$defs"] |= of_fit.pop("$defs")
     for name, known in of_fit["properties"].items():
         known["default"] = default[name]
     shared = of_fit["properties"]["shared"]
     group = shared.pop("additionalProperties")
     shared |= {"properties": dict.fromkeys(default["shared"], group), "additionalProperties": False}
-    found["properties"]["fit"] = of_fit
+    json_tables["properties"]["fit"] = of_fit
     for table in ("SineTable", "TaperedSineTable", "HalfCosineTable"):
         # its unit depends on the target: in the file a string, to pydantic the number this becomes
-        found["$defs"][table]["properties"]["amplitude"]["type"] = "string"
+        json_tables["$defs"][table]["properties"]["amplitude"]["type"] = "string"
     # a file that extends another has from there what it does not say
-    found["anyOf"] = [{"required": ["extends"]}, {"required": found.pop("required")}]
-    return {"$schema": "https://json-schema.org/draft/2020-12/schema", **found}
+    json_tables["anyOf"] = [{"required": ["extends"]}, {"required": json_tables.pop("required")}]
+    return {"$schema": "https://json-schema.org/draft/2020-12/schema", **json_tables}

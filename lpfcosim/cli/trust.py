@@ -15,19 +15,19 @@ def trust(files: Sequence[str], console: Console, *, remove: bool) -> None:
         raise InputError("--remove: missing what to remove, expected files or digests")
     if remove:
         for approval in trust_store.revoke(files):
-            console.say(f"no longer approved: {_told(approval)}")
+            console.print_line(f"no longer approved: {_describe(approval)}")
     elif files:
         for approval in trust_store.approve([Path(file) for file in files]):
-            console.say(f"approved: {_told(approval)}")
-        console.say(f"kept in {trust_store.location()}")
+            console.print_line(f"approved: {_describe(approval)}")
+        console.print_line(f"kept in {trust_store.location()}")
     else:
-        found = trust_store.approvals()
-        for approval in found:
-            console.say(_told(approval))
-        if not found:
-            console.say("no FMU of others is approved")
+        approvals = trust_store.approvals()
+        for approval in approvals:
+            console.print_line(_describe(approval))
+        if not approvals:
+            console.print_line("no FMU of others is approved")
 
 
-def _told(approval: trust_store.Approval) -> str:
+def _describe(approval: trust_store.Approval) -> str:
     name = approval.name if approval.name.isprintable() else quote(approval.name)
     return f"{approval.date}  {approval.sha256}  {name}"

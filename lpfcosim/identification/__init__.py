@@ -1,10 +1,10 @@
-"""Identification: the FMUs of a campaign as a loop that is simulated with trial values of its parameters.
+"""Identification: the closed loop of FMUs, simulated with trial values of its parameters.
 
-Nothing is estimated here. `fit.identification` asks for responses, and never sees an FMU.
+Nothing is estimated here: `fit.identification` calls the response, and knows no FMU.
 """
 
-from lpfcosim.identification.origin import check
+from lpfcosim.identification.closed_loop_response import ClosedLoopResponse
+from lpfcosim.identification.consistency import check
 from lpfcosim.identification.parameters import Target, targets
-from lpfcosim.identification.simulation import Simulation
 
-__all__ = ["Simulation", "Target", "check", "targets"]
+__all__ = ["ClosedLoopResponse", "Target", "check", "targets"]

@@ -62,20 +62,20 @@ class CampaignDesign(WorkflowResult):
 
     def records(self) -> list[dict[str, Any]]:
         """Return a row for each parameter, NaN where there is no number."""
-        nan, found = float("nan"), self.design
+        nan, design_result = float("nan"), self.design
         rows = [
             (
                 name,
-                found.problem.sigmas_before[name],
-                found.sigmas_after.get(name, nan),
-                found.sigma_bounds.get(name, nan),
+                design_result.problem.sigmas_before[name],
+                design_result.sigmas_after.get(name, nan),
+                design_result.sigma_bounds.get(name, nan),
             )
-            for name in found.problem.parameters
+            for name in design_result.problem.parameters
         ]
-        if found.angles:
+        if design_result.angles:
             rows += [
-                (name, found.angles.sigmas_before[name], found.angles.sigmas_after[name], nan)
-                for name in found.angles.target_sigmas
+                (name, design_result.angles.sigmas_before[name], design_result.angles.sigmas_after[name], nan)
+                for name in design_result.angles.target_sigmas
             ]
         columns = ("parameter", "sigma_before", "sigma_after", "sigma_bound")
         return [dict(zip(columns, row, strict=True)) for row in rows]
@@ -100,22 +100,22 @@ class CampaignDesign(WorkflowResult):
 
     def document(self) -> dict[str, Any]:
         """Return the content of `to_json`, schema ``lpf-design/1``."""
-        found, robust = self.design, self.robustness
-        before = found.problem.sigmas_before
+        design_result, robust = self.design, self.robustness
+        sigmas_before = design_result.problem.sigmas_before
         return {
             "schema": SCHEMA,
             "parameters": {
                 name: {
-                    "sigma_before": before[name],
-                    "sigma_after": found.sigmas_after.get(name),
-                    "sigma_bound": found.sigma_bounds.get(name),
+                    "sigma_before": sigmas_before[name],
+                    "sigma_after": design_result.sigmas_after.get(name),
+                    "sigma_bound": design_result.sigma_bounds.get(name),
                 }
-                for name in found.problem.parameters
+                for name in design_result.problem.parameters
             },
             "objective": {
-                "value": found.value,
-                "bound": found.optimum.bound,
-                "gap": found.optimum.gap,
+                "value": design_result.value,
+                "bound": design_result.optimum.bound,
+                "gap": design_result.optimum.gap,
             },
             "limits": {
                 stage.run.experiment: {
@@ -125,14 +125,14 @@ class CampaignDesign(WorkflowResult):
                     }
                     for limit in stage.active_limits
                 }
-                for stage in found.problem.experiments
+                for stage in design_result.problem.experiments
             },
             "robustness": robust
             and {"loss": robust.loss, "reached": robust.max_limit_ratio, "corners": robust.draws},
-            "efficiency": found.efficiency,
-            "complete": found.complete,
-            "hours": found.duration / HOUR,
-            "hours_bound": None if found.min_duration is None else found.min_duration / HOUR,
+            "efficiency": design_result.efficiency,
+            "complete": design_result.complete,
+            "hours": design_result.duration / HOUR,
+            "hours_bound": None if design_result.min_duration is None else design_result.min_duration / HOUR,
             "inertial": self._inertial_document(),
         }
 
@@ -144,29 +144,30 @@ class CampaignDesign(WorkflowResult):
         parameters = {
             name: {
                 "sigma_before": angles.sigmas_before[name],
-                "sigma_wanted": wanted,
+                "sigma_wanted": target,
                 "sigma_after": angles.sigmas_after[name],
             }
-            for name, wanted in angles.target_sigmas.items()
+            for name, target in angles.target_sigmas.items()
         }
         return {"parameters": parameters, "hours_before": hours_before, "hours_after": hours_after}
 
     def summary(self) -> Iterator[str]:
         """Yield sentences about objective, bound and hours."""
-        found = self.design
-        if not found.complete:
+        design_result = self.design
+        if not design_result.complete:
             yield "interrupted: these are the best tones found so far"
-        kind = "largest ratio" if found.problem.objective.minimax else "geometric mean of the ratios"
-        yield f"{kind}: {found.value:.4f}; bound at the limits on rms: {found.optimum.bound:.4f}"
-        if found.min_duration is not None:
+        kind = "largest ratio" if design_result.problem.objective.minimax else "geometric mean of the ratios"
+        bound = design_result.optimum.bound
+        yield f"{kind}: {design_result.value:.4f}; bound at the limits on rms: {bound:.4f}"
+        if design_result.min_duration is not None:
             yield (
-                f"{found.duration / HOUR:.2f} h with tones; no design of the same experiments does with less "
-                f"than {found.min_duration / HOUR:.2f} h"
+                f"{design_result.duration / HOUR:.2f} h with tones; no design of the same experiments does "
+                f"with less than {design_result.min_duration / HOUR:.2f} h"
             )
-        if found.angles:
-            before, after = (seconds / HOUR for seconds in found.angles.durations)
-            names_of_angles = ", ".join(found.angles.target_sigmas)
-            yield f"{after:.1f} h of noise instead of {before:.1f} h for {names_of_angles}"
+        if design_result.angles:
+            sigmas_before, after = (seconds / HOUR for seconds in design_result.angles.durations)
+            names_of_angles = ", ".join(design_result.angles.target_sigmas)
+            yield f"{after:.1f} h of noise instead of {sigmas_before:.1f} h for {names_of_angles}"
 
     def check_valid(self) -> None:
         """Check the design against the campaign, its bound and its limits.
@@ -177,12 +178,15 @@ class CampaignDesign(WorkflowResult):
             If it does not determine what the campaign did, its forecast is below the bound, or the FMUs
             exceed a limit.
         """
-        found = self.design
-        if lost := [name for name in found.problem.parameters if name not in found.sigmas_after]:
+        design_result = self.design
+        if undetermined := [
+            name for name in design_result.problem.parameters if name not in design_result.sigmas_after
+        ]:
             raise RunError(
-                f"{self.path}: the design does not determine {', '.join(lost)}, which the campaign did"
+                f"{self.path}: the design does not determine {', '.join(undetermined)}, which the campaign "
+                "did"
             )
-        if found.complete and found.value < MIN_BOUND_RATIO * found.optimum.bound:
+        if design_result.complete and design_result.value < MIN_BOUND_RATIO * design_result.optimum.bound:
             raise RunError(
                 f"{self.path}: the forecast of the design is below the bound, one of the two is wrong"
             )
@@ -253,18 +257,18 @@ def design(
         raise InputError("design: a campaign that was changed in Python, expected one as its file has it")
     with prefix_errors(source):
         model = FitModel(plan, settings(plan.fit, "fit"))
-        found = _search(plan, model, progress)
-    atomic.write(path, campaign_text(found, path.stem, source.name if source else plan.name))
+        design_result = _search(plan, model, progress)
+    atomic.write(path, campaign_text(design_result, path.stem, source.name if source else plan.name))
     loading.load(path)
     with progress.stage("check through the FMUs"):
-        reached = verify_in_time_domain(found, jobs)
+        reached = verify_in_time_domain(design_result, jobs)
     robust = None
-    if found.complete:
+    if design_result.complete:
         with progress.stage("other truths and noise"):
-            robust = robustness(found, model, update_progress)
-    experiments = {experiment.name for experiment in found.campaign.experiments}
+            robust = robustness(design_result, model, update_progress)
+    experiments = {experiment.name for experiment in design_result.campaign.experiments}
     dropped = tuple(e.name for e in plan.experiments if e.name not in experiments)
-    return CampaignDesign(found, path, reached, robust, dropped)
+    return CampaignDesign(design_result, path, reached, robust, dropped)
 
 
 def _search(plan: Campaign, model: FitModel, progress: Progress) -> Design:

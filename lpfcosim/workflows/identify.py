@@ -22,7 +22,7 @@ from lpfcosim.cosim import SimulationProgress, read_interfaces_of_runs, warnings
 from lpfcosim.errors import InputError, RunError, as_run_error, prefix_errors
 from lpfcosim.execution import fmus as fmu_archives
 from lpfcosim.execution import process_pool, results_folder, runner, validation
-from lpfcosim.identification import Simulation, Target, check, targets
+from lpfcosim.identification import ClosedLoopResponse, Target, check, targets
 from lpfcosim.workflows.calibration import Calibration, calibrate_into, constrain, find_telemetry
 from lpfcosim.workflows.campaigns import CampaignLike, PathLike, as_paths, resolve
 from lpfcosim.workflows.fmus import campaign_fmus
@@ -73,13 +73,13 @@ class _Task:
     directory: Path
     fit_settings: Settings
 
-    def __call__(self, where: SimulationProgress) -> Results:
+    def __call__(self, fmu_progress: SimulationProgress) -> Results:
         """Identify in a worker: one thread, so that it is known which FMU is at work."""
         with as_run_error(), serial(), ExitStack() as stack, prefix_errors(self.source):
             results, telemetries = refit.load(self.directory)
             prepared = self.prepare(results, telemetries)
-            simulation = self.load_loop(stack, prepared[0], where)
-            return self.identify(simulation, prepared, results, telemetries)
+            loop = self.load_loop(stack, prepared[0], fmu_progress)
+            return self.identify(loop, prepared, results, telemetries)
 
     def prepare(
         self, results: Results, telemetries: Sequence[Telemetry]
@@ -90,33 +90,34 @@ class _Task:
         return experiments, fitted.model_copy(update={"parameters": parameters})
 
     def load_loop(
-        self, stack: ExitStack, experiments: Sequence[Experiment], where: SimulationProgress | None = None
-    ) -> Simulation:
+        self,
+        stack: ExitStack,
+        experiments: Sequence[Experiment],
+        fmu_progress: SimulationProgress | None = None,
+    ) -> ClosedLoopResponse:
         """Load the FMUs of the loop of every run."""
         runs = [run.telemetry for e in experiments for run in (e.sysid, e.noise) if run]
-        return Simulation(stack, self.plan, runs, self.fmus, where)
+        return ClosedLoopResponse(stack, self.plan, runs, self.fmus, fmu_progress)
 
     def identify(
         self,
-        simulation: Simulation,
+        loop: ClosedLoopResponse,
         prepared: tuple[Sequence[Experiment], Settings],
         results: Results,
         telemetries: Sequence[Telemetry],
     ) -> Results:
         """Estimate the parameters, and add warnings and true values."""
         experiments, fit_settings = prepared
-        free = [free_parameter(target) for target in simulation.targets]
-        identified = estimate(experiments, free, simulation, results, fit_settings, simulation.fixed_values)
-        variables = {t.name: {"model": t.model, "variable": t.variable} for t in simulation.targets}
+        free = [free_parameter(target) for target in loop.targets]
+        identified = estimate(experiments, free, loop, results, fit_settings, loop.fixed_values)
+        variables = {t.name: {"model": t.model, "variable": t.variable} for t in loop.targets}
         extra = {**identified.provenance.extra, "identified": variables}
         identified = replace(identified, provenance=replace(identified.provenance, extra=extra))
-        if simulation.other_loop_description and identified.joint is not None:
-            message = (
-                f"the telemetry says that it was simulated otherwise: {simulation.other_loop_description}"
-            )
+        if loop.loop_mismatch and identified.joint is not None:
+            message = f"the telemetry says that it was simulated otherwise: {loop.loop_mismatch}"
             joint_warnings = (*identified.joint.warnings, FitWarning("loop_mismatch", (), message))
             identified = replace(identified, joint=replace(identified.joint, warnings=joint_warnings))
-        truths = {t.run: _truth(t, self.plan, simulation.targets) for t in telemetries}
+        truths = {t.run: _truth(t, self.plan, loop.targets) for t in telemetries}
         return coverage.with_truth(identified, telemetries, truths)
 
 
@@ -245,11 +246,11 @@ def _identify(task: _Task, results: Results, telemetries: Sequence[Telemetry], p
         prepared = task.prepare(results, telemetries)
     with ExitStack() as stack, prefix_errors(task.source):
         with progress.stage("loading"):
-            simulation = task.load_loop(stack, prepared[0])
-        n_runs, n_parameters = sum(2 if e.noise else 1 for e in prepared[0]), len(simulation.targets)
+            loop = task.load_loop(stack, prepared[0])
+        n_runs, n_parameters = sum(2 if e.noise else 1 for e in prepared[0]), len(loop.targets)
         total = (ITERATIONS + PULSE_RESPONSES) * n_runs + 2 * n_parameters * len(prepared[0])
-        with progress.counted("simulations", total) as simulation.on_simulation:
-            return task.identify(simulation, prepared, results, telemetries)
+        with progress.counted("simulations", total) as loop.on_simulation:
+            return task.identify(loop, prepared, results, telemetries)
 
 
 def _identify_in_process(task: _Task, progress: Progress) -> Results:

@@ -268,9 +268,9 @@ def _summarize(
 
 
 def _unfinished(unfinished: Mapping[str, str]) -> RunError:
-    reason, *others = unfinished.values()
-    more = f" and {len(others)} more" if others else ""
-    return RunError(f"{reason}{more}; what is finished is kept, the same command continues")
+    reason, *other_reasons = unfinished.values()
+    count = f" and {len(other_reasons)} more" if other_reasons else ""
+    return RunError(f"{reason}{count}; what is finished is kept, the same command continues")
 
 
 class _FittedRecord(BaseModel, extra="allow", allow_inf_nan=False):

@@ -38,7 +38,7 @@ from lpfcosim.campaign import Campaign, loading, montecarlo
 from lpfcosim.errors import RunError
 from lpfcosim.execution import telemetry_file
 from lpfcosim.execution.telemetry_file import truth
-from lpfcosim.identification import Simulation
+from lpfcosim.identification import ClosedLoopResponse
 from lpfcosim.modelica import build
 from lpfcosim.spacecraft import Run
 from lpfcosim.workflows.identify import free_parameter
@@ -73,7 +73,7 @@ def trial(plan: Campaign, number: int) -> Line:
             between = cpu()
             experiments, how = refit.experiments(results, runs, Path("results.json"))
             flown = [run.telemetry for e in experiments for run in (e.sysid, e.noise) if run]
-            loop = Simulation(stack, plan, flown, build.build())
+            loop = ClosedLoopResponse(stack, plan, flown, build.build())
             free = [free_parameter(target) for target in loop.targets]
             found = identify(experiments, free, loop, results, how, loop.fixed_values)
     except (CalibrationError, RunError) as error:

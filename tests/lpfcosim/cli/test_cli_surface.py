@@ -13,8 +13,8 @@ from lpfcosim.cli.console import Console
 from tests.campaign_text import ONE_EXPERIMENT
 
 GROUPS = {
-    (): "new check run fit montecarlo margins trust schema forecast design identify "
-    "report figures deltag compare mcmc reproduce fmu",
+    (): "new trust schema check forecast margins run montecarlo design identify "
+    "fit report figures deltag compare mcmc reproduce fmu",
     ("fmu",): "build list show validate export-ssp container",
 }
 COMMANDS = [(*group, name) for group, names in GROUPS.items() for name in names.split()]
@@ -134,7 +134,7 @@ _lpfcosim_completion lpfcosim; printf '%s\\n' "${{COMPREPLY[@]}}"; complete -p l
 
 def test_bash_completes_commands_options_and_files(complete):
     assert complete("") == GROUPS[()].split()
-    assert complete("m") == ["montecarlo", "margins", "mcmc"]
+    assert complete("m") == ["margins", "montecarlo", "mcmc"]
     assert complete("fmu", "") == GROUPS[("fmu",)].split()
     assert complete("run", "--q") == ["--quiet"]
     assert {"--out", "--jobs", "--json", "--help"} < set(complete("run", "--"))

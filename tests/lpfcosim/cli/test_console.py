@@ -4,7 +4,7 @@ import pytest
 
 from fit.parallel import update_progress
 from lpfcosim.cli import console
-from lpfcosim.cli.console import Console, Spoken
+from lpfcosim.cli.console import Console, WorkProgress
 
 
 @pytest.fixture
@@ -25,15 +25,15 @@ def clock(monkeypatch):
     ],
 )
 def test_how_far_it_is_and_how_long_it_will_still_take(clock, seconds, done, line):
-    spoken = Spoken("fit")
+    work = WorkProgress("fit")
     clock(seconds)
-    spoken.done = done
-    assert spoken.line() == line
+    work.done = done
+    assert work.line() == line
 
 
 @pytest.mark.parametrize("quiet", [False, True])
 def test_every_kind_of_work_says_so_unless_quiet(monkeypatch, capfd, quiet):
-    monkeypatch.setattr(console, "FIRST", 0.01)
+    monkeypatch.setattr(console, "FIRST_REPORT", 0.01)
     lines = []
     of_note = Console.note
 

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from lpfcosim.cli.common import check_file, check_folder
+from lpfcosim.cli.options import check_file, check_folder
 from lpfcosim.errors import InputError
 from lpfcosim.modelica import build
 from tests import ROOT

@@ -14,7 +14,7 @@ import pytest
 from fit.crosstalk import refit
 from fit.files import atomic
 from fit.report import page
-from lpfcosim.cli import common
+from lpfcosim.cli import options
 from lpfcosim.cli.console import Console
 from lpfcosim.cli.figures import figures
 from lpfcosim.cli.mcmc import mcmc
@@ -131,7 +131,7 @@ def test_a_folder_that_cannot_be_made_is_wrong_input_but_a_full_disk_is_not(
 def test_a_folder_whose_name_is_too_long_is_wrong_input(tmp_path, inside):
     """As is one where another may not look; a name has 255 bytes at most."""
     folder = tmp_path / ("n" * 300)
-    common.check_folder(folder, inside)  # nothing is in the way
+    options.check_folder(folder, inside)  # nothing is in the way
     with pytest.raises(InputError, match="cannot be made"), folders.lock(folder):
         pass
 

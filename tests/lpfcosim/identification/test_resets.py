@@ -8,7 +8,7 @@ import pytest
 
 from lpfcosim.cosim import read_interfaces
 from lpfcosim.errors import RunError
-from lpfcosim.identification import trials
+from lpfcosim.identification import simulation_session
 from lpfcosim.models import stimuli
 from lpfcosim.spacecraft.run import Replacement, Sine
 from tests import third_party
@@ -26,7 +26,7 @@ def simulated(make_run, fmus, archive):
     found = read_interfaces(run, {**fmus, MODEL: archive})
     feeds = {**stimuli.injections(run), "g_2": np.full(N, run.dc)}
     with contextlib.ExitStack() as stack:
-        loop = trials.whole_loop(stack, run, found, ("o_12", "f_x_2"))
+        loop = simulation_session.load_loop(stack, run, found, ("o_12", "f_x_2"))
         return [
             loop.simulate(N, inputs, {MODEL: {"bandwidth": bandwidth}})
             for inputs, bandwidth in ((feeds, 1e-3), (feeds, 2e-3), ({}, 1e-3), (feeds, 1e-3), (feeds, 2e-3))

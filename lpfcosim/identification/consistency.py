@@ -1,4 +1,4 @@
-"""Is a telemetry of the campaign that is named beside it? What it says of itself tells."""
+"""The consistency of telemetry with a campaign, by its attributes and its recorded guidance."""
 
 from __future__ import annotations
 
@@ -28,9 +28,9 @@ GUIDANCE_TOLERANCE = (
 
 
 def check(plan: Campaign, telemetries: Sequence[Telemetry]) -> None:
-    """Refuse telemetry that is of another campaign: other experiments, authority or injections.
+    """Refuse telemetry of another campaign: other experiments, authority or injections.
 
-    Noise runs without an experiment beside them are not asked: nothing is identified from them.
+    Noise runs without a sysid run are not checked, as nothing is identified from them.
 
     Raises
     ------
@@ -42,9 +42,9 @@ def check(plan: Campaign, telemetries: Sequence[Telemetry]) -> None:
             run = run_of(plan, telemetry)
         except InputError as error:
             raise InputError(f"{telemetry.path}: {error}") from None
-        planned = _planned_run(plan, telemetry)
+        planned_run = _planned_run(plan, telemetry)
         for name in ("F_max_1", "F_max_2", "N_max_1", "N_max_2"):
-            has, expected = getattr(telemetry, name), getattr(planned.authority, name)
+            has, expected = getattr(telemetry, name), getattr(planned_run.authority, name)
             if not math.isclose(has, expected, rel_tol=AUTHORITY_TOLERANCE):
                 raise InputError(
                     f"{telemetry.path}: attribute {name}: {has:.7g}, expected {expected:.7g}, the authority "
@@ -59,15 +59,15 @@ def check(plan: Campaign, telemetries: Sequence[Telemetry]) -> None:
                 )
 
 
-def other_loop(plan: Campaign, telemetries: Sequence[Telemetry], digests: Mapping[str, str]) -> str:
-    """Tell in what another loop simulated a telemetry, by its own account; empty if in nothing.
+def loop_mismatch(plan: Campaign, telemetries: Sequence[Telemetry], digests: Mapping[str, str]) -> str:
+    """Return how the loop that simulated telemetry differs, by its attributes; empty if it does not.
 
     Parameters
     ----------
     plan : Campaign
         Names the runs.
     telemetries : sequence of Telemetry
-        Those that do not say what simulated them, as flown ones, are not asked.
+        Those without attributes of a simulation, such as flown ones, are ignored.
     digests : mapping of str to str
         Of the FMU of each component of the loop.
     """
@@ -88,7 +88,7 @@ def other_loop(plan: Campaign, telemetries: Sequence[Telemetry], digests: Mappin
 
 
 def is_simulated(telemetry: Telemetry) -> bool:
-    """Tell whether a telemetry says what simulated it."""
+    """Return whether telemetry has attributes of a simulation."""
     return any(key.startswith(_FMU) for key in telemetry.attributes)
 
 
@@ -140,20 +140,20 @@ def _of_experiments(telemetries: Sequence[Telemetry]) -> Iterator[Telemetry]:
 
 
 def _has_planned_guidance(run: Run, telemetry: Telemetry, name: str) -> bool:
-    """Tell whether a recorded guidance is what the campaign injects, then or from the begin of its run.
+    """Return whether a recorded guidance is that of the campaign, at its time or from the start of the run.
 
     A campaign may leave out what is recorded; one that simulated the run itself cannot have.
     """
-    sense = -1.0 if telemetry.x_axis == TOWARDS_1 else 1.0
-    recorded = sense * telemetry.channels[name]
+    x_sign = -1.0 if telemetry.x_axis == TOWARDS_1 else 1.0
+    recorded = x_sign * telemetry.channels[name]
     is_finite = np.isfinite(recorded)
     offset, n = start_sample(run, telemetry), size(run, telemetry)
     simulated = "campaign_digest" in telemetry.attributes
     for start in (offset, 0) if simulated else (offset,):
-        planned = stimuli.injections(run, start, start + n)[name][:: round(run.fs / telemetry.fs)]
-        loudest = max(_rms(planned[is_finite]), _rms(recorded[is_finite]))
-        if _rms((recorded - planned)[is_finite]) <= GUIDANCE_TOLERANCE * loudest or not (
-            simulated or planned.any()
+        guidance = stimuli.injections(run, start, start + n)[name][:: round(run.fs / telemetry.fs)]
+        loudest = max(_rms(guidance[is_finite]), _rms(recorded[is_finite]))
+        if _rms((recorded - guidance)[is_finite]) <= GUIDANCE_TOLERANCE * loudest or not (
+            simulated or guidance.any()
         ):
             return True
     return False

@@ -6,16 +6,15 @@ from typing import Annotated, Literal
 
 import typer
 
-from lpfcosim.cli.common import (
+from lpfcosim.cli.options import (
     CampaignFile,
     Quiet,
-    about,
     check_file,
     check_folder,
     examples,
     help_without_command,
 )
-from lpfcosim.errors import InputError
+from lpfcosim.errors import InputError, prefix_errors
 
 app = typer.Typer(
     help="Build, list, show, check and export FMUs.",
@@ -64,7 +63,7 @@ def build(
     if out is not None:
         built = fmu_build.copy(built, out)
     for path in built.values():
-        console.say(str(path))
+        console.print_line(str(path))
 
 
 @app.command(name="list", epilog=examples("lpfcosim fmu list", "lpfcosim fmu list --json | jq .fmus[].path"))
@@ -74,14 +73,14 @@ def list_(as_json: AsJson = False) -> None:
 
     from lpfcosim.modelica import build as fmu_build
 
-    found = [
+    results = [
         {"model": model, "built": path.is_file(), "path": str(path)}
         for model, path in fmu_build.locations().items()
     ]
     if as_json:
-        print(json.dumps({"schema": "lpf-fmus/1", "fmus": found}, indent=1))
+        print(json.dumps({"schema": "lpf-fmus/1", "fmus": results}, indent=1))
         return
-    for fmu in found:
+    for fmu in results:
         print(f"{fmu['model']:18s} {'built    ' if fmu['built'] else 'not built'} {fmu['path']}")
 
 
@@ -93,7 +92,7 @@ def list_(as_json: AsJson = False) -> None:
     )
 )
 def show(
-    given: Annotated[
+    arguments: Annotated[
         list[str],
         typer.Argument(metavar="PLACE|FILE.fmu", help="A place of the loop, an FMU, or one of each."),
     ],
@@ -109,7 +108,7 @@ def show(
     from lpfcosim.workflows import fmus
 
     console = Console(quiet=False, as_json=as_json)
-    if fmu_show.show(given, lambda models: fmus.build_fmus(models, Console(quiet=True)), console):
+    if fmu_show.show(arguments, lambda models: fmus.build_fmus(models, Console(quiet=True)), console):
         raise typer.Exit(1)
 
 
@@ -134,18 +133,18 @@ def validate(
 
     console = Console(quiet=quiet, as_json=as_json)
     archives = paths or list(fmus.build_fmus(list(fmu_build.MODELS), console).values())
-    found = {}
+    results = {}
     with console.counted("checks", len(archives)) as progress:
         for path in archives:
-            found[str(path)] = checks.problems(path)
-            progress(len(found))
-    told = [{"path": name, "faults": faults} for name, faults in found.items()]
-    console.document(json.dumps({"schema": "lpf-faults/1", "fmus": told}, indent=1))
-    for name, faults in found.items():
-        console.say(f"{name}: {f'{len(faults)} faults' if faults else 'no fault found'}")
+            results[str(path)] = checks.problems(path)
+            progress(len(results))
+    told = [{"path": name, "faults": faults} for name, faults in results.items()]
+    console.print_json(json.dumps({"schema": "lpf-faults/1", "fmus": told}, indent=1))
+    for name, faults in results.items():
+        console.print_line(f"{name}: {f'{len(faults)} faults' if faults else 'no fault found'}")
         for fault in faults:
             print(f"  {fault}", file=sys.stderr)
-    if any(found.values()):
+    if any(results.values()):
         raise typer.Exit(1)
 
 
@@ -181,7 +180,7 @@ def export_ssp(
     came about (SSP Traceability).
     """
     from lpfcosim.campaign import loading
-    from lpfcosim.cli import outcome
+    from lpfcosim.cli import traceability
     from lpfcosim.cli.console import Console
     from lpfcosim.export import ssp
     from lpfcosim.workflows import fmus
@@ -190,11 +189,11 @@ def export_ssp(
     plan = loading.load(campaign)
     path = out or Path(f"{campaign.stem}.ssp")
     check_file(path, loading.sources(campaign), parents=True)
-    came = outcome.gather(results, plan) if results else None
-    with about(campaign):
+    record = traceability.gather(results, plan) if results else None
+    with prefix_errors(campaign):
         archives = fmus.campaign_fmus(plan, console, ssp.fmi(version))
-        written = ssp.export(plan, archives, path, version, came)
-    console.say(str(written))
+        written = ssp.export(plan, archives, path, version, record)
+    console.print_line(str(written))
 
 
 @app.command(name="container", epilog=examples("lpfcosim fmu container mine.toml A --out loop.fmu"))
@@ -225,7 +224,7 @@ def container(
         raise InputError(f"{campaign}: no run {quote(run_name)}{closest_match(run_name, runs)}")
     path = out or Path(f"{run_name}.fmu")
     check_file(path, [*loading.sources(campaign), *(r.archive for r in plan.replacements)], parents=True)
-    with about(campaign):
+    with prefix_errors(campaign):
         archives = fmus.campaign_fmus(plan, console, "2.0")
         written = containers.container(runs[run_name], archives, path)
-    console.say(str(written))
+    console.print_line(str(written))

@@ -1,14 +1,12 @@
 """What the commands have in common. Every call reads it in, so it imports little."""
 
 import os
-from collections.abc import Iterable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-import fit.errors
 from lpfcosim.errors import InputError
 
 CampaignFile = Annotated[Path, typer.Argument(metavar="CAMPAIGN.toml", help="The campaign.")]
@@ -76,15 +74,6 @@ def duration(text: str) -> float:
         raise typer.BadParameter(str(error)) from None
 
 
-@contextmanager
-def about(campaign: Path) -> Iterator[None]:
-    """Name the campaign file in what is said to be wrong with it."""
-    try:
-        yield
-    except fit.errors.InputError as error:
-        raise InputError(f"{campaign}: {error}") from None
-
-
 def check_folder(directory: Path, inside: str = "", option: str = "--out") -> None:
     """Refuse a folder for results that is a link, or cannot be made or written to.
 
@@ -133,15 +122,17 @@ def check_file(
         raise InputError(f"{path}: {folder} is not a folder, expected one that is there")
     if path.is_dir():
         raise InputError(f"{path}: is a folder, expected the name of a file")
-    if any(_same(path, given) for given in inputs):
+    if any(_is_same_file(path, input_path) for input_path in inputs):
         raise InputError(f"{path}: is read by this command, expected another name")
     for place in (folder, path):
         if _exists(place) and not os.access(place, os.W_OK):
             raise InputError(f"{path}: {place} may not be written to, expected another name")
 
 
-def _same(one: Path, other: Path) -> bool:
-    return one.resolve() == other.resolve() or (_exists(one) and _exists(other) and one.samefile(other))
+def _is_same_file(path_1: Path, path_2: Path) -> bool:
+    return path_1.resolve() == path_2.resolve() or (
+        _exists(path_1) and _exists(path_2) and path_1.samefile(path_2)
+    )
 
 
 def _exists(path: Path) -> bool:

@@ -39,7 +39,7 @@ class _Reference:
     signals: Array
 
 
-class Trials:
+class SimulationSession:
     """A loop, or a part of it, that is simulated as often as it takes.
 
     Parameters
@@ -54,7 +54,7 @@ class Trials:
         Signals from outside.
     record : mapping of str to str
         What is recorded, and its source.
-    where : SimulationProgress, optional
+    progress : SimulationProgress, optional
         Kept up to date, if this is the only loop that is stepped at a time.
     """
 
@@ -65,20 +65,20 @@ class Trials:
         interfaces: Sequence[Interface],
         feeds: Sequence[str],
         record: Mapping[str, str],
-        where: SimulationProgress | None,
+        progress: SimulationProgress | None,
     ) -> None:
-        self._run, self._interfaces, self._where = run, interfaces, where or SimulationProgress()
+        self._run, self._interfaces, self._progress = run, interfaces, progress or SimulationProgress()
         self._feeds, self._record = feeds, record
         self._given = model_of(run).parameters(run)
-        self._slaves = co_simulation.load(stack, interfaces, self._where)
-        self._where.set_idle()
+        self._slaves = co_simulation.load(stack, interfaces, self._progress)
+        self._progress.set_idle()
         self._used = False
         self._theirs = [slave for slave, i in zip(self._slaves, interfaces, strict=True) if i.replacement]
         self._renewed: Sequence[FmuInstance] = ()  # those whose reset does not do
         self._reference: _Reference | None = None
         components = [i.component for i in interfaces]
         self._network = co_simulation.CoSimulation(
-            run.name, run.h, components, self._slaves, feeds, record.values(), progress=self._where
+            run.name, run.h, components, self._slaves, feeds, record.values(), progress=self._progress
         )
 
     def simulate(self, n: int, inputs: Mapping[str, Array], changed: Values) -> dict[str, Array]:
@@ -107,7 +107,7 @@ class Trials:
             with co_simulation.translate_fmi_errors(self._run.name, self._slaves):
                 return self._simulated(n, inputs, changed)
         finally:
-            self._where.set_idle()
+            self._progress.set_idle()
 
     def _simulated(self, n: int, inputs: Mapping[str, Array], changed: Values) -> dict[str, Array]:
         if self._theirs and not self._renewed:
@@ -138,7 +138,7 @@ class Trials:
 
     def _start(self, changed: Values, renewed: Sequence[FmuInstance]) -> None:
         """Take all FMUs to their start, those in `renewed` by new instances if they were used."""
-        self._where.reset()
+        self._progress.reset()
         for slave, parameters in self._parameters(changed):
             if not self._used:
                 slave.initialize(parameters)
@@ -197,26 +197,26 @@ class Trials:
         return "" if is_equal else f"its outputs in the first {STRETCH * self._run.h:g} s are not the same"
 
 
-def whole_loop(
+def load_loop(
     stack: contextlib.ExitStack,
     run: Run,
     interfaces: Sequence[Interface],
     record: Iterable[str],
-    where: SimulationProgress | None = None,
-) -> Trials:
+    progress: SimulationProgress | None = None,
+) -> SimulationSession:
     """Load all FMUs of a run, to record some of its channels."""
     sources = model_of(run).record
-    return Trials(
-        stack, run, interfaces, model_of(run).stimuli(run), {name: sources[name] for name in record}, where
+    return SimulationSession(
+        stack, run, interfaces, model_of(run).stimuli(run), {name: sources[name] for name in record}, progress
     )
 
 
-def controller(
+def load_controller(
     stack: contextlib.ExitStack,
     run: Run,
     interfaces: Sequence[Interface],
-    where: SimulationProgress | None = None,
-) -> Trials:
+    progress: SimulationProgress | None = None,
+) -> SimulationSession:
     """Load the controller of test mass 2 along x by itself, fed with its own inputs.
 
     Raises
@@ -230,5 +230,7 @@ def controller(
             feeds = tuple(i.component.inputs)
             place = Component(i.model, {name: name for name in feeds}, i.component.outputs)
             controller_interfaces = [replace(i, component=place)]
-            return Trials(stack, run, controller_interfaces, feeds, {output: f"{i.model}.{output}"}, where)
+            return SimulationSession(
+                stack, run, controller_interfaces, feeds, {output: f"{i.model}.{output}"}, progress
+            )
     raise RunError(f"run '{run.name}': no FMU of the loop has the output {output}")

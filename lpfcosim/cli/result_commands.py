@@ -1,13 +1,86 @@
-"""Commands on results, as a user sees them; calling one reads in the code behind it."""
+"""Commands on telemetry and results as a user sees them; calling one reads in the code behind it."""
 
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from lpfcosim.cli.common import Directory, Figures, Jobs, Out, Paths, Quiet, Trust, examples
+from lpfcosim.cli.options import (
+    Bound,
+    Directory,
+    Figures,
+    Fix,
+    GaussianPrior,
+    Jobs,
+    Out,
+    Paths,
+    Quiet,
+    Tie,
+    Trust,
+    examples,
+)
 
 app = typer.Typer(rich_markup_mode=None)
+
+
+@app.command(
+    epilog=examples(
+        "lpfcosim fit quickstart --out again",
+        "lpfcosim fit flight/*.h5 --settings fit.toml --json",
+        "lpfcosim fit quickstart --fix lambda_2=1.0776 --tie alpha_phi_1=alpha_phi_2",
+        "lpfcosim fit noise/ --calibration quickstart",
+    )
+)
+def fit(
+    paths: Paths,
+    out: Out = None,
+    settings: Annotated[
+        Path | None,
+        typer.Option("--settings", metavar="FIT.toml", help="File with a table [fit]; a campaign will do."),
+    ] = None,
+    include_short: Annotated[
+        bool, typer.Option("--include-short", help="Let runs shorter than 6 h take part in the joint fit.")
+    ] = False,
+    calibration: Annotated[
+        Path | None,
+        typer.Option(
+            "--calibration",
+            metavar="RESULTS",
+            help="Take the dynamics from an earlier result (folder or results.json); PATH then holds noise "
+            "runs only.",
+        ),
+    ] = None,
+    fix: Fix = None,
+    tie: Tie = None,
+    prior: GaussianPrior = None,
+    bound: Bound = None,
+    f_max: Annotated[
+        float | None, typer.Option("--f-max", metavar="HZ", help="End of the fitted band (0.02 to 0.1).")
+    ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print results.json instead of a table.")] = False,
+    quiet: Quiet = False,
+) -> None:
+    """Fit telemetry files from anywhere; needs no FMU.
+
+    The folder of an earlier run or fit means the telemetry of its results. Runs with injections (kind sysid)
+    calibrate the dynamics. Noise runs of 12 h or more with torques calibrate the inertial forces. Without
+    --out, results go to a folder in the working directory that has the name of the first PATH (NAME-fit
+    where that is the input itself).
+    """
+    from lpfcosim.cli import fit as cli_fit
+    from lpfcosim.cli.console import Console
+    from lpfcosim.cli.constraints import Constraints
+
+    cli_fit.fit_files(
+        paths,
+        out,
+        Console(quiet=quiet, as_json=as_json),
+        settings=settings,
+        include_short=include_short,
+        calibration=calibration,
+        constraints=Constraints(fix or (), tie or (), prior or (), bound or ()),
+        f_max=f_max,
+    )
 
 
 @app.command(epilog=examples("lpfcosim report quickstart"))

@@ -7,7 +7,7 @@ import pytest
 
 from lpfcosim.cosim import compatibility
 from lpfcosim.errors import RunError
-from lpfcosim.identification import trials
+from lpfcosim.identification import simulation_session
 from lpfcosim.linear import ClosedLoop
 from lpfcosim.modelica import build
 from lpfcosim.models import stimuli
@@ -27,7 +27,7 @@ def test_a_trial_leaves_nothing_behind(run, fmi):
     found = compatibility.read_interfaces(run, build.build(fmi=fmi))
     feeds = {**stimuli.injections(run), "g_2": np.full(N, run.dc)}
     with contextlib.ExitStack() as stack:
-        loop = trials.whole_loop(stack, run, found, ("o_1", "o_12"))
+        loop = simulation_session.load_loop(stack, run, found, ("o_1", "o_12"))
         first = loop.simulate(N, feeds, {})
         other = loop.simulate(N, feeds, {"Plant": {"omega2_2_0": -5e-7}})
         again = loop.simulate(N, feeds, {})
@@ -44,7 +44,7 @@ def test_a_loop_goes_on_after_a_trial_that_is_not_stable(run, fmus):
     found = compatibility.read_interfaces(run, fmus)
     feeds = {**stimuli.injections(run), "g_2": np.full(N, run.dc)}
     with contextlib.ExitStack() as stack:
-        loop = trials.whole_loop(stack, run, found, ("o_1", "o_12"))
+        loop = simulation_session.load_loop(stack, run, found, ("o_1", "o_12"))
         first = loop.simulate(N, feeds, {})
         with pytest.raises(RunError, match="diverges"):
             loop.simulate(N, feeds, {"Plant": {"omega2_2_0": -1.0}})
@@ -57,8 +57,8 @@ def test_the_controller_alone_makes_the_commands_that_it_made_in_the_loop(run, f
     found = compatibility.read_interfaces(run, fmus)
     feeds = {**stimuli.injections(run), "g_2": np.full(N, run.dc)}
     with contextlib.ExitStack() as stack:
-        loop = trials.whole_loop(stack, run, found, ("o_12", "f_x_2"))
-        alone = trials.controller(stack, run, found)
+        loop = simulation_session.load_loop(stack, run, found, ("o_12", "f_x_2"))
+        alone = simulation_session.load_controller(stack, run, found)
         whole = loop.simulate(N, feeds, {})
         given = {"o_12": whole["o_12"], "guidance_o_12": feeds["guidance_o_12"]}
         asked = alone.simulate(N, given, {})["f_control_2"]

@@ -1,4 +1,4 @@
-"""The closed loop of every run of a telemetry, simulated through the FMUs with trial values."""
+"""The response of the closed loop of every run, simulated through the FMUs with trial values."""
 
 from __future__ import annotations
 
@@ -16,10 +16,17 @@ from lpfcosim.campaign import Campaign
 from lpfcosim.cosim import SimulationProgress, read_interfaces
 from lpfcosim.errors import InputError, RunError
 from lpfcosim.execution import checksums
-from lpfcosim.identification import trials
-from lpfcosim.identification.origin import GUIDANCE, is_simulated, other_loop, run_of, size, start_sample
+from lpfcosim.identification import simulation_session
+from lpfcosim.identification.consistency import (
+    GUIDANCE,
+    is_simulated,
+    loop_mismatch,
+    run_of,
+    size,
+    start_sample,
+)
 from lpfcosim.identification.parameters import fixed_values, settings, targets
-from lpfcosim.identification.trials import Trials
+from lpfcosim.identification.simulation_session import SimulationSession
 from lpfcosim.models import stimuli
 from lpfcosim.spacecraft import Run
 
@@ -29,23 +36,23 @@ UNDRIVEN_SHARE = 0.02  # share of a run without direct forces, that suffices to 
 
 
 @dataclass(frozen=True)
-class _Loaded:
-    """A run as it is simulated: what drives it, its whole loop, and its controller alone.
+class _LoadedRun:
+    """A run with its FMUs loaded: stimuli, the whole loop, and the controller by itself.
 
-    `feeds` has what is not zero all along; `sense` is -1 where +x of the telemetry points the other way than
-    that of the FMUs, `steady` the mean of the commands on both test masses, in the frame of the FMUs.
+    `feeds` has what is not zero all along; `x_sign` is -1 where +x of the telemetry points the other way than
+    that of the FMUs, `mean_commands` the mean of the commands on both test masses, in the frame of the FMUs.
     """
 
     run: Run
     feeds: Mapping[str, Array]
-    loop: Trials
-    controller: Trials
+    loop: SimulationSession
+    controller: SimulationSession
     jitters: bool
-    sense: float
-    steady: tuple[float, float]
+    x_sign: float
+    mean_commands: tuple[float, float]
 
 
-class Simulation:
+class ClosedLoopResponse:
     """All runs of a telemetry, their FMUs loaded; a `fit.identification.Loop`.
 
     Parameters
@@ -58,7 +65,7 @@ class Simulation:
         The runs.
     fmus : mapping of str to Path
         The FMU of each component.
-    where : SimulationProgress, optional
+    progress : SimulationProgress, optional
         Kept up to date, if but one thread asks.
 
     Attributes
@@ -67,8 +74,8 @@ class Simulation:
         The parameters that are sought.
     fixed_values : mapping of str to float
         What the loop has of those of the fit that are not.
-    other_loop_description : str
-        In what another loop simulated the telemetry, by its own account; see `other_loop`.
+    loop_mismatch : str
+        How the loop that simulated the telemetry differs, by its attributes; see `loop_mismatch`.
     simulated_telemetry : bool
         Whether it says that this very loop did.
     on_simulation : callable
@@ -86,7 +93,7 @@ class Simulation:
         plan: Campaign,
         telemetries: Sequence[Telemetry],
         fmus: Mapping[str, Path],
-        where: SimulationProgress | None = None,
+        progress: SimulationProgress | None = None,
     ) -> None:
         self.on_simulation: Callable[[int], None] = lambda _: None
         self._done = 0
@@ -94,16 +101,14 @@ class Simulation:
         placed = read_interfaces(first_run, fmus)
         self.targets = targets(plan, first_run, placed)
         self.fixed_values = fixed_values(first_run, placed, self.targets)
-        self.other_loop_description = other_loop(
+        self.loop_mismatch = loop_mismatch(
             plan, telemetries, {m: checksums.digest(path) for m, path in fmus.items()}
         )
-        self.simulated_telemetry = not self.other_loop_description and all(
-            is_simulated(t) for t in telemetries
-        )
+        self.simulated_telemetry = not self.loop_mismatch and all(is_simulated(t) for t in telemetries)
         replaced = ", ".join(f"{i.model} ({i.replacement.archive.name})" for i in placed if i.replacement)
         self._replaced = f", third-party FMUs {replaced}" if replaced else ""
         self._gains = {f"lambda_{j}": getattr(plan.truth, f"lambda_{j}") for j in (1, 2)}
-        self._loaded = {t.run: _load(stack, plan, t, fmus, where) for t in telemetries}
+        self._loaded = {t.run: _load(stack, plan, t, fmus, progress) for t in telemetries}
 
     def response(
         self, run: Telemetry, theta: Mapping[str, float], inputs: Mapping[str, Array]
@@ -112,32 +117,32 @@ class Simulation:
         loaded = self._loaded[run.run]
         n = inputs["f_x_1"].size
         feeds = {name: x[:n] for name, x in loaded.feeds.items() if name != "F_x_1"}  # part of f_x_1
-        force = loaded.sense * inputs["f_x_1"]
+        force = loaded.x_sign * inputs["f_x_1"]
         imposed = {"f_x_1_jitter": force} if loaded.jitters else {"F_x_1": force * loaded.run.m_tm}
-        thrust = loaded.sense * inputs["F_noise_x_sc"]
+        thrust = loaded.x_sign * inputs["F_noise_x_sc"]
         # whatever the gains of the trial, the run begins at rest: else they would show in how it settles
-        constant = _balanced_acceleration(loaded.steady, {**self._gains, **theta})
+        constant = _balanced_acceleration(loaded.mean_commands, {**self._gains, **theta})
         feeds |= {**imposed, "F_noise_x_sc": thrust, "g_2": np.full(n, constant)}
         outputs = self._simulated(loaded.loop, n, feeds, theta)
         self._done += 1
         self.on_simulation(self._done)
-        return {name: loaded.sense * x for name, x in outputs.items()}
+        return {name: loaded.x_sign * x for name, x in outputs.items()}
 
     def command(self, run: Telemetry, theta: Mapping[str, float], o_12: Array) -> Array:
         """Return what the controller of test mass 2 asks for, see `fit.identification.Loop`."""
         loaded = self._loaded[run.run]
-        outputs = self._simulated(loaded.controller, o_12.size, {"o_12": loaded.sense * o_12}, theta)
-        return loaded.sense * outputs["f_control_2"]
+        outputs = self._simulated(loaded.controller, o_12.size, {"o_12": loaded.x_sign * o_12}, theta)
+        return loaded.x_sign * outputs["f_control_2"]
 
     def direct(self, run: Telemetry) -> Array:
         """Return the force commanded past the controller, see `fit.identification.Loop`."""
         loaded = self._loaded[run.run]
         if "F_x_2" not in loaded.feeds:
             return np.zeros(size(loaded.run, run))
-        return loaded.sense * loaded.feeds["F_x_2"] / loaded.run.m_tm
+        return loaded.x_sign * loaded.feeds["F_x_2"] / loaded.run.m_tm
 
     def _simulated(
-        self, part: Trials, n: int, feeds: Mapping[str, Array], theta: Mapping[str, float]
+        self, part: SimulationSession, n: int, feeds: Mapping[str, Array], theta: Mapping[str, float]
     ) -> dict[str, Array]:
         try:
             return part.simulate(n, feeds, settings(self.targets, theta, self._gains))
@@ -153,33 +158,37 @@ def _load(
     plan: Campaign,
     telemetry: Telemetry,
     fmus: Mapping[str, Path],
-    where: SimulationProgress | None,
-) -> _Loaded:
+    progress: SimulationProgress | None,
+) -> _LoadedRun:
     run = run_of(plan, telemetry)
     if run.alignment_epoch not in run.truth.delta_ifo:  # any value: it is sought
         some = next(iter(run.truth.delta_ifo.values()))
         run = replace(run, truth=replace(run.truth, delta_ifo={run.alignment_epoch: some}))
-    sense = -1.0 if telemetry.x_axis == TOWARDS_1 else 1.0
-    feeds = _driven(run, telemetry, sense)
-    steady = _steady(run, telemetry, feeds, sense)
+    x_sign = -1.0 if telemetry.x_axis == TOWARDS_1 else 1.0
+    feeds = _driven(run, telemetry, x_sign)
+    mean_commands = _mean_commands(run, telemetry, feeds, x_sign)
     run = replace(
         run,
-        dc=_balanced_acceleration(steady, {f"lambda_{j}": getattr(run.truth, f"lambda_{j}") for j in (1, 2)}),
+        dc=_balanced_acceleration(
+            mean_commands, {f"lambda_{j}": getattr(run.truth, f"lambda_{j}") for j in (1, 2)}
+        ),
     )
     placed = read_interfaces(run, fmus)
-    loop = trials.whole_loop(stack, run, placed, ("o_1", "o_12"), where)
-    controller = trials.controller(stack, replace(run, dc=0.0), placed, where)
+    loop = simulation_session.load_loop(stack, run, placed, ("o_1", "o_12"), progress)
+    controller = simulation_session.load_controller(stack, replace(run, dc=0.0), placed, progress)
     jitters = any("f_x_1_jitter" in i.component.inputs for i in placed)
     feeds = {name: x for name, x in feeds.items() if x.any()}  # most are zero, of every run of a campaign
-    return _Loaded(run, feeds, loop, controller, jitters, sense, steady)
+    return _LoadedRun(run, feeds, loop, controller, jitters, x_sign, mean_commands)
 
 
-def _balanced_acceleration(steady: tuple[float, float], gains: Mapping[str, float]) -> float:
+def _balanced_acceleration(mean_commands: tuple[float, float], gains: Mapping[str, float]) -> float:
     """Return the constant acceleration that such commands hold."""
-    return gains["lambda_1"] * steady[0] - gains["lambda_2"] * steady[1]
+    return gains["lambda_1"] * mean_commands[0] - gains["lambda_2"] * mean_commands[1]
 
 
-def _steady(run: Run, telemetry: Telemetry, feeds: Mapping[str, Array], sense: float) -> tuple[float, float]:
+def _mean_commands(
+    run: Run, telemetry: Telemetry, feeds: Mapping[str, Array], x_sign: float
+) -> tuple[float, float]:
     """Return the mean commands on both test masses, as the run shows them without direct forces."""
     factor = round(run.fs / telemetry.fs)
     undriven = (feeds["F_x_1"] == 0) & (feeds["F_x_2"] == 0)
@@ -187,10 +196,10 @@ def _steady(run: Run, telemetry: Telemetry, feeds: Mapping[str, Array], sense: f
         undriven[::factor] if np.mean(undriven) > UNDRIVEN_SHARE else np.ones(telemetry.size, dtype=bool)
     )
     force_1, force_2 = (float(np.nanmean(telemetry.channels[f"f_x_{j}"][undriven])) for j in (1, 2))
-    return sense * force_1, sense * force_2
+    return x_sign * force_1, x_sign * force_2
 
 
-def _driven(run: Run, telemetry: Telemetry, sense: float) -> dict[str, Array]:
+def _driven(run: Run, telemetry: Telemetry, x_sign: float) -> dict[str, Array]:
     """Return what is injected into a run, at the rate of the loop; the guidance as it was recorded, if so."""
     n = size(run, telemetry)
     start = start_sample(run, telemetry)
@@ -206,5 +215,5 @@ def _driven(run: Run, telemetry: Telemetry, sense: float) -> dict[str, Array]:
     for name in recorded:
         x = telemetry.channels[name]
         is_finite = np.isfinite(x)
-        feeds[name] = sense * np.interp(np.arange(n), np.flatnonzero(is_finite), x[is_finite])
+        feeds[name] = x_sign * np.interp(np.arange(n), np.flatnonzero(is_finite), x[is_finite])
     return feeds

@@ -10,7 +10,7 @@ from fit.telemetry.reader import Telemetry
 from lpfcosim.errors import InputError
 from lpfcosim.execution import telemetry_file
 from lpfcosim.identification import check
-from lpfcosim.identification.origin import other_loop
+from lpfcosim.identification.consistency import loop_mismatch
 from lpfcosim.linear import ClosedLoop
 
 LOOP = {"Plant": "12ab", "Actuation": "34cd"}
@@ -36,8 +36,8 @@ def simulated(flown, **more):
 def test_telemetry_of_the_campaign_is_taken_whether_flown_or_simulated(plan, flown):
     check(plan, flown)
     check(plan, simulated(flown))
-    assert other_loop(plan, flown, LOOP) == ""
-    assert other_loop(plan, simulated(flown), LOOP) == ""
+    assert loop_mismatch(plan, flown, LOOP) == ""
+    assert loop_mismatch(plan, simulated(flown), LOOP) == ""
 
 
 @pytest.mark.parametrize(
@@ -86,8 +86,8 @@ def test_a_part_of_a_run_or_another_date_is_no_contradiction(plan, flown):
 
 
 def test_another_loop_is_told_by_what_the_telemetry_says_of_itself(plan, flown):
-    told = other_loop(plan, simulated(flown, fmu_Plant="0", fmu_Mine="1"), LOOP)
+    told = loop_mismatch(plan, simulated(flown, fmu_Plant="0", fmu_Mine="1"), LOOP)
     assert told == "with other FMUs in the place of Plant, Mine"
     slow = [replace(t, fs=1.0) for t in simulated(flown)]
-    assert other_loop(plan, slow, LOOP) == "samples at 1 Hz, where the campaign has 10 Hz"
-    assert other_loop(plan, [replace(t, fs=1.0) for t in flown], LOOP) == ""
+    assert loop_mismatch(plan, slow, LOOP) == "samples at 1 Hz, where the campaign has 10 Hz"
+    assert loop_mismatch(plan, [replace(t, fs=1.0) for t in flown], LOOP) == ""
