@@ -101,6 +101,8 @@ class JointModel:
                 for name, (low, high) in limits.items():
                     result.params[name].set(min=low, max=high)
             else:
+                for name, value in self._values_within(unbounded, limits).items():
+                    bounded[name].value = value
                 with np.errstate(all="ignore"):  # its own covariance is that of badly scaled parameters
                     result = self.minimizer(bounded).least_squares(method="dogbox", x_scale="jac", gtol=1e-12)
         except (ValueError, TypeError) as error:  # residuals that are no numbers, fewer than parameters
@@ -110,6 +112,30 @@ class JointModel:
         if result.var_names:
             self._set_covariance(result)
         return result
+
+    def _values_within(
+        self, unbounded: lmfit.Parameters, limits: Mapping[str, tuple[float, float]]
+    ) -> dict[str, float]:
+        """Return estimates of the parameters that have limits, with those beyond them held there.
+
+        The active-set method ends when all steps are small beside the largest parameter. It starts from
+        here, since ``leastsq`` scales every parameter by itself.
+        """
+        trial = unbounded.copy()
+        while any(p.vary for p in trial.values()):
+            values = self.minimizer(trial).leastsq().params.valuesdict()
+            beyond = {
+                name: min(max(values[name], low), high)
+                for name, (low, high) in limits.items()
+                if trial[name].vary and not low <= values[name] <= high
+            }
+            if not beyond:
+                break
+            for name, value in beyond.items():
+                trial[name].set(value=value, vary=False)
+        else:
+            values = trial.valuesdict()
+        return {name: values[name] for name in limits}
 
     def _set_covariance(self, result: MinimizerResult) -> None:
         """Have lmfit state the true covariance, the error of the PSD included."""

@@ -6,7 +6,7 @@ a message names the file and the column that somebody can look at. All else read
 
 import hashlib
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from pathlib import Path
 
@@ -14,7 +14,7 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from fit.errors import InputError
+from fit.errors import FitError, InputError
 from fit.files import refuse_links
 from fit.telemetry import sandbox, time_axis
 from fit.telemetry.archive_columns import ArchiveColumn, Archives, describe
@@ -80,6 +80,16 @@ def convert(paths: Sequence[Path], folder: Path, *, any_gaps: bool) -> list[Path
         if not is_text(table.archive)
     )
     sandbox.check(validate, [t.archive for t in tables], [t.table for t in tables])
+    try:
+        _write_all(maps, folder, any_gaps=any_gaps)
+    except OSError as error:
+        raise FitError(f"{folder}: cannot be written ({error.strerror}), expected a folder") from error
+    runs = {path: [folder / f"{source.run}.h5" for source in mapping.runs] for path, mapping in maps.items()}
+    return [file for path in dict.fromkeys(paths) for file in runs.get(path, [path])]
+
+
+def _write_all(maps: Mapping[Path, Map], folder: Path, *, any_gaps: bool) -> None:
+    """Write the runs of all maps in place of those of earlier conversions, or none of them."""
     existing = _converted(folder)
     parent = next(p for p in folder.resolve().parents if p.is_dir())
     with tempfile.TemporaryDirectory(prefix=".conversion-", dir=parent) as workspace:
@@ -89,10 +99,8 @@ def convert(paths: Sequence[Path], folder: Path, *, any_gaps: bool) -> list[Path
         folder.mkdir(parents=True, exist_ok=True)
         for file in existing:
             file.unlink()
-        for run in places:
-            (Path(workspace) / f"{run}.h5").replace(folder / f"{run}.h5")
-    runs = {path: [folder / f"{source.run}.h5" for source in mapping.runs] for path, mapping in maps.items()}
-    return [file for path in dict.fromkeys(paths) for file in runs.get(path, [path])]
+        for file in Path(workspace).glob("*.h5"):
+            file.replace(folder / file.name)
 
 
 def _converted(folder: Path) -> list[Path]:

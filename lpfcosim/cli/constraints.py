@@ -1,5 +1,6 @@
 """Constraints of parameters of a fit, from options to the table ``[fit.parameters]``."""
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
@@ -54,9 +55,12 @@ class Constraints:
 
 def _parse_number(text: str, place: str, form: str) -> float:
     try:
-        return float(text)
+        value = float(text)
     except ValueError:
-        raise InputError(f"{place}: {quote(text)} is not a number, expected {form}") from None
+        value = math.nan
+    if not math.isfinite(value):
+        raise InputError(f"{place}: {quote(text)} is not a number, expected {form}")
+    return value
 
 
 def _parse_value(text: str, place: str, form: str) -> dict[str, object]:

@@ -121,6 +121,18 @@ def test_load_converts_what_a_map_describes(tmp_path, monkeypatch):
         np.testing.assert_array_equal(one.channels["o_12"], other.channels["o_12"])
 
 
+@pytest.mark.parametrize("folder", ["file", "file/telemetry", "n" * 300])
+def test_a_folder_that_cannot_be_written_is_named(folder, tmp_path, monkeypatch):
+    found = pair(World(), "E", duration=7200.0, drive_1=1e-13, experiment="E1")
+    for run in found:
+        as_csv(tmp_path / f"{run.run}.csv", columns_of(run))
+    (tmp_path / "flight.toml").write_text(map_of(found, "csv"), encoding="utf-8")
+    (tmp_path / "file").write_text("not a folder", encoding="utf-8")
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(fit.FitError, match=f"^{folder}: cannot be written .*, expected a folder$"):
+        fit.load("flight.toml", folder=folder)
+
+
 @pytest.mark.parametrize(
     ("act", "expected"),
     [

@@ -14,6 +14,8 @@ from fit.telemetry.validation import plain, storage_fault
 
 SUFFIXES = (".h5", ".hdf5", ".hdf", ".he5", ".nc", ".nc4")
 _HIDDEN = ("#refs#", "#subsystem#")  # of MATLAB
+#: What h5py and NumPy raise of types and attributes that they do not know.
+_UNREADABLE = (TypeError, ValueError, KeyError, AttributeError)
 
 
 @contextmanager
@@ -34,9 +36,15 @@ def _columns(path: Path, file: h5py.File) -> dict[str, Column]:
     of_classes: dict[str, str] = {}
 
     def visit(name: str, item: h5py.Dataset | h5py.Group) -> None:
-        top = name.partition("/")[0]
+        top, dotted = name.partition("/")[0], name.replace("/", ".")
         if top in _HIDDEN or any(name.startswith(f"{frame}/") for frame in frames):
             return
+        try:
+            read(name, top, item)
+        except _UNREADABLE:  # one that no map names must not cost the others
+            columns[dotted] = Column(reason="of a type that is not read", source=dotted)
+
+    def read(name: str, top: str, item: h5py.Dataset | h5py.Group) -> None:
         kind = matlab_hdf5.class_of(item)
         if kind is not None:
             of_classes.setdefault(top, kind)

@@ -32,6 +32,7 @@ _BOMS = {
 }
 _HEAD = 2**16  # bytes that show the encoding
 _LONGEST_LINE = 2**20  # letters
+_LONGEST_HEADER = 4 * _LONGEST_LINE
 _SAMPLE = 200  # lines that show the layout
 _BLOCK = 2**14  # lines that are split at a time
 
@@ -159,7 +160,12 @@ def _sample(path: Path, file: TextIO) -> Iterator[tuple[int, str]]:
     for n, text in _numbered(path, file):
         yield n, text
         count, letters = count + is_data(text), letters + len(text)
-        if count == _SAMPLE or letters > 4 * _LONGEST_LINE:
+        if not count and letters > _LONGEST_HEADER:
+            raise InputError(
+                f"{path}: line {n}: no row of data in the first {_LONGEST_HEADER // 2**20} MiB, expected a "
+                "shorter header"
+            )
+        if count == _SAMPLE or letters > _LONGEST_HEADER:
             return
 
 

@@ -175,6 +175,23 @@ def test_a_tie_that_bends_has_the_minimum_that_a_search_finds(two_runs):
     assert tied.chisqr == pytest.approx(optimum.fun)
 
 
+def test_parameters_of_other_sizes_settle_beside_a_bound():
+    # correlated, at 3e4, 1e-7 and 1e-9; the second is held and moves the third by many of its sigmas
+    scale = np.array([1e2, 1e-9, 1e-11])
+    root = np.array([[1.0, 0.3, 0.1], [0.0, 1.0, 0.95], [0.0, 0.0, 0.3]]) / scale
+    c = np.array([3e4, 1e-7, 1e-9])
+    model = JointModel([RunEstimate("A", c, root, LinearEquation())])
+    params = lmfit_params(["a", "b", "c"], c + np.array([0.0, -1e-8, 1e-9]), {})
+    params["b"].set(max=c[1] - 7 * scale[1])
+    W = root.T @ root
+    b = -7 * scale[1]
+    expected = np.linalg.solve(W[np.ix_([0, 2], [0, 2])], -W[[0, 2], 1] * b)
+    result = model.fit(params).params
+    assert result["b"].value == pytest.approx(c[1] + b, rel=1e-12)
+    shift = np.array([result["a"].value - c[0], result["c"].value - c[2]])
+    assert (shift - expected) / scale[[0, 2]] == pytest.approx(np.zeros(2), abs=1e-3)
+
+
 def test_a_bound_holds_wherever_the_fit_starts(two_runs):
     at_bound = solved(two_runs, a={"max": 1.0})
     assert at_bound.result.params["a"].value == pytest.approx(1.0, abs=1e-6)

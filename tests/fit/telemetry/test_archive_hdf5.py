@@ -89,9 +89,14 @@ def test_what_in_hdf5_is_no_column(tmp_path):
         file.create_dataset("lists", (2,), h5py.vlen_dtype("f8"))[0] = T
         file.create_dataset("other filter", data=T, chunks=(10,), scaleoffset=3)
         file["wide"] = np.ones((1001, 1002))
+        h5py.h5d.create(file.id, b"date", h5py.h5t.UNIX_D32LE, h5py.h5s.create_simple((N,)))
+        file["classes"] = T
+        file["classes"].attrs["MATLAB_class"] = np.zeros(3)
     assert reasons(tmp_path / "a.h5") == {
+        "classes": "of a type that is not read",
         "complex": "complex numbers",
         "cube": "an array of shape (3, 4, 5)",
+        "date": "of a type that is not read",
         "elsewhere": "kept in other files",
         "empty": "empty",
         "link": "a link",

@@ -193,3 +193,10 @@ def test_columns_by_name_and_number(tmp_path):
         }.items():
             with pytest.raises(InputError, match=re.escape(expected) + "$"):
                 table.column(key, " (channel o_1)")
+
+
+def test_a_header_without_end_is_refused(tmp_path):
+    (tmp_path / "a.csv").write_text("# a line of a comment\n" * 200_000 + "t,x\n0,1\n", encoding="utf-8")
+    refused = pytest.raises(InputError, match=r"a\.csv: line \d+: no row of data in the first 4 MiB")
+    with refused, open_table(tmp_path / "a.csv", None):
+        pass
