@@ -8,7 +8,7 @@ import pytest
 from fmpy.fmi1 import FMICallException
 
 from lpfcosim.modelica import build
-from lpfcosim.models import world_of
+from lpfcosim.models import model_of
 from lpfcosim.spacecraft import Sine, Spacecraft
 from tests.lpfcosim.cosim import in_memory
 from tests.lpfcosim.modelica.modelica_source import fmu
@@ -65,7 +65,8 @@ def test_assertion_that_does_not_hold_is_an_error_with_its_message(tmp_path):
 def test_example_is_wired_as_the_co_simulation(make_run, example, spacecraft):
     text = (build.PACKAGE / "Examples" / f"{example}.mo").read_text(encoding="utf-8")
     wired = dict(reversed(pair) for pair in re.findall(r"connect\(([\w.]+), ([\w.]+)\);", text))
-    for c in world_of(make_run(spacecraft=spacecraft)).components:
+    run = make_run(spacecraft=spacecraft)
+    for c in model_of(run).components(run):
         for name, source in c.inputs.items():
             model, dot, output = source.partition(".")
             signal = "guidance.y" if source == "guidance_o_12" else f"signals.{source}"
@@ -78,16 +79,19 @@ def test_example_is_wired_as_the_co_simulation(make_run, example, spacecraft):
 def test_example_steps_like_the_co_simulation(make_run, example, spacecraft):
     sine = Sine("guidance_o_12", amplitude=10e-9, frequency=0.01, cycles=100, start=0)
     run = make_run(spacecraft=spacecraft, injections=(sine,), dc=3e-12, n_samples=3000)
-    world = world_of(run)
-    parts = build.build([c.model for c in world.components])
-    expected = in_memory.simulate(run, parts)
+    spacecraft_model = model_of(run)
+    expected = in_memory.simulate(run, build.build(spacecraft_model.models))
     channels = {
         name: f"{component(model)}.{variable}"
-        for name, (model, dot, variable) in ((n, s.partition(".")) for n, s in world.record.items())
+        for name, (model, dot, variable) in (
+            (n, s.partition(".")) for n, s in spacecraft_model.record.items()
+        )
         if dot
     }
     start = {
-        f"{component(m)}.{p}": v for m, values in world.parameters(run).items() for p, v in values.items()
+        f"{component(m)}.{p}": v
+        for m, values in spacecraft_model.parameters(run).items()
+        for p, v in values.items()
     }
     start |= {"guidance.amplitude": 10e-9, "guidance.f": 0.01, "signals.g_2_held": run.dc}
     result = fmpy.simulate_fmu(
@@ -95,7 +99,7 @@ def test_example_steps_like_the_co_simulation(make_run, example, spacecraft):
         output_interval=run.h, start_values=start, output=list(channels.values()),
     )  # fmt: skip
     for name, variable in channels.items():
-        commanded = component(world.record[name].partition(".")[0]) in ("actuation", "dragFree")
+        commanded = component(spacecraft_model.record[name].partition(".")[0]) in ("actuation", "dragFree")
         # A command that follows from the read-outs at t_n is seen at the end of the step from t_n.
         values = result[variable][1:] if commanded else result[variable][:-1]
         tolerance = 1e-9 * np.sqrt(np.mean(expected[name] ** 2)) + 1e-28  # rounding, where nothing moves
