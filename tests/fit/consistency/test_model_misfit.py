@@ -49,6 +49,15 @@ def test_forces_that_most_runs_do_not_record_are_named():
     assert all(1.5e-14 < cause.size < 2.5e-14 for cause in named)
 
 
+@pytest.mark.parametrize("frequencies", [(1.667e-3,), (0.833e-3, 1.667e-3, 6.67e-3)])
+def test_of_two_runs_the_one_with_an_unrecorded_force_is_left_out(frequencies):
+    spoil = pushed_at(*frequencies, amplitude=2e-15, names=("B4",))
+    results = calibrate(list(spoil(clean(("B4", "C4"))).values()))
+    assert results.provenance.joint_runs == ["C4-sysid"]
+    assert not results.joint.unsound
+    assert results.experiments["B4"].unsound
+
+
 def test_a_force_that_the_only_run_does_not_record_is_named():
     (cause,) = causes(pushed_at(1.667e-3, amplitude=2e-14, names=("B4",)), ("B4",))
     assert (cause.kind, cause.run) == ("unrecorded force", "B4")
