@@ -4,7 +4,7 @@ Both are those of the linear closed loop, with no command at its limit. Of what 
 the whole spacecraft there is what is linear about its steady turn: a rate that adds to it pulls along x.
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from functools import lru_cache
 from itertools import pairwise
@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from lpfcosim.linear.closed_loop import ClosedLoop
 from lpfcosim.linear.state_space import StateSpace
 from lpfcosim.models import model_of
-from lpfcosim.signals import Noise, Weights, commanded
+from lpfcosim.signals import Noise, Weights, commanded, decimation
 from lpfcosim.spacecraft import Actuation, Injection, Run
 
 Array = NDArray[np.float64]
@@ -34,7 +34,9 @@ def recorded_system(run: Run) -> StateSpace:
     return system.select(system.inputs, channels).observable()
 
 
-def linear_response(run: Run, noise: Noise | None = None, rate: float = RATE) -> dict[str, Array]:
+def linear_response(
+    run: Run, noise: Noise | None = None, rate: float = RATE, *, low_pass: bool = False
+) -> dict[str, Array]:
     """Return what the injections make of the channels.
 
     Parameters
@@ -45,6 +47,8 @@ def linear_response(run: Run, noise: Noise | None = None, rate: float = RATE) ->
         To be there too; none otherwise.
     rate : float
         Of what is returned [Hz], which the sample rate of the run is a multiple of.
+    low_pass : bool
+        Low-pass the channels as archives of this rate are: abrupt injections alias otherwise.
 
     Returns
     -------
@@ -69,13 +73,8 @@ def linear_response(run: Run, noise: Noise | None = None, rate: float = RATE) ->
     weights = np.stack(powers[::-1], axis=1)
     recursion = _Recursion(np.linalg.matrix_power(system.A, stride), system.C)
     state = np.zeros(len(system.A))
-    for begin in range(0, n, BLOCK):
-        end = min(begin + BLOCK, n)
-        signals = dict(_commands(run.injections, run.fs, begin * stride, end * stride))
-        if noise:
-            drawn = noise.take((end - begin) * stride)
-            drawn["g_2"] -= run.dc  # the equilibrium holds it
-            signals = {name: x for name, x in (signals | drawn).items() if x.any()}
+    taps = decimation.taps(stride) if low_pass else np.ones(1)
+    for begin, end, signals in _blocks(run, noise, stride, taps):
         driven = {i: signals[name] for name, i in columns.items() if name in signals}
         block, state = recursion.advance(
             state, end - begin, ((weights[:, :, i], x) for i, x in driven.items())
@@ -85,6 +84,36 @@ def linear_response(run: Run, noise: Noise | None = None, rate: float = RATE) ->
             for k in np.flatnonzero(system.D[:, i]):
                 channels[k, begin:end] += x[::stride] * system.D[k, i]
     return dict(zip(system.outputs, channels, strict=True))
+
+
+def _blocks(
+    run: Run, noise: Noise | None, stride: int, taps: Array
+) -> Iterator[tuple[int, int, dict[str, Array]]]:
+    """Yield the signals from outside that are not zero, block by block, filtered by symmetric taps.
+
+    The loop is linear: filtered signals make of it the filtered channels. Beyond the run signals are zero.
+    """
+    half, n = taps.size // 2, run.n_samples // stride
+    drawn: dict[str, Array] = {}  # from half a filter before the block on
+    for begin in range(0, n, BLOCK):
+        end = min(begin + BLOCK, n)
+        start, stop = begin * stride - half, end * stride + half
+        first, last = max(start, 0), min(stop, n * stride)
+        padding = first - start, stop - last
+        signals = dict(_commands(run.injections, run.fs, first, last))
+        if noise:
+            held = next(iter(drawn.values())).size if drawn else 0
+            new = noise.take(last - first - held)
+            new["g_2"] -= run.dc  # the equilibrium holds it
+            drawn = {name: np.concatenate([drawn.get(name, x[:0]), x]) for name, x in new.items()}
+            signals |= drawn
+            drawn = {name: x[max(end * stride - half, 0) - first :] for name, x in drawn.items()}
+        signals = {name: x for name, x in signals.items() if x.any()}
+        if half:
+            signals = {
+                name: np.convolve(np.pad(x, padding), taps, mode="valid") for name, x in signals.items()
+            }
+        yield begin, end, signals
 
 
 @lru_cache(maxsize=CACHE_SIZE)

@@ -63,7 +63,9 @@ class Simulation:
         self._n = run.n_samples // round(run.fs / response.RATE)
         driven = run.injections or glitches
         responses = (
-            response.linear_response(run, glitches) if driven else dict.fromkeys(channels, np.zeros(self._n))
+            response.linear_response(run, glitches, low_pass=True)
+            if driven
+            else dict.fromkeys(channels, np.zeros(self._n))
         )
         self._mean = {name: responses[name].copy() for name in channels}  # those of the others go
         for name, level in ClosedLoop(run).equilibrium().items():

@@ -7,7 +7,6 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
-import scipy
 from numpy.typing import ArrayLike, NDArray
 
 Array = NDArray[np.float64]
@@ -74,7 +73,11 @@ class StateSpace:
         f = np.asarray(frequency, dtype=float)
         z = np.exp(2j * np.pi * self.dt * f)[:, np.newaxis, np.newaxis]
         A, B, C, D = self._elimination
-        states = np.linalg.solve(z * np.eye(A.shape[1]) - _in_delays(A, z), _in_delays(B, z))
+        resolvent = z * np.eye(A.shape[1]) - _in_delays(A, z)
+        if len(self.outputs) < len(self.inputs):
+            adjoint = np.linalg.solve(resolvent.mT, _in_delays(C, z).mT)
+            return np.asarray(adjoint.mT @ _in_delays(B, z) + _in_delays(D, z))
+        states = np.linalg.solve(resolvent, _in_delays(B, z))
         return np.asarray(_in_delays(C, z) @ states + _in_delays(D, z))
 
     @cached_property
@@ -101,15 +104,17 @@ class StateSpace:
     @cached_property
     def _memory(self) -> NDArray[np.intp]:
         """Return the numbers of states of which none follows from itself, be it through others of them."""
+        memory: list[NDArray[np.intp]] = []
         candidates = np.flatnonzero(np.diag(self.A) == 0)
-        links = scipy.sparse.csr_array(self.A[np.ix_(candidates, candidates)] != 0)
-        _, loop = scipy.sparse.csgraph.connected_components(links, connection="strong")
-        return np.asarray(candidates[np.bincount(loop)[loop] == 1])
+        while True:
+            links = self.A[np.ix_(candidates, candidates)].any(axis=1)
+            if links.all():
+                return np.sort(np.concatenate([np.zeros(0, dtype=np.intp), *memory]))
+            memory.append(candidates[~links])
+            candidates = candidates[links]
 
 
 def _in_delays(coefficients: Array, z: Complex) -> Complex:
     """Evaluate a polynomial in 1/z with matrix coefficients, those of the lowest order first."""
-    value = np.zeros(coefficients.shape[1:], dtype=np.complex128)
-    for coefficient in coefficients[::-1]:
-        value = coefficient + value / z
-    return np.asarray(np.broadcast_to(value, (z.size, *coefficients.shape[1:])))
+    powers = z[:, 0] ** -np.arange(len(coefficients))
+    return np.asarray(np.tensordot(powers, coefficients.astype(complex), axes=1))

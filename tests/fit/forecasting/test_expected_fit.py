@@ -223,7 +223,7 @@ def test_levels_of_the_noise(make_run):
     psd = drives.psd(make_run(noise=levels), f := np.array([1e-3, 1e-2]))
     assert psd["n_12"] == pytest.approx(35e-15**2)
     assert 2 * psd["g_1"] == pytest.approx(5e-15**2 + (1.3 * 60e-15 * 20e-6 / f) ** 2, rel=1e-3)
-    assert psd["f_x_1"] == pytest.approx((1e-14 * 1e-3 / f) ** 2, rel=0.02)
+    assert psd["f_x_1_jitter"] == pytest.approx((1e-14 * 1e-3 / f) ** 2, rel=0.02)
 
 
 def test_turning_against_the_simulation(make_run):

@@ -71,7 +71,7 @@ class LinearLoop:
         self.simulated = 0
 
     def _run(self, telemetry, theta):
-        run = self._runs[telemetry_file.run]
+        run = self._runs[telemetry.run]
         truth = dict(theta)
         delta_ifo = {run.alignment_epoch: truth.pop("delta_ifo", run.delta_ifo)}
         law = replace(
@@ -100,5 +100,5 @@ class LinearLoop:
         return -command
 
     def direct(self, telemetry):
-        run = self._runs[telemetry_file.run]
+        run = self._runs[telemetry.run]
         return stimuli.injections(run)["F_x_2"] / run.m_tm

@@ -9,7 +9,7 @@ import scipy
 
 from lpfcosim.linear import spectral_simulation
 from lpfcosim.models import stimuli
-from lpfcosim.signals import events
+from lpfcosim.signals import decimation, events
 from lpfcosim.spacecraft.events import Events
 from lpfcosim.spacecraft.run import Authority, Noise, Run
 from tests.reference_run import simulate_reference
@@ -119,4 +119,5 @@ def test_a_run_from_spectra_has_the_same_glitches_and_gaps():
     for name, values in drawn.items():
         np.testing.assert_array_equal(np.isnan(values), lost)
         size = np.abs(exact[name]).max()
-        assert np.nanmax(np.abs(values - exact[name][::10])) <= 1e-6 * size
+        low_passed = np.convolve(exact[name], decimation.taps(10), mode="same")[::10]
+        assert np.nanmax(np.abs(values - low_passed)[30:-30]) <= 1e-6 * size
