@@ -3,13 +3,13 @@
 import re
 from collections.abc import Iterable, Sequence
 
-_MOST = 8  # names in a row
+_MAX_NAMES = 8  # names in a row
 _DECIMAL = re.compile(r"\d+\.\d+(e[-+]?\d+)?")  # a time, or what an FMU says of a value
 
 
-def line(said: object) -> str:
+def line(value: object) -> str:
     """Show it on one line and not at length."""
-    text = " ".join(str(said).split())
+    text = " ".join(str(value).split())
     text = text if len(text) <= 300 else f"{text[:297]}..."
     return text if text.isprintable() else ascii(text)[1:-1]
 
@@ -27,27 +27,27 @@ def grouped(causes: Iterable[tuple[str, str]], noun: str = "run") -> list[str]:
     noun : str
         What the names are names of.
     """
-    same: dict[str, dict[str, str]] = {}
+    sentences: dict[str, dict[str, str]] = {}
     for name, cause in causes:
-        same.setdefault(_DECIMAL.sub("", _bare(name, cause, noun)), {}).setdefault(name, cause)
-    return [_sentence(of, noun) for of in same.values()]
+        sentences.setdefault(_DECIMAL.sub("", _bare(name, cause, noun)), {}).setdefault(name, cause)
+    return [_sentence(causes_by_name, noun) for causes_by_name in sentences.values()]
 
 
-def names(of: Sequence[str]) -> str:
+def names(name_list: Sequence[str]) -> str:
     """Return names in a row, not more than a few."""
-    more = f" and {len(of) - _MOST} more" if len(of) > _MOST else ""
-    return ", ".join(of[:_MOST]) + more
+    suffix = f" and {len(name_list) - _MAX_NAMES} more" if len(name_list) > _MAX_NAMES else ""
+    return ", ".join(name_list[:_MAX_NAMES]) + suffix
 
 
 def _sentence(causes: dict[str, str], noun: str) -> str:
     """Return one sentence about all of some names, whose causes are the same."""
-    (name, cause), *others = causes.items()
+    (name, cause), *other_causes = causes.items()
     bare = _bare(name, cause, noun)
-    if not others:
+    if not other_causes:
         return cause if bare != cause else f"{noun} {name}: {cause}"
     differ = len({_bare(each, said, noun) for each, said in causes.items()}) > 1
-    at = f" ({name}; the others with other numbers)" if differ else ""
-    return f"{noun}s {names(list(causes))}: {bare}{at}"
+    example = f" ({name}; the others with other numbers)" if differ else ""
+    return f"{noun}s {names(list(causes))}: {bare}{example}"
 
 
 def _bare(name: str, cause: str, noun: str) -> str:

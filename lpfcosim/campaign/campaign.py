@@ -102,7 +102,7 @@ class Campaign:
         if isinstance(craft, Spacecraft):  # one value a run, that of its middle
             since = (start - datetime.fromisoformat(self.t0)).total_seconds()
             craft = craft.after(since + n_samples / FS / 2)
-        noise = history.evolved(experiment.noise, experiment.plateau, start)
+        noise = history.plateau_at(experiment.noise, experiment.plateau, start)
         return Run(
             name=name,
             experiment=experiment.name,
@@ -112,7 +112,7 @@ class Campaign:
             alignment_epoch=experiment.alignment_epoch,
             t0=iso(start),
             truth=self.truth.of_experiment(experiment.name, self.seed),
-            noise=history.scattered(noise, self.tail_scatter, experiment.name, self.seed),
+            noise=history.scatter_tail(noise, self.tail_scatter, experiment.name, self.seed),
             actuation=self.actuation,
             dc=experiment.dc,
             injections=experiment.injections if kind == "sysid" else (),

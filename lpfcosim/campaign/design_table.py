@@ -52,7 +52,7 @@ class DesignTable(Table):
 
     @field_validator("authority")
     @classmethod
-    def _few(cls, authority: ChoicesTable) -> ChoicesTable:
+    def _check_combinations(cls, authority: ChoicesTable) -> ChoicesTable:
         combinations = prod(len(values) or 1 for values in vars(authority).values())
         if combinations > MANY:
             raise problem(f"{combinations} settings to try, expected {MANY} at most")
@@ -76,35 +76,39 @@ class DesignTable(Table):
     def record(self) -> DesignSpec:
         """Return the wishes as the design knows them."""
         caps = tuple(cap for quantity, table in self.limits.items() for cap in _caps(quantity, table))
-        said = self.model_dump(exclude={"limits", "forbidden", "authority"})
+        fields = self.model_dump(exclude={"limits", "forbidden", "authority"})
         authority = {name: tuple(values) for name, values in vars(self.authority).items() if values}
         forbidden = tuple((low, high) for low, high in self.forbidden)
-        return DesignSpec(caps=caps, forbidden=forbidden, authority=authority, **said)
+        return DesignSpec(caps=caps, forbidden=forbidden, authority=authority, **fields)
 
 
 def _caps(quantity: LimitedQuantity, table: CapTable) -> list[LimitSpec]:
-    found = []
+    limits = []
     for kind in get_args(LimitKind):
-        said = getattr(table, kind)
-        if said is None:
+        text = getattr(table, kind)
+        if text is None:
             continue
-        if said.strip().endswith("%"):
-            found.append(LimitSpec(quantity, kind, _fraction(quantity, kind, said), of_authority=True))
+        if text.strip().endswith("%"):
+            limits.append(LimitSpec(quantity, kind, _fraction(quantity, kind, text), of_authority=True))
             continue
-        moved = quantity.startswith("o_")
-        unit = (_SPEED if moved else _RATE) if kind == "slew" else (LENGTH if moved else FORCE)
-        found.append(LimitSpec(quantity, kind, unit.to_si(said)))
-    return found
+        is_displacement = quantity.startswith("o_")
+        unit = (
+            (_SPEED if is_displacement else _RATE)
+            if kind == "slew"
+            else (LENGTH if is_displacement else FORCE)
+        )
+        limits.append(LimitSpec(quantity, kind, unit.to_si(text)))
+    return limits
 
 
-def _fraction(quantity: str, kind: str, said: str) -> float:
+def _fraction(quantity: str, kind: str, text: str) -> float:
     """Return a share of the authority."""
     if quantity not in ("F_x_1", "F_x_2") or kind != "peak":
-        raise problem(f"{quote(said)}: only peaks of F_x_1 and F_x_2 have an authority to take a share of")
+        raise problem(f"{quote(text)}: only peaks of F_x_1 and F_x_2 have an authority to take a share of")
     try:
-        share = float(said.strip().removesuffix("%")) / 100
+        share = float(text.strip().removesuffix("%")) / 100
     except ValueError:
         share = -1.0
     if not 0 < share <= 1:
-        raise problem(f'{quote(said)} is no share, write it like "40 %"')
+        raise problem(f'{quote(text)} is no share, write it like "40 %"')
     return share

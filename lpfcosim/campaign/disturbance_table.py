@@ -59,17 +59,17 @@ class EventsTable(Table):
     @classmethod
     def _within_what_is_read(cls, rate: float, info: ValidationInfo) -> float:
         share = rate * info.data.get("gap_duration", 0.0) / events.DAY
-        if share > events.LOST / 2:
+        if share > events.MAX_GAP_FRACTION / 2:
             raise problem(
                 f"{rate:g} gaps of {info.data['gap_duration']:g} s a day take {100 * share:.2g} % of a run, "
-                f"expected {50 * events.LOST:.2g} % at most: telemetry may lack 1 %"
+                f"expected {50 * events.MAX_GAP_FRACTION:.2g} % at most: telemetry may lack 1 %"
             )
         return rate
 
     @model_validator(mode="after")
     def _none_for_nothing(self) -> Self:
-        for what, rate in (("glitch_", "glitches_per_day"), ("gap_", "gaps_per_day")):
-            idle = [key for key in self.model_fields_set if key.startswith(what)]
+        for prefix, rate in (("glitch_", "glitches_per_day"), ("gap_", "gaps_per_day")):
+            idle = [key for key in self.model_fields_set if key.startswith(prefix)]
             if idle and rate not in self.model_fields_set:
                 raise problem(f"{min(idle)} does nothing without {rate}")
         return self

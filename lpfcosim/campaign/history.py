@@ -9,7 +9,7 @@ import numpy as np
 from lpfcosim.spacecraft import Noise
 
 
-def evolved(noise: Noise, levels: Sequence[tuple[str, float]], start: datetime) -> Noise:
+def plateau_at(noise: Noise, levels: Sequence[tuple[str, float]], start: datetime) -> Noise:
     """Return the noise of a run that starts then: its plateau decays exponentially from date to date.
 
     Before the first date it is as there, after the last likewise; without any it is as given.
@@ -21,7 +21,7 @@ def evolved(noise: Noise, levels: Sequence[tuple[str, float]], start: datetime) 
     return replace(noise, plateau=float(np.exp(np.interp(start.timestamp(), dates, logarithms))))
 
 
-def scattered(noise: Noise, scatter: float, name: str, seed: int) -> Noise:
+def scatter_tail(noise: Noise, scatter: float, name: str, seed: int) -> Noise:
     """Return the noise of an experiment, its tail scattered log-normally about that of the campaign."""
     if not scatter:
         return noise

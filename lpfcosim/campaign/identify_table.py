@@ -39,19 +39,19 @@ class SoughtTable(Table):
         return ParameterSpec(self.start, bounds, self.width, self.shared)
 
 
-def _flat(said: Any) -> Any:
+def _flat(raw: Any) -> Any:
     """Write ``{Model: {name: …}}`` as ``{"Model.name": …}``, as TOML lets one do."""
-    if not isinstance(said, dict):
-        return said
-    found: dict[str, Any] = {}
-    for key, value in said.items():
+    if not isinstance(raw, dict):
+        return raw
+    entries_by_name: dict[str, Any] = {}
+    for key, value in raw.items():
         nested = isinstance(value, dict) and value and all(isinstance(v, dict) for v in value.values())
         entries = {f"{key}.{name}": v for name, v in value.items()} if nested else {key: value}
         for name, entry in entries.items():
-            if name in found:
+            if name in entries_by_name:
                 raise problem(f"{quote(name)} is there twice")
-            found[name] = entry
-    return found
+            entries_by_name[name] = entry
+    return entries_by_name
 
 
 def _either(schema: dict[str, Any]) -> None:

@@ -53,10 +53,10 @@ class TaperedSineTable(SineTable):
 
     @field_validator("ramp")
     @classmethod
-    def _within(cls, ramp: float, info: ValidationInfo) -> float:
-        lasting = info.data.get("cycles", 0) / info.data.get("frequency", 1.0)
-        if lasting and 2 * ramp > lasting * (1 + 1e-9):
-            raise problem(f"{ramp:g} s twice is more than the sine lasts, {lasting:.6g} s")
+    def _check_ramp(cls, ramp: float, info: ValidationInfo) -> float:
+        duration = info.data.get("cycles", 0) / info.data.get("frequency", 1.0)
+        if duration and 2 * ramp > duration * (1 + 1e-9):
+            raise problem(f"{ramp:g} s twice is more than the sine lasts, {duration:.6g} s")
         return ramp
 
     def record(self) -> TaperedSine:

@@ -59,20 +59,20 @@ def load(path: Path) -> Campaign:
     try:
         table = CampaignTable.model_validate(raw)
         if "extends" in raw:
-            said = toml_file.load(path).get("defaults", {})
-            check_defaults(said, table.experiments, swept=table.sweep is not None)
-        found = _build(table)
+            file_defaults = toml_file.load(path).get("defaults", {})
+            check_defaults(file_defaults, table.experiments, swept=table.sweep is not None)
+        campaign = _build(table)
     except ValidationError as error:
         raise InputError(f"{path}: {validation_messages(error, SHAPES)}") from None
     except ConflictError as error:
         raise InputError(f"{path}: {error}") from None
-    return replace(found, tables={key: value for key, value in raw.items() if key != "extends"})
+    return replace(campaign, tables={key: value for key, value in raw.items() if key != "extends"})
 
 
 def sources(path: Path) -> tuple[Path, ...]:
     """Return a campaign file and those that it extends, one on top of the other; `load` must accept it."""
-    said = toml_file.load(path)
-    return (path, *(sources(path.parent / said["extends"]) if "extends" in said else ()))
+    content = toml_file.load(path)
+    return (path, *(sources(path.parent / content["extends"]) if "extends" in content else ()))
 
 
 def _shown(path: Path) -> str:
@@ -85,15 +85,15 @@ def _build(table: CampaignTable) -> Campaign:
     entries = _entries(table)
     _check_electrodes(table, entries)
     experiments: list[Experiment] = []
-    taken: dict[str, int] = {}
+    run_owners: dict[str, int] = {}
     for i, entry in enumerate(entries):
         experiment = _experiment(table, entry, truth)
         for name in experiment.run_names:
-            first = taken.setdefault(name.casefold(), i)
-            if first != i:
+            owner = run_owners.setdefault(name.casefold(), i)
+            if owner != i:
                 raise ConflictError(
-                    f'{entry.at("name")}: there would be two runs named "{name}", the other from '
-                    f'{entries[first].where} ("{experiments[first].name}")'
+                    f'{entry.place_of("name")}: there would be two runs named "{name}", the other from '
+                    f'{entries[owner].location} ("{experiments[owner].name}")'
                 )
         experiments.append(experiment)
     campaign = Campaign(
@@ -136,11 +136,11 @@ def _build(table: CampaignTable) -> Campaign:
 
 def _entries(table: CampaignTable) -> tuple[ResolvedExperiment, ...]:
     """Return the experiments that are asked for: those written, or those of a sweep."""
-    found = apply_defaults(table.experiments, table.defaults)
+    experiments = apply_defaults(table.experiments, table.defaults)
     if table.sweep is None:
-        return found
-    authority = table.authority.get(found[0].table.authority or "")
-    return sweep.entries(found[0], table.sweep, authority, table.sequences)
+        return experiments
+    authority = table.authority.get(experiments[0].table.authority or "")
+    return sweep.entries(experiments[0], table.sweep, authority, table.sequences)
 
 
 def _check_order(campaign: Campaign, entries: Sequence[ResolvedExperiment]) -> None:
@@ -148,11 +148,11 @@ def _check_order(campaign: Campaign, entries: Sequence[ResolvedExperiment]) -> N
     place = {
         name: entry for e, entry in zip(campaign.experiments, entries, strict=True) for name in e.run_names
     }
-    for before, run in pairwise(campaign.runs):
-        end = datetime.fromisoformat(before.t0) + timedelta(seconds=before.n_samples / FS)
+    for previous, run in pairwise(campaign.runs):
+        end = datetime.fromisoformat(previous.t0) + timedelta(seconds=previous.n_samples / FS)
         if datetime.fromisoformat(run.t0) < end:
             raise ConflictError(
-                f"{place[run.name].at('t0')}: {run.t0} is before {quote(before.experiment)} ends, "
+                f"{place[run.name].place_of('t0')}: {run.t0} is before {quote(previous.experiment)} ends, "
                 f"at {iso(end)}"
             )
 
@@ -166,39 +166,39 @@ def _check_swept(campaign: Campaign, entries: Sequence[ResolvedExperiment]) -> N
             if demand.channel not in saturation.READ_OUTS and demand.peak > demand.limit:
                 (entry,) = (entry for entry in entries if entry.table.name == run.experiment)
                 raise ConflictError(
-                    f"{entry.where}: the injections of {quote(run.experiment)} take {demand.channel} to "
+                    f"{entry.location}: the injections of {quote(run.experiment)} take {demand.channel} to "
                     f"{100 * demand.peak / demand.limit:.3g} % of its authority; expected more authority or "
                     "less injected"
                 )
 
 
 def _replacement(component: Component, parameters: Collection[str], entry: FmuTable) -> Replacement:
-    where = f"fmus.{component.model}"
+    place = f"fmus.{component.model}"
     known = [*component.inputs, *component.outputs, *parameters]
     for name in entry.variables:
         if name not in known:
-            raise ConflictError(f"{where}.variables: no variable {quote(name)}{closest_match(name, known)}")
+            raise ConflictError(f"{place}.variables: no variable {quote(name)}{closest_match(name, known)}")
     for k, name in enumerate(entry.unused):
         if name not in (*component.inputs, *parameters):
             choices = closest_match(name, [*component.inputs, *parameters])
-            raise ConflictError(f"{where}.unused[{k}]: no input or parameter {quote(name)}{choices}")
+            raise ConflictError(f"{place}.unused[{k}]: no input or parameter {quote(name)}{choices}")
         if name in entry.variables:
-            raise ConflictError(f"{where}.unused[{k}]: {quote(name)} has a place under variables too")
+            raise ConflictError(f"{place}.unused[{k}]: {quote(name)} has a place under variables too")
     fed: dict[str, str] = {}
     for name in (*component.inputs, *(n for n in parameters if n in entry.variables)):
         theirs = entry.variables.get(name, name)
         if name not in entry.unused and fed.setdefault(theirs, name) != name:
-            raise ConflictError(f"{where}.variables: {quote(theirs)} stands for {fed[theirs]} and for {name}")
+            raise ConflictError(f"{place}.variables: {quote(theirs)} stands for {fed[theirs]} and for {name}")
     for name in entry.values:
         if name in entry.variables.values() or (name in parameters and name not in entry.unused):
-            raise ConflictError(f"{where}.values: {quote(name)} is set by the campaign already")
+            raise ConflictError(f"{place}.values: {quote(name)} is set by the campaign already")
     archive = Path(entry.path)
     try:
         known_as = "no such file" if not archive.exists() else "" if archive.is_file() else "is not a file"
     except OSError as error:
         known_as = error.strerror or str(error)
     if known_as:
-        raise ConflictError(f"{where}.path: {_shown(archive)}: {known_as}")
+        raise ConflictError(f"{place}.path: {_shown(archive)}: {known_as}")
     return Replacement(
         component.model,
         archive,
@@ -213,20 +213,20 @@ def _replacement(component: Component, parameters: Collection[str], entry: FmuTa
 def _check_electrodes(table: CampaignTable, entries: Sequence[ResolvedExperiment]) -> None:
     """Refuse authorities that together ask more of an electrode than it can give."""
     named = [(f"authority.{name}", a) for name, a in table.authority.items()]
-    swept = [(entry.at("authority"), entry.authority) for entry in entries]
-    for where, a in (*named, *swept):
+    swept = [(entry.place_of("authority"), entry.authority) for entry in entries]
+    for place, a in (*named, *swept):
         for j, limits in ((1, a and (a.F_max_1, a.N_max_1)), (2, a and (a.F_max_2, a.N_max_2))):
             if limits and largest_pull(*limits) > LARGEST_PULL:
                 raise ConflictError(
-                    f"{where}: F_max_{j} and N_max_{j} together ask {_pN(largest_pull(*limits))} of an "
+                    f"{place}: F_max_{j} and N_max_{j} together ask {_pN(largest_pull(*limits))} of an "
                     f"electrode, expected at most {_pN(LARGEST_PULL)}, what it can give"
                 )
 
 
 def _truth(table: CampaignTable) -> Truth:
-    given = table.truth.model_dump(exclude_unset=True)
-    epochs = {int(key.removeprefix("delta_ifo_")): given.pop(key) for key in list(given) if "ifo" in key}
-    truth = Truth(**given, delta_ifo={**Truth().delta_ifo, **epochs})
+    values = table.truth.model_dump(exclude_unset=True)
+    epochs = {int(key.removeprefix("delta_ifo_")): values.pop(key) for key in list(values) if "ifo" in key}
+    truth = Truth(**values, delta_ifo={**Truth().delta_ifo, **epochs})
     for j, delay in ((1, truth.C_1 / truth.lambda_1), (2, truth.C_2 / truth.lambda_2)):
         if delay < H / 2:
             raise ConflictError(
@@ -248,11 +248,11 @@ def _experiment(table: CampaignTable, place: ResolvedExperiment, truth: Truth) -
         k = entry.alignment_epoch
         known = ", ".join(str(k) for k in sorted(truth.delta_ifo))
         raise ConflictError(
-            f"{place.at('alignment_epoch')}: there is no truth.delta_ifo_{k} (known epochs: {known})"
+            f"{place.place_of('alignment_epoch')}: there is no truth.delta_ifo_{k} (known epochs: {known})"
         )
     if not entry.duration and not entry.noise_duration:
         raise ConflictError(
-            f'{place.at("duration")}: missing, write duration = "6 h", or noise_duration alone'
+            f'{place.place_of("duration")}: missing, write duration = "6 h", or noise_duration alone'
         )
     noise = Noise(**{**table.noise.model_dump(), **entry.noise.model_dump(exclude_unset=True)})
 
@@ -260,11 +260,11 @@ def _experiment(table: CampaignTable, place: ResolvedExperiment, truth: Truth) -
     for k, name in enumerate(entry.sequences):
         if name not in table.sequences:
             known = closest_match(name, table.sequences)
-            raise ConflictError(f"{place.at('sequences')}[{k}]: no sequence {quote(name)}{known}")
+            raise ConflictError(f"{place.place_of('sequences')}[{k}]: no sequence {quote(name)}{known}")
         placed += [
             (f"{place.prefix}sequences.{name}[{n}]", s.record()) for n, s in enumerate(table.sequences[name])
         ]
-    placed += [(f"{place.at('injections')}[{n}]", s.record()) for n, s in enumerate(entry.injections)]
+    placed += [(f"{place.place_of('injections')}[{n}]", s.record()) for n, s in enumerate(entry.injections)]
     for written_at, injection in placed:
         if injection.end > entry.duration + 1e-6:
             raise ConflictError(
@@ -291,17 +291,17 @@ def _experiment(table: CampaignTable, place: ResolvedExperiment, truth: Truth) -
 
 def _history(table: CampaignTable, entry: ExperimentTable) -> tuple[tuple[str, float], ...]:
     """Return the plateau by date, which holds where an experiment has none of its own."""
-    own = "plateau" in entry.noise.model_fields_set
-    return () if table.events is None or own else table.events.levels()
+    has_plateau = "plateau" in entry.noise.model_fields_set
+    return () if table.events is None or has_plateau else table.events.levels()
 
 
 def _authority(table: CampaignTable, place: ResolvedExperiment) -> Authority:
     name = place.table.authority
     if name is None:
-        raise ConflictError(f'{place.at("authority")}: missing, write authority = "A"')
+        raise ConflictError(f'{place.place_of("authority")}: missing, write authority = "A"')
     if place.authority is None and name not in table.authority:
         known = closest_match(name, table.authority)
-        raise ConflictError(f"{place.at('authority')}: no authority set {quote(name)}{known}")
+        raise ConflictError(f"{place.place_of('authority')}: no authority set {quote(name)}{known}")
     return Authority(name, **(place.authority or table.authority[name]).model_dump())
 
 
@@ -312,20 +312,22 @@ def _spacecraft(table: CampaignTable, place: ResolvedExperiment, noise: Noise) -
             raise ConflictError("control.attitude: the x axis alone has no attitude, it takes [spacecraft]")
         if place.table.temperature:
             raise ConflictError(
-                f"{place.at('temperature')}: nothing of the x axis alone depends on it, it takes [spacecraft]"
+                f"{place.place_of('temperature')}: nothing of the x axis alone depends on it, it takes "
+                "[spacecraft]"
             )
         return None
     period = place.table.inertial_period
     if period is not None and str(period) not in craft.period:
         known = ", ".join(craft.period) or "none"
         raise ConflictError(
-            f"{place.at('inertial_period')}: there is no spacecraft.period.{period} (known periods: {known})"
+            f"{place.place_of('inertial_period')}: there is no spacecraft.period.{period} (known periods: "
+            f"{known})"
         )
     if craft.thruster_layout and noise.thruster_torque:
-        own = "thruster_torque" in place.table.noise.model_fields_set
+        is_own = "thruster_torque" in place.table.noise.model_fields_set
         raise ConflictError(
-            f"{place.at('noise') if own else 'noise'}.thruster_torque: spacecraft.thruster_layout makes the "
-            'noise of the torques, write "0 N m Hz^-0.5"'
+            f"{place.place_of('noise') if is_own else 'noise'}.thruster_torque: spacecraft.thruster_layout "
+            'makes the noise of the torques, write "0 N m Hz^-0.5"'
         )
     equipment = craft.equipment(period, place.table.temperature)
     return replace(equipment, attitude=attitude.onto(equipment.attitude)) if attitude else equipment
@@ -341,13 +343,13 @@ def _check_forces(
     holding = abs(entry.table.dc) * M_TM / truth.lambda_2
     if holding >= authority.F_max_2:
         raise ConflictError(
-            f"{entry.at('dc')}: holding it takes {_pN(holding)} of the {_pN(authority.F_max_2)} that "
+            f"{entry.place_of('dc')}: holding it takes {_pN(holding)} of the {_pN(authority.F_max_2)} that "
             f'authority set "{authority.name}" gives to test mass 2, which leaves nothing to control with'
         )
-    for j, held, F_max in ((1, 0.0, authority.F_max_1), (2, holding, authority.F_max_2)):
+    for j, offset, F_max in ((1, 0.0, authority.F_max_1), (2, holding, authority.F_max_2)):
         forces = [(place, s) for place, s in placed if s.into == f"F_x_{j}"]
         for place, latest in forces:
-            total = held + sum(
+            total = offset + sum(
                 s.amplitude for _, s in forces if s.start <= latest.start and not _over(s, latest.start)
             )
             if total > F_max:

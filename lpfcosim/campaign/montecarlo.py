@@ -7,7 +7,7 @@ import numpy as np
 from lpfcosim.campaign.campaign import Campaign
 from lpfcosim.spacecraft import H, Truth
 
-GAINS, OTHERS = 0.05, 0.3  # how far truths are redrawn from those of the campaign, relative, uniformly
+GAINS, COEFFICIENTS = 0.05, 0.3  # how far truths are redrawn from those of the campaign, relative, uniformly
 
 
 def numbered(plan: Campaign, number: int, *, redraw: bool) -> Campaign:
@@ -21,19 +21,19 @@ def numbered(plan: Campaign, number: int, *, redraw: bool) -> Campaign:
 def redrawn(truth: Truth, generator: np.random.Generator) -> Truth:
     """Return truths up to 5 % (gains) and 30 % (stiffness, delays, delta_ifo) away from `truth`."""
 
-    def near(value: float, reach: float) -> float:
+    def scattered(value: float, reach: float) -> float:
         return float(value * generator.uniform(1 - reach, 1 + reach))
 
-    gains = {name: near(getattr(truth, name), GAINS) for name in ("lambda_1", "lambda_2")}
-    delays = {f"C_{j}": near(getattr(truth, f"C_{j}"), OTHERS) for j in (1, 2)}
+    gains = {name: scattered(getattr(truth, name), GAINS) for name in ("lambda_1", "lambda_2")}
+    delays = {f"C_{j}": scattered(getattr(truth, f"C_{j}"), COEFFICIENTS) for j in (1, 2)}
     return replace(
         truth,
         **gains,
         # a delay is never shorter than half the hold
         **{name: max(C, 0.51 * H * gains[f"lambda_{name[-1]}"]) for name, C in delays.items()},
         **{
-            name: near(getattr(truth, name), OTHERS)
+            name: scattered(getattr(truth, name), COEFFICIENTS)
             for name in ("omega2_1_0", "omega2_2_0", "alpha_x_1", "alpha_x_2", "alpha_phi_1", "alpha_phi_2")
         },
-        delta_ifo={k: near(value, OTHERS) for k, value in truth.delta_ifo.items()},
+        delta_ifo={k: scattered(value, COEFFICIENTS) for k, value in truth.delta_ifo.items()},
     )

@@ -18,10 +18,10 @@ class ResolvedExperiment:
     ----------
     table : ExperimentTable
         With all that `[defaults]` says for it.
-    where : str
+    location : str
         Its place in the file.
     places : mapping of str to str
-        Where keys stand that are not said at `where`.
+        Where keys stand that are not stated at `location`.
     authority : AuthorityTable, optional
         Its own; otherwise that of the set it names.
     prefix : str
@@ -29,35 +29,35 @@ class ResolvedExperiment:
     """
 
     table: ExperimentTable
-    where: str
+    location: str
     places: Mapping[str, str] = field(default_factory=dict)
     authority: AuthorityTable | None = None
     prefix: str = ""
 
-    def at(self, key: str) -> str:
+    def place_of(self, key: str) -> str:
         """Return where the file says a key of this experiment, or should."""
-        return self.places.get(key, f"{self.where}.{key}")
+        return self.places.get(key, f"{self.location}.{key}")
 
 
 def apply_defaults(
     experiments: Sequence[ExperimentTable], defaults: DefaultsTable
 ) -> tuple[ResolvedExperiment, ...]:
     """Return the experiments as the file has them, completed by its defaults."""
-    found = []
+    resolved = []
     for i, table in enumerate(experiments):
         keys = defaults.model_fields_set - table.model_fields_set
         update = {key: getattr(defaults, key) for key in keys}
         places = {key: f"defaults.{key}" for key in keys}
-        found.append(ResolvedExperiment(table.model_copy(update=update), f"experiments[{i}]", places))
-    return tuple(found)
+        resolved.append(ResolvedExperiment(table.model_copy(update=update), f"experiments[{i}]", places))
+    return tuple(resolved)
 
 
-def check_defaults(said: Collection[str], experiments: Sequence[ExperimentTable], *, swept: bool) -> None:
+def check_defaults(keys: Collection[str], experiments: Sequence[ExperimentTable], *, swept: bool) -> None:
     """Refuse defaults that a file says and no experiment takes, as each has its own.
 
     Parameters
     ----------
-    said : collection of str
+    keys : collection of str
         The keys of `[defaults]` in the file itself. Those of a file that it extends may idle.
     experiments : sequence of ExperimentTable
         As written.
@@ -69,7 +69,7 @@ def check_defaults(said: Collection[str], experiments: Sequence[ExperimentTable]
     ConflictError
         If one says nothing.
     """
-    for key in said:
+    for key in keys:
         if swept and key in experiments[0].model_fields_set:
             advice = f"experiments[0], of which the sweep is made, says {key} itself"
         elif all(key in table.model_fields_set for table in experiments):

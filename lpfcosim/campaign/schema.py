@@ -123,15 +123,15 @@ class ControllerTable(Table):
 
     @field_validator("poles")
     @classmethod
-    def _apart(cls, poles: list[float]) -> list[float]:
+    def _check_poles(cls, poles: list[float]) -> list[float]:
         if abs(poles[0] - poles[1]) < 1e-3 * poles[0]:
             raise problem("the two poles must differ")
         return poles
 
     def onto(self, default: Controller) -> Controller:
         """Return the controller with the keys that are given replaced."""
-        given = self.model_dump(exclude_unset=True)
-        return Controller(**{**vars(default), **given, "poles": tuple(given.get("poles", default.poles))})
+        values = self.model_dump(exclude_unset=True)
+        return Controller(**{**vars(default), **values, "poles": tuple(values.get("poles", default.poles))})
 
 
 class AttitudeTable(Table):
@@ -234,8 +234,8 @@ class SpacecraftTable(Table):
 
     def equipment(self, period: int | None, warming: float) -> Spacecraft:
         """Return what a run has beside the x axis, in an inertial period and so much warmer [K]."""
-        given = {} if period is None else self.period[str(period)].model_dump(exclude_unset=True)
-        b = [given.pop(f"b_{i}", getattr(self, f"b_{i}")) for i in range(1, 7)]
+        misalignment = {} if period is None else self.period[str(period)].model_dump(exclude_unset=True)
+        b = [misalignment.pop(f"b_{i}", getattr(self, f"b_{i}")) for i in range(1, 7)]
         craft = Spacecraft(
             b=(
                 *(b[0] + self.b_1_per_kelvin * warming, b[1] + self.b_2_per_kelvin * warming),
@@ -248,7 +248,7 @@ class SpacecraftTable(Table):
             leak_phi_1=self.leak_phi_1,
             kappa_phi=self.kappa_phi,
             kappa_eta=self.kappa_eta,
-            **given,
+            **misalignment,
         )
         if self.omega2_eta_0 is not None:
             craft = replace(craft, omega2_eta=self.omega2_eta_0, eta_per_x=ETA_PER_X)

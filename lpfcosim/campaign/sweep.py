@@ -39,23 +39,25 @@ def entries(
     """
     lists: dict[str, Sequence[Any]] = {key: values for key, values in sweep if values}
     _check(base, lists, sequences)
-    taken: set[str] = set()
-    found = []
-    first = next(iter(lists))
+    names: set[str] = set()
+    experiments = []
+    first_key = next(iter(lists))
     for n, values in enumerate(zip(*lists.values(), strict=True)):
-        own = dict(zip(lists, values, strict=True))
-        of_set = {key: own.pop(key) for key in _AUTHORITY if key in own}
+        experiment_values = dict(zip(lists, values, strict=True))
+        of_set = {key: experiment_values.pop(key) for key in _AUTHORITY if key in experiment_values}
         known = {} if authority is None else authority.model_dump()
         changed = AuthorityTable.model_construct(**(known | of_set)) if known or len(of_set) == 4 else None
-        name = _free(_name(dict(zip(lists, values, strict=True)), lists, n), taken)
-        update = {**own, "name": name, "t0": base.table.t0 if n == 0 else None}
+        name = _unique_name(_name(dict(zip(lists, values, strict=True)), lists, n), names)
+        update = {**experiment_values, "name": name, "t0": base.table.t0 if n == 0 else None}
         if of_set and changed:
             update["authority"] = _label(of_set)
-        at = f"sweep.{first}[{n}]"
-        places = {key: f"{at}: {base.at(key)}" for key in type(base.table).model_fields}
-        places |= {key: f"sweep.{key}[{n}]" for key in own}
-        found.append(ResolvedExperiment(base.table.model_copy(update=update), at, places, changed, f"{at}: "))
-    return tuple(found)
+        place = f"sweep.{first_key}[{n}]"
+        places = {key: f"{place}: {base.place_of(key)}" for key in type(base.table).model_fields}
+        places |= {key: f"sweep.{key}[{n}]" for key in experiment_values}
+        experiments.append(
+            ResolvedExperiment(base.table.model_copy(update=update), place, places, changed, f"{place}: ")
+        )
+    return tuple(experiments)
 
 
 def _check(
@@ -66,40 +68,41 @@ def _check(
     """Refuse lists that do not go together, and sweeps that tell nothing."""
     if not lists:
         raise ConflictError('sweep: says nothing, write a list, such as F_max_2 = ["50 pN", "2200 pN"]')
-    first, *others = lists
-    for key in others:
-        if len(lists[key]) != len(lists[first]):
+    first_key, *other_keys = lists
+    for key in other_keys:
+        n, n_first = len(lists[key]), len(lists[first_key])
+        if n != n_first:
             raise ConflictError(
-                f"sweep.{key}: has {len(lists[key])} values and sweep.{first} has {len(lists[first])}, "
+                f"sweep.{key}: has {n} values and sweep.{first_key} has {n_first}, "
                 "expected as many, they go together entry by entry"
             )
     varying = {key for key, values in lists.items() if len(set(values)) > 1}
     if not varying:
-        raise ConflictError(f"sweep.{first}: all its values are the same, expected two that differ")
+        raise ConflictError(f"sweep.{first_key}: all its values are the same, expected two that differ")
     if not any(lists.get("duration", [base.table.duration])):
         return  # noise runs alone, which no stiffness is asked of
     into = {injection.into for injection in base.table.injections}
     into |= {injection.into for name in base.table.sequences for injection in sequences.get(name, ())}
     if not into - {"g_1", "g_2"}:
         raise ConflictError(
-            f"sweep: nothing is injected into {base.where}, so that no run of the sweep would tell anything; "
-            'give it sequences, or duration = "0 s" for noise runs alone'
+            f"sweep: nothing is injected into {base.location}, so that no run of the sweep would tell "
+            'anything; give it sequences, or duration = "0 s" for noise runs alone'
         )
     if varying <= _OF_MASS_1 and into <= {"guidance_o_12", "F_x_2"}:
         raise ConflictError(
             f"sweep.{min(varying)}: changes the stiffness of test mass 1 alone, which shows where o_1 moves; "
-            f"expected an injection into guidance_o_1 in {base.where}"
+            f"expected an injection into guidance_o_1 in {base.location}"
         )
 
 
 def _label(values: Mapping[str, Any], *, units: bool = True) -> str:
     """Return values as a name can have them, such as "F_max_2-50pN"."""
-    parts = []
+    labels = []
     for key, value in values.items():
         unit = _UNITS.get(key[:5], "")
         number = f"{value * 1e12 if unit or key == 'dc' else value:.6g}".replace("+", "")
-        parts.append(f"{key}-{number}{unit if units else ''}")
-    return "_".join(parts)
+        labels.append(f"{key}-{number}{unit if units else ''}")
+    return "_".join(labels)
 
 
 def _name(values: Mapping[str, Any], lists: Mapping[str, Sequence[Any]], n: int) -> str:
@@ -113,11 +116,11 @@ def _name(values: Mapping[str, Any], lists: Mapping[str, Sequence[Any]], n: int)
     return f"sweep-{n + 1}"
 
 
-def _free(name: str, taken: set[str]) -> str:
+def _unique_name(name: str, names: set[str]) -> str:
     """Return a name, with a number behind it from its second use on."""
     number, free = 1, name
-    while free in taken:
+    while free in names:
         number += 1
         free = f"{name}-{number}"
-    taken.add(free)
+    names.add(free)
     return free

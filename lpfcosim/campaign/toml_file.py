@@ -15,14 +15,14 @@ def load(path: Path) -> dict[str, Any]:
     return documents.toml(path, "a campaign file")
 
 
-def load_extended(path: Path, below: tuple[Path, ...] = ()) -> dict[str, Any]:
+def load_extended(path: Path, extending: tuple[Path, ...] = ()) -> dict[str, Any]:
     """Return what a file says, on top of what it extends.
 
     Parameters
     ----------
     path : Path
         The file.
-    below : tuple of Path
+    extending : tuple of Path
         Those that extend it.
 
     Raises
@@ -41,24 +41,24 @@ def load_extended(path: Path, below: tuple[Path, ...] = ()) -> dict[str, Any]:
     if not isinstance(base, str) or not base:
         raise InputError(f"{path}: extends: {quote(base)} is not the name of a campaign file")
     beneath = path.parent / base
-    chain = (*below, path.resolve())
+    chain = (*extending, path.resolve())
     try:
         if beneath.resolve() in chain:
             raise InputError(f"{path}: extends: {quote(base)} extends this file in turn")
-        found = beneath.is_file()
+        exists = beneath.is_file()
     except (OSError, ValueError):  # a name that no file can have
-        found = False
-    if not found:
+        exists = False
+    if not exists:
         raise InputError(f"{path}: extends: {quote(base)}: no such file")
     if len(chain) > _LONGEST_CHAIN:
         raise InputError(f"{path}: extends: more than {_LONGEST_CHAIN} files, one on top of the other")
-    return _onto(load_extended(beneath, chain), raw)
+    return _deep_merge(load_extended(beneath, chain), raw)
 
 
-def _onto(base: dict[str, Any], more: dict[str, Any]) -> dict[str, Any]:
+def _deep_merge(base: dict[str, Any], overrides: dict[str, Any]) -> dict[str, Any]:
     """Add to the tables of `base`; values and lists are replaced."""
-    both = {
-        key: _onto(base[key], value) if isinstance(value, dict) and isinstance(base.get(key), dict) else value
-        for key, value in more.items()
-    }
-    return base | both
+    merged = base | overrides
+    for key, value in overrides.items():
+        if isinstance(value, dict) and isinstance(base.get(key), dict):
+            merged[key] = _deep_merge(base[key], value)
+    return merged

@@ -59,18 +59,18 @@ def _check_files(path: Path, files: Sequence[zipfile.ZipInfo]) -> None:
     size = sum(file.file_size for file in files)
     if size > MAX_SIZE:
         raise InputError(f"{path}: unpacks to {size} bytes; expected at most {MAX_SIZE}")
-    taken: dict[str, bool] = {}  # whether it is a folder, by its name where letters have no case
+    is_folder: dict[str, bool] = {}  # whether it is a folder, by its name where letters have no case
     for file in files:
         place = f"{path}: {file.orig_filename[:80]!a}"
-        parts = PurePosixPath(file.filename).parts
+        path_parts = PurePosixPath(file.filename).parts
         # A folder that does not exist yet leads nowhere, but ".." out of it leads anywhere.
         if (
-            not parts
-            or ".." in parts
+            not path_parts
+            or ".." in path_parts
             or file.filename.startswith("/")
             or file.filename != file.orig_filename  # cut at a NUL
             or any(c in '\\:*?"<>|' or ord(c) < 32 or 0xD800 <= ord(c) < 0xE000 for c in file.filename)
-            or max(len(part.encode()) for part in parts) > MAX_NAME
+            or max(len(part.encode()) for part in path_parts) > MAX_NAME
             or len(file.filename.encode()) > 4 * MAX_NAME
         ):
             raise InputError(f"{place}: expected a file name inside the archive")
@@ -82,13 +82,13 @@ def _check_files(path: Path, files: Sequence[zipfile.ZipInfo]) -> None:
             raise InputError(f"{place}: is compressed by method {file.compress_type}; expected deflate")
         if file.filename == _DESCRIPTION and file.file_size > MAX_XML:
             raise InputError(f"{place}: has {file.file_size} bytes; expected at most {MAX_XML}")
-        key = unicodedata.normalize("NFC", "/".join(parts)).casefold()
-        above = ["/".join(key.split("/")[:n]) for n in range(1, len(parts))]
-        if any(taken.setdefault(folder, True) is False for folder in above):
+        key = unicodedata.normalize("NFC", "/".join(path_parts)).casefold()
+        parents = ["/".join(key.split("/")[:n]) for n in range(1, len(path_parts))]
+        if any(is_folder.setdefault(folder, True) is False for folder in parents):
             raise InputError(f"{place}: lies in a file; expected a folder")
-        if key in taken and not (taken[key] and file.is_dir()):
+        if key in is_folder and not (is_folder[key] and file.is_dir()):
             raise InputError(f"{place}: is there twice; expected it once")
-        taken[key] = file.is_dir()
+        is_folder[key] = file.is_dir()
 
 
 def _check_xml(place: str, content: bytes) -> None:

@@ -28,10 +28,10 @@ def problems(archive: Path) -> list[str]:
         description = fmpy.read_model_description(str(archive), validate=False)
     except Exception as error:  # FMPy raises bare exceptions for broken archives
         raise InputError(f"{archive}: not a readable FMU: {line(error)}") from None
-    found = [f"FMPy: {p}" for p in validate_fmu(str(archive))]
+    faults = [f"FMPy: {p}" for p in validate_fmu(str(archive))]
     if description.fmiVersion not in ("2.0", "3.0"):
-        return [*found, f"FMI version {description.fmiVersion} is not 2.0 or 3.0"]
-    return [*found, *_toolbox(archive)]
+        return [*faults, f"FMI version {description.fmiVersion} is not 2.0 or 3.0"]
+    return [*faults, *_toolbox(archive)]
 
 
 def _toolbox(archive: Path) -> list[str]:

@@ -70,11 +70,11 @@ def check_platform(archive: Path, description: Any, named: Path) -> None:
         for files in () if library(description) in names else _file_sets(description):
             _check_language(files, names, named)
         return
-    others = sorted({n.split("/")[1] for n in names if n.startswith("binaries/") and n.count("/") > 1})
-    given = f"has a binary for {', '.join(others)} only" if others else "has no binary"
+    platforms = sorted({n.split("/")[1] for n in names if n.startswith("binaries/") and n.count("/") > 1})
+    binaries = f"has a binary for {', '.join(platforms)} only" if platforms else "has no binary"
     unlisted = any(n.startswith(_SOURCES) and n.endswith(".c") for n in names)
     also = ", and its description lists no source files to compile" if unlisted else ""
-    raise InputError(f"{named}: {given}{also}; expected one for {platform(description)}")
+    raise InputError(f"{named}: {binaries}{also}; expected one for {platform(description)}")
 
 
 def _file_sets(description: Any) -> list[Any]:
@@ -87,10 +87,12 @@ def _file_sets(description: Any) -> list[Any]:
 
 
 def _check_language(files: Any, names: Sequence[str], named: Path) -> None:
-    others = [f for f in files.sourceFiles if not f.endswith((".c", *_PLUS))]
-    if others or (files.language or "C99") not in _OPTIONS:
-        what = quote(others[0]) if others else f"language {quote(files.language)}"
-        raise InputError(f"{named}: has no binary for this platform, and sources: {what}; expected C or C++")
+    unknown_files = [f for f in files.sourceFiles if not f.endswith((".c", *_PLUS))]
+    if unknown_files or (files.language or "C99") not in _OPTIONS:
+        description = quote(unknown_files[0]) if unknown_files else f"language {quote(files.language)}"
+        raise InputError(
+            f"{named}: has no binary for this platform, and sources: {description}; expected C or C++"
+        )
     for file in files.sourceFiles:
         if f"{_SOURCES}{file}" not in names:
             raise InputError(f"{named}: {_SOURCES}{file}: is missing, which its description lists")
@@ -144,12 +146,12 @@ def compiled(archive: Path, description: Any, named: Path) -> Path:
 def _key(digest: str, description: Any, chosen: compiler.Compiler, named: Path) -> str:
     """Return the cache key of a binary: of all that it is compiled from and with."""
     sources = [name for files in _file_sets(description) for name in files.sourceFiles]
-    parts = [digest, chosen.version, platform(description), *_FLAGS, *map(str, _OPTIONS.items()), *_MATH]
+    key_parts = [digest, chosen.version, platform(description), *_FLAGS, *map(str, _OPTIONS.items()), *_MATH]
     if any(name.endswith(_PLUS) for name in sources):
-        parts += _plus(chosen, named)
+        key_parts += _plus(chosen, named)
     for header in sorted(_HEADERS.glob("*.h")):
-        parts += [header.name, hashlib.sha256(header.read_bytes()).hexdigest()]
-    return hashlib.sha256("\0".join(parts).encode()).hexdigest()[:16]
+        key_parts += [header.name, hashlib.sha256(header.read_bytes()).hexdigest()]
+    return hashlib.sha256("\0".join(key_parts).encode()).hexdigest()[:16]
 
 
 def _compile(archive: Path, description: Any, named: Path, chosen: compiler.Compiler, binary: Path) -> None:
@@ -158,7 +160,7 @@ def _compile(archive: Path, description: Any, named: Path, chosen: compiler.Comp
         root = Path(place)
         with zipfile.ZipFile(archive) as file:
             file.extractall(root, [n for n in file.namelist() if n.startswith(_SOURCES)])
-        sources, objects, said = root / _SOURCES, list[str](), list[str]()
+        sources, objects, messages = root / _SOURCES, list[str](), list[str]()
         failed = False
         linker = chosen.command
         for files in _file_sets(description):
@@ -169,27 +171,27 @@ def _compile(archive: Path, description: Any, named: Path, chosen: compiler.Comp
             places = [sources, *(sources / name for name in files.includeDirectories), _HEADERS]
             options += [f"-I{place}" for place in places]
             for name in files.sourceFiles:
-                made = root / f"{len(objects)}.o"
+                target = root / f"{len(objects)}.o"
                 command = _plus(chosen, named) if name.endswith(_PLUS) else chosen.command
                 linker = command if name.endswith(_PLUS) else linker
-                unit = ["-c", str(sources / name), "-o", str(made)]
-                failed |= _call([*command, *_FLAGS, *options, *unit], sources, said)
-                objects.append(str(made))
-        made = root / binary.name
-        link = ["-shared", *objects, "-o", str(made), *_MATH]
-        failed = failed or _call([*linker, *_FLAGS, *link], root, said)
+                unit = ["-c", str(sources / name), "-o", str(target)]
+                failed |= _call([*command, *_FLAGS, *options, *unit], sources, messages)
+                objects.append(str(target))
+        target = root / binary.name
+        link = ["-shared", *objects, "-o", str(target), *_MATH]
+        failed = failed or _call([*linker, *_FLAGS, *link], root, messages)
         if failed:
             log = binary.with_suffix(".log")
-            log.write_text("\n".join(said), encoding="utf-8")
+            log.write_text("\n".join(messages), encoding="utf-8")
             fault = next(
-                (text for text in "\n".join(said).splitlines() if "error" in text), "the compiler fails"
+                (text for text in "\n".join(messages).splitlines() if "error" in text), "the compiler fails"
             )
             fault = fault.replace(f"{sources}{os.sep}", _SOURCES)
             raise InputError(
                 f"{named}: its sources do not compile with {chosen.version}: {line(fault)}; see {log}"
             )
         partial = binary.with_name(f"{binary.name}.{os.getpid()}.part")
-        shutil.copyfile(made, partial)
+        shutil.copyfile(target, partial)
         partial.replace(binary)
 
 
@@ -204,9 +206,9 @@ def _plus(chosen: compiler.Compiler, named: Path) -> tuple[str, ...]:
     raise InputError(f"{named}: has sources in C++, and no compiler was found; install one, or set CXX")
 
 
-def _call(command: Sequence[str], folder: Path, said: list[str]) -> bool:
+def _call(command: Sequence[str], folder: Path, messages: list[str]) -> bool:
     """Call a compiler, note what it says, and return whether it failed."""
-    said.append(" ".join(command))
+    messages.append(" ".join(command))
     try:
         done = subprocess.run(
             command,
@@ -218,7 +220,7 @@ def _call(command: Sequence[str], folder: Path, said: list[str]) -> bool:
             timeout=_TIME_LIMIT,
         )
     except subprocess.TimeoutExpired:
-        said.append(f"error: not compiled within {_TIME_LIMIT:g} s")
+        messages.append(f"error: not compiled within {_TIME_LIMIT:g} s")
         return True
-    said.append(done.stdout + done.stderr)
+    messages.append(done.stdout + done.stderr)
     return done.returncode != 0

@@ -40,10 +40,10 @@ def load_fmu(stack: contextlib.ExitStack, interface: Interface) -> Any:
     folder = _unpack(stack, archive, named, plain=interface.version.startswith("2"))
     if not compilation.has_binary(archive, description):
         compilation.check_platform(archive, description, named)
-        made = compilation.compiled(archive, description, named)
+        compiled_binary = compilation.compiled(archive, description, named)
         binary = Path(folder) / compilation.library(description)
         binary.parent.mkdir(parents=True, exist_ok=True)
-        shutil.copyfile(made, binary)
+        shutil.copyfile(compiled_binary, binary)
     kind = FMU2Slave if interface.version.startswith("2") else FMU3Slave
     try:
         with contextlib.chdir("."):  # FMPy stays in the folder of a library that it cannot load

@@ -108,15 +108,15 @@ class Interface:
         InputError
             If a value is not one of its variable.
         """
-        wanted: dict[str, Value] = {self.name(n): v for n, v in values.items() if self.takes(n)}
+        values_by_name: dict[str, Value] = {self.name(n): v for n, v in values.items() if self.takes(n)}
         if self.replacement is None:
-            return wanted
-        own = self.replacement.values
-        for name, value in {**wanted, **own}.items():
+            return values_by_name
+        user_values = self.replacement.values
+        for name, value in {**values_by_name, **user_values}.items():
             variable = self.variable(name)
-            place = f"values.{name}" if name in own else f"variable '{name}'"
-            wanted[name] = _converted(variable, value, place, self.named)
-        return wanted
+            place = f"values.{name}" if name in user_values else f"variable '{name}'"
+            values_by_name[name] = _converted(variable, value, place, self.named)
+        return values_by_name
 
     def place(self, name: str) -> tuple[tuple[str, int], int]:
         """Return what aliases share that a name of the FMU means: `reference` and element."""
@@ -139,8 +139,8 @@ class Interface:
             texts = str(variable.start if variable.start is not None else "").split()
         values = start_values(self.named, variable, texts)
         for name, value in (self.replacement.values if self.replacement else {}).items():
-            same, element = self.place(name)
-            if same == reference(variable):
+            variable_reference, element = self.place(name)
+            if variable_reference == reference(variable):
                 values[element] = _converted(variable, value, f"values.{name}", self.named)
         return values
 
@@ -169,17 +169,19 @@ class Interface:
         Ours are known: what `moves` has none, the others have all. Of another FMU its description tells; what
         it leaves open is taken like ours.
         """
-        told = {u.variable.name: u.dependencies for u in self.description.outputs} if self.replacement else {}
-        found = {}
+        dependencies = (
+            {u.variable.name: u.dependencies for u in self.description.outputs} if self.replacement else {}
+        )
+        feedthrough = {}
         for output in self.component.outputs:
-            on = told.get(self.variable(self.name(output)).name)
-            names = None if on is None else {v.name for v in on}
-            found[output] = (
+            depends_on = dependencies.get(self.variable(self.name(output)).name)
+            names = None if depends_on is None else {v.name for v in depends_on}
+            feedthrough[output] = (
                 self.component.direct[output]
                 if names is None
                 else [v for v in self.component.inputs if self.variable(self.name(v)).name in names]
             )
-        return found
+        return feedthrough
 
 
 def reference(variable: Any) -> tuple[str, int]:
@@ -224,8 +226,8 @@ def read(
             f"{named}: has the model identifier {quote(identifier)}; expected one that names a file"
         )
     variables = {v.name: v for v in description.modelVariables}
-    own = replacement.values if replacement else {}
-    structure = {n: v for n, v in own.items() if n in variables and _is_structural(variables[n])}
+    user_values = replacement.values if replacement else {}
+    structure = {n: v for n, v in user_values.items() if n in variables and _is_structural(variables[n])}
     return Interface(
         component,
         archive,
@@ -280,8 +282,10 @@ def describe(
 
 def nonconformity(faults: Sequence[str]) -> str:
     """Return one line about the faults of a description against the FMI schema."""
-    more = f" (and {len(faults) - 1} more)" if len(faults) > 1 else ""
-    return f"its modelDescription.xml does not conform to the FMI schema: {line(faults[0]).rstrip('.')}{more}"
+    suffix = f" (and {len(faults) - 1} more)" if len(faults) > 1 else ""
+    return (
+        f"its modelDescription.xml does not conform to the FMI schema: {line(faults[0]).rstrip('.')}{suffix}"
+    )
 
 
 @lru_cache(maxsize=32)

@@ -150,13 +150,13 @@ def resized(variables: Mapping[str, Any], structure: Mapping[str, Value]) -> dic
             return int(dimension.start)
         return int(structure.get(dimension.variable.name, dimension.variable.start))
 
-    found = {}
+    resized_variables = {}
     for name, variable in variables.items():
-        found[name] = variable
+        resized_variables[name] = variable
         if variable.dimensions:
-            found[name] = copy.copy(variable)
-            found[name].shape = tuple(map(extent, variable.dimensions))
-    return found
+            resized_variables[name] = copy.copy(variable)
+            resized_variables[name].shape = tuple(map(extent, variable.dimensions))
+    return resized_variables
 
 
 def stage(variable: Any) -> Stage | None:

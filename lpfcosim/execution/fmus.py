@@ -84,10 +84,10 @@ def check_digests(plan: Campaign, archives: Mapping[str, Path]) -> None:
         Gives both digests.
     """
     for replacement in plan.replacements:
-        model, found = replacement.model, checksums.digest(archives[replacement.model])
-        if replacement.sha256 and found != replacement.sha256:
+        model, sha256 = replacement.model, checksums.digest(archives[replacement.model])
+        if replacement.sha256 and sha256 != replacement.sha256:
             raise InputError(
-                f"fmus.{model}.sha256: {replacement.archive} has the digest {found}; expected "
+                f"fmus.{model}.sha256: {replacement.archive} has the digest {sha256}; expected "
                 f"{replacement.sha256}, the FMU is another one"
             )
 
@@ -97,20 +97,20 @@ def unapproved(plan: Campaign, archives: Mapping[str, Path]) -> list[str]:
 
     That a campaign gives its digest is no approval: who sends an FMU sends the campaign along.
     """
-    told = []
+    sentences = []
     known = _ours() | trust_store.digests() if plan.replacements else set()
     for replacement in plan.replacements:
         model = replacement.model
         if checksums.digest(archives[model]) not in known:
-            told.append(
+            sentences.append(
                 f"fmus.{model}: {replacement.archive} is native code that lpfcosim did not build and would "
                 f"run with all your rights: if you trust it, give the command lpfcosim trust "
                 f"{shlex.quote(str(replacement.archive))}"
             )
-    return told
+    return sentences
 
 
 def _ours() -> set[str]:
     """Return the digests of the FMUs that were built here or came with the package."""
-    found = [path for fmi in ("2.0", "3.0") for path in build.locations(fmi=fmi).values()]
-    return {checksums.digest(path) for path in found if path.is_file()}
+    paths = [path for fmi in ("2.0", "3.0") for path in build.locations(fmi=fmi).values()]
+    return {checksums.digest(path) for path in paths if path.is_file()}

@@ -29,10 +29,10 @@ class TelemetryFile:
     def append(self, block: Mapping[str, Array]) -> None:
         """Write the next samples, one array of the same length per channel; what the run lost is NaN."""
         longest = max((values.size for values in block.values()), default=0)
-        last = min(self._done + longest, self._grid.n)
-        time = self._grid.time(self._done, last)
+        stop = min(self._done + longest, self._grid.n)
+        time = self._grid.time(self._done, stop)
         self._file.append(time, block, events.missing(self._run, time) if self._run.events else None)
-        self._done = last
+        self._done = stop
 
 
 @contextmanager
@@ -41,7 +41,7 @@ def create(
     run: Run,
     names: Collection[str],
     provenance: Mapping[str, str | int | float],
-    untold: Container[str] = (),
+    unknown: Container[str] = (),
     *,
     is_final: bool = True,
 ) -> Iterator[TelemetryFile]:
@@ -59,7 +59,7 @@ def create(
         The channels that will come.
     provenance : mapping
         Further root attributes: version, digests, seed.
-    untold : container of str
+    unknown : container of str
         Parameters of which the run's truth is not what was simulated; they stay out of /truth.
     is_final : bool
         As of `Writer`.
@@ -83,7 +83,7 @@ def create(
             truth={
                 name: value
                 for name, value in (truth(run) | _levels(run)).items()
-                if name.removesuffix("_mean") not in untold
+                if name.removesuffix("_mean") not in unknown
             },
             truths=events.truths(run),
             finite=True,

@@ -96,13 +96,13 @@ def approve(files: Sequence[Path]) -> list[Approval]:
     date = datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
     for file in files:
         archive.check(file)
-    found = [Approval(checksums.digest(file), file.name, date) for file in files]
-    with _held():
+    new_approvals = [Approval(checksums.digest(file), file.name, date) for file in files]
+    with _lock():
         known = {approval.sha256: approval for approval in approvals()}
-        for approval in found:
+        for approval in new_approvals:
             known.setdefault(approval.sha256, approval)
         _write(list(known.values()))
-    return [known[approval.sha256] for approval in found]
+    return [known[approval.sha256] for approval in new_approvals]
 
 
 def revoke(names: Sequence[str]) -> list[Approval]:
@@ -120,24 +120,24 @@ def revoke(names: Sequence[str]) -> list[Approval]:
     RunError
         If the list cannot be written.
     """
-    with _held():
+    with _lock():
         known = approvals()
         gone: list[Approval] = []
         for name in names:
             path = Path(name)
             digest = checksums.digest(path) if documents.is_file(path) else name.lower()
-            meant = [a for a in known if len(digest) >= _SHORTEST and a.sha256.startswith(digest)]
-            if not meant:
+            matches = [a for a in known if len(digest) >= _SHORTEST and a.sha256.startswith(digest)]
+            if not matches:
                 raise InputError(
                     f"{quote(name)}: not among the approved FMUs, expected one of them or "
                     f"{_SHORTEST} digits or more of its digest (lpfcosim trust lists them)"
                 )
-            gone += meant
+            gone += matches
         _write([approval for approval in known if approval not in gone])
     return gone
 
 
-def _held() -> FileLock:
+def _lock() -> FileLock:
     """Return the lock under which the list is changed, so that no change is lost."""
     path = location()
     try:
@@ -147,5 +147,7 @@ def _held() -> FileLock:
     return FileLock(path.with_suffix(".lock"))
 
 
-def _write(left: Sequence[Approval]) -> None:
-    checksums.write(location().resolve(), tomli_w.dumps({"fmus": [asdict(approval) for approval in left]}))
+def _write(remaining: Sequence[Approval]) -> None:
+    checksums.write(
+        location().resolve(), tomli_w.dumps({"fmus": [asdict(approval) for approval in remaining]})
+    )

@@ -75,30 +75,30 @@ def validate(plan: Campaign, *, fitted: bool = True) -> Validation:
     """
     if fitted:
         _check_durations(plan)
-    interfaces, odd, saturated = list["Interface"](), list[str](), list[str]()
+    interfaces, fmu_warnings, saturated = list["Interface"](), list[str](), list[str]()
     if plan.replacements:
         from lpfcosim.cosim import compatibility  # takes its time, and few campaigns need it
         from lpfcosim.execution import fmus
 
         theirs = {r.model: r.archive for r in plan.replacements}
         interfaces = compatibility.read_interfaces_of_runs(plan.runs, theirs)
-        odd = compatibility.warnings(interfaces)
+        fmu_warnings = compatibility.warnings(interfaces)
         fmus.check_digests(plan, theirs)
     else:
         stability.check(*plan.runs)
         saturated = _saturation(plan)
     idle = [(run.name, cause) for run in plan.runs for cause in _idle(run)] if fitted else []
-    return Validation(tuple(interfaces), tuple(odd), tuple(saturated), tuple(grouped(idle)))
+    return Validation(tuple(interfaces), tuple(fmu_warnings), tuple(saturated), tuple(grouped(idle)))
 
 
-def check_linear_model(plan: Campaign, what: str, instead: str = "") -> None:
+def check_linear_model(plan: Campaign, quantity: str, instead: str = "") -> None:
     """Refuse what is computed from our model of the closed loop where another FMU is in the loop.
 
     Parameters
     ----------
     plan : Campaign
         Which may replace FMUs.
-    what : str
+    quantity : str
         What is computed, and "is" or "are".
     instead : str
         What to do instead.
@@ -113,7 +113,7 @@ def check_linear_model(plan: Campaign, what: str, instead: str = "") -> None:
         places = ", ".join(f"fmus.{r.model}" for r in plan.replacements)
         archives = " and ".join(str(r.archive) for r in plan.replacements)
         raise UnavailableError(
-            f"{places}: {what} not available, since the dynamics of {archives} are not known beforehand"
+            f"{places}: {quantity} not available, since the dynamics of {archives} are not known beforehand"
             f"{f'; {instead}' if instead else ''}"
         )
 
@@ -136,12 +136,12 @@ def _saturation(plan: Campaign) -> list[str]:
     refused, accepted = list[tuple[str, str]](), list[tuple[str, str]]()
     modest: set[str] = set()  # loops in which even a run with injections keeps below its limits
     for run in sorted(plan.runs, key=lambda run: run.kind == "noise"):
-        alone = replace(run, name="", kind="sysid", t0="", n_samples=1, seed=0, injections=(), events=None)
-        if run.kind == "noise" and repr(alone) in modest:
+        loop = replace(run, name="", kind="sysid", t0="", n_samples=1, seed=0, injections=(), events=None)
+        if run.kind == "noise" and repr(loop) in modest:
             continue
         demands = saturation.demands(run)
         if not demands:
-            modest.add(repr(alone))
+            modest.add(repr(loop))
         for demand in demands:
             if demand.channel in saturation.READ_OUTS:
                 refused.append((run.name, _out_of_range(demand)))
@@ -154,18 +154,18 @@ def _saturation(plan: Campaign) -> list[str]:
         except DivergenceError as error:
             ended = error.cause
         for demand in commands:
-            said = f"{_limited(run, demand)}; "
+            sentence = f"{_limited(run, demand)}; "
             if ended:
-                refused.append((run.name, f"{said}{ended}; {_CURE}"))
+                refused.append((run.name, f"{sentence}{ended}; {_CURE}"))
             elif share > MOST_SATURATED:
                 cost = (
                     f"to mask that would cost {100 * share:.0f} % of the run, more than the "
                     f"{100 * MOST_SATURATED:g} % that a fit accepts"
                 )
-                refused.append((run.name, f"{said}{cost}; {_CURE}"))
+                refused.append((run.name, f"{sentence}{cost}; {_CURE}"))
             elif share > 0:
                 cost = f"{100 * share:.2g} % of the run will be masked, and a forecast knows of no limit"
-                accepted.append((run.name, f"{said}{cost}; {_CURE}"))
+                accepted.append((run.name, f"{sentence}{cost}; {_CURE}"))
     if refused:
         raise InputError("; ".join(grouped(refused)))
     return grouped(accepted)
@@ -181,13 +181,13 @@ def _out_of_range(demand: saturation.Demand) -> str:
 def _limited(run: Run, demand: saturation.Demand) -> str:
     j = demand.channel[-1]
     peak, limit, rms = (1e12 * run.m_tm * x for x in (demand.peak, demand.limit, demand.rms))
-    asked = (
+    demand_text = (
         f"{_cause(demand)} takes {peak:.4g} pN at {demand.time:.0f} s"
         if demand.peak > demand.limit
         else f"noise of {rms:.3g} pN rms adds to {peak:.4g} pN"
     )
     return (
-        f"command {demand.channel} reaches its limit: {asked}, F_max_{j} of authority set "
+        f"command {demand.channel} reaches its limit: {demand_text}, F_max_{j} of authority set "
         f'"{run.authority.name}" is {limit:.4g} pN'
     )
 
@@ -216,8 +216,8 @@ def _weight(run: Run, injection: Sine) -> float:
     duration = run.n_samples / run.fs
     time = np.linspace(injection.start, min(injection.end, duration), 500)
     flank = TAPER / 2 * duration
-    near = np.clip(np.minimum(time, duration - time) / flank, 0, 1)
-    return float(np.mean(np.sin(np.pi / 2 * near) ** 4))
+    distance = np.clip(np.minimum(time, duration - time) / flank, 0, 1)
+    return float(np.mean(np.sin(np.pi / 2 * distance) ** 4))
 
 
 def described(injection: Injection) -> str:

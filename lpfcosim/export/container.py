@@ -54,23 +54,23 @@ def container(run: Run, fmus: Mapping[str, Path], path: Path) -> Path:
     InputError
         If an FMU cannot be read or does not fit, or the toolbox is not installed.
     """
-    found = read_interfaces(run, fmus)
-    same_units(found)
+    interfaces = read_interfaces(run, fmus)
+    same_units(interfaces)
     path.parent.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(prefix="lpfcosim-") as folder:
-        made = _make(run, found, Path(folder))
+        toolbox_fmu = _make(run, interfaces, Path(folder))
         root = Path(folder) / "content"
-        with zipfile.ZipFile(made) as archive:
+        with zipfile.ZipFile(toolbox_fmu) as archive:
             archive.extractall(root)
         settings = (root / "resources" / "container.txt").read_bytes()
         description = root / "modelDescription.xml"
-        text = _describe(description.read_text(encoding="utf-8"), settings, run, found)
+        text = _describe(description.read_text(encoding="utf-8"), settings, run, interfaces)
         description.write_text(text, encoding="utf-8", newline="\n")
         build.write_archive(root, path)
     return path
 
 
-def _make(run: Run, found: Sequence[Interface], folder: Path) -> Path:
+def _make(run: Run, interfaces: Sequence[Interface], folder: Path) -> Path:
     try:
         from fmu_manipulation_toolbox.container import FMUContainer, FMUContainerError
     except ImportError:
@@ -81,11 +81,11 @@ def _make(run: Run, found: Sequence[Interface], folder: Path) -> Path:
     with checks.toolbox_messages(logging.CRITICAL) as fatal:  # it only logs that the container cannot run
         try:
             box = FMUContainer(IDENTIFIER, folder, fmi_version=2)
-            by_model = {interface.model: interface for interface in found}
+            by_model = {interface.model: interface for interface in interfaces}
             values = model_of(run).parameters(run)
-            for interface in found:
+            for interface in interfaces:
                 box.get_fmu(str(interface.archive.resolve()), name=interface.model)
-            for interface in found:
+            for interface in interfaces:
                 for variable, source in zip(
                     interface.inputs, interface.component.inputs.values(), strict=True
                 ):
@@ -116,13 +116,13 @@ def _written(value: Value) -> str:
     return repr(value) if isinstance(value, float) else str(value)
 
 
-def _describe(text: str, settings: bytes, run: Run, found: Sequence[Interface]) -> str:
+def _describe(text: str, settings: bytes, run: Run, interfaces: Sequence[Interface]) -> str:
     """Mend what the toolbox wrote: no units, but the time, the name of the user and a random GUID."""
     root = ET.fromstring(text)
     for name in ("author", "generationDateAndTime", "license", "guid"):
         root.attrib.pop(name, None)
     root.set("description", f"Closed loop of LISA Pathfinder with the parameters of run {run.name}")
-    _add_units(root, run, found)
+    _add_units(root, run, interfaces)
     variables = root.findall("ModelVariables/ScalarVariable")
     unknowns = root.find("ModelStructure/InitialUnknowns")
     if unknowns is not None:
@@ -135,14 +135,14 @@ def _describe(text: str, settings: bytes, run: Run, found: Sequence[Interface]) 
     return serialize_xml(root)
 
 
-def _add_units(root: ET.Element, run: Run, found: Sequence[Interface]) -> None:
+def _add_units(root: ET.Element, run: Run, interfaces: Sequence[Interface]) -> None:
     units: dict[str, str | None] = {}
-    for interface in found:
+    for interface in interfaces:
         connected = zip(interface.inputs, interface.component.inputs.values(), strict=True)
         units |= {s: interface.unit(v) for v, s in connected if not endpoint(s)[0]}
         # What passes between the components is local, and called after them in small letters.
         units |= {f"{interface.model.lower()}.{v}": interface.unit(v) for v in interface.outputs}
-    by_model = {interface.model: interface for interface in found}
+    by_model = {interface.model: interface for interface in interfaces}
     for channel, source in model_of(run).record.items():
         model, variable = endpoint(source)
         if model:
@@ -153,7 +153,7 @@ def _add_units(root: ET.Element, run: Run, found: Sequence[Interface]) -> None:
         if real is not None and unit:
             real.set("unit", unit)
             used.add(unit)
-    known = {name: base for interface in found for name, base in interface.units.items()}
+    known = {name: base for interface in interfaces for name, base in interface.units.items()}
     definitions = ET.Element("UnitDefinitions")
     for name in sorted(used):
         ET.SubElement(ET.SubElement(definitions, "Unit", name=name), "BaseUnit", known[name])

@@ -38,10 +38,10 @@ for _prefix, _uri in (("ssc", _SSC), ("ssd", _SSD), ("ssv", _SSV)):
 _INSIDE = {"1.0": "2.0", "2.0": "3.0"}  # version of FMI by version of SSP
 
 
-def same_units(found: Sequence[Interface]) -> None:
+def same_units(interfaces: Sequence[Interface]) -> None:
     """Refuse FMUs that mean different units by the same name: in one archive a name has one meaning."""
     known: dict[str, dict[str, str]] = {}
-    for interface in found:
+    for interface in interfaces:
         for name, base in interface.units.items():
             if known.setdefault(name, base) != base:
                 raise InputError(f"{interface.archive}: unit '{name}' is not what another FMU means by it")
@@ -89,20 +89,20 @@ def export(
     InputError
         If an FMU cannot be read, is of another version of FMI, lacks a variable or has an array for it.
     """
-    first: dict[str, Run] = {}
+    first_runs: dict[str, Run] = {}
     for run in campaign.runs:
-        first.setdefault(run.authority.name, run)
-    run = next(iter(first.values()))
-    found = read_interfaces_of_runs(list(first.values()), fmus)
-    _refuse_unfit(found, version)
+        first_runs.setdefault(run.authority.name, run)
+    run = next(iter(first_runs.values()))
+    interfaces = read_interfaces_of_runs(list(first_runs.values()), fmus)
+    _refuse_unfit(interfaces, version)
     signals = model_of(run).signals
-    driving = stimulus_component(run, found, build.build([signals], fmi=fmi(version))[signals])
-    same_units([driving, *found])
-    writer = _Writer(version, found, driving)
-    files = {_values_file(name): writer.values(run) for name, run in first.items()}
+    driving = stimulus_component(run, interfaces, build.build([signals], fmi=fmi(version))[signals])
+    same_units([driving, *interfaces])
+    writer = _Writer(version, interfaces, driving)
+    files = {_values_file(name): writer.values(run) for name, run in first_runs.items()}
     files["SystemStructure.ssd"] = writer.structure(campaign.name, run)
     files["open.ssd"] = writer.structure(campaign.name, run, outside=True)
-    copied = {_fmu_file(interface.model): interface.archive for interface in (driving, *found)}
+    copied = {_fmu_file(interface.model): interface.archive for interface in (driving, *interfaces)}
     if outcome:
         copied[traceability.RESULTS] = outcome.results
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -114,14 +114,14 @@ def export(
     return path
 
 
-def _refuse_unfit(found: Sequence[Interface], version: str) -> None:
-    for interface in found:
+def _refuse_unfit(interfaces: Sequence[Interface], version: str) -> None:
+    for interface in interfaces:
         if interface.version != fmi(version):
             raise InputError(
                 f"{interface.archive}: is FMI {interface.version}; SSP {version} takes FMI {fmi(version)}"
             )
-        own = interface.replacement.values if interface.replacement else {}
-        for name in (*interface.inputs, *interface.outputs, *own):
+        user_values = interface.replacement.values if interface.replacement else {}
+        for name in (*interface.inputs, *interface.outputs, *user_values):
             if interface.variable(name).shape:
                 raise InputError(
                     f"{interface.archive}: '{name}' is an element of an array; "
@@ -174,52 +174,56 @@ class _Writer:
     ----------
     version : str
         Of SSP.
-    found : sequence of Interface
+    interfaces : sequence of Interface
         The FMUs of the loop, in the order of their steps.
     driving : Interface
         The FMU that gives them what comes from outside.
     """
 
-    def __init__(self, version: str, found: Sequence[Interface], driving: Interface) -> None:
+    def __init__(self, version: str, interfaces: Sequence[Interface], driving: Interface) -> None:
         self.version = version
         self.driving = driving
-        self.found = found
-        self.by_model = {interface.model: interface for interface in found}
+        self.interfaces = interfaces
+        self.by_model = {interface.model: interface for interface in interfaces}
 
     def values(self, run: Run) -> ET.Element:
         """Return the parameters of a run, called ``Model.name``, as seen from the system."""
-        of = [(f"{i.model}.", i) for i in (self.driving, *self.found)]
-        return self._parameter_set(run, of, f"with what else experiment {run.experiment} sets")
+        prefixed_interfaces = [(f"{i.model}.", i) for i in (self.driving, *self.interfaces)]
+        return self._parameter_set(
+            run, prefixed_interfaces, f"with what else experiment {run.experiment} sets"
+        )
 
     def structure(self, name: str, run: Run, *, outside: bool = False) -> ET.Element:
         """Describe the loop, driven by a component, or by inputs of the system from outside."""
         root = self._root(f"{_SSD}SystemStructureDescription", name)
         system = ET.SubElement(root, f"{_SSD}System", name=name)
         system.set("description", _execution(run))
-        around = ET.SubElement(system, f"{_SSD}Connectors") if outside else None
+        system_connectors = ET.SubElement(system, f"{_SSD}Connectors") if outside else None
         bindings = ET.SubElement(system, f"{_SSD}ParameterBindings")
         ET.SubElement(bindings, f"{_SSD}ParameterBinding", source=_values_file(run.authority.name))
         elements = ET.SubElement(system, f"{_SSD}Elements")
         connections = ET.SubElement(system, f"{_SSD}Connections")
         used: list[str] = []
-        if around is None:
+        if system_connectors is None:
             self._component(elements, self.driving, run, used)
         signals: set[str] = set()
-        for interface in self.found:
+        for interface in self.interfaces:
             self._component(elements, interface, run, used)
             for variable, source in zip(interface.inputs, interface.component.inputs.values(), strict=True):
                 end = {"endElement": interface.model, "endConnector": variable}
                 signal = not endpoint(source)[0]
-                start = f"{self.driving.model}.{source}" if signal and around is None else source
+                start = f"{self.driving.model}.{source}" if signal and system_connectors is None else source
                 self._connect(connections, start, end)
-                if around is not None and signal and source not in signals:
+                if system_connectors is not None and signal and source not in signals:
                     signals.add(source)
-                    self._connector(around, source, "input", interface, variable, used)
+                    self._connector(system_connectors, source, "input", interface, variable, used)
         for channel, source in model_of(run).record.items():
             model, variable = endpoint(source)
-            if around is not None and model:  # a recorded signal is an input of the system already
+            if system_connectors is not None and model:  # a recorded signal is an input of the system already
                 interface = self.by_model[model]
-                self._connector(around, channel, "output", interface, interface.name(variable), used)
+                self._connector(
+                    system_connectors, channel, "output", interface, interface.name(variable), used
+                )
                 self._connect(connections, source, {"endConnector": channel})
         self._units(root, f"{_SSD}Units", used)
         ET.SubElement(root, f"{_SSD}DefaultExperiment", startTime="0.0", stopTime=repr(run.n_samples * run.h))
@@ -229,14 +233,16 @@ class _Writer:
         tool = f"lpfcosim {metadata.version('lpfcosim')}"
         return ET.Element(element, version=self.version, name=name, generationTool=tool)
 
-    def _parameter_set(self, run: Run, of: Sequence[tuple[str, Interface]], what: str) -> ET.Element:
+    def _parameter_set(
+        self, run: Run, prefixed_interfaces: Sequence[tuple[str, Interface]], description: str
+    ) -> ET.Element:
         root = self._root(f"{_SSV}ParameterSet", run.authority.name)
-        root.set("description", f"Authority set {run.authority.name} {what}")
+        root.set("description", f"Authority set {run.authority.name} {description}")
         parameters = ET.SubElement(root, f"{_SSV}Parameters")
         used: list[str] = []
         # Noise aside, what comes from outside is the constant that test mass 2 is held against.
         values = {self.driving.model: {"g_2_held": run.dc}, **model_of(run).parameters(run)}
-        for prefix, interface in of:
+        for prefix, interface in prefixed_interfaces:
             for name, value in interface.parameters(values[interface.model]).items():
                 parameter = ET.SubElement(parameters, f"{_SSV}Parameter", name=f"{prefix}{name}")
                 kind, text = _typed(interface.variable(name), value)
@@ -256,11 +262,11 @@ class _Writer:
             source=_fmu_file(interface.model),
             implementation="CoSimulation",
         )
-        own = ET.SubElement(element, f"{_SSD}Connectors")
+        connectors = ET.SubElement(element, f"{_SSD}Connectors")
         for variable in interface.inputs:
-            self._connector(own, variable, "input", interface, variable, used)
+            self._connector(connectors, variable, "input", interface, variable, used)
         for variable in interface.outputs:
-            self._connector(own, variable, "output", interface, variable, used)
+            self._connector(connectors, variable, "output", interface, variable, used)
         bindings = ET.SubElement(element, f"{_SSD}ParameterBindings")
         binding = ET.SubElement(bindings, f"{_SSD}ParameterBinding")
         inside = ET.SubElement(binding, f"{_SSD}ParameterValues")
@@ -290,7 +296,7 @@ class _Writer:
         if not used:
             return
         definitions = ET.SubElement(root, tag)
-        known = {name: base for i in (self.driving, *self.found) for name, base in i.units.items()}
+        known = {name: base for i in (self.driving, *self.interfaces) for name, base in i.units.items()}
         for name in sorted(set(used)):
             unit = ET.SubElement(definitions, f"{_SSC}Unit", name=name)
             ET.SubElement(unit, f"{_SSC}BaseUnit", known[name])

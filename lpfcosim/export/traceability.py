@@ -55,8 +55,8 @@ def task(campaign: Campaign, root: Path, execution: str, outcome: IRLSResult | N
     )  # fmt: skip
     general = ET.SubElement(element, f"{_STMD}GeneralInformation")
     _classify(general, {"campaign": campaign.name, "campaign_sha256": campaign.digest, "tool": tool})
-    made = ET.SubElement(element, f"{_STMD}ImplementationPhase")
-    for step, suffix, how in (
+    implementation = ET.SubElement(element, f"{_STMD}ImplementationPhase")
+    for step, suffix, description in (
         (
             "ImplementModel",
             ".fmu",
@@ -65,8 +65,8 @@ def task(campaign: Campaign, root: Path, execution: str, outcome: IRLSResult | N
         ("ImplementParameter", ".ssv", "The parameters of the first experiment under each authority set"),
         ("IntegrateSimulation", ".ssd", "Connected as the loop of the campaign"),
     ):
-        work = ET.SubElement(made, f"{_STMD}{step}")
-        ET.SubElement(work, f"{_STC}Procedure", description=how)
+        work = ET.SubElement(implementation, f"{_STMD}{step}")
+        ET.SubElement(work, f"{_STC}Procedure", description=description)
         output = ET.SubElement(work, f"{_STC}Output")
         for name, digest in digests.items():
             if name.endswith(suffix):
@@ -87,8 +87,10 @@ def task(campaign: Campaign, root: Path, execution: str, outcome: IRLSResult | N
 
 def _flown(procedure: ET.Element, outcome: IRLSResult, inside: set[str]) -> None:
     """Say with which FMUs the telemetry was simulated, and whether they are those of the archive."""
-    others = sorted(model for model, digest in outcome.flown.items() if digest not in inside)
-    known = {"fmus_flown": f"not those inside: {', '.join(others)}" if others else "those inside"}
+    foreign_models = sorted(model for model, digest in outcome.flown.items() if digest not in inside)
+    known = {
+        "fmus_flown": f"not those inside: {', '.join(foreign_models)}" if foreign_models else "those inside"
+    }
     digests = {f"fmu_{model}_sha256": digest for model, digest in outcome.flown.items()}
     _classify(procedure, {**outcome.simulated, **known, **digests})
 
@@ -99,8 +101,8 @@ def _evaluation(task: ET.Element, outcome: IRLSResult, digest: str, runs: int) -
     source = ET.SubElement(step, f"{_STC}Input")
     for k in range(1, runs + 1):
         ET.SubElement(source, f"{_STC}ResourceReference", {f"{_XLINK}href": f"#telemetry-{k}"})
-    how = "Fit of the dynamics to the telemetry (lpfcosim fit) with these settings"
-    _classify(ET.SubElement(step, f"{_STC}Procedure", description=how), outcome.evaluated)
+    description = "Fit of the dynamics to the telemetry (lpfcosim fit) with these settings"
+    _classify(ET.SubElement(step, f"{_STC}Procedure", description=description), outcome.evaluated)
     _classify(_resource(ET.SubElement(step, f"{_STC}Output"), RESULTS), {"sha256": digest})
     verdict = ET.SubElement(phase, f"{_STMD}DeriveSimulationQualityVerdict")
     _classify(ET.SubElement(verdict, f"{_STC}Output"), outcome.verdict)
@@ -113,8 +115,8 @@ def _digest(path: Path) -> str:
 
 def _resource(parent: ET.Element, name: str) -> ET.Element:
     kind, role = _TYPES[Path(name).suffix]
-    above = "../" * FILE.count("/")
-    return ET.SubElement(parent, f"{_STC}Resource", kind=role, type=kind, source=f"{above}{name}")
+    parent_path = "../" * FILE.count("/")
+    return ET.SubElement(parent, f"{_STC}Resource", kind=role, type=kind, source=f"{parent_path}{name}")
 
 
 def _classify(parent: ET.Element, entries: Mapping[str, str]) -> None:

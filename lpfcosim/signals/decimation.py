@@ -31,9 +31,9 @@ class Grid:
     fs: float
     start: float
 
-    def time(self, first: int, last: int) -> Array:
-        """Return the times of samples ``first`` … ``last - 1`` [s]."""
-        return self.start + np.arange(first, last) / self.fs
+    def time(self, start_sample: int, stop_sample: int) -> Array:
+        """Return the times of samples ``start_sample`` … ``last - 1`` [s]."""
+        return self.start + np.arange(start_sample, stop_sample) / self.fs
 
 
 def taps(factor: int) -> Array:

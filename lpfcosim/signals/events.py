@@ -16,11 +16,11 @@ from lpfcosim.spacecraft import Run
 Array = NDArray[np.float64]
 
 RISES = (0.05, 0.8)  # shortest and longest rise of a glitch, in times of its fading (choice)
-LASTS = 40.0  # times of fading after which nothing of a glitch is left
+DECAY_TIMES = 40.0  # times of fading after which nothing of a glitch is left
 DAY = 86400.0  # s
-LOST = 0.0099  # share of a run that gaps may take; telemetry may lack 1 %
+MAX_GAP_FRACTION = 0.0099  # share of a run that gaps may take; telemetry may lack 1 %
 LONGEST_GAP = 597.0  # s; telemetry may lack 600 s at a time
-APART = 10.0  # s between two gaps
+MIN_GAP_DISTANCE = 10.0  # s between two gaps
 EDGE = 2.0  # s that a gap may take in addition, where samples are 1 s apart
 
 
@@ -39,7 +39,7 @@ class Glitch:
     impulse: float
     two_sided: bool
 
-    def at(self, time: Array) -> Array:
+    def acceleration(self, time: Array) -> Array:
         """Return the acceleration at instants since the start of the run [s], in m s^-2."""
         since = np.maximum(time - self.begin, 0.0)
         rising, falling = np.exp(-since / self.rise), np.exp(-since / self.fall)
@@ -61,11 +61,11 @@ def glitches(run: Run) -> tuple[Glitch, ...]:
     random = generator(run, "glitches")
     duration = run.n_samples / run.fs
     begins = np.sort(random.uniform(0, duration, random.poisson(events.glitches_per_day * duration / DAY)))
-    found = []
+    drawn = []
     for begin in begins.tolist():
         fall = np.exp(random.uniform(np.log(events.glitch_shortest), np.log(events.glitch_longest)))
         size = events.glitch_impulse * 10 ** (events.glitch_spread * random.standard_normal())
-        found.append(
+        drawn.append(
             Glitch(
                 mass=int(random.integers(1, 3)),
                 begin=begin,
@@ -75,27 +75,29 @@ def glitches(run: Run) -> tuple[Glitch, ...]:
                 two_sided=bool(random.uniform() < events.glitch_two_sided),
             )
         )
-    return tuple(found)
+    return tuple(drawn)
 
 
-def add_glitches(run: Run, found: tuple[Glitch, ...], signals: Mapping[str, Array], first: int) -> None:
-    """Add glitches to the accelerations g_1 and g_2, which begin with sample ``first`` of the run."""
+def add_glitches(
+    run: Run, glitches_drawn: tuple[Glitch, ...], signals: Mapping[str, Array], first_sample: int
+) -> None:
+    """Add glitches to the accelerations g_1 and g_2, which begin with sample ``first_sample`` of the run."""
     n = signals["g_1"].size
-    for glitch in found:
-        begin = max(int(np.ceil(glitch.begin * run.fs)), first)
-        end = min(int((glitch.begin + LASTS * glitch.fall) * run.fs) + 1, first + n)
+    for glitch in glitches_drawn:
+        begin = max(int(np.ceil(glitch.begin * run.fs)), first_sample)
+        end = min(int((glitch.begin + DECAY_TIMES * glitch.fall) * run.fs) + 1, first_sample + n)
         if begin < end:
-            signals[f"g_{glitch.mass}"][begin - first : end - first] += glitch.at(
+            signals[f"g_{glitch.mass}"][begin - first_sample : end - first_sample] += glitch.acceleration(
                 np.arange(begin, end) / run.fs
             )
 
 
-def let_drift(run: Run, signals: Mapping[str, Array], first: int) -> None:
-    """Let the noise in g_1 and g_2, which begin with sample ``first``, change its level over the run."""
+def apply_level_drift(run: Run, signals: Mapping[str, Array], first_sample: int) -> None:
+    """Change the level of g_1 and g_2 over the run; they begin with its sample ``first_sample``."""
     if run.events is None or not run.events.noise_drift:
         return
     n = signals["g_1"].size
-    since_middle = (np.arange(first, first + n) + 0.5) / run.n_samples - 0.5
+    since_middle = (np.arange(first_sample, first_sample + n) + 0.5) / run.n_samples - 0.5
     level = 1 + run.events.noise_drift * since_middle
     signals["g_1"][:] *= level
     signals["g_2"][:] *= level
@@ -111,33 +113,36 @@ def gaps(run: Run) -> tuple[tuple[float, float], ...]:
         return ()
     random = generator(run, "gaps")
     duration = run.n_samples / run.fs
-    left = LOST * duration
-    found: list[tuple[float, float]] = []
+    remaining = MAX_GAP_FRACTION * duration
+    intervals: list[tuple[float, float]] = []
     for _ in range(random.poisson(events.gaps_per_day * duration / DAY)):
         length = min(random.exponential(events.gap_duration), LONGEST_GAP)
         begin = random.uniform(0, duration - length)
-        far = all(begin > end + APART or begin + length < start - APART for start, end in found)
-        if far and length + EDGE <= left:
-            found.append((begin, begin + length))
-            left -= length + EDGE
-    return tuple(sorted(found))
+        is_separate = all(
+            begin > end + MIN_GAP_DISTANCE or begin + length < start - MIN_GAP_DISTANCE
+            for start, end in intervals
+        )
+        if is_separate and length + EDGE <= remaining:
+            intervals.append((begin, begin + length))
+            remaining -= length + EDGE
+    return tuple(sorted(intervals))
 
 
 def missing(run: Run, time: Array) -> NDArray[np.bool_]:
     """Return at which instants since the start of the run [s] its telemetry is lost."""
-    lost = np.zeros(time.size, dtype=bool)
+    is_missing = np.zeros(time.size, dtype=bool)
     for begin, end in gaps(run):
-        lost |= (time >= begin) & (time < end)
-    return lost
+        is_missing |= (time >= begin) & (time < end)
+    return is_missing
 
 
 def truths(run: Run) -> dict[str, tuple[Array, str]]:
     """Return the glitches of a run as columns with their units, as the group /truth has them; if any."""
-    found = glitches(run)
-    if not found:
+    drawn = glitches(run)
+    if not drawn:
         return {}
     units = {"mass": "1", "begin": "s", "rise": "s", "fall": "s", "impulse": "m s-1", "two_sided": "1"}
     return {
-        f"glitch_{name}": (np.array([float(getattr(glitch, name)) for glitch in found]), unit)
+        f"glitch_{name}": (np.array([float(getattr(glitch, name)) for glitch in drawn]), unit)
         for name, unit in units.items()
     }

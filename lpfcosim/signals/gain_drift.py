@@ -49,6 +49,6 @@ class _Path:
 
     def take(self, n: int) -> Array:
         """Return the next ``n`` samples."""
-        first, self._drawn = self._drawn, self._drawn + n
-        time = np.arange(first, self._drawn) * self._h
+        first_sample, self._drawn = self._drawn, self._drawn + n
+        time = np.arange(first_sample, self._drawn) * self._h
         return np.asarray(np.interp(time, self._knots, self._values))

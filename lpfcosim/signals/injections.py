@@ -47,18 +47,18 @@ def commanded(injections: Iterable[Injection], fs: float, start: int, stop: int)
     for injection in injections:
         if isinstance(injection, Pulse):
             continue  # no command, see `add_pulses`
-        first = _clip(_sample(fs, injection.start), start, stop)
-        last = _clip(_sample(fs, injection.end), start, stop)
-        since = np.arange(first, last) / fs - injection.start
+        i_start = _clip(_sample(fs, injection.start), start, stop)
+        i_stop = _clip(_sample(fs, injection.end), start, stop)
+        since = np.arange(i_start, i_stop) / fs - injection.start
         signal = signals[injection.into]
         if isinstance(injection, Sine):
             argument = 2 * np.pi * injection.frequency * since + injection.phase
             sine = injection.amplitude * np.sin(argument)
-            signal[first - start : last - start] += sine * _envelope(injection, since)
+            signal[i_start - start : i_stop - start] += sine * _envelope(injection, since)
         else:
             ramp = 0.5 - 0.5 * np.cos(np.pi * since / (injection.end - injection.start))
-            signal[first - start : last - start] += injection.amplitude * ramp
-            signal[last - start :] += injection.amplitude
+            signal[i_start - start : i_stop - start] += injection.amplitude * ramp
+            signal[i_stop - start :] += injection.amplitude
     return signals
 
 
@@ -76,8 +76,8 @@ def _envelope(sine: Sine, since: Array) -> Array | float:
     """Return how large a sine is at times since its start [s], relative to its amplitude."""
     if not isinstance(sine, TaperedSine):
         return 1.0
-    left = np.minimum(since, sine.end - sine.start - since)
-    return 0.5 - 0.5 * np.cos(np.pi * np.clip(left / sine.ramp, 0, 1))
+    margin = np.minimum(since, sine.end - sine.start - since)
+    return 0.5 - 0.5 * np.cos(np.pi * np.clip(margin / sine.ramp, 0, 1))
 
 
 def _sample(fs: float, time: float) -> int:

@@ -105,11 +105,11 @@ class Noise:
                     drawn[into] += part
                 else:
                     drawn[into] = part
-        events.let_drift(self._run, drawn, self._drawn)
+        events.apply_level_drift(self._run, drawn, self._drawn)
         drawn["g_2"] += self._run.dc
-        first, self._drawn = self._drawn, self._drawn + n
-        add_pulses(self._run, drawn, first, first + n)
-        events.add_glitches(self._run, self._glitches, drawn, first)
+        first_sample, self._drawn = self._drawn, self._drawn + n
+        add_pulses(self._run, drawn, first_sample, first_sample + n)
+        events.add_glitches(self._run, self._glitches, drawn, first_sample)
         return drawn
 
 

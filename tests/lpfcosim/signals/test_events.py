@@ -32,8 +32,8 @@ def test_a_glitch_gives_its_impulse_or_takes_it_back():
     time = np.arange(0, 8_000, 0.1)
     for two_sided in (False, True):
         glitch = events.Glitch(2, 100.0, 20.0, 300.0, -7e-12, two_sided)
-        velocity = scipy.integrate.cumulative_trapezoid(glitch.at(time), time)
-        assert not glitch.at(time)[time < 100].any()
+        velocity = scipy.integrate.cumulative_trapezoid(glitch.acceleration(time), time)
+        assert not glitch.acceleration(time)[time < 100].any()
         assert np.min(velocity) == pytest.approx(-7e-12, rel=0.01)
         assert velocity[-1] == pytest.approx(0.0 if two_sided else -7e-12, abs=0.01 * 7e-12)
         assert np.max(velocity) <= 0
@@ -59,7 +59,7 @@ def test_glitches_act_on_their_test_mass_and_on_nothing_else():
         stimuli.noise(replace(RUN, events=replace(EVENTS, glitches_per_day=0.0))),
     )
     for j in (1, 2):
-        expected = sum(glitch.at(RUN.time) for glitch in found if glitch.mass == j)
+        expected = sum(glitch.acceleration(RUN.time) for glitch in found if glitch.mass == j)
         np.testing.assert_allclose(struck[f"g_{j}"] - rest[f"g_{j}"], expected, atol=1e-22)
     for name in set(struck) - {"g_1", "g_2"}:
         np.testing.assert_array_equal(struck[name], rest[name])
