@@ -5,7 +5,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from importlib import metadata
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 from fit import api
 from fit.errors import FitError
@@ -16,13 +16,15 @@ from fit.tables import Table, estimates
 from fit.telemetry import Telemetry, archive_conversion, read_all
 from lpfcosim.execution import checksums, results_folder
 from lpfcosim.workflows.progress import Progress
-from lpfcosim.workflows.result import WorkflowResult
+
+if TYPE_CHECKING:
+    import pandas
 
 VERSIONS = ("lpfcosim", "numpy", "scipy", "lmfit", "fmpy")  # on which results depend
 
 
 @dataclass(frozen=True, repr=False)
-class Calibration(WorkflowResult):
+class Calibration:
     """The results of a fit and the files that hold them.
 
     Attributes
@@ -53,24 +55,16 @@ class Calibration(WorkflowResult):
         """Return the content of the file of results."""
         return self.path.read_text(encoding="utf-8")
 
-    def document(self) -> dict[str, Any]:
-        """Return the estimates by section, as `records` has them."""
-        return {"parameters": self.records()}
+    def to_dataframe(self) -> "pandas.DataFrame":
+        """Return all estimates as a table of pandas, see `fit.results.Results.to_dataframe`."""
+        return self.results.to_dataframe()
 
-    def records(self) -> list[dict[str, Any]]:
-        """Return a row for each parameter."""
-        return [
-            {
-                "parameter": f"{name}{suffix}",
-                "value": estimate.value,
-                "sigma": estimate.sigma,
-                "unit": estimate.unit,
-                "truth": estimate.truth,
-                "pull": estimate.pull,
-            }
-            for suffix, fit in main_fits(self.results).items()
-            for name, estimate in fit.parameters.items()
-        ]
+    def __repr__(self) -> str:
+        return repr(self.results)
+
+    def _repr_html_(self) -> str | None:
+        """Return what Jupyter shows."""
+        return self.results._repr_html_()
 
     def check_sound(self) -> None:
         """Raise FitError if sigmas do not hold."""

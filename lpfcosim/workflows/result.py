@@ -2,10 +2,9 @@
 
 import json
 from abc import ABC, abstractmethod
-from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-from fit.errors import InputError
+from fit.results import import_pandas
 from fit.tables import Table
 
 if TYPE_CHECKING:
@@ -39,10 +38,7 @@ class WorkflowResult(ABC):
         InputError
             If pandas is not installed.
         """
-        try:
-            pd = import_module("pandas")
-        except ImportError:
-            raise InputError("to_dataframe needs pandas, of the extra lpfcosim[notebook]") from None
+        pd = import_pandas("to_dataframe")
         records = self.records()
         frame: pandas.DataFrame = pd.DataFrame.from_records(records)
         return frame.set_index(next(iter(records[0]))) if records else frame
