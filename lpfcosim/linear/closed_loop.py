@@ -130,15 +130,15 @@ class ClosedLoop:
             if component.moves:
                 values = system.C @ states[component.model]
                 rows |= _named(component.model, system.outputs, values)
-        following = []
+        updates = []
         for component, system in zip(self.components, systems, strict=True):
             x, model = states[component.model], component.model
             sources = (component.inputs.get(name, f"{model}.{name}") for name in system.inputs)
             u = np.array([rows.get(source, np.zeros(len(unit))) for source in sources]).reshape(-1, len(unit))
-            following.append(system.A @ x + system.B @ u)
+            updates.append(system.A @ x + system.B @ u)
             if not component.moves:
                 rows |= _named(model, system.outputs, system.C @ x + system.D @ u)
-        A, C = np.concatenate(following), np.array(list(rows.values()))
+        A, C = np.concatenate(updates), np.array(list(rows.values()))
         inputs = (*self.inputs, *laws)
         return StateSpace(A[:, :n], A[:, n:], C[:, :n], C[:, n:], inputs, tuple(rows), self.run.h)
 
@@ -207,25 +207,25 @@ class ClosedLoop:
         place = {name: i for i, name in enumerate(values)}
         bus = [*values.values(), 0.0]  # the last is that of inputs that nothing feeds
         plants: list[_Step] = []
-        others: list[_Step] = []
+        direct: list[_Step] = []
         for component, model in zip(self.components, self._models, strict=True):
             sources = [place.get(component.inputs.get(name, ""), -1) for name in model.inputs]
             step = model.stepper([bus[i] for i in sources], moves=component.moves)
             outputs = model.state_outputs if component.moves else model.outputs
             into = [place[f"{model.name}.{name}"] for name in outputs]
-            (plants if component.moves else others).append((step, sources, into))
+            (plants if component.moves else direct).append((step, sources, into))
         recorded = self._observed()
         rows = [place[name] for name in recorded]
         n = len(self.inputs)
 
         def advance(signals: Values) -> list[float]:
             bus[:n] = signals
-            for step, sources, into in others:
+            for step, sources, into in direct:
                 for i, value in zip(into, step([bus[k] for k in sources]), strict=True):
                     bus[i] = value
             row = [bus[i] for i in rows]
-            moved = [step([bus[k] for k in sources]) for step, sources, _ in plants]
-            for (_, _, into), values in zip(plants, moved, strict=True):
+            motions = [step([bus[k] for k in sources]) for step, sources, _ in plants]
+            for (_, _, into), values in zip(plants, motions, strict=True):
                 for i, value in zip(into, values, strict=True):
                     bus[i] = value
             return row
@@ -245,10 +245,10 @@ def _loop_name(model: str, law: str) -> str:
 
 def _check_range(run: Run, checked: Sequence[tuple[int, str]], block: Array, begin: int) -> None:
     """Refuse interferometer read-outs beyond their range in a block that begins with sample ``begin``."""
-    lost = ~(np.abs(block[:, [i for i, _ in checked]]) <= READ_OUT_RANGE)  # true for NaN too
-    if lost.any():
-        sample = int(lost.any(axis=1).argmax())
-        channel = checked[int(lost[sample].argmax())][1]
+    outside = ~(np.abs(block[:, [i for i, _ in checked]]) <= READ_OUT_RANGE)  # true for NaN too
+    if outside.any():
+        sample = int(outside.any(axis=1).argmax())
+        channel = checked[int(outside[sample].argmax())][1]
         time = (begin + sample) / run.fs
         cause = f"the loop diverged, {channel} left +-{READ_OUT_RANGE:g} m at t = {time:g} s"
         raise DivergenceError(run.name, cause)

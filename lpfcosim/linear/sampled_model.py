@@ -102,11 +102,11 @@ class SampledModel:
         augmented = np.block([[A, np.eye(n)], [np.zeros((n, 2 * n))]])
         exponential = scipy.linalg.expm(unique[:, None, None] * augmented)[places]
         integral = exponential[:, :n, n:]
-        held = integral[0] @ B[:, [*range(n_held), -1]]
-        after = np.einsum("jnk,kj->nj", integral[1:], B[:, n_held:-1])
-        before = integral[0] @ B[:, n_held:-1] - after
+        B_held = integral[0] @ B[:, [*range(n_held), -1]]
+        B_new = np.einsum("jnk,kj->nj", integral[1:], B[:, n_held:-1])
+        B_old = integral[0] @ B[:, n_held:-1] - B_new
         remainder = integral[0][:, list(self._module.REMAINDER)]
-        return np.hstack([exponential[0, :n, :n], held[:, :-1], before, after, held[:, -1:], remainder])
+        return np.hstack([exponential[0, :n, :n], B_held[:, :-1], B_old, B_new, B_held[:, -1:], remainder])
 
     # Simulation ----------------------------------------------------------------------------------------
 
@@ -123,7 +123,7 @@ class SampledModel:
         """
         equations = self._equations
         events, delay_values, outputs = equations.events, equations.delay_values, equations.outputs
-        state_outputs, held = equations.state_outputs, self._module.HELD
+        state_outputs, held_inputs = equations.state_outputs, self._module.HELD
         x, z = list(map(float, equations.state_starts)), tuple(map(float, equations.discrete_starts))
         delays = list(enumerate(zip(self._whole.tolist(), self._age.tolist(), strict=True)))
         history = deque([delay_values(u, z)] * (int(self._age.max(initial=0)) + 1))
@@ -140,7 +140,7 @@ class SampledModel:
                 history.appendleft(delay_values(u, z))
             if transition is not None:
                 groups = {"u": u, "z": z}
-                row = [*x, *(groups[group][i] for group, i in held)]
+                row = [*x, *(groups[group][i] for group, i in held_inputs)]
                 row += [history[age][j] for j, (_, age) in delays]
                 row += [history[whole][j] for j, (whole, _) in delays]
                 row.append(1.0)
@@ -205,16 +205,16 @@ class SampledModel:
         rows["z"], errors = self._event_rows(point, rows, disturbance)
         issued = self._rows("delay", point, rows)
         remainder = self._remainder_rows(point, rows, issued)
-        moved = self._state_rows(rows, issued, 1.5 * remainder - 0.5 * rows["r"])
+        next_states = self._state_rows(rows, issued, 1.5 * remainder - 0.5 * rows["r"])
         ages = np.array([(j, age - 1) for j, age in self._memory], dtype=int).reshape(-1, 2)
         remembered = [self._delayed_row(issued, rows, j, age) for j, age in ages]
-        following = np.array([*moved, *rows["z"], *remembered, *remainder]).reshape(states, width)
+        update = np.array([*next_states, *rows["z"], *remembered, *remainder]).reshape(states, width)
         if not moves:
-            rows |= {"x": moved, "d": self._delayed_rows(issued, rows, self._age - 1)}
+            rows |= {"x": next_states, "d": self._delayed_rows(issued, rows, self._age - 1)}
         output = np.vstack([self._rows("output", point, rows), errors])
         return StateSpace(
-            A=following[:, :states],
-            B=following[:, states:],
+            A=update[:, :states],
+            B=update[:, states:],
             C=output[:, :states],
             D=output[:, states:],
             inputs=(*self.inputs, *(f"{law}.disturbance" for law in self.controllers)),
@@ -241,8 +241,8 @@ class SampledModel:
 
     def _delayed_rows(self, issued: Array, rows: Mapping[str, Array], ages: NDArray[np.intp]) -> Array:
         """Return the rows of all delayed values, each as it was so many samples ago."""
-        found = [self._delayed_row(issued, rows, j, age) for j, age in enumerate(ages.tolist())]
-        return np.array(found).reshape(-1, rows["u"].shape[1])
+        delayed = [self._delayed_row(issued, rows, j, age) for j, age in enumerate(ages.tolist())]
+        return np.array(delayed).reshape(-1, rows["u"].shape[1])
 
     def _event_rows(
         self, point: OperatingPoint, rows: Mapping[str, Array], disturbance: Array
@@ -272,10 +272,10 @@ class SampledModel:
         """Return the rows of the states after the step."""
         if not self._module.STATES:
             return rows["x"]
-        held = [rows[group][i] for group, i in self._module.HELD]
-        before, after = (self._delayed_rows(issued, rows, ages) for ages in (self._age, self._whole))
+        held_rows = [rows[group][i] for group, i in self._module.HELD]
+        old, new = (self._delayed_rows(issued, rows, ages) for ages in (self._age, self._whole))
         constant = np.zeros(rows["u"].shape[1])
-        columns = np.array([*rows["x"], *held, *before, *after, constant, *remainder])
+        columns = np.array([*rows["x"], *held_rows, *old, *new, constant, *remainder])
         return np.asarray(self._transition @ columns)
 
     def _partials(self, function: str, point: OperatingPoint) -> Values:

@@ -82,16 +82,16 @@ def demands(run: Run) -> list[Demand]:
     ):
         return []
     moved = response.linear_response(run)
-    found = []
+    exceeded = []
     for name, limit in limits.items():
         size = np.abs(moved[name] + start[name])
-        beyond = _beyond(size, limit, rms[name])
-        if beyond * run.n_samples >= 1:
+        share = _share_beyond(size, limit, rms[name])
+        if share * run.n_samples >= 1:
             peak = int(np.argmax(size))
             time = peak / response.RATE
-            culprit = _culprit(run, gains[name], time)
-            found.append(Demand(name, float(size[peak]), limit, rms[name], time, beyond, culprit))
-    return found
+            injection = _dominant_injection(run, gains[name], time)
+            exceeded.append(Demand(name, float(size[peak]), limit, rms[name], time, share, injection))
+    return exceeded
 
 
 def masked_share(run: Run) -> float:
@@ -136,7 +136,7 @@ def _bound(run: Run, gains: Mapping[str, Array]) -> float:
     return sum(_TRANSIENT * abs(i.amplitude) * float(gains[i.into].max()) for i in run.injections)
 
 
-def _beyond(size: Array, limit: float, rms: float) -> float:
+def _share_beyond(size: Array, limit: float, rms: float) -> float:
     """Return the expected fraction of samples beyond a limit, of a magnitude with normal noise on it."""
     if rms == 0:
         return float(np.mean(size > limit))
@@ -144,7 +144,7 @@ def _beyond(size: Array, limit: float, rms: float) -> float:
     return float(np.mean(tails))
 
 
-def _culprit(run: Run, gains: Mapping[str, Array], time: float) -> Injection | None:
+def _dominant_injection(run: Run, gains: Mapping[str, Array], time: float) -> Injection | None:
     """Return the injection that moves a channel most of those that act at a time or have begun before it."""
 
     def effect(injection: Injection) -> float:
