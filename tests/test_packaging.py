@@ -197,11 +197,12 @@ def test_wheel_carries_every_platform(wheel, tmp_path):
     archives = {f"fmi{v}/{m}.fmu" for v in "23" for m in (*build.MODELS, *build.SIGNALS)}
     extension = {"linux": ".so", "darwin": ".dylib", "windows": ".dll"}
     engines = {f"engine/{p}{extension[p.split('-')[1]]}" for p in PLATFORMS}
-    assert set(files) == {"manifest.json", *archives, *engines}
+    modules = {f"numpy/{m}.py" for m in build.MODELS}
+    assert set(files) == {"manifest.json", *archives, *engines, *modules}
     for name in engines:
         platform, exported = READERS[Path(name).suffix](files[name])
         assert platform == Path(name).stem
-        assert exported == {"run_block", "learn", "draw"}
+        assert exported == {"run_block", "mixed_set", "mixed_get", "mixed_step"}
     for name in archives:
         check_archive(files[name], name[3], Path(name).stem)
         fmu = tmp_path / Path(name).name

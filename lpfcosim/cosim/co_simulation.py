@@ -49,7 +49,7 @@ class SimulationProgress(ctypes.Structure):
     sample : int
         Number of the sample; `LOADING` before the first.
     component : int
-        Place, in `World.steps`, of the FMU whose code runs; -1: none.
+        Place, in `SpacecraftModel.components`, of the FMU whose code runs; -1: none.
     status : int
         Of the call that failed; 0: none failed.
     """
@@ -95,7 +95,7 @@ def blocks(
     Yields
     ------
     dict of str to array
-        The channels of `World.record`, SI.
+        The channels of `SpacecraftModel.record`, SI.
 
     Raises
     ------

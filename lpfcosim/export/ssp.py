@@ -71,7 +71,7 @@ def export(
     campaign : Campaign
         Gives the authority sets and the other parameters.
     fmus : mapping of str to Path
-        The FMU of each component of `World.components`, of the version of FMI that `fmi` names.
+        The FMU of each component of `SpacecraftModel.components`, of the version of FMI that `fmi` names.
     path : Path
         The archive to write.
     version : str

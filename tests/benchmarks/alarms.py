@@ -32,7 +32,7 @@ from fit.telemetry.reader import Telemetry
 from fit.warnings import FitWarning, Severity
 from lpfcosim.campaign import Campaign, loading
 from lpfcosim.campaign import montecarlo as campaigns
-from lpfcosim.linear import response, spectral_simulation
+from lpfcosim.linear import ClosedLoop, response, spectral_simulation
 from lpfcosim.models import model_of, stimuli
 from lpfcosim.planned_experiments import telemetry_of
 from lpfcosim.signals import decimation
@@ -52,9 +52,7 @@ def drawn(run: Run, number: int) -> Telemetry:
     """Draw a run from the spectra of its loop, as `lpfcosim montecarlo` does, guidance included."""
     of_run = replace(run, seed=0)  # which counts for nothing else here
     if _simulations.get(run.name, (None, None))[0] != of_run:
-        world = model_of(run)
-        of_loop = world.system(run).channels
-        names = [name for name in world.record if name in of_loop]
+        names = response.recorded_system(run).outputs
         _simulations[run.name] = of_run, spectral_simulation.Simulation(of_run, names)
     channels = _simulations[run.name][1].record(np.random.default_rng([number, *run.name.encode()]))
     stride = round(run.fs / response.RATE)
@@ -69,10 +67,11 @@ _simulations: dict[str, tuple[Run, spectral_simulation.Simulation]] = {}
 
 def stepped(run: Run, _: int) -> Telemetry:
     """Step a run from the equations of the models; at 1 Hz."""
-    archived, world = replace(run, sample_rate=response.RATE), model_of(run)
-    found = world.simulate(archived)
-    (channels,) = decimation.decimate(archived, [{name: found[name] for name in world.record}])
-    return telemetry_of(archived, {name: np.asarray(channels[name]) for name in world.record})
+    archived, record = replace(run, sample_rate=response.RATE), model_of(run).record
+    simulated = ClosedLoop(archived).simulate()
+    blocks = list(decimation.decimate(archived, [{name: simulated[name] for name in record}]))
+    channels = {name: np.concatenate([block[name] for block in blocks]) for name in record}
+    return telemetry_of(archived, channels)
 
 
 def alarms(results: Results) -> Iterator[tuple[str, str, str]]:

@@ -14,7 +14,7 @@ from pathlib import Path
 
 from fit.fitting.joint_fit import fit_joint
 from fit.pipeline import calibrate
-from fit.quality import glitches
+from fit.quality.glitches import remove_glitches
 from fit.results.folders import telemetry_files
 from fit.settings import settings
 from fit.telemetry import reader as telemetry
@@ -42,7 +42,7 @@ def main(folder: Path) -> None:
         "reading_s": seconds(lambda: telemetry.read_all(files)),
         "filtering_s": seconds(lambda: pair(runs)),
         # pairs anew each time: a run keeps its spectra
-        "glitches_s": seconds(lambda: [glitches.Hunt(e).ended() for e in pair(runs)]),
+        "glitches_s": seconds(lambda: [remove_glitches(e) for e in pair(runs)]),
         "joint_fit_s": seconds(lambda: fit_joint(pair(runs), chosen)),
         "calibration_s": seconds(lambda: calibrate(runs)),
     }

@@ -7,7 +7,7 @@ truths (gains within 5 %, all else within 30 % of the flight's) and, where asked
 misalignments. It fits each as `lpfcosim run` does and tells the pulls.
 
 * ``--kind x``: the thirteen experiments with their noise runs, along x, drawn from the spectra of the closed
-  loop (`lpfcosim.linear.spectral`).
+  loop (`lpfcosim.linear.spectral_simulation`).
 * ``--kind whole``: the same with the whole spacecraft.
 * ``--kind euler``: the Euler fit, from three days of noise of a period, stepped through the FMUs.
 

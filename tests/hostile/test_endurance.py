@@ -24,7 +24,7 @@ from lpfcosim.errors import InputError, RunError
 from lpfcosim.modelica import build
 from lpfcosim.spacecraft.run import Truth
 from tests.lpfcosim.cosim import in_memory
-from tests.lpfcosim.cosim.test_slave import repack
+from tests.lpfcosim.cosim.test_fmu_instance import repack
 
 PROCESS = Path("/proc/self")
 ALLOWANCE = 2048  # kB

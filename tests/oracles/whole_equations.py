@@ -10,7 +10,7 @@ from lpfcosim.spacecraft.run import Truth
 from lpfcosim.spacecraft.spacecraft import Spacecraft
 
 H = 0.1
-M_TM, M_SC, I_TM, D = 1.928, 422.7, 6.80e-4, 0.376
+M_TM, M_SC, I_TM, D, ARM = 1.928, 422.7, 6.80e-4, 0.376, 0.011
 I_SC = np.array([202.5, 209.7, 191.7])
 FREE = Spacecraft(omega2_y=0, omega2_z=0, omega2_theta=0, omega2_eta=0, omega2_phi=0)
 NO_STIFFNESS = Truth(omega2_1_0=0, omega2_2_0=0, alpha_x_2=0, alpha_phi_1=0, alpha_phi_2=0)
@@ -157,8 +157,12 @@ def by_integration(run, driven):
         f_1 = np.clip(now["F_x_1"], -a.F_max_1, a.F_max_1) / M_TM + now["f_x_1_jitter"]
         f_1 += sc.leak_phi_1 * N[0, 2] / M_TM
         crossed = (sc.kappa_phi * N[1, 2] + sc.kappa_eta * N[1, 1]) / M_TM
-        issued["f1"].append(truth.lambda_1 * f_1)
-        issued["f2"].append(truth.lambda_2 * f_2 + crossed)
+        voltage_noise = [
+            now[f"e_x_{j}"] * (F_max + N_max / ARM) / M_TM + now[f"e_N_{j}"] * N[j - 1, 2] / (ARM * M_TM)
+            for j, F_max, N_max in ((1, a.F_max_1, a.N_max_1), (2, a.F_max_2, a.N_max_2))
+        ]
+        issued["f1"].append(truth.lambda_1 * f_1 * (1 + now["gain_1"]) + voltage_noise[0])
+        issued["f2"].append(truth.lambda_2 * f_2 * (1 + now["gain_2"]) + crossed + voltage_noise[1])
         gain = np.array([[truth.lambda_1], [truth.lambda_2]])
         issued["es"].append(np.array([gain * F / M_TM, sc.lambda_N * N / I_TM]))
         issued["thrust"].append(thrust)

@@ -53,7 +53,7 @@ equation
 <pre>
   f_x_1       = limit(F_x_1)/m_tm + leak + f_x_1_jitter                          commanded, per unit mass
   f_x_2       = limit(m_tm*f_control_2 + F_x_2)/m_tm
-  f_applied_j = lambda_j*f_x_j*(1 + lambda_bend_j*abs(F_x_j)/F_ref)*(1 + gain_j) + e_x_j*preload_j + coupling_j
+  f_applied_j = lambda_j*f_x_j*(1 + lambda_bend_j*abs(m_tm*f_x_j)/F_ref)*(1 + gain_j) + e_x_j*preload_j + coupling_j
 </pre>
 <p>sampled every h and held. preload_j is the sum of the pulls of all electrodes per unit mass, of which a relative
 voltage noise e_x_j leaves the difference of the two sides.</p>

@@ -13,9 +13,12 @@ equation
   connect(spacecraft.dOmega, testMass.dOmega);
   assert(abs(testMass.s[1] - d*(cos(rate*time) + rate*time*sin(rate*time) - 1)) <= 1e-4*d*(rate*100)^2,
     "the test mass departs from a straight line in inertial space");
+  assert(abs(testMass.s[2] - d*(rate*time*cos(rate*time) - sin(rate*time))) <= 1e-10*d,
+    "the test mass is not deflected by the Coriolis force");
   annotation (
     experiment(StopTime = 100, Interval = 0.1),
     Documentation(info = "<html>
-<p>In inertial space the test mass moves in a straight line with velocity Omega x R.</p>
+<p>In inertial space the test mass moves in a straight line with velocity Omega x R. Seen from the spacecraft the
+centrifugal force moves it along x, and the Coriolis force deflects it along -y by d*(rate*time)^3/3.</p>
 </html>"));
 end FreeRotation;
