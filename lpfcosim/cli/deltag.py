@@ -9,16 +9,16 @@ from fit.results import load, results_beside, results_file, sound_joint
 from fit.telemetry import open_run, sandbox, validate
 from lpfcosim.cli.console import Console
 from lpfcosim.cli.fit import default_folder
-from lpfcosim.cli.options import check_folder
 from lpfcosim.errors import InputError
 from lpfcosim.execution import checksums, results_folder
 from lpfcosim.workflows import calibration as workflow
+from lpfcosim.workflows import output_paths
 
 
 def deltag(paths: Sequence[Path], calibration: Path | None, out: Path | None, console: Console) -> None:
     """Write the calibrated Delta g of telemetry files; by default with the results in their folder."""
     directory = out or default_folder(paths[0], "deltag")
-    check_folder(directory, "telemetry")
+    output_paths.check_folder(directory, "telemetry")
     file = results_file(calibration) if calibration else _results_of(paths)
     results = load(file)
     sound_joint(results, str(file))

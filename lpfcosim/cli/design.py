@@ -4,8 +4,8 @@ from pathlib import Path
 
 from lpfcosim.campaign import loading
 from lpfcosim.cli.console import Console
-from lpfcosim.cli.options import check_file
 from lpfcosim.workflows import design as workflow
+from lpfcosim.workflows import output_paths
 
 FORMATS = (".svg", ".pdf", ".png")
 
@@ -17,9 +17,8 @@ def design(
     loading.load(campaign)
     path = out or Path(f"{campaign.stem}-designed.toml")
     inputs = loading.sources(campaign)
-    check_file(path, inputs, [".toml"])
     if figure:
-        check_file(figure, [*inputs, path], FORMATS)
+        output_paths.check_file(figure, [*inputs, path], FORMATS)
     designed = workflow.design(campaign, path, jobs=jobs, progress=console)
     console.print_json(designed.to_json())
     console.print_table(designed.table())

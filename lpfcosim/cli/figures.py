@@ -9,15 +9,15 @@ from fit.figures import Figure
 from fit.parallel import processors
 from fit.report import page
 from lpfcosim.cli.console import Console
-from lpfcosim.cli.options import check_folder
 from lpfcosim.cosim import SimulationProgress
 from lpfcosim.errors import InputError, RunError
 from lpfcosim.execution import process_pool, results_folder
+from lpfcosim.workflows import output_paths
 
 
 def figures(directory: Path, names: Sequence[str], console: Console, *, jobs: int | None) -> None:
     """Draw the figures whose names contain one of `names`, all of them without any, on several processes."""
-    check_folder(directory, "figures", option="")
+    output_paths.check_folder(directory, "figures", option="")
     with console.stage("reading"):
         results, telemetries = refit.load(directory)
     place = directory / "figures"

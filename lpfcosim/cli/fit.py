@@ -8,8 +8,8 @@ from fit.files import is_file
 from fit.results import results_file
 from lpfcosim.cli.console import Console
 from lpfcosim.cli.constraints import Constraints
-from lpfcosim.cli.options import check_folder
 from lpfcosim.workflows import calibration as workflow
+from lpfcosim.workflows import output_paths
 
 
 def fit_files(
@@ -25,7 +25,7 @@ def fit_files(
 ) -> None:
     """Fit telemetry files from anywhere, report."""
     directory = out or default_folder(paths[0])
-    check_folder(directory, "telemetry")
+    output_paths.check_folder(directory, "telemetry")
     calibration = results_file(calibration) if calibration else None
     chosen = fit_settings.read(settings) if settings else fit_settings.settings()
     if include_short:

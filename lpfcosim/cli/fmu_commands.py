@@ -6,14 +6,7 @@ from typing import Annotated, Literal
 
 import typer
 
-from lpfcosim.cli.options import (
-    CampaignFile,
-    Quiet,
-    check_file,
-    check_folder,
-    examples,
-    help_without_command,
-)
+from lpfcosim.cli.options import CampaignFile, Quiet, examples, help_without_command
 from lpfcosim.errors import InputError, prefix_errors
 
 app = typer.Typer(
@@ -51,11 +44,11 @@ def build(
     from fit.files import closest_match
     from lpfcosim.cli.console import Console
     from lpfcosim.modelica import build as fmu_build
-    from lpfcosim.workflows import fmus
+    from lpfcosim.workflows import fmus, output_paths
 
     console = Console(quiet=quiet)
     if out is not None:
-        check_folder(out)
+        output_paths.check_folder(out)
     for name in models or ():
         if name not in fmu_build.MODELS:
             raise InputError(f"no model {quote(name)}{closest_match(name, fmu_build.MODELS)}")
@@ -183,12 +176,12 @@ def export_ssp(
     from lpfcosim.cli import traceability
     from lpfcosim.cli.console import Console
     from lpfcosim.export import ssp
-    from lpfcosim.workflows import fmus
+    from lpfcosim.workflows import fmus, output_paths
 
     console = Console(quiet=quiet)
     plan = loading.load(campaign)
     path = out or Path(f"{campaign.stem}.ssp")
-    check_file(path, loading.sources(campaign), parents=True)
+    output_paths.check_file(path, loading.sources(campaign), parents=True)
     record = traceability.gather(results, plan) if results else None
     with prefix_errors(campaign):
         archives = fmus.campaign_fmus(plan, console, ssp.fmi(version))
@@ -215,7 +208,7 @@ def container(
     from lpfcosim.campaign import loading
     from lpfcosim.cli.console import Console
     from lpfcosim.export import container as containers
-    from lpfcosim.workflows import fmus
+    from lpfcosim.workflows import fmus, output_paths
 
     console = Console(quiet=quiet)
     plan = loading.load(campaign)
@@ -223,7 +216,9 @@ def container(
     if run_name not in runs:
         raise InputError(f"{campaign}: no run {quote(run_name)}{closest_match(run_name, runs)}")
     path = out or Path(f"{run_name}.fmu")
-    check_file(path, [*loading.sources(campaign), *(r.archive for r in plan.replacements)], parents=True)
+    output_paths.check_file(
+        path, [*loading.sources(campaign), *(r.archive for r in plan.replacements)], parents=True
+    )
     with prefix_errors(campaign):
         archives = fmus.campaign_fmus(plan, console, "2.0")
         written = containers.container(runs[run_name], archives, path)

@@ -4,15 +4,15 @@ import json
 from pathlib import Path
 
 from lpfcosim.cli.console import Console
-from lpfcosim.cli.options import check_folder
 from lpfcosim.errors import UnavailableError
 from lpfcosim.workflows import forecast as workflow
+from lpfcosim.workflows import output_paths
 
 
 def forecast(campaign: Path, out: Path | None, console: Console) -> None:
     """Print the sigmas of the joint fit before anything is simulated."""
     if out is not None:
-        check_folder(out)
+        output_paths.check_folder(out)
     try:
         with console.stage("forecast"):
             expected = workflow.forecast(campaign)

@@ -5,8 +5,8 @@ from pathlib import Path
 
 from lpfcosim.cli.console import Console
 from lpfcosim.cli.constraints import Constraints
-from lpfcosim.cli.options import check_folder
 from lpfcosim.workflows import identify as workflow
+from lpfcosim.workflows import output_paths
 
 
 def identify_files(
@@ -20,7 +20,7 @@ def identify_files(
 ) -> None:
     """Estimate the parameters that a campaign seeks from telemetry, and report."""
     directory = out or Path(f"{campaign.stem}-identified" if paths else campaign.stem)
-    check_folder(directory, "telemetry")
+    output_paths.check_folder(directory, "telemetry")
     identification = workflow.identify(
         campaign,
         paths,

@@ -3,8 +3,8 @@
 from pathlib import Path
 
 from lpfcosim.cli.console import Console
-from lpfcosim.cli.options import check_folder
 from lpfcosim.workflows import montecarlo as workflow
+from lpfcosim.workflows import output_paths
 
 
 def montecarlo(
@@ -21,7 +21,7 @@ def montecarlo(
 ) -> None:
     """Repeat a campaign with new noise, fit each, report pulls and coverage."""
     directory = out or Path(f"{campaign.stem}-montecarlo")
-    check_folder(directory, "figures")
+    output_paths.check_folder(directory, "figures")
     study = workflow.montecarlo(
         campaign,
         n,

@@ -9,7 +9,7 @@ from fit.telemetry import root_attributes
 from lpfcosim.campaign import Campaign, loading
 from lpfcosim.cli.console import Console
 from lpfcosim.errors import InputError, RunError, prefix_errors
-from lpfcosim.execution import checksums, fmus, results_folder
+from lpfcosim.execution import MODEL_EQUATIONS, checksums, fmus, results_folder
 from lpfcosim.workflows import run, simulate
 
 
@@ -60,7 +60,7 @@ def _repeat(
     """Do to a campaign what was done to it; what fails is seen by what it leaves."""
     attributes = root_attributes(recorded) or {}
     try:
-        if attributes.get("simulated_by") == simulate.MODEL_EQUATIONS:
+        if attributes.get("simulated_by") == MODEL_EQUATIONS:
             simulate.simulate(plan, repetition, fmus=False, progress=console)
         elif (recorded.parents[1] / "results.json").is_file():
             run.run(plan, repetition, jobs=jobs, trusted=trusted, progress=console)

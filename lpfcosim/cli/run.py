@@ -3,8 +3,8 @@
 from pathlib import Path
 
 from lpfcosim.cli.console import Console
-from lpfcosim.cli.options import check_folder
 from lpfcosim.cosim import Engine
+from lpfcosim.workflows import output_paths
 from lpfcosim.workflows import run as workflow
 
 
@@ -22,7 +22,7 @@ def run(
 ) -> None:
     """Simulate a campaign, fit it, report."""
     directory = out or Path(campaign.stem)
-    check_folder(directory, "telemetry")
+    output_paths.check_folder(directory, "telemetry")
     console.show_calibration(
         workflow.run(
             campaign,

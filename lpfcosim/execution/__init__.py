@@ -3,9 +3,10 @@
 Finished files are kept and checked by their digest, so that a campaign that was killed continues.
 """
 
-from lpfcosim.execution.provenance import Provenance
+from lpfcosim.execution.provenance import MODEL_EQUATIONS, Provenance
 
 __all__ = [
+    "MODEL_EQUATIONS",
     "Provenance",
     "checksums",
     "dask_executor",

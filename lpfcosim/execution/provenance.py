@@ -10,6 +10,9 @@ from typing import Any
 
 from lpfcosim.campaign import Campaign
 from lpfcosim.execution.checksums import digest
+from lpfcosim.modelica import numpy_models
+
+MODEL_EQUATIONS = "model equations"  # attribute simulated_by of telemetry that no FMU made
 
 
 @dataclass(frozen=True)
@@ -26,8 +29,8 @@ class Provenance:
         Name and digest of the campaign.
     fmus : mapping of str to str
         SHA-256 of the FMU of each model.
-    simulator : str
-        What simulated the loop, if not the FMUs.
+    equations : str
+        SHA-256 of the sources of the models whose equations were evaluated, if there are no FMUs.
     """
 
     seed: int
@@ -35,14 +38,15 @@ class Provenance:
     campaign: str
     digest: str
     fmus: Mapping[str, str] = field(default_factory=dict)
-    simulator: str = ""
+    equations: str = ""
 
     @classmethod
-    def of(cls, campaign: Campaign, fmus: Mapping[str, Path], simulator: str = "") -> Provenance:
-        """Return the provenance of a campaign that is simulated now, with these FMUs by model."""
+    def of(cls, campaign: Campaign, fmus: Mapping[str, Path]) -> Provenance:
+        """Return the provenance of a campaign that is simulated now, with these FMUs by model, or without."""
         digests = {model: digest(path) for model, path in fmus.items()}
         version = metadata.version("lpfcosim")
-        return cls(campaign.seed, version, campaign.name, campaign.digest, digests, simulator)
+        equations = "" if fmus else numpy_models.digest()
+        return cls(campaign.seed, version, campaign.name, campaign.digest, digests, equations)
 
     def attributes(self) -> dict[str, str | int | float]:
         """Return the attributes that a telemetry file has of it."""
@@ -52,8 +56,13 @@ class Provenance:
             "campaign": self.campaign,
             "campaign_digest": self.digest,
             **{f"fmu_{model}": sha256 for model, sha256 in self.fmus.items()},
-            **({"simulated_by": self.simulator} if self.simulator else {}),
+            **self._equations_attributes(),
         }
+
+    def _equations_attributes(self) -> dict[str, str]:
+        if not self.equations:
+            return {}
+        return {"simulated_by": MODEL_EQUATIONS, "equations_digest": self.equations}
 
     def mismatch(self, attributes: Mapping[str, Any]) -> str:
         """Return in what the attributes of a file differ from this provenance; empty if in nothing."""
@@ -66,6 +75,8 @@ class Provenance:
                 return f"simulated with {key.removeprefix('lpfcosim_')} {attributes[key]}, now it is {value}"
             if key == "campaign_digest":
                 return "simulated when the campaign said something else"
+            if key in ("simulated_by", "equations_digest"):
+                return "simulated from other equations of the models"
             return f"simulated with another {key.removeprefix('fmu_')} FMU"
         fmus = (key.removeprefix("fmu_") for key in attributes if key.startswith("fmu_"))
         surplus = sorted(model for model in fmus if model not in self.fmus)

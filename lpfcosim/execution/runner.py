@@ -20,7 +20,7 @@ from lpfcosim.errors import InputError, RunError
 from lpfcosim.execution import dask_executor, process_pool, telemetry_file
 from lpfcosim.execution.checksums import ChecksumFile, PendingFile, digest
 from lpfcosim.execution.provenance import Provenance
-from lpfcosim.linear import saturation
+from lpfcosim.linear import ClosedLoop, saturation
 from lpfcosim.modelica import engine_library
 from lpfcosim.models import model_of
 from lpfcosim.signals import decimation
@@ -117,7 +117,8 @@ def simulate(
     directory : Path
         Folder of the telemetry files, one per run; made if need be. No other process may use it meanwhile.
     fmus : mapping of str to Path
-        The FMU of each component.
+        The FMU of each component. Without any, runs are simulated from the equations of their models, in
+        this process.
     options, callbacks : RunOptions, ProgressCallbacks
         Where, and within which limits; what is called on the way.
 
@@ -128,8 +129,6 @@ def simulate(
     RunError
         If the folder cannot be made.
     """
-    if options.jobs is not None and options.jobs < 1:
-        raise InputError(f"jobs: {options.jobs}, expected one or more processes")
     provenance = Provenance.of(campaign, fmus)
     try:
         directory.mkdir(parents=True, exist_ok=True)
@@ -167,10 +166,17 @@ def _execute(
     options: RunOptions,
     callbacks: ProgressCallbacks,
 ) -> Generator[tuple[str, Any]]:
-    """Simulate runs in processes or on a cluster; yield the outcome of each."""
+    """Simulate runs in processes, on a cluster or, without FMUs, here; yield the outcome of each."""
     # The longest first, so that all processes end at about the same time.
     queue = {name: runs[name] for name in sorted(runs, key=lambda name: -runs[name].n_samples)}
     attributes = provenance.attributes()
+    if not fmus:
+        for name, run in runs.items():
+            try:
+                yield name, _simulate(run, {}, config.folder / f"{name}.h5", attributes)
+            except RunError as error:
+                yield name, error
+        return
     if options.scheduler:
         shared = (attributes, options.engine)
         yield from dask_executor.results(options.scheduler, _simulate_remotely, shared, queue, fmus)
@@ -292,17 +298,20 @@ def write_telemetry(
 ) -> None:
     """Simulate one run into a file, block by block; to flush it to disk is up to the caller.
 
-    The attribute ``saturated_samples`` counts the samples with a command at its limit, if there are any.
+    Without FMUs it is simulated from the equations of its models, as one block. The attribute
+    ``saturated_samples`` counts the samples with a command at its limit, if there are any.
     """
     saturated = 0
     spacecraft = model_of(run)
-    interfaces = compatibility.read_interfaces(run, fmus)
+    interfaces = compatibility.read_interfaces(run, fmus) if fmus else []
     unknown = spacecraft.unknown_truths(run, compatibility.ignored_names(interfaces))
     with telemetry_file.create(path, run, spacecraft.record, attributes, unknown, is_final=False) as writer:
 
         def simulated_blocks() -> Iterator[Mapping[str, co_simulation.Array]]:
             nonlocal saturated
-            for block in co_simulation.blocks(run, interfaces, engine, progress, libraries):
+            for block in (
+                co_simulation.blocks(run, interfaces, engine, progress, libraries) if fmus else _evaluate(run)
+            ):
                 saturated += saturation.count(run, block)
                 yield block
 
@@ -310,6 +319,12 @@ def write_telemetry(
             writer.append(block)
         if saturated:
             writer.annotate("saturated_samples", saturated)
+
+
+def _evaluate(run: Run) -> Iterator[dict[str, co_simulation.Array]]:
+    """Yield the recorded channels of a run that is simulated from the equations of its models."""
+    simulated = ClosedLoop(run).simulate()
+    yield {name: simulated[name] for name in model_of(run).record}
 
 
 def saturated_samples(paths: Iterable[Path]) -> dict[str, int]:
@@ -329,8 +344,8 @@ def _simulate(
     fmus: Mapping[str, Path],
     path: Path,
     attributes: Attributes,
-    engine: Engine,
-    progress: SimulationProgress,
+    engine: Engine = "compiled",
+    progress: SimulationProgress | None = None,
 ) -> PendingFile:
     """Simulate a run into a file that the main process gives its name."""
     partial = atomic.temporary(path)

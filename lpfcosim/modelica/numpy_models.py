@@ -60,7 +60,7 @@ def _location(model: str) -> Path:
         return prebuilt.find(GROUP, [f"{model}.py"], source_files())[0]
     except prebuilt.StalePrebuiltError as reason:
         try:
-            path = build.cache_directory() / f"models-{_digest()[:16]}" / f"{model}.py"
+            path = build.cache_directory() / f"models-{_cache_key()[:16]}" / f"{model}.py"
             if not path.is_file():
                 write(model, path)
         except InputError as error:
@@ -75,13 +75,20 @@ def source_files() -> dict[str, Path]:
 
 
 @functools.cache
-def _digest() -> str:
-    """SHA-256 over the sources and versions of the tools."""
-    total = hashlib.sha256("\n".join(f"{name} {_version(name)}" for name in _TOOLS).encode())
+def digest() -> str:
+    """Return the SHA-256 of the sources, from which the modules follow."""
+    total = hashlib.sha256()
     for name, file in source_files().items():
         content = file.read_bytes()
         total.update(f"{name} {len(content)}\n".encode() + content)
     return total.hexdigest()
+
+
+@functools.cache
+def _cache_key() -> str:
+    """Return the SHA-256 of the sources and versions of the tools."""
+    versions = (f"{name} {_version(name)}" for name in _TOOLS)
+    return hashlib.sha256("\n".join([*versions, digest()]).encode()).hexdigest()
 
 
 def _version(distribution: str) -> str:

@@ -13,6 +13,7 @@ __all__ = [
     "identify",
     "margins",
     "montecarlo",
+    "output_paths",
     "progress",
     "run",
     "simulate",

@@ -24,8 +24,10 @@ from lpfcosim.experiment_design import (
     robustness,
 )
 from lpfcosim.experiment_design import design as find_design
+from lpfcosim.workflows.arguments import check_workers
 from lpfcosim.workflows.campaigns import CampaignLike, PathLike, as_path, is_described_by_file, resolve
 from lpfcosim.workflows.design_check import TOLERANCE, LimitRatios, verify_in_time_domain
+from lpfcosim.workflows.output_paths import check_file
 from lpfcosim.workflows.progress import LOG, Progress
 from lpfcosim.workflows.result import WorkflowResult
 
@@ -250,9 +252,9 @@ def design(
     plan, source = resolve(campaign)
     path = Path(f"{source.stem if source else plan.name}-designed.toml")
     path = path if out is None else as_path(out, "the path of a file")
-    if path.suffix != ".toml":
-        raise InputError(f"{path}: expected a name that ends in .toml")
+    check_file(path, loading.sources(source) if source else (), [".toml"])
     names.check_stem(path)
+    jobs = check_workers(jobs)
     if source is None and not is_described_by_file(plan):
         raise InputError("design: a campaign that was changed in Python, expected one as its file has it")
     with prefix_errors(source):

@@ -20,6 +20,7 @@ from lpfcosim.errors import InputError, RunError, prefix_errors
 from lpfcosim.execution import checksums, dask_executor, process_pool, results_folder, runner, validation
 from lpfcosim.execution import fmus as fmu_archives
 from lpfcosim.messages import grouped
+from lpfcosim.workflows.arguments import check_workers, whole_number
 from lpfcosim.workflows.campaigns import CampaignLike, PathLike, resolve
 from lpfcosim.workflows.fmus import campaign_fmus
 from lpfcosim.workflows.montecarlo_trial import MonteCarloTask, Record, run_trial
@@ -152,11 +153,11 @@ def montecarlo(
     InputError, RunError
         If the campaign is wrong or needs the FMUs; if no campaign yields an estimate.
     """
-    if not isinstance(n, int) or n < 2:
-        raise InputError(f"n: {shown(n)}, expected two campaigns or more")
     plan, source = resolve(campaign)
+    n = whole_number("n", n, 2, "two campaigns or more")
+    jobs = check_workers(jobs, scheduler)
     directory = output_folder(out, plan, source, "-montecarlo")
-    fit_settings, validated = validate_simulation(plan, source, jobs, scheduler)
+    fit_settings, validated = validate_simulation(plan, source)
     archives = campaign_fmus(plan, progress) if fmus else {}
     with prefix_errors(source):
         if not fmus:
@@ -301,7 +302,7 @@ def read_log(log: Path, header: Mapping[str, object]) -> dict[int, Record]:
         if log_header != header:
             raise InputError(f"{log}: of another campaign or other options, expected another folder (--out)")
     content = [header, *records.values()]
-    log.write_text("".join(json.dumps(entry) + "\n" for entry in content), encoding="utf-8")
+    checksums.write(log, "".join(json.dumps(entry) + "\n" for entry in content))
     return records
 
 

@@ -11,14 +11,15 @@ from fit.settings import Settings, settings
 from fit.warnings import FitWarning
 from lpfcosim.campaign import Campaign
 from lpfcosim.cosim import Engine
-from lpfcosim.errors import InputError, RunError, prefix_errors
+from lpfcosim.errors import RunError, prefix_errors
 from lpfcosim.execution import results_folder, runner, validation
 from lpfcosim.messages import grouped, names
+from lpfcosim.workflows.arguments import check_workers
 from lpfcosim.workflows.calibration import Calibration, calibrate_into
 from lpfcosim.workflows.campaigns import CampaignLike, PathLike, as_path, resolve
 from lpfcosim.workflows.fmus import campaign_fmus
 from lpfcosim.workflows.progress import LOG, Progress
-from lpfcosim.workflows.simulate import failure_causes, simulate_fmus
+from lpfcosim.workflows.simulate import failure_causes, simulate_into
 
 
 @dataclass(frozen=True, repr=False)
@@ -97,11 +98,12 @@ def run(
     """
     plan, source = resolve(campaign)
     directory = output_folder(out, plan, source)
-    fit_settings, validated = validate_simulation(plan, source, jobs, scheduler)
+    jobs = check_workers(jobs, scheduler, time_limit)
+    fit_settings, validated = validate_simulation(plan, source)
     fmus = campaign_fmus(plan, progress)
     options = runner.RunOptions(jobs, scheduler, engine, rerun, time_limit)
     with results_folder.lock(directory, "--out"):
-        simulated = simulate_fmus(
+        simulated = simulate_into(
             plan, source, directory, fmus, options, validated, progress, trusted=trusted
         )
         return _fit(plan, directory, simulated, fit_settings, progress)
@@ -114,18 +116,14 @@ def output_folder(out: PathLike | None, plan: Campaign, source: Path | None, suf
     return Path(f"{source.stem if source else plan.name}{suffix}")
 
 
-def validate_simulation(
-    plan: Campaign, source: Path | None, jobs: int | None, scheduler: str | None
-) -> tuple[Settings, validation.Validation]:
+def validate_simulation(plan: Campaign, source: Path | None) -> tuple[Settings, validation.Validation]:
     """Validate a campaign that is to be simulated and fitted, and read its settings of the fit.
 
     Raises
     ------
     InputError
-        If it cannot be simulated, or both processes and a cluster are to do the work.
+        If it cannot be simulated.
     """
-    if jobs and scheduler:
-        raise InputError("--jobs, --scheduler: expected one of them; a cluster has as many workers as it has")
     with prefix_errors(source):
         return settings(plan.fit, "fit"), validation.validate(plan)
 

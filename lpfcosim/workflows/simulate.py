@@ -4,22 +4,17 @@ from collections.abc import Iterator, Mapping
 from contextlib import ExitStack
 from pathlib import Path
 
-from fit.telemetry import root_attributes
-from lpfcosim.campaign import Campaign, loading
+from lpfcosim.campaign import Campaign
 from lpfcosim.cosim import compatibility
 from lpfcosim.errors import InputError, RunError, prefix_errors
-from lpfcosim.execution import Provenance, results_folder, runner, telemetry_file, validation
+from lpfcosim.execution import Provenance, results_folder, runner, validation
 from lpfcosim.execution import fmus as archives
-from lpfcosim.linear import ClosedLoop, saturation
 from lpfcosim.messages import grouped
 from lpfcosim.models import model_of
-from lpfcosim.signals import decimation
-from lpfcosim.spacecraft import Run
-from lpfcosim.workflows.campaigns import CampaignLike, PathLike, as_path, resolve
+from lpfcosim.workflows.arguments import check_workers
+from lpfcosim.workflows.campaigns import CampaignLike, PathLike, as_path, is_described_by_file, resolve
 from lpfcosim.workflows.fmus import campaign_fmus
 from lpfcosim.workflows.progress import LOG, Progress
-
-MODEL_EQUATIONS = "model equations"  # attribute simulated_by of telemetry that no FMU made
 
 
 def simulate(
@@ -65,15 +60,17 @@ def simulate(
         one; if a run failed, after the others are finished.
     """
     plan, source = resolve(campaign)
+    jobs = check_workers(jobs)
     directory = as_path(folder, "the path of a folder")
     with prefix_errors(source):
         validated = validation.validate(plan, fitted=False)
-    if not fmus:
-        return _simulate_reference_plant(plan, directory, validated, progress)
-    paths = campaign_fmus(plan, progress)
+    if plan.replacements and not fmus:
+        models = ", ".join(f"fmus.{r.model}" for r in plan.replacements)
+        raise InputError(f"{models}: a third-party FMU, expected fmus=True where a campaign names one")
+    paths = campaign_fmus(plan, progress) if fmus else {}
     options = runner.RunOptions(jobs)
     with results_folder.lock(directory):
-        simulated = simulate_fmus(
+        simulated = simulate_into(
             plan, source, directory, paths, options, validated, progress, trusted=trusted
         )
     if simulated.failures:
@@ -81,7 +78,7 @@ def simulate(
     return list(simulated.files.values())
 
 
-def simulate_fmus(
+def simulate_into(
     plan: Campaign,
     source: Path | None,
     directory: Path,
@@ -95,6 +92,7 @@ def simulate_fmus(
     """Simulate a campaign into a locked folder, which then holds all that it takes to do it again.
 
     `source` is the file of the campaign, if it has one; the folder is locked by `results_folder.lock`.
+    Without `fmus`, the equations of the models are evaluated.
     """
 
     def begin(provenance: Provenance) -> None:
@@ -133,14 +131,9 @@ def _write_campaign(
 ) -> None:
     """Write the campaign and its third-party FMUs to the folder, if its file describes it as it is."""
     path = directory / results_folder.CAMPAIGN
-    described = fmus.keys() <= plan.tables.get("fmus", {}).keys()
-    if described:
+    if is_described_by_file(plan, fmus):
         results_folder.write_provenance(directory, plan.tables, fmus, provenance.fmus)
-        try:
-            described = loading.load(path).digest == plan.digest
-        except InputError:  # a campaign without a file
-            described = False
-    if not described:
+    else:
         path.unlink(missing_ok=True)
         progress.note(f"{path}: not written, as the campaign was changed in Python")
 
@@ -161,38 +154,3 @@ def _describe_replacements(plan: Campaign, validated: validation.Validation) -> 
         model_of(run).unknown_truths(run, compatibility.ignored_names(validated.interfaces))
     ):
         yield f"true values not known, left out of /truth: {', '.join(unknown)}"
-
-
-def _simulate_reference_plant(
-    plan: Campaign, directory: Path, validated: validation.Validation, progress: Progress
-) -> list[Path]:
-    for warning in validated.warnings:
-        progress.warn(warning)
-    if plan.replacements:
-        models = ", ".join(f"fmus.{r.model}" for r in plan.replacements)
-        raise InputError(f"{models}: a third-party FMU, expected fmus=True where a campaign names one")
-    provenance = Provenance.of(plan, {}, MODEL_EQUATIONS)
-    paths = [directory / "telemetry" / f"{run.name}.h5" for run in plan.runs]
-    with results_folder.lock(directory):
-        (directory / "telemetry").mkdir(exist_ok=True)
-        for run, path in zip(plan.runs, paths, strict=True):
-            if not path.exists():
-                _record(run, path, provenance)
-                continue
-            attributes = root_attributes(path)
-            if attributes is None or provenance.mismatch(attributes):
-                raise InputError(
-                    f"{path}: telemetry of something else, expected another folder or none there"
-                )
-        _write_campaign(plan, directory, {}, provenance, progress)
-    return paths
-
-
-def _record(run: Run, path: Path, provenance: Provenance) -> None:
-    simulated = ClosedLoop(run).simulate()
-    channels = {name: simulated[name] for name in model_of(run).record}
-    with telemetry_file.create(path, run, channels, provenance.attributes()) as writer:
-        for block in decimation.decimate(run, [channels]):
-            writer.append(block)
-        if saturated := saturation.count(run, channels):
-            writer.annotate("saturated_samples", saturated)

@@ -463,7 +463,7 @@ def test_what_is_simulated_already_is_kept(campaign, folder):
     simulator.simulate(campaign, folder, fmus=False)
     assert {path: path.stat().st_mtime_ns for path in (folder / "telemetry").iterdir()} == before
     other = replace(campaign, seed=1)
-    with pytest.raises(simulator.InputError, match="telemetry of something else"):
+    with pytest.raises(simulator.InputError, match=r"simulated with seed \d+, now it is 1; choose another"):
         simulator.simulate(other, folder, fmus=False)
 
 

@@ -15,12 +15,14 @@ import numpy as np
 import pytest
 from scipy.stats import norm
 
+from fit.files import atomic
 from fit.forecasting import coverage
 from fit.results.estimates import Estimate
 from fit.results.provenance import Provenance
 from fit.results.results import Fit, Results
 from fit.settings import settings
 from lpfcosim.campaign import loading, montecarlo
+from lpfcosim.errors import RunError
 from lpfcosim.workflows import montecarlo as workflow
 from lpfcosim.workflows.montecarlo_trial import MonteCarloTask
 from tests.campaign_text import ONE_EXPERIMENT
@@ -92,6 +94,21 @@ def test_redrawn_truths_stay_near_and_valid(small):
         assert abs(ratio - 1).max() > 0.9 * reach
     assert min(min(t.C_1 / t.lambda_1, t.C_2 / t.lambda_2) for t in truths) > 0.05
     assert len({t.delta_ifo[1] for t in truths}) == 200
+
+
+def test_a_log_that_cannot_be_replaced_stays_as_it_is(tmp_path, monkeypatch):
+    log, header = tmp_path / "campaigns.jsonl", {"redraw": False}
+    record = {"number": 0, "estimates": {"lambda_2": [0.1, 1.0]}}
+    content = "".join(json.dumps(line) + "\n" for line in (header, record))
+    log.write_text(content, encoding="utf-8")
+
+    def fail(_partial, _path):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(atomic, "settle", fail)
+    with pytest.raises(RunError, match="No space left on device"):
+        workflow.read_log(log, header)
+    assert log.read_text(encoding="utf-8") == content
 
 
 @pytest.mark.slow

@@ -5,9 +5,9 @@ from pathlib import Path
 
 import pytest
 
-from lpfcosim.cli.options import check_file, check_folder
 from lpfcosim.errors import InputError
 from lpfcosim.modelica import build
+from lpfcosim.workflows import output_paths
 from tests import ROOT
 
 
@@ -66,13 +66,13 @@ def test_what_may_not_be_written_to_is_refused(tmp_path, monkeypatch):
     forbidden = {locked, tmp_path / "file.toml"}
     monkeypatch.setattr(os, "access", lambda path, _: Path(path) not in forbidden)
     for check in (
-        lambda: check_folder(locked),
-        lambda: check_folder(locked / "deeper"),
-        lambda: check_file(locked / "a.toml", []),
-        lambda: check_file(locked / "deeper" / "a.toml", [], parents=True),
-        lambda: check_file(tmp_path / "file.toml", []),
+        lambda: output_paths.check_folder(locked),
+        lambda: output_paths.check_folder(locked / "deeper"),
+        lambda: output_paths.check_file(locked / "a.toml", []),
+        lambda: output_paths.check_file(locked / "deeper" / "a.toml", [], parents=True),
+        lambda: output_paths.check_file(tmp_path / "file.toml", []),
     ):
         with pytest.raises(InputError, match="may not be written to"):
             check()
-    check_folder(tmp_path / "new")
-    check_file(tmp_path / "new" / "a.toml", [], parents=True)
+    output_paths.check_folder(tmp_path / "new")
+    output_paths.check_file(tmp_path / "new" / "a.toml", [], parents=True)

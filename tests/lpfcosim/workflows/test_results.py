@@ -1,12 +1,15 @@
 """Workflows from Python: a campaign in memory or by its path, typed results, one class of errors."""
 
+import hashlib
 import json
 from dataclasses import FrozenInstanceError, replace
 
+import h5py
 import pytest
 
 import fit
 import lpfcosim
+from lpfcosim.workflows.campaigns import is_described_by_file
 
 
 @pytest.fixture(scope="module")
@@ -89,6 +92,61 @@ def test_other_arguments_are_checked(campaign, tmp_path):
     changed = replace(campaign, experiments=campaign.experiments[:2])
     with pytest.raises(fit.InputError, match="changed in Python"):
         lpfcosim.design(changed, tmp_path / "a.toml")
+
+
+@pytest.mark.parametrize("jobs", [-1, 0, "2", 1.5, True])
+@pytest.mark.parametrize("name", ["simulate", "run", "montecarlo", "design"])
+def test_a_number_of_processes_is_one_or_more(name, jobs, campaign, tmp_path):
+    size = (2,) if name == "montecarlo" else ()
+    with pytest.raises(fit.InputError, match=r"^jobs: .*, expected one or more processes$"):
+        getattr(lpfcosim, name)(campaign, *size, tmp_path / "out.toml", jobs=jobs)
+
+
+def test_a_design_replaces_no_input_and_needs_a_folder(quickstart, tmp_path):
+    path = tmp_path / "plan.toml"
+    path.write_bytes(quickstart.read_bytes())
+    with pytest.raises(fit.InputError, match="is read by this command, expected another name"):
+        lpfcosim.design(path, path)
+    with pytest.raises(fit.InputError, match="is not a folder"):
+        lpfcosim.design(path, tmp_path / "nowhere" / "a.toml")
+    with pytest.raises(fit.InputError, match="is a folder, expected the name of a file"):
+        (tmp_path / "a.toml").mkdir()
+        lpfcosim.design(path, tmp_path / "a.toml")
+
+
+def test_telemetry_from_equations_is_checked_as_that_of_fmus(campaign, tmp_path):
+    experiment = replace(campaign.experiments[0], n_samples=6000, n_noise_samples=6000)
+    brief = replace(campaign, experiments=(experiment,))
+    paths = lpfcosim.simulate(brief, tmp_path, fmus=False)
+    recorded = [path.read_bytes() for path in paths]
+    sums = (tmp_path / "telemetry.sha256").read_text(encoding="utf-8").splitlines()
+    digests = [hashlib.sha256(content).hexdigest() for content in recorded]
+    assert sums == sorted(
+        (f"{sha256}  telemetry/{path.name}" for sha256, path in zip(digests, paths, strict=True)),
+        key=lambda line: line.split()[1],
+    )
+    middle = len(recorded[0]) // 2
+    paths[0].write_bytes(recorded[0][:middle] + bytes(4000) + recorded[0][middle + 4000 :])
+    assert lpfcosim.simulate(brief, tmp_path, fmus=False) == paths
+    assert [path.read_bytes() for path in paths] == recorded
+    with h5py.File(paths[1], "r+") as file:
+        assert file.attrs["simulated_by"] == "model equations"
+        file.attrs["equations_digest"] = "0" * 64  # as if the models had been edited since
+    (tmp_path / "telemetry.sha256").unlink()
+    with pytest.raises(fit.InputError, match="simulated from other equations of the models"):
+        lpfcosim.simulate(brief, tmp_path, fmus=False)
+    paths[1].rename(tmp_path / "telemetry" / "other.h5")
+    with pytest.raises(fit.InputError, match=r"other\.h5: belongs to no run of this campaign"):
+        lpfcosim.simulate(brief, tmp_path, fmus=False)
+
+
+def test_a_campaign_whose_fit_was_changed_in_python_is_not_written(quickstart, tmp_path):
+    path = tmp_path / "short.toml"
+    text = quickstart.read_text(encoding="utf-8").split("[[experiments]]")
+    path.write_text("[[experiments]]".join(text[:2]), encoding="utf-8")
+    short = lpfcosim.load_campaign(path)
+    assert is_described_by_file(short)
+    assert not is_described_by_file(replace(short, fit={"f_max": 0.02}))
 
 
 def test_a_simulated_folder_is_reproduced(quickstart, tmp_path, run_lpfcosim):
