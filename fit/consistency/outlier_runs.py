@@ -10,7 +10,7 @@ the variance of a bad run in units of that of the noise (`MixturePrior`). The ru
 alignment epoch may all be bad for one reason and count as one. The probability that a run is bad is the sum
 of p over all subsets that hold it. Above one half the run is left out, if the contradiction itself is beyond
 the budget of false alarms; of two that may about as well be bad, both are,
-and of a group that may about as well be bad as some of its runs, all are.
+and of a group that may about as well be bad as most of its runs, or where little decides, all are.
 """
 
 import math
@@ -117,17 +117,18 @@ def find_outlier_runs(test: ConsistencyTest, groups: Groups = ()) -> OutlierRuns
     order = np.argsort(-log_p, kind="stable")
     is_probable = (log_p > log_p.max() - PRIOR.margin) & (reasons <= reasons[order[0]])
     probable = good[order[is_probable[order]]]
-    outliers, undecided = _decide(test, bad, probable, groups)
+    log_odds = float(log_p.max() - log_p[0])
+    outliers, undecided = _decide(test, bad, probable, groups, is_weak=log_odds < 2 * PRIOR.margin)
     return OutlierRuns(
         dict(zip(names, bad.tolist(), strict=True)),
         tuple(names[i] for i in outliers),
         tuple(names[i] for i in undecided),
-        float(log_p.max() - log_p[0]),
+        log_odds,
     )
 
 
 def _decide(
-    test: ConsistencyTest, bad: Array, probable: Flags, groups: Groups
+    test: ConsistencyTest, bad: Array, probable: Flags, groups: Groups, *, is_weak: bool
 ) -> tuple[list[int], list[int]]:
     """Return the runs to leave out, or where that is not decided those that may be bad, by number.
 
@@ -142,11 +143,15 @@ def _decide(
         in falling order.
     groups : collection of frozenset of str
         Runs, by name, that may be bad for one reason.
+    is_weak : bool
+        Whether the most probable subset is not much more probable than no bad run.
     """
     if not is_contradicted(test, groups):
         return [], []
     outliers = np.flatnonzero(bad > 0.5).tolist()
-    shared = probable[_is_group(test, probable, groups) & ~probable[:, outliers].any(axis=1)]
+    # a strong fault that they share would stand out in most of them
+    is_credible = is_weak | (np.count_nonzero(~probable, axis=1) < 2 * len(outliers))
+    shared = probable[_is_group(test, probable, groups) & ~probable[:, outliers].any(axis=1) & is_credible]
     if outliers and len(shared):
         outliers = np.flatnonzero(~shared[0]).tolist()
     in_place = probable[probable[:, outliers].any(axis=1)]
