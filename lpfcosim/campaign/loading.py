@@ -186,9 +186,11 @@ def _replacement(component: Component, parameters: Collection[str], entry: FmuTa
             raise ConflictError(f"{place}.unused[{k}]: {quote(name)} has a place under variables too")
     fed: dict[str, str] = {}
     for name in (*component.inputs, *(n for n in parameters if n in entry.variables)):
-        theirs = entry.variables.get(name, name)
-        if name not in entry.unused and fed.setdefault(theirs, name) != name:
-            raise ConflictError(f"{place}.variables: {quote(theirs)} stands for {fed[theirs]} and for {name}")
+        fmu_variable = entry.variables.get(name, name)
+        if name not in entry.unused and fed.setdefault(fmu_variable, name) != name:
+            raise ConflictError(
+                f"{place}.variables: {quote(fmu_variable)} stands for {fed[fmu_variable]} and for {name}"
+            )
     for name in entry.values:
         if name in entry.variables.values() or (name in parameters and name not in entry.unused):
             raise ConflictError(f"{place}.values: {quote(name)} is set by the campaign already")

@@ -131,8 +131,8 @@ def validate(
         for path in archives:
             results[str(path)] = checks.problems(path)
             progress(len(results))
-    told = [{"path": name, "faults": faults} for name, faults in results.items()]
-    console.print_json(json.dumps({"schema": "lpf-faults/1", "fmus": told}, indent=1))
+    entries = [{"path": name, "faults": faults} for name, faults in results.items()]
+    console.print_json(json.dumps({"schema": "lpf-faults/1", "fmus": entries}, indent=1))
     for name, faults in results.items():
         console.print_line(f"{name}: {f'{len(faults)} faults' if faults else 'no fault found'}")
         for fault in faults:

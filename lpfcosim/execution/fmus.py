@@ -23,9 +23,9 @@ def resolve_fmus(
     plan: Campaign, built: Callable[[Sequence[str]], Mapping[str, Path]] = build.build
 ) -> dict[str, Path]:
     """Return the FMUs of a campaign by model: the user's, and ours, `built` if need be, for the others."""
-    theirs = {r.model: r.archive for r in plan.replacements}
-    ours = [model for model in model_of(plan.runs[0]).models if model not in theirs]
-    return {**built(ours), **theirs}
+    third_party = {r.model: r.archive for r in plan.replacements}
+    models = [model for model in model_of(plan.runs[0]).models if model not in third_party]
+    return {**built(models), **third_party}
 
 
 @contextmanager

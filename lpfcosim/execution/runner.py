@@ -301,7 +301,7 @@ def write_telemetry(
     Without FMUs it is simulated from the equations of its models, as one block. The attribute
     ``saturated_samples`` counts the samples with a command at its limit, if there are any.
     """
-    saturated = 0
+    saturated, limits = 0, ClosedLoop(run).limits
     spacecraft = model_of(run)
     interfaces = compatibility.read_interfaces(run, fmus) if fmus else []
     unknown = spacecraft.unknown_truths(run, compatibility.ignored_names(interfaces))
@@ -312,7 +312,7 @@ def write_telemetry(
             for block in (
                 co_simulation.blocks(run, interfaces, engine, progress, libraries) if fmus else _evaluate(run)
             ):
-                saturated += saturation.count(run, block)
+                saturated += saturation.count(limits, block)
                 yield block
 
         for block in decimation.decimate(run, simulated_blocks()):

@@ -14,7 +14,7 @@ from fit.telemetry import CHANNELS, SCHEMA, Writer
 from lpfcosim.errors import RunError, as_run_error
 from lpfcosim.models import model_of
 from lpfcosim.signals import decimation, events
-from lpfcosim.spacecraft import LIVING, SCATTERED, Run
+from lpfcosim.spacecraft import GAIN_CHANGES, SCATTERED, Run
 
 Array = NDArray[np.float64]
 
@@ -126,7 +126,7 @@ def truth(run: Run) -> dict[str, float]:
     Where gains scatter, NAME_mean is what the NAME of the experiments scatter about.
     """
     known = {f.name: getattr(run.truth, f.name) for f in fields(run.truth) if f.name != "delta_ifo"}
-    truth = {name: value for name, value in known.items() if value or name not in LIVING}
+    truth = {name: value for name, value in known.items() if value or name not in GAIN_CHANGES}
     truth |= {f"delta_ifo_{k}": value for k, value in run.truth.delta_ifo.items()}
     if run.about is not None:
         truth |= {f"{name}_mean": getattr(run.about, name) for name in SCATTERED}

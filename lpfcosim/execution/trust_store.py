@@ -122,7 +122,7 @@ def revoke(names: Sequence[str]) -> list[Approval]:
     """
     with _lock():
         known = approvals()
-        gone: list[Approval] = []
+        revoked: list[Approval] = []
         for name in names:
             path = Path(name)
             digest = checksums.digest(path) if documents.is_file(path) else name.lower()
@@ -132,9 +132,9 @@ def revoke(names: Sequence[str]) -> list[Approval]:
                     f"{quote(name)}: not among the approved FMUs, expected one of them or "
                     f"{_SHORTEST} digits or more of its digest (lpfcosim trust lists them)"
                 )
-            gone += matches
-        _write([approval for approval in known if approval not in gone])
-    return gone
+            revoked += matches
+        _write([approval for approval in known if approval not in revoked])
+    return revoked
 
 
 def _lock() -> FileLock:

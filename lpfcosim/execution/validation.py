@@ -80,10 +80,10 @@ def validate(plan: Campaign, *, fitted: bool = True) -> Validation:
         from lpfcosim.cosim import compatibility  # takes its time, and few campaigns need it
         from lpfcosim.execution import fmus
 
-        theirs = {r.model: r.archive for r in plan.replacements}
-        interfaces = compatibility.read_interfaces_of_runs(plan.runs, theirs)
+        third_party = {r.model: r.archive for r in plan.replacements}
+        interfaces = compatibility.read_interfaces_of_runs(plan.runs, third_party)
         fmu_warnings = compatibility.warnings(interfaces)
-        fmus.check_digests(plan, theirs)
+        fmus.check_digests(plan, third_party)
     else:
         stability.check(*plan.runs)
         saturated = _saturation(plan)

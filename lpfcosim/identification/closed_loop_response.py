@@ -53,7 +53,7 @@ class _LoadedRun:
 
 
 class ClosedLoopResponse:
-    """All runs of a telemetry, their FMUs loaded; a `fit.identification.Loop`.
+    """All runs of a telemetry, their FMUs loaded; a `fit.identification.loop.Loop`.
 
     Parameters
     ----------
@@ -113,7 +113,7 @@ class ClosedLoopResponse:
     def response(
         self, run: Telemetry, theta: Mapping[str, float], inputs: Mapping[str, Array]
     ) -> Mapping[str, Array]:
-        """Return o_1 and o_12 of a run, see `fit.identification.Loop`."""
+        """Return o_1 and o_12 of a run, see `fit.identification.loop.Loop`."""
         loaded = self._loaded[run.run]
         n = inputs["f_x_1"].size
         feeds = {name: x[:n] for name, x in loaded.feeds.items() if name != "F_x_1"}  # part of f_x_1
@@ -129,13 +129,13 @@ class ClosedLoopResponse:
         return {name: loaded.x_sign * x for name, x in outputs.items()}
 
     def command(self, run: Telemetry, theta: Mapping[str, float], o_12: Array) -> Array:
-        """Return what the controller of test mass 2 asks for, see `fit.identification.Loop`."""
+        """Return what the controller of test mass 2 asks for, see `fit.identification.loop.Loop`."""
         loaded = self._loaded[run.run]
         outputs = self._simulated(loaded.controller, o_12.size, {"o_12": loaded.x_sign * o_12}, theta)
         return loaded.x_sign * outputs["f_control_2"]
 
     def direct(self, run: Telemetry) -> Array:
-        """Return the force commanded past the controller, see `fit.identification.Loop`."""
+        """Return the force commanded past the controller, see `fit.identification.loop.Loop`."""
         loaded = self._loaded[run.run]
         if "F_x_2" not in loaded.feeds:
             return np.zeros(size(loaded.run, run))

@@ -146,7 +146,7 @@ def _target(
     key: str, name: str, interface: Interface, values: Mapping[str, float], request: ParameterSpec
 ) -> Target:
     mapped = interface.replacement.variables if interface.replacement else {}
-    name = {theirs: known for known, theirs in mapped.items()}.get(name, name)
+    name = {fmu_name: known for known, fmu_name in mapped.items()}.get(name, name)
     ours = name in interface.settings and interface.takes(name)
     variable = interface.name(name) if ours else name
     location = f"identify.{key}: {interface.named}"

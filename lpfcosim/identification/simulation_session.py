@@ -70,15 +70,17 @@ class SimulationSession:
         self._run, self._interfaces, self._progress = run, interfaces, progress or SimulationProgress()
         self._feeds, self._record = feeds, record
         self._given = model_of(run).parameters(run)
-        self._slaves = co_simulation.load(stack, interfaces, self._progress)
+        self._instances = co_simulation.load(stack, interfaces, self._progress)
         self._progress.set_idle()
         self._used = False
-        self._theirs = [slave for slave, i in zip(self._slaves, interfaces, strict=True) if i.replacement]
+        self._third_party_instances = [
+            instance for instance, i in zip(self._instances, interfaces, strict=True) if i.replacement
+        ]
         self._renewed: Sequence[FmuInstance] = ()  # those whose reset does not do
         self._reference: _Reference | None = None
         components = [i.component for i in interfaces]
         self._network = co_simulation.CoSimulation(
-            run.name, run.h, components, self._slaves, feeds, record.values(), progress=self._progress
+            run.name, run.h, components, self._instances, feeds, record.values(), progress=self._progress
         )
 
     def simulate(self, n: int, inputs: Mapping[str, Array], changed: Values) -> dict[str, Array]:
@@ -104,13 +106,13 @@ class SimulationSession:
             If an FMU refuses, or the loop is not stable.
         """
         try:
-            with co_simulation.translate_fmi_errors(self._run.name, self._slaves):
+            with co_simulation.translate_fmi_errors(self._run.name, self._instances):
                 return self._simulated(n, inputs, changed)
         finally:
             self._progress.set_idle()
 
     def _simulated(self, n: int, inputs: Mapping[str, Array], changed: Values) -> dict[str, Array]:
-        if self._theirs and not self._renewed:
+        if self._third_party_instances and not self._renewed:
             self._check_reset(changed, inputs)
         self._start(changed, self._renewed)
         recorded = np.empty((len(self._record), n))
@@ -133,19 +135,19 @@ class SimulationSession:
         return part
 
     def _parameters(self, changed: Values) -> Iterator[tuple[FmuInstance, Mapping[str, Value]]]:
-        for slave, i in zip(self._slaves, self._interfaces, strict=True):
-            yield slave, {**i.parameters(self._given[i.model]), **changed.get(i.model, {})}
+        for instance, i in zip(self._instances, self._interfaces, strict=True):
+            yield instance, {**i.parameters(self._given[i.model]), **changed.get(i.model, {})}
 
     def _start(self, changed: Values, renewed: Sequence[FmuInstance]) -> None:
         """Take all FMUs to their start, those in `renewed` by new instances if they were used."""
         self._progress.reset()
-        for slave, parameters in self._parameters(changed):
+        for instance, parameters in self._parameters(changed):
             if not self._used:
-                slave.initialize(parameters)
-            elif slave in renewed:
-                slave.renew(parameters)
+                instance.initialize(parameters)
+            elif instance in renewed:
+                instance.renew(parameters)
             else:
-                slave.restart(parameters)
+                instance.restart(parameters)
         if self._used and renewed:
             self._network.connect()
         self._used = True
@@ -166,15 +168,15 @@ class SimulationSession:
                 noise = np.random.default_rng(len(feeds)).uniform(-EXCITATION, EXCITATION, STRETCH)
                 x = inputs.get(name, np.zeros(1))[:STRETCH]
                 feeds[name] = noise + np.pad(x, (0, STRETCH - x.size), mode="edge")
-            self._start(changed, self._theirs)
+            self._start(changed, self._third_party_instances)
             recorded = self._advance(0, STRETCH, feeds)
             self._reference = _Reference(changed, feeds, recorded, self._network.signals)
         fault = self._difference(self._reference, ())
         if not fault:
             return
-        names = ", ".join(slave.name for slave in self._theirs)
+        names = ", ".join(instance.name for instance in self._third_party_instances)
         _messages.info("%s: a reset does not do (%s), new instances are used", names, fault)
-        self._renewed = self._theirs
+        self._renewed = self._third_party_instances
         new_instance_fault = self._difference(self._reference, self._renewed)
         if new_instance_fault:
             files = ", ".join(str(i.named) for i in self._interfaces if i.replacement)
@@ -187,7 +189,7 @@ class SimulationSession:
     def _difference(self, reference: _Reference, renewed: Sequence[FmuInstance]) -> str:
         """Simulate the reference again; return what differs from the first time, empty if nothing does."""
         try:
-            with co_simulation.translate_fmi_errors(self._run.name, self._slaves):
+            with co_simulation.translate_fmi_errors(self._run.name, self._instances):
                 self._start(reference.changed, renewed)
                 recorded = self._advance(0, STRETCH, reference.feeds)
         except (RunError, InputError) as error:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -56,23 +56,29 @@ class Demand:
     injection: Injection | None
 
 
-def count(run: Run, block: Mapping[str, Array]) -> int:
-    """Count the samples of a block in which a command is at its limit."""
-    limits = ClosedLoop(run).limits
+def count(limits: Mapping[str, float], block: Mapping[str, Array]) -> int:
+    """Count the samples of a block in which a command is at its limit, see `ClosedLoop.limits`."""
     reached = [np.abs(block[name]) >= limit * AT_LIMIT for name, limit in limits.items() if name in block]
     return int(np.any(reached, axis=0).sum())
 
 
 @one_blas_thread
-def demands(run: Run) -> list[Demand]:
-    """Return the commands along x and the read-outs that a run takes beyond their limits.
+def demands(run: Run, commands: Collection[str] | None = COMMANDS) -> list[Demand]:
+    """Return the commands and the read-outs that a run takes beyond their limits.
 
     Injections, the force that holds `Run.dc` and the stationary noise count. A limit is exceeded if one
     sample or more of the run is expected beyond it. The loop must be stable.
+
+    Parameters
+    ----------
+    run : Run
+        What is injected, and into what.
+    commands : collection of str, optional
+        The commands that count, by default those along x; None: all.
     """
     loop = ClosedLoop(run)
     system = loop.linearize()
-    limits = {name: limit for name, limit in loop.limits.items() if name in COMMANDS}
+    limits = {name: limit for name, limit in loop.limits.items() if commands is None or name in commands}
     limits |= dict.fromkeys(READ_OUTS, READ_OUT_RANGE)
     gains, rms = _gains(run, system, list(limits))
     start = loop.equilibrium()
@@ -104,8 +110,8 @@ def masked_share(run: Run) -> float:
     DivergenceError
         If a read-out leaves its range.
     """
-    channels = ClosedLoop(run).simulate()
-    limits = ClosedLoop(run).limits
+    loop = ClosedLoop(run)
+    channels, limits = loop.simulate(), loop.limits
     limited = np.any([np.abs(channels[k]) >= limits[k] * AT_LIMIT for k in COMMANDS if k in limits], axis=0)
     if not limited.any():
         return 0.0

@@ -47,12 +47,15 @@ def _ceil(x):
 
 
 class _Printer(PythonCodePrinter):  # type: ignore[misc]
-    def __init__(self, names: Mapping[sp.Symbol, str]) -> None:
+    def __init__(self, model: str, names: Mapping[sp.Symbol, str]) -> None:
         super().__init__({"user_functions": {f"modelica_{n}": f"_{n}" for n in EVENT_FUNCTIONS}})
         self.names: dict[sp.Symbol, str] = dict(names)
+        self._model = model
 
     def _print_Symbol(self, expr: sp.Symbol) -> str:
-        return str(self.names[expr])
+        if expr not in self.names:
+            raise UnsupportedError(f"{self._model}: {expr.name} has no place in a sampled model")
+        return self.names[expr]
 
     _print_Dummy = _print_Symbol
 
@@ -88,7 +91,8 @@ def python_source(model: SortedModel) -> str:
     Raises
     ------
     UnsupportedError
-        If the derivatives of the states are no polynomials, so that there is no affine part to be exact in.
+        If the derivatives of the states are no polynomials, so that there is no affine part to be exact in,
+        or if an equation depends on a symbol that a sampled model does not have, such as the time.
     """
     if model.derivatives and model.affine is None:
         raise UnsupportedError(f"{model.name}: derivatives that are no polynomials have no exact step")
@@ -117,7 +121,7 @@ class _ModulePrinter:
         names |= {s: f"p_{i}" for i, s in enumerate(self._symbols("parameter"))}
         names |= {s: f"c_{i}" for i, s in enumerate(self._symbols("calculated"))}
         names |= {s: f"a_{i}" for i, s in enumerate([*self._symbols("algebraic"), *self._symbols("rate")])}
-        self._print = _Printer(names)
+        self._print = _Printer(model.name, names)
         self._constants = {*self._symbols("parameter"), *self._symbols("calculated")}
         self._algebraic = dict(model.algebraic)
         self._outputs = [s for s in model.scalars if s.variable.causality == "output"]

@@ -6,7 +6,7 @@ from lpfcosim.spacecraft.electrodes import ETA_PER_X, PHI_PER_X
 from lpfcosim.spacecraft.events import Events
 from lpfcosim.spacecraft.parameters import FS, LONGEST_DELAY, M_TM, READ_OUT_RANGE, H
 from lpfcosim.spacecraft.run import (
-    LIVING,
+    GAIN_CHANGES,
     SCATTERED,
     Authority,
     Disturbed,
@@ -34,8 +34,8 @@ __all__ = [
     "ETA_PER_X",
     "FS",
     "F_REF",
+    "GAIN_CHANGES",
     "LARGEST_PULL",
-    "LIVING",
     "LONGEST_DELAY",
     "M_TM",
     "PHI_PER_X",

@@ -24,8 +24,8 @@ Model = Literal[
 
 #: What differs between experiments where gains scatter.
 SCATTERED = ("lambda_1", "lambda_2", "C_1", "C_2")
-#: What a gain may do within a run; where it does nothing of it, nothing is told of it.
-LIVING = tuple(f"lambda_{how}_{j}" for how in ("drift", "walk", "bend") for j in (1, 2))
+#: Changes of the gains within a run, left out of the truth of a telemetry file where they are zero.
+GAIN_CHANGES = tuple(f"lambda_{how}_{j}" for how in ("drift", "walk", "bend") for j in (1, 2))
 
 
 @dataclass(frozen=True)
@@ -78,9 +78,9 @@ class Truth:
     lambda_bend_2: float = 0.0
 
     @property
-    def living(self) -> tuple[str, ...]:
-        """Names of what lets a gain change within a run."""
-        return tuple(name for name in LIVING if getattr(self, name))
+    def gain_changes(self) -> tuple[str, ...]:
+        """Names of the changes of gains within a run that are not zero."""
+        return tuple(name for name in GAIN_CHANGES if getattr(self, name))
 
     def of_experiment(self, name: str, seed: int) -> "Truth":
         """Return the truth with the gains that this experiment has; its commands are as late as ever."""

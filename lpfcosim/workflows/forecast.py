@@ -151,7 +151,8 @@ def expected_results(plan: Campaign, fit_settings: Settings, doubts: tuple[str, 
         planned_noise_runs(plan.runs), joint, fit_settings.parameters
     )
     ignored = [
-        f"truth.{name}: the forecast leaves out gains that change within a run" for name in plan.truth.living
+        f"truth.{name}: the forecast leaves out gains that change within a run"
+        for name in plan.truth.gain_changes
     ]
     of_periods = [(period, w.message) for period, fit in inertial.items() for w in fit.warnings]
     messages = [*(w.message for w in joint.warnings), *grouped(of_periods, "inertial period")]

@@ -19,6 +19,7 @@ from lpfcosim.campaign import Campaign
 from lpfcosim.errors import InputError, RunError, prefix_errors
 from lpfcosim.execution import checksums, dask_executor, process_pool, results_folder, runner, validation
 from lpfcosim.execution import fmus as fmu_archives
+from lpfcosim.linear import saturation
 from lpfcosim.messages import grouped
 from lpfcosim.workflows.arguments import check_workers, whole_number
 from lpfcosim.workflows.campaigns import CampaignLike, PathLike, resolve
@@ -190,12 +191,18 @@ def _check_spectra(plan: Campaign, validated: validation.Validation) -> None:
             f"{'; '.join(validated.saturation)}; expected --fmus, as telemetry drawn from spectra knows no "
             "limit"
         )
+    for run in plan.runs:
+        for demand in saturation.demands(run, commands=None):
+            raise InputError(
+                f"run '{run.name}': {demand.channel} is expected beyond its limit of {demand.limit:.3g}; "
+                "expected --fmus, as telemetry drawn from spectra knows no limit"
+            )
     if plan.events and plan.events.noise_drift:
         raise InputError(
             "events.noise_drift: the noise drawn from spectra keeps its level; expected --fmus, or a "
             "campaign without it"
         )
-    for name in plan.truth.living:
+    for name in plan.truth.gain_changes:
         raise InputError(
             f"truth.{name}: the loop behind the spectra keeps its gains; expected --fmus, or a campaign "
             "without it"

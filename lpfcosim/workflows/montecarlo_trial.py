@@ -21,7 +21,7 @@ from lpfcosim.campaign import Campaign, montecarlo
 from lpfcosim.cosim import FmuLibraryCache, SimulationProgress
 from lpfcosim.errors import RunError
 from lpfcosim.execution import runner, telemetry_file
-from lpfcosim.linear import spectral_simulation, stability
+from lpfcosim.linear import ClosedLoop, spectral_simulation, stability
 from lpfcosim.models import model_of
 from lpfcosim.planned_experiments import telemetry_of
 from lpfcosim.spacecraft import Run
@@ -47,9 +47,9 @@ class SpectralSimulator:
             If a command reaches its limit.
         """
         channels = self._simulation(run).record(rng)
-        limit = run.authority.F_max_2 / run.m_tm
-        if np.nanmax(np.abs(channels["f_x_2"])) >= limit:
-            raise RunError(f"{run.name}: f_x_2 reaches its limit, which only the FMUs know: add --fmus")
+        for name, limit in ClosedLoop(run).limits.items():
+            if name in channels and np.nanmax(np.abs(channels[name])) >= limit:
+                raise RunError(f"{run.name}: {name} reaches its limit, which only the FMUs know: add --fmus")
         return telemetry_of(run, channels)
 
     def _simulation(self, run: Run) -> spectral_simulation.Simulation:

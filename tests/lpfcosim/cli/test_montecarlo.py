@@ -202,6 +202,16 @@ def test_a_command_at_its_limit_is_no_campaign_that_counts(small):
     assert "f_x_2 reaches its limit" in task.run(1, {})["failed"]
 
 
+@pytest.mark.parametrize(("authority", "command"), [("N_max_1", "N_phi_1"), ("N_max_2", "N_phi_2")])
+def test_a_torque_beyond_its_limit_wants_fmus(small, lpfcosim, authority, command):
+    text = re.sub(rf'{authority} = "[^"]*"', f'{authority} = "0.01 pN m"', SMALL)
+    text = text.replace("tail = 1.5", 'tail = 1.5\ndws = "150 nrad Hz^-0.5"')
+    small.write_text(f"{text}[spacecraft]\n", encoding="utf-8")
+    status, _, error = lpfcosim("montecarlo", small, "-n", 2)
+    assert (status, error.count("\n")) == (2, 1)
+    assert f"{command} is expected beyond its limit of 1e-14" in error
+
+
 def test_pulls_that_chance_explains_are_valid_and_others_are_not():
     """Of 500 studies of sound calibrations at most 1 % are called invalid: 13 or more come in one of 1000."""
     rng = np.random.default_rng(11)

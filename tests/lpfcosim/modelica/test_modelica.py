@@ -10,6 +10,7 @@ from lpfcosim.errors import InputError
 from lpfcosim.modelica import build
 from lpfcosim.modelica.flat_model import UnsupportedError
 from lpfcosim.modelica.frontend import flatten
+from lpfcosim.modelica.numpy_printer import python_source
 from tests.lpfcosim.modelica.modelica_source import translate, write
 
 pytestmark = pytest.mark.fmu
@@ -221,6 +222,12 @@ def test_unsupported_construct_is_refused_with_its_place(tmp_path, construct):
     if line is not None:
         assert f"Test.mo:{line}: M: " in str(caught.value)
     assert not (tmp_path / "M.fmu").exists()
+
+
+def test_equation_of_time_is_refused_in_a_python_module(tmp_path):
+    text = "model M discrete output Real x; equation when sample(0, 1) then x = time; end when; end M;"
+    with pytest.raises(UnsupportedError, match="M: time has no place in a sampled model"):
+        python_source(translate(tmp_path, text))
 
 
 def test_external_function_is_refused(tmp_path):

@@ -1,4 +1,4 @@
-"""What electrodes and living gains do to a run: against electrodes one by one, and against the FMUs."""
+"""What electrodes and gains that change do to a run: against electrodes one by one, and against the FMUs."""
 
 import re
 from dataclasses import replace
@@ -20,7 +20,7 @@ from tests.oracles import reference_plant
 
 M_TM = 1.928
 SET = Authority("G", 4400e-12, 5000e-12, 1.5e-12, 10.4e-12)
-LIVING = Truth(
+GAIN_CHANGES = Truth(
     lambda_drift_1=5e-2, lambda_drift_2=-3e-2, lambda_walk_1=1e-2, lambda_walk_2=2e-2,
     lambda_bend_1=1e-2, lambda_bend_2=-2e-2,
 )  # fmt: skip
@@ -36,7 +36,7 @@ def lively(make_run):
     return make_run(
         n_samples=3000,
         authority=SET,
-        truth=LIVING,
+        truth=GAIN_CHANGES,
         actuation=Actuation(electrode=2e-4, electrode_common=1e-4),
         noise=NOISE,
         dc=1e-11,
@@ -138,7 +138,7 @@ def test_common_noise_follows_the_force(make_run):
 
 TEXT = """\
 schema = "lpf-campaign/1"
-name = "living"
+name = "gains"
 seed = 1
 
 [truth]

@@ -57,7 +57,7 @@ def test_third_model_is_wired_and_recorded(run):
 def test_third_model_has_loops_limits_attributes_and_truth(run):
     stability.check(run)
     assert [m.loop for m in margins.margins(run)] == ["drag_free_x", "suspension_x"]
-    assert saturation.count(run, {"f_x_2": np.array([0.0, 1.0])}) == 1
+    assert saturation.count(ClosedLoop(run).limits, {"f_x_2": np.array([0.0, 1.0])}) == 1
     assert telemetry_file.attributes(run)["watched"] == 1
     assert telemetry_file.truth(run)["rate"] == 1e-12
 
