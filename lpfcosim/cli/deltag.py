@@ -38,7 +38,7 @@ def deltag(paths: Sequence[Path], calibration: Path | None, out: Path | None, co
         "calibration_sha256": checksums.digest(file),
     }
     for name, path in outputs.items():
-        with results_folder.lock(directory, "--out"), console.stage(str(path)):
+        with results_folder.lock(directory, alternative=True), console.stage(str(path)):
             notes = write_delta_g(path, directory / name, results, {**origin, "source": path.name})
         for note in notes:
             console.warn(f"{note}")

@@ -3,6 +3,7 @@
 import json
 from pathlib import Path
 
+from fit.files import atomic
 from lpfcosim.cli.console import Console
 from lpfcosim.errors import UnavailableError
 from lpfcosim.workflows import forecast as workflow
@@ -23,7 +24,7 @@ def forecast(campaign: Path, out: Path | None, console: Console) -> None:
     text = expected.to_json()
     if out is not None:
         out.mkdir(parents=True, exist_ok=True)
-        (out / "forecast.json").write_text(text + "\n", encoding="utf-8")
+        atomic.write(out / "forecast.json", text + "\n")
     console.print_json(text)
     console.print_table(expected.table())
     for warning in expected.warnings:

@@ -9,23 +9,25 @@ from __future__ import annotations
 import contextlib
 import ctypes
 from collections.abc import Iterable, Iterator, Sequence
-from typing import Literal
+from typing import Literal, get_args
 
 import numpy as np
 import numpy.typing as npt
 from fmpy.fmi1 import FMICallException
 
+from fit.errors import shown
 from lpfcosim.cosim.engine import CompiledLoop
 from lpfcosim.cosim.fmu_instance import EARLY, ENDS, NOT_FINITE, FmuInstance
 from lpfcosim.cosim.fmu_library import FmuLibraryCache
 from lpfcosim.cosim.interface import Interface
-from lpfcosim.errors import RunError
+from lpfcosim.errors import InputError, RunError
 from lpfcosim.models import model_of, stimuli
 from lpfcosim.network import Component
 from lpfcosim.spacecraft import READ_OUT_RANGE, Run
 
 Array = npt.NDArray[np.float64]
 Engine = Literal["compiled", "fmpy"]
+ENGINES = get_args(Engine)
 
 BLOCK = 10_000  # samples that are in memory at a time
 LOADING, _IDLE = -1, -2
@@ -39,6 +41,12 @@ _STATUS_DESCRIPTIONS = {
     EARLY: "returns before the end of its step",
     NOT_FINITE: "puts out a value that is not finite",
 }
+
+
+def check_engine(engine: object) -> None:
+    """Raise InputError for what is no engine."""
+    if engine not in ENGINES:
+        raise InputError(f"engine: {shown(engine)}, expected {' or '.join(ENGINES)}")
 
 
 class SimulationProgress(ctypes.Structure):
@@ -223,6 +231,7 @@ class CoSimulation:
         engine: Engine = "compiled",
         progress: SimulationProgress | None = None,
     ) -> None:
+        check_engine(engine)
         self._name, self._h, self._fmus, self._progress = name, h, fmus, progress or SimulationProgress()
         self._n_stimuli = len(stimuli)
         place = {name: i for i, name in enumerate(stimuli)}

@@ -84,14 +84,14 @@ def _connected(address: str) -> Iterator[Client]:
         from distributed import Client
         from distributed.comm import get_address_host_port
     except ModuleNotFoundError:
-        raise InputError("--scheduler: needs Dask, install lpfcosim[dask]") from None
+        raise InputError("scheduler: needs Dask, install lpfcosim[dask]") from None
     logging.getLogger("distributed").setLevel(logging.CRITICAL)  # errors are reported here
     try:
         socket.create_connection(get_address_host_port(address), TIMEOUT).close()  # a client gives up late
         client = Client(address, timeout=TIMEOUT, set_as_default=False)
     except (OSError, ValueError, RuntimeError, TypeError):
         raise InputError(
-            f"--scheduler: {address}: no Dask scheduler answers there, expected one such as tcp://HOST:8786"
+            f"scheduler: {address}: no Dask scheduler answers there, expected one such as tcp://HOST:8786"
         ) from None
     try:
         yield client

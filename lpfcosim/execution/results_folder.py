@@ -27,13 +27,13 @@ _FOLDERS = ("telemetry", "figures", _FMUS)
 
 
 @contextmanager
-def lock(directory: Path, option: str = "") -> Iterator[None]:
+def lock(directory: Path, *, alternative: bool = False) -> Iterator[None]:
     """Make a folder of results if need be, keep other processes out of it, and clear what dead ones left.
 
     The operating system lets go of the lock when its holder ends, however it ends. Files that a process did
     not finish have a name of their own (`atomic.temporary`); once the lock is held, nobody alive writes them.
-    Within a process it may be held again while it is held. `option` names another folder, if the command has
-    one.
+    Within a process it may be held again while it is held. `alternative` says that the caller can choose
+    another folder.
 
     Raises
     ------
@@ -54,7 +54,7 @@ def lock(directory: Path, option: str = "") -> Iterator[None]:
         who = ""
         with suppress(OSError):
             who = f" ({holder.read_text(encoding='utf-8').strip()})"
-        advice = f"wait for it or choose another {option}" if option else "wait for it"
+        advice = "wait for it or choose another folder" if alternative else "wait for it"
         raise InputError(f"{directory}: another process works in it{who}; {advice}") from None
     except (FileExistsError, NotADirectoryError):
         message = f"{directory}: is a file or lies in one, expected a folder for the results"

@@ -125,10 +125,12 @@ def simulate(
     Raises
     ------
     InputError
-        If a folder is in the way of a file, telemetry is of another campaign, or FMUs do not fit.
+        If a folder is in the way of a file, telemetry is of another campaign, FMUs do not fit, or there is
+        no such engine.
     RunError
         If the folder cannot be made.
     """
+    co_simulation.check_engine(options.engine)
     provenance = Provenance.of(campaign, fmus)
     try:
         directory.mkdir(parents=True, exist_ok=True)
@@ -270,7 +272,7 @@ def _completed_runs(
             raise InputError(f"{path}: is a folder, expected a file or nothing")
         if path not in paths.values():
             raise InputError(
-                f"{path}: belongs to no run of this campaign; choose another --out or move it elsewhere"
+                f"{path}: belongs to no run of this campaign; choose another folder or move it elsewhere"
             )
     with ThreadPoolExecutor(processors()) as pool:
         matches = dict(zip(paths, pool.map(checksums.matches, paths.values()), strict=True))
@@ -281,7 +283,9 @@ def _completed_runs(
             continue  # missing or damaged
         mismatch = provenance.mismatch(attributes)
         if mismatch and not rerun:
-            raise InputError(f"{path}: {mismatch}; choose another --out or give --rerun to simulate it again")
+            raise InputError(
+                f"{path}: {mismatch}; choose another folder, or simulate it again with rerun (--rerun)"
+            )
         if matches[name] and not mismatch:
             complete.add(name)
     return complete

@@ -8,12 +8,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from fit import api
-from fit.errors import FitError
+from fit.errors import FitError, shown
 from fit.report import page
 from fit.results import Fit, Results, load, sound_joint, telemetry_files, write
 from fit.settings import Settings, settings
 from fit.tables import Table, estimates
 from fit.telemetry import Telemetry, archive_conversion, read_all
+from lpfcosim.errors import InputError
 from lpfcosim.execution import checksums, results_folder
 from lpfcosim.workflows.progress import Progress
 
@@ -137,7 +138,7 @@ def calibrate_into(
         telemetry=[os.path.relpath(t.path, directory) for t in telemetries],
     )
     results = amend(replace(results, provenance=details))
-    with results_folder.lock(directory, "--out"):
+    with results_folder.lock(directory, alternative=True):
         write(results, directory / "results.json")
         with progress.stage("report"):
             report = page.write_report(directory, results, telemetries)
@@ -163,6 +164,8 @@ def constrain(
     InputError
         If a constraint is not possible.
     """
+    if not isinstance(parameters, Mapping):
+        raise InputError(f"parameters: {shown(parameters)}, expected constraints by parameter")
     table = fit_settings.record()
     known = {name: p.model_dump(exclude_defaults=True) for name, p in fit_settings.parameters.items()}
     table["parameters"] = {**known, **parameters}

@@ -167,7 +167,7 @@ def _forecast(plan: Campaign, fit_settings: Settings) -> tuple[Forecast | None, 
             return None, "no forecast: no sysid run takes part in the joint fit, one of 6 h or more would"
         return None, (
             "no sysid run: run will write the telemetry and find nothing to calibrate with; fit it with "
-            "--calibration RESULTS.json of an earlier result"
+            "RESULTS.json of an earlier result (--calibration)"
         )
 
 

@@ -29,6 +29,6 @@ def closed_loop(campaign: CampaignLike, run_name: str) -> ClosedLoop:
     with prefix_errors(source):
         validation.check_linear_model(plan, "the closed loop is")
         runs = {run.name: run for run in plan.runs}
-        if run_name not in runs:
+        if str(run_name) not in runs:
             raise InputError(f"no run {shown(run_name)}{closest_match(str(run_name), runs)}")
-        return ClosedLoop(runs[run_name])
+        return ClosedLoop(runs[str(run_name)])

@@ -55,9 +55,9 @@ class Forecast(WorkflowResult):
 
     def __getitem__(self, name: str) -> Estimate:
         estimates = self.estimates
-        if name not in estimates:
+        if str(name) not in estimates:
             raise InputError(f"no parameter {shown(name)}{closest_match(str(name), estimates)}")
-        return estimates[name]
+        return estimates[str(name)]
 
     def __iter__(self) -> Iterator[str]:
         return iter(self.estimates)

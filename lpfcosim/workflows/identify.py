@@ -160,7 +160,7 @@ def identify(
     files = as_paths(paths, "the path of telemetry")
     with prefix_errors(source):
         fit_settings = _validate(plan, trusted=trusted)
-    fit_settings = constrain(fit_settings, parameters or {})
+    fit_settings = constrain(fit_settings, {} if parameters is None else parameters)
     fmus = campaign_fmus(plan, progress)
     with prefix_errors(source):
         interfaces = read_interfaces_of_runs(plan.runs, fmus)
@@ -169,7 +169,7 @@ def identify(
     for warning in warnings(interfaces):
         progress.warn(warning)
     results, telemetries = _calibrated(plan, source, files, directory, fit_settings, progress)
-    with results_folder.lock(directory, "--out"), ExitStack() as stack:
+    with results_folder.lock(directory, alternative=True), ExitStack() as stack:
         with prefix_errors(source):
             copies = stack.enter_context(fmu_archives.snapshot(plan, fmus, directory, trusted=trusted))
         task = _Task(plan, source, dict(copies), directory, fit_settings)

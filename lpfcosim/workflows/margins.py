@@ -37,9 +37,9 @@ class Margins(WorkflowResult):
 
     def __getitem__(self, name: str) -> loop_margins.Margin:
         loops = {margin.loop: margin for margin in self.loops}
-        if name not in loops:
+        if str(name) not in loops:
             raise InputError(f"no loop {shown(name)}{closest_match(str(name), loops)}")
-        return loops[name]
+        return loops[str(name)]
 
     def __iter__(self) -> Iterator[loop_margins.Margin]:
         return iter(self.loops)

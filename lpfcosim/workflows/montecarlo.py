@@ -65,9 +65,9 @@ class MonteCarlo(WorkflowResult):
     path: Path
 
     def __getitem__(self, name: str) -> Pulls:
-        if name not in self.pulls:
+        if str(name) not in self.pulls:
             raise InputError(f"no parameter {shown(name)}{closest_match(str(name), self.pulls)}")
-        return self.pulls[name]
+        return self.pulls[str(name)]
 
     def __iter__(self) -> Iterator[str]:
         return iter(self.pulls)
@@ -164,7 +164,7 @@ def montecarlo(
         if not fmus:
             _check_spectra(plan, validated)
     task = MonteCarloTask(plan, fit_settings, redraw)
-    with results_folder.lock(directory, "--out"), ExitStack() as stack:
+    with results_folder.lock(directory, alternative=True), ExitStack() as stack:
         with prefix_errors(source):
             copies = stack.enter_context(fmu_archives.snapshot(plan, archives, directory, trusted=trusted))
         header = _header(task, copies)
@@ -185,11 +185,11 @@ def _header(task: MonteCarloTask, fmus: Mapping[str, Path]) -> dict[str, object]
 
 def _check_spectra(plan: Campaign, validated: validation.Validation) -> None:
     """Refuse a campaign with what telemetry drawn from spectra does not have."""
-    validation.check_linear_model(plan, "the spectra that telemetry is drawn from are", "add --fmus")
+    validation.check_linear_model(plan, "the spectra that telemetry is drawn from are", "add fmus (--fmus)")
     if validated.saturation:
         raise InputError(
-            f"{'; '.join(validated.saturation)}; expected --fmus, as telemetry drawn from spectra knows no "
-            "limit"
+            f"{'; '.join(validated.saturation)}; expected fmus (--fmus), as telemetry drawn from spectra "
+            "knows no limit"
         )
     for run in plan.runs:
         for demand in saturation.demands(run, commands=None):
@@ -199,13 +199,13 @@ def _check_spectra(plan: Campaign, validated: validation.Validation) -> None:
             )
     if plan.events and plan.events.noise_drift:
         raise InputError(
-            "events.noise_drift: the noise drawn from spectra keeps its level; expected --fmus, or a "
-            "campaign without it"
+            "events.noise_drift: the noise drawn from spectra keeps its level; expected fmus (--fmus), or "
+            "a campaign without it"
         )
     for name in plan.truth.gain_changes:
         raise InputError(
-            f"truth.{name}: the loop behind the spectra keeps its gains; expected --fmus, or a campaign "
-            "without it"
+            f"truth.{name}: the loop behind the spectra keeps its gains; expected fmus (--fmus), or a "
+            "campaign without it"
         )
 
 
@@ -307,7 +307,7 @@ def read_log(log: Path, header: Mapping[str, object]) -> dict[int, Record]:
         except (ValueError, TypeError, RecursionError) as error:
             raise InputError(f"{log}: not a log of campaigns, expected one line of JSON for each") from error
         if log_header != header:
-            raise InputError(f"{log}: of another campaign or other options, expected another folder (--out)")
+            raise InputError(f"{log}: of another campaign or other options, expected another folder")
     content = [header, *records.values()]
     checksums.write(log, "".join(json.dumps(entry) + "\n" for entry in content))
     return records

@@ -102,7 +102,7 @@ def run(
     fit_settings, validated = validate_simulation(plan, source)
     fmus = campaign_fmus(plan, progress)
     options = runner.RunOptions(jobs, scheduler, engine, rerun, time_limit)
-    with results_folder.lock(directory, "--out"):
+    with results_folder.lock(directory, alternative=True):
         simulated = simulate_into(
             plan, source, directory, fmus, options, validated, progress, trusted=trusted
         )

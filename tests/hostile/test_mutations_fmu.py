@@ -290,7 +290,8 @@ def test_an_fmu_of_other_origin_is_told(plan):
     make, digest = plan
     for pin in ("", f'sha256 = "{digest}"'):  # which whoever sends the FMU sends along
         with pytest.raises(
-            InputError, match=r"native code .* lpfcosim trust \S*theirs\.fmu, or add --trust for once$"
+            InputError,
+            match=r"native code .* trust \S*theirs\.fmu, or let it run this once: trusted \(--trust\)$",
         ):
             check(loading.load(make(pin)))
         check(loading.load(make(pin)), trusted=True)

@@ -117,7 +117,11 @@ def test_what_rests_on_our_loop_is_not_available_with_another_one(lpfcosim, thir
         assert (status, document[key]) == (2, None)
         assert sentence(err) == f"{path}: {document['unavailable']}"
         assert reason in document["unavailable"]
-    for command, advice in (("design", ""), ("montecarlo", "add --fmus"), ("forecast", "lpfcosim run")):
+    for command, advice in (
+        ("design", ""),
+        ("montecarlo", "add fmus (--fmus)"),
+        ("forecast", "lpfcosim run"),
+    ):
         status, out, err = lpfcosim(command, path)
         assert (status, out) == (2, "")
         assert reason in sentence(err)
@@ -212,7 +216,7 @@ def test_a_command_at_its_limit_for_a_while_is_doubtful(lpfcosim, campaign, tmp_
     assert line in lpfcosim("forecast", path)[2].splitlines()
     status, _, err = lpfcosim("montecarlo", path, "-n", 2, "--out", "out")
     assert status == 2
-    assert sentence(err).endswith("expected --fmus, as telemetry drawn from spectra knows no limit")
+    assert sentence(err).endswith("expected fmus (--fmus), as telemetry drawn from spectra knows no limit")
 
 
 @pytest.mark.parametrize("amplitude", ["1 um", "3 um"])

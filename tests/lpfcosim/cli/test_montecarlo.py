@@ -66,7 +66,7 @@ def test_noise_that_drifts_takes_fmus(small, lpfcosim):
     small.write_text(f"{SMALL}[events]\nnoise_drift = 0.1\n", encoding="utf-8")
     status, _, error = lpfcosim("montecarlo", small, "-n", 2)
     assert status == 2
-    assert "events.noise_drift: the noise drawn from spectra keeps its level; expected --fmus" in error
+    assert "events.noise_drift: the noise drawn from spectra keeps its level; expected fmus (--fmus)" in error
     assert error.count("\n") == 1
 
 

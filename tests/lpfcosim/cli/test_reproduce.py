@@ -102,7 +102,7 @@ def test_another_campaign_in_the_same_folder_is_refused(copied, lpfcosim):
     plan.write_text(plan.read_text().replace("fmus/", "copy/fmus/"))
     status, _, err = lpfcosim("run", plan, "--out", copied, "--quiet")
     assert status == 2
-    wanted = r"one-noise\.h5: simulated with seed 5, now it is 6; choose another --out or give --rerun"
+    wanted = r"one-noise\.h5: simulated with seed 5, now it is 6; choose another folder, or simulate it again"
     assert re.search(wanted, one_sentence(err))
     assert content(copied) == before
     status, _, err = lpfcosim("run", plan, "--out", copied, "--rerun")

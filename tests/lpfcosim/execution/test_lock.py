@@ -14,7 +14,6 @@ import pytest
 from fit.crosstalk import refit
 from fit.files import atomic
 from fit.report import page
-from lpfcosim.cli import options
 from lpfcosim.cli.console import Console
 from lpfcosim.cli.figures import figures
 from lpfcosim.cli.mcmc import mcmc
@@ -22,6 +21,7 @@ from lpfcosim.cli.report import report
 from lpfcosim.errors import InputError, RunError
 from lpfcosim.execution import checksums as files
 from lpfcosim.execution import results_folder as folders
+from lpfcosim.workflows import output_paths
 
 HOLD = """
 import sys, time
@@ -29,6 +29,7 @@ from pathlib import Path
 from fit.files import atomic
 from lpfcosim.execution import checksums as files
 from lpfcosim.execution import results_folder as folders
+from lpfcosim.workflows import output_paths
 
 folder = Path(sys.argv[1])
 with folders.lock(folder), files.temporary_folder(folder) as scratch:
@@ -61,11 +62,11 @@ def names(folder):
 
 def test_the_second_is_told_who_is_first_and_touches_nothing(other, tmp_path):
     before = names(tmp_path / "out")
-    with pytest.raises(InputError) as refusal, folders.lock(tmp_path / "out", "--out"):
+    with pytest.raises(InputError) as refusal, folders.lock(tmp_path / "out", alternative=True):
         pass
     told = str(refusal.value)
     assert told.startswith(f"{tmp_path / 'out'}: another process works in it (process {other.pid} on ")
-    assert told.endswith("; wait for it or choose another --out")
+    assert told.endswith("; wait for it or choose another folder")
     assert names(tmp_path / "out") == before
     assert len(before) == 6
 
@@ -131,7 +132,7 @@ def test_a_folder_that_cannot_be_made_is_wrong_input_but_a_full_disk_is_not(
 def test_a_folder_whose_name_is_too_long_is_wrong_input(tmp_path, inside):
     """As is one where another may not look; a name has 255 bytes at most."""
     folder = tmp_path / ("n" * 300)
-    options.check_folder(folder, inside)  # nothing is in the way
+    output_paths.check_folder(folder, inside)  # nothing is in the way
     with pytest.raises(InputError, match="cannot be made"), folders.lock(folder):
         pass
 

@@ -5,10 +5,13 @@ import json
 from dataclasses import FrozenInstanceError, replace
 
 import h5py
+import numpy as np
 import pytest
 
 import fit
 import lpfcosim
+from lpfcosim.execution import runner
+from lpfcosim.workflows.arguments import check_workers, whole_number
 from lpfcosim.workflows.campaigns import is_described_by_file
 
 
@@ -92,6 +95,34 @@ def test_other_arguments_are_checked(campaign, tmp_path):
     changed = replace(campaign, experiments=campaign.experiments[:2])
     with pytest.raises(fit.InputError, match="changed in Python"):
         lpfcosim.design(changed, tmp_path / "a.toml")
+
+
+def test_arguments_of_other_types_are_refused(campaign, tmp_path):
+    run, identify = lpfcosim.run, lpfcosim.identify
+    calls = {
+        r"^time_limit: '5', expected a time in s$": lambda: run(campaign, tmp_path, time_limit="5"),
+        r"^time_limit: nan, expected a time": lambda: run(campaign, tmp_path, time_limit=float("nan")),
+        r"^scheduler: 5, expected an address": lambda: run(campaign, tmp_path, scheduler=5),
+        r"^jobs, scheduler: expected one": lambda: run(campaign, tmp_path, jobs=2, scheduler="tcp://a:1"),
+        r"^time_limit, scheduler: expected one": lambda: run(
+            campaign, tmp_path, time_limit=5.0, scheduler="tcp://a:1"
+        ),
+        r"^parameters: 5, expected constraints by parameter$": lambda: identify(campaign, parameters=5),
+        r"^engine: 'other', expected compiled or fmpy$": lambda: runner.simulate(
+            campaign, tmp_path, {}, runner.RunOptions(engine="other")
+        ),
+        r"^no run \['A'\]": lambda: lpfcosim.closed_loop(campaign, ["A"]),
+        r"^no loop \['A'\]": lambda: lpfcosim.margins(campaign)[["A"]],
+        r"^no parameter \['A'\]": lambda: lpfcosim.forecast(campaign)[["A"]],
+    }
+    for message, call in calls.items():
+        with pytest.raises(fit.InputError, match=message):
+            call()
+
+
+def test_a_number_of_numpy_is_a_number():
+    assert whole_number("n", np.int64(200), 2, "two campaigns or more") == 200
+    assert check_workers(np.int64(3), time_limit=np.float64(5)) == 3
 
 
 @pytest.mark.parametrize("jobs", [-1, 0, "2", 1.5, True])
