@@ -4,7 +4,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from fit.consistency import explain_exclusions, fit_consistent_runs, model_warnings
-from fit.crosstalk import attenuation, centrifugal, crosstalk_fit, euler_fit
+from fit.crosstalk import attenuation, centrifugal, coupling_constraints, crosstalk_fit, euler_fit
 from fit.errors import FitError, InputError
 from fit.false_alarms import budget_by_family
 from fit.fitting import (
@@ -154,6 +154,7 @@ class _Together:
     fit: Fit
     left_out: tuple[Exclusion, ...]
     agreement: dict[str, dict[str, float]] | None
+    correction: attenuation.AttenuationCorrected | None
 
 
 def _dynamics(telemetries: Sequence[Telemetry], chosen: Settings) -> Results:
@@ -262,7 +263,10 @@ def _together(
         except FitError as error:
             names = ", ".join(parameters)
             raise FitError(f"{error}; it does without what the settings say of {names}") from error
-    warnings = (*agreed.warnings, *constraint_test.refit_unconstrained(outcome).warnings())
+    has_couplings = any(e.sysid.channels.means for e in agreed.experiments)
+    correction = attenuation.correct_attenuation(outcome, agreed.experiments) if has_couplings else None
+    test = coupling_constraints.check_constraints(outcome, agreed.outcome, agreed.experiments, correction)
+    warnings = (*agreed.warnings, *test.warnings())
     fit = _warned(fit_quality.as_fit(outcome, agreed.experiments), warnings)
     left_out = explain_exclusions(
         (*campaign.exclusions, *agreed.left_out),
@@ -271,7 +275,7 @@ def _together(
         agreed,
         Sharing(chosen.shared),
     )
-    return _Together(outcome, fit, left_out, agreed.statistics)
+    return _Together(outcome, fit, left_out, agreed.statistics, correction)
 
 
 def _judged(
@@ -337,7 +341,7 @@ def _of_experiment(
         *(warning for fault in untested for warning in fault.single_fit_warnings),
         *campaign.prepared[experiment.name].warnings,
         *fit_quality.of_experiment(experiment, fit_quality.as_fit(judged, [experiment])),
-        *constraint_test.refit_unconstrained(single_fit).warnings(),
+        *constraint_test.refit_unconstrained(single_fit, reference=judged).warnings(),
     )
     diagnostics = noise_tests.diagnose(experiment, single_fit)
     return _warned(replace(fit, diagnostics=diagnostics), warnings)
@@ -347,15 +351,17 @@ def _cross_talk(
     campaign: ExperimentSet, together: _Together | None, judged: Fit | None, chosen: Settings
 ) -> tuple[Fit | None, dict[str, Fit]]:
     """Return the joint fit and the cross-talk of every epoch; where runs turn, that holds the Euler force."""
-    if not (together and judged and any(e.sysid.channels.means for e in campaign.in_joint_fit)):
+    if not (together and judged and together.correction):
         return judged, {}
-    correction = attenuation.correct_attenuation(together.outcome, campaign.in_joint_fit)
+    correction = together.correction
     joint = attenuation.correct_joint(judged, together.outcome, correction)
     couplings = crosstalk_fit.cross_talk(
         together.outcome, campaign.in_joint_fit, Sharing(chosen.shared), correction
     )
     if any(rotation.sources(e.sysid.telemetry) for e in campaign.in_joint_fit):
         couplings = {epoch: crosstalk_fit.with_euler_warning(fit) for epoch, fit in couplings.items()}
+    for epoch, fit in couplings.items():
+        couplings[epoch] = _warned(fit, coupling_constraints.constraint_warnings(judged, epoch))
     return joint, {epoch: _doubted(fit, judged) for epoch, fit in couplings.items()}
 
 

@@ -1,3 +1,11 @@
 """Cross-talk of the other degrees of freedom, unbiased by instrumental variables, and the Euler force."""
 
-__all__ = ["attenuation", "centrifugal", "crosstalk_fit", "euler_fit", "refit", "torque_noise"]
+__all__ = [
+    "attenuation",
+    "centrifugal",
+    "coupling_constraints",
+    "crosstalk_fit",
+    "euler_fit",
+    "refit",
+    "torque_noise",
+]

@@ -175,7 +175,8 @@ def _corrected(
     cost_of = {
         names[p.name]: float(cost[i])
         for i, p in enumerate(outcome.parameters)
-        if p.name in names and p.name in correction.names and not outcome.undetermined[i]
+        if p.name in names and p.name in correction.names
+        if not (outcome.undetermined[i] or outcome.is_fixed(i))
     }
     if not cost_of:
         return []

@@ -33,7 +33,7 @@ from numpy.typing import NDArray
 from fit.crosstalk import readout_noise
 from fit.crosstalk.fitted_run import FittedRun
 from fit.crosstalk.noise_share import noise_share
-from fit.fitting import IRLSResult
+from fit.fitting import IRLSResult, constraints, parameter_values
 from fit.model import dynamics
 from fit.spectra import Spectrum, fit_noise, windowing
 from fit.whitening import whitened_run
@@ -349,7 +349,10 @@ def _noise_dominated(outcome: IRLSResult, runs: Sequence[MomentEquations]) -> se
 
 
 def _solution(outcome: IRLSResult, runs: Sequence[MomentEquations]) -> whitened_run.Solution:
-    """Solve the moments of all runs for what changes least squares."""
+    """Solve the moments of all runs for what changes least squares, within the constraints.
+
+    The covariance is that without bounds.
+    """
     theta, prior = outcome.solution.theta, outcome.conditional_prior
     extra = runs[0].map.shape[1] - theta.size
     rows = np.zeros((len(prior.rows) + extra, theta.size + extra))
@@ -361,10 +364,35 @@ def _solution(outcome: IRLSResult, runs: Sequence[MomentEquations]) -> whitened_
     for run in runs:
         score += run.map.T @ run.bin_moments(np.zeros(len(run.map))).sum(axis=0)
     inverse = whitened_run.scaled_inverse(A)
-    change = -inverse @ score
+    change = _change_within_bounds(outcome, A, score)
     scores = rows.T @ rows
     for run in runs:
         scores += run.covariance(run.map @ change)
     covariance = (inverse @ scores @ inverse.T)[: theta.size, : theta.size]
     symmetric = (covariance + covariance.T) / 2
-    return replace(outcome.solution, theta=theta + change[: theta.size], covariance=symmetric)
+    estimate = theta + change[: theta.size]
+    if outcome.result:  # ties, fixed values and bounds hold exactly
+        estimate = parameter_values(constraints.params_at(outcome.result.params, estimate))
+    return replace(outcome.solution, theta=estimate, covariance=symmetric)
+
+
+def _change_within_bounds(outcome: IRLSResult, A: Array, score: Array) -> Array:
+    """Solve ``A change = -score``, shape (P + U,), with estimates beyond a bound held at it."""
+    theta, fixed_changes = outcome.solution.theta, dict[int, float]()
+    while True:
+        varying = np.array([i for i in range(len(A)) if i not in fixed_changes])
+        change = np.zeros(len(A))
+        change[[*fixed_changes]] = [*fixed_changes.values()]
+        change[varying] = -whitened_run.scaled_inverse(A[np.ix_(varying, varying)]) @ (
+            score[varying] + A[varying] @ change
+        )
+        params = outcome.result.params.values() if outcome.result else ()
+        beyond = {
+            i: float(np.clip(theta[i] + change[i], p.min, p.max) - theta[i])
+            for i, p in enumerate(params)
+            if p.vary and not p.expr and i not in fixed_changes
+            if not p.min <= theta[i] + change[i] <= p.max
+        }
+        if not beyond:
+            return change
+        fixed_changes |= beyond

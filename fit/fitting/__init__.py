@@ -14,7 +14,7 @@ from fit.fitting.joint_fit import (
     linear_combination,
     stiffnesses,
 )
-from fit.fitting.joint_model import Prior, delta_chi2, free_directions, lmfit_symbol
+from fit.fitting.joint_model import Prior, delta_chi2, free_directions, lmfit_symbol, parameter_values
 from fit.fitting.nonstationary_noise import NonstationaryRun, SegmentVariances
 from fit.fitting.parameter_set import ParameterSet
 from fit.fitting.priors import PriorSet, weak_priors
@@ -67,6 +67,7 @@ __all__ = [
     "lmfit_symbol",
     "moments",
     "null_space",
+    "parameter_values",
     "priors",
     "random_effects",
     "readout_excess_noise",

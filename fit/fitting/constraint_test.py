@@ -1,24 +1,35 @@
 """Whether the data contradict the constraints of a fit: fixed values, bounds, ties and priors.
 
-The joint model is fitted a second time without any of them. If all of them are right, chi^2 falls by an
-amount that is distributed as chi^2, with one degree of freedom for each active constraint (likelihood-ratio
-test).
-Coefficients of the capacitive read-outs (b_3 to b_6) are not tested: the noise of these read-outs attenuates
-their least-squares estimates (see `fit.crosstalk`).
+The joint model is fitted a second time without any of them, to runs whose noise is that of a fit without
+constraints: what a wrong constraint leaves in the residual would pass for noise. If all of them are right,
+chi^2 falls by an amount that is distributed as chi^2, with one degree of freedom for each active constraint
+(likelihood-ratio test).
+Noise attenuates the least-squares estimates of the coefficients of the capacitive read-outs (b_3 to b_6).
+Their constraints are tested against the unattenuated estimates (see `fit.crosstalk`), by a Wald test whose
+statistic is added. Without such estimates they are not tested.
 """
 
-from collections.abc import Collection
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 import numpy as np
 import scipy
+from numpy.typing import NDArray
 
 from fit import false_alarms
 from fit.fitting import constraints
 from fit.fitting.irls import IRLSResult
-from fit.fitting.joint_model import Prior, parameter_values
+from fit.fitting.joint_model import Prior, free_directions, parameter_values
 from fit.model import dynamics
 from fit.warnings import FitWarning
+
+if TYPE_CHECKING:
+    import lmfit
+
+Array = NDArray[np.float64]
 
 ATTENUATED = tuple(name for name, (mean, _) in dynamics.CROSS_TALK.items() if mean in ("y", "z"))
 SHIFT_SIGMA = 0.3  # sigma, by which an estimate must depend on the constraints to be named
@@ -36,7 +47,7 @@ class TestedConstraint:
     value : float
         Constrained estimate, SI.
     unconstrained, sigma : float
-        Estimate without any constraints, and its standard deviation, SI.
+        Estimate without any constraints, and its standard deviation, SI; NaN where it is not tested.
     bound : str
         ``"min"`` or ``"max"`` if the estimate is at that bound, else empty.
     is_declared : bool
@@ -63,17 +74,34 @@ class TestedConstraint:
         return side * (self.unconstrained - self.value) / self.sigma
 
     def __str__(self) -> str:
-        if self.name.startswith(ATTENUATED):
+        if np.isnan(self.unconstrained):
             return self.description
         return f"{self.description} (without: {self.unconstrained:.6g} ± {self.sigma:.2g})"
 
     def bound_message(self) -> str:
         """Return at which bound the estimate is, and where the data put it."""
         message = f"{self.name} is at its {_SIDES[self.bound]} bound {self.value:.6g}"
-        if self.name.startswith(ATTENUATED):
+        if np.isnan(self.unconstrained):
             return message
         place = f"{self.excess:.2g} sigma beyond" if self.excess > 0 else "within it"
         return f"{message}, the data put it at {self.unconstrained:.6g} ± {self.sigma:.2g}, {place}"
+
+
+@dataclass(frozen=True)
+class UnattenuatedEstimates:
+    """Estimates of a joint fit without the noise of the read-outs of motion.
+
+    Attributes
+    ----------
+    constrained, unconstrained : ndarray, shape (P,)
+        With and without the constraints, SI.
+    covariance : ndarray, shape (P, P)
+        Of those without; NaN where their error is unknown.
+    """
+
+    constrained: Array
+    unconstrained: Array
+    covariance: Array
 
 
 @dataclass(frozen=True)
@@ -85,7 +113,7 @@ class ConstraintTest:
     constraints : tuple of TestedConstraint
         All of them.
     delta_chi2 : float
-        By how much chi^2 falls without the constraints.
+        By how much chi^2 falls without the constraints, the Wald statistic of b_3 to b_6 included.
     shifts : dict of str to float
         Other parameters whose estimates depend on the constraints, and the shifts without them [sigma].
     """
@@ -146,7 +174,13 @@ class ConstraintTest:
 _SIDES = {"min": "lower", "max": "upper"}
 
 
-def refit_unconstrained(outcome: IRLSResult, declared: Collection[str] | None = None) -> ConstraintTest:
+def refit_unconstrained(
+    outcome: IRLSResult,
+    declared: Collection[str] | None = None,
+    *,
+    reference: IRLSResult | None = None,
+    unattenuated: UnattenuatedEstimates | None = None,
+) -> ConstraintTest:
     """Test the constraints of a fit against its data.
 
     Parameters
@@ -155,49 +189,103 @@ def refit_unconstrained(outcome: IRLSResult, declared: Collection[str] | None = 
         The fit.
     declared : collection of str, optional
         Parameters whose constraints the user states; by default all.
+    reference : IRLSResult, optional
+        The fit without constraints, whose noise the test takes; by default that of `outcome`.
+    unattenuated : UnattenuatedEstimates, optional
+        Which b_3 to b_6 are tested against.
     """
     parameter_set, result, model = outcome.parameter_set, outcome.result, outcome.model
     if parameter_set is None or result is None or model is None or not parameter_set.constrained.any():
         return ConstraintTest()
-    names = [p.name for p in outcome.parameters]
+    names, constrained = [p.name for p in outcome.parameters], result
+    if reference and reference.model and [p.name for p in reference.parameters] == names:
+        model = reference.model
+        constrained = model.fit(result.params)
+    is_attenuated = np.array([name.startswith(ATTENUATED) for name in names])
     params = result.params.copy()
     for i, (p, parameter) in enumerate(zip(params.values(), outcome.parameters, strict=True)):
-        if parameter_set.constrained[i] and not parameter.name.startswith(ATTENUATED):
+        if parameter_set.constrained[i] and not is_attenuated[i]:
             p.set(vary=True, expr="", min=-np.inf, max=np.inf)
             p.user_data = Prior(parameter.value, parameter.prior_sigma)
     unconstrained = model.fit(params)
     free, theta = parameter_values(unconstrained.params), parameter_values(result.params)
     sigma = np.sqrt(np.diag(model.covariance(unconstrained.params)))
-    bounds = constraints.at_bound(result.params, outcome.solution.sigma)
-    tested = []
-    for i, setting in parameter_set.settings.items():
-        if not parameter_set.constrained[i]:
-            continue
-        bound = "" if outcome.undetermined[i] else bounds.get(i, "")
-        is_tested = not names[i].startswith(ATTENUATED)
-        tested.append(
-            TestedConstraint(
-                name=names[i],
-                description=constraints.describe(names[i], setting, float(theta[i])),
-                value=float(theta[i]),
-                unconstrained=float(free[i]),
-                sigma=float(sigma[i]),
-                bound=bound,
-                is_declared=declared is None or names[i] in declared,
-                is_active=is_tested and (bool(bound) or not setting.is_only_bounded),
-            )
-        )
     shifts = (free - theta) / np.where(sigma > 0, sigma, 1.0)
+    free[is_attenuated] = sigma[is_attenuated] = np.nan
+    delta_chi2, estimates = max(constrained.chisqr - unconstrained.chisqr, 0.0), result.params
+    if unattenuated:
+        variance = np.diag(unattenuated.covariance)
+        shifts = (unattenuated.unconstrained - unattenuated.constrained) / np.sqrt(variance)
+        estimates = constraints.params_at(
+            result.params, np.where(is_attenuated, unattenuated.constrained, theta)
+        )
+        free = np.where(is_attenuated & np.isfinite(variance), unattenuated.unconstrained, free)
+        sigma = np.where(is_attenuated, np.sqrt(variance), sigma)
+    tested = _tested_constraints(outcome, declared, estimates, free, sigma)
+    if unattenuated:
+        active = [i for i, c in tested.items() if c.is_active and is_attenuated[i]]
+        delta_chi2 += _wald_statistic(estimates, unattenuated, active)
     dependent = [
         i
         for i in range(outcome.shared)
         if not parameter_set.constrained[i] and not outcome.undetermined[i] and abs(shifts[i]) > SHIFT_SIGMA
     ]
-    return ConstraintTest(
-        tuple(tested),
-        max(result.chisqr - unconstrained.chisqr, 0.0),
-        {names[i]: float(shifts[i]) for i in dependent},
-    )
+    return ConstraintTest(tuple(tested.values()), delta_chi2, {names[i]: float(shifts[i]) for i in dependent})
+
+
+def _tested_constraints(
+    outcome: IRLSResult,
+    declared: Collection[str] | None,
+    estimates: lmfit.Parameters,
+    unconstrained: Array,
+    sigma: Array,
+) -> dict[int, TestedConstraint]:
+    """Return the constraints by place of the parameter.
+
+    `unconstrained` and its `sigma`, shape (P,), are NaN where a constraint is not tested.
+    """
+    assert outcome.parameter_set
+    theta, bounds = parameter_values(estimates), constraints.at_bound(estimates, outcome.solution.sigma)
+    tested = {}
+    for i, setting in outcome.parameter_set.settings.items():
+        if not outcome.parameter_set.constrained[i]:
+            continue
+        name, bound = outcome.parameters[i].name, "" if outcome.undetermined[i] else bounds.get(i, "")
+        tested[i] = TestedConstraint(
+            name=name,
+            description=constraints.describe(name, setting, float(theta[i])),
+            value=float(theta[i]),
+            unconstrained=float(unconstrained[i]),
+            sigma=float(sigma[i]),
+            bound=bound,
+            is_declared=declared is None or name in declared,
+            is_active=bool(np.isfinite(unconstrained[i])) and (bool(bound) or not setting.is_only_bounded),
+        )
+    return tested
+
+
+def _wald_statistic(
+    params: lmfit.Parameters, unattenuated: UnattenuatedEstimates, active: Sequence[int]
+) -> float:
+    """Return the Wald statistic of the constraints of the `active` parameters, by their place.
+
+    `params` have their constrained values. A parameter at its bound or with a prior is constrained to its
+    own value, a tied one to that of its expression.
+    """
+    if not active:
+        return 0.0
+    is_dependent, rows = constraints.fixed_or_tied(params), np.eye(len(params))
+    rows[:, ~is_dependent] -= free_directions(params)
+    rows[~is_dependent] = np.eye(len(params))[~is_dependent]
+    target, variance = parameter_values(params), np.zeros(len(params))
+    at_bound = constraints.at_bound(params, np.sqrt(np.diag(unattenuated.covariance)))
+    for i, p in enumerate(params.values()):
+        if isinstance(p.user_data, Prior) and not is_dependent[i] and i not in at_bound:
+            target[i], variance[i] = p.user_data.mean, p.user_data.sigma**2
+    rows = rows[active]
+    covariance = np.nan_to_num(unattenuated.covariance)
+    excess = rows @ (unattenuated.unconstrained - target)
+    return float(excess @ np.linalg.solve(rows @ covariance @ rows.T + np.diag(variance[active]), excess))
 
 
 def descriptions(outcome: IRLSResult) -> list[str]:

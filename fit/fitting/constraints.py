@@ -173,6 +173,15 @@ def constrain(params: lmfit.Parameters, settings: Mapping[int, ParameterSettings
             ordered[i].user_data = None
 
 
+def params_at(params: lmfit.Parameters, theta: Array) -> lmfit.Parameters:
+    """Return the parameters at theta, shape (P,), as far as fixed values, ties and bounds let them."""
+    moved = params.copy()
+    for p, value in zip(moved.values(), theta.tolist(), strict=True):
+        if p.vary and not p.expr:
+            p.value = value
+    return moved
+
+
 def fixed_or_tied(params: lmfit.Parameters) -> NDArray[np.bool_]:
     """Return which of the P parameters do not vary by themselves, shape (P,)."""
     return np.array([not p.vary or bool(p.expr) for p in params.values()], dtype=bool)

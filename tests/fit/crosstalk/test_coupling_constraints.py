@@ -1,0 +1,55 @@
+"""Constraints of attenuated couplings, against the estimates and sigmas of a fit without them."""
+
+import pytest
+
+from fit.pipeline import calibrate
+from fit.settings import settings
+from tests.oracles.bump_synthetic import TRUTH, Motion, pair
+from tests.oracles.synthetic import World
+
+
+@pytest.fixture(scope="module")
+def runs():
+    return pair(Motion(), World(), "A", epoch=1)
+
+
+@pytest.fixture(scope="module")
+def unconstrained(runs):
+    return calibrate(runs).cross_talk["1"]["b_3"]
+
+
+def constrained_fit(runs, constraint):
+    return calibrate(runs, settings({"parameters": {"b_3_1": constraint}}))
+
+
+@pytest.mark.parametrize("kind", ["fixed", "bound", "prior"])
+@pytest.mark.parametrize("pull", [-20.0, 20.0])
+def test_a_contradicted_constraint_is_not_sound(runs, unconstrained, kind, pull):
+    target, sigma = unconstrained.value + pull * unconstrained.sigma, unconstrained.sigma
+    side = "min" if pull > 0 else "max"
+    constraint = {
+        "fixed": {"value": target, "vary": False},
+        "bound": {side: target},
+        "prior": {"prior": [target, 0.01 * sigma]},
+    }[kind]
+    results = constrained_fit(runs, constraint)
+    (contradiction,) = results.joint.unsound
+    assert contradiction.code == "constraint_contradicted" and contradiction.parameters[0] == "b_3_1"
+    assert f"(without: {unconstrained.value:.6g} ± {sigma:.2g})" in contradiction.message
+    assert f"chi2 is less by {pull**2:.4g}"[:-2] in contradiction.message
+    couplings = results.cross_talk["1"]
+    assert couplings["b_3"].value == pytest.approx(target, abs=0.05 * sigma)
+    assert contradiction in couplings.unsound
+    codes = {w.code for w in couplings.warnings}
+    assert "constrained" in codes and ("at_bound" in codes) == (kind == "bound")
+
+
+def test_a_bound_that_only_attenuation_crosses_is_harmless(runs, unconstrained):
+    """Least squares is about a tenth below."""
+    assert unconstrained.value > 0.96 * TRUTH["b_3"]
+    results = constrained_fit(runs, {"min": 0.95 * TRUTH["b_3"]})
+    assert not results.joint.unsound
+    assert "at_bound" not in {w.code for w in results.joint.warnings}
+    assert results.cross_talk["1"]["b_3"].value == pytest.approx(
+        unconstrained.value, abs=0.3 * unconstrained.sigma
+    )
