@@ -229,7 +229,7 @@ def _filter(test: RunTest, name: str, x: Array) -> Iterator[Candidate]:
 
     y, noise_cost = -b, 0.0
     if name == "o_12":  # whose noise is that of the residual
-        y = scipy.optimize.minimize(chi2, y).x
+        y = scipy.optimize.minimize(chi2, y, method="L-BFGS-B").x
         noise_cost = noise_gain(y)
     gain = complex(1 / response(y, np.array([FILTER_FREQUENCY]))[0])
     lag = float(-np.angle(gain) / (2 * np.pi * FILTER_FREQUENCY))

@@ -8,6 +8,7 @@ from dataclasses import replace
 import pytest
 
 from tests.hostile.catalogue import FAULTS
+from tests.hostile.faults import PAGE, by_verdict, read, totals
 from tests.hostile.judging import Judged, judge
 
 SMALL = ("A1", "B4", "C4", "D4")
@@ -62,3 +63,12 @@ def test_what_no_data_can_tell_is_told_to_rest_on_one_run():
 
 def test_there_are_enough_and_each_has_a_name_of_its_own():
     assert len({fault.name for fault in FAULTS}) == len(FAULTS) >= 60
+
+
+def test_table_has_every_fault_and_the_page_its_summary():
+    rows = read()
+    names = [(row["kind"], row["size"], row["channel"], row["experiments"]) for row in rows]
+    assert names == [(f.kind, f.size, f.channel, f.run or "all") for f in FAULTS]
+    page = PAGE.read_text(encoding="utf-8")
+    assert all(text in page for text in (totals(rows), by_verdict(rows)))
+    assert not {row["verdict"] for row in rows} & {"silent", "cries wolf", "minority"}
