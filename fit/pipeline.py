@@ -32,7 +32,7 @@ from fit.quality import (
 )
 from fit.requirements import TAPER
 from fit.results import Fit, Provenance, Results, check_frame
-from fit.settings import ParameterSettings, Settings, settings
+from fit.settings import ParameterSettings, Settings, settings, with_other_constraints
 from fit.telemetry import Telemetry, common_x_axis, inertial_period
 from fit.warnings import Cause, FitWarning
 from fit.whitening import Experiment, divide, pair
@@ -95,9 +95,11 @@ def calibrate_inertial(
             f"{_paths(telemetries)}: no noise run of {euler_fit.MIN_DURATION / 3600:g} h or more with "
             "torques about phi and eta (N_phi_1, N_eta_1), expected at least one"
         )
-    constraints.check(parameters or {}, euler_fit.names(telemetries), PARAMETERS)
-    turned = replace(calibration.provenance, x_axis=common_x_axis(telemetries))
-    return _with_inertial(replace(calibration, provenance=turned), telemetries, parameters or {})
+    parameters, angles = parameters or {}, euler_fit.names(telemetries)
+    constraints.check(parameters, angles, PARAMETERS)
+    recorded = with_other_constraints(calibration.provenance.settings, angles, parameters)
+    turned = replace(calibration.provenance, x_axis=common_x_axis(telemetries), settings=recorded)
+    return _with_inertial(replace(calibration, provenance=turned), telemetries, parameters)
 
 
 def _paths(telemetries: Sequence[Telemetry]) -> str:
@@ -120,15 +122,10 @@ def _with_inertial(
 
     fits = dict(parallel_map(fitted, periods))
     names = {name: [run.run for run in runs] for name, runs in periods.items()}
-    inertial_runs = {**(results.provenance.inertial_runs or {}), **names}
-    return replace(
-        results,
-        inertial={**results.inertial, **fits},
-        cross_talk=_separated(results, fits),
-        provenance=replace(
-            results.provenance, inertial_runs=inertial_runs, inertial_band=list(euler_fit.BAND)
-        ),
-    )
+    names = {**(results.provenance.inertial_runs or {}), **names}
+    provenance = replace(results.provenance, inertial_runs=names, inertial_band=list(euler_fit.BAND))
+    inertial, cross_talk = {**results.inertial, **fits}, _separated(results, fits)
+    return replace(results, inertial=inertial, cross_talk=cross_talk, provenance=provenance)
 
 
 def _separated(results: Results, fits: Mapping[str, Fit]) -> dict[str, Fit]:

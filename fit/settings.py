@@ -2,9 +2,9 @@
 
 import math
 import re
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from pathlib import Path
-from typing import Annotated, Literal, Self
+from typing import Annotated, Any, Literal, Self
 
 from pydantic import BeforeValidator, ConfigDict, Field, ValidationError, field_validator, model_validator
 
@@ -127,8 +127,23 @@ class Settings(Table):
 
     def record(self) -> dict[str, object]:
         """Return them as `settings` reads them, of parameters what is not the default."""
-        parameters = {name: p.record() for name, p in self.parameters.items()}
+        parameters = {name: record for name, p in self.parameters.items() if (record := p.record())}
         return {**self.model_dump(), "parameters": parameters}
+
+    @property
+    def fmu_parameters(self) -> list[str]:
+        """Names whose constraints are of parameters of FMUs, which only an identification estimates."""
+        return [
+            name
+            for name, constraint in self.parameters.items()
+            if {*_MODEL.findall(f"{name} {constraint.expr or ''}")} - FLIGHT.keys()
+        ]
+
+    def without_fmu_parameters(self) -> Self:
+        """Return them for a fit of the equation of motion, which has no parameters of FMUs."""
+        fmu_parameters = self.fmu_parameters
+        parameters = {n: p for n, p in self.parameters.items() if n not in fmu_parameters}
+        return self.model_copy(update={"parameters": parameters})
 
 
 def refuse_narrow_band(settings: Settings, command: str, context: str) -> None:
@@ -151,12 +166,21 @@ def refuse_fmu_parameters(settings: Settings, context: str) -> None:
     InputError
         If there are any.
     """
-    for name, constraint in settings.parameters.items():
-        if {*_MODEL.findall(f"{name} {constraint.expr or ''}")} - FLIGHT.keys():
-            raise InputError(
-                f"{context}.{name}: a parameter of an FMU, which lpfcosim identify estimates; expected one "
-                "of the equation of motion"
-            )
+    for name in settings.fmu_parameters:
+        raise InputError(
+            f"{context}.{name}: a parameter of an FMU, which lpfcosim identify estimates; expected one "
+            "of the equation of motion"
+        )
+
+
+def with_other_constraints(
+    recorded: Mapping[str, Any] | None, names: Collection[str], parameters: Mapping[str, ParameterSettings]
+) -> dict[str, Any]:
+    """Return recorded settings with the constraints of the parameters `names` replaced by `parameters`."""
+    recorded = dict(recorded or {})
+    stated = {name: p.record() for name, p in parameters.items() if name in names}
+    other = {name: p for name, p in recorded.get("parameters", {}).items() if name not in names}
+    return {**recorded, "parameters": {**other, **stated}}
 
 
 def settings(table: Mapping[str, object] | None = None, context: str = "[fit]") -> Settings:

@@ -140,12 +140,13 @@ def of_fit(
     settings : mapping of str to ParameterSettings
         By parameter, as a user names it.
     names : mapping of str to str
-        By that name the name in the fit. Ties to parameters that the fit has not are none of it.
+        By that name the name in the fit. Ties to parameters that the fit has not are none of it, nor are
+        entries that constrain nothing.
     """
     in_fit = {}
     for name, constraint in settings.items():
         dependencies = set(_WORD.findall(constraint.expr or "")) - {*FUNCTIONS}
-        if name not in names or not dependencies <= names.keys():
+        if name not in names or not dependencies <= names.keys() or not constraint.record():
             continue
         expr = constraint.expr and _WORD.sub(
             lambda word: lmfit_symbol(names.get(word[0], word[0])), constraint.expr

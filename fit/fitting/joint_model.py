@@ -90,6 +90,8 @@ class JointModel:
         FitError
             If the minimiser fails.
         """
+        if not any(p.vary for p in params.values()):
+            return self._evaluate(params)
         bounded, unbounded = params.copy(), params.copy()
         limits = {p.name: (p.min, p.max) for p in params.values() if p.vary and not p.expr}
         for name, (low, high) in limits.items():
@@ -112,6 +114,26 @@ class JointModel:
         if result.var_names:
             self._set_covariance(result)
         return result
+
+    def _evaluate(self, params: lmfit.Parameters) -> MinimizerResult:
+        """Return the result of a fit without any parameter that varies, which lmfit refuses."""
+        from lmfit.minimizer import MinimizerResult  # slow to import
+
+        residual = self.residual(params)
+        if not np.isfinite(residual).all():
+            raise FitError("the residual of the fixed parameters is no finite number")
+        n, chi2 = residual.size, float(residual @ residual)
+        criterion = n * np.log(max(chi2, np.finfo(float).tiny) / n)  # without a term of variables
+        statistics = {"chisqr": chi2, "redchi": chi2 / n, "aic": criterion, "bic": criterion}
+        counts = {"nfev": 1, "nvarys": 0, "ndata": n, "nfree": n}
+        state = {"success": True, "errorbars": True, "aborted": False, "message": "no parameter varies"}
+        variables: dict[str, object] = {"var_names": [], "init_vals": [], "init_values": {}}
+        return MinimizerResult(
+            params=params.copy(),
+            method="evaluation",
+            residual=residual,
+            **{**statistics, **counts, **state, **variables},
+        )
 
     def _values_within(
         self, unbounded: lmfit.Parameters, limits: Mapping[str, tuple[float, float]]
@@ -254,12 +276,14 @@ class SolvedModel:
         Raises
         ------
         InputError
-            If there is none of a name.
+            If there is none of a name, or none remains.
         """
         names = [run.name for run in self.model.runs]
         for name in runs:
             if name not in names:
                 raise InputError(f"{name}: no experiment of this fit{closest_match(str(name), names)}")
+        if {*runs} == {*names}:
+            raise InputError(f"{', '.join(runs)}: all experiments of this fit, expected one that remains")
         return self._fit(self.model.exclude(*runs), self.result.params)
 
     def _fit(self, model: JointModel, params: lmfit.Parameters) -> MinimizerResult:

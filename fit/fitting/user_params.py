@@ -42,7 +42,7 @@ def constrained_params(
 
 
 def as_settings(params: lmfit.Parameters) -> dict[str, dict[str, object]]:
-    """Return the constraints of parameters, as the table ``[fit.parameters]`` has them.
+    """Return the constraints of parameters, as ``[fit.parameters]`` has them, an empty table if none.
 
     Raises
     ------
@@ -50,8 +50,7 @@ def as_settings(params: lmfit.Parameters) -> dict[str, dict[str, object]]:
         If they are no lmfit.Parameters, or a prior is no `Prior`.
     """
     check_params(params)
-    settings = {name: _constraint(p) for name, p in params.items()}
-    return {name: constraint for name, constraint in settings.items() if constraint}
+    return {name: _constraint(p) for name, p in params.items()}
 
 
 def _constraint(p: lmfit.Parameter) -> dict[str, object]:

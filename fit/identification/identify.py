@@ -16,7 +16,13 @@ from fit.errors import InputError
 from fit.fitting import constraint_test, irls, width_posterior
 from fit.identification import comparison
 from fit.identification.loop import FreeParameter, Loop, joint_parameters
-from fit.identification.parameters import check_constraints, joint, run_dynamics, with_params
+from fit.identification.parameters import (
+    check_constraints,
+    joint,
+    run_dynamics,
+    with_params,
+    without_constraints,
+)
 from fit.identification.search import Search
 from fit.model import Sharing
 from fit.parallel import one_blas_thread
@@ -108,8 +114,15 @@ class _Identification:
     def results(self, fixed_values: Mapping[str, float]) -> Results:
         """Estimate the parameters, and compare them with the fit of the equation."""
         experiments, calibrated, settings = self.experiments, self.calibrated, self.settings
-        search, outcome, levels = self._search()
-        outcome, noise_warnings = noise_adaptation.with_segment_variances(outcome, experiments)
+        unconstrained = replace(self, settings=without_constraints(settings))
+        # data are judged without what the user says of parameters, which may be wrong
+        search, judged, levels = unconstrained._search()
+        n = len(experiments)
+        variances = [noise_adaptation.segment_variances(e, judged, k, n) for k, e in enumerate(experiments)]
+        outcome = judged
+        if unconstrained.settings != settings:
+            search, outcome = self._search_with([e.name in levels for e in experiments])
+        outcome = noise_adaptation.with_segment_variances(outcome, variances)
         if outcome.random_effects:
             outcome = replace(
                 width_posterior.marginalise_widths(outcome), data_driven=settings.scatter == ["auto"]
@@ -117,28 +130,34 @@ class _Identification:
         joint_fit = self._with_instruments(self._report(outcome))
         commands = comparison.command_mismatches(experiments, self.loop, search.joint, outcome)
         constraints = constraint_test.refit_unconstrained(outcome, settings.parameters)
-        # telemetry that contradicts the constraints is of another loop
-        same_loop = self.loop.simulated_telemetry and not constraints.is_contradicted
         bounded = {c.name for c in constraints.at_bound}  # the test of the constraints reports these
         runs = [e.sysid.telemetry for e in experiments] if not outcome.random_effects else []
         context = comparison.LoopContext(fixed_values, runs, Sharing(settings.shared))
+        discrepancies = comparison.discrepancies(
+            joint_fit, calibrated, context, bounded, same_loop=self.loop.simulated_telemetry
+        )
+        if constraints.is_contradicted:  # of which they are a consequence
+            discrepancies = []
         warnings = [
             *comparison.data_warnings(calibrated),
-            *consistency_warnings(experiments, outcome),
-            *noise_adaptation.misfits(experiments, outcome),
+            *consistency_warnings(experiments, judged),
+            *noise_adaptation.misfits(experiments, judged),
             *comparison.command_warnings(commands, list(joint_fit)),
-            *noise_warnings,
+            *(
+                noise_adaptation.nonstationary_warning(e.name, variance)
+                for e, variance in zip(experiments, variances, strict=True)
+                if variance
+            ),
             *search.warnings(),
-            *constraints.warnings(),
             *map(noise_adaptation.marginalised_warning, levels),
-            *comparison.discrepancies(joint_fit, calibrated, context, bounded, same_loop=same_loop),
+            *discrepancies,
             *comparison.fixed_value_conflicts(fixed_values, calibrated.joint),
         ]
         entries = {
             "from_fit": comparison.differences(joint_fit, calibrated.joint),
             "commands": {run: command.mismatch for run, command in commands.items()},
         }
-        joint_fit = replace(joint_fit, warnings=(*joint_fit.warnings, *warnings))
+        joint_fit = replace(joint_fit, warnings=(*constraints.warnings(), *joint_fit.warnings, *warnings))
         return Results(joint_fit, {}, {}, {}, self._provenance(outcome, entries, levels))
 
     def _begin(self, levels: Sequence[bool], previous: Mapping[str, float]) -> Search:
@@ -213,4 +232,11 @@ class _Identification:
         absent = dict.fromkeys(("cross_talk_periods", "subtraction", "inertial_runs", "inertial_band"))
         widths = {name: {"value": value, "sigma": sigma} for name, (value, sigma) in outcome.scatter.items()}
         extra = {**provenance.extra, **entries}
-        return replace(provenance, extra=extra, levels=levels, scatter=widths, **absent)
+        return replace(
+            provenance,
+            settings=self.settings.record(),
+            extra=extra,
+            levels=levels,
+            scatter=widths,
+            **absent,
+        )

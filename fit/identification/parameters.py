@@ -206,6 +206,17 @@ def with_params(settings: Settings, params: lmfit.Parameters, names: Iterable[st
     return settings.model_copy(update={"parameters": {**settings.parameters, **stated}})
 
 
+def without_constraints(settings: Settings) -> Settings:
+    """Return settings that leave all parameters free; where a search starts, the user may still state."""
+    free = {name: p for name, p in settings.parameters.items() if not p.is_constraint}
+    starts = {
+        name: ParameterSettings(value=p.value)
+        for name, p in settings.parameters.items()
+        if p.is_constraint and p.vary and p.value is not None
+    }
+    return settings.model_copy(update={"parameters": {**free, **starts}})
+
+
 def check_constraints(settings: Settings, names: Iterable[str], calibrated: Results) -> None:
     """Refuse constraints of parameters that are neither identified nor were constrained in the fit.
 

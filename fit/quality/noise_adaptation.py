@@ -190,19 +190,24 @@ def nonstationary_warning(name: str, variances: SegmentVariances) -> FitWarning:
     return FitWarning("nonstationary_noise", (), message)
 
 
-def with_segment_variances(
-    result: IRLSResult, experiments: Sequence[Experiment]
-) -> tuple[IRLSResult, list[FitWarning]]:
-    """Let the covariance of a fit of `NonstationaryRun` allow for noise that changes within runs."""
-    runs, warnings = list(result.whitened_runs), []
-    for k, (experiment, run) in enumerate(zip(experiments, result.whitened_runs, strict=True)):
-        if variances := segment_variances(experiment, result, k, len(experiments)):
+def with_segment_variances(result: IRLSResult, variances: Sequence[SegmentVariances]) -> IRLSResult:
+    """Let the covariance of a fit of `NonstationaryRun` allow for noise that changes within runs.
+
+    Parameters
+    ----------
+    result : IRLSResult
+        The fit.
+    variances : sequence of SegmentVariances
+        Of each run, see `segment_variances`.
+    """
+    runs = list(result.whitened_runs)
+    for k, run in enumerate(result.whitened_runs):
+        if variances[k]:
             assert isinstance(run, NonstationaryRun)
-            runs[k] = replace(run, segment_variances=variances)
-            warnings.append(nonstationary_warning(experiment.name, variances))
-    if warnings and not result.random_effects:
-        return irls.refit(result, runs), warnings
-    return replace(result, whitened_runs=tuple(runs)), warnings
+            runs[k] = replace(run, segment_variances=variances[k])
+    if any(variances) and not result.random_effects:
+        return irls.refit(result, runs)
+    return replace(result, whitened_runs=tuple(runs))
 
 
 def misfits(experiments: Sequence[Experiment], result: IRLSResult) -> list[FitWarning]:

@@ -163,7 +163,7 @@ def _combination(coefficients: Mapping[str, float]) -> Markup:
 def _gain(results: Results, telemetries: Sequence[Telemetry]) -> Section | None:
     fits = results.experiments.values()
     estimates = [fit.parameters["lambda_2"] for fit in fits if "lambda_2" in fit.parameters]
-    if len(estimates) < 2:
+    if len(estimates) < 2 or any(estimate.fixed for estimate in estimates):
         return None
     gain = weighted_mean(estimates)
     joint = results.joint.parameters.get("lambda_2") if results.joint else None

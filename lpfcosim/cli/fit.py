@@ -30,8 +30,9 @@ def fit_files(
     chosen = fit_settings.read(settings) if settings else fit_settings.settings()
     if include_short:
         chosen = chosen.model_copy(update={"include_short": True})
-    chosen = workflow.constrain(chosen, constraints.tables(), f_max)
-    fit_settings.refuse_fmu_parameters(chosen, "fit.parameters")
+    # a campaign constrains parameters of FMUs for lpfcosim identify
+    chosen = workflow.constrain(chosen.without_fmu_parameters(), constraints.tables(), f_max)
+    fit_settings.refuse_fmu_parameters(chosen, "options.parameters")
     files = workflow.find_telemetry(paths, directory, console)
     console.show_calibration(
         workflow.calibrate_into(directory, files, chosen, console, calibration=calibration)

@@ -105,7 +105,7 @@ def calibrate_into(
     paths : sequence of Path
         Telemetry files.
     fit_settings : Settings
-        Of the fit.
+        Of the fit. Constraints of parameters of FMUs in it are those of an identification, and not used.
     progress : Progress
         Its callbacks.
     trusted_files : bool
@@ -126,6 +126,7 @@ def calibrate_into(
     with progress.stage("reading"):
         telemetries = read_all(paths, trusted=trusted_files)
     check_telemetry(telemetries)
+    fit_settings = fit_settings.without_fmu_parameters()
     with progress.stage("fit"):
         if calibration is not None:
             results = api.calibrate_inertial(telemetries, dynamics, parameters=fit_settings.parameters)

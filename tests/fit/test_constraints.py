@@ -69,6 +69,25 @@ def test_a_fixed_parameter(runs, free):
     assert results.provenance["settings"]["parameters"] == {"C_2": {"value": known, "vary": False}}
 
 
+def test_fixed_parameters_alone_have_a_chi2(runs, free):
+    params = fit.make_params(runs)
+    for name, estimate in free.joint.parameters.items():
+        params[name].set(value=estimate.value, vary=False)
+    for p in params.values():
+        p.vary = False
+    fixed = fit.calibrate(runs, params=params).joint
+    assert fixed.values == {name: p.value for name, p in params.items()}
+    assert fixed.chi2 == pytest.approx(free.joint.chi2, rel=1e-3)
+    known = free.joint.lmfit.params.copy()
+    for p in known.values():
+        p.vary = False
+    evaluated = free.joint.refit(known)
+    assert evaluated.chisqr == pytest.approx(free.joint.lmfit.chisqr, rel=1e-6)
+    with pytest.raises(fit.InputError, match="expected one that remains"):
+        free.joint.without(*"ABCDE")
+    assert evaluated.nfree == evaluated.ndata and "chi-square" in lmfit.fit_report(evaluated)
+
+
 def test_a_tie(runs, free):
     params = fit.make_params(runs)
     params["alpha_phi_1"].set(expr="alpha_phi_2")
@@ -247,6 +266,10 @@ def test_parameters_that_are_none_are_refused(runs):
         fit.calibrate(runs, params={"lambda_2": 1.0})
     with pytest.raises(fit.InputError, match="expected one of them"):
         fit.calibrate(runs, params=params, parameters={})
+    params.add("lambda_3", value=1.0)
+    with pytest.raises(fit.InputError, match='lambda_3: no parameter of this fit, did you mean "lambda_2"'):
+        fit.calibrate(runs, params=params)
+    del params["lambda_3"]
     params["C_1"].user_data = 0.3
     with pytest.raises(fit.InputError, match=r"C_1: user_data: expected fit\.Prior"):
         fit.calibrate(runs, params=params)

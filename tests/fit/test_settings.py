@@ -31,6 +31,13 @@ def test_invalid_settings_are_refused(table, message):
     assert message in str(error.value)
 
 
+def test_a_fit_of_the_equation_leaves_out_parameters_of_fmus():
+    table = {"C_2": {"min": 0.0}, "Controller": {"f_p": {"vary": False}}, "C_1": {"expr": "9 * Plant.tau"}}
+    chosen = settings({"parameters": table})
+    assert set(chosen.parameters) == {"C_2", "Controller.f_p", "C_1"}
+    assert set(chosen.without_fmu_parameters().parameters) == {"C_2"}
+
+
 def test_settings_are_read_from_a_file(tmp_path):
     path = tmp_path / "fit.toml"
     path.write_text('[fit]\nestimator = "student_t"\n', encoding="utf-8")

@@ -11,6 +11,7 @@ from scipy.spatial.transform import Rotation
 from fit.crosstalk.euler_fit import fit_period, takes_part
 from fit.errors import InputError
 from fit.pipeline import calibrate, calibrate_inertial
+from fit.settings import ParameterSettings
 from fit.telemetry.reader import read_all
 from lpfcosim import cli
 from tests.fit.crosstalk.euler import DAY, LOW_NOISE, as_quaternion, codes, fitted, lacking, pulls
@@ -102,7 +103,12 @@ def test_periods_are_fitted_separately(quiet_day):
         quiet_day[0],
     ]
     first = calibrate_inertial(runs[:1], calibration(LOW_NOISE))
-    results = calibrate_inertial(runs[1:], first)  # which carries period 1 over
+    known = {"delta_phi_2": ParameterSettings(value=0.2e-3, vary=False)}
+    constrained = calibrate_inertial(runs[1:3], first, known)
+    stated = constrained.provenance.settings["parameters"]
+    assert stated == {"delta_phi_2": {"value": 0.2e-3, "vary": False}}
+    results = calibrate_inertial(runs[1:], constrained)  # which carries period 1 over
+    assert results.provenance.settings["parameters"] == {}
     assert list(results.inertial) == ["1", "2", "0"]
     assert results.provenance.inertial_runs == {"1": ["a"], "2": ["b", "c"], "0": ["inertial"]}
     assert results.joint.parameters == calibration(LOW_NOISE).joint.parameters

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import scipy
 
-from fit.errors import FitError
+from fit.errors import FitError, InputError
 from fit.telemetry.reader import Telemetry
 from lpfcosim.execution import telemetry_file
 from lpfcosim.linear import ClosedLoop, response
@@ -88,7 +88,10 @@ class LinearLoop:
         n = inputs["f_x_1"].size
         run = replace(self._run(telemetry, theta), n_samples=n)
         driven = {"f_x_1_jitter": inputs["f_x_1"], "F_noise_x_sc": inputs["F_noise_x_sc"]}
-        expected = response.linear_response(run, Feeds(driven, n), run.fs)
+        try:
+            expected = response.linear_response(run, Feeds(driven, n), run.fs)
+        except InputError as error:  # a delay became negative
+            raise FitError(str(error)) from error
         return {name: expected[name] for name in ("o_1", "o_12")}
 
     def command(self, telemetry, theta, o_12):

@@ -44,6 +44,12 @@ def test_a_fixed_parameter(flown, unconstrained):  # noqa: F811
     assert not fixed.unsound
 
 
+def test_constraints_are_in_the_provenance(flown):  # noqa: F811
+    bound = {"C_2": {"min": 0.0}}
+    chosen = settings({**CHOSEN.record(), "parameters": bound})
+    assert identified(flown, chosen=chosen).provenance.settings == chosen.record()
+
+
 def test_a_tie_and_a_prior(flown, unconstrained):  # noqa: F811
     free = unconstrained.joint
     ratio = free["omega2_1_0"].value / free["omega2_2_0"].value
@@ -71,7 +77,11 @@ def test_a_fixed_value_that_the_data_contradict_is_not_sound(flown, unconstraine
     free = unconstrained.joint
     value = free["lambda_2"].value + 30 * free["lambda_2"].sigma
     fixed = constrained(flown, {"lambda_2": {"value": value, "vary": False}})
-    (contradiction,) = [w for w in fixed.unsound if w.code == "constraint_contradicted"]
+    contradiction = fixed.unsound[0]
+    assert contradiction.code == "constraint_contradicted"
+    # the data are judged without the constraint, and the comparison with the fit adds nothing to it
+    codes = {w.code for w in fixed.warnings}
+    assert not codes & {"nonstationary_noise", "noise_mismatch", "loop_contradiction", "loop_discrepancy"}
     assert {"lambda_2", "omega2_2_0"} <= set(contradiction.parameters)
     assert f"(without: {free['lambda_2'].value:.4g}"[:-1] in contradiction.message
 
