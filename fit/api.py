@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 
 from fit import pipeline
 from fit import results as fit_results
+from fit.crosstalk import euler_fit
 from fit.errors import FitError, InputError, shown
 from fit.files import refuse_links
 from fit.fitting import user_params
@@ -77,26 +78,26 @@ def _check_runs(runs: object, function: str) -> None:
 
 
 def make_params(runs: Sequence[Telemetry], **options: object) -> lmfit.Parameters:
-    """Return the parameters of the joint fit, for `calibrate`: names and order are those of the results.
+    """Return the parameters of all fits, for `calibrate` and `calibrate_inertial`.
 
-    They start at the values found in flight. Fix them, give them bounds or ties as lmfit has them, or a
-    `fit.Prior` as ``user_data``. Parameters that are fitted along may be added: coefficients of cross-talk,
-    such as ``b_1_2`` in alignment epoch 2, and ``delta_phi_1`` and ``delta_eta_1`` of inertial period 1.
+    Names and order are those of the results: the dynamics, coefficients of cross-talk such as ``b_1_2`` in
+    alignment epoch 2, ``delta_phi_1`` and ``delta_eta_1`` of inertial period 1. They start at the values
+    found in flight. Fix them, give them bounds or ties as lmfit has them, or a `fit.Prior` as ``user_data``.
 
     Parameters
     ----------
     runs : sequence of Telemetry
-        As for `calibrate`.
+        As for `calibrate` or `calibrate_inertial`.
     **options
         Settings, as for `calibrate`; only ``shared`` counts.
 
     Raises
     ------
     InputError
-        If a setting is not known, or no run has injections.
+        If a setting is not known, or runs have neither injections nor inertial forces to fit.
     """
     _check_runs(runs, "make_params")
-    return user_params.make_params(runs, settings(options, "make_params"))
+    return user_params.make_params(runs, settings(options, "make_params"), euler_fit.angles(runs))
 
 
 def calibrate(
@@ -138,7 +139,11 @@ def calibrate(
 
 
 def calibrate_inertial(
-    runs: Sequence[Telemetry], results: Results, parameters: Mapping[str, ParameterSettings] | None = None
+    runs: Sequence[Telemetry],
+    results: Results,
+    params: lmfit.Parameters | None = None,
+    *,
+    parameters: Mapping[str, ParameterSettings] | None = None,
 ) -> Results:
     """Calibrate the inertial forces, with the dynamics of an earlier calibration.
 
@@ -148,8 +153,10 @@ def calibrate_inertial(
         Noise runs only. Those of 12 h or more with torques take part.
     results : Results
         The earlier calibration, with a sound joint fit.
+    params : lmfit.Parameters, optional
+        What is known of ``delta_phi_1``, ``delta_eta_1`` and those of other periods: see `make_params`.
     parameters : mapping of str to ParameterSettings, optional
-        What is known of ``delta_phi_1``, ``delta_eta_1`` and those of other periods; see `settings`.
+        The same as settings have it.
 
     Returns
     -------
@@ -167,6 +174,11 @@ def calibrate_inertial(
     _check_runs(runs, "calibrate_inertial")
     check_results(results, "calibrate_inertial")
     fit_results.sound_joint(results)
+    if params is not None:
+        if parameters is not None:
+            raise InputError("calibrate_inertial: both params and parameters, expected one of them")
+        options = {"parameters": user_params.as_settings(params)}
+        parameters = settings(options, "calibrate_inertial").parameters
     return coverage.with_truth(pipeline.calibrate_inertial(runs, results, parameters), runs)
 
 

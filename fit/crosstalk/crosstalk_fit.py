@@ -45,7 +45,9 @@ def cross_talk(
     """Return the couplings of eq. bump by alignment epoch.
 
     Each `Fit` holds ``b_1`` to ``b_6`` as far as the channels exist and the data determine them; chi2 and dof
-    are those of the joint fit. Its warnings: ``indeterminable``; ``attenuation_bias``, with the coefficients
+    are those of the joint fit, as is the lmfit model, in which they are attenuated.
+
+    Its warnings: ``indeterminable``; ``attenuation_bias``, with the coefficients
     to expect of read-outs without noise, where no instruments free them of it; ``instrumental_variables``
     where they do; ``cross_talk_drift`` of b_1 and b_2; ``correlation`` of delta_ifo with every b_i.
 
@@ -84,7 +86,8 @@ def cross_talk(
         )
         shifts = {names[p.name]: shift[i] for i, p in enumerate(outcome.parameters) if p.name in names}
         drifts = drift.cross_talk_drift(outcome, names)
-        fits[str(epoch)] = drift.inflate_sigma(attenuation.inflate_sigma(fit, shifts), drifts)
+        fit = drift.inflate_sigma(attenuation.inflate_sigma(fit, shifts), drifts)
+        fits[str(epoch)] = replace(fit, solved=outcome.solved)
     return fits
 
 

@@ -29,7 +29,7 @@ from fit.crosstalk import centrifugal, torque_noise
 from fit.errors import FitError
 from fit.fitting import IRLSResult, Prior, PriorSet, constraint_test, constraints, iterate
 from fit.model import Dynamics, angular_rate, dynamics, dynamics_of, inertial_forces, rotation
-from fit.parameters import cross_talk_parameter, misalignments
+from fit.parameters import Parameter, cross_talk_parameter, misalignments
 from fit.quality import long_noise
 from fit.results import Estimate, Fit
 from fit.settings import ParameterSettings
@@ -67,6 +67,12 @@ def names(runs: Sequence[Telemetry]) -> list[str]:
     """Return the names of the angles of every period that runs belong to, the period at their end."""
     periods = dict.fromkeys(inertial_period(run) for run in runs if takes_part(run))
     return [f"{name}_{period}" for period in periods for name in NAMES]
+
+
+def angles(runs: Sequence[Telemetry]) -> list[Parameter]:
+    """Return the angles of every period that runs belong to, in the order of `names`."""
+    of_period = dict(zip(NAMES, PARAMETERS, strict=False))
+    return [replace(of_period[name.rpartition("_")[0]], name=name) for name in names(runs)]
 
 
 def is_angle(name: str) -> bool:

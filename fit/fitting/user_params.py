@@ -19,18 +19,23 @@ if TYPE_CHECKING:
     import lmfit
 
 
-def make_params(runs: Sequence[Telemetry], settings: Settings) -> lmfit.Parameters:
-    """Return the parameters of the joint fit at the values found in flight.
+def make_params(
+    runs: Sequence[Telemetry], settings: Settings, angles: Sequence[Parameter] = ()
+) -> lmfit.Parameters:
+    """Return the parameters of the joint fit, cross-talk included, and angles at the values found in flight.
 
     Raises
     ------
     InputError
-        If no run has injections.
+        If there are none.
     """
-    driven = [(run, dynamics.PARAMETERS) for run in runs if run.kind == "sysid"]
-    if not driven:
-        raise InputError("make_params: no run of kind 'sysid', expected at least one")
-    return constrained_params(Sharing(settings.shared).parameters(driven), {})
+    driven = [(run, dynamics.channels(run).parameters) for run in runs if run.kind == "sysid"]
+    parameters = [*(Sharing(settings.shared).parameters(driven) if driven else ()), *angles]
+    if not parameters:
+        raise InputError(
+            "make_params: no run of kind 'sysid' and no long noise run with torques, expected at least one"
+        )
+    return constrained_params(parameters, {})
 
 
 def constrained_params(

@@ -1,7 +1,9 @@
 """Constraints of attenuated couplings, against the estimates and sigmas of a fit without them."""
 
+import lmfit
 import pytest
 
+import fit
 from fit.pipeline import calibrate
 from fit.settings import settings
 from tests.oracles.bump_synthetic import TRUTH, Motion, pair
@@ -53,3 +55,14 @@ def test_a_bound_that_only_attenuation_crosses_is_harmless(runs, unconstrained):
     assert results.cross_talk["1"]["b_3"].value == pytest.approx(
         unconstrained.value, abs=0.3 * unconstrained.sigma
     )
+
+
+def test_the_parameters_of_a_fit_include_its_couplings(runs, unconstrained):
+    params = fit.make_params(runs)
+    assert {f"{name}_1" for name in TRUTH} < {*params}
+    params["b_3_1"].set(value=TRUTH["b_3"], vary=False)
+    couplings = fit.calibrate(runs, params=params).cross_talk["1"]
+    assert couplings["b_3"].value == TRUTH["b_3"]
+    assert couplings.lmfit.params["b_3_1"].value == TRUTH["b_3"]
+    assert "b_4_1" in couplings.lmfit.uvars
+    assert isinstance(couplings.minimizer, lmfit.Minimizer)

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from fit import api, make_params
 from fit.crosstalk.euler_fit import fit_period, takes_part
 from fit.errors import InputError
 from fit.pipeline import calibrate, calibrate_inertial
@@ -114,6 +115,17 @@ def test_periods_are_fitted_separately(quiet_day):
     assert results.joint.parameters == calibration(LOW_NOISE).joint.parameters
     assert results.inertial["2"].parameters["delta_phi"].value == pytest.approx(0.2e-3, rel=0.05)
     assert results.inertial["1"].parameters["delta_phi"].value == pytest.approx(-0.4e-3, rel=0.05)
+
+
+def test_angles_are_constrained_by_params(quiet_day):
+    params = make_params([quiet_day[0]])
+    assert list(params) == ["delta_phi_0", "delta_eta_0"]
+    params["delta_phi_0"].set(value=-0.4e-3, vary=False)
+    results = api.calibrate_inertial([quiet_day[0]], calibration(LOW_NOISE), params=params)
+    assert results.inertial["0"]["delta_phi"].fixed
+    assert results.inertial["0"]["delta_phi"].value == pytest.approx(-0.4e-3, rel=1e-9)
+    with pytest.raises(InputError, match="both params and parameters"):
+        api.calibrate_inertial([quiet_day[0]], calibration(LOW_NOISE), params, parameters={})
 
 
 def test_runs_that_take_part(quiet_day):
