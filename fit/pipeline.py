@@ -164,6 +164,7 @@ def _dynamics(telemetries: Sequence[Telemetry], chosen: Settings) -> Results:
             "or an earlier calibration"
         )
     common_x_axis(telemetries)
+    divide(recorded, chosen)  # refuses unknown names before anything takes its time
     if chosen.parameters:
         runs = [(e.sysid.telemetry, e.parameters) for e in recorded]
         names = [p.name for p in Sharing(chosen.shared).parameters(runs)]

@@ -23,7 +23,16 @@ LOWEST, HIGHEST = (
 _MODEL = re.compile(r"(?<![\w.])([A-Za-z_]\w*)\.[A-Za-z_]")  # of a parameter of an FMU
 _Finite = Annotated[float, Field(allow_inf_nan=False)]
 _UNBOUNDED = (-math.inf, math.inf)
-_PAIR = BeforeValidator(lambda given: tuple(given) if isinstance(given, list) else given)
+
+
+def _pair(given: object) -> object:
+    """Return a list of two as a tuple."""
+    if isinstance(given, list) and len(given) != 2:
+        raise problem(f"{quote(given)}, expected [MEAN, SIGMA]")
+    return tuple(given) if isinstance(given, list) else given
+
+
+_PAIR = BeforeValidator(_pair)
 _AUTO = BeforeValidator(lambda given: ["auto"] if given == "auto" else given)
 
 
@@ -94,7 +103,14 @@ class Settings(Table):
 
     @model_validator(mode="before")
     @classmethod
-    def _no_lower_limit(cls, raw: object) -> object:
+    def _limits_of_the_band(cls, raw: object) -> object:
+        f_max = raw.get("f_max") if isinstance(raw, dict) else None
+        if isinstance(f_max, int | float) and f_max < LOWEST:
+            raise problem(
+                f"{f_max:g} is too small, expected {LOWEST:g} Hz or more: below, delays and the leakage of "
+                "the read-out are lost",
+                "f_max",
+            )
         if isinstance(raw, dict) and "f_min" in raw:
             raise problem(
                 "the fitted band has no lower limit: commands answer to the noise, and only over the whole "

@@ -75,7 +75,7 @@ def check(
             symbols(constraint.expr, f"{context}.{name}.expr", known) if constraint.expr else ()
         ):
             if dependency not in (*known, *FUNCTIONS):
-                names_known = closest_match(dependency, [*known, *FUNCTIONS])
+                names_known = closest_match(dependency, known)
                 raise InputError(
                     f"{context}.{name}.expr: {dependency}: no parameter of this fit{names_known}"
                 )

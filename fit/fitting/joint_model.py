@@ -73,7 +73,7 @@ class JointModel:
         return self.gradient(params) @ free_directions(params)
 
     def minimizer(self, params: lmfit.Parameters) -> lmfit.Minimizer:
-        """Return the problem, for whatever lmfit does with one."""
+        """Return the problem with its derivatives and tolerances, for least squares."""
         import lmfit  # slow to import
 
         return lmfit.Minimizer(
@@ -243,8 +243,11 @@ class SolvedModel:
 
     @property
     def minimizer(self) -> lmfit.Minimizer:
-        """The problem as lmfit has it, at the estimate."""
-        return self.model.minimizer(self.result.params)
+        """The problem as lmfit has it, at the estimate, for any of its methods."""
+        # without derivatives: scalar minimisers would take those of the residual for those of chi^2
+        import lmfit  # slow to import
+
+        return lmfit.Minimizer(self.model.residual, self.result.params, scale_covar=False)
 
     def refit(self, params: lmfit.Parameters) -> MinimizerResult:
         """Return the fit with other settings of its parameters.

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 
 from markupsafe import Markup
 
-from fit.errors import InputError
+from fit.errors import InputError, shown
 from fit.figures import runs as figures_runs
 from fit.figures import stiffness as figures_stiffness
 from fit.plotting import Plot, draw
@@ -41,6 +41,8 @@ def residual(results: Results, runs: Sequence[Telemetry], experiment: str) -> Pl
 
 def stiffness(results: Results, runs: Sequence[Telemetry], test_mass: int = 2) -> Plot:
     """Draw omega2_2 against F_max_2 (or those of test mass 1): every single experiment, and the model."""
+    if not isinstance(runs, Sequence):
+        raise InputError(f"plot: runs: {shown(runs)}, expected a list of Telemetry (fit.load)")
     points = list(stiffness_points(results, runs, test_mass).values())
     if not points:
         raise InputError(

@@ -157,8 +157,11 @@ def _agreement(shown: Sequence[ParameterTable], has_truth: bool, kind: str) -> t
     rows = [row for t in shown for row in t.rows if row.estimate]
     pulls = [(row.symbol, row.pull) for row in rows if row.pull is not None]
     if not pulls:
+        if has_truth:
+            return Markup("Estimates are not compared with truth, since their sigmas do not hold."), False
         return Markup("Nothing to compare the estimates with."), False
-    subject = f"{kind} parameters{' that have one' * (len(pulls) < len(rows))}"
+    known = " of known truth" if has_truth else " with a flight value"
+    subject = f"{kind} parameters{known * (len(pulls) < len(rows))}"
     target = f"{LIMIT:g} σ of {'truth' if has_truth else 'the flight values'}"
     outliers = [name for name, pull in pulls if abs(pull) > LIMIT]
     if outliers:

@@ -230,7 +230,17 @@ class Results(Displayed):
         return latex(self)
 
     def save(self, path: str | Path) -> None:
-        """Write the results as JSON, schema ``lpf-results/1``; see `write`."""
+        """Write the results as JSON, schema ``lpf-results/1``; see `write`.
+
+        Raises
+        ------
+        InputError
+            If it is no path, or of a folder that does not exist.
+        """
+        if not isinstance(path, str | Path):
+            raise InputError(f"save: path: {shown(path)}, expected the path of a file")
+        if not Path(path).parent.is_dir():
+            raise InputError(f"{path}: no such folder, expected a file in one that exists")
         write(self, Path(path))
 
 

@@ -1,6 +1,6 @@
 """The command ``fit``: from telemetry to results and report."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from fit import settings as fit_settings
@@ -21,7 +21,7 @@ def fit_files(
     include_short: bool,
     calibration: Path | None,
     constraints: Constraints,
-    f_max: float | None,
+    band: Mapping[str, float],
 ) -> None:
     """Fit telemetry files from anywhere, report."""
     directory = out or default_folder(paths[0])
@@ -31,7 +31,7 @@ def fit_files(
     if include_short:
         chosen = chosen.model_copy(update={"include_short": True})
     # a campaign constrains parameters of FMUs for lpfcosim identify
-    chosen = workflow.constrain(chosen.without_fmu_parameters(), constraints.tables(), f_max)
+    chosen = workflow.constrain(chosen.without_fmu_parameters(), constraints.tables(), band)
     fit_settings.refuse_fmu_parameters(chosen, "options.parameters")
     files = workflow.find_telemetry(paths, directory, console)
     console.show_calibration(

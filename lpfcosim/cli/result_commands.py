@@ -57,6 +57,7 @@ def fit(
     f_max: Annotated[
         float | None, typer.Option("--f-max", metavar="HZ", help="End of the fitted band (0.02 to 0.1).")
     ] = None,
+    f_min: Annotated[float | None, typer.Option("--f-min", hidden=True)] = None,  # refused with its reason
     as_json: Annotated[bool, typer.Option("--json", help="Print results.json instead of a table.")] = False,
     quiet: Quiet = False,
 ) -> None:
@@ -79,7 +80,7 @@ def fit(
         include_short=include_short,
         calibration=calibration,
         constraints=Constraints(fix or (), tie or (), prior or (), bound or ()),
-        f_max=f_max,
+        band={name: f for name, f in (("f_min", f_min), ("f_max", f_max)) if f is not None},
     )
 
 

@@ -5,6 +5,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from importlib import metadata
 from pathlib import Path
+from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 from fit import api
@@ -147,7 +148,9 @@ def calibrate_into(
 
 
 def constrain(
-    fit_settings: Settings, parameters: Mapping[str, Mapping[str, object]], f_max: float | None = None
+    fit_settings: Settings,
+    parameters: Mapping[str, Mapping[str, object]],
+    band: Mapping[str, float] = MappingProxyType({}),
 ) -> Settings:
     """Return settings with other constraints of parameters, in the place of those they have.
 
@@ -157,8 +160,8 @@ def constrain(
         Of the fit.
     parameters : mapping
         By parameter, as in the table ``[fit.parameters]``.
-    f_max : float, optional
-        End of the fitted band [Hz].
+    band : mapping of str to float, optional
+        End of the fitted band [Hz], ``f_max``.
 
     Raises
     ------
@@ -170,9 +173,7 @@ def constrain(
     table = fit_settings.record()
     known = {name: p.model_dump(exclude_defaults=True) for name, p in fit_settings.parameters.items()}
     table["parameters"] = {**known, **parameters}
-    if f_max is not None:
-        table["f_max"] = f_max
-    return settings(table, "options")
+    return settings({**table, **band}, "options")
 
 
 def find_telemetry(

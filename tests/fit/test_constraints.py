@@ -85,6 +85,8 @@ def test_fixed_parameters_alone_have_a_chi2(runs, free):
     assert evaluated.chisqr == pytest.approx(free.joint.lmfit.chisqr, rel=1e-6)
     with pytest.raises(fit.InputError, match="expected one that remains"):
         free.joint.without(*"ABCDE")
+    nelder = free.joint.minimizer.minimize(method="nelder", max_nfev=9)
+    assert nelder.nfev <= 10
     assert evaluated.nfree == evaluated.ndata and "chi-square" in lmfit.fit_report(evaluated)
 
 
@@ -249,6 +251,8 @@ def test_the_end_of_the_band(runs, free):
         ({"C_1": {"vary": False, "prior": [0.1, 0.1]}}, "neither bounds nor a prior of a fixed parameter"),
         ({"C_1": {"min": 0.2, "max": 0.1}}, "C_1.min: 0.2, expected less than max = 0.1"),
         ({"C_1": {"prior": [0.1, 0.0]}}, "C_1.prior[1]: 0.0 is too small"),
+        ({"C_1": {"prior": [0.1]}}, "expected [MEAN, SIGMA]"),
+        ({"C_1": {"expr": "C_3"}}, ", omega2_2_0)"),  # no function is listed as a parameter
         ({"C_1": {"vry": False}}, 'did you mean "vary"'),
         ({"Controller.f_u": {"vary": False}}, "Controller.f_u: a parameter of an FMU"),
         ({"C_1": {"expr": "C_2 + Controller.f_u"}}, "C_1: a parameter of an FMU"),
@@ -258,6 +262,18 @@ def test_what_cannot_be_said_is_refused(runs, said, message):
     with pytest.raises(fit.InputError) as refused:
         fit.calibrate(runs, parameters=said)
     assert message in str(refused.value)
+
+
+def test_an_unknown_experiment_is_refused_before_the_fit(runs):
+    with pytest.raises(fit.InputError, match=r"fit\.exclude: no experiment 'Z'"):
+        fit.calibrate(runs, exclude=["Z"])
+
+
+def test_results_are_not_saved_elsewhere(free, tmp_path):
+    with pytest.raises(fit.InputError, match="no such folder"):
+        free.save(tmp_path / "missing" / "results.json")
+    with pytest.raises(fit.InputError, match="expected the path of a file"):
+        free.save(None)
 
 
 def test_parameters_that_are_none_are_refused(runs):
@@ -279,7 +295,7 @@ def test_parameters_that_are_none_are_refused(runs):
     ("said", "message"),
     [
         ({"f_max": 0.2}, "f_max: 0.2 is too large"),
-        ({"f_max": 0.001}, "f_max: 0.001 is too small"),
+        ({"f_max": 0.001}, "f_max: 0.001 is too small, expected 0.02 Hz or more: below, delays"),
         ({"f_min": 0.001}, "the fitted band has no lower limit: commands answer to the noise"),
         ({"f_max": 0.05, "estimator": "flscov"}, "f_max: 0.05 with estimator"),
     ],

@@ -293,7 +293,7 @@ def test_what_was_run_is_told_at_the_top(tmp_path, campaign):
 def test_a_truth_that_differs_between_runs_has_no_pull(tmp_path, campaign):
     runs = campaign(truth={**TRUTH, "lambda_2": 1.07}) + campaign("B2", truth={**TRUTH, "lambda_2": 1.08})
     page = written(tmp_path, results(joint=joint_fit()), runs)
-    assert "All 10 joint parameters that have one lie within 4 σ of truth" in page.text
+    assert "All 10 joint parameters of known truth lie within 4 σ of truth" in page.text
 
 
 def test_rows_share_an_exponent_and_show_two_digits_of_sigma():
