@@ -186,7 +186,7 @@ def test_interrupted_on_the_command_line_what_there_is_is_written(tmp_path):
         cwd=tmp_path,
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
-        campaign_text=True,
+        text=True,
         start_new_session=True,
     ) as process:
         try:

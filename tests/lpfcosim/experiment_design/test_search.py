@@ -14,7 +14,6 @@ from lpfcosim.experiment_design.design_problem import design_problem
 from lpfcosim.experiment_design.objective import Objective
 from lpfcosim.experiment_design.search import search
 from lpfcosim.linear import ClosedLoop
-from lpfcosim.models import model_of
 from lpfcosim.spacecraft import TaperedSine
 from tests import ROOT
 
@@ -160,7 +159,7 @@ def test_limits_of_its_own_are_what_tones_reach(pair):
     found = {
         limit.name: limit.value for limit in limits.baseline_limits(run, [("o_1", "peak"), ("F_x_sc", "rms")])
     }
-    moved = model_of(run).simulate(replace(run, noise=type(run.noise)()))
+    moved = ClosedLoop(replace(run, noise=type(run.noise)())).simulate()
     assert found["peak of o_1"] == pytest.approx(np.max(np.abs(moved["o_1"])), rel=1e-6)
     assert found["rms of F_x_sc"] == pytest.approx(np.sqrt(np.mean(moved["F_x_sc"] ** 2)), rel=1e-6)
 
