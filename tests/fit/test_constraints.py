@@ -314,7 +314,7 @@ def test_options_are_the_table():
         bound=["C_2=0.1:", "delta_ifo_1=-1e-4:1e-4"],
     )
     known = settings({"parameters": {"C_1": {"min": 0.0}, "omega2_1_0": {"vary": False}}})
-    found = constrain(known, options.tables(), f_max=0.05)
+    found = constrain(known, options.tables(), {"f_max": 0.05})
     assert found.f_max == 0.05
     assert {n: p.model_dump(exclude_defaults=True) for n, p in found.parameters.items()} == {
         "C_1": {"vary": False},
