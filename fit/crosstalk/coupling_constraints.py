@@ -29,8 +29,10 @@ def check_constraints(
     correction : AttenuationCorrected or None
         Of `outcome`, where there are read-outs of spacecraft motion.
     """
-    constrained = outcome.parameter_set.constrained if outcome.parameter_set else np.empty(0, dtype=bool)
-    names = [p.name for i, p in enumerate(outcome.parameters) if constrained[i : i + 1].any()]
+    constrained = outcome.parameter_set.constrained if outcome.parameter_set else ()
+    names = [
+        p.name for p, is_constrained in zip(outcome.parameters, constrained, strict=False) if is_constrained
+    ]
     unattenuated = None
     if correction and any(name.startswith(constraint_test.ATTENUATED) for name in names):
         unattenuated = _estimates(correction, correct_attenuation(reference, experiments))

@@ -305,7 +305,8 @@ def write_telemetry(
     Without FMUs it is simulated from the equations of its models, as one block. The attribute
     ``saturated_samples`` counts the samples with a command at its limit, if there are any.
     """
-    saturated, limits = 0, ClosedLoop(run).limits
+    saturated, loop = 0, ClosedLoop(run)
+    limits = loop.limits
     spacecraft = model_of(run)
     interfaces = compatibility.read_interfaces(run, fmus) if fmus else []
     unknown = spacecraft.unknown_truths(run, compatibility.ignored_names(interfaces))
@@ -314,7 +315,9 @@ def write_telemetry(
         def simulated_blocks() -> Iterator[Mapping[str, co_simulation.Array]]:
             nonlocal saturated
             for block in (
-                co_simulation.blocks(run, interfaces, engine, progress, libraries) if fmus else _evaluate(run)
+                co_simulation.blocks(run, interfaces, engine, progress, libraries)
+                if fmus
+                else _evaluate(loop)
             ):
                 saturated += saturation.count(limits, block)
                 yield block
@@ -325,10 +328,10 @@ def write_telemetry(
             writer.annotate("saturated_samples", saturated)
 
 
-def _evaluate(run: Run) -> Iterator[dict[str, co_simulation.Array]]:
+def _evaluate(loop: ClosedLoop) -> Iterator[dict[str, co_simulation.Array]]:
     """Yield the recorded channels of a run that is simulated from the equations of its models."""
-    simulated = ClosedLoop(run).simulate()
-    yield {name: simulated[name] for name in model_of(run).record}
+    simulated = loop.simulate()
+    yield {name: simulated[name] for name in model_of(loop.run).record}
 
 
 def saturated_samples(paths: Iterable[Path]) -> dict[str, int]:

@@ -82,7 +82,7 @@ def optimize_power(
 
     Parameters
     ----------
-    experiments : sequence of Stage
+    experiments : sequence of DesignedExperiment
         The experiments.
     prior_information : ndarray, shape (P, P)
         Information beside them: weak priors, and the experiments without tones.
@@ -94,7 +94,7 @@ def optimize_power(
         Called with value and bound after each round.
     rounds : int
         Largest number of rounds of adding frequencies; the bound holds after any.
-    budget : Hours, optional
+    budget : TimeBudget, optional
         To be shared out; otherwise every experiment lasts as long as it does.
 
     Raises

@@ -42,7 +42,7 @@ class DesignProblem:
         Of the P parameters.
     sigmas_before : mapping of str to float
         Sigmas of the campaign as it is.
-    experiments : tuple of Stage
+    experiments : tuple of DesignedExperiment
         The experiments.
     prior_information : ndarray, shape (P, P)
         Information beside them, scaled.

@@ -36,9 +36,9 @@ def initial_tones(
 
     Parameters
     ----------
-    experiments : sequence of Stage
+    experiments : sequence of DesignedExperiment
         The experiments.
-    windows : sequence of Span
+    windows : sequence of ToneWindow
         When the tones of each are on.
     optimum : Optimum
         The best power.

@@ -71,9 +71,9 @@ class Multisine:
 
     Attributes
     ----------
-    experiment : Stage
+    experiment : DesignedExperiment
         The experiment.
-    window : Span
+    window : ToneWindow
         When they are on.
     number : ndarray of int, shape (n,)
         Of each frequency among the harmonics of the span.
@@ -178,7 +178,7 @@ class Solution:
 
     Attributes
     ----------
-    multisines : tuple of Voice
+    multisines : tuple of Multisine
         Scaled so that the tightest limit of each is just met.
     information : ndarray, shape (P, P)
         What they tell.

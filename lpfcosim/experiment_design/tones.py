@@ -69,7 +69,7 @@ def describe_tones(
 
     Parameters
     ----------
-    multisine : Voice
+    multisine : Multisine
         The experiment.
     information : ndarray, shape (P, P)
         Of all experiments, scaled.

@@ -63,7 +63,7 @@ def count(limits: Mapping[str, float], block: Mapping[str, Array]) -> int:
 
 
 @one_blas_thread
-def demands(run: Run, commands: Collection[str] | None = COMMANDS) -> list[Demand]:
+def demands(run: Run, commands: Collection[str] = COMMANDS) -> list[Demand]:
     """Return the commands and the read-outs that a run takes beyond their limits.
 
     Injections, the force that holds `Run.dc` and the stationary noise count. A limit is exceeded if one
@@ -74,11 +74,11 @@ def demands(run: Run, commands: Collection[str] | None = COMMANDS) -> list[Deman
     run : Run
         What is injected, and into what.
     commands : collection of str, optional
-        The commands that count, by default those along x; None: all.
+        The commands that count, by default those along x.
     """
     loop = ClosedLoop(run)
     system = loop.linearize()
-    limits = {name: limit for name, limit in loop.limits.items() if commands is None or name in commands}
+    limits = {name: limit for name, limit in loop.limits.items() if name in commands}
     limits |= dict.fromkeys(READ_OUTS, READ_OUT_RANGE)
     gains, rms = _gains(run, system, list(limits))
     start = loop.equilibrium()

@@ -80,25 +80,32 @@ def source_files(package: Path = PACKAGE) -> dict[str, Path]:
 
 def digest(package: Path = PACKAGE) -> str:
     """SHA-256 over Modelica sources, generator, runtime and tool versions."""
-    sha256 = hashlib.sha256()
-    for name, file in source_files(package).items():
-        content = file.read_bytes()
-        sha256.update(f"{name} {len(content)}\n".encode() + content)
+    sha256 = digest_of_files(source_files(package))
     tools = [*_tools(), compiler().version, platform.system(), platform.machine()]
     sha256.update("\n".join(tools).encode())
     return sha256.hexdigest()
 
 
+def digest_of_files(files: Mapping[str, Path]) -> hashlib._Hash:
+    """Return the SHA-256 of files and their names, to which more can be added."""
+    sha256 = hashlib.sha256()
+    for name, file in files.items():
+        content = file.read_bytes()
+        sha256.update(f"{name} {len(content)}\n".encode() + content)
+    return sha256
+
+
 def _tools() -> list[str]:
-    return [f"{name} {_version(name)}" for name in ("rumoca", "sympy", "fmpy")]
+    return [f"{name} {tool_version(name)}" for name in ("rumoca", "sympy", "fmpy")]
 
 
-def _version(distribution: str) -> str:
+def tool_version(distribution: str, problem: str = "FMUs cannot be built") -> str:
+    """Return the version of a tool; InputError with the `problem` if it is not installed."""
     try:
         return metadata.version(distribution)
     except metadata.PackageNotFoundError:
         raise InputError(
-            f"FMUs cannot be built: '{distribution}' is not installed; "
+            f"{problem}: '{distribution}' is not installed; "
             "install the build extra (pip install 'lpfcosim[build]')"
         ) from None
 
@@ -276,7 +283,7 @@ def build_one(
     token = str(
         uuid.uuid5(uuid.NAMESPACE_OID, hashlib.sha256((header + body + runtime).encode()).hexdigest())
     )
-    tool = f"lpfcosim {version or _version('lpfcosim')} with rumoca {_version('rumoca')}"
+    tool = f"lpfcosim {version or tool_version('lpfcosim')} with rumoca {tool_version('rumoca')}"
     description = model_description.ModelDescription(
         flat, sorted_model, sensitivity, fmi_variables, token, STEP, tool
     )

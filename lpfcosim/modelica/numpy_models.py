@@ -6,7 +6,6 @@ import functools
 import hashlib
 import importlib.util
 import os
-from importlib import metadata
 from pathlib import Path
 from types import ModuleType
 
@@ -15,6 +14,7 @@ from lpfcosim.modelica import build, prebuilt
 
 GROUP = "numpy"
 _TOOLS = ("rumoca", "sympy")
+_PROBLEM = "the Modelica models cannot be translated"
 
 
 @functools.cache
@@ -77,25 +77,11 @@ def source_files() -> dict[str, Path]:
 @functools.cache
 def digest() -> str:
     """Return the SHA-256 of the sources, from which the modules follow."""
-    total = hashlib.sha256()
-    for name, file in source_files().items():
-        content = file.read_bytes()
-        total.update(f"{name} {len(content)}\n".encode() + content)
-    return total.hexdigest()
+    return build.digest_of_files(source_files()).hexdigest()
 
 
 @functools.cache
 def _cache_key() -> str:
     """Return the SHA-256 of the sources and versions of the tools."""
-    versions = (f"{name} {_version(name)}" for name in _TOOLS)
+    versions = (f"{name} {build.tool_version(name, _PROBLEM)}" for name in _TOOLS)
     return hashlib.sha256("\n".join([*versions, digest()]).encode()).hexdigest()
-
-
-def _version(distribution: str) -> str:
-    try:
-        return metadata.version(distribution)
-    except metadata.PackageNotFoundError:
-        raise InputError(
-            f"the Modelica models cannot be translated: '{distribution}' is not installed; "
-            "install the build extra (pip install 'lpfcosim[build]')"
-        ) from None

@@ -19,7 +19,7 @@ from lpfcosim.campaign import Campaign
 from lpfcosim.errors import InputError, RunError, prefix_errors
 from lpfcosim.execution import checksums, dask_executor, process_pool, results_folder, runner, validation
 from lpfcosim.execution import fmus as fmu_archives
-from lpfcosim.linear import saturation
+from lpfcosim.linear import ClosedLoop, saturation
 from lpfcosim.messages import grouped
 from lpfcosim.workflows.arguments import check_workers, whole_number
 from lpfcosim.workflows.campaigns import CampaignLike, PathLike, resolve
@@ -192,7 +192,8 @@ def _check_spectra(plan: Campaign, validated: validation.Validation) -> None:
             "knows no limit"
         )
     for run in plan.runs:
-        for demand in saturation.demands(run, commands=None):
+        others = ClosedLoop(run).limits.keys() - saturation.COMMANDS  # validation has checked these
+        for demand in saturation.demands(run, others) if others else ():
             raise InputError(
                 f"run '{run.name}': {demand.channel} is expected beyond its limit of {demand.limit:.3g}; "
                 "expected --fmus, as telemetry drawn from spectra knows no limit"

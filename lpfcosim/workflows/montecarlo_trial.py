@@ -36,7 +36,7 @@ class SpectralSimulator:
     """
 
     def __init__(self) -> None:
-        self._simulations: dict[str, tuple[Run, spectral_simulation.Simulation]] = {}
+        self._simulations: dict[str, tuple[Run, spectral_simulation.Simulation, Mapping[str, float]]] = {}
 
     def draw(self, run: Run, rng: np.random.Generator) -> Telemetry:
         """Return telemetry of a run at 1 Hz.
@@ -46,20 +46,25 @@ class SpectralSimulator:
         RunError
             If a command reaches its limit.
         """
-        channels = self._simulation(run).record(rng)
-        for name, limit in ClosedLoop(run).limits.items():
+        simulation, limits = self._simulation(run)
+        channels = simulation.record(rng)
+        for name, limit in limits.items():
             if name in channels and np.nanmax(np.abs(channels[name])) >= limit:
                 raise RunError(f"{run.name}: {name} reaches its limit, which only the FMUs know: add --fmus")
         return telemetry_of(run, channels)
 
-    def _simulation(self, run: Run) -> spectral_simulation.Simulation:
+    def _simulation(self, run: Run) -> tuple[spectral_simulation.Simulation, Mapping[str, float]]:
+        """Return the simulation of a run and the limits of its commands."""
         key = run if run.events else replace(run, seed=0)  # the seed counts for glitches and gaps alone
-        previous, simulation = self._simulations.pop(run.name, (None, None))
-        if simulation is None or previous != key:
-            _, latest = next(reversed(self._simulations.values()), (None, None))
-            simulation = spectral_simulation.Simulation(run, channels_of_fit(run), latest)
-        self._simulations[run.name] = (key, simulation)
-        return simulation
+        previous, *simulation = self._simulations.pop(run.name, (None, None, {}))
+        if previous != key:
+            _, latest, _ = next(reversed(self._simulations.values()), (None, None, {}))
+            simulation = [
+                spectral_simulation.Simulation(run, channels_of_fit(run), latest),
+                ClosedLoop(run).limits,
+            ]
+        self._simulations[run.name] = (key, *simulation)
+        return self._simulations[run.name][1:]
 
 
 @dataclass(frozen=True)
