@@ -74,6 +74,8 @@ def rank_causes(test: RunTest, lenders: Sequence[Experiment]) -> tuple[Cause, ..
     ratings += [rate(candidate) for candidate in segment_candidates(test, min_gain)]
     # one that leaves less than noise fits noise
     ratings = [rating for rating in ratings if rating.level > 1 / MAX_EXCESS]
+    if not ratings:
+        return ()
     limit = INDISTINCT * max(1.0, min(rating.level for rating in ratings))
     ratings.sort(key=lambda rating: rating.chi2)
     likely = [rating for rating in ratings if rating.chi2 < ratings[0].chi2 + limit]

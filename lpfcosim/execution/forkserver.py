@@ -6,7 +6,6 @@ import multiprocessing
 import signal
 import sys
 import threading
-from contextlib import suppress
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:  # Windows lacks one of them
@@ -33,17 +32,20 @@ LIBRARIES = (
 FITTING = ("scipy.linalg",)
 
 
-def preload(*modules: str) -> None:
+def preload(*modules: str) -> bool:
     """Start the server of the standard library on Linux; it imports `LIBRARIES` and `modules`.
 
     The server, and so every worker from its first instruction on, ignores Ctrl-C: to end the workers is up
     to this process.
 
-    Raises
-    ------
-    OSError
-        If there can be no socket, such as in a folder for temporary files with a very long path.
+    Returns
+    -------
+    bool
+        Whether the server runs. Without a socket, such as in a folder for temporary files with a very long
+        path, it cannot.
     """
+    if sys.platform != "linux":  # elsewhere libraries do not outlive a fork
+        return False
     from multiprocessing import forkserver
 
     multiprocessing.set_forkserver_preload([*LIBRARIES, *modules])
@@ -51,15 +53,16 @@ def preload(*modules: str) -> None:
     handler = signal.signal(signal.SIGINT, signal.SIG_IGN) if is_main else None
     try:
         forkserver.ensure_running()
+    except OSError:
+        return False
     finally:
         if handler is not None:
             signal.signal(signal.SIGINT, handler)
+    return True
 
 
 def context() -> ForkServerContext | SpawnContext:
     """Return the start method of workers; a fork of this process would share the state of its libraries."""
-    if sys.platform == "linux":  # elsewhere libraries do not outlive a fork
-        with suppress(OSError):
-            preload()
-            return multiprocessing.get_context("forkserver")
+    if preload():
+        return multiprocessing.get_context("forkserver")
     return multiprocessing.get_context("spawn")

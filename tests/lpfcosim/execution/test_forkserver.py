@@ -15,7 +15,11 @@ import pytest
 from lpfcosim.execution import forkserver
 from lpfcosim.modelica import build
 
-SCRIPT = "from lpfcosim.execution import forkserver; print(forkserver.context().get_start_method())"
+SCRIPT = """
+from lpfcosim.execution import forkserver
+forkserver.preload()  # as the command line does
+print(forkserver.context().get_start_method())
+"""
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="there is no such server elsewhere")
