@@ -46,9 +46,10 @@ class ReadyMade(BuildHookInterface):
         self.app.display_info("Building FMUs for all platforms; the first time this takes some minutes")
         try:
             from lpfcosim.modelica import build, numpy_models
+            from lpfcosim.models import fmu_names
 
-            folder = Path(self._folder.name)
-            build.prebuild(folder, self.metadata.version, numpy_models.prebuild(folder))
+            folder, models = Path(self._folder.name), fmu_names()
+            build.prebuild(folder, self.metadata.version, numpy_models.prebuild(folder, models), models)
         except ImportError as error:
             self.app.abort(f"The FMUs of the wheel cannot be built: {error}; install the build extra first")
         except (InputError, RunError) as error:

@@ -44,15 +44,16 @@ def build(
     from fit.files import closest_match
     from lpfcosim.cli.console import Console
     from lpfcosim.modelica import build as fmu_build
+    from lpfcosim.models import fmu_names
     from lpfcosim.workflows import fmus, output_paths
 
     console = Console(quiet=quiet)
     if out is not None:
         output_paths.check_folder(out)
     for name in models or ():
-        if name not in fmu_build.MODELS:
-            raise InputError(f"no model {quote(name)}{closest_match(name, fmu_build.MODELS)}")
-    built = fmus.build_fmus(models or list(fmu_build.MODELS), console, fmi=fmi, force=force)
+        if name not in fmu_names():
+            raise InputError(f"no model {quote(name)}{closest_match(name, fmu_names())}")
+    built = fmus.build_fmus(models or fmu_names(), console, fmi=fmi, force=force)
     if out is not None:
         built = fmu_build.copy(built, out)
     for path in built.values():
@@ -65,10 +66,11 @@ def list_(as_json: AsJson = False) -> None:
     import json
 
     from lpfcosim.modelica import build as fmu_build
+    from lpfcosim.models import fmu_names
 
     results = [
         {"model": model, "built": path.is_file(), "path": str(path)}
-        for model, path in fmu_build.locations().items()
+        for model, path in fmu_build.locations(fmu_names()).items()
     ]
     if as_json:
         print(json.dumps({"schema": "lpf-fmus/1", "fmus": results}, indent=1))
@@ -121,11 +123,11 @@ def validate(
 
     from lpfcosim.cli.console import Console
     from lpfcosim.cosim import checks
-    from lpfcosim.modelica import build as fmu_build
+    from lpfcosim.models import fmu_names
     from lpfcosim.workflows import fmus
 
     console = Console(quiet=quiet, as_json=as_json)
-    archives = paths or list(fmus.build_fmus(list(fmu_build.MODELS), console).values())
+    archives = paths or list(fmus.build_fmus(fmu_names(), console).values())
     results = {}
     with console.counted("checks", len(archives)) as progress:
         for path in archives:

@@ -16,7 +16,7 @@ from lpfcosim.cosim import compilation
 from lpfcosim.errors import InputError
 from lpfcosim.execution import checksums, trust_store
 from lpfcosim.modelica import build
-from lpfcosim.models import model_of
+from lpfcosim.models import fmu_names, model_of
 
 
 def resolve_fmus(
@@ -112,5 +112,5 @@ def unapproved(plan: Campaign, archives: Mapping[str, Path]) -> list[str]:
 
 def _ours() -> set[str]:
     """Return the digests of the FMUs that were built here or came with the package."""
-    paths = [path for fmi in ("2.0", "3.0") for path in build.locations(fmi=fmi).values()]
+    paths = [path for fmi in ("2.0", "3.0") for path in build.locations(fmu_names(), fmi=fmi).values()]
     return {checksums.digest(path) for path in paths if path.is_file()}

@@ -10,7 +10,7 @@ from typing import Any
 
 from lpfcosim.campaign import Campaign
 from lpfcosim.execution.checksums import digest
-from lpfcosim.modelica import numpy_models
+from lpfcosim.models import model_of
 
 MODEL_EQUATIONS = "model equations"  # attribute simulated_by of telemetry that no FMU made
 
@@ -45,7 +45,7 @@ class Provenance:
         """Return the provenance of a campaign that is simulated now, with these FMUs by model, or without."""
         digests = {model: digest(path) for model, path in fmus.items()}
         version = metadata.version("lpfcosim")
-        equations = "" if fmus else numpy_models.digest()
+        equations = "" if fmus else model_of(campaign.runs[0]).equations_digest
         return cls(campaign.seed, version, campaign.name, campaign.digest, digests, equations)
 
     def attributes(self) -> dict[str, str | int | float]:

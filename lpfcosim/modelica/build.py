@@ -34,7 +34,8 @@ from lpfcosim.modelica.frontend import flatten
 from lpfcosim.modelica.sources import package_files
 
 PACKAGE = Path(__file__).parents[2] / "fmus" / "LISAPathfinder"
-#: FMUs of the loops by name, and the classes of the package that they are made from.
+#: FMUs of LISA Pathfinder by name, and the classes of its package that they are made from. An FMU of another
+#: package has the name of the package before that of the class, as LISAPlant of LISA.Plant.
 MODELS = {
     "Plant": "OneAxis.Plant",
     "Actuation": "OneAxis.Actuation",
@@ -62,6 +63,18 @@ _HEADERS = {
 }
 
 
+def packages(package: Path = PACKAGE) -> list[Path]:
+    """Return the folder of a Modelica package, and those of the packages beside it."""
+    others = (root.parent for root in sorted(package.parent.glob("*/package.mo")))
+    return [package, *(folder for folder in others if folder != package)]
+
+
+def package_of(model: str, package: Path = PACKAGE) -> Path:
+    """Return the folder of the package that an FMU is made from: `package`, or the one it is named after."""
+    others = packages(package)[1:]
+    return next((folder for folder in others if model.startswith(folder.name)), package)
+
+
 def cache_directory() -> Path:
     """Folder of the built FMUs: ``$LPFCOSIM_CACHE``, or the user's cache folder."""
     path = os.environ.get("LPFCOSIM_CACHE")
@@ -76,6 +89,11 @@ def source_files(package: Path = PACKAGE) -> dict[str, Path]:
         **{f.relative_to(package.parent).as_posix(): f for f in package_files(package)},
         **{f.relative_to(Path(__file__).parents[2]).as_posix(): f for f in generator},
     }
+
+
+def shipped_sources(package: Path = PACKAGE) -> dict[str, Path]:
+    """All that the FMUs of a wheel are made from, by name, with the packages beside `package`."""
+    return {name: file for folder in packages(package) for name, file in source_files(folder).items()}
 
 
 def digest(package: Path = PACKAGE) -> str:
@@ -136,13 +154,16 @@ def build(
     archives = _cached(models, package, fmi) if force else locations(models, package, fmi=fmi)
     for model, archive in archives.items():
         if force or not _is_whole(archive):
-            build_one(package, class_name(model, package), archive, name=model, fmi=fmi)
+            folder = package_of(model, package)
+            build_one(folder, class_name(model, package), archive, name=model, fmi=fmi)
     return archives
 
 
 def class_name(model: str, package: Path = PACKAGE) -> str:
     """Return the full Modelica name of the class that an FMU is made from."""
-    return f"{package.stem}.{(MODELS | SIGNALS).get(model, model)}"
+    folder = package_of(model, package)
+    name = (MODELS | SIGNALS).get(model, model) if folder == package else model.removeprefix(folder.name)
+    return f"{folder.stem}.{name}"
 
 
 def _is_whole(archive: Path) -> bool:
@@ -161,7 +182,7 @@ def locations(
         return _cached(models, package, fmi)
     try:
         files = [f"{model}.fmu" for model in models]
-        archives = prebuilt.find(f"fmi{fmi[0]}", files, source_files(package))
+        archives = prebuilt.find(f"fmi{fmi[0]}", files, shipped_sources(package))
         return dict(zip(models, archives, strict=True))
     except prebuilt.StalePrebuiltError as reason:
         with _with_reason(reason):
@@ -169,8 +190,12 @@ def locations(
 
 
 def _cached(models: Collection[str], package: Path, fmi: str) -> dict[str, Path]:
-    folder = cache_directory() / digest(package)[:16] / f"fmi{fmi[0]}"
-    return {model: folder / f"{model}.fmu" for model in models}
+    folders = {model: package_of(model, package) for model in models}
+    digests = {folder: digest(folder)[:16] for folder in dict.fromkeys(folders.values())}
+    cache = cache_directory()
+    return {
+        model: cache / digests[folder] / f"fmi{fmi[0]}" / f"{model}.fmu" for model, folder in folders.items()
+    }
 
 
 @contextmanager
@@ -206,6 +231,7 @@ def prebuild(
     folder: Path,
     version: str,
     prepared: Mapping[str, prebuilt.PrebuiltGroup],
+    models: Collection[str],
     targets: Sequence[Target] = TARGETS,
 ) -> None:
     """Build what a wheel carries compiled, and write the manifest.
@@ -218,6 +244,8 @@ def prebuild(
         Of this package, which need not be installed yet.
     prepared : mapping of str to PrebuiltGroup
         Groups that are in the folder already.
+    models : collection of str
+        Names of FMUs beside the `SIGNALS`.
     targets : sequence of Target
         Platforms to build for.
 
@@ -231,11 +259,11 @@ def prebuild(
     for fmi in _HEADERS:
         group = f"fmi{fmi[0]}"
         supported = [t for t in targets if t.folder(fmi)]
-        groups[group] = prebuilt.PrebuiltGroup([t.name for t in supported], source_files())
-        for model in (*MODELS, *SIGNALS):
-            archive = folder / group / f"{model}.fmu"
+        groups[group] = prebuilt.PrebuiltGroup([t.name for t in supported], shipped_sources())
+        for model in (*models, *SIGNALS):
+            package, archive = package_of(model), folder / group / f"{model}.fmu"
             build_one(
-                PACKAGE, class_name(model), archive, name=model, fmi=fmi, version=version, targets=supported
+                package, class_name(model), archive, name=model, fmi=fmi, version=version, targets=supported
             )
     groups["engine"] = prebuilt.PrebuiltGroup([t.name for t in targets], {ENGINE.name: ENGINE})
     (folder / "engine").mkdir()

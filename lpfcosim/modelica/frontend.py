@@ -15,7 +15,7 @@ from typing import Any
 
 from lpfcosim.errors import InputError
 from lpfcosim.modelica.flat_model import FlatModel, flat_model
-from lpfcosim.modelica.sources import SourceMap, package_files
+from lpfcosim.modelica.sources import SourceMap, package_files, used_libraries
 
 _PLACE = re.compile(r" ?\[([^\[\]]*):(\d+):\d+\]")  # file, line and column, as rumoca writes them
 _SPAN = re.compile(r"SourceId\((\d+)\), start: BytePos\((\d+)\)")
@@ -50,7 +50,8 @@ def flatten(package: Path, model: str) -> FlatModel:
     sources = SourceMap(package_files(package))
     try:
         with _silence():
-            tree = rumoca.Session().load(str(root), model=model).to_dict("flat")
+            session = rumoca.Session(roots=[str(folder) for folder in used_libraries(package)] or None)
+            tree = session.load(str(root), model=model).to_dict("flat")
     except BaseException as error:  # the front end also raises a PanicException, which is not an Exception
         if isinstance(error, (KeyboardInterrupt, SystemExit)):
             raise

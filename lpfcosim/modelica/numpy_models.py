@@ -6,6 +6,7 @@ import functools
 import hashlib
 import importlib.util
 import os
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from types import ModuleType
 
@@ -41,16 +42,16 @@ def write(model: str, path: Path) -> None:
     from lpfcosim.modelica.numpy_printer import python_source
     from lpfcosim.modelica.translate import translate
 
-    text = python_source(translate(flatten(build.PACKAGE, build.class_name(model)), model))
+    text = python_source(translate(flatten(build.package_of(model), build.class_name(model)), model))
     path.parent.mkdir(parents=True, exist_ok=True)
     partial = path.with_suffix(f".{os.getpid()}.part")
     partial.write_text(text, encoding="utf-8")
     partial.replace(path)
 
 
-def prebuild(folder: Path) -> dict[str, prebuilt.PrebuiltGroup]:
+def prebuild(folder: Path, models: Iterable[str]) -> dict[str, prebuilt.PrebuiltGroup]:
     """Write the modules that a wheel carries below ``folder``, and return their group."""
-    for model in build.MODELS:
+    for model in models:
         write(model, folder / GROUP / f"{model}.py")
     return {GROUP: prebuilt.PrebuiltGroup([], source_files())}
 
@@ -60,7 +61,7 @@ def _location(model: str) -> Path:
         return prebuilt.find(GROUP, [f"{model}.py"], source_files())[0]
     except prebuilt.StalePrebuiltError as reason:
         try:
-            path = build.cache_directory() / f"models-{_cache_key()[:16]}" / f"{model}.py"
+            path = build.cache_directory() / f"models-{_cache_key(model)[:16]}" / f"{model}.py"
             if not path.is_file():
                 write(model, path)
         except InputError as error:
@@ -71,17 +72,22 @@ def _location(model: str) -> Path:
 @functools.cache
 def source_files() -> dict[str, Path]:
     """Modelica sources and translator; neither the C runtime nor a compiler has a part in them."""
-    return {name: file for name, file in build.source_files().items() if file.suffix in (".mo", ".py")}
+    return _without_runtime(build.shipped_sources())
 
 
 @functools.cache
-def digest() -> str:
-    """Return the SHA-256 of the sources, from which the modules follow."""
-    return build.digest_of_files(source_files()).hexdigest()
+def digest(package: Path = build.PACKAGE) -> str:
+    """Return the SHA-256 of the sources from which the modules of a package follow."""
+    return build.digest_of_files(_without_runtime(build.source_files(package))).hexdigest()
+
+
+def _without_runtime(files: Mapping[str, Path]) -> dict[str, Path]:
+    return {name: file for name, file in files.items() if file.suffix in (".mo", ".py")}
 
 
 @functools.cache
-def _cache_key() -> str:
+def _cache_key(model: str) -> str:
     """Return the SHA-256 of the sources and versions of the tools."""
     versions = (f"{name} {build.tool_version(name, _PROBLEM)}" for name in _TOOLS)
-    return hashlib.sha256("\n".join([*versions, digest()]).encode()).hexdigest()
+    text = "\n".join([*versions, digest(build.package_of(model))])
+    return hashlib.sha256(text.encode()).hexdigest()

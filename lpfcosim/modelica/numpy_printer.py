@@ -166,6 +166,10 @@ class _ModulePrinter:
             "PARAMETERS": described("parameter"),
             "INPUTS": described("input"),
             "OUTPUTS": {s.symbol.name: s.variable.unit or "1" for s in self._outputs},
+            "DESCRIPTIONS": {
+                s.symbol.name: s.variable.description or ""
+                for s in (*self._kinds.get("parameter", ()), *self._kinds.get("input", ()), *self._outputs)
+            },
             "STATES": tuple(s.name for s in arguments["x"]),
             "DISCRETE": tuple(s.name for s in arguments["z"]),
             "STATE_OUTPUTS": self._state_outputs(),

@@ -2,15 +2,28 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import Any
+
+_USES = re.compile(r"\buses\s*\(([^;]*)\)")
+_LIBRARY = re.compile(r"(\w+)\s*\(\s*version\b")
 
 Node = dict[str, Any]  # of the tree that the front end gives
 
 
 def package_files(package: Path) -> list[Path]:
-    """All Modelica sources of a package folder, or the one file given."""
-    return sorted(package.rglob("*.mo")) if package.is_dir() else [package]
+    """All Modelica sources of a package folder and of the libraries it uses, or the one file given."""
+    if not package.is_dir():
+        return [package]
+    return [file for folder in (package, *used_libraries(package)) for file in sorted(folder.rglob("*.mo"))]
+
+
+def used_libraries(package: Path) -> list[Path]:
+    """Return the folders, beside that of a package, of the libraries in its annotation ``uses``."""
+    root = package / "package.mo"
+    uses = _USES.search(root.read_text(encoding="utf-8")) if root.is_file() else None
+    return [package.parent / name for name in _LIBRARY.findall(uses[1])] if uses else []
 
 
 class SourceMap:

@@ -6,8 +6,8 @@ write a module here that makes it, and register it below.
 """
 
 from lpfcosim.models import one_axis, six_dof
-from lpfcosim.models.spacecraft_model import SpacecraftModel, model_of, register
+from lpfcosim.models.spacecraft_model import SpacecraftModel, fmu_names, model_of, register
 
 register(one_axis.MODEL, six_dof.MODEL)
 
-__all__ = ["SpacecraftModel", "model_of", "register", "stimuli"]
+__all__ = ["SpacecraftModel", "fmu_names", "model_of", "register", "stimuli"]

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 
-from lpfcosim.modelica import numpy_models
+from lpfcosim.modelica import build, numpy_models
 from lpfcosim.network import Component, in_order
 from lpfcosim.signals import TARGETS, Source
 from lpfcosim.spacecraft import Run
@@ -75,6 +76,13 @@ class SpacecraftModel:
             described = {name: unit for name, (_, unit) in (module.PARAMETERS | module.INPUTS).items()}
             units |= described | module.OUTPUTS
         return units
+
+    @property
+    def equations_digest(self) -> str:
+        """SHA-256 of the sources of the models and of their translator."""
+        packages = sorted({build.package_of(model) for model in self.models})
+        digests = [numpy_models.digest(package) for package in packages]
+        return digests[0] if len(digests) == 1 else hashlib.sha256("".join(digests).encode()).hexdigest()
 
     @cached_property
     def record(self) -> dict[str, str]:
@@ -158,3 +166,8 @@ def model_of(run: Run) -> SpacecraftModel:
 def register(*models: SpacecraftModel) -> None:
     """Add models to those that runs can choose."""
     MODELS.update({model.config_type: model for model in models})
+
+
+def fmu_names() -> tuple[str, ...]:
+    """Return the names of the FMUs of all spacecraft models."""
+    return tuple(dict.fromkeys(name for spacecraft in MODELS.values() for name in spacecraft.models))
