@@ -194,7 +194,7 @@ def test_wheel_carries_every_platform(wheel, tmp_path):
     with zipfile.ZipFile(wheel) as stored:
         names = {n for n in stored.namelist() if n.startswith("lpfcosim/prebuilt/")}
         files = {n.removeprefix("lpfcosim/prebuilt/"): stored.read(n) for n in names}
-    archives = {f"fmi{v}/{m}.fmu" for v in "23" for m in (*build.MODELS, *build.SIGNALS)}
+    archives = {f"fmi{v}/{m}.fmu" for v in "23" for m in build.MODELS}
     extension = {"linux": ".so", "darwin": ".dylib", "windows": ".dll"}
     engines = {f"engine/{p}{extension[p.split('-')[1]]}" for p in PLATFORMS}
     modules = {f"numpy/{m}.py" for m in build.MODELS}

@@ -143,39 +143,20 @@ def validate(
         raise typer.Exit(1)
 
 
-@app.command(
-    name="export-ssp",
-    epilog=examples(
-        "lpfcosim fmu export-ssp mine.toml", "lpfcosim fmu export-ssp mine.toml --ssp 2.0 --results mine"
-    ),
-)
+@app.command(name="export-ssp", epilog=examples("lpfcosim fmu export-ssp mine.toml"))
 def export_ssp(
     campaign: CampaignFile,
     out: Annotated[
         Path | None,
         typer.Option("--out", metavar="FILE.ssp", help="The file [default: named after the campaign]."),
     ] = None,
-    version: Annotated[
-        Literal["1.0", "2.0"],
-        typer.Option("--ssp", help="Version of SSP: 1.0 has FMI 2.0 inside, 2.0 FMI 3.0."),
-    ] = "1.0",
-    results: Annotated[
-        Path | None,
-        typer.Option(
-            "--results",
-            metavar="DIR",
-            help="Folder of a run of the campaign: say how its results came about.",
-        ),
-    ] = None,
     quiet: Quiet = False,
 ) -> None:
-    """Write the closed loop as SSP.
+    """Write the closed loop as SSP 1.0.
 
-    With it comes one set of parameter values per authority set of the campaign, and a record of how all of it
-    came about (SSP Traceability).
+    It has one set of parameter values for each authority set of the campaign.
     """
     from lpfcosim.campaign import loading
-    from lpfcosim.cli import traceability
     from lpfcosim.cli.console import Console
     from lpfcosim.export import ssp
     from lpfcosim.workflows import fmus, output_paths
@@ -184,10 +165,9 @@ def export_ssp(
     plan = loading.load(campaign)
     path = out or Path(f"{campaign.stem}.ssp")
     output_paths.check_file(path, loading.sources(campaign), parents=True)
-    record = traceability.gather(results, plan) if results else None
     with prefix_errors(campaign):
-        archives = fmus.campaign_fmus(plan, console, ssp.fmi(version))
-        written = ssp.export(plan, archives, path, version, record)
+        archives = fmus.campaign_fmus(plan, console, ssp.FMI)
+        written = ssp.export(plan, archives, path)
     console.print_line(str(written))
 
 

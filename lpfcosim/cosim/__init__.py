@@ -5,12 +5,7 @@ the same bits.
 """
 
 from lpfcosim.cosim.co_simulation import Engine, SimulationProgress
-from lpfcosim.cosim.compatibility import (
-    read_interfaces,
-    read_interfaces_of_runs,
-    stimulus_component,
-    warnings,
-)
+from lpfcosim.cosim.compatibility import read_interfaces, read_interfaces_of_runs, warnings
 from lpfcosim.cosim.fmu_instance import FmuInstance
 from lpfcosim.cosim.fmu_library import FmuLibraryCache
 from lpfcosim.cosim.interface import Interface, describe, nonconformity, read
@@ -34,6 +29,5 @@ __all__ = [
     "read",
     "read_interfaces",
     "read_interfaces_of_runs",
-    "stimulus_component",
     "warnings",
 ]

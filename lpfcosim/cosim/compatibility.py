@@ -15,7 +15,7 @@ from lpfcosim.cosim.variables import REALS, MissingVariableError, known, size, s
 from lpfcosim.errors import InputError
 from lpfcosim.messages import grouped, line
 from lpfcosim.models import model_of
-from lpfcosim.network import Component, check_feedthrough, endpoint
+from lpfcosim.network import check_feedthrough
 from lpfcosim.spacecraft import Run
 
 _SYMBOLS: dict[str, dict[str, int]] = {
@@ -121,22 +121,6 @@ def warnings(interfaces: Iterable[Interface]) -> list[str]:
         if interface.replacement and not compilation.has_binary(interface.archive, interface.description):
             sentences.append(f"{place}: has no binary for this platform, its sources are compiled")
     return sentences
-
-
-def stimulus_component(run: Run, interfaces: Iterable[Interface], archive: Path) -> Interface:
-    """Read the FMU that gives the loop what comes from outside, where another tool steps it.
-
-    Raises
-    ------
-    InputError
-        If it lacks a signal.
-    """
-    sources = (s for i in interfaces for s in i.component.inputs.values() if not endpoint(s)[0])
-    component = Component(model_of(run).signals, {}, tuple(dict.fromkeys(sources)))
-    interface = read(component, archive, (), None)
-    for name in interface.outputs:
-        interface.variable(name)
-    return interface
 
 
 def ignored_names(interfaces: Iterable[Interface]) -> dict[str, tuple[str, ...]]:

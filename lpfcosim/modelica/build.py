@@ -51,8 +51,6 @@ MODELS = {
     "WholeSuspensionControl": "SixDof.SuspensionController",
     "AttitudeControl": "SixDof.AttitudeController",
 }
-#: Likewise, sources of the external signals in an exported system.
-SIGNALS = {"Signals": "Sources.OneAxisSignals", "WholeSignals": "Sources.SixDofSignals"}
 STEP = 0.1  # s, internal step; shorter communication steps are taken as they are
 RUNTIME = Path(__file__).parent / "runtime"
 ENGINE = Path(__file__).parents[1] / "cosim" / "engine.c"
@@ -136,7 +134,7 @@ def build(
     Parameters
     ----------
     models : collection of str
-        Names of FMUs: those of `MODELS` and `SIGNALS`, or of classes of the package.
+        Names of FMUs: those of `MODELS`, or of classes of the package.
     package : Path
         Folder of the Modelica package.
     fmi : str
@@ -162,7 +160,7 @@ def build(
 def class_name(model: str, package: Path = PACKAGE) -> str:
     """Return the full Modelica name of the class that an FMU is made from."""
     folder = package_of(model, package)
-    name = (MODELS | SIGNALS).get(model, model) if folder == package else model.removeprefix(folder.name)
+    name = MODELS.get(model, model) if folder == package else model.removeprefix(folder.name)
     return f"{folder.stem}.{name}"
 
 
@@ -260,7 +258,7 @@ def prebuild(
         group = f"fmi{fmi[0]}"
         supported = [t for t in targets if t.folder(fmi)]
         groups[group] = prebuilt.PrebuiltGroup([t.name for t in supported], shipped_sources())
-        for model in (*models, *SIGNALS):
+        for model in models:
             package, archive = package_of(model), folder / group / f"{model}.fmu"
             build_one(
                 package, class_name(model), archive, name=model, fmi=fmi, version=version, targets=supported

@@ -104,7 +104,6 @@ MODEL = SpacecraftModel(
     },
     attributes=lambda _: {},
     truth=lambda _: {},
-    signals="Signals",
     sample_cost=0.3e-6,
     experiment_cost=0.38,
 )

@@ -150,7 +150,6 @@ MODEL = SpacecraftModel(
     },
     attributes=attributes,
     truth=truth,
-    signals="WholeSignals",
     sample_cost=2.0e-6,
     experiment_cost=2.2,
 )  # fmt: skip

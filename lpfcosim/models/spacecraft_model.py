@@ -46,9 +46,6 @@ class SpacecraftModel:
         Root attributes of a telemetry file beyond the x axis.
     truth : callable
         True values beyond the x axis, under their names in /truth.
-    signals : str
-        The model that holds all signals from outside at its parameters, for other tools; outputs are called
-        like the signals, parameters like them with ``_held``.
     sample_cost, experiment_cost : float
         What `lpfcosim run` takes on a processor of 2024 [s]: a sample of 10 Hz with noise and file, the fit
         and the figures of an experiment with injections.
@@ -64,7 +61,6 @@ class SpacecraftModel:
     affected_truths: Mapping[str, Mapping[str, tuple[str, ...]]]
     attributes: Callable[[Run], dict[str, float]]
     truth: Callable[[Run], dict[str, float]]
-    signals: str
     sample_cost: float
     experiment_cost: float
 
