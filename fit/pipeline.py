@@ -260,7 +260,7 @@ def _together(
             )
         except FitError as error:
             names = ", ".join(parameters)
-            raise FitError(f"{error}; it does without what the settings say of {names}") from error
+            raise FitError(f"{error}; without the constraints of {names} there is one") from error
     has_couplings = any(e.sysid.channels.means for e in agreed.experiments)
     correction = attenuation.correct_attenuation(outcome, agreed.experiments) if has_couplings else None
     test = coupling_constraints.check_constraints(outcome, agreed.outcome, agreed.experiments, correction)
@@ -295,7 +295,7 @@ def _judged(
     of_joint += [*campaign.notes, *(f.joint_warning for f in campaign.exclusions)]
     for code, why, left_out in (
         ("short_run", "being shorter than 6 h", campaign.short),
-        ("excluded", "as the settings say", campaign.excluded),
+        ("excluded", "named in exclude", campaign.excluded),
     ):
         if left_out:
             names = ", ".join(e.sysid.telemetry.run for e in left_out)

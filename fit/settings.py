@@ -91,6 +91,23 @@ class ParameterSettings(Table):
         """Whether it constrains by bounds at most."""
         return self.vary and self.expr is None and self.prior is None
 
+    def describe(self, name: str, value: float | None = None) -> str:
+        """Return the constraint of a parameter in words; `value` is that of a fixed one, if it is known."""
+        if self.expr:
+            return f"{name} = {self.expr}"
+        if not self.vary:
+            value = self.value if value is None else value
+            return f"{name} fixed at {'its flight value' if value is None else f'{value:.9g}'}"
+        low, high = self.limits
+        words = []
+        if self.prior:
+            words.append("with the prior {:.9g} ± {:.3g}".format(*self.prior))
+        if math.isfinite(low) and math.isfinite(high):
+            words.append(f"between {low:.9g} and {high:.9g}")
+        elif self.limits != _UNBOUNDED:
+            words.append(f"at least {low:.9g}" if math.isfinite(low) else f"at most {high:.9g}")
+        return f"{name} {' and '.join(words)}"
+
     def record(self) -> dict[str, object]:
         """Return what is not the default, as a table."""
         return self.model_dump(exclude_defaults=True)
@@ -145,6 +162,11 @@ class Settings(Table):
         """Return them as `settings` reads them, of parameters what is not the default."""
         parameters = {name: record for name, p in self.parameters.items() if (record := p.record())}
         return {**self.model_dump(), "parameters": parameters}
+
+    @property
+    def constraints(self) -> tuple[str, ...]:
+        """The constraints in words."""
+        return tuple(p.describe(name) for name, p in self.parameters.items() if p.is_constraint)
 
     @property
     def fmu_parameters(self) -> list[str]:

@@ -214,7 +214,7 @@ def _concise(estimate: Estimate | None, *, sound: bool) -> str:
     """Return a value with its uncertainty in units of the last digits, as ``-3.983(52)e-07``."""
     if estimate is None:
         return _NONE
-    if estimate.fixed:
+    if estimate.is_exact:
         return f"{estimate.value:.8g} ({FIXED})"
     exponent = power_of_ten(estimate.value)
     return _ascii(estimate_text(estimate, exponent, sound=sound).concise, exponent)
@@ -224,8 +224,7 @@ def _truth(p: ParameterComparison) -> str:
     if p.truth is None:
         return _NONE
     exponent = power_of_ten(p.truth)
-    sigmas = [(bool(e.fixed), e.sigma) for e in p.estimates if e is not None]
-    _, sigma = min(sigmas)  # that of a fixed parameter if there is no other
+    sigma = min((e.sigma for e in p.estimates if e is not None and not e.is_exact), default=0.0)
     return _ascii(measurement(p.truth, sigma, exponent).value, exponent)
 
 

@@ -14,7 +14,7 @@ from scipy.special import chdtrc
 from fit.comparison import independence
 from fit.comparison.comparison import SECTIONS, Agreement, Comparison, ParameterComparison
 from fit.errors import InputError, shown
-from fit.results import Fit, Results, load, results_file
+from fit.results import Fit, Results, correlation_matrix, load, results_file
 from fit.units import factor
 
 PathLike = str | os.PathLike[str]
@@ -163,7 +163,7 @@ def _parameters(fits: Sequence[Fits]) -> Iterator[ParameterComparison]:
         for name in _union([fit.parameters if fit else {} for fit in place_fits]):
             estimates = tuple(fit.parameters.get(name) if fit else None for fit in place_fits)
             differences = [
-                (e.value - reference.value) / math.hypot(e.sigma, reference.sigma)
+                e.difference(reference.value, reference.sigma)
                 if n and e and (reference := estimates[0]) and sound[0] and sound[n]
                 else None
                 for n, e in enumerate(estimates)
@@ -189,13 +189,15 @@ def _tests(reference: Fits, result: Fits) -> dict[str, tuple[float, int, float]]
     tests = {}
     for place in sorted(reference.keys() & result.keys(), key=_order):
         a, b = reference[place], result[place]
-        names = [name for name in a.parameters if name in b.parameters]
+        names = [
+            n for n, e in a.parameters.items() if n in b.parameters and not (e.is_exact and b[n].is_exact)
+        ]
         if not names or a.unsound or b.unsound:
             continue
         covariance = sum(_covariance(fit, names) for fit in (a, b))
         sigma = np.sqrt(np.diag(covariance))
         z = np.array([b[name].value - a[name].value for name in names]) / sigma
-        correlation = covariance / np.outer(sigma, sigma)
+        correlation = correlation_matrix(np.asarray(covariance))
         if np.linalg.eigvalsh(correlation)[0] > _SINGULAR * len(names):
             chi2 = float(z @ np.linalg.solve(correlation, z))
             tests[_name(place)] = (chi2, len(names), float(chdtrc(len(names), chi2)))

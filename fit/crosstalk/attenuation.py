@@ -145,7 +145,8 @@ def inflate_sigma(fit: Fit, shift: Mapping[str, float]) -> Fit:
         The shift to expect of each parameter, SI; NaN where it is unknown: that one is left out.
     """
     names = list(fit.parameters)
-    shifts = np.array([shift.get(name, 0.0) for name in names])
+    exact = [estimate.is_exact for estimate in fit.parameters.values()]
+    shifts = np.where(exact, 0.0, [shift.get(name, 0.0) for name in names])
     known = np.flatnonzero(np.isfinite(shifts))
     sigma = np.sqrt(np.diag(fit.covariance_matrix))
     large = np.abs(shifts) > sigma  # less is what sigma allows for
@@ -206,7 +207,8 @@ def correct_joint(joint: Fit, outcome: IRLSResult, corrected: AttenuationCorrect
         bias = float((theta[i] - solution.theta[i]) / sigma[i])
         remaining = float(np.nan_to_num(corrected.shift[i])) / sigma[i]
         is_shifted = not abs(corrected.uncorrected_shift[i]) < NEGLIGIBLE * sigma[i]
-        if name in joint.parameters and is_shifted and max(abs(bias), abs(remaining)) > NEGLIGIBLE:
+        is_free = name in joint.parameters and not joint.parameters[name].is_exact
+        if is_free and is_shifted and max(abs(bias), abs(remaining)) > NEGLIGIBLE:
             sigma_ratio = float(np.hypot(max(solution.sigma[i] / sigma[i], 1.0), remaining))
             corrections[name] = IVCorrection(float(solution.theta[i] - theta[i]), bias, sigma_ratio)
     description = "estimated with instrumental variables, without the noise of the read-outs of motion"

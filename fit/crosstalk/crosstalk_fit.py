@@ -152,7 +152,7 @@ def _attenuated(
     biased = {}
     for i, p in enumerate(outcome.parameters):
         is_small = abs(shift[i]) < attenuation.REPORTED * sigma[i]
-        if p.name in names and not outcome.undetermined[i] and not is_small:
+        if p.name in names and not (outcome.undetermined[i] or outcome.exact[i] or is_small):
             value = float(outcome.solution.theta[i])
             free = f"{value:.4g} instead of {value - shift[i]:.4g} {p.unit}".removesuffix(" 1")
             biased[names[p.name]] = f"{free} expected" if np.isfinite(shift[i]) else "by an unknown amount"
@@ -179,7 +179,7 @@ def _corrected(
         names[p.name]: float(cost[i])
         for i, p in enumerate(outcome.parameters)
         if p.name in names and p.name in correction.names
-        if not (outcome.undetermined[i] or outcome.is_fixed(i))
+        if not (outcome.undetermined[i] or outcome.exact[i])
     }
     if not cost_of:
         return []

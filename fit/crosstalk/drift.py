@@ -41,7 +41,11 @@ def cross_talk_drift(outcome: IRLSResult, names: Mapping[str, str]) -> dict[str,
 
 def inflate_sigma(fit: Fit, drifts: Mapping[str, Heterogeneity]) -> Fit:
     """Return the cross-talk of an epoch with sigmas that include the drift, and a warning of it."""
-    reported = {name: drift for name, drift in drifts.items() if name in fit.parameters}
+    reported = {
+        name: drift
+        for name, drift in drifts.items()
+        if name in fit.parameters and not fit.parameters[name].is_exact
+    }
     if not reported:
         return fit
     variances = [reported[name].variance if name in reported else 0.0 for name in fit.parameters]

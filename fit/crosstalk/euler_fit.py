@@ -27,7 +27,14 @@ from numpy.typing import NDArray
 
 from fit.crosstalk import centrifugal, torque_noise
 from fit.errors import FitError
-from fit.fitting import IRLSResult, Prior, PriorSet, constraint_test, constraints, iterate
+from fit.fitting import (
+    Prior,
+    PriorSet,
+    constraint_test,
+    constraints,
+    iterate,
+    reported_estimates,
+)
 from fit.model import Dynamics, angular_rate, dynamics, dynamics_of, inertial_forces, rotation
 from fit.parameters import Parameter, cross_talk_parameter, misalignments
 from fit.quality import long_noise
@@ -111,7 +118,7 @@ def fit_period(
     InputError
         If an attribute or a quaternion is not what it should be, or if runs state different frames.
     FitError
-        If the iteration does not settle.
+        If the iteration does not settle, or a sigma is no positive number.
     """
     x_axis = common_x_axis(runs)
     weighings = [_EulerWeighing(run, joint) for run in runs]
@@ -119,11 +126,9 @@ def fit_period(
     g_Omega = _centrifugal(weighings, settings)
     solution = outcome.solution
     theta, covariance, is_noise = torque_noise.bias_corrected(outcome, weighings[0].correlation)
-    sigma = np.sqrt(np.diag(covariance))
-    if not np.all(np.isfinite(sigma) & (sigma > 0)):
-        raise FitError("the sigma of delta_phi or delta_eta is not a positive number")
+    estimates, covariance = reported_estimates(outcome, dict(enumerate(NAMES)), theta, covariance)
     return Fit(
-        parameters=angle_estimates(outcome, theta, sigma),
+        parameters=estimates,
         covariance_matrix=covariance,
         chi2=solution.chi2,
         dof=sum(block.size for block in outcome.whitened_runs) - len(NAMES),
@@ -138,14 +143,6 @@ def fit_period(
         centrifugal=g_Omega,
         solved=outcome.solved,
     )
-
-
-def angle_estimates(outcome: IRLSResult, theta: Array, sigma: Array) -> dict[str, Estimate]:
-    """Return the angles of a fit, both arrays of shape (2,), by name."""
-    return {
-        name: Estimate(float(theta[i]), float(sigma[i]), "rad", fixed=outcome.is_fixed(i) or None)
-        for i, name in enumerate(NAMES)
-    }
 
 
 @dataclass(frozen=True)

@@ -27,6 +27,7 @@ from fit.fitting.random_effects import (
     heterogeneity,
     weighted_mean,
 )
+from fit.fitting.reported_estimates import reported_estimates
 from fit.fitting.run_estimate import (
     RunEstimate,
     column_scale,
@@ -71,6 +72,7 @@ __all__ = [
     "priors",
     "random_effects",
     "readout_excess_noise",
+    "reported_estimates",
     "run_estimate",
     "score_whitening",
     "stiffnesses",

@@ -148,7 +148,7 @@ class ConstraintTest:
         """Return the constraints, the estimates at a bound, and whether the data contradict them."""
         warnings = []
         if declared := [c for c in self.constraints if c.is_declared]:
-            message = f"as the settings say: {'; '.join(map(str, declared))}"
+            message = f"with constraints: {'; '.join(map(str, declared))}"
             warnings.append(FitWarning("constrained", tuple(c.name for c in declared), message))
         if self.at_bound:
             places = "; ".join(c.bound_message() for c in self.at_bound)
@@ -253,7 +253,7 @@ def _tested_constraints(
         name, bound = outcome.parameters[i].name, "" if outcome.undetermined[i] else bounds.get(i, "")
         tested[i] = TestedConstraint(
             name=name,
-            description=constraints.describe(name, setting, float(theta[i])),
+            description=setting.describe(name, float(theta[i])),
             value=float(theta[i]),
             unconstrained=float(unconstrained[i]),
             sigma=float(sigma[i]),
@@ -292,7 +292,7 @@ def descriptions(outcome: IRLSResult) -> list[str]:
     """Return the constraints of a fit in words."""
     settings = outcome.parameter_set.settings if outcome.parameter_set else {}
     return [
-        constraints.describe(outcome.parameters[i].name, constraint, float(outcome.solution.theta[i]))
+        constraint.describe(outcome.parameters[i].name, float(outcome.solution.theta[i]))
         for i, constraint in settings.items()
         if constraint.is_constraint
     ]

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from fit.errors import InputError
 from fit.files import closest_match
 from fit.fitting.joint_model import Prior, free_directions, lmfit_symbol, parameter_values
+from fit.results import Bound
 from fit.settings import ParameterSettings
 
 if TYPE_CHECKING:
@@ -188,9 +189,9 @@ def fixed_or_tied(params: lmfit.Parameters) -> NDArray[np.bool_]:
     return np.array([not p.vary or bool(p.expr) for p in params.values()], dtype=bool)
 
 
-def at_bound(params: lmfit.Parameters, sigma: Array) -> dict[int, str]:
+def at_bound(params: lmfit.Parameters, sigma: Array) -> dict[int, Bound]:
     """Return which of the P parameters with these sigmas, shape (P,), are at ``"min"`` or ``"max"``."""
-    bounds = {}
+    bounds: dict[int, Bound] = {}
     for i, (p, s) in enumerate(zip(params.values(), sigma.tolist(), strict=True)):
         to_min, to_max = p.value - p.min, p.max - p.value
         if p.vary and not p.expr and min(to_min, to_max) < AT_BOUND * s:
@@ -207,22 +208,3 @@ def constraint_rows(params: lmfit.Parameters, widths: Array) -> tuple[Array, Arr
     rows[:, ~fixed_or_tied(params)] -= free_directions(params)
     rows = rows[constrained] / (TIGHT * widths[constrained, None])
     return rows, rows @ parameter_values(params)
-
-
-def describe(name: str, constraint: ParameterSettings, value: float) -> str:
-    """Return a constraint in words; `value` is that of the parameter."""
-    if constraint.expr:
-        return f"{name} = {constraint.expr}"
-    if not constraint.vary:
-        return f"{name} fixed at {value:.9g}"
-    low, high = constraint.limits
-    words = []
-    if constraint.prior:
-        words.append("with the prior {:.9g} ± {:.3g}".format(*constraint.prior))
-    if np.isfinite([low, high]).any():
-        words.append(
-            f"between {low:.9g} and {high:.9g}"
-            if np.isfinite([low, high]).all()
-            else (f"at least {low:.9g}" if np.isfinite(low) else f"at most {high:.9g}")
-        )
-    return f"{name} {' and '.join(words)}"

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fit.errors import FitError
-from fit.fitting.joint_model import JointModel, Prior, SolvedModel, parameter_values
+from fit.fitting.joint_model import JointModel, Prior, SolvedModel, free_directions, parameter_values
 from fit.fitting.parameter_set import ParameterSet
 from fit.fitting.priors import PriorSet, prior_rows, weak_priors
 from fit.fitting.random_effects import ScaleParameter, n_shared
@@ -134,13 +134,12 @@ class IRLSResult:
         weak = tuple(Prior(p.value, p.prior_sigma) for p in self.parameters)
         return SolvedModel(self.model, self.result, weak)
 
-    def is_fixed(self, i: int) -> bool:
-        """Return whether the user fixes a parameter, by its place."""
-        return (
-            self.parameter_set is not None
-            and i in self.parameter_set.settings
-            and not self.parameter_set.settings[i].vary
-        )
+    @property
+    def exact(self) -> NDArray[np.bool_]:
+        """Which parameters are fixed, or tied to fixed ones alone, shape (P,)."""
+        if self.result is None:
+            return np.zeros(len(self.parameters), dtype=bool)
+        return np.asarray(~free_directions(self.result.params).any(axis=1))
 
     @property
     def conditional_prior(self) -> whitened_run.Prior:

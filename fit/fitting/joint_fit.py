@@ -71,7 +71,7 @@ def fit_joint(
     settings: Settings,
     single_fits: Mapping[str, IRLSResult | FitError] | None = None,
 ) -> IRLSResult:
-    """Fit all experiments together, what they share as the settings say (eq. deltagjointfit).
+    """Fit all experiments together, what they share as settings state (eq. deltagjointfit).
 
     Parameters
     ----------
@@ -159,12 +159,15 @@ def _fitted(
 def linear_combination(outcome: IRLSResult, factors: Mapping[str, float]) -> tuple[float, float] | None:
     """Return a sum of parameters of a fit, ``factors`` times each, and its sigma; None if the data leave it.
 
-    Weak priors hold what is lost, so that the covariance is that of all parameters.
+    Weak priors hold what is lost, so that the covariance is that of all parameters. A sum of exact values
+    alone says nothing of the data.
     """
     names = [p.name for p in outcome.parameters]
     if not factors.keys() <= set(names):
         return None
     row = np.array([factors.get(name, 0.0) for name in names])
+    if not np.any(row[~outcome.exact]):
+        return None
     prior = math.sqrt(sum((f * p.prior_sigma) ** 2 for f, p in zip(row, outcome.parameters, strict=True)))
     solution = outcome.solution
     sigma = math.sqrt(max(float(row @ solution.covariance @ row), 0.0))

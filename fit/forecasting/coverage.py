@@ -127,8 +127,7 @@ def _fit_with_truth(fit: Fit, truths: list[dict[str, float]]) -> Fit:
     for name, estimate in fit.parameters.items():
         known = [truth[name] for truth in truths if name in truth]
         if known and math.isclose(min(known), max(known), rel_tol=1e-12):
-            has_pull = estimate.sigma > 0 and not fit.unsound
-            pull = (estimate.value - known[0]) / estimate.sigma if has_pull and not estimate.fixed else None
+            pull = None if fit.unsound else estimate.difference(known[0])
             estimate = replace(estimate, truth=known[0], pull=pull)
         parameters[name] = estimate
     return replace(fit, parameters=parameters)

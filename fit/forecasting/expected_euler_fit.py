@@ -15,7 +15,7 @@ import scipy
 from numpy.typing import NDArray
 
 from fit.crosstalk import euler_fit, torque_noise
-from fit.fitting import Convergence, constraints, iterate
+from fit.fitting import Convergence, constraints, iterate, reported_estimates
 from fit.forecasting.expected_fit import GRID, CrossSpectra, NoiselessError, responses
 from fit.forecasting.expected_run import CompressedRun
 from fit.model import dynamics, dynamics_of, rotation, separation
@@ -102,9 +102,8 @@ def _expected(runs: Sequence["_ExpectedWeighing"], settings: Mapping[str, Parame
     outcome = iterate(runs, euler_fit.PARAMETERS, euler_fit.weak_priors, RULE, settings=settings)
     theta, covariance, is_noise = torque_noise.bias_corrected(outcome, runs[0].correlation)
     size = len(euler_fit.NAMES)
-    sigma = np.sqrt(np.diag(covariance))
-    angles = euler_fit.angle_estimates(outcome, theta, sigma)
-    determined = np.flatnonzero(sigma < MAX_SIGMA).tolist()
+    angles, covariance = reported_estimates(outcome, dict(enumerate(euler_fit.NAMES)), theta, covariance)
+    determined = [i for i, estimate in enumerate(angles.values()) if estimate.sigma < MAX_SIGMA]
     dof = sum(2 * run.bins for run in runs) - size
     lacking = {warning.message: warning for run in runs for warning in run.warnings}
     return Fit(

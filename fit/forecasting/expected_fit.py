@@ -227,10 +227,12 @@ def _document(expected: Fit) -> dict[str, object]:
 
 
 def _entry(estimate: Estimate) -> dict[str, object]:
-    """Return the entry of a parameter; one that the settings fix has no sigma."""
-    if estimate.fixed:
-        return {"sigma": None, "unit": estimate.unit, "fixed": estimate.value}
-    return {"sigma": estimate.sigma, "unit": estimate.unit}
+    """Return the entry of a parameter, with its constraint if there is any."""
+    stated = vars(estimate.constraint).items() if estimate.constraint else ()
+    constraint = {name: value for name, value in stated if value is not None}
+    exact = {"value": estimate.value} if estimate.is_exact else {}
+    entry: dict[str, object] = {"sigma": estimate.sigma, "unit": estimate.unit, **exact}
+    return {**entry, "constraint": constraint} if constraint else entry
 
 
 class ExpectedWeighing:

@@ -25,6 +25,7 @@ from fit.whitening import Experiment, Run
 
 Array = NDArray[np.float64]
 
+ROUNDING = 1e-9  # relative, of values that are meant to be equal
 METHOD_SIGMA = 0.3  # sigma, allowed difference of the two methods; it is some hundredths
 COMMAND_ROUNDING = 1e-4  # relative, of the command: less is rounding of archives
 TRANSIENT = 600.0  # s, after which the state that a controller began with is forgotten
@@ -46,7 +47,7 @@ def differences(joint_fit: Fit, calibrated: Fit | None) -> dict[str, float]:
     return {
         name: (estimate.value - known[name].value) / known[name].sigma
         for name, estimate in joint_fit.parameters.items()
-        if name in known
+        if name in known and not known[name].is_exact
     }
 
 
@@ -154,6 +155,7 @@ def _run_differences(joint_fit: Fit, calibrated: Results, context: LoopContext) 
             estimated = tuple(n for n in factors if n in joint_fit.parameters)
             if (
                 name not in fit.parameters
+                or fit[name].is_exact
                 or not factors.keys() <= values.keys()
                 or set(estimated) <= joint_names
             ):
@@ -174,7 +176,7 @@ def fixed_value_conflicts(fixed_values: Mapping[str, float], calibrated: Fit | N
     for name, value in fixed_values.items():
         if name in calibrated.parameters:
             estimate = calibrated[name]
-            if abs(value - estimate.value) > limit * estimate.sigma:
+            if abs(value - estimate.value) > max(limit * estimate.sigma, ROUNDING * abs(value)):
                 conflicts[name] = (
                     f"{name} is {value:.6g}, the fit finds {estimate.value:.6g} ± {estimate.sigma:.2g}"
                 )

@@ -27,7 +27,7 @@ from fit.identification.search import Search
 from fit.model import Sharing
 from fit.parallel import one_blas_thread
 from fit.quality import fit_quality, noise_adaptation
-from fit.results import Fit, Provenance, Results
+from fit.results import Estimate, Fit, Provenance, Results
 from fit.settings import Settings
 from fit.whitening import Experiment
 
@@ -167,7 +167,7 @@ class _Identification:
             raise InputError('fit.estimator: "flscov" takes no simulated loop, expected another estimator')
         references = [run_dynamics(e, calibrated, settings) for e in self.experiments]
         values = calibrated.joint.values if calibrated.joint else {}
-        scatter = [*(calibrated.provenance.scatter or {})]  # as the settings say, or the data asked for
+        scatter = [*(calibrated.provenance.scatter or {})]  # stated, or the data ask for them
         parameters = joint(self.experiments, self.free, settings, scatter, (previous, values))
         return Search(self.experiments, self.loop, references, parameters, settings.estimator, levels)
 
@@ -205,7 +205,14 @@ class _Identification:
         names = {p.name: p.name for p in outcome.parameters if p.name in free_parameters}
         undetermined = fit_quality.indeterminable(outcome, experiments, names)
         doubts = [*fit_quality.doubts(outcome, experiments), *fit_quality.scattered(outcome)]
-        return fit_quality.report(outcome, experiments, names, [*undetermined, *doubts])
+        fit = fit_quality.report(outcome, experiments, names, [*undetermined, *doubts])
+        return replace(fit, parameters={n: self._stated(n, e) for n, e in fit.parameters.items()})
+
+    def _stated(self, name: str, estimate: Estimate) -> Estimate:
+        """Return an estimate without the physical limits of its parameter, where it is not at one."""
+        constraint = estimate.constraint
+        is_stated = name in self.settings.parameters or (constraint and constraint.at_bound)
+        return estimate if is_stated else replace(estimate, constraint=None)
 
     def _with_instruments(self, joint_fit: Fit) -> Fit:
         """Return an identification with what instrumental variables change in the fit of the equation.

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from fit.model import dynamics
 from fit.model.sharing import Sharing
 from fit.parameters import joint_names, joint_parameter
-from fit.results import Fit
+from fit.results import Fit, correlation_matrix
 from fit.settings import settings
 from fit.telemetry import Telemetry
 from fit.warnings import FitWarning
@@ -57,13 +57,12 @@ def dynamics_of(run: Telemetry, joint: Fit) -> Dynamics:
     rows = [names.index(name) for name in known]
     columns = [order.index(name) for name in known]
     covariance[np.ix_(rows, rows)] = joint.covariance_matrix[np.ix_(columns, columns)]
-    sigma = np.sqrt(np.diag(covariance))
     sharing = Sharing(settings().shared)
     of_run = sharing.matrix(run, dynamics.PARAMETERS, names)
     return Dynamics(
         theta=of_run @ [values[name] for name in names],
-        share=of_run * sigma,
-        correlation=covariance / np.outer(sigma, sigma),
+        share=of_run * np.sqrt(np.diag(covariance)),
+        correlation=correlation_matrix(covariance),
         warnings=_warnings(uncalibrated),
     )
 

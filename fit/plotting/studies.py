@@ -31,7 +31,7 @@ def shown(outcome: IRLSResult) -> list[int]:
     return [
         i
         for i, p in enumerate(outcome.parameters)
-        if not outcome.undetermined[i] and p.equation not in ALONG and not outcome.is_fixed(i)
+        if not outcome.undetermined[i] and p.equation not in ALONG and not outcome.exact[i]
     ]
 
 

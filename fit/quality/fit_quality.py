@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fit.errors import FitError
-from fit.fitting import IRLSResult, linear_combination, stiffnesses
+from fit.fitting import IRLSResult, linear_combination, reported_estimates, stiffnesses
 from fit.parameters import ALONG
 from fit.quality import noise_tests
-from fit.results import Estimate, Fit
+from fit.results import Fit
 from fit.telemetry import Telemetry
 from fit.warnings import FitWarning
 from fit.whitening import Experiment
@@ -77,24 +77,13 @@ def report(
     FitError
         If a sigma is no positive number.
     """
-    solution = outcome.solution
-    sigma = solution.sigma
-    if not np.all(np.isfinite(sigma) & (sigma > 0)):
-        raise FitError("a sigma is not a positive number")
-    reported = [i for name, i in outcome.determined.items() if name in names]
+    reported = {i: names[name] for name, i in outcome.determined.items() if name in names}
+    estimates, covariance = reported_estimates(outcome, reported)
     return Fit(
-        parameters={
-            names[outcome.parameters[i].name]: Estimate(
-                float(solution.theta[i]),
-                float(sigma[i]),
-                outcome.parameters[i].unit,
-                fixed=outcome.is_fixed(i) or None,
-            )
-            for i in reported
-        },
-        covariance_matrix=solution.covariance[np.ix_(reported, reported)],
-        chi2=solution.chi2,
-        dof=solution.dof,
+        parameters=estimates,
+        covariance_matrix=covariance,
+        chi2=outcome.solution.chi2,
+        dof=outcome.solution.dof,
         converged=outcome.converged,
         warnings=tuple(warnings),
         masked_samples=sum(run.n_masked for e in experiments for run in (e.sysid, e.noise) if run),

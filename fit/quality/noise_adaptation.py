@@ -78,7 +78,7 @@ def adapt_to_levels(
                 raise InputError(f"fit.levels: no experiment {name!r}, there are {', '.join(by_name)}")
         return {
             name: (
-                marginalised_warning(name, "as the settings say"),
+                marginalised_warning(name, "named in levels"),
                 replace(by_name[name], marginalised=True),
             )
             for name in settings.levels

@@ -49,7 +49,9 @@ def _section(joint: Fit, entries: Mapping[str, object], results: Results) -> Sec
         pull = None if e.pull is None or joint.unsound else pull_text(e.pull, 2)
         shift = None
         if reference := estimates.get(name):
-            shift = pull_text((e.value - reference.value) / reference.sigma, 3)
+            shift = (
+                None if reference.is_exact else pull_text((e.value - reference.value) / reference.sigma, 3)
+            )
         head = name_head(symbol(name), name, unit_text(e.unit, exponent))
         rows.append((head, fit_estimate(joint, name, exponent), truth, pull, shift))
     text = Markup(

@@ -111,7 +111,7 @@ def _flight_rows(
         head, exponent = parameter_head(parameter, suffix)
         flight = measurement(parameter.value, parameter.sigma, exponent)
         estimate = fit.parameters.get(parameter.name)
-        if estimate is None or estimate.fixed:
+        if estimate is None or estimate.is_exact:
             rows.append((head, None, flight, FIXED if estimate else "not determined", ""))
             continue
         ratio = estimate.sigma / parameter.sigma
@@ -163,7 +163,7 @@ def _combination(coefficients: Mapping[str, float]) -> Markup:
 def _gain(results: Results, telemetries: Sequence[Telemetry]) -> Section | None:
     fits = results.experiments.values()
     estimates = [fit.parameters["lambda_2"] for fit in fits if "lambda_2" in fit.parameters]
-    if len(estimates) < 2 or any(estimate.fixed for estimate in estimates):
+    if len(estimates) < 2 or any(estimate.is_exact for estimate in estimates):
         return None
     gain = weighted_mean(estimates)
     joint = results.joint.parameters.get("lambda_2") if results.joint else None

@@ -105,7 +105,7 @@ def _chain(chain: _Chain, results: Results, folder: Path) -> Section:
         100 * ratio,
     )
     if chain.constraints:
-        text += " As the settings say: {}.".format("; ".join(chain.constraints))
+        text += " With constraints: {}.".format("; ".join(chain.constraints))
     if not _belongs(chain, results):
         text += highlight(
             " The chain is of another fit than this one; sample it again (lpfcosim mcmc).", True
@@ -135,7 +135,7 @@ def _belongs(chain: _Chain, results: Results) -> bool:
             abs((chain.parameters[name].mean - e.value) / e.sigma - chain.parameters[name].shift_in_sigma)
             < refit.MAX_CHANGE
             for name, e in joint.items()
-            if name in chain.parameters
+            if name in chain.parameters and not e.is_exact
         )
         and joint.keys() <= chain.parameters.keys() | chain.fixed.keys()
     )

@@ -115,7 +115,7 @@ def _omega2_1(fit: Fit) -> Estimate | None:
     indices = [names.index(name) for name in pair]
     (variance, shared), (_, variance_2) = fit.covariance_matrix[np.ix_(indices, indices)]
     omega2_2, domega2_12 = (fit.parameters[name].value for name in pair)
-    return Estimate(omega2_2 - domega2_12, math.sqrt(variance + variance_2 - 2 * shared), "s-2")
+    return Estimate(omega2_2 - domega2_12, math.sqrt(max(variance + variance_2 - 2 * shared, 0.0)), "s-2")
 
 
 def prediction(joint: Fit | None) -> Section | None:

@@ -1,7 +1,18 @@
 """The results of a calibration: what they hold, how they came about, their JSON form and their folder."""
 
 from fit.results.data_frames import import_pandas
-from fit.results.estimates import FIXED, QUANTILES, WITHHELD, Diagnostics, Estimate, Stiffness
+from fit.results.estimates import (
+    FIXED,
+    QUANTILES,
+    WITHHELD,
+    Bound,
+    Constraint,
+    ConstraintKind,
+    Diagnostics,
+    Estimate,
+    Stiffness,
+    correlation_matrix,
+)
 from fit.results.folders import (
     results_beside,
     results_file,
@@ -24,6 +35,9 @@ __all__ = [
     "FIXED",
     "QUANTILES",
     "WITHHELD",
+    "Bound",
+    "Constraint",
+    "ConstraintKind",
     "Diagnostics",
     "Estimate",
     "Fit",
@@ -32,6 +46,7 @@ __all__ = [
     "Stiffness",
     "check_frame",
     "check_results",
+    "correlation_matrix",
     "import_pandas",
     "load",
     "results_beside",

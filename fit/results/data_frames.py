@@ -44,8 +44,8 @@ def estimates_frame(
     for section, key, sound, estimates in fits:
         for name, e in estimates.items():
             index.append((section, key, name, e.unit))
-            rows.append((e.value, e.sigma, sound, bool(e.fixed), e.truth, e.pull))
-    columns = ["value", "sigma", "sound", "fixed", "truth", "pull"]
+            rows.append((e.value, e.sigma, sound, str(e.constraint or ""), e.truth, e.pull))
+    columns = ["value", "sigma", "sound", "constraint", "truth", "pull"]
     names = ["section", "key", "parameter", "unit"]
     frame: pandas.DataFrame = pd.DataFrame(
         rows, index=pd.MultiIndex.from_tuples(index, names=names) if index else None, columns=columns

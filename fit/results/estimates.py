@@ -1,8 +1,11 @@
-"""Records of a fit: estimates, diagnostics, stiffness."""
+"""Records of a fit: estimates and their constraints, diagnostics, stiffness."""
 
+import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Annotated, Protocol
+from typing import TYPE_CHECKING, Annotated, Literal, Protocol
 
+import numpy as np
+from numpy.typing import NDArray
 from pydantic import Field
 
 from fit.display import Displayed
@@ -12,9 +15,50 @@ if TYPE_CHECKING:
     from lmfit.minimizer import MinimizerResult
 
 QUANTILES = 27  # of a residual
-FIXED = "fixed"  # shown for the sigma of a parameter that the settings fix
+FIXED = "fixed"  # shown for the sigma of an exact value
 WITHHELD = "?"  # shown for a sigma that does not hold
+ConstraintKind = Literal["fixed", "tied", "prior", "bounds"]
+Bound = Literal["min", "max"]
 _Score = Annotated[float, Field(ge=-1e9, le=1e9)]
+
+
+@dataclass(frozen=True)
+class Constraint:
+    """What a user states of a parameter, and whether its estimate is at a bound.
+
+    Attributes
+    ----------
+    kind : {"fixed", "tied", "prior", "bounds"}
+        A parameter with a prior may have bounds as well.
+    expr : str or None
+        Expression of a tied parameter.
+    prior : tuple of float or None
+        Mean and sigma of a Gaussian prior, SI.
+    min, max : float or None
+        Bounds, SI.
+    at_bound : {"min", "max"} or None
+        The bound that the estimate is at.
+    """
+
+    kind: ConstraintKind
+    expr: str | None = None
+    prior: tuple[float, float] | None = None
+    min: float | None = None
+    max: float | None = None
+    at_bound: Bound | None = None
+
+    def __str__(self) -> str:
+        if self.expr is not None:
+            return f"tied to {self.expr}"
+        if self.kind == "fixed":
+            return FIXED
+        words = ["prior {:.9g} ± {:.3g}".format(*self.prior)] if self.prior else []
+        if self.at_bound:
+            words.append(f"at bound {self.min if self.at_bound == 'min' else self.max:.9g}")
+        elif (self.min, self.max) != (None, None):
+            low, high = ("" if limit is None else f"{limit:.9g}" for limit in (self.min, self.max))
+            words.append(f"bounds {low}:{high}")
+        return ", ".join(words)
 
 
 @dataclass(frozen=True, repr=False)
@@ -24,13 +68,13 @@ class Estimate(Displayed):
     Attributes
     ----------
     value, sigma : float
-        Estimate and its standard deviation, in `unit`.
+        Estimate and its standard deviation, in `unit`; 0 for an exact value.
     unit : str
         SI unit, ``"1"`` where dimensionless.
     truth, pull : float or None
         The simulated value and (value - truth)/sigma; None where unknown.
-    fixed : bool or None
-        True where the settings fix it: a sigma of a millionth of its weak prior's width stands for none.
+    constraint : Constraint or None
+        What the user states of it.
     """
 
     value: float
@@ -38,7 +82,24 @@ class Estimate(Displayed):
     unit: str
     truth: float | None = None
     pull: float | None = None
-    fixed: bool | None = None
+    constraint: Constraint | None = None
+
+    @property
+    def is_exact(self) -> bool:
+        """Whether it is no estimate: a fixed parameter, or one that is tied to fixed ones alone."""
+        return self.sigma == 0
+
+    def difference(self, value: float, sigma: float = 0.0) -> float | None:
+        """Return value of the estimate - `value` over both sigmas; None where neither has a sigma."""
+        total = math.hypot(self.sigma, sigma)
+        return (self.value - value) / total if total > 0 else None
+
+
+def correlation_matrix(covariance: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the correlations of a covariance, both of shape (P, P); exact values have none with others."""
+    sigma = np.sqrt(np.diag(covariance))
+    scale = np.where(sigma > 0, sigma, 1.0)
+    return np.asarray(covariance / np.outer(scale, scale) + np.diag((sigma == 0).astype(float)))
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,7 @@ from fit.display import Displayed, latex
 from fit.errors import InputError, shown
 from fit.files import atomic, documents, place
 from fit.results import data_frames
-from fit.results.estimates import Diagnostics, Estimate, SolvedModel, Stiffness
+from fit.results.estimates import Diagnostics, Estimate, SolvedModel, Stiffness, correlation_matrix
 from fit.results.provenance import Provenance
 from fit.telemetry import Telemetry
 from fit.warnings import Cause, FitWarning
@@ -165,8 +165,7 @@ class Fit(Displayed):
     @property
     def correlation(self) -> NDArray[np.float64]:
         """The correlation matrix, shape (P, P), in the order of `parameters`."""
-        sigma = np.sqrt(np.diag(self.covariance_matrix))
-        return np.asarray(self.covariance_matrix / np.outer(sigma, sigma))
+        return correlation_matrix(self.covariance_matrix)
 
 
 @dataclass(frozen=True, repr=False)
@@ -208,10 +207,10 @@ class Results(Displayed):
                 yield section, key, fit
 
     def to_dataframe(self) -> "pandas.DataFrame":
-        """Return all estimates: a row for each parameter with value, sigma, sound, fixed, truth, pull.
+        """Return all estimates: a row for each parameter with value, sigma, sound, constraint, truth, pull.
 
         The index is section, key (of an experiment, epoch or period), parameter and unit. Where `sound` is
-        false, `sigma` does not hold.
+        false, `sigma` does not hold; `constraint` is empty where the user states none.
 
         Raises
         ------
@@ -371,9 +370,17 @@ def _fit_from_json(fit: _FitJson, place: str) -> Fit:
     values = np.array([fit.parameters[name].value for name in fit.names])
     if np.any(np.abs((values, sigmas)) > _LARGEST) or np.any(np.abs(covariance) > 1.01 * _LARGEST**2):
         raise InputError(f"{place}: too large to work with, expected values and sigmas below {_LARGEST:g}")
-    if not (np.all(sigmas > 0) and np.allclose(np.diag(covariance), sigmas**2, rtol=1e-6, atol=0)):
-        raise InputError(f"{place}.covariance: expected the squares of positive sigmas on the diagonal")
-    if np.any(np.abs(covariance / sigmas / sigmas[:, None]) > 1 + 1e-6):
+    for name in fit.names:
+        estimate = fit.parameters[name]
+        kind = estimate.constraint.kind if estimate.constraint else ""
+        if not (estimate.sigma > 0 or (estimate.is_exact and kind in ("fixed", "tied"))):
+            raise InputError(
+                f"{place}.parameters.{name}.sigma: {estimate.sigma:g}, expected more than 0, or 0 with a "
+                'constraint "fixed" or "tied"'
+            )
+    if not np.allclose(np.diag(covariance), sigmas**2, rtol=1e-6, atol=0):
+        raise InputError(f"{place}.covariance: expected the squares of the sigmas on the diagonal")
+    if np.any(np.abs(covariance) > (1 + 1e-6) * np.outer(sigmas, sigmas)):
         raise InputError(f"{place}.covariance: expected correlations of at most 1")
     names = (f.name for f in fields(Fit) if f.compare)
     entries = {name: getattr(fit, _JSON_NAMES.get(name, name)) for name in names} | {

@@ -330,7 +330,7 @@ def summary(chain: Chain, result: IRLSResult, truths: Mapping[str, float]) -> di
         result.parameters[i].name: _compared(samples[:, i], theta[i], sigma[i], chain.tau[i], chain.ess[i])
         | {"unit": result.parameters[i].unit}
         for i in range(result.shared)
-        if not undetermined[i] and not result.is_fixed(i)
+        if not undetermined[i] and not result.exact[i]
     }
     for name in parameters.keys() & truths.keys():
         parameters[name]["truth"] = truths[name]
@@ -339,7 +339,7 @@ def summary(chain: Chain, result: IRLSResult, truths: Mapping[str, float]) -> di
     return {
         "schema": SCHEMA,
         "parameters": parameters,
-        "fixed": {p.name: float(theta[i]) for i, p in enumerate(result.parameters) if result.is_fixed(i)},
+        "fixed": {p.name: float(theta[i]) for i, p in enumerate(result.parameters) if result.exact[i]},
         "constraints": constraint_test.descriptions(result),
         "widths": {
             width.name: {"mean": float(x.mean()), "sigma": float(x.std())}

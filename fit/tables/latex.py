@@ -37,7 +37,7 @@ def _rows(fit: Fit) -> Iterator[str]:
 def _number(estimate: Estimate, *, sound: bool) -> str:
     text = estimate_text(estimate, power_of_ten(estimate.value), sound=sound)
     value = text.value.replace("−", "-")
-    if text.sigma == FIXED:
+    if estimate.is_exact:
         return rf"{value}\ \mathrm{{({FIXED})}}"
     return rf"{value} \pm {text.sigma}"
 

@@ -29,8 +29,14 @@ def _(estimate: Estimate) -> str:
     truth = "" if estimate.truth is None else f", truth {significant(estimate.truth, estimate.sigma)}"
     pull = "" if estimate.pull is None else f", pull {estimate.pull:+.2f}"
     unit = "" if estimate.unit == "1" else f" {estimate.unit}"
-    sigma = FIXED if estimate.fixed else f"± {estimate.sigma:#.2g}"
-    return f"{significant(estimate.value, estimate.sigma)} {sigma}{unit}{truth}{pull}"
+    sigma = FIXED if estimate.is_exact else f"± {estimate.sigma:#.2g}"
+    return f"{significant(estimate.value, estimate.sigma)} {sigma}{unit}{truth}{pull}{_constraint(estimate)}"
+
+
+def _constraint(estimate: Estimate) -> str:
+    """Return what the user states of a parameter in brackets, nothing where its number shows it."""
+    stated = str(estimate.constraint or "")
+    return f" ({stated})" if stated not in ("", FIXED) else ""
 
 
 @html.register
@@ -41,9 +47,10 @@ def _(estimate: Estimate) -> str:
     if estimate.truth is not None:
         pull = "" if estimate.pull is None else f", pull {signed(estimate.pull, 2)}"
         truth = f" (truth {measurement(estimate.truth, estimate.sigma, exponent).value}{pull})"
-    sigma = number.sigma if estimate.fixed else f"± {number.sigma}"
+    sigma = number.sigma if estimate.is_exact else f"± {number.sigma}"
     unit = unit_text(estimate.unit, exponent)
-    return Markup("<span>{} {} {}{}</span>").format(number.value, sigma, unit, truth)
+    constraint = _constraint(estimate)
+    return Markup("<span>{} {} {}{}{}</span>").format(number.value, sigma, unit, truth, constraint)
 
 
 @text.register
@@ -130,11 +137,13 @@ def _table(fit: Fit) -> Markup:
             row.estimate or "not determined",
             row.truth if table.has_truth else row.flight,
             None if row.pull is None else signed(row.pull, 2),
+            *([row.constraint] if table.has_constraints else []),
         )
         for row in table.rows
     ]
     reference = ("truth", "pull") if table.has_truth else ("flight", "difference / σ")
-    return Table(("", "parameter", "", "unit", "estimate ± σ", *reference), tuple(rows)).html(4)
+    head = ("", "parameter", "", "unit", "estimate ± σ", *reference, *["constraint"] * table.has_constraints)
+    return Table(head, tuple(rows)).html(4)
 
 
 def _described(names: Iterable[str]) -> Iterable[Parameter]:

@@ -31,16 +31,18 @@ class Measurement:
 
 
 def measurement(value: float, sigma: float, exponent: int = 0) -> Measurement:
-    """Return a value and its sigma in print, in units of a power of ten."""
+    """Return a value and its sigma in print, in units of a power of ten; an exact value has the sigma 0."""
     scale = 10.0**exponent
+    if sigma == 0:
+        return Measurement(f"{value / scale:.9g}".replace("-", "−"), "0")
     places = decimals(sigma / scale)
     return Measurement(signed(value / scale, places), f"{sigma / scale:.{places}f}")
 
 
 def estimate_text(estimate: Estimate, exponent: int = 0, *, sound: bool = True) -> Measurement:
-    """Return an estimate in print; a mark replaces a sigma that is fixed or does not hold."""
+    """Return an estimate in print; a mark replaces the sigma if it is none or does not hold."""
     text = measurement(estimate.value, estimate.sigma, exponent)
-    return replace(text, sigma=FIXED if estimate.fixed else text.sigma if sound else WITHHELD)
+    return replace(text, sigma=FIXED if estimate.is_exact else text.sigma if sound else WITHHELD)
 
 
 def fit_estimate(fit: Fit, name: str, exponent: int = 0) -> Measurement | None:

@@ -1,6 +1,5 @@
 """Tables of parameters: for the page with truth, pull and flight value, and in SI units for a terminal."""
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -15,7 +14,10 @@ from fit.tables.table import Table
 
 @dataclass(frozen=True)
 class ParameterRow:
-    """One line of a parameter table: numbers in the row's `unit` or None, the pull in sigma."""
+    """One line of a parameter table: numbers in the row's `unit` or None, the pull in sigma.
+
+    `constraint` is what the user states of the parameter, in SI units; empty where that is nothing.
+    """
 
     symbol: Markup
     name: str
@@ -25,6 +27,7 @@ class ParameterRow:
     estimate: Measurement | None
     pull: float | None
     flight: Measurement | None
+    constraint: str
 
 
 @dataclass(frozen=True)
@@ -37,6 +40,11 @@ class ParameterTable:
 
     rows: tuple[ParameterRow, ...]
     has_truth: bool
+
+    @property
+    def has_constraints(self) -> bool:
+        """Whether the user states anything of a parameter."""
+        return any(row.constraint for row in self.rows)
 
 
 def parameter_table(fit: Fit, parameters: Sequence[Parameter] = ()) -> ParameterTable:
@@ -63,8 +71,8 @@ def _row(parameter: Parameter, fit: Fit, has_truth: bool) -> ParameterRow:
     pull, truth = None, ""
     if estimate is not None:
         pull = estimate.pull
-        if not has_truth and parameter.flown and not estimate.fixed:
-            pull = (estimate.value - parameter.value) / math.hypot(estimate.sigma, parameter.sigma)
+        if not has_truth and parameter.flown and not estimate.is_exact:
+            pull = estimate.difference(parameter.value, parameter.sigma)
         if estimate.truth is not None:
             truth = measurement(estimate.truth, estimate.sigma, exponent).value
     return ParameterRow(
@@ -76,6 +84,7 @@ def _row(parameter: Parameter, fit: Fit, has_truth: bool) -> ParameterRow:
         estimate=fit_estimate(fit, parameter.name, exponent),
         pull=None if fit.unsound else pull,
         flight=measurement(parameter.value, parameter.sigma, exponent) if parameter.flown else None,
+        constraint=str((estimate and estimate.constraint) or ""),
     )
 
 
@@ -89,6 +98,11 @@ def estimates(fits: Mapping[str, Fit], *, fine: bool = False) -> Table:
     fine : bool
         Give every number down to the second digit of its sigma, rather than six digits, and truth and pull
         only where they are known.
+
+    Returns
+    -------
+    Table
+        With a column ``constraint`` where the user states something of parameters.
     """
     rows = []
     for suffix, fit in fits.items():
@@ -96,9 +110,11 @@ def estimates(fits: Mapping[str, Fit], *, fine: bool = False) -> Table:
             text = partial(significant, sigma=e.sigma) if fine else "{:.6g}".format
             truth = "" if e.truth is None else text(e.truth)
             sigma = f"{e.sigma:#.2g}" if fine else f"{e.sigma:.2g}"
-            sigma = FIXED if e.fixed else WITHHELD if fit.unsound else sigma
+            sigma = FIXED if e.is_exact else WITHHELD if fit.unsound else sigma
             pull = "" if e.pull is None or fit.unsound else f"{e.pull:+.2f}"
-            rows.append((name + suffix, e.unit, text(e.value), sigma, truth, pull))
-    n_columns = 4 if fine and not any(row[4] for row in rows) else 6
-    head = ("parameter", "unit", "estimate", "sigma", "truth", "pull")
-    return Table(head[:n_columns], tuple(row[:n_columns] for row in rows))
+            constraint = str(e.constraint or "")
+            rows.append((name + suffix, e.unit, text(e.value), sigma, truth, pull, constraint))
+    head = ("parameter", "unit", "estimate", "sigma", "truth", "pull", "constraint")
+    has_truth, has_constraints = (any(row[column] for row in rows) for column in (4, 6))
+    columns = [*range(4), *([4, 5] if has_truth or not fine else []), *([6] if has_constraints else [])]
+    return Table(tuple(head[i] for i in columns), tuple(tuple(row[i] for i in columns) for row in rows))

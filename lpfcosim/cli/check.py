@@ -17,6 +17,7 @@ def check(campaign: Path, console: Console) -> None:
         if part is not None:
             console.print_table(part.table())
             console.print_line("")
+    console.print_constraints(expected.constraints)
     if expected.wall_time is not None:
         n = processors()
         idle = f"{n} idle processors" if n > 1 else "an idle processor"

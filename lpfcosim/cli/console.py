@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
@@ -92,6 +92,11 @@ class Console(progress.Progress):
             for row in table.texts:
                 columns.add_row(*row)
             rich.console.Console().print(columns)
+
+    def print_constraints(self, constraints: Sequence[str]) -> None:
+        """Print the constraints of parameters, if there are any."""
+        if constraints:
+            self.print_line(f"with constraints: {'; '.join(constraints)}")
 
     def print_json(self, text: str) -> None:
         """Print the result as JSON, if that is wanted."""

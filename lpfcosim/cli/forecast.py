@@ -27,5 +27,6 @@ def forecast(campaign: Path, out: Path | None, console: Console) -> None:
         atomic.write(out / "forecast.json", text + "\n")
     console.print_json(text)
     console.print_table(expected.table())
+    console.print_constraints(expected.constraints)
     for warning in expected.warnings:
         console.warn(warning)

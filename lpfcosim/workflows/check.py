@@ -44,6 +44,8 @@ class CampaignCheck(WorkflowResult):
         Of ``lpfcosim run`` on idle processors, with FMUs built [s]; None if not available.
     unavailable : str or None
         Why margins, forecast and wall time are not available.
+    constraints : tuple of str
+        Constraints of parameters of fit and identification, in words.
     warnings : tuple of str
         One sentence each.
     """
@@ -54,6 +56,7 @@ class CampaignCheck(WorkflowResult):
     forecast: Forecast | None
     wall_time: float | None
     unavailable: str | None
+    constraints: tuple[str, ...]
     warnings: tuple[str, ...]
 
     @property
@@ -112,6 +115,7 @@ class CampaignCheck(WorkflowResult):
             "loops": self.margins and self.margins.loop_documents(),
             "forecast": self.forecast and self.forecast.document(),
             "unavailable": self.unavailable,
+            "constraints": list(self.constraints),
             "warnings": list(self.warnings),
             "wall_time": None if self.wall_time is None else round(self.wall_time),
         }
@@ -148,12 +152,14 @@ def check(campaign: CampaignLike) -> CampaignCheck:
 
             unapproved = fmus.unapproved(plan, {r.model: r.archive for r in plan.replacements})
             warnings = (*validated.warnings, error.reason, *unapproved)
-            return CampaignCheck(plan, not validated.doubts, None, None, None, error.reason, warnings)
+            stated = fit_settings.constraints
+            return CampaignCheck(plan, not validated.doubts, None, None, None, error.reason, stated, warnings)
         margins = loop_margins_of(plan)
         expected, reason = _forecast(plan, fit_settings)
         warnings = (*validated.warnings, *(expected.warnings if expected else (reason,)))
         seconds = wall_time(plan, processors())
-        return CampaignCheck(plan, not validated.doubts, margins, expected, seconds, None, warnings)
+        expectation = (margins, expected, seconds, None)
+        return CampaignCheck(plan, not validated.doubts, *expectation, fit_settings.constraints, warnings)
 
 
 def _forecast(plan: Campaign, fit_settings: Settings) -> tuple[Forecast | None, str]:

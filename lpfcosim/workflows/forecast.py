@@ -20,7 +20,7 @@ from lpfcosim.workflows.campaigns import CampaignLike, resolve
 from lpfcosim.workflows.result import WorkflowResult
 
 SCHEMA = expected_fit.SCHEMA
-HEAD = ("parameter", "unit", "sigma", "flight sigma", "ratio")
+HEAD = ("parameter", "unit", "sigma", "flight sigma", "ratio", "constraint")
 
 
 @dataclass(frozen=True, repr=False)
@@ -35,12 +35,15 @@ class Forecast(WorkflowResult):
         The joint fit to expect; estimates are the true values of the campaign.
     inertial : mapping of str to Fit
         The Euler fits to expect, by inertial period.
+    constraints : tuple of str
+        Constraints of parameters of the fit, in words.
     warnings : tuple of str
         Sentences about the campaign, and about what its data will not determine.
     """
 
     joint: Fit
     inertial: Mapping[str, Fit]
+    constraints: tuple[str, ...]
     warnings: tuple[str, ...]
 
     @property
@@ -73,15 +76,14 @@ class Forecast(WorkflowResult):
         nan = float("nan")
         records = []
         for name, estimate in self.estimates.items():
-            sigma = nan if estimate.fixed else estimate.sigma
-            flight_sigma = nan if estimate.fixed else flight.get(name) or nan
+            flight_sigma = flight.get(name) or nan
             records.append(
                 {
                     "parameter": name,
                     "unit": estimate.unit,
-                    "sigma": sigma,
+                    "sigma": estimate.sigma,
                     "flight_sigma": flight_sigma,
-                    "ratio": sigma / flight_sigma,
+                    "ratio": estimate.sigma / flight_sigma,
                 }
             )
         return records
@@ -97,13 +99,15 @@ class Forecast(WorkflowResult):
             (
                 row["parameter"],
                 row["unit"],
-                FIXED if estimates[row["parameter"]].fixed else text(row["sigma"]),
+                FIXED if estimates[row["parameter"]].is_exact else text(row["sigma"]),
                 text(row["flight_sigma"]),
                 text(row["ratio"]),
+                str(estimates[row["parameter"]].constraint or ""),
             )
             for row in self.records()
         ]
-        return Table(HEAD, tuple(rows))
+        n_columns = len(HEAD) if any(row[-1] for row in rows) else len(HEAD) - 1
+        return Table(HEAD[:n_columns], tuple(row[:n_columns] for row in rows))
 
     def document(self) -> dict[str, Any]:
         """Return the content of `to_json`, schema ``lpf-forecast/1``."""
@@ -156,4 +160,5 @@ def expected_results(plan: Campaign, fit_settings: Settings, doubts: tuple[str, 
     ]
     of_periods = [(period, w.message) for period, fit in inertial.items() for w in fit.warnings]
     messages = [*(w.message for w in joint.warnings), *grouped(of_periods, "inertial period")]
-    return Forecast(joint, inertial, (*doubts, *ignored, *messages))
+    constraints = fit_settings.without_fmu_parameters().constraints
+    return Forecast(joint, inertial, constraints, (*doubts, *ignored, *messages))

@@ -215,7 +215,7 @@ def test_estimates_and_covariance_as_data_frames(results):
     frame = results.to_dataframe()
     row = frame.loc["joint", "", "C_2", "s"]
     assert (row["value"], row["sigma"]) == (results.joint["C_2"].value, results.joint["C_2"].sigma)
-    assert row["sound"] and not row["fixed"] and row["truth"] == results.joint["C_2"].truth
+    assert row["sound"] and row["constraint"] == "" and row["truth"] == results.joint["C_2"].truth
     expected = len(results.joint.parameters) + sum(len(f.parameters) for f in results.experiments.values())
     assert len(frame) == expected
     covariance = results.joint.covariance(as_frame=True)

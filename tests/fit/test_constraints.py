@@ -60,8 +60,11 @@ def test_a_fixed_parameter(runs, free):
     row = np.array([float(name == "C_2") for name in free.joint])
     agree(results.joint, conditional(free.joint, row, known), free.joint, but=["C_2"])
     assert results.joint["C_2"].value == known
-    assert results.joint["C_2"].fixed and "fixed" in str(results.joint["C_2"])
-    assert results.experiments["B"]["C_2"].fixed
+    assert results.joint["C_2"].is_exact and "fixed" in str(results.joint["C_2"])
+    assert results.experiments["B"]["C_2"].is_exact
+    place = list(results.joint).index("C_2")
+    assert not results.joint.covariance_matrix[place].any()
+    assert results.joint.correlation[place].tolist() == np.eye(len(row))[place].tolist()
     assert "C_2" not in results.joint.lmfit.var_names
     assert f"C_2 fixed at {known:.9g}" in next(
         w.message for w in results.joint.warnings if w.code == "constrained"
@@ -190,8 +193,13 @@ def test_a_forecast_has_the_constraints_of_the_fit(runs, said, row, known):
     of_fit = fit.calibrate(runs, parameters=said).joint
     entries = forecast_document(constrained, {})["parameters"]
     for n, e in of_fit.parameters.items():
-        if e.fixed:
-            assert entries[n] == {"sigma": None, "unit": e.unit, "fixed": e.value}
+        if e.is_exact:
+            assert entries[n] == {
+                "sigma": 0.0,
+                "unit": e.unit,
+                "value": e.value,
+                "constraint": {"kind": "fixed"},
+            }
         else:
             assert entries[n]["sigma"] == pytest.approx(e.sigma, rel=0.1), n
 

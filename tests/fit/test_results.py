@@ -10,9 +10,10 @@ from hypothesis import strategies as st
 from fit.crosstalk.crosstalk_fit import with_euler_warning
 from fit.errors import FitError, InputError
 from fit.forecasting.coverage import with_truth
-from fit.results.estimates import Estimate, Stiffness
+from fit.results.estimates import Constraint, Estimate, Stiffness
 from fit.results.provenance import Provenance
 from fit.results.results import Fit, Results, load, sound_joint, write
+from fit.tables import estimates, parameter_table
 from fit.telemetry.reader import read
 from fit.warnings import FitWarning, TimeSpan
 from tests.oracles.contract_file import write_contract_file
@@ -116,6 +117,31 @@ def test_every_float_survives_to_the_last_bit(tmp_path_factory, value, sigma):
     assert (estimate.value, estimate.sigma) == (value, sigma)
 
 
+@pytest.mark.parametrize(
+    ("constraint", "sigma", "text"),
+    [
+        (Constraint("fixed"), 0.0, "fixed"),
+        (Constraint("tied", expr="2 * C_1"), 0.0, "tied to 2 * C_1"),
+        (Constraint("prior", prior=(0.2, 0.1), max=0.3), 0.5, "prior 0.2 ± 0.1, bounds :0.3"),
+        (Constraint("bounds", min=0.2, at_bound="min"), 0.5, "at bound 0.2"),
+    ],
+)
+def test_constraints_are_kept_and_shown(tmp_path, constraint, sigma, text):
+    fit = make_fit(lambda_2=1.0, C_2=0.2)
+    fit.parameters["C_2"] = Estimate(0.2, sigma, "s", truth=0.1, constraint=constraint)
+    fit = replace(fit, covariance_matrix=np.diag([0.25, sigma**2]))
+    write(make_results(joint=fit), tmp_path / "results.json")
+    joint = load(tmp_path / "results.json").joint
+    assert_same(joint, fit)
+    assert np.isfinite(joint.correlation).all()
+    assert str(constraint) == text
+    assert (
+        dict(zip(estimates({"": joint}).head, estimates({"": joint}).rows[1], strict=True))["constraint"]
+        == text
+    )
+    assert parameter_table(joint).rows[1].constraint == text
+
+
 def test_the_json_is_that_of_the_contract(tmp_path):
     fit = make_fit([INDETERMINABLE], lambda_2=1.0, C_2=0.2)
     fit.parameters["C_2"] = Estimate(0.2, 0.5, "s", truth=0.1, pull=0.2)
@@ -173,7 +199,10 @@ FAULTS = {
     json.dumps(document(parameters={"C_2": {"value": 0.2, "unit": "s"}})): "C_2.sigma",
     json.dumps(
         document(parameters={"C_2": {"value": 0.2, "sigma": -0.1, "unit": "s"}})
-    ): "squares of positive sigmas",
+    ): "C_2.sigma: -0.1, expected more than 0",
+    json.dumps(
+        document(parameters={"C_2": {"value": 0.2, "sigma": 0.0, "unit": "s"}}, covariance=[[0.0]])
+    ): "C_2.sigma: 0, expected more than 0, or 0 with a constraint",
     json.dumps(document(parameters={"C_2": {"value": math.nan, "sigma": 0.1, "unit": "s"}})): "C_2.value",
     json.dumps(document(chi2=math.inf)): "joint.chi2",
     json.dumps(document(chi2=1.0)).replace("1.0", "1e999"): "joint.chi2",
@@ -183,7 +212,7 @@ FAULTS = {
     json.dumps(document(names=["C_2", "C_2"])): "joint.names",
     json.dumps(document(covariance=[[0.01, 0.0]])): "joint.covariance: expected 1 rows of 1 numbers",
     json.dumps(document(covariance=[])): "joint.covariance",
-    json.dumps(document(covariance=[[0.1]])): "joint.covariance: expected the squares of positive sigmas",
+    json.dumps(document(covariance=[[0.1]])): "joint.covariance: expected the squares of the sigmas",
     json.dumps(
         document(warnings=[{"code": "x", "parameters": "C_2", "message": ""}])
     ): "warnings[0].parameters",

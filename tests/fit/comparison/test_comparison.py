@@ -164,10 +164,12 @@ def test_truth_is_shown_and_other_truths_are_reported():
 
 
 def test_a_fixed_parameter_is_shown_as_such():
-    free, fixed = make_fit([1.1], [0.1], truth=1.0), make_fit([1.0], [1e-9], truth=1.0)
-    fixed = replace(fixed, parameters={"a": replace(fixed["a"], fixed=True)})
+    free, fixed = make_fit([1.1], [0.1], truth=1.0), make_fit([1.0], [0.0], truth=1.0)
     (row,) = fit.compare([results(fixed), results(free)]).table().rows
     assert row == ("a", "1", "1 (fixed)", "1.1(1)", "+1.00", "1.0")
+    both = fit.compare([results(fixed), results(make_fit([1.1], [0.0]))])  # nothing to test
+    assert both["a"].differences == (None, None) and both.agreements[0].tests == {}
+    assert json.loads(both.to_json())["joint"]["a"]["differences"] == [None, None]
 
 
 def test_nothing_in_common():

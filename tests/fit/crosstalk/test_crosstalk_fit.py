@@ -407,7 +407,8 @@ def test_couplings_are_as_the_settings_have_them():
     }
     constrained = calibrate(runs, settings({"parameters": constraints}))
     epoch_1, epoch_2 = constrained.cross_talk["1"], constrained.cross_talk["2"]
-    assert epoch_1["b_3"].fixed and epoch_1["b_3"].value == TRUTH["b_3"]
+    assert epoch_1["b_3"].is_exact and epoch_1["b_3"].value == TRUTH["b_3"]
+    assert str(epoch_1["b_1"].constraint) == "tied to b_1_2"
     assert epoch_1["b_1"].value == epoch_2["b_1"].value
     weights = [free.cross_talk[epoch]["b_1"].sigma ** -2 for epoch in ("1", "2")]
     assert epoch_1["b_1"].sigma == pytest.approx(sum(weights) ** -0.5, rel=0.02)

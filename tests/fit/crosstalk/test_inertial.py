@@ -253,4 +253,5 @@ def test_constraints_of_the_angles(three_days):
     assert known["delta_phi"].sigma == pytest.approx(e.sigma / 5**0.5, rel=0.05)
     assert known["delta_phi"].value == pytest.approx(e.value, abs=0.05 * e.sigma)
     fixed = fit_period([three_days[0]], joint, {"delta_eta": ParameterSettings(vary=False, value=0.0)})
-    assert fixed["delta_eta"].fixed and fixed["delta_eta"].value == pytest.approx(0.0, abs=1e-9)
+    assert (fixed["delta_eta"].value, fixed["delta_eta"].sigma) == (0.0, 0.0)
+    np.testing.assert_allclose(fixed.correlation, np.eye(2), rtol=1e-15)

@@ -98,7 +98,7 @@ def test_angles_obey_the_settings(plan):
     value, sigma = unconstrained["delta_phi"].value, unconstrained["delta_phi"].sigma
     fixed = settings({"parameters": {"delta_phi_3": {"vary": False, "value": value}}})
     constrained = expected_periods(noise_runs, joint, fixed.parameters)["3"]
-    assert constrained["delta_phi"].fixed
+    assert constrained["delta_phi"].is_exact
     assert constrained["delta_eta"].sigma < unconstrained["delta_eta"].sigma
     prior = settings({"parameters": {"delta_phi_3": {"prior": [value, sigma]}}})
     known = expected_periods(noise_runs, joint, prior.parameters)["3"]

@@ -38,7 +38,8 @@ def test_a_fixed_parameter(flown, unconstrained):  # noqa: F811
     value = free["C_2"].value + free["C_2"].sigma
     fixed = constrained(flown, {"C_2": {"value": value, "vary": False}})
     assert_conditional(fixed, free, conditional(free, row_of(free, C_2=1.0), value), fixed=["C_2"])
-    assert fixed["C_2"].value == value and fixed["C_2"].fixed
+    assert fixed["C_2"].value == value and fixed["C_2"].is_exact
+    assert {n for n, e in fixed.parameters.items() if e.constraint} == {"C_2"}
     (constraint,) = [w for w in fixed.warnings if w.code == "constrained"]
     assert f"C_2 fixed at {value:.9g} (without: {free['C_2'].value:.4g}"[:-1] in constraint.message
     assert not fixed.unsound

@@ -166,7 +166,7 @@ def test_stationarity(mission):
     part = sections(replace(results, experiments=scattered), runs)["gain"]
     assert "not the same in every experiment" in part.text
     assert cells(part.tables[0])["scatter beyond noise"][0] == "0.93 %"
-    lambda_2 = Estimate(1.0776, 1e-7, "1", fixed=True)  # which is no measurement
+    lambda_2 = Estimate(1.0776, 0.0, "1")  # which is no measurement
     fixed = {
         n: replace(fit, parameters={**fit.parameters, "lambda_2": lambda_2}) for n, fit in scattered.items()
     }

@@ -145,7 +145,7 @@ def test_the_posterior_has_the_constraints_of_the_fit(lpfcosim, calibrated):
         assert abs(entry["shift_in_sigma"]) < 5 * entry["shift_error"]
         assert entry["sigma"] == pytest.approx(joint[name]["sigma"], rel=0.1)
     page = (calibrated / "report.html").read_text(encoding="utf-8")
-    assert f"As the settings say: {'; '.join(document['constraints'])}" in page
+    assert f"With constraints: {'; '.join(document['constraints'])}" in page
     assert "The chain is of another fit" not in page
 
 
