@@ -109,33 +109,34 @@ def _step(values: Array) -> float:
 
     They differ where a mean was taken off numbers whose own steps grow there.
     """
-    return max(lattice(values[values < 0]), lattice(values[values > 0])) or lattice(values)
+    values = np.unique(values)
+    below_zero = int(np.searchsorted(values, 0.0))
+    return max(lattice(values[:below_zero]), lattice(values[below_zero:])) or lattice(values)
 
 
 def _median_difference(values: Array) -> float:
     """Return a small difference between neighbours of about one size, infinite for few values."""
     values = np.unique(values)
     d = _differences(values) if values.size >= MIN_VALUES else np.empty(0)
-    return float(np.median(d)) if d.size else np.inf
+    return float(d[(d.size - 1) // 2] + d[d.size // 2]) / 2 if d.size else np.inf
 
 
 def _differences(values: Array) -> Array:
     """Return the smallest differences between different, sorted values of one sign that are no rounding."""
     d = np.diff(values)[values[1:] * values[:-1] > 0]
-    return np.sort(d[d > RESOLVED * np.spacing(np.abs(values).max())])[:MAX_DIFFERENCES]
+    return np.sort(d[d > RESOLVED * np.spacing(np.abs(values[[0, -1]]).max())])[:MAX_DIFFERENCES]
 
 
 def lattice(values: Array) -> float:
-    """Return the step of the lattice of values of about the same size; 0 if they show none.
+    """Return the step of the lattice of different, sorted values of about the same size; 0 if they show none.
 
     It is the greatest common divisor of the smallest differences between neighbouring values of one sign,
     which an offset of all values does not change. Those of double precision have none that their own rounding
     does not hide.
     """
-    values = np.unique(values)
     if values.size < MIN_VALUES:
         return 0.0
-    error = float(np.spacing(np.abs(values).max()))
+    error = float(np.spacing(np.abs(values[[0, -1]]).max()))
     d = _differences(values)
     if d.size < MIN_VALUES - 1:
         return 0.0
@@ -151,8 +152,8 @@ def lattice(values: Array) -> float:
 def _divisor(a: float, b: float, error: float) -> float:
     """Return the greatest common divisor of two numbers, each known to `error`."""
     error_a, error_b = error, error
-    while b > max(MAX_ERRORS * error_b, EXACT * a):
-        times = np.round(a / b)
+    while b > MAX_ERRORS * error_b and b > EXACT * a:
+        times = round(a / b)
         a, b, error_a, error_b = b, abs(a - times * b), error_b, error_a + times * error_b
     return a
 

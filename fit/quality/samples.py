@@ -161,13 +161,16 @@ def _repeated(channel: Channel) -> list[SampleFault]:
     """Return the samples that equal the one before, if there are more than chance makes (Poisson)."""
     edge, fs = int(SETTLING * channel.fs), channel.fs
     x = channel.x[edge : max(channel.x.size - edge, edge)]
+    is_equal = x[1:] == x[:-1]
+    if not is_equal.any():
+        return []
     if channel.resolution is None:  # double precision
         largest = max(map(abs, channel.extremes))
         steps = np.spacing(np.maximum(np.abs(x[1:]), 1e-6 * largest))
     else:
         steps = channel.resolution.step_at(x[1:])
     chance = _equality_chance(np.abs(np.diff(x)) / steps)
-    repeats = np.flatnonzero((x[1:] == x[:-1]) & (chance < MAX_CHANCE))
+    repeats = np.flatnonzero(is_equal & (chance < MAX_CHANCE))
     if not repeats.size:
         return []
     # where x moves less than at all of the repeats, chance explains none of them
@@ -253,7 +256,7 @@ def check_samples(sysid: Telemetry, noise: Telemetry | None, n_channels: int = 1
         }
         yield from rounding_faults(run, reference, rounded)
         faults = {
-            name: _channel_faults(run, name, n_channels) if name in noisy else []
+            name: _channel_faults(run, name, resolutions[name], n_channels) if name in noisy else []
             for name in dynamics.CHANNELS
         }
         repeats = [{f.begin for f in channel if f.kind == "repetition"} for channel in faults.values()]
@@ -276,11 +279,13 @@ def is_fed_back(x: Array) -> bool:
     )
 
 
-def _channel_faults(run: Telemetry, name: str, n_channels: int) -> list[SampleFault]:
+def _channel_faults(
+    run: Telemetry, name: str, resolution: Resolution | None, n_channels: int
+) -> list[SampleFault]:
     x = run.channels[name]
     if name not in READ_OUTS and saturation.limited(run, name).size:  # is masked, and no fault of the archive
         x = np.where(saturation.at_limit(x, saturation.limit_of(run, name)), np.nan, x)
-    resolution = estimate_resolution(x)
+        resolution = estimate_resolution(x)
     faults = channel_faults(x, run.fs, resolution, n_channels)
     if name in READ_OUTS:
         faults += jumps(x, run.fs, resolution.largest if resolution else 0.0)
