@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import tomli_w
+import tomlkit
 
 from fit.telemetry import sandbox, time_stamps
 from fit.telemetry.archives import is_text, open_table, validate
@@ -273,4 +273,4 @@ def _plain(name: str) -> str:
 
 def _text(text: str) -> str:
     """Return a text as TOML has it."""
-    return tomli_w.dumps({"x": text}).removeprefix("x = ").strip()
+    return tomlkit.item(text).as_string()

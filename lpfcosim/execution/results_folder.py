@@ -13,7 +13,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
-import tomli_w
+import tomlkit
 from filelock import FileLock, Timeout
 
 from fit.files import refuse_links
@@ -104,7 +104,7 @@ def write_provenance(
         checksums.write(copy, archive.read_bytes())
         entry = {"path": f"{_FMUS}/{copy.name}", "sha256": digests[model]}
         tables["fmus"][model] = {**content["fmus"][model], **entry}
-    checksums.write(directory / CAMPAIGN, tomli_w.dumps(tables))
+    checksums.write(directory / CAMPAIGN, tomlkit.dumps(tables))
 
 
 def campaign_path(directory: Path) -> Path:

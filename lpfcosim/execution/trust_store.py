@@ -11,7 +11,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Annotated
 
-import tomli_w
+import tomlkit
 from filelock import FileLock
 from platformdirs import user_config_path
 from pydantic import Field, Strict, ValidationError
@@ -149,5 +149,5 @@ def _lock() -> FileLock:
 
 def _write(remaining: Sequence[Approval]) -> None:
     checksums.write(
-        location().resolve(), tomli_w.dumps({"fmus": [asdict(approval) for approval in remaining]})
+        location().resolve(), tomlkit.dumps({"fmus": [asdict(approval) for approval in remaining]})
     )

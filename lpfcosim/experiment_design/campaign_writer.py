@@ -1,10 +1,10 @@
-"""A design as a campaign file: the original tables with other tones, and the reason for each."""
+"""A design as a campaign file: the campaign with other tones, and the reason for each."""
 
-import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping, MutableMapping, Sequence
 from typing import Any
 
-import tomli_w
+import tomlkit
+from tomlkit.items import Array, InlineTable
 
 from fit import units
 from lpfcosim.campaign import Campaign, Experiment
@@ -12,49 +12,51 @@ from lpfcosim.experiment_design.search import Design
 from lpfcosim.experiment_design.tones import Tone
 from lpfcosim.spacecraft import FS, TaperedSine
 
-_REPLACED = ("extends", "name", "design", "defaults", "sweep", "sequences", "experiments", "authority")
 _TONES = ("sine", "tapered_sine")
-_INJECTION_KEYS = ("sequences", "injections")
 
 
-def campaign_text(design: Design, name: str, source: str) -> str:
+def campaign_text(design: Design, name: str, source: str, text: str = "") -> str:
     """Return the campaign file.
 
     Parameters
     ----------
     design : Design
-        What was found.
+        The design.
     name : str
         Of the new campaign.
     source : str
         Name of the file it was made from.
+    text : str
+        Content of that file, whose comments are kept. A file that extends another one, or sweeps, is
+        written anew with all its tables.
     """
-    tables = design.campaign.tables
-    header = {"schema": tables["schema"], "name": name}
-    rest = {key: value for key, value in tables.items() if key not in (*_REPLACED, "schema")}
-    plain = {key: value for key, value in rest.items() if not isinstance(value, dict)}
-    deep = {key: value for key, value in rest.items() if isinstance(value, dict)}
-    authority = {"authority": _authority(design.campaign)}
-    sections = [
-        _head(design, source),
-        tomli_w.dumps(header | plain),
-        tomli_w.dumps(authority),
-        tomli_w.dumps(deep),
-    ]
-    sections += [
-        _experiment(raw | _changed_keys(raw, experiment), design.tones.get(experiment.name))
-        for raw, experiment in _tables_of(design)
-    ]
-    return "\n".join(part for part in sections if part)
-
-
-def _tables_of(design: Design) -> list[tuple[dict[str, Any], Experiment]]:
-    """Return what the old file says of each experiment that is left, and the experiment."""
+    document = tomlkit.parse(text)
+    if not document or document.keys() & {"extends", "sweep"}:
+        document = tomlkit.parse(tomlkit.dumps(_tables(design.problem.plan)))
+    document["name"] = name
+    document.pop("design", None)
+    _add_authority(document, design.campaign)
     experiments = {experiment.name: experiment for experiment in design.campaign.experiments}
-    raw = zip(_raw(design.problem.plan), design.problem.plan.experiments, strict=True)
-    return [
-        (tables, experiments[experiment.name]) for tables, experiment in raw if experiment.name in experiments
-    ]
+    tables = document["experiments"]
+    for k in reversed(range(len(tables))):
+        experiment = experiments.get(tables[k]["name"])
+        if experiment is None:
+            del tables[k]
+        else:
+            _change_experiment(document, tables[k], experiment, design.tones.get(experiment.name))
+    head, written = _head(design, source), tomlkit.dumps(document)
+    first_line, newline, rest = written.partition("\n")
+    if first_line.startswith("#:schema"):  # which editors expect first
+        return f"{first_line}{newline}{head}\n{rest}"
+    return f"{head}\n{written}"
+
+
+def _tables(plan: Campaign) -> dict[str, Any]:
+    """Return the tables of a campaign, with the experiments of a sweep in its place."""
+    tables = {key: value for key, value in plan.tables.items() if key != "sweep"}
+    if "sweep" in plan.tables:
+        tables["experiments"] = [_swept(tables["experiments"][0], e) for e in plan.experiments]
+    return tables
 
 
 def _head(design: Design, source: str) -> str:
@@ -88,50 +90,64 @@ def _inertial_lines(design: Design) -> list[str]:
     ]
 
 
-def _authority(campaign: Campaign) -> dict[str, dict[str, str]]:
-    """Return the authority sets, those of the file as it writes them and those that a sweep made."""
-    sets: dict[str, Any] = dict(campaign.tables.get("authority", {}))
+def _add_authority(document: MutableMapping[str, Any], campaign: Campaign) -> None:
+    """Add the authority sets that a sweep or the design made."""
     for experiment in campaign.experiments:
         a = experiment.authority
-        table = {
-            "F_max_1": _si(a.F_max_1, "N"),
-            "F_max_2": _si(a.F_max_2, "N"),
-            "N_max_1": _si(a.N_max_1, "N m"),
-            "N_max_2": _si(a.N_max_2, "N m"),
-        }
-        sets.setdefault(a.name, table)
-    return sets
+        document.setdefault("authority", tomlkit.table(is_super_table=True)).setdefault(
+            a.name,
+            {
+                "F_max_1": _si(a.F_max_1, "N"),
+                "F_max_2": _si(a.F_max_2, "N"),
+                "N_max_1": _si(a.N_max_1, "N m"),
+                "N_max_2": _si(a.N_max_2, "N m"),
+            },
+        )
 
 
-def _raw(campaign: Campaign) -> list[dict[str, Any]]:
-    """Return what the file says of each experiment, defaults and sweep applied."""
-    tables = campaign.tables
-    defaults = tables.get("defaults", {})
-    if "sweep" not in tables:
-        names = {experiment.name for experiment in campaign.experiments}
-        raws = [raw for raw in tables["experiments"] if raw["name"] in names]
-        return [_with_sequences({**defaults, **raw}, tables) for raw in raws]
-    base = _with_sequences({**defaults, **tables["experiments"][0]}, tables)
-    return [_swept(base, experiment) for experiment in campaign.experiments]
+def _change_experiment(
+    document: Mapping[str, Any],
+    table: MutableMapping[str, Any],
+    experiment: Experiment,
+    tones: Sequence[Tone] | None,
+) -> None:
+    """Change authority, durations and tones in the table of an experiment; without `tones` they stay."""
+    defaults = document.get("defaults", {})
+    complete = {**defaults, **table}
+    if complete.get("authority") != experiment.authority.name:
+        table["authority"] = experiment.authority.name
+    for key, n_samples in (
+        ("duration", experiment.n_samples),
+        ("noise_duration", experiment.n_noise_samples),
+    ):
+        if round(units.to_si(complete.get(key, "0 s"), "s") * FS) != n_samples:
+            table[key] = f"{n_samples / FS / 60:.12g} min"
+    if tones is None:
+        return
+    injections = [one for name in complete.get("sequences", ()) for one in document["sequences"][name]]
+    injections += complete.get("injections", ())
+    for key in ("sequences", "injections"):
+        table.pop(key, None)
+    if "sequences" in defaults:
+        table["sequences"] = []
+    table["injections"] = _array([i for i in injections if i["shape"] not in _TONES], tones)
 
 
-def _changed_keys(raw: Mapping[str, Any], experiment: Experiment) -> dict[str, Any]:
-    """Return the settings and the durations of an experiment where they are not what the file says."""
-    changes: dict[str, Any] = {}
-    if raw.get("authority") != experiment.authority.name:
-        changes["authority"] = experiment.authority.name
-    if round(units.to_si(raw.get("duration", "0 s"), "s") * FS) != experiment.n_samples:
-        changes["duration"] = f"{experiment.n_samples / FS / 60:.12g} min"
-    if round(units.to_si(raw.get("noise_duration", "0 s"), "s") * FS) != experiment.n_noise_samples:
-        changes["noise_duration"] = f"{experiment.n_noise_samples / FS / 60:.12g} min"
-    return changes
+def _array(injections: Sequence[Mapping[str, Any]], tones: Sequence[Tone]) -> Array:
+    """Return injections as an array with a line for each, the tones with their reasons."""
+    array = tomlkit.array()
+    for injection in injections:
+        array.add_line(_inline(injection), indent="  ")
+    for tone in tones:
+        array.add_line(_inline(_tone_table(tone.injection)), indent="  ", comment=tone.reason)
+    array.add_line(indent="")
+    return array
 
 
-def _with_sequences(raw: Mapping[str, Any], tables: Mapping[str, Any]) -> dict[str, Any]:
-    """Return an experiment with the injections of its sequences among its own."""
-    injections = [one for name in raw.get("sequences", ()) for one in tables["sequences"][name]]
-    table = {key: value for key, value in raw.items() if key not in _INJECTION_KEYS}
-    return table | {"injections": [*injections, *raw.get("injections", ())]}
+def _inline(table: Mapping[str, Any]) -> InlineTable:
+    inline = tomlkit.inline_table()
+    inline.update(table)
+    return inline
 
 
 def _swept(base: Mapping[str, Any], experiment: Experiment) -> dict[str, Any]:
@@ -146,19 +162,6 @@ def _swept(base: Mapping[str, Any], experiment: Experiment) -> dict[str, Any]:
     }
     optional = {"inertial_period": experiment.inertial_period, "t0": experiment.t0}
     return table | {key: value for key, value in optional.items() if value}
-
-
-def _experiment(raw: Mapping[str, Any], tones: Sequence[Tone] | None) -> str:
-    lines = ["[[experiments]]"]
-    lines += [f"{key} = {_inline(value)}" for key, value in raw.items() if key != "injections"]
-    replaced = _TONES if tones is not None else ()
-    injections = [injection for injection in raw["injections"] if injection.get("shape") not in replaced]
-    if not injections and not tones:
-        return "\n".join([*lines, ""])
-    lines.append("injections = [")
-    lines += [f"  {_inline(injection)}," for injection in injections]
-    lines += [f"  {_inline(_tone_table(tone.injection))},  # {tone.reason}" for tone in tones or ()]
-    return "\n".join([*lines, "]", ""])
 
 
 def _tone_table(tone: TaperedSine) -> dict[str, object]:
@@ -177,14 +180,3 @@ def _tone_table(tone: TaperedSine) -> dict[str, object]:
 
 def _si(value: float, unit: str) -> str:
     return f"{value:.12g} {unit}"
-
-
-def _inline(value: object) -> str:
-    """Return a value as TOML has it on one line."""
-    if isinstance(value, Mapping):
-        return "{ " + ", ".join(f"{key} = {_inline(part)}" for key, part in value.items()) + " }"
-    if isinstance(value, list):
-        return "[" + ", ".join(map(_inline, value)) + "]"
-    if isinstance(value, str):
-        return json.dumps(value, ensure_ascii=False)
-    return tomli_w.dumps({"x": value}).removeprefix("x = ").strip()

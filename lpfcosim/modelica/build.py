@@ -243,7 +243,7 @@ def prebuild(
     prepared : mapping of str to PrebuiltGroup
         Groups that are in the folder already.
     models : collection of str
-        Names of FMUs beside the `SIGNALS`.
+        Names of FMUs.
     targets : sequence of Target
         Platforms to build for.
 

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
 
-import tomli_w
+import tomlkit
 
 from fit.errors import shown
 from lpfcosim.campaign import Campaign, loading
@@ -60,7 +60,7 @@ def is_described_by_file(campaign: Campaign, fmus: Mapping[str, Path] | None = N
         tables["fmus"] = {model: {**entry, **archives.get(model, {})} for model, entry in entries.items()}
     with tempfile.TemporaryDirectory(prefix="lpfcosim-") as folder:
         path = Path(folder) / "campaign.toml"
-        path.write_text(tomli_w.dumps(tables), encoding="utf-8")
+        path.write_text(tomlkit.dumps(tables), encoding="utf-8")
         try:
             described = loading.load(path)
         except InputError:  # a campaign without a file

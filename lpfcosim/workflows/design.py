@@ -260,7 +260,8 @@ def design(
     with prefix_errors(source):
         model = FitModel(plan, settings(plan.fit, "fit"))
         design_result = _search(plan, model, progress)
-    atomic.write(path, campaign_text(design_result, path.stem, source.name if source else plan.name))
+    text = source.read_text(encoding="utf-8") if source else ""
+    atomic.write(path, campaign_text(design_result, path.stem, source.name if source else plan.name, text))
     loading.load(path)
     with progress.stage("check through the FMUs"):
         reached = verify_in_time_domain(design_result, jobs)

@@ -9,7 +9,7 @@ import tomllib
 from pathlib import Path
 
 import pytest
-import tomli_w
+import tomlkit
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -90,7 +90,7 @@ def mutated(text, rng):
     if how == 1:
         return swapped(text, rng)
     try:
-        return tomli_w.dumps(restructured(tomllib.loads(text), rng))
+        return tomlkit.dumps(restructured(tomllib.loads(text), rng))
     except (TypeError, ValueError):  # what cannot be written
         return swapped(text, rng)
 
@@ -155,7 +155,7 @@ def test_no_text_is_too_strange_for_a_name(tmp_path_factory, text):
     document["experiments"][0]["name"] = text
     document["authority"][text] = document["authority"]["A"]
     try:
-        content = tomli_w.dumps(document)
+        content = tomlkit.dumps(document)
     except UnicodeEncodeError:
         return
     path = written(folder, "name.toml", content)
