@@ -45,7 +45,7 @@ def section() -> str:
 
 def keys() -> list[tuple[str, str, str, str]]:
     """Return table, key, value and default of every key."""
-    schema = json_schema()
+    schema = json_schema(declared=False)
     rows = []
     for head, part in _parts(schema):
         required = set(part.get("required", schema["anyOf"][1]["required"] if part is schema else ()))

@@ -82,7 +82,7 @@ def telemetry_of(run: Run, channels: Mapping[str, Array]) -> Telemetry:
     """
     attributes = telemetry_file.attributes(run)
     known = {f.name: attributes[f.name] for f in fields(Telemetry) if f.name in attributes}
-    n = channels["o_1"].size
+    n = next(iter(channels.values())).size
     values: Any = {
         **known,
         "path": Path(run.name),

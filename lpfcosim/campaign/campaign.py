@@ -62,7 +62,8 @@ class Experiment:
 class Campaign:
     """A validated campaign; ``t0`` is the start of its first run, ISO 8601 UTC.
 
-    ``events`` happen to all runs; ``tail_scatter`` is that of the 1/f noise of Delta g between experiments.
+    ``parameters`` and ``controllers`` are those of all runs, see `Run`. ``events`` happen to all runs;
+    ``tail_scatter`` is that of the 1/f noise of Delta g between experiments.
     ``fit`` is what the file says about the fit, ``design`` what it asks of a design, ``identify`` what it
     seeks, ``tables`` all that it says together with what it extends, as written.
     """
@@ -78,6 +79,8 @@ class Campaign:
     replacements: tuple[Replacement, ...] = ()
     events: Events | None = None
     tail_scatter: float = 0.0
+    parameters: Mapping[str, float] = field(default_factory=dict)
+    controllers: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     fit: Mapping[str, object] = field(default_factory=dict)
     design: DesignSpec = field(default_factory=DesignSpec)
     identify: Mapping[str, ParameterSpec] = field(default_factory=dict)
@@ -123,6 +126,8 @@ class Campaign:
             sample_rate=experiment.sample_rate,
             inertial_period=experiment.inertial_period,
             spacecraft=craft,
+            parameters=self.parameters,
+            controllers=self.controllers,
             events=self.events,
             about=self.truth if self.truth.lambda_scatter else None,
         )

@@ -1,22 +1,37 @@
 """Injections of a campaign file: the shapes that there are, each with its keys."""
 
+from collections.abc import Iterable
 from typing import Annotated, Literal
 
 from pydantic import Field, Strict, ValidationInfo, field_validator
 
 from fit.errors import quote
-from fit.files import Table, problem
+from fit.files import Table, closest_match, problem
+from lpfcosim.campaign.declared_tables import spacecraft_of
 from lpfcosim.campaign.units import FORCE, LENGTH, YEAR, Acceleration, Angle, Quantity, Time
 from lpfcosim.campaign.values import BelowNyquist
-from lpfcosim.spacecraft import READ_OUT_RANGE, Disturbed, H, HalfCosine, Pulse, Sine, TaperedSine, Target
+from lpfcosim.spacecraft import READ_OUT_RANGE, H, HalfCosine, Pulse, Sine, TaperedSine
 
 SHAPES = ("sine", "tapered_sine", "half_cosine", "pulse")
+_AMPLITUDES = {quantity.unit: quantity for quantity in (LENGTH, FORCE)}
+_TARGETS = "guidance_o_1, guidance_o_12, F_x_1 or F_x_2; of another spacecraft one of its targets"
+
+
+def _checked(into: str, known: Iterable[str]) -> str:
+    if into not in known:
+        raise problem(f"{quote(into)} is not known{closest_match(into, known)}")
+    return into
 
 
 class _InjectionTable(Table):
-    into: Annotated[Target, Field(examples=['into = "guidance_o_12"'])]
+    into: Annotated[str, Strict(), Field(description=_TARGETS, examples=['into = "guidance_o_12"'])]
     amplitude: Annotated[float, Field(examples=['amplitude = "10 nm"'])]
     start: Time
+
+    @field_validator("into")
+    @classmethod
+    def _is_target(cls, into: str, info: ValidationInfo) -> str:
+        return _checked(into, spacecraft_of(info).targets)
 
     @field_validator("amplitude", mode="before")
     @classmethod
@@ -24,10 +39,10 @@ class _InjectionTable(Table):
         into = info.data.get("into")
         if into is None:
             return 0.0  # a wrong target is the first problem
-        if into.startswith("F_"):
-            return FORCE.to_si(raw)
-        amplitude = LENGTH.to_si(raw)
-        if amplitude >= READ_OUT_RANGE:
+        unit = spacecraft_of(info).unit(into)
+        quantity = _AMPLITUDES.get(unit) or Quantity("an amplitude", unit, f"1 {unit}", "positive")
+        amplitude = quantity.to_si(raw)
+        if unit == LENGTH.unit and amplitude >= READ_OUT_RANGE:
             raise problem(f"{quote(raw)} is beyond the reach of the interferometers, {READ_OUT_RANGE:g} m")
         return amplitude
 
@@ -86,10 +101,17 @@ class PulseTable(Table):
     """A glitch: a stray acceleration of a test mass, the square of half a sine; of either sign."""
 
     shape: Literal["pulse"]
-    into: Annotated[Disturbed, Field(examples=['into = "g_2"'])]
+    into: Annotated[
+        str, Strict(), Field(description="a stray acceleration, g_1 or g_2", examples=['into = "g_2"'])
+    ]
     amplitude: Acceleration
     start: Time
     duration: Annotated[float, Quantity("a time", "s", "10 s", "positive", smallest=2 * H, largest=YEAR)]
+
+    @field_validator("into")
+    @classmethod
+    def _is_disturbance(cls, into: str, info: ValidationInfo) -> str:
+        return _checked(into, spacecraft_of(info).disturbances)
 
     def record(self) -> Pulse:
         """Return the injection as the simulation knows it."""

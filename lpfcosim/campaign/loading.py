@@ -15,9 +15,10 @@ from pydantic import ValidationError
 
 from fit.errors import quote
 from fit.files import closest_match, validation_messages
-from lpfcosim.campaign import sweep, toml_file
+from lpfcosim.campaign import lisa_pathfinder, other_spacecraft, sweep, toml_file
 from lpfcosim.campaign.campaign import Campaign, Experiment, iso
 from lpfcosim.campaign.injection_tables import SHAPES
+from lpfcosim.campaign.other_spacecraft import OtherCampaignTable
 from lpfcosim.campaign.resolved_experiments import (
     ConflictError,
     ResolvedExperiment,
@@ -27,24 +28,11 @@ from lpfcosim.campaign.resolved_experiments import (
 from lpfcosim.campaign.schema import CampaignTable, ExperimentTable, FmuTable
 from lpfcosim.errors import InputError
 from lpfcosim.linear import saturation, stability
-from lpfcosim.models import model_of
+from lpfcosim.models import SpacecraftModel, registered
 from lpfcosim.network import Component
-from lpfcosim.spacecraft import (
-    DRAG_FREE,
-    FS,
-    LARGEST_PULL,
-    LONGEST_DELAY,
-    M_TM,
-    SUSPENSION,
-    Authority,
-    H,
-    Injection,
-    Noise,
-    Replacement,
-    Sine,
-    Truth,
-    largest_pull,
-)
+from lpfcosim.spacecraft import FS, Authority, Injection, Noise, Replacement, Spacecraft, Truth
+
+AnyCampaignTable = CampaignTable | OtherCampaignTable
 
 
 def load(path: Path) -> Campaign:
@@ -57,11 +45,13 @@ def load(path: Path) -> Campaign:
     """
     raw = toml_file.load_extended(path)
     try:
-        table = CampaignTable.model_validate(raw)
+        spacecraft = _spacecraft_model(raw.get("spacecraft"))
+        tables = OtherCampaignTable if isinstance(spacecraft.key, str) else CampaignTable
+        table: AnyCampaignTable = tables.model_validate(raw, context=spacecraft)
         if "extends" in raw:
             file_defaults = toml_file.load(path).get("defaults", {})
             check_defaults(file_defaults, table.experiments, swept=table.sweep is not None)
-        campaign = _build(table)
+        campaign = _build(table, spacecraft)
     except ValidationError as error:
         raise InputError(f"{path}: {validation_messages(error, SHAPES)}") from None
     except ConflictError as error:
@@ -80,14 +70,28 @@ def _shown(path: Path) -> str:
     return str(path) if str(path).isprintable() and len(str(path)) < 500 else quote(str(path))
 
 
-def _build(table: CampaignTable) -> Campaign:
-    truth = _truth(table)
+def _spacecraft_model(raw: object) -> SpacecraftModel:
+    """Return the spacecraft model that a campaign file chooses by its key or table ``spacecraft``."""
+    models = registered()
+    if not isinstance(raw, str):
+        return models[type(None) if raw is None else Spacecraft]
+    if raw not in models:
+        names = [name for name in models if isinstance(name, str)]
+        raise ConflictError(f"spacecraft: no spacecraft {quote(raw)}{closest_match(raw, names)}")
+    return models[raw]
+
+
+def _build(table: AnyCampaignTable, spacecraft: SpacecraftModel) -> Campaign:
+    if isinstance(table, OtherCampaignTable):
+        fields = other_spacecraft.campaign_fields(table, spacecraft)
+    else:
+        fields = lisa_pathfinder.campaign_fields(table)
     entries = _entries(table)
-    _check_electrodes(table, entries)
+    lisa_pathfinder.check_electrodes(table, entries)
     experiments: list[Experiment] = []
     run_owners: dict[str, int] = {}
     for i, entry in enumerate(entries):
-        experiment = _experiment(table, entry, truth)
+        experiment = _experiment(table, entry, fields["truth"])
         for name in experiment.run_names:
             owner = run_owners.setdefault(name.casefold(), i)
             if owner != i:
@@ -100,16 +104,11 @@ def _build(table: CampaignTable) -> Campaign:
         name=table.name,
         seed=table.seed,
         t0=iso(table.t0),
-        truth=truth,
-        drag_free=table.control.drag_free.onto(DRAG_FREE),
-        suspension=table.control.suspension.onto(SUSPENSION),
         experiments=tuple(experiments),
-        actuation=table.actuation.record(),
         events=table.events.record() if table.events else None,
         tail_scatter=table.events.tail_scatter if table.events else 0.0,
         fit=table.fit,
-        design=table.design.record(),
-        identify={name: entry.record() for name, entry in table.identify.items()},
+        **fields,
     )
     _check_order(campaign, entries)
     if table.sweep and not table.fmus:
@@ -117,7 +116,6 @@ def _build(table: CampaignTable) -> Campaign:
     if not table.fmus:
         return campaign
     run = campaign.runs[0]
-    spacecraft = model_of(run)
     places = {c.model: c for c in spacecraft.components(run)}
     for model in table.fmus:
         if model not in places:
@@ -134,7 +132,7 @@ def _build(table: CampaignTable) -> Campaign:
     )
 
 
-def _entries(table: CampaignTable) -> tuple[ResolvedExperiment, ...]:
+def _entries(table: AnyCampaignTable) -> tuple[ResolvedExperiment, ...]:
     """Return the experiments that are asked for: those written, or those of a sweep."""
     experiments = apply_defaults(table.experiments, table.defaults)
     if table.sweep is None:
@@ -163,7 +161,7 @@ def _check_swept(campaign: Campaign, entries: Sequence[ResolvedExperiment]) -> N
         if run.kind != "sysid" or not stability.is_stable(run):
             continue  # who simulates it is told of a loop that is not
         for demand in saturation.demands(run):
-            if demand.channel not in saturation.READ_OUTS and demand.peak > demand.limit:
+            if not demand.is_read_out and demand.peak > demand.limit:
                 (entry,) = (entry for entry in entries if entry.table.name == run.experiment)
                 raise ConflictError(
                     f"{entry.location}: the injections of {quote(run.experiment)} take {demand.channel} to "
@@ -212,51 +210,14 @@ def _replacement(component: Component, parameters: Collection[str], entry: FmuTa
     )
 
 
-def _check_electrodes(table: CampaignTable, entries: Sequence[ResolvedExperiment]) -> None:
-    """Refuse authorities that together ask more of an electrode than it can give."""
-    named = [(f"authority.{name}", a) for name, a in table.authority.items()]
-    swept = [(entry.place_of("authority"), entry.authority) for entry in entries]
-    for place, a in (*named, *swept):
-        for j, limits in ((1, a and (a.F_max_1, a.N_max_1)), (2, a and (a.F_max_2, a.N_max_2))):
-            if limits and largest_pull(*limits) > LARGEST_PULL:
-                raise ConflictError(
-                    f"{place}: F_max_{j} and N_max_{j} together ask {_pN(largest_pull(*limits))} of an "
-                    f"electrode, expected at most {_pN(LARGEST_PULL)}, what it can give"
-                )
-
-
-def _truth(table: CampaignTable) -> Truth:
-    values = table.truth.model_dump(exclude_unset=True)
-    epochs = {int(key.removeprefix("delta_ifo_")): values.pop(key) for key in list(values) if "ifo" in key}
-    truth = Truth(**values, delta_ifo={**Truth().delta_ifo, **epochs})
-    for j, delay in ((1, truth.C_1 / truth.lambda_1), (2, truth.C_2 / truth.lambda_2)):
-        if delay < H / 2:
-            raise ConflictError(
-                f"truth.C_{j}: C_{j}/lambda_{j} = {delay:.4g} s is below {H / 2:g} s, the half sample "
-                "that the hold of a command already takes of its effective delay"
-            )
-        if delay > LONGEST_DELAY:
-            raise ConflictError(
-                f"truth.C_{j}: C_{j}/lambda_{j} = {delay:.4g} s is above {LONGEST_DELAY:g} s, too long for "
-                "the delay of a command"
-            )
-    return truth
-
-
-def _experiment(table: CampaignTable, place: ResolvedExperiment, truth: Truth) -> Experiment:
+def _experiment(table: AnyCampaignTable, place: ResolvedExperiment, truth: Truth) -> Experiment:
     entry = place.table
     authority = _authority(table, place)
-    if entry.alignment_epoch not in truth.delta_ifo:
-        k = entry.alignment_epoch
-        known = ", ".join(str(k) for k in sorted(truth.delta_ifo))
-        raise ConflictError(
-            f"{place.place_of('alignment_epoch')}: there is no truth.delta_ifo_{k} (known epochs: {known})"
-        )
     if not entry.duration and not entry.noise_duration:
         raise ConflictError(
             f'{place.place_of("duration")}: missing, write duration = "6 h", or noise_duration alone'
         )
-    noise = Noise(**{**table.noise.model_dump(), **entry.noise.model_dump(exclude_unset=True)})
+    noise = _noise(table, entry)
 
     placed: list[tuple[str, Injection]] = []
     for k, name in enumerate(entry.sequences):
@@ -273,7 +234,7 @@ def _experiment(table: CampaignTable, place: ResolvedExperiment, truth: Truth) -
                 f'{written_at}: ends at {injection.end:.7g} s, past the end of experiment "{entry.name}" '
                 f"at {entry.duration:.7g} s"
             )
-    _check_forces(placed, place, authority, truth)
+    lisa_pathfinder.check_forces(placed, place, authority, truth)
     return Experiment(
         name=entry.name,
         authority=authority,
@@ -287,17 +248,33 @@ def _experiment(table: CampaignTable, place: ResolvedExperiment, truth: Truth) -
         inertial_period=entry.inertial_period or 0,
         t0=iso(entry.t0) if entry.t0 else None,
         plateau=_history(table, entry),
-        spacecraft=_spacecraft(table, place, noise),
+        spacecraft=_spacecraft(table, place, noise, truth),
     )
 
 
-def _history(table: CampaignTable, entry: ExperimentTable) -> tuple[tuple[str, float], ...]:
+def _noise(table: AnyCampaignTable, entry: ExperimentTable) -> Noise:
+    """Return the levels of noise of an experiment, its own before those of the campaign."""
+    levels = {**table.noise.declared, **entry.noise.declared}
+    fields = {**table.noise.model_dump(), **entry.noise.model_dump(exclude_unset=True)}
+    return Noise(**{name: value for name, value in fields.items() if name not in levels}, levels=levels)
+
+
+def _spacecraft(table: AnyCampaignTable, place: ResolvedExperiment, noise: Noise, truth: Truth) -> object:
+    """Return what chooses the spacecraft model of the runs of an experiment."""
+    if isinstance(table, OtherCampaignTable):
+        other_spacecraft.check_experiment(table, place)
+        return table.spacecraft
+    lisa_pathfinder.check_epoch(place, truth)
+    return lisa_pathfinder.spacecraft_of_experiment(table, place, noise)
+
+
+def _history(table: AnyCampaignTable, entry: ExperimentTable) -> tuple[tuple[str, float], ...]:
     """Return the plateau by date, which holds where an experiment has none of its own."""
     has_plateau = "plateau" in entry.noise.model_fields_set
     return () if table.events is None or has_plateau else table.events.levels()
 
 
-def _authority(table: CampaignTable, place: ResolvedExperiment) -> Authority:
+def _authority(table: AnyCampaignTable, place: ResolvedExperiment) -> Authority:
     name = place.table.authority
     if name is None:
         raise ConflictError(f'{place.place_of("authority")}: missing, write authority = "A"')
@@ -305,66 +282,3 @@ def _authority(table: CampaignTable, place: ResolvedExperiment) -> Authority:
         known = closest_match(name, table.authority)
         raise ConflictError(f"{place.place_of('authority')}: no authority set {quote(name)}{known}")
     return Authority(name, **(place.authority or table.authority[name]).model_dump())
-
-
-def _spacecraft(table: CampaignTable, place: ResolvedExperiment, noise: Noise) -> object:
-    craft, attitude = table.spacecraft, table.control.attitude
-    if craft is None:
-        if attitude:
-            raise ConflictError("control.attitude: the x axis alone has no attitude, it takes [spacecraft]")
-        if place.table.temperature:
-            raise ConflictError(
-                f"{place.place_of('temperature')}: nothing of the x axis alone depends on it, it takes "
-                "[spacecraft]"
-            )
-        return None
-    period = place.table.inertial_period
-    if period is not None and str(period) not in craft.period:
-        known = ", ".join(craft.period) or "none"
-        raise ConflictError(
-            f"{place.place_of('inertial_period')}: there is no spacecraft.period.{period} (known periods: "
-            f"{known})"
-        )
-    if craft.thruster_layout and noise.thruster_torque:
-        is_own = "thruster_torque" in place.table.noise.model_fields_set
-        raise ConflictError(
-            f"{place.place_of('noise') if is_own else 'noise'}.thruster_torque: spacecraft.thruster_layout "
-            'makes the noise of the torques, write "0 N m Hz^-0.5"'
-        )
-    equipment = craft.equipment(period, place.table.temperature)
-    return replace(equipment, attitude=attitude.onto(equipment.attitude)) if attitude else equipment
-
-
-def _check_forces(
-    placed: Sequence[tuple[str, Injection]],
-    entry: ResolvedExperiment,
-    authority: Authority,
-    truth: Truth,
-) -> None:
-    """Refuse a force, with whatever acts at the same time, that the authority would clip."""
-    holding = abs(entry.table.dc) * M_TM / truth.lambda_2
-    if holding >= authority.F_max_2:
-        raise ConflictError(
-            f"{entry.place_of('dc')}: holding it takes {_pN(holding)} of the {_pN(authority.F_max_2)} that "
-            f'authority set "{authority.name}" gives to test mass 2, which leaves nothing to control with'
-        )
-    for j, offset, F_max in ((1, 0.0, authority.F_max_1), (2, holding, authority.F_max_2)):
-        forces = [(place, s) for place, s in placed if s.into == f"F_x_{j}"]
-        for place, latest in forces:
-            total = offset + sum(
-                s.amplitude for _, s in forces if s.start <= latest.start and not _over(s, latest.start)
-            )
-            if total > F_max:
-                also = "" if total == latest.amplitude else " with what acts at the same time"
-                raise ConflictError(
-                    f"{place}.amplitude: the force on test mass {j} reaches {_pN(total)}{also}, "
-                    f'authority set "{authority.name}" allows {_pN(F_max)}'
-                )
-
-
-def _over(injection: Injection, time: float) -> bool:
-    return isinstance(injection, Sine) and injection.end <= time
-
-
-def _pN(force: float) -> str:
-    return f"{force * 1e12:.4g} pN"

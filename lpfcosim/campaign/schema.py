@@ -16,6 +16,7 @@ from pydantic import (
 )
 
 from fit.files import Table, problem
+from lpfcosim.campaign.declared_tables import LevelTable, ParameterTable
 from lpfcosim.campaign.design_table import DesignTable
 from lpfcosim.campaign.disturbance_table import EventsTable
 from lpfcosim.campaign.identify_table import SoughtTables
@@ -68,7 +69,6 @@ from lpfcosim.spacecraft import (
     Actuation,
     Controller,
     Lead,
-    Model,
     Spacecraft,
     Thrusters,
 )
@@ -79,18 +79,20 @@ Bend = Annotated[Number, Field(ge=-0.1, le=0.1)]
 DeltaIfo = Annotated[Number, Field(ge=-1, le=1)]
 
 
-class TruthTable(Table):
-    """[truth]: the dynamics that are simulated; what is left out has its flight value (table jointfit)."""
+class TruthTable(ParameterTable):
+    """[truth]: the dynamics that are simulated; what is left out has its flight value (table jointfit).
+
+    Further keys are parameters of the Modelica models that are not set otherwise.
+    """
 
     model_config = ConfigDict(
         frozen=True,
         extra="allow",
         json_schema_extra={
             "patternProperties": {f"^{_DELTA_IFO.pattern}$": {"type": "number"}},
-            "additionalProperties": False,
+            "additionalProperties": {"type": ["number", "string"]},
         },
     )
-    more_keys = _DELTA_IFO
     more_known = ("delta_ifo_1",)
     __pydantic_extra__: dict[str, DeltaIfo]
 
@@ -111,6 +113,11 @@ class TruthTable(Table):
     lambda_walk_2: Walk = 0.0
     lambda_bend_1: Bend = 0.0
     lambda_bend_2: Bend = 0.0
+
+    @classmethod
+    def accepts(cls, key: str) -> bool:
+        """Return whether a key is that of an alignment epoch."""
+        return bool(_DELTA_IFO.fullmatch(key))
 
 
 class ControllerTable(Table):
@@ -157,10 +164,11 @@ class ControlTable(Table):
     attitude: AttitudeTable | None = None
 
 
-class NoiseTable(Table):
+class NoiseTable(LevelTable):
     """[noise]: one-sided amplitude spectral densities; a level that is given nowhere is zero.
 
-    Thrusters: cold gas is white, a colloid rises as 1/f below 1 mHz.
+    Thrusters: cold gas is white, a colloid rises as 1/f below 1 mHz. Further keys are levels that the
+    spacecraft model declares.
     """
 
     oms: LengthNoise = 0.0
@@ -303,7 +311,7 @@ class ExperimentTable(DefaultsTable):
 
     name: Annotated[Name, Field(examples=['name = "A"'])]
     t0: Utc | None = None
-    noise: NoiseTable = NoiseTable()
+    noise: NoiseTable = NoiseTable.model_construct()
 
 
 class SweepTable(Table):
@@ -334,10 +342,11 @@ class FmuTable(Table):
     validate_: Annotated[bool, Strict(), Field(alias="validate")] = True
 
 
-class CampaignTable(Table):
-    """A campaign file; one that `extends` another adds to its tables and replaces its values and lists.
+class CommonTables(Table):
+    """What campaign files of all spacecraft have.
 
-    What ``[fit]`` says is for the fit to read.
+    One that `extends` another adds to its tables and replaces its values and lists. What ``[fit]`` says is
+    for the fit to read.
     """
 
     extends: Annotated[str, Strict(), Field(min_length=1)] | None = None
@@ -347,18 +356,23 @@ class CampaignTable(Table):
     name: Annotated[Name, Field(examples=['name = "quickstart"'])]
     seed: Annotated[int, Strict(), Field(ge=0, lt=2**63, examples=["seed = 1"])]
     t0: Utc = datetime(2016, 3, 1, tzinfo=UTC)
-    truth: TruthTable = TruthTable.model_construct()
-    control: ControlTable = ControlTable()
-    noise: NoiseTable = NoiseTable()
     events: EventsTable | None = None
-    actuation: ActuationTable = ActuationTable()
     authority: Annotated[dict[Name, AuthorityTable], Field(examples=["[authority.A] …"])]
     sequences: dict[Name, list[InjectionTable]] = {}
-    spacecraft: SpacecraftTable | None = None
     fit: dict[str, Any] = {}
-    fmus: dict[Model, FmuTable] = {}
-    design: DesignTable = DesignTable()
-    identify: SoughtTables = {}
+    fmus: dict[str, FmuTable] = {}
     defaults: DefaultsTable = DefaultsTable()
     sweep: SweepTable | None = None
+
+
+class CampaignTable(CommonTables):
+    """A campaign file of LISA Pathfinder."""
+
+    truth: TruthTable = TruthTable.model_construct()
+    control: ControlTable = ControlTable()
+    noise: NoiseTable = NoiseTable.model_construct()
+    actuation: ActuationTable = ActuationTable()
+    spacecraft: SpacecraftTable | None = None
+    design: DesignTable = DesignTable()
+    identify: SoughtTables = {}
     experiments: Annotated[list[ExperimentTable], Field(min_length=1, examples=["[[experiments]] …"])]

@@ -87,6 +87,21 @@ class Quantity:
         return {"type": "string", "description": text, "examples": [self.example]}
 
 
+def declared_value(raw: object, unit: str) -> float:
+    """Return a value in SI of a key that a spacecraft model declares, in its unit, ``""`` for a pure number.
+
+    Raises
+    ------
+    PydanticCustomError
+        If it is no such value; one sentence.
+    """
+    if unit:
+        return Quantity(f"a value in {unit}", unit, f"1 {unit}").to_si(raw)
+    if isinstance(raw, bool) or not isinstance(raw, int | float) or not math.isfinite(raw):
+        raise problem(f"{quote(raw)} is not a finite number, write it without unit and quotes")
+    return float(raw)
+
+
 def _measures(text: str, unit: str) -> bool:
     try:
         units.to_si(text, unit)

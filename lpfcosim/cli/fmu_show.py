@@ -17,16 +17,11 @@ from lpfcosim.cli.console import Console
 from lpfcosim.cosim import Interface, compatibility, compilation, describe, nonconformity, read
 from lpfcosim.errors import InputError
 from lpfcosim.messages import line
-from lpfcosim.models import model_of
+from lpfcosim.models import model_of, registered
 from lpfcosim.network import Component
-from lpfcosim.spacecraft import Authority, Replacement, Run, Spacecraft
+from lpfcosim.spacecraft import Replacement, Run
 
 SCHEMA = "lpf-fmu/1"
-#: One run of each spacecraft model, for the parameters of its places; the authority is that of experiment A.
-_AUTHORITY = Authority("A", 0.0, 2200e-12, 10.4e-12, 10.4e-12)
-_RUNS = tuple(
-    Run("place", "place", "noise", 1, _AUTHORITY, spacecraft=craft) for craft in (None, Spacecraft())
-)
 _CAUSALITIES = ("input", "output", "parameter", "structuralParameter", "calculatedParameter")
 MAX_LISTED = 20  # parameters that are listed
 _SIMILAR = 0.75  # of two names, by difflib, from which one is proposed for the other
@@ -144,7 +139,8 @@ def _is_file(name: str) -> bool:
 
 
 def _places() -> dict[str, tuple[Run, Component]]:
-    return {c.model: (run, c) for run in reversed(_RUNS) for c in model_of(run).components(run)}
+    runs = [spacecraft.reference_run for spacecraft in reversed(registered().values())]
+    return {c.model: (run, c) for run in runs for c in model_of(run).components(run)}
 
 
 def _place(model: str, built: Callable[[Sequence[str]], Mapping[str, Path]]) -> Place:

@@ -12,12 +12,14 @@ from lpfcosim.errors import InputError
 
 ROOM = Path(__file__).parents[1] / "campaign"
 STARTER = Path("quickstart.toml")  # in that room in a wheel, among the campaigns in a checkout
-JSON_SCHEMA = Path("lpf-campaign.json")  # in that room, what `lpfcosim schema` prints
+JSON_SCHEMA = "lpf-campaign.json"  # what `lpfcosim schema` prints
 MAP_SCHEMA = "lpf-map.json"  # what `lpfcosim schema --map` prints
 
 
 def new(files: Sequence[Path]) -> None:
     """Write a commented starter campaign, and its JSON Schema beside it for editors."""
+    from lpfcosim.cli.schema import json_schema  # takes its time, which a map need not
+
     file = files[0] if files else Path("campaign.toml")
     if len(files) > 1:
         raise InputError(
@@ -30,8 +32,7 @@ def new(files: Sequence[Path]) -> None:
         raise InputError(f"{file}: {error.errors()[0]['msg']}") from None
     text = starter().replace('name = "quickstart"', f'name = "{file.stem}"')
     text = text.replace("campaigns/quickstart.toml", file.name)
-    schema = (ROOM / JSON_SCHEMA).read_text(encoding="utf-8")
-    _write(file, text, JSON_SCHEMA.name, schema)
+    _write(file, text, JSON_SCHEMA, json.dumps(json_schema(), indent=1))
     print(f"{file}: written; see what it will tell with: lpfcosim check {file}")
 
 

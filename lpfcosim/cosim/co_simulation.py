@@ -364,7 +364,8 @@ def check_measurement_range(run: Run, channels: Sequence[str], recorded: Array, 
     RunError
         Gives channel and time.
     """
-    limits = [READ_OUT_RANGE if c in ("o_1", "o_12") else _LARGEST for c in channels]
+    read_outs = model_of(run).read_outs
+    limits = [READ_OUT_RANGE if name in read_outs else _LARGEST for name in channels]
     low, high = recorded.min(axis=1), recorded.max(axis=1)  # both NaN where one sample is
     if not np.all((-low <= limits) & (high <= limits)):
         is_beyond = ~(np.abs(recorded) <= np.array(limits)[:, None])

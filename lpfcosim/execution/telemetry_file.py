@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Collection, Container, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import fields
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +13,7 @@ from fit.telemetry import CHANNELS, SCHEMA, Writer
 from lpfcosim.errors import RunError, as_run_error
 from lpfcosim.models import model_of
 from lpfcosim.signals import decimation, events
-from lpfcosim.spacecraft import GAIN_CHANGES, SCATTERED, Run
+from lpfcosim.spacecraft import Run
 
 Array = NDArray[np.float64]
 
@@ -69,8 +68,9 @@ def create(
     RunError
         If a channel is unknown, has another length than the run or is not finite, or if writing fails.
     """
+    labels = {**CHANNELS, **model_of(run).labels}
     for name in names:
-        if name not in CHANNELS:
+        if name not in labels:
             raise RunError(f"{run.name}: no unit is known for channel {name}")
     grid = decimation.grid(run)
     with (
@@ -78,7 +78,7 @@ def create(
         Writer(
             path,
             grid.n,
-            {name: CHANNELS[name] for name in sorted(names)},
+            {name: labels[name] for name in sorted(names)},
             {**provenance, **attributes(run)},
             truth={
                 name: value
@@ -121,21 +121,5 @@ def _levels(run: Run) -> dict[str, float]:
 
 
 def truth(run: Run) -> dict[str, float]:
-    """Return the true parameters of a run, as the group /truth has them.
-
-    Where gains scatter, NAME_mean is what the NAME of the experiments scatter about.
-    """
-    known = {f.name: getattr(run.truth, f.name) for f in fields(run.truth) if f.name != "delta_ifo"}
-    truth = {name: value for name, value in known.items() if value or name not in GAIN_CHANGES}
-    truth |= {f"delta_ifo_{k}": value for k, value in run.truth.delta_ifo.items()}
-    if run.about is not None:
-        truth |= {f"{name}_mean": getattr(run.about, name) for name in SCATTERED}
-    return truth | {
-        **model_of(run).truth(run),
-        "delta_ifo": run.delta_ifo,
-        "omega2_1": run.omega2_1,
-        "omega2_2": run.omega2_2,
-        "domega2_12": run.omega2_2 - run.omega2_1,
-        "tau_1": run.tau_1,
-        "tau_2": run.tau_2,
-    }
+    """Return the true parameters of a run, as the group /truth has them."""
+    return model_of(run).true_values(run)

@@ -13,6 +13,8 @@ from lpfcosim.campaign import Campaign
 from lpfcosim.errors import DivergenceError, InputError, UnavailableError
 from lpfcosim.linear import saturation, stability
 from lpfcosim.messages import grouped
+from lpfcosim.modelica import contract_spelling
+from lpfcosim.models import model_of
 from lpfcosim.spacecraft import HalfCosine, Injection, Run, Sine
 
 if TYPE_CHECKING:
@@ -143,9 +145,9 @@ def _saturation(plan: Campaign) -> list[str]:
         if not demands:
             modest.add(repr(loop))
         for demand in demands:
-            if demand.channel in saturation.READ_OUTS:
-                refused.append((run.name, _out_of_range(demand)))
-        commands = [demand for demand in demands if demand.channel not in saturation.READ_OUTS]
+            if demand.is_read_out:
+                refused.append((run.name, _out_of_range(run, demand)))
+        commands = [demand for demand in demands if not demand.is_read_out]
         if not commands:
             continue
         share, ended = max(demand.share for demand in commands), ""
@@ -171,29 +173,33 @@ def _saturation(plan: Campaign) -> list[str]:
     return grouped(accepted)
 
 
-def _out_of_range(demand: saturation.Demand) -> str:
+def _out_of_range(run: Run, demand: saturation.Demand) -> str:
     return (
-        f"{demand.channel} leaves the range of the interferometers: {_cause(demand)} moves it by "
+        f"{demand.channel} leaves the range of the interferometers: {_cause(run, demand)} moves it by "
         f"{1e6 * demand.peak:.3g} um at {demand.time:.0f} s, expected less than {1e6 * demand.limit:g} um"
     )
 
 
 def _limited(run: Run, demand: saturation.Demand) -> str:
-    j = demand.channel[-1]
-    peak, limit, rms = (1e12 * run.m_tm * x for x in (demand.peak, demand.limit, demand.rms))
+    spacecraft, j = model_of(run), demand.channel[-1]
+    is_acceleration = spacecraft.units[demand.channel] == "m/s2"
+    unit = "pN" if is_acceleration else f"p{contract_spelling(spacecraft.units[demand.channel])}"
+    scale = 1e12 * (run.m_tm if is_acceleration else 1.0)
+    peak, limit, rms = (scale * x for x in (demand.peak, demand.limit, demand.rms))
     demand_text = (
-        f"{_cause(demand)} takes {peak:.4g} pN at {demand.time:.0f} s"
+        f"{_cause(run, demand)} takes {peak:.4g} {unit} at {demand.time:.0f} s"
         if demand.peak > demand.limit
-        else f"noise of {rms:.3g} pN rms adds to {peak:.4g} pN"
+        else f"noise of {rms:.3g} {unit} rms adds to {peak:.4g} {unit}"
     )
+    authority = f"F_max_{j} of authority set" if is_acceleration else "its limit under authority set"
     return (
-        f"command {demand.channel} reaches its limit: {demand_text}, F_max_{j} of authority set "
-        f'"{run.authority.name}" is {limit:.4g} pN'
+        f"command {demand.channel} reaches its limit: {demand_text}, {authority} "
+        f'"{run.authority.name}" is {limit:.4g} {unit}'
     )
 
 
-def _cause(demand: saturation.Demand) -> str:
-    return described(demand.injection) if demand.injection else "what holds dc"
+def _cause(run: Run, demand: saturation.Demand) -> str:
+    return described(run, demand.injection) if demand.injection else "what holds dc"
 
 
 def _idle(run: Run) -> Iterator[str]:
@@ -201,12 +207,12 @@ def _idle(run: Run) -> Iterator[str]:
     for injection in run.injections:
         if isinstance(injection, Sine) and injection.frequency > F_MAX:
             yield (
-                f"{described(injection)} is above the fitted band, which ends at {1e3 * F_MAX:g} mHz: no "
-                "estimate takes anything from it"
+                f"{described(run, injection)} is above the fitted band, which ends at {1e3 * F_MAX:g} mHz: "
+                "no estimate takes anything from it"
             )
         elif isinstance(injection, Sine) and _weight(run, injection) < FADED:
             yield (
-                f"{described(injection)} is at an end of the run, where the window of the fit fades: "
+                f"{described(run, injection)} is at an end of the run, where the window of the fit fades: "
                 f"{100 * _weight(run, injection):.2g} % of its power counts"
             )
 
@@ -220,15 +226,15 @@ def _weight(run: Run, injection: Sine) -> float:
     return float(np.mean(np.sin(np.pi / 2 * distance) ** 4))
 
 
-def described(injection: Injection) -> str:
-    """Return an injection in words."""
-    amplitude = injection.amplitude
-    if injection.into.startswith("guidance"):
-        size = f"{1e9 * amplitude:.4g} nm" if amplitude < 1e-6 else f"{1e6 * amplitude:.4g} um"
-    elif injection.into.startswith("F"):
-        size = f"{1e12 * amplitude:.4g} pN"
+def described(run: Run, injection: Injection) -> str:
+    """Return an injection of a run in words."""
+    amplitude, unit = injection.amplitude, model_of(run).unit(injection.into)
+    if unit in ("m", "rad"):
+        size = f"{1e9 * amplitude:.4g} n{unit}" if amplitude < 1e-6 else f"{1e6 * amplitude:.4g} u{unit}"
+    elif unit in ("N", "N m"):
+        size = f"{1e12 * amplitude:.4g} p{unit}"
     else:
-        size = f"{amplitude:.4g} m s^-2"
+        size = f"{amplitude:.4g} {'m s^-2' if unit == 'm s-2' else unit}"
     kind = (
         f"sine of {1e3 * injection.frequency:.4g} mHz and {size}"
         if isinstance(injection, Sine)

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from fit.forecasting import fisher
 from lpfcosim.experiment_design.limits import QUANTITIES, Limit
 from lpfcosim.linear import StateSpace, response
-from lpfcosim.spacecraft import Run, Target
+from lpfcosim.spacecraft import Run
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -61,7 +61,7 @@ class DesignedExperiment:
     def _named(self, quantity: str) -> bool:
         return any(limit.quantity == quantity for limit in self.active_limits)
 
-    def target(self, loop: str, frequency: float) -> Target:
+    def target(self, loop: str, frequency: float) -> str:
         """Return what a tone of this frequency is injected into to move a loop."""
         if loop == "o_1":
             return "guidance_o_1"

@@ -27,7 +27,6 @@ Values = Sequence[float]
 _Step = tuple[Callable[[Values], Values], list[int], list[int]]  # with places of inputs and outputs
 
 BLOCK = 6000  # samples between two checks of the measurement range
-INTERFEROMETERS = ("o_1", "o_12")
 
 
 class ClosedLoop:
@@ -186,7 +185,7 @@ class ClosedLoop:
         driven = [by_name.get(name, zero) for name in self.inputs]
         advance, names = self._network([float(signal[0]) for signal in driven])
         recorded = np.empty((run.n_samples, len(names)))
-        checked = [(i, name) for i, name in enumerate(names) if name in INTERFEROMETERS]
+        checked = [(i, name) for i, name in enumerate(names) if name in self._spacecraft.read_outs]
         for begin in range(0, run.n_samples, BLOCK):
             block = recorded[begin : begin + BLOCK]
             block[:] = np.nan

@@ -104,7 +104,8 @@ def _blocks(
         if noise:
             held = next(iter(drawn.values())).size if drawn else 0
             new = noise.take(last - first - held)
-            new["g_2"] -= run.dc  # the equilibrium holds it
+            if run.dc:
+                new["g_2"] -= run.dc  # the equilibrium holds it
             drawn = {name: np.concatenate([drawn.get(name, x[:0]), x]) for name, x in new.items()}
             signals |= drawn
             drawn = {name: x[max(end * stride - half, 0) - first :] for name, x in drawn.items()}

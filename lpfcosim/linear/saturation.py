@@ -14,13 +14,12 @@ from fit.requirements import GAP_TAPER, TAPER
 from lpfcosim.linear import response
 from lpfcosim.linear.closed_loop import ClosedLoop
 from lpfcosim.linear.state_space import StateSpace
+from lpfcosim.models import model_of
 from lpfcosim.spacecraft import READ_OUT_RANGE, Actuation, HalfCosine, Injection, Run, Sine
 
 Array = NDArray[np.float64]
 
 AT_LIMIT = 1 - 1e-12  # of the authority, rounding apart
-READ_OUTS = ("o_1", "o_12")
-COMMANDS = ("f_x_1", "f_x_2")
 REACH = 15.0  # s on either side of a sample at its limit that filter and stencils of a fit reach
 _GRID = np.geomspace(1e-5, 4.9, 80)  # Hz
 _TRANSIENT = 4.0  # over the largest gain at any frequency: what switching an injection on may add
@@ -34,7 +33,9 @@ class Demand:
     Attributes
     ----------
     channel : str
-        ``f_x_1``, ``f_x_2`` [m s^-2], ``o_1`` or ``o_12`` [m].
+        A command or a read-out, such as ``f_x_2`` [m s^-2] or ``o_12`` [m].
+    is_read_out : bool
+        Whether its limit is the range of a read-out; otherwise it is the authority of a command.
     peak, limit : float
         Its largest magnitude without noise, and the largest that there is, in the unit of the channel.
     rms : float
@@ -48,6 +49,7 @@ class Demand:
     """
 
     channel: str
+    is_read_out: bool
     peak: float
     limit: float
     rms: float
@@ -63,7 +65,7 @@ def count(limits: Mapping[str, float], block: Mapping[str, Array]) -> int:
 
 
 @one_blas_thread
-def demands(run: Run, commands: Collection[str] = COMMANDS) -> list[Demand]:
+def demands(run: Run, commands: Collection[str] | None = None) -> list[Demand]:
     """Return the commands and the read-outs that a run takes beyond their limits.
 
     Injections, the force that holds `Run.dc` and the stationary noise count. A limit is exceeded if one
@@ -74,12 +76,13 @@ def demands(run: Run, commands: Collection[str] = COMMANDS) -> list[Demand]:
     run : Run
         What is injected, and into what.
     commands : collection of str, optional
-        The commands that count, by default those along x.
+        The commands that count, by default those along sensitive axes.
     """
-    loop = ClosedLoop(run)
+    loop, spacecraft = ClosedLoop(run), model_of(run)
     system = loop.linearize()
+    commands = spacecraft.commands if commands is None else commands
     limits = {name: limit for name, limit in loop.limits.items() if name in commands}
-    limits |= dict.fromkeys(READ_OUTS, READ_OUT_RANGE)
+    limits |= dict.fromkeys(spacecraft.read_outs, READ_OUT_RANGE)
     gains, rms = _gains(run, system, list(limits))
     start = loop.equilibrium()
     if all(
@@ -96,7 +99,10 @@ def demands(run: Run, commands: Collection[str] = COMMANDS) -> list[Demand]:
             peak = int(np.argmax(size))
             time = peak / response.RATE
             injection = _dominant_injection(run, gains[name], time)
-            exceeded.append(Demand(name, float(size[peak]), limit, rms[name], time, share, injection))
+            is_read_out = name in spacecraft.read_outs
+            exceeded.append(
+                Demand(name, is_read_out, float(size[peak]), limit, rms[name], time, share, injection)
+            )
     return exceeded
 
 
@@ -112,7 +118,8 @@ def masked_share(run: Run) -> float:
     """
     loop = ClosedLoop(run)
     channels, limits = loop.simulate(), loop.limits
-    limited = np.any([np.abs(channels[k]) >= limits[k] * AT_LIMIT for k in COMMANDS if k in limits], axis=0)
+    commands = [name for name in model_of(run).commands if name in limits]
+    limited = np.any([np.abs(channels[name]) >= limits[name] * AT_LIMIT for name in commands], axis=0)
     if not limited.any():
         return 0.0
     whole = scipy.signal.windows.tukey(run.n_samples, TAPER) ** 2

@@ -48,6 +48,22 @@ def per_second(unit: str, known: Iterable[str]) -> str:
     return "s-1" if unit == "1" else f"{unit}.s-1"
 
 
+def contract_spelling(unit: str) -> str:
+    """Spell a unit as the telemetry contract does, without a slash.
+
+    Examples
+    --------
+    >>> contract_spelling("kg.m/s2"), contract_spelling("1/s2"), contract_spelling("1")
+    ('kg m s-2', 's-2', '')
+    """
+    numerator, _, denominator = unit.partition("/")
+    factors = [factor for factor in numerator.split(".") if factor != "1"]
+    for factor in filter(None, denominator.strip("()").split(".")):
+        name = factor.rstrip("0123456789")
+        factors.append(f"{name}-{factor.removeprefix(name) or 1}")
+    return " ".join(factors)
+
+
 def _pint_spelling(unit: str) -> str:
     """``kg.m/s2`` as Modelica writes it, ``kg*m/s**2`` as pint reads it."""
     if unit == "1":

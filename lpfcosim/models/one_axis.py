@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
+from collections.abc import Mapping
 
 from lpfcosim.models import actuation_noise
 from lpfcosim.models.spacecraft_model import SpacecraftModel
 from lpfcosim.signals import CORNER, Source, red_noise
-from lpfcosim.spacecraft import Controller, Run
+from lpfcosim.spacecraft import GAIN_CHANGES, SCATTERED, Controller, Run
 
 TAIL_LEVEL, TAIL_FREQUENCY = 60e-15, 20e-6  # m s^-2 Hz^-0.5 at Hz
 JITTER_FREQUENCY, JITTER_CORNER = 1e-3, 0.1e-3  # Hz; flat below the corner (choice)
@@ -45,7 +47,7 @@ def shared_parameters(run: Run) -> dict[str, float | None]:
         **{name: getattr(run, name) for name in ("h", "m_sc", "m_tm", "delta_ifo")},
         "f_x_2_start": run.f_x_2_start, "F_x_sc_start": run.F_x_sc_start,
         "tau_1": run.tau_1 - run.h / 2, "tau_2": run.tau_2 - run.h / 2,
-        "tau_sc": run.thruster_delay, "T_sc": run.thruster_lag,
+        "tau_sc": run.thruster_delay, "T_sc": run.thruster_lag, "arm": None, "F_ref": None,
     }  # fmt: skip
 
 
@@ -89,21 +91,47 @@ def sources(run: Run) -> tuple[Source, ...]:
     )
 
 
+def truth(run: Run, beyond_x: Mapping[str, float] | None = None) -> dict[str, float]:
+    """Return the true values along x, and those of further degrees of freedom where they are given.
+
+    Where gains scatter, NAME_mean is what the NAME of the experiments scatter about.
+    """
+    fields = {field.name: getattr(run.truth, field.name) for field in dataclasses.fields(run.truth)}
+    epochs = fields.pop("delta_ifo")
+    values = {name: value for name, value in fields.items() if value or name not in GAIN_CHANGES}
+    values |= {f"delta_ifo_{k}": value for k, value in epochs.items()}
+    if run.about is not None:
+        values |= {f"{name}_mean": getattr(run.about, name) for name in SCATTERED}
+    return {
+        **values,
+        **(beyond_x or {}),
+        "delta_ifo": run.delta_ifo,
+        "omega2_1": run.omega2_1,
+        "omega2_2": run.omega2_2,
+        "domega2_12": run.omega2_2 - run.omega2_1,
+        "tau_1": run.tau_1,
+        "tau_2": run.tau_2,
+    }
+
+
+READ_OUTS, COMMANDS = ("o_1", "o_12"), ("f_x_1", "f_x_2")
+TARGETS = ("guidance_o_1", "guidance_o_12", "F_x_1", "F_x_2")
 MODEL = SpacecraftModel(
     name="along x",
-    config_type=type(None),
+    key=type(None),
     models=("OpticalMetrology", "DragFreeControl", "SuspensionControl", "Actuation", "Plant"),
     shared_parameters=shared_parameters,
     model_parameters=model_parameters,
     sources=sources,
-    attitude_rates=lambda _: {},
+    targets=TARGETS,
+    read_outs=READ_OUTS,
+    commands=COMMANDS,
     affected_truths={
         "OpticalMetrology": METROLOGY_TRUTHS,
         "Actuation": ACTUATION_TRUTHS,
         "Plant": PLANT_TRUTHS,
     },
-    attributes=lambda _: {},
-    truth=lambda _: {},
+    truth=truth,
     sample_cost=0.3e-6,
     experiment_cost=0.38,
 )

@@ -49,7 +49,7 @@ def shared_parameters(run: Run) -> dict[str, float | None]:
         **{f"b_{i}": value for i, value in enumerate(sc.b, 1)},
         **{f"Omega_{k}_start": rate for k, rate in zip(ANGLES, sc.Omega_DC, strict=True)},
         **{f"omega2_{k}": (w_1 + w_2) / 2 for k, (w_1, w_2) in stiffness.items()},
-        **{f"domega2_{k}_12": w_2 - w_1 for k, (w_1, w_2) in stiffness.items() if w_1 != w_2},
+        **{f"domega2_{k}_12": w_2 - w_1 if w_1 != w_2 else None for k, (w_1, w_2) in stiffness.items()},
     }
 
 
@@ -121,23 +121,23 @@ def attributes(run: Run) -> dict[str, float]:
 
 
 def truth(run: Run) -> dict[str, float]:
-    """Return the cross-talk of eq. bump and the misalignment of the test masses."""
+    """Return the true values along x, the cross-talk of eq. bump and the misalignment of the test masses."""
     sc = spacecraft_of(run)
-    return {
-        **{f"b_{i}": value for i, value in enumerate(sc.b, 1)},
-        "delta_phi": sc.delta_phi,
-        "delta_eta": sc.delta_eta,
-    }
+    beyond_x = {f"b_{i}": value for i, value in enumerate(sc.b, 1)}
+    return one_axis.truth(run, {**beyond_x, "delta_phi": sc.delta_phi, "delta_eta": sc.delta_eta})
 
 
 MODEL = SpacecraftModel(
     name="of the whole spacecraft",
-    config_type=Spacecraft,
+    key=Spacecraft,
     models=("WholeMetrology", "InertialSensor", "StarTracker", "WholeDragFreeControl",
             "WholeSuspensionControl", "AttitudeControl", "WholeActuation", "WholePlant"),
     shared_parameters=shared_parameters,
     model_parameters=model_parameters,
     sources=sources,
+    targets=one_axis.TARGETS,
+    read_outs=one_axis.READ_OUTS,
+    commands=one_axis.COMMANDS,
     attitude_rates=attitude_rates,
     affected_truths={
         "WholeMetrology": {**one_axis.METROLOGY_TRUTHS, **{f"b_{i}": (f"b_{i}",) for i in (1, 2, 3, 4)}},

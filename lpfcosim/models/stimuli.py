@@ -12,7 +12,8 @@ Array = NDArray[np.float64]
 
 def injections(run: Run, start: int = 0, stop: int | None = None) -> dict[str, Array]:
     """Return injected signals and set points of a run, as `signals.injected`."""
-    return injected(run, start, stop, model_of(run).attitude_rates(run))
+    spacecraft = model_of(run)
+    return injected(run, spacecraft.targets, spacecraft.attitude_rates(run), start, stop)
 
 
 def noise_source(run: Run) -> Noise:

@@ -5,12 +5,11 @@ Which noise there is depends on the spacecraft model of the run, so `lpfcosim.mo
 
 from lpfcosim.signals.flicker import flicker
 from lpfcosim.signals.gain_drift import GainDrift
-from lpfcosim.signals.injections import TARGETS, commanded, injected
+from lpfcosim.signals.injections import commanded, injected
 from lpfcosim.signals.noise import CORNER, Noise, Source, Weights, red_noise
 
 __all__ = [
     "CORNER",
-    "TARGETS",
     "GainDrift",
     "Noise",
     "Source",

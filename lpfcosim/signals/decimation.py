@@ -11,7 +11,6 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import scipy
 from numpy.typing import NDArray
 
 from lpfcosim.spacecraft import Run
@@ -40,8 +39,10 @@ def taps(factor: int) -> Array:
     """Return the coefficients of the low-pass, an odd number of them, for a decimation by ``factor``."""
     if factor == 1:
         return np.ones(1)
-    size, beta = scipy.signal.kaiserord(STOPBAND_DB, 2 * (STOPBAND - PASSBAND) / factor)
-    return scipy.signal.firwin(size | 1, (STOPBAND + PASSBAND) / factor, window=("kaiser", beta))
+    from scipy.signal import firwin, kaiserord  # takes its time, and what only names the models needs it not
+
+    size, beta = kaiserord(STOPBAND_DB, 2 * (STOPBAND - PASSBAND) / factor)
+    return firwin(size | 1, (STOPBAND + PASSBAND) / factor, window=("kaiser", beta))
 
 
 def grid(run: Run) -> Grid:
@@ -74,6 +75,8 @@ def decimate(run: Run, blocks: Iterable[Mapping[str, Array]]) -> Iterator[Mappin
 
 
 def _decimate_blocks(factor: int, blocks: Iterable[Mapping[str, Array]]) -> Iterator[dict[str, Array]]:
+    from scipy.signal import upfirdn
+
     low_pass = taps(factor)
     delay = math.ceil((low_pass.size - 1) / factor)  # outputs before the first that has all its samples
     padded = np.concatenate([np.zeros(delay * factor - low_pass.size + 1), low_pass])
@@ -84,7 +87,7 @@ def _decimate_blocks(factor: int, blocks: Iterable[Mapping[str, Array]]) -> Iter
         n = max(0, (x.shape[1] - low_pass.size) // factor + 1)
         tail = x[:, n * factor :]
         if n:
-            y = scipy.signal.upfirdn(padded, x, 1, factor, axis=1)
+            y = upfirdn(padded, x, 1, factor, axis=1)
             yield dict(zip(block, y[:, delay : delay + n], strict=True))
 
 

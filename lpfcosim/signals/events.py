@@ -82,8 +82,8 @@ def add_glitches(
     run: Run, glitches_drawn: tuple[Glitch, ...], signals: Mapping[str, Array], first_sample: int
 ) -> None:
     """Add glitches to the accelerations g_1 and g_2, which begin with sample ``first_sample`` of the run."""
-    n = signals["g_1"].size
     for glitch in glitches_drawn:
+        n = signals["g_1"].size
         begin = max(int(np.ceil(glitch.begin * run.fs)), first_sample)
         end = min(int((glitch.begin + DECAY_TIMES * glitch.fall) * run.fs) + 1, first_sample + n)
         if begin < end:

@@ -1,20 +1,17 @@
 """What is injected into a run on purpose: commands, and pulses that no controller knows of."""
 
 from collections.abc import Iterable, Mapping
-from typing import get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
-from lpfcosim.spacecraft import Injection, Pulse, Run, Sine, TaperedSine, Target
+from lpfcosim.spacecraft import Injection, Pulse, Run, Sine, TaperedSine
 
 Array = NDArray[np.float64]
 
-TARGETS: tuple[str, ...] = get_args(Target)
-
 
 def injected(
-    run: Run, start: int = 0, stop: int | None = None, turns: Mapping[str, float] | None = None
+    run: Run, targets: Iterable[str], rates: Mapping[str, float], start: int = 0, stop: int | None = None
 ) -> dict[str, Array]:
     """Injected signals of a run.
 
@@ -22,35 +19,38 @@ def injected(
     ----------
     run : Run
         What is injected.
+    targets : iterable of str
+        Signals that may be injected into.
+    rates : mapping of str to float
+        Rates of set points that grow steadily [s^-1, in the unit of the signal].
     start, stop : int
         The samples wanted, all by default; any division of a run into blocks gives the same values.
-    turns : mapping of str to float, optional
-        Set points that grow steadily, and their rates [rad/s].
 
     Returns
     -------
     dict
-        ``guidance_o_1``, ``guidance_o_12`` [m], ``F_x_1``, ``F_x_2`` [N] and the set points [rad], each of
-        shape (stop - start,); overlapping injections add, a channel without any is exactly zero.
+        Targets and set points, SI, each of shape (stop - start,); overlapping injections add, a target
+        without any is exactly zero.
     """
     stop = run.n_samples if stop is None else stop
-    signals = commanded(run.injections, run.fs, start, stop)
-    if turns:
-        time = np.arange(start, stop) / run.fs
-        signals |= {name: rate * time for name, rate in turns.items()}
+    signals = {name: np.zeros(stop - start) for name in targets}
+    signals |= commanded(run.injections, run.fs, start, stop)
+    time = np.arange(start, stop) / run.fs
+    for name, rate in rates.items():
+        signals[name] = signals.get(name, 0.0) + rate * time
     return signals
 
 
 def commanded(injections: Iterable[Injection], fs: float, start: int, stop: int) -> dict[str, Array]:
-    """Return what `injected` does of a run of sample rate `fs` [Hz] with these injections."""
-    signals = {name: np.zeros(stop - start) for name in TARGETS}
+    """Return the commands of these injections at sample rate `fs` [Hz], by target, as `injected` does."""
+    signals: dict[str, Array] = {}
     for injection in injections:
         if isinstance(injection, Pulse):
             continue  # no command, see `add_pulses`
         i_start = _clip(_sample(fs, injection.start), start, stop)
         i_stop = _clip(_sample(fs, injection.end), start, stop)
         since = np.arange(i_start, i_stop) / fs - injection.start
-        signal = signals[injection.into]
+        signal = signals.setdefault(injection.into, np.zeros(stop - start))
         if isinstance(injection, Sine):
             argument = 2 * np.pi * injection.frequency * since + injection.phase
             sine = injection.amplitude * np.sin(argument)

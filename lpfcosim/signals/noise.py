@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
-import scipy
 from numpy.typing import NDArray
 
 from lpfcosim.signals import events
@@ -106,7 +105,8 @@ class Noise:
                 else:
                     drawn[into] = part
         events.apply_level_drift(self._run, drawn, self._drawn)
-        drawn["g_2"] += self._run.dc
+        if self._run.dc:
+            drawn["g_2"] += self._run.dc
         first_sample, self._drawn = self._drawn, self._drawn + n
         add_pulses(self._run, drawn, first_sample, first_sample + n)
         events.add_glitches(self._run, self._glitches, drawn, first_sample)
@@ -126,8 +126,10 @@ class _AutoregressiveStream:
         x = self._size * self._generator.standard_normal(n)
         if not self._rho or not n:
             return x
+        from scipy.signal import lfilter  # takes its time, and what only names the models has no need of it
+
         if self._state is None:
             self._state = np.zeros(1)
             x[0] /= math.sqrt(1 - self._rho**2)  # the first sample has the stationary variance
-        y, self._state = scipy.signal.lfilter([1.0], [1.0, -self._rho], x, zi=self._state)
+        y, self._state = lfilter([1.0], [1.0, -self._rho], x, zi=self._state)
         return np.asarray(y)

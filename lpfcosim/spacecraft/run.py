@@ -12,15 +12,8 @@ from lpfcosim.spacecraft.control import DRAG_FREE, SUSPENSION, Controller
 from lpfcosim.spacecraft.events import Events
 from lpfcosim.spacecraft.parameters import FS, M_SC, M_TM, THRUSTER_DELAY, THRUSTER_LAG, H
 
-Target = Literal["guidance_o_1", "guidance_o_12", "F_x_1", "F_x_2"]
-Disturbed = Literal["g_1", "g_2"]
 Kind = Literal["sysid", "noise"]
 Thrusters = Literal["cold gas", "colloid"]
-Model = Literal[
-    "OpticalMetrology", "DragFreeControl", "SuspensionControl", "Actuation", "Plant",
-    "WholeMetrology", "InertialSensor", "StarTracker", "WholeDragFreeControl", "WholeSuspensionControl",
-    "AttitudeControl", "WholeActuation", "WholePlant",
-]  # fmt: skip
 
 #: What differs between experiments where gains scatter.
 SCATTERED = ("lambda_1", "lambda_2", "C_1", "C_2")
@@ -124,6 +117,8 @@ class Noise:
     1 mHz; ``star_tracker_theta``, ``_eta``, ``_phi`` [rad Hz^-0.5]; ``thruster_torque`` [N m Hz^-0.5], each
     axis; ``lateral`` [m s^-2 Hz^-0.5], force on each test mass along y and z; ``torque`` [rad s^-2 Hz^-0.5],
     on each test mass about each axis, 1/f below 0.2 mHz.
+
+    ``levels`` are further ones, by the names that the spacecraft model declares, SI.
     """
 
     oms: float = 0.0
@@ -141,13 +136,18 @@ class Noise:
     thruster_torque: float = 0.0
     lateral: float = 0.0
     torque: float = 0.0
+    levels: Mapping[str, float] = field(default_factory=dict)
+
+    def level(self, name: str) -> float:
+        """Return a level by its name; zero where none is given."""
+        return self.levels.get(name, 0.0)
 
 
 @dataclass(frozen=True)
 class Sine:
     """``cycles`` periods of amplitude sin(2 pi frequency (t - start) + phase); SI, phase in rad."""
 
-    into: Target
+    into: str
     amplitude: float
     frequency: float
     cycles: int
@@ -171,7 +171,7 @@ class TaperedSine(Sine):
 class HalfCosine:
     """A smooth step from 0 at ``start`` to ``amplitude`` at ``end``, kept from then on; SI."""
 
-    into: Target
+    into: str
     amplitude: float
     start: float
     end: float
@@ -181,10 +181,10 @@ class HalfCosine:
 class Pulse:
     """A glitch: amplitude sin^2(pi (t - start) / duration) acting on one test mass; SI.
 
-    It is a stray acceleration (the targets g_1, g_2), not a command: no controller knows of it.
+    It is a stray acceleration, such as g_1 and g_2, not a command: no controller knows of it.
     """
 
-    into: Disturbed
+    into: str
     amplitude: float
     start: float
     duration: float
@@ -234,8 +234,10 @@ class Run:
     """One run of ``n_samples`` samples at 10 Hz, recorded at ``sample_rate`` [Hz].
 
     ``dc`` [m s^-2] is the constant part of g_2. What a run has beside the x axis, ``spacecraft``, chooses its
-    spacecraft model (`lpfcosim.models`): with nothing there is the x axis only. ``events`` is what happens
-    unasked.
+    spacecraft model (`lpfcosim.models`): with nothing there is the x axis only; another spacecraft than LISA
+    Pathfinder is given by its name. ``parameters`` are values, by name, of parameters of the Modelica models
+    that otherwise have their default, ``controllers`` likewise those of single models. ``events`` is what
+    happens unasked.
     ``about`` is the truth about which that of the experiments scatters, None where it does not.
     """
 
@@ -262,6 +264,8 @@ class Run:
     h: float = H
     replacements: tuple[Replacement, ...] = ()
     spacecraft: object = None
+    parameters: Mapping[str, float] = field(default_factory=dict)
+    controllers: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     inertial_period: int = 0
     sample_rate: float = FS
     events: Events | None = None

@@ -21,6 +21,7 @@ from lpfcosim.execution import checksums, dask_executor, process_pool, results_f
 from lpfcosim.execution import fmus as fmu_archives
 from lpfcosim.linear import ClosedLoop, saturation
 from lpfcosim.messages import grouped
+from lpfcosim.models import model_of
 from lpfcosim.workflows.arguments import check_workers, whole_number
 from lpfcosim.workflows.campaigns import CampaignLike, PathLike, resolve
 from lpfcosim.workflows.fmus import campaign_fmus
@@ -192,7 +193,7 @@ def _check_spectra(plan: Campaign, validated: validation.Validation) -> None:
             "knows no limit"
         )
     for run in plan.runs:
-        others = ClosedLoop(run).limits.keys() - saturation.COMMANDS  # validation has checked these
+        others = ClosedLoop(run).limits.keys() - {*model_of(run).commands}  # validation has checked these
         for demand in saturation.demands(run, others) if others else ():
             raise InputError(
                 f"run '{run.name}': {demand.channel} is expected beyond its limit of {demand.limit:.3g}; "

@@ -250,12 +250,6 @@ def test_schema_asks_for_a_base_or_all_the_rest(schema, quickstart):
     assert faults(schema, {**value, "extends": "quickstart.toml"}) == []
 
 
-def test_schema_is_shipped(schema):
-    shipped = (cli_new.ROOM / "lpf-campaign.json").read_text(encoding="utf-8")
-    told = "lpfcosim schema > lpfcosim/campaign/lpf-campaign.json makes it anew"
-    assert json.loads(shipped) == schema, told
-
-
 def test_schema_of_the_fit_has_its_defaults(schema):
     of_fit = schema["properties"]["fit"]
     assert {k: v["default"] for k, v in of_fit["properties"].items()} == settings().model_dump()

@@ -1,6 +1,6 @@
 """Another spacecraft model is one module: its models and tables choose the wiring and all that follows."""
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -12,20 +12,12 @@ from lpfcosim.modelica import build
 from lpfcosim.models import model_of, one_axis, register, six_dof, spacecraft_model
 from lpfcosim.spacecraft.spacecraft import Spacecraft
 
-
-@dataclass(frozen=True)
-class Witness:
-    """What a run along x of a third model has: a set point that grows."""
-
-    rate: float
-
-
 WATCHED = replace(
     one_axis.MODEL,
+    key="watched",
     name="along x, watched",
-    config_type=Witness,
-    attitude_rates=lambda run: {"guidance_o_1": run.spacecraft.rate},
-    truth=lambda run: {"rate": run.spacecraft.rate},
+    attitude_rates=lambda _: {"guidance_o_1": 1e-12},
+    truth=lambda _: {"rate": 1e-12},
     attributes=lambda _: {"watched": 1},
 )
 
@@ -34,7 +26,7 @@ WATCHED = replace(
 def run(make_run, flight_noise, monkeypatch):
     monkeypatch.setattr(spacecraft_model, "MODELS", dict(spacecraft_model.MODELS))
     register(WATCHED)
-    return make_run(noise=flight_noise, n_samples=600, spacecraft=Witness(1e-12))
+    return make_run(noise=flight_noise, n_samples=600, spacecraft="watched")
 
 
 def test_a_run_chooses_its_model(run):
@@ -59,7 +51,10 @@ def test_third_model_has_loops_limits_attributes_and_truth(run):
     assert [m.loop for m in margins.margins(run)] == ["drag_free_x", "suspension_x"]
     assert saturation.count(ClosedLoop(run).limits, {"f_x_2": np.array([0.0, 1.0])}) == 1
     assert telemetry_file.attributes(run)["watched"] == 1
-    assert telemetry_file.truth(run)["rate"] == 1e-12
+    assert telemetry_file.truth(replace(run, parameters={"lambda_bend_1": 0.01})) == {
+        "rate": 1e-12,
+        "lambda_bend_1": 0.01,
+    }
 
 
 def test_margins_along_x_are_those_of_the_whole_spacecraft(make_run):

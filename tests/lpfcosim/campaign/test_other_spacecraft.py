@@ -1,0 +1,154 @@
+"""Campaign files of a spacecraft other than LISA Pathfinder: its keys are those that its model declares."""
+
+import pytest
+
+from lpfcosim.campaign import loading
+from lpfcosim.errors import InputError
+from lpfcosim.execution import telemetry_file
+from lpfcosim.linear import ClosedLoop, stability
+from lpfcosim.models import SpacecraftModel, model_of, one_axis, register, spacecraft_model
+from lpfcosim.signals import Source
+
+TEXT = """
+schema = "lpf-campaign/1"
+name = "probe"
+seed = 1
+spacecraft = "probe"
+
+[truth]
+m_sc = "500 kg"
+omega2_1_0 = "-5e-7 s^-2"
+lambda_1 = 1.1
+
+[control.DragFreeControl]
+f_u = "90 mHz"
+
+[noise]
+readout = "2 pm Hz^-0.5"
+thruster = "0.1 uN Hz^-0.5"
+
+[authority.A]
+F_max_1 = "0 N"
+F_max_2 = "2200 pN"
+N_max_1 = "10.4 pN m"
+N_max_2 = "10.4 pN m"
+
+[[experiments]]
+name = "A"
+authority = "A"
+duration = "2 h"
+noise_duration = "2 h"
+noise = { readout = "3 pm Hz^-0.5" }
+injections = [
+  { into = "guidance_o_1", shape = "sine", frequency = "1 mHz", amplitude="1 nm", cycles = 2, start = "0 h"},
+  { into = "f_x_1_jitter", shape = "half_cosine", amplitude = "1 pm s^-2", start = "60 s", end = "90 s" },
+]
+"""
+
+
+def sources(run):
+    """White noise of the read-outs and of the thrusters."""
+    readout = run.noise.level("readout")
+    return (
+        *(Source(name, name, readout) for name in ("n_1", "n_12")),
+        Source("F_noise_x_sc", "F_noise_x_sc", run.noise.level("thruster")),
+    )
+
+
+PROBE = SpacecraftModel(
+    key="probe",
+    name="of a probe",
+    models=one_axis.MODEL.models,
+    sources=sources,
+    targets=("guidance_o_1", "guidance_o_12", "F_x_2", "f_x_1_jitter"),
+    read_outs=("o_1", "o_12"),
+    commands=("f_x_2",),
+    noise={"readout": "n_1", "thruster": "F_noise_x_sc"},
+    channels=("f_applied_1", "x_1"),
+)
+
+
+@pytest.fixture
+def campaign(tmp_path, monkeypatch):
+    """Return the campaign of a text."""
+    monkeypatch.setattr(spacecraft_model, "MODELS", dict(spacecraft_model.MODELS))
+    register(PROBE)
+    path = tmp_path / "c.toml"
+
+    def load(text):
+        path.write_text(text, encoding="utf-8")
+        return loading.load(path)
+
+    return load
+
+
+def test_keys_reach_the_models(campaign):
+    noise, run = campaign(TEXT).runs
+    assert model_of(run) is PROBE
+    parameters = PROBE.parameters(run)
+    assert parameters["Plant"]["m_sc"] == 500.0
+    assert parameters["Plant"]["omega2_1_0"] == -5e-7
+    assert parameters["Actuation"]["lambda_1"] == 1.1
+    assert parameters["Actuation"]["F_max_2"] == 2.2e-9
+    assert parameters["DragFreeControl"] == {"h": 0.1, "m_sc": 500.0, "f_u": 0.09}
+    assert run.noise.levels == {"readout": 3e-12, "thruster": 1e-7}
+    assert noise.noise == run.noise
+    assert [i.amplitude for i in run.injections] == [1e-9, 1e-12]
+
+
+def test_truth_is_that_of_the_models_with_their_defaults(campaign):
+    truth = telemetry_file.truth(campaign(TEXT).runs[1])
+    assert truth.keys() == PROBE.truths.keys()
+    assert truth["m_sc"] == 500.0
+    assert truth["omega2_2_0"] == -4.19e-7
+    assert "f_u" not in truth
+
+
+def test_channels_take_unit_and_description_from_the_models():
+    assert PROBE.labels["o_1"][0] == "m"
+    assert PROBE.labels["x_1"] == ("m", "Position of test mass 1 relative to the spacecraft")
+    assert PROBE.record["f_applied_1"] == "Actuation.f_applied_1"
+
+
+def test_run_is_simulated(campaign):
+    run = campaign(TEXT).runs[1]
+    stability.check(run)
+    channels = ClosedLoop(run).simulate()
+    assert channels.keys() >= {"o_1", "o_12", "f_applied_1", "x_1", "guidance_o_1"}
+
+
+BAD = [  # what to replace, by what, and the sentence
+    ('"probe"\n\n[truth]', '"prob"\n\n[truth]', 'spacecraft: no spacecraft "prob", did you mean "probe"?'),
+    ("lambda_1 = 1.1", "lambda_scatter = 0.01", "truth.lambda_scatter: unknown key"),
+    ("lambda_1 = 1.1", 'lambda_1 = "1.1"', 'truth.lambda_1: "1.1" is not a finite number, write it without'),
+    ('"500 kg"', '"500 m"', 'truth.m_sc: "500 m" is not a value in kg, write it like "1 kg"'),
+    ('"500 kg"', "500", 'truth.m_sc: 500 has no unit, write a string with one, such as "1 kg"'),
+    ("m_sc", "f_u", "truth.f_u: unknown key"),
+    ("DragFreeControl", "Control", 'control.Control: no such controller, did you mean "DragFreeControl"?'),
+    ("f_u =", "f_x =", 'control.DragFreeControl.f_x: unknown key, did you mean "f_'),
+    ("readout = \"2", "oms = \"2", "noise.oms: unknown key (known: readout, thruster)"),
+    ('"2 pm Hz^-0.5"', '"2 pm"', 'noise.readout: "2 pm" is not a value in m Hz^-0.5, which is per'),
+    ("{ readout", "{ dws", "experiments[0].noise.dws: unknown key"),
+    ("[noise]", '[actuation]\nelectrode = "2e-6 Hz^-0.5"\n[noise]', "actuation: unknown key"),
+    ('duration = "2 h"', 'duration = "2 h"\ndc = "1e-12 m s^-2"', "experiments[0].dc: only LISA Pathfinder"),
+    ('"guidance_o_1"', '"F_x_1"', 'experiments[0].injections[0].into: "F_x_1" is not known, did you mean'),
+    ('"1 pm s^-2"', '"1 pm"', "experiments[0].injections[1].amplitude: \"1 pm\" is not an amplitude"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("old", "new", "sentence"), BAD)
+def test_key_of_another_spacecraft_is_one_sentence(campaign, old, new, sentence):
+    assert old in TEXT
+    with pytest.raises(InputError) as refusal:
+        campaign(TEXT.replace(old, new, 1))
+    message = str(refusal.value)
+    assert f": {sentence}" in message
+    assert "\n" not in message
+
+
+def test_key_of_the_probe_is_unknown_to_lisa_pathfinder(campaign):
+    text = TEXT.replace('spacecraft = "probe"\n', "").replace(
+        "[control.DragFreeControl]\nf_u", "[control.drag_free]\nunity_gain"
+    )
+    with pytest.raises(InputError, match=r"truth\.m_sc: unknown key"):
+        campaign(text)
