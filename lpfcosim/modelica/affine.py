@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 
 import sympy as sp
 
@@ -51,12 +51,16 @@ def split_derivatives(
     varying = {TIME, *states, *held, *delayed}
     affine_parts: dict[sp.Symbol, sp.Expr] = {}  # of all assignments, in terms of `varying`
     remainders: dict[sp.Symbol, sp.Expr] = {}  # those that are not zero
+    constants: dict[sp.Symbol, sp.Expr] = {}  # likewise, of the affine parts
     for symbol, value in _required(solved, rates):
-        nonlinear = _nonlinear_terms(value, {*varying, *affine_parts})
+        nonlinear = _nonlinear_terms(value, {*varying, *affine_parts}, constants)
         if nonlinear is None:
             return None
-        affine_value = sp.expand(value) - nonlinear if nonlinear else value
+        affine_value = sp.expand(value - nonlinear) if nonlinear else value
         affine_parts[symbol] = affine_value.xreplace(affine_parts)
+        constant = affine_parts[symbol].xreplace(dict.fromkeys(varying, sp.S.Zero))
+        if constant != 0:
+            constants[symbol] = constant
         remainder = nonlinear + sum(affine_value.diff(s) * r for s, r in remainders.items())
         if remainder != 0:
             remainders[symbol] = remainder
@@ -89,12 +93,19 @@ def _required(solved: Sequence[Assignment], symbols: Collection[sp.Symbol]) -> l
     return selection[::-1]
 
 
-def _nonlinear_terms(value: sp.Expr, symbols: set[sp.Symbol]) -> sp.Expr | None:
-    """Return the terms of degree 2 and higher in ``symbols``; None if ``value`` is no polynomial in them."""
+def _nonlinear_terms(
+    value: sp.Expr, symbols: set[sp.Symbol], constants: Mapping[sp.Symbol, sp.Expr]
+) -> sp.Expr | None:
+    """Return the terms of degree 2 and higher in the departures of ``symbols`` from their ``constants``.
+
+    None if ``value`` is no polynomial in them.
+    """
     variables = value.free_symbols & symbols
     if not any(value.diff(s).free_symbols & variables for s in variables):
         return sp.S.Zero
     if TIME in variables or switches([value], variables) or not value.is_polynomial(*variables):
         return None
-    terms = sp.Add.make_args(sp.expand(value))
-    return sp.Add(*(term for term in terms if sp.Poly(term, *variables).total_degree() > 1))
+    shifts = {s: constants[s] for s in variables if s in constants}
+    terms = sp.Add.make_args(sp.expand(value.xreplace({s: s + c for s, c in shifts.items()})))
+    nonlinear = sp.Add(*(term for term in terms if sp.Poly(term, *variables).total_degree() > 1))
+    return nonlinear.xreplace({s: s - c for s, c in shifts.items()})
