@@ -83,6 +83,15 @@ def _delta_ifo(k: int, value: float, sigma: float, flown: bool = True) -> Parame
     )
 
 
+def _lisa(
+    name: str, j: str, value: float, width: float, unit: str, html: str, latex: str, axes: str, text: str
+) -> Parameter:
+    index = ",".join(filter(None, (axes, j)))
+    symbols = (f"{html}<sub>{index}</sub>", rf"{latex}_{{{index.replace('φ', chr(92) + 'phi')}}}")
+    description = f"{text}, test mass {j}" if j else text
+    return Parameter(name, value, width, unit, width, "", *symbols, description, flown=False)
+
+
 _DYNAMICS = (
     _lambda(1, 1.0748, 1e-4),
     _lambda(2, 1.0776, 1e-4),
@@ -116,11 +125,41 @@ _CROSS_TALK = {
     "e_eta": (0.6, "kg-1 m-1", "N_eta", 0),
 }
 
+# Of one LISA spacecraft, for each test mass and of the geometry: value, width of the weak prior, unit, symbol
+# with its index, description. None has been flown: values are choices near those of LISA Pathfinder.
+_OF_TEST_MASS = {
+    "omega2_x": (-5e-7, 1e-6, "s-2", "ω²", r"\omega^2", "x", "stiffness along x"),
+    "omega2_xy": (0.0, 1e-6, "s-2", "ω²", r"\omega^2", "xy", "cross stiffness"),
+    "omega2_y": (-1e-6, 1e-6, "s-2", "ω²", r"\omega^2", "y", "stiffness along y"),
+    "lambda_y": (1.0, 0.1, "1", "λ", r"\lambda", "y", "gain of the force along y"),
+    "C_y": (0.15, 0.3, "s", "C", "C", "y", "gain times effective delay of the force along y"),
+    "grs_gain_y": (1.0, 0.1, "1", "κ", r"\kappa", "y", "gain of the capacitive read-out of y"),
+    "x_per_y": (0.0, 0.1, "1", "χ", r"\chi", "xy", "force along x per commanded force along y"),
+    "lambda_x": (1.0, 0.1, "1", "λ", r"\lambda", "x", "gain of the force along x"),
+    "C_x": (0.15, 0.3, "s", "C", "C", "x", "gain times effective delay of the force along x"),
+    "o_per_y": (0.0, 0.01, "1", "ρ", r"\rho", "xy", "y in the read-out of x"),
+    "grs_y_per_x": (0.0, 0.1, "1", "μ", r"\mu", "yx", "x in the read-out of y"),
+}
+_GEOMETRY = {
+    "opening": (0.0, 1e-3, "rad", "ε", r"\epsilon", "", "error of the angle between the telescopes"),
+    "d_x": (0.0, 0.01, "m", "d", "d", "x", "housing 1 less housing 2 along x of the spacecraft"),
+    "d_y": (0.5, 0.01, "m", "d", "d", "y", "housing 1 less housing 2 along y of the spacecraft"),
+    "dws_gain": (1.0, 0.05, "1", "κ", r"\kappa", "φ", "gain of the attitude read-out"),
+}
+
 #: Equations whose parameters are fitted along with the dynamics and not reported among them.
 ALONG = ("bump", "deltagfull2", "")  # none: what experiments depart by
 
 #: Table jointfit, in the order of the joint results.
 FLIGHT: Mapping[str, Parameter] = {p.name: p for p in (*_DYNAMICS, *_READ_OUT)}
+#: The parameters of one LISA spacecraft, see `fit.model.lisa_dynamics`.
+LISA: Mapping[str, Parameter] = {
+    p.name: p
+    for p in (
+        *(_lisa(f"{name}_{j}", str(j), *entry) for name, entry in _OF_TEST_MASS.items() for j in (1, 2)),
+        *(_lisa(name, "", *entry) for name, entry in _GEOMETRY.items()),
+    )
+}
 #: Delays tau_j = C_j / lambda_j [s] of test masses 1 and 2 in flight (eq. delaylin).
 DELAYS = (
     FLIGHT["C_1"].value / FLIGHT["lambda_1"].value,
@@ -149,7 +188,7 @@ def joint_names(epochs: Iterable[int]) -> tuple[str, ...]:
 
 
 def joint_parameter(name: str) -> Parameter:
-    """Return a parameter of the joint fit, or what is fitted along (`cross_talk_parameter`).
+    """Return a parameter of a joint fit, LISA's too, or what is fitted along (`cross_talk_parameter`).
 
     For an alignment epoch the flight did not have, the rms of its four values sets the scale.
 
@@ -161,8 +200,8 @@ def joint_parameter(name: str) -> Parameter:
     if name in _CROSS_TALK:
         return cross_talk_parameter(name)
     match = re.fullmatch(r"delta_ifo_(\d+)", name)
-    if name in FLIGHT or match is None:
-        return FLIGHT[name]
+    if name in LISA or name in FLIGHT or match is None:
+        return LISA.get(name) or FLIGHT[name]
     rms = math.sqrt(sum(p.value**2 for p in _READ_OUT) / len(_READ_OUT))
     return _delta_ifo(int(match[1]), rms, rms, flown=False)
 

@@ -15,6 +15,7 @@ from fit.fitting import (
     fit_experiment,
     fit_joint,
 )
+from fit.lisa import calibrate_lisa, is_lisa
 from fit.model import Sharing, rotation, separation
 from fit.parallel import one_blas_thread, parallel_map, progress_stage
 from fit.quality import (
@@ -37,8 +38,6 @@ from fit.telemetry import Telemetry, common_x_axis, inertial_period
 from fit.warnings import Cause, FitWarning
 from fit.whitening import Experiment, divide, pair
 
-PARAMETERS = "fit.parameters"
-
 
 @one_blas_thread
 def calibrate(telemetries: Sequence[Telemetry], chosen: Settings | None = None) -> Results:
@@ -47,7 +46,7 @@ def calibrate(telemetries: Sequence[Telemetry], chosen: Settings | None = None) 
     Parameters
     ----------
     telemetries : sequence of Telemetry
-        Runs of any sample rates, a sysid run and a noise run for each experiment.
+        Runs of LISA Pathfinder or of a LISA spacecraft, a sysid run and a noise run for each experiment.
     chosen : Settings, optional
         What the user chose, the default otherwise.
 
@@ -58,6 +57,8 @@ def calibrate(telemetries: Sequence[Telemetry], chosen: Settings | None = None) 
     FitError
         If no trustworthy estimate comes out.
     """
+    if is_lisa(telemetries):
+        return calibrate_lisa(telemetries, chosen or settings())
     chosen = chosen or settings()
     return _with_inertial(_dynamics(telemetries, chosen), telemetries, chosen.parameters)
 
@@ -96,7 +97,7 @@ def calibrate_inertial(
             "torques about phi and eta (N_phi_1, N_eta_1), expected at least one"
         )
     parameters, angles = parameters or {}, euler_fit.names(telemetries)
-    constraints.check(parameters, angles, PARAMETERS)
+    constraints.check(parameters, angles, "fit.parameters")
     recorded = with_other_constraints(calibration.provenance.settings, angles, parameters)
     turned = replace(calibration.provenance, x_axis=common_x_axis(telemetries), settings=recorded)
     return _with_inertial(replace(calibration, provenance=turned), telemetries, parameters)
@@ -121,8 +122,8 @@ def _with_inertial(
         return period, _doubted(euler_fit.fit_period(periods[period], joint, angles, len(periods)), joint)
 
     fits = dict(parallel_map(fitted, periods))
-    names = {name: [run.run for run in runs] for name, runs in periods.items()}
-    names = {**(results.provenance.inertial_runs or {}), **names}
+    names = dict(results.provenance.inertial_runs or {})
+    names |= {name: [run.run for run in runs] for name, runs in periods.items()}
     provenance = replace(results.provenance, inertial_runs=names, inertial_band=list(euler_fit.BAND))
     inertial, cross_talk = {**results.inertial, **fits}, _separated(results, fits)
     return replace(results, inertial=inertial, cross_talk=cross_talk, provenance=provenance)
@@ -168,7 +169,7 @@ def _dynamics(telemetries: Sequence[Telemetry], chosen: Settings) -> Results:
     if chosen.parameters:
         runs = [(e.sysid.telemetry, e.parameters) for e in recorded]
         names = [p.name for p in Sharing(chosen.shared).parameters(runs)]
-        constraints.check(chosen.parameters, [*names, *euler_fit.names(telemetries)], PARAMETERS)
+        constraints.check(chosen.parameters, [*names, *euler_fit.names(telemetries)], "fit.parameters")
     # what the data are like is judged without what the user says of parameters: that may be wrong
     constrained, chosen = chosen, chosen.model_copy(update={"parameters": {}})
     campaign = _prepared(recorded, chosen).exclude(metadata.mislabelled(recorded, telemetries))

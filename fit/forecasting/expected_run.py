@@ -72,5 +72,5 @@ def compress(block: whitened_run.WhitenedRun, jitter: Array | None = None) -> Co
         w = np.ones(1) if block.window is None else block.window
         H, M = H + jitter * curvature, M + jitter * score * w.size * np.sum(w**4) / np.sum(w**2) ** 2
     columns, even = np.zeros((0, len(R)), np.complex128), weights("gaussian", np.zeros(0), np.zeros(0))
-    bins = len(block.columns)
-    return CompressedRun(block.tau, columns, even, None, block.parameter_map, sums=(R, H, M), bins=bins)
+    share, equation, bins = block.parameter_map, block.equation, len(block.columns)
+    return CompressedRun(block.tau, columns, even, None, share, equation=equation, sums=(R, H, M), bins=bins)

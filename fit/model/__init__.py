@@ -17,6 +17,7 @@ __all__ = [
     "dynamics",
     "dynamics_of",
     "inertial_forces",
+    "lisa_dynamics",
     "rotation",
     "separation",
 ]

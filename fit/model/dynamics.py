@@ -264,10 +264,7 @@ def column_groups(run: Channels, tau: tuple[float, float]) -> Iterator[Array]:
 
 def force(run: Channels, j: int, tau: tuple[float, float]) -> Array:
     """Return the columns `FORCES[j]` of one command, shape (N, 2)."""
-    curve, x = (LOOP_PERIOD * run.fs) ** 2 / 24, (run.f_x_1, run.f_x_2)[j]
-    value, slope, curvature = (derivatives.stencil(tau[j] * run.fs, order) for order in (0, 1, 2))
-    # mean over a hold, f + h^2/24 f'': the force that acts is weaker than the command by sinc(f h)
-    return derivatives.apply_stencils(np.stack([value + curve * curvature, run.fs * slope]), x).T
+    return derivatives.held_command((run.f_x_1, run.f_x_2)[j], run.fs, tau[j], LOOP_PERIOD)
 
 
 def _derived(series: Mapping[str, Array], name: str, fs: float) -> Array:

@@ -4,7 +4,7 @@ Among the doubts are faults that leave a fit running and its sigmas wrong: noise
 experiments that contradict each other.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -178,16 +178,7 @@ def scattered(outcome: IRLSResult) -> list[FitWarning]:
 
 def doubts(outcome: IRLSResult, experiments: Sequence[Experiment]) -> list[FitWarning]:
     """Warn of what the sigmas rest on and might not hold."""
-    warnings = [
-        FitWarning(
-            "no_noise_run",
-            (),
-            f"{experiment.name}: without a noise run the weights come from the run's own residual; chi2 is 1 "
-            "per degree of freedom whatever the fit is worth, and what the model lacks passes for noise",
-        )
-        for experiment in experiments
-        if experiment.noise is None
-    ]
+    warnings = without_noise_run(e.name for e in experiments if e.noise is None)
     for experiment in experiments:
         noise = experiment.noise or experiment.sysid
         lacking = ", ".join(sorted({*experiment.sysid.channels.means} - {*noise.channels.means}))
@@ -197,11 +188,26 @@ def doubts(outcome: IRLSResult, experiments: Sequence[Experiment]) -> list[FitWa
                 "taken off the run alone: the noise it leaves in the weights widens the sigmas"
             )
             warnings.append(FitWarning("noise_run_channel_missing", (), message))
+    return [*warnings, *of_residual(outcome, len(experiments))]
+
+
+def without_noise_run(names: Iterable[str]) -> list[FitWarning]:
+    """Warn of experiments without a noise run."""
+    words = (
+        "without a noise run the weights come from the run's own residual; chi2 is 1 "
+        "per degree of freedom whatever the fit is worth, and what the model lacks passes for noise"
+    )
+    return [FitWarning("no_noise_run", (), f"{name}: {words}") for name in names]
+
+
+def of_residual(outcome: IRLSResult, n_experiments: int) -> list[FitWarning]:
+    """Warn of weights that have not settled, and of a residual that is not the noise of the noise runs."""
+    warnings = []
     if not outcome.converged:
         message = "the weights have not settled entirely; estimates may still move by some 0.05 sigma"
         warnings.append(FitWarning("not_converged", (), message))
     excess, sigma = noise_tests.chi2_ratio(outcome)
-    if noise_tests.is_misfit(excess, sigma, len(experiments)):
+    if noise_tests.is_misfit(excess, sigma, n_experiments):
         message = f"the residual has {excess:.3g} times the power of the noise run; the sigmas assume 1"
         warnings.append(FitWarning("chi2", (), message))
     return warnings

@@ -54,20 +54,13 @@ def write_report(directory: Path, results: Results, telemetries: Sequence[Teleme
         If a telemetry file can no longer be read, or the output of another command breaks its schema.
     """
     joint = results.joint
+    is_lisa = any(run.spacecraft == "LISA" for run in telemetries)
     names = joint_names(t.alignment_epoch for t in telemetries if t.kind == "sysid")
+    names = tuple(joint or ()) if is_lisa else names
     joint_table = joint and parameter_table(joint, [joint_parameter(name) for name in names])
-    delta_g = noise.DeltaGCache(results)
     progress_stage(0.3 if results.inertial else 0.8)
-    single_sections = _rendered(experiments.sections(results, telemetries))
-    progress_stage(0.8)
-    motion_sections = _rendered(motion.sections(results, telemetries, delta_g))
-    progress_stage(1.0)
-    sections = [
-        *mission.sections(results, telemetries),
-        *noise.sections(results, telemetries, delta_g),
-        *identification.sections(results, directory),
-        *sampling.sections(results, directory),
-    ]
+    single_sections, sections = ([], []) if is_lisa else _pathfinder_sections(results, telemetries)
+    sections += [*identification.sections(results, directory), *sampling.sections(results, directory)]
     single_tables = [section.parameters for section in single_sections if section.parameters]
     page = _template().render(
         title=_text(_entry("campaign", results, telemetries)) or directory.resolve().name,
@@ -76,10 +69,10 @@ def write_report(directory: Path, results: Results, telemetries: Sequence[Teleme
         warning_groups=warning_groups(results),
         joint=joint,
         joint_table=joint_table,
-        overview=experiments.overview(results, telemetries),
+        overview=None if is_lisa else experiments.overview(results, telemetries),
         experiments=single_sections,
         is_open=len(single_sections) <= N_OPEN,
-        sections=[*motion_sections, *_rendered(sections)],
+        sections=_rendered(sections),
         runs=telemetries,
         provenance=_provenance(results, telemetries),
         colours=COLOURS,
@@ -87,6 +80,19 @@ def write_report(directory: Path, results: Results, telemetries: Sequence[Teleme
     )
     atomic.write(path := directory / "report.html", page)
     return path
+
+
+def _pathfinder_sections(
+    results: Results, telemetries: Sequence[Telemetry]
+) -> tuple[list[Section], list[Section]]:
+    """Return the sections on single experiments, and those on all of them."""
+    delta_g = noise.DeltaGCache(results)
+    single_sections = _rendered(experiments.sections(results, telemetries))
+    progress_stage(0.8)
+    motion_sections = motion.sections(results, telemetries, delta_g)
+    progress_stage(1.0)
+    of_mission = [*mission.sections(results, telemetries), *noise.sections(results, telemetries, delta_g)]
+    return single_sections, [*motion_sections, *of_mission]
 
 
 def figure_specs(results: Results, telemetries: Sequence[Telemetry]) -> list[FigureSpec]:

@@ -81,6 +81,14 @@ def derivative(x: Array, fs: float, order: int, delay: float = 0.0) -> Array:
     return np.asarray(apply_stencils(stencil(delay * fs, order)[None] * fs**order, x)[0])
 
 
+def held_command(x: Array, fs: float, delay: float, period: float) -> Array:
+    """Return a command that is held for a `period` [s], delayed [s], and its slope [per s], shape (N, 2)."""
+    curve = (period * fs) ** 2 / 24
+    value, slope, curvature = (stencil(delay * fs, order) for order in (0, 1, 2))
+    # mean over a hold, f + h^2/24 f'': the force that acts is weaker than the command by sinc(f h)
+    return apply_stencils(np.stack([value + curve * curvature, fs * slope]), x).T
+
+
 def dilate_mask(masked: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """Return which outputs of a stencil depend on masked samples; 2 HALF samples shorter."""
     if not masked.any():

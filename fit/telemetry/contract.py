@@ -1,6 +1,6 @@
 """The telemetry contract, schema ``lpf-telemetry/1``: channels and root attributes of a file, with units."""
 
-from collections.abc import Mapping
+from collections.abc import Container, Mapping
 from datetime import UTC, date, datetime
 from typing import Annotated, Literal, NamedTuple
 
@@ -26,6 +26,11 @@ _ANGLES = ("theta", "eta", "phi")
 CHANNELS: Mapping[str, Channel] = {
     "o_1": Channel("m", "interferometer read-out of x_1, test mass 1 relative to the spacecraft"),
     "o_12": Channel("m", "interferometer read-out of x_2 - x_1"),
+    "o_2": Channel("m", "LISA: interferometer read-out of x_2, test mass 2 relative to the spacecraft"),
+    **{
+        f"dws_phi_{j}": Channel("rad", f"LISA: long-range wavefront sensing of phi by assembly {j}")
+        for j in _MASSES
+    },
     **{
         f"f_x_{j}": Channel("m s-2", f"commanded force on test mass {j} along x per unit mass")
         for j in _MASSES
@@ -61,8 +66,19 @@ CHANNELS: Mapping[str, Channel] = {
         for i in (1, 2, 3, 4)
     },
 }
-#: The channels a calibration needs.
+#: The channels a calibration needs: of LISA Pathfinder, and of one LISA spacecraft.
 REQUIRED = ("o_1", "o_12", "f_x_1", "f_x_2")
+LISA_REQUIRED = ("o_1", "o_2", "grs_y_1", "grs_y_2", "F_y_1", "F_y_2", "dws_phi_1", "dws_phi_2")
+
+
+def is_lisa(channels: Container[str]) -> bool:
+    """Return whether channels are those of a LISA spacecraft: each test mass has an interferometer."""
+    return "o_2" in channels and "o_12" not in channels
+
+
+def required(channels: Container[str]) -> tuple[str, ...]:
+    """Return the channels that a calibration needs of telemetry that has these."""
+    return LISA_REQUIRED if is_lisa(channels) else REQUIRED
 
 
 def expected_unit(channel: str) -> str | None:

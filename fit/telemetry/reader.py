@@ -20,7 +20,18 @@ from fit.errors import InputError, shown
 from fit.files import key
 from fit.parallel import parallel_map
 from fit.telemetry import sandbox
-from fit.telemetry.contract import REQUIRED, SCHEMA, TOWARDS_1, TOWARDS_2, Root, XAxis, check_root, utc, whole
+from fit.telemetry.contract import (
+    SCHEMA,
+    TOWARDS_1,
+    TOWARDS_2,
+    Root,
+    XAxis,
+    check_root,
+    is_lisa,
+    required,
+    utc,
+    whole,
+)
 from fit.telemetry.lazy_channels import LazyChannels, check_schema, open_file
 from fit.telemetry.missing_markers import check_markers
 from fit.telemetry.validation import (
@@ -120,6 +131,11 @@ class Telemetry(Displayed):
         return (self.F_max_1, self.N_max_1), (self.F_max_2, self.N_max_2)
 
     @property
+    def spacecraft(self) -> str:
+        """Of which it is: ``"LISA Pathfinder"``, or ``"LISA"``."""
+        return "LISA" if is_lisa(self.channels) else "LISA Pathfinder"
+
+    @property
     def x_axis(self) -> XAxis:
         """Where +x points to."""
         return TOWARDS_1 if self.attributes.get("x_axis") == TOWARDS_1 else TOWARDS_2
@@ -189,7 +205,8 @@ def read(path: Path, *, trusted: bool = False) -> Telemetry:
         If the file breaks the contract; the message names the file, the place and what was expected.
     """
     telemetry = open_run(path)
-    missing = {f"{path}: channel {name}": np.isnan(telemetry.channels[name]) for name in REQUIRED}
+    channels = telemetry.channels
+    missing = {f"{path}: channel {name}": np.isnan(channels[name]) for name in required(channels)}
     check_missing(missing, telemetry.fs)
     if not trusted:
         check_channels(telemetry)

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from fit.errors import InputError, shown
 from fit.files import key
-from fit.telemetry.contract import REQUIRED, expected_unit
+from fit.telemetry.contract import expected_unit, required
 from fit.telemetry.time_axis import check_time
 from fit.units import same_unit
 
@@ -76,9 +76,10 @@ def channel_units(file: h5py.File, path: Path, size: int) -> dict[str, str]:
     if len(file) > MAX_MEMBERS:
         raise InputError(f"{path}: {len(file)} datasets and groups, expected at most {MAX_MEMBERS}")
     units: dict[str, str] = {}
+    needed = required(file)
     for name in (
-        *REQUIRED,
-        *(optional for optional in file if optional not in {"time", *REQUIRED} and isinstance(optional, str)),
+        *needed,
+        *(optional for optional in file if optional not in {"time", *needed} and isinstance(optional, str)),
     ):
         expected = expected_unit(name)
         place = f"channel {key(name)}"
@@ -86,7 +87,7 @@ def channel_units(file: h5py.File, path: Path, size: int) -> dict[str, str]:
             continue
         dataset = _local_dataset(file, path, place, name)
         if dataset is None:
-            if name in REQUIRED:
+            if name in needed:
                 raise InputError(f"{path}: channel {name}: missing, expected for a calibration")
             continue
         if expected is None and not _is_channel(dataset):

@@ -4,7 +4,7 @@ Runs are paired with their noise runs, become spectra of the model's columns at 
 the PSD of the noise run. A `WhitenedRun` holds all of chi^2 of a run in a small triangle.
 """
 
-from fit.whitening.experiment import Experiment, divide, pair
+from fit.whitening.experiment import Experiment, divide, pair, pair_runs
 from fit.whitening.glitch_templates import Glitch, Shape
 from fit.whitening.likelihoods import Likelihood, Weights, expected_weights, frequency_bands, weights
 from fit.whitening.residual_psd import ResidualSpectrum, fit_residual_noise, noise_model
@@ -28,6 +28,7 @@ __all__ = [
     "glitch_templates",
     "noise_model",
     "pair",
+    "pair_runs",
     "weights",
     "whitened_run",
 ]

@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -76,9 +75,19 @@ def pair(telemetries: Sequence[Telemetry]) -> list[Experiment]:
     InputError
         If there are two of a kind, or one is too short.
     """
+    return parallel_map(_experiment, pair_runs(telemetries))
+
+
+def pair_runs(telemetries: Sequence[Telemetry]) -> list[tuple[Telemetry, Telemetry | None]]:
+    """Return the telemetry of each sysid run and of its noise run; raises as `pair`."""
     _check_names(telemetries)
     driven = [run for run in telemetries if run.kind == "sysid"]
-    return parallel_map(partial(_experiment, telemetries), driven)
+    noise = {run.experiment: run for run in telemetries if run.kind == "noise"}
+    pairs = [(sysid, noise.get(sysid.experiment)) for sysid in driven]
+    for run in (run for both in pairs for run in both if run is not None):
+        if run.duration < SHORTEST:
+            raise InputError(f"{run.path}: lasts {run.duration:.6g} s, expected at least {SHORTEST:g} s")
+    return pairs
 
 
 def divide(
@@ -117,9 +126,6 @@ def _check_names(telemetries: Sequence[Telemetry]) -> None:
             )
 
 
-def _experiment(telemetries: Sequence[Telemetry], sysid: Telemetry) -> Experiment:
-    noise = next((t for t in telemetries if t.kind == "noise" and t.experiment == sysid.experiment), None)
-    for run in (sysid, noise):
-        if run is not None and run.duration < SHORTEST:
-            raise InputError(f"{run.path}: lasts {run.duration:.6g} s, expected at least {SHORTEST:g} s")
+def _experiment(runs: tuple[Telemetry, Telemetry | None]) -> Experiment:
+    sysid, noise = runs
     return Experiment(Run(sysid), None if noise is None else Run(noise))

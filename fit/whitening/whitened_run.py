@@ -11,7 +11,7 @@ band. Leaving out the lowest bins would break the sum.
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Self
+from typing import Protocol, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +24,26 @@ from fit.telemetry import pieces
 from fit.whitening.likelihoods import Likelihood, Weights, weights
 
 Array = NDArray[np.float64]
+
+
+class Equation(Protocol):
+    """Coefficients of the K columns of a run, the first of which has the coefficient 1."""
+
+    def coefficients(self, theta: Array, tau: tuple[float, float], /) -> Array:
+        """Return the coefficients, shape (K, ...), for the parameters of the run, shape (K - 1, ...)."""
+
+    def gradient(self, theta: Array, tau: tuple[float, float], /) -> Array:
+        """Return their derivatives by the parameters of the run, shape (K, K - 1)."""
+
+
+class DeltaG:
+    """The differential acceleration along x (eq. deltagjointfit), see `fit.model.dynamics`."""
+
+    coefficients = staticmethod(dynamics.coefficients)
+    gradient = staticmethod(dynamics.gradient)
+
+
+DELTA_G = DeltaG()
 
 
 @dataclass(frozen=True)
@@ -52,6 +72,8 @@ class WhitenedRun:
         Their frequencies [Hz] where it was whitened by a PSD.
     names : sequence of str
         The first of the parameters of the run; the others are of what noisy read-outs tell.
+    equation : Equation
+        Of its columns.
     """
 
     tau: tuple[float, float]
@@ -64,14 +86,15 @@ class WhitenedRun:
     n_projected: int = 2
     f: Array | None = None
     names: Sequence[str] = dynamics.PARAMETERS
+    equation: Equation = DELTA_G
 
     def coefficients(self, theta: Array) -> Array:
         """Return the coefficients of the columns, shape (K, ...), for theta, shape (P, ...)."""
-        return dynamics.coefficients(self.parameter_map @ theta, self.tau)
+        return self.equation.coefficients(self.parameter_map @ theta, self.tau)
 
     def run_gradient(self, theta: Array, /) -> Array:
         """Return the derivatives of `coefficients` by the parameters of the run, shape (K, K - 1)."""
-        return dynamics.gradient(self.parameter_map @ theta, self.tau)
+        return self.equation.gradient(self.parameter_map @ theta, self.tau)
 
     def gradient(self, theta: Array) -> Array:
         """Return the derivatives of `coefficients` by theta, shape (K, P)."""
@@ -232,6 +255,7 @@ def whiten_run(
     *,
     likelihood: Likelihood = "gaussian",
     c: Array | None = None,
+    equation: Equation = DELTA_G,
 ) -> WhitenedRun:
     """Whiten one run by the PSD of its noise and weigh its bins.
 
@@ -247,6 +271,8 @@ def whiten_run(
         What the residual is taken to be like.
     c : ndarray, shape (K,), optional
         Coefficients of the columns at the previous estimate, which make the residual that tells the weights.
+    equation : Equation
+        Of the columns.
     """
     U, _ = whiten(spectra, noise.expected(spectra.f))
     u = np.full(len(U), 2.0) if c is None else np.abs(U @ c) ** 2
@@ -260,6 +286,7 @@ def whiten_run(
         noise=noise,
         n_projected=n_projected,
         f=spectra.f,
+        equation=equation,
     )
 
 

@@ -1,0 +1,9 @@
+"""One LISA spacecraft, calibrated by itself: its two test masses, compared with each other.
+
+The observable and its signs are in `fit.model.lisa_dynamics`. Everything behind it is that of LISA
+Pathfinder: whitening, fit, weak priors, warnings, results.
+"""
+
+from fit.lisa.calibration import calibrate_lisa, is_lisa, make_lisa_params
+
+__all__ = ["calibrate_lisa", "is_lisa", "make_lisa_params"]

@@ -1,0 +1,114 @@
+"""The observable of a LISA spacecraft: against Newton's equations of a closed loop."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from fit.errors import InputError
+from fit.model import lisa_dynamics
+from fit.model.lisa_dynamics import COLUMNS, GEOMETRY, PARAMETERS, Equation
+from fit.spectra import windowing
+from tests.oracles import lisa_loop
+from tests.oracles.lisa_loop import World
+
+MISALIGNED = {
+    "o_per_y_1": 2e-3, "o_per_y_2": -1e-3, "grs_y_per_x_1": 0.02, "grs_y_per_x_2": -0.03,
+    "opening": 5e-4, "d_x": 4e-3, "d_y": 0.494, "dws_gain": 1.03,
+}  # fmt: skip
+ALL = (*PARAMETERS, *GEOMETRY, "lambda_x_2", "C_x_2")
+INJECTED = ("r_o_1", "r_o_2", "r_y_1", "r_y_2", "r_phi")
+
+
+def delays(world):
+    return tuple(world.truth[f"C_y_{j}"] / world.truth[f"lambda_y_{j}"] for j in (1, 2))
+
+
+def columns_of(outputs, f, world):
+    """`COLUMNS` of read-outs and commands at f, as they act, shape (n, 17)."""
+    s, tau = 2j * np.pi * f, dict(zip((1, 2), delays(world), strict=True))
+    channel = dict(zip(lisa_loop.OUTPUTS, outputs.T, strict=True))
+    columns = np.zeros((f.size, len(COLUMNS)), complex)
+    for name in ("o_1", "o_2", "grs_y_1", "grs_y_2"):
+        columns[:, COLUMNS.index(name)] = channel[name]
+        columns[:, COLUMNS.index(f"dd{name}")] = s**2 * channel[name]
+    for name in ("F_y_1", "F_y_2", "F_x_2"):
+        force = channel[name] / lisa_loop.M_TM * lisa_loop.hold(s, tau[int(name[-1])])
+        columns[:, COLUMNS.index(name)] = force
+        columns[:, COLUMNS.index(f"d{name}")] = s * force
+    columns[:, -1] = s**2 * channel["dws_phi"]
+    return columns
+
+
+@pytest.mark.parametrize("component", [0, 1])
+@pytest.mark.parametrize("source", INJECTED)
+@pytest.mark.parametrize("geometry", [{}, MISALIGNED])
+@pytest.mark.parametrize("fall_back", [False, True])
+def test_the_true_parameters_leave_nothing_of_an_injection(component, source, geometry, fall_back):
+    world = World(geometry=geometry, fall_back=fall_back)
+    world.truth["C_x_2"] = world.truth["lambda_x_2"] * delays(world)[1]  # one delay for both commands
+    f = np.geomspace(1e-4, 0.1, 200)
+    outputs, _ = lisa_loop.closed_loop(world, f)
+    columns = columns_of(outputs[:, :, lisa_loop.SOURCES.index(source)], f, world)
+    equation = Equation(component, ALL)
+    value = {"dws_gain": 1.0, "d_y": 0.5, **world.truth, **geometry}
+    theta = np.array([value.get(name, 0.0) for name in ALL])
+    terms = columns @ equation.basis * equation.coefficients(theta, delays(world))
+    assert np.all(np.abs(terms.sum(axis=1)) < 1e-12 * np.abs(terms).max())
+
+
+@pytest.mark.parametrize("component", [0, 1])
+@pytest.mark.parametrize("tau", [(0.1, 0.2), (0.15, 0.17)])
+def test_gradient_is_that_of_the_coefficients(component, tau):
+    equation, rng = Equation(component, ALL), np.random.default_rng(1)
+    theta = rng.normal(size=len(ALL)) + 3
+    step = 1e-6 * np.eye(theta.size)
+    slopes = [
+        (equation.coefficients(theta + d, tau) - equation.coefficients(theta - d, tau)) / 2e-6 for d in step
+    ]
+    np.testing.assert_allclose(equation.gradient(theta, tau), np.transpose(slopes), atol=1e-6)
+
+
+def test_columns_are_right_in_the_whole_band():
+    world = World()
+    run = lisa_dynamics.channels(lisa_loop.run(world, lisa_loop.sequence(1e-6)))
+    assert run.parameters == PARAMETERS
+    columns = lisa_dynamics.columns(run, delays(world))
+    spectra = windowing.transform(columns, np.ones(len(columns), dtype=bool), run.fs)
+    for equation in lisa_dynamics.equations(run):
+        theta = np.array([world.truth[name] for name in equation.parameters])
+        terms = spectra.columns @ equation.basis * equation.coefficients(theta, delays(world))
+        assert np.abs(terms.sum(axis=1)).max() < 1e-10 * np.abs(terms).max()
+
+
+def test_noise_of_both_components_at_a_millihertz():
+    # Acceptance numbers of the study: 8.1e-14 and 1.4e-13 m s^-2 Hz^-1/2, uncorrelated.
+    world, f = World(), np.array([1e-3])
+    outputs, _ = lisa_loop.closed_loop(world, f)
+    level = lisa_loop.levels(world, f)
+    noise = np.stack([level[name] * outputs[:, :, i] for i, name in enumerate(lisa_loop.NOISES)], axis=-1)
+    theta = np.array([world.truth[name] for name in PARAMETERS])
+    D = []
+    for component in (0, 1):
+        equation = Equation(component, PARAMETERS)
+        c = equation.basis @ equation.coefficients(theta, delays(world))
+        D.append([columns_of(noise[:, :, i], f, world)[0] @ c for i in range(noise.shape[-1])])
+    power = np.array(D) @ np.conj(D).T
+    np.testing.assert_allclose(np.sqrt(np.diag(power).real), [8.1e-14, 1.4e-13], rtol=0.1)
+    assert abs(power[0, 1]) < 0.05 * np.sqrt(power[0, 0] * power[1, 1]).real
+
+
+def test_assemblies_that_turn_are_taken_off_the_attitude():
+    still = lisa_loop.run(World(), lisa_loop.sequence(1e-6), duration=3600)
+    turning = 1e-6 * np.sin(0.01 * still.time)
+    channels = {"dws_phi_2": still.channels["dws_phi_2"] + turning, "mosa_2": turning}
+    channels["mosa_1"] = np.zeros(still.size)
+    run = replace(still, channels={**still.channels, **channels})
+    phi = lisa_dynamics.channels(still).series["phi"]
+    np.testing.assert_allclose(lisa_dynamics.channels(run).series["phi"], phi, atol=1e-18)
+
+
+def test_geometry_that_is_no_number_is_refused():
+    run = lisa_loop.run(World(), lisa_loop.sequence(1e-6), duration=3600)
+    with pytest.raises(InputError, match=r"attribute d_y: 'half a metre', expected a number"):
+        lisa_dynamics.channels(replace(run, attributes={"d_y": "half a metre"}))
