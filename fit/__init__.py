@@ -17,7 +17,15 @@ from importlib import import_module
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from fit.api import calibrate, calibrate_inertial, load, load_results, make_params, save_report
+    from fit.api import (
+        calibrate,
+        calibrate_inertial,
+        calibrate_ttl,
+        load,
+        load_results,
+        make_params,
+        save_report,
+    )
     from fit.comparison import Comparison, compare
     from fit.deltag import delta_g
     from fit.errors import CalibrationError, FitError, InputError
@@ -42,6 +50,7 @@ __all__ = [
     "asd",
     "calibrate",
     "calibrate_inertial",
+    "calibrate_ttl",
     "compare",
     "delta_chi2",
     "delta_g",
@@ -52,7 +61,15 @@ __all__ = [
     "save_report",
 ]
 _HOME = {
-    "api": ("calibrate", "calibrate_inertial", "load", "load_results", "make_params", "save_report"),
+    "api": (
+        "calibrate",
+        "calibrate_inertial",
+        "calibrate_ttl",
+        "load",
+        "load_results",
+        "make_params",
+        "save_report",
+    ),
     "comparison": ("Comparison", "compare"),
     "deltag": ("delta_g",),
     "errors": ("CalibrationError", "FitError", "InputError"),

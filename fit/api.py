@@ -19,10 +19,11 @@ from fit.files import refuse_links
 from fit.fitting import user_params
 from fit.forecasting import coverage
 from fit.lisa import is_lisa, make_lisa_params
-from fit.results import Results, check_results, results_file, telemetry_files
+from fit.results import Provenance, Results, check_results, results_file, telemetry_files
 from fit.settings import ParameterSettings, refuse_fmu_parameters, settings
 from fit.tables import latex, notebook  # noqa: F401 - for how what is returned shows itself
 from fit.telemetry import Telemetry, archive_conversion, read_all
+from fit.tilt_to_length import Measurements, read_measurements, ttl_fit
 
 if TYPE_CHECKING:
     import lmfit
@@ -183,6 +184,38 @@ def calibrate_inertial(
         options = {"parameters": user_params.as_settings(params)}
         parameters = settings(options, "calibrate_inertial").parameters
     return coverage.with_truth(pipeline.calibrate_inertial(runs, results, parameters), runs)
+
+
+def calibrate_ttl(
+    measurements: PathLike | Measurements,
+    noise: PathLike | Measurements | None = None,
+    params: lmfit.Parameters | None = None,
+) -> Results:
+    """Calibrate the tilt-to-length coupling of LISA: 24 coefficients in the section ``ttl`` of the results.
+
+    Parameters
+    ----------
+    measurements : path or Measurements
+        Michelson variables X2, Y2, Z2 and wavefront sensing: a file of schema ``lisa-measurements/1``, or one
+        of lisainstrument, which needs the extra ``lisa``.
+    noise : path or Measurements, optional
+        A noise run, whose residual weighs the measurements.
+    params : lmfit.Parameters, optional
+        Coefficients that are fixed, bounded, tied or have a `fit.Prior` as ``user_data``: from
+        ``fit.tilt_to_length.make_params()``, named ``c_12_phi_rx`` and so on.
+
+    Raises
+    ------
+    InputError
+        If a file or parameter is wrong.
+    FitError
+        If the measurements determine no coefficient.
+    """
+    given = [measurements] if noise is None else [measurements, noise]
+    runs = [run if isinstance(run, Measurements) else read_measurements(*_paths([run])) for run in given]
+    ttl = ttl_fit.calibrate_ttl(runs[0], runs[1] if runs[1:] else None, params)
+    provenance = Provenance(telemetry=[str(run.path) for run in runs])
+    return Results(None, {}, {}, {}, provenance, ttl)
 
 
 def load_results(path: PathLike) -> Results:

@@ -14,7 +14,15 @@ from fit.fitting.joint_fit import (
     linear_combination,
     stiffnesses,
 )
-from fit.fitting.joint_model import Prior, delta_chi2, free_directions, lmfit_symbol, parameter_values
+from fit.fitting.joint_model import (
+    JointModel,
+    Prior,
+    SolvedModel,
+    delta_chi2,
+    free_directions,
+    lmfit_symbol,
+    parameter_values,
+)
 from fit.fitting.nonstationary_noise import NonstationaryRun, SegmentVariances
 from fit.fitting.parameter_set import ParameterSet
 from fit.fitting.priors import PriorSet, weak_priors
@@ -42,6 +50,7 @@ __all__ = [
     "Convergence",
     "Heterogeneity",
     "IRLSResult",
+    "JointModel",
     "NonstationaryRun",
     "ParameterSet",
     "Prior",
@@ -49,6 +58,7 @@ __all__ = [
     "RunEstimate",
     "ScaleParameter",
     "SegmentVariances",
+    "SolvedModel",
     "WeightedMean",
     "column_scale",
     "constraint_test",

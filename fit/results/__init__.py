@@ -20,13 +20,13 @@ from fit.results.folders import (
     telemetry_files,
     telemetry_of,
 )
+from fit.results.json_reader import load
 from fit.results.provenance import Provenance
 from fit.results.results import (
     Fit,
     Results,
     check_frame,
     check_results,
-    load,
     sound_joint,
     write,
 )

@@ -13,7 +13,8 @@ from pathlib import Path
 
 from fit.errors import InputError, shown
 from fit.files import documents, is_file
-from fit.results.results import Results, load
+from fit.results.json_reader import load
+from fit.results.results import Results
 from fit.telemetry import sandbox, validate
 
 RESULTS, TELEMETRY = "results.json", "telemetry"

@@ -1,17 +1,16 @@
-"""The result of a calibration and its JSON form, schema ``lpf-results/1``."""
+"""The result of a calibration, and its writer as JSON, schema ``lpf-results/1``."""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import MISSING, dataclass, field, fields, is_dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal, overload
+from typing import TYPE_CHECKING, Any, Literal, overload
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, Field
 
 from fit.display import Displayed, latex
 from fit.errors import InputError, shown
-from fit.files import atomic, documents, place
+from fit.files import atomic
 from fit.results import data_frames
 from fit.results.estimates import Diagnostics, Estimate, SolvedModel, Stiffness, correlation_matrix
 from fit.results.provenance import Provenance
@@ -24,10 +23,9 @@ if TYPE_CHECKING:
     from lmfit.minimizer import MinimizerResult
 
 SCHEMA = "lpf-results/1"
-_Count = Annotated[int, Field(ge=0, le=2**53)]
-_LARGEST = 1e100  # value or sigma in any unit, whose square is still a number
-_JSON_NAMES = {"covariance_matrix": "covariance"}  # of fields that have another name in the file
-_SECTIONS = ("experiments", "cross_talk", "inertial")
+JSON_NAMES = {"covariance_matrix": "covariance"}  # of fields that have another name in the file
+SECTIONS = ("experiments", "cross_talk", "inertial")  # of fits by key
+SINGLE_FITS = ("joint", "ttl")
 
 
 @dataclass(frozen=True, repr=False)
@@ -182,6 +180,8 @@ class Results(Displayed):
         By alignment epoch (eq. bump) and by inertial period.
     provenance : Provenance
         How they came about.
+    ttl : Fit or None
+        Tilt-to-length coupling of LISA.
     """
 
     joint: Fit | None
@@ -189,6 +189,7 @@ class Results(Displayed):
     cross_talk: dict[str, Fit]
     inertial: dict[str, Fit]
     provenance: Provenance
+    ttl: Fit | None = None
 
     @property
     def unsound(self) -> list[tuple[str, FitWarning]]:
@@ -196,13 +197,15 @@ class Results(Displayed):
         single = {f"experiments.{name}": fit for name, fit in self.experiments.items()}
         headline = {"joint": self.joint} if self.joint else single
         fits = headline | {f"inertial.{k}": f for k, f in self.inertial.items()}
+        fits |= {"ttl": self.ttl} if self.ttl else {}
         return [(place, warning) for place, fit in fits.items() for warning in fit.unsound]
 
     def fits(self) -> Iterator[tuple[str, str, Fit]]:
-        """Yield all fits with their section and their key in it, which is empty for the joint fit."""
-        if self.joint is not None:
-            yield "joint", "", self.joint
-        for section in _SECTIONS:
+        """Yield all fits with their section and their key in it, which is empty for a section of one fit."""
+        for section in SINGLE_FITS:
+            if (single := getattr(self, section)) is not None:
+                yield section, "", single
+        for section in SECTIONS:
             for key, fit in getattr(self, section).items():
                 yield section, key, fit
 
@@ -292,7 +295,8 @@ def write(results: Results, path: Path) -> str:
     FitError
         If a number is not finite: such a result must not look like one.
     """
-    sections = {section: getattr(results, section) for section in ("joint", *_SECTIONS)}
+    sections = {section: getattr(results, section) for section in ("joint", *SECTIONS)}
+    sections |= {"ttl": results.ttl} if results.ttl else {}
     document = {"schema": SCHEMA, **_to_json(sections), "provenance": results.provenance.entries()}
     return atomic.write_json(path, document)
 
@@ -305,95 +309,10 @@ def _to_json(value: Any) -> Any:
         values = {f: getattr(value, f.name) for f in fields(value) if f.compare}
         stated = {f.name: x for f, x in values.items() if f.default is MISSING or x != f.default}
         derived = {"names": list(value), "sound": not value.unsound} if isinstance(value, Fit) else {}
-        entries = {_JSON_NAMES.get(name, name): x for name, x in (stated | derived).items()}
+        entries = {JSON_NAMES.get(name, name): x for name, x in (stated | derived).items()}
         return _to_json(entries)
     if isinstance(value, Mapping):
         return {name: _to_json(x) for name, x in value.items()}
     if isinstance(value, tuple | list):
         return [_to_json(x) for x in value]
     return value.tolist() if isinstance(value, np.ndarray) else value
-
-
-class _FitJson(BaseModel, strict=True, allow_inf_nan=False):
-    parameters: dict[str, Estimate]
-    names: list[str]
-    covariance: list[list[float]]
-    chi2: float
-    dof: _Count
-    converged: bool
-    sound: bool | None = None  # without a warning of that effect, see `_missing_warnings`
-    warnings: tuple[FitWarning, ...]
-    masked_samples: _Count | None = None
-    diagnostics: Diagnostics | None = None
-    centrifugal: Estimate | None = None
-    stiffness: tuple[Stiffness, ...] = ()
-
-
-class _ResultsJson(BaseModel, strict=True, allow_inf_nan=False):
-    joint: _FitJson | None = None
-    experiments: dict[str, _FitJson] = {}
-    cross_talk: dict[str, _FitJson] = {}
-    inertial: dict[str, _FitJson] = {}
-    provenance: dict[str, object] = {}
-
-
-def load(path: Path) -> Results:
-    """Read results.
-
-    Raises
-    ------
-    InputError
-        If the file is missing, is no JSON, has another schema or breaks it.
-    """
-    content = documents.from_json(path, "a file of results", SCHEMA, _ResultsJson)
-    sections = {
-        section: {
-            name: _fit_from_json(fit, f"{path}: {place((section, name))}")
-            for name, fit in getattr(content, section).items()
-        }
-        for section in _SECTIONS
-    }
-    return Results(
-        joint=None if content.joint is None else _fit_from_json(content.joint, f"{path}: joint"),
-        provenance=Provenance.from_entries(content.provenance),
-        **sections,
-    )
-
-
-def _fit_from_json(fit: _FitJson, place: str) -> Fit:
-    if sorted(fit.names) != sorted(fit.parameters):
-        raise InputError(f"{place}.names: expected each of the parameters once")
-    if [len(row) for row in fit.covariance] != [len(fit.names)] * len(fit.names):
-        raise InputError(f"{place}.covariance: expected {len(fit.names)} rows of {len(fit.names)} numbers")
-    covariance = np.array(fit.covariance).reshape(2 * [len(fit.names)])
-    sigmas = np.array([fit.parameters[name].sigma for name in fit.names])
-    values = np.array([fit.parameters[name].value for name in fit.names])
-    if np.any(np.abs((values, sigmas)) > _LARGEST) or np.any(np.abs(covariance) > 1.01 * _LARGEST**2):
-        raise InputError(f"{place}: too large to work with, expected values and sigmas below {_LARGEST:g}")
-    for name in fit.names:
-        estimate = fit.parameters[name]
-        kind = estimate.constraint.kind if estimate.constraint else ""
-        if not (estimate.sigma > 0 or (estimate.is_exact and kind in ("fixed", "tied"))):
-            raise InputError(
-                f"{place}.parameters.{name}.sigma: {estimate.sigma:g}, expected more than 0, or 0 with a "
-                'constraint "fixed" or "tied"'
-            )
-    if not np.allclose(np.diag(covariance), sigmas**2, rtol=1e-6, atol=0):
-        raise InputError(f"{place}.covariance: expected the squares of the sigmas on the diagonal")
-    if np.any(np.abs(covariance) > (1 + 1e-6) * np.outer(sigmas, sigmas)):
-        raise InputError(f"{place}.covariance: expected correlations of at most 1")
-    names = (f.name for f in fields(Fit) if f.compare)
-    entries = {name: getattr(fit, _JSON_NAMES.get(name, name)) for name in names} | {
-        "parameters": {name: fit.parameters[name] for name in fit.names},
-        "covariance_matrix": covariance,
-        "warnings": (*fit.warnings, *_missing_warnings(fit)),
-    }
-    return Fit(**entries)
-
-
-def _missing_warnings(fit: _FitJson) -> list[FitWarning]:
-    """Return a warning for a fit whose file says it is unsound without a warning of a known kind."""
-    if fit.sound is not False or any(w.kind.unsound for w in fit.warnings):
-        return []
-    reasons = "; ".join(w.message for w in fit.warnings) or "no warning"
-    return [FitWarning("unsound_file", (), f"its file says sound = false and has as reason: {reasons}")]

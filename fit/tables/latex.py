@@ -9,13 +9,13 @@ from fit.tables.numbers import described_parameter, estimate_text, power_of_ten
 
 @latex.register
 def _(results: Results) -> str:
-    """Return a ``tabular``: of the joint fit and the inertial forces, or else of the experiments."""
-    shown = ("joint", "inertial") if results.joint else ("experiments", "inertial")
+    """Return a ``tabular``: of the joint fit or else the experiments, inertial forces, tilt-to-length."""
+    shown = ("joint", "inertial", "ttl") if results.joint else ("experiments", "inertial", "ttl")
     fits = [entry for entry in results.fits() if entry[0] in shown]
     lines = [r"\begin{tabular}{lrl}", r"\hline", r"parameter & estimate & unit \\"]
     for section, key, fit in fits:
         lines.append(r"\hline")
-        if section != "joint":
+        if key:
             heading = {"experiments": "experiment", "inertial": "inertial period"}[section]
             lines.append(rf"\multicolumn{{3}}{{l}}{{{heading} {_escaped(key)}}} \\")
         lines += _rows(fit)

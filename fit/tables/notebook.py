@@ -66,15 +66,15 @@ def _(fit: Fit) -> str:
 @text.register
 def _(results: Results) -> str:
     lines = [f"{name}: {line}" for name, line in _summary(results).items()]
-    if results.joint is not None:
-        lines = [*estimates({"": results.joint}, fine=True).aligned(), *lines, *_warnings(results.joint)]
+    if (main := results.joint or results.ttl) is not None:
+        lines = [*estimates({"": main}, fine=True).aligned(), *lines, *_warnings(main)]
     return "\n".join(lines)
 
 
 @html.register
 def _(results: Results) -> str:
-    joint = results.joint
-    shown = Markup() if joint is None else _table(joint) + _list(_messages(joint))
+    main = results.joint or results.ttl
+    shown = Markup() if main is None else _table(main) + _list(_messages(main))
     return Markup("<div>{}{}</div>").format(shown, Table(("", ""), tuple(_summary(results).items())).html(2))
 
 
@@ -115,6 +115,7 @@ def _summary(results: Results) -> dict[str, str]:
     sections = {"joint": "none" if results.joint is None else _state(results.joint)}
     for name in ("experiments", "cross_talk", "inertial"):
         sections[name] = ", ".join(f"{key!r}" for key in getattr(results, name))
+    sections["ttl"] = _state(results.ttl) if results.ttl else ""
     return {name: line for name, line in sections.items() if line}
 
 

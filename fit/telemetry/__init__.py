@@ -17,6 +17,7 @@ from fit.telemetry.reader import (
     root_attributes,
     validate,
 )
+from fit.telemetry.series_files import read_series
 from fit.telemetry.validation import MAX_MISSING, check_storage
 from fit.telemetry.writer import Writer
 
@@ -39,6 +40,7 @@ __all__ = [
     "open_run",
     "pieces",
     "read_all",
+    "read_series",
     "read_truth",
     "root_attributes",
     "sandbox",

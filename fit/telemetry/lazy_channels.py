@@ -71,29 +71,30 @@ def _state(path: Path) -> tuple[int, int, int]:
 
 
 @contextmanager
-def open_file(path: Path) -> Iterator[h5py.File]:
-    """Open a telemetry file.
+def open_file(path: Path, schema: str = SCHEMA) -> Iterator[h5py.File]:
+    """Open a telemetry file, or one of another schema.
 
     Raises
     ------
     InputError
         If it is none, or damaged where it is read.
     """
+    content = "telemetry" if schema == SCHEMA else "a file"
     if not path.is_file():
         known = "is a folder" if path.is_dir() else "is not a file" if path.exists() else "no such file"
-        raise InputError(f"{path}: {known}, expected telemetry of schema {SCHEMA!r}")
+        raise InputError(f"{path}: {known}, expected {content} of schema {schema!r}")
     try:
         with h5py.File(path, "r") as file:
             yield file
     except PermissionError:
-        raise InputError(f"{path}: cannot be read (permission denied), expected telemetry") from None
+        raise InputError(f"{path}: cannot be read (permission denied), expected {content}") from None
     except MemoryError as error:
         raise InputError(f"{path}: takes more memory than there is to be read, expected less") from error
     except (OSError, RuntimeError, KeyError, ValueError, TypeError, AttributeError) as error:
         is_hdf5 = h5py.is_hdf5(path)
         fault = "truncated or damaged" if is_hdf5 else "not HDF5"
-        advice = "" if is_hdf5 or path.suffix in _NO_ARCHIVES else _map_advice(path)
-        raise InputError(f"{path}: {fault}, expected an HDF5 file of schema {SCHEMA!r}{advice}") from error
+        advice = "" if is_hdf5 or schema != SCHEMA or path.suffix in _NO_ARCHIVES else _map_advice(path)
+        raise InputError(f"{path}: {fault}, expected an HDF5 file of schema {schema!r}{advice}") from error
 
 
 def check_schema(path: Path, schema: object) -> None:

@@ -261,6 +261,9 @@ WARNING_KINDS: Mapping[str, WarningKind] = {
         "Nothing if the noise may have changed since the noise run; with a matching noise run the sigmas "
         "would be slightly smaller.",
     ),
+    "wavefront_noise": WarningKind(
+        "Nothing to do; a manoeuvre of larger amplitude would make the sigmas smaller.",
+    ),
     "readout_excess_noise": WarningKind(
         "Nothing if the spacecraft may have moved more than in the noise run; otherwise inspect the spectrum "
         "of o_1 above 0.1 Hz: motion falls off there, noise of a read-out does not.",

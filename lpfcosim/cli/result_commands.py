@@ -167,6 +167,39 @@ def compare(
     cli_compare.compare_results(paths, Console(quiet=quiet, as_json=as_json))
 
 
+@app.command(
+    epilog=examples(
+        "lpfcosim ttl manoeuvre.h5 --noise noise.h5", "lpfcosim ttl manoeuvre.h5 --out again --json"
+    )
+)
+def ttl(
+    measurements: Annotated[
+        Path,
+        typer.Argument(
+            metavar="MEASUREMENTS.h5", help="TDI and wavefront sensing, or a file of lisainstrument."
+        ),
+    ],
+    noise: Annotated[
+        Path | None,
+        typer.Option(
+            "--noise", metavar="NOISE.h5", help="A run without manoeuvres, which weighs the others."
+        ),
+    ] = None,
+    out: Out = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print results.json instead of a table.")] = False,
+    quiet: Quiet = False,
+) -> None:
+    """Calibrate the tilt-to-length coupling of LISA.
+
+    The 24 coefficients go to the section ttl of results.json. A file of measurements holds X2, Y2, Z2 and the
+    rates by wavefront sensing (lisa-measurements/1). Files of lisainstrument need the extra lpfcosim[lisa].
+    """
+    from lpfcosim.cli import ttl as cli_ttl
+    from lpfcosim.cli.console import Console
+
+    cli_ttl.ttl(measurements, noise, out, Console(quiet=quiet, as_json=as_json))
+
+
 @app.command(epilog=examples("lpfcosim mcmc quickstart"))
 def mcmc(
     directory: Directory,

@@ -17,4 +17,5 @@ __all__ = [
     "progress",
     "run",
     "simulate",
+    "ttl",
 ]

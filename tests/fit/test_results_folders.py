@@ -7,8 +7,8 @@ import h5py
 import pytest
 
 from fit.errors import InputError
+from fit.results import load
 from fit.results.folders import results_beside, results_file, results_folder, telemetry_files, telemetry_of
-from fit.results.results import load
 from tests.oracles.contract_file import write_contract_file
 
 

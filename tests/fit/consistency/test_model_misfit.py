@@ -8,7 +8,7 @@ import pytest
 
 from fit.consistency.model_misfit import model_warnings, readout_lag
 from fit.pipeline import calibrate
-from fit.results.results import load
+from fit.results import load
 from fit.whitening import pair
 from tests.hostile.catalogue.common import averaged, leaking_guidance, pushed_at, weaker_at_large_force
 from tests.hostile.spoiling import all_of, changed, clean, every, gain, glitch, pushed, remade

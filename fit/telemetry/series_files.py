@@ -1,0 +1,97 @@
+"""Files of series that are no telemetry of one run, such as those of a constellation of three spacecraft.
+
+They are laid out as telemetry: a dataset ``time`` (s, uniform), every series a dataset on it with its unit,
+and root attributes. The schema and the series that must be there are those of the caller.
+"""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import h5py
+import numpy as np
+from numpy.typing import NDArray
+
+from fit.errors import InputError, shown
+from fit.telemetry.lazy_channels import open_file
+from fit.telemetry.validation import check_values, plain, read_time, readable_attributes
+from fit.units import same_unit
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class SeriesFile:
+    """The content of a file of series.
+
+    Attributes
+    ----------
+    path : Path
+        The file.
+    attributes : dict of str to object
+        Of the root.
+    fs : float
+        Sample rate [Hz].
+    series : dict of str to ndarray, each of shape (N,)
+        In the units that were asked for.
+    truth : dict of str to float
+        Attributes of the group ``/truth``; empty without it.
+    """
+
+    path: Path
+    attributes: dict[str, object]
+    fs: float
+    series: dict[str, Array]
+    truth: dict[str, float]
+
+
+def read_series(path: Path, schema: str, units: Mapping[str, str]) -> SeriesFile:
+    """Read a file of series.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    schema : str
+        What its root attribute ``schema`` must be.
+    units : mapping of str to str
+        The unit of every series that must be there.
+
+    Raises
+    ------
+    InputError
+        If the file, an attribute or a series is missing or wrong; the message names it.
+    """
+    with open_file(path, schema) as file:
+        attributes = readable_attributes(file.attrs)
+        if attributes.get("schema") != schema:
+            raise InputError(
+                f"{path}: attribute schema: {shown(attributes.get('schema'))}, expected {schema!r}"
+            )
+        dt = attributes.get("dt")
+        if not isinstance(dt, int | float) or not (math.isfinite(dt) and dt > 0):
+            raise InputError(f"{path}: attribute dt: {shown(dt)}, expected the step in seconds")
+        time = read_time(file, path, 1 / dt)
+        series = {name: _read(file, path, name, unit, time.size, 1 / dt) for name, unit in units.items()}
+        truth = readable_attributes(file["truth"].attrs) if isinstance(file.get("truth"), h5py.Group) else {}
+    numbers = {name: float(x) for name, x in truth.items() if isinstance(x, int | float) and math.isfinite(x)}
+    return SeriesFile(path, attributes, 1 / dt, series, numbers)
+
+
+def _read(file: h5py.File, path: Path, name: str, unit: str, size: int, fs: float) -> Array:
+    """Return a series, checked to be complete."""
+    place = f"{path}: series {name}"
+    dataset = file.get(name)
+    if not isinstance(dataset, h5py.Dataset):
+        raise InputError(f"{place}: missing, expected it in {unit}")
+    stated = plain(dataset.attrs.get("units", ""))
+    if not (isinstance(stated, str) and same_unit(stated, unit)):
+        raise InputError(f"{place}: units {shown(stated)}, expected {unit!r}")
+    if dataset.shape != (size,) or dataset.dtype.kind not in "fiu":
+        raise InputError(f"{place}: shape {dataset.shape}, expected {size} numbers, one for each time")
+    values = np.asarray(dataset[()], dtype=np.float64)
+    check_values(place, values, fs, known=False)
+    if np.isnan(values).any():
+        raise InputError(f"{place}: sample {int(np.argmax(np.isnan(values)))} is missing, expected all")
+    return values

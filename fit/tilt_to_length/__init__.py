@@ -1,0 +1,18 @@
+"""Tilt-to-length coupling of LISA: 24 coefficients from Michelson variables and wavefront sensing.
+
+The angles of the six assemblies change the lengths of the beams that they receive and emit. TDI delays and
+combines these lengths; `michelson` states how, with all signs.
+"""
+
+from fit.tilt_to_length.coefficients import NAMES
+from fit.tilt_to_length.measurements import Measurements, read_measurements, write_measurements
+from fit.tilt_to_length.ttl_fit import make_params
+
+__all__ = [
+    "NAMES",
+    "Measurements",
+    "make_params",
+    "read_measurements",
+    "ttl_fit",
+    "write_measurements",
+]

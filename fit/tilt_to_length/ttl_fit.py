@@ -1,0 +1,242 @@
+"""The fit of the 24 coefficients: weights from noise, estimates, blind directions, lmfit's model of them."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+import scipy
+from numpy.typing import NDArray
+
+from fit.errors import FitError, InputError
+from fit.fitting import JointModel, Prior, RunEstimate, SolvedModel, null_space, parameter_values
+from fit.results import Constraint, Estimate, Fit
+from fit.spectra import NoiseModel, fit_noise
+from fit.tilt_to_length.coefficients import COEFFICIENTS, NAMES, WIDTH
+from fit.tilt_to_length.measurements import Measurements
+from fit.tilt_to_length.normal_equations import (
+    LinearEstimate,
+    instrumental_variables,
+    least_squares,
+    product,
+)
+from fit.tilt_to_length.response import ResponseSpectra, response_spectra
+from fit.warnings import FitWarning
+
+if TYPE_CHECKING:
+    import lmfit
+
+Array = NDArray[np.float64]
+
+ITERATIONS = 4  # of weights: the noise run is freed of coupling by the last estimate
+MAX_BIAS = (
+    0.3  # sigma, of least squares by noise of wavefront sensing, beyond which instruments take its place
+)
+MAX_CHI2 = 0.2  # by which chi^2 per degree of freedom may exceed 1
+CHI2_SIGMA = 5.0  # and by how many times its scatter
+MIN_DOF = 1e-3  # of a bin that a fit takes out
+NEGLIGIBLE = 0.05  # part of a blind direction that is not named
+DWS_ASD = 7e-8 / 335  # rad Hz^-0.5, of lisainstrument: where measurements do not state it
+HELD = f"held at 0 ± {1e3 * WIDTH:g} mm/rad"
+
+
+@dataclass(frozen=True)
+class Identity:
+    """Coefficients of the columns are the parameters themselves, see `fit.fitting.RunEstimate`."""
+
+    def coefficients(self, theta: Array) -> Array:
+        """Return the coefficients, shape (25,), the first that of the data."""
+        return np.concatenate([[1.0], theta])
+
+    def gradient(self, theta: Array) -> Array:
+        """Return their derivatives, shape (25, 24)."""
+        return np.concatenate([np.zeros((1, theta.size)), np.eye(theta.size)])
+
+
+def calibrate_ttl(
+    measurements: Measurements, noise: Measurements | None = None, params: lmfit.Parameters | None = None
+) -> Fit:
+    """Fit the coefficients of tilt-to-length coupling.
+
+    Parameters
+    ----------
+    measurements : Measurements
+        With manoeuvres, or long.
+    noise : Measurements, optional
+        A noise run; without one, the residual of the measurements themselves weighs them.
+    params : lmfit.Parameters, optional
+        Coefficients that are fixed, bounded, tied or have a `Prior`.
+
+    Returns
+    -------
+    Fit
+        With truth and pull where the measurements have the truth.
+
+    Raises
+    ------
+    InputError
+        If the measurements do not fit together, or a parameter is none of the coefficients.
+    FitError
+        If no estimate comes out.
+    """
+    if noise is not None and noise.central_frequency != measurements.central_frequency:
+        raise InputError(
+            f"{noise.path}: central_frequency: {noise.central_frequency:.7g} Hz, expected "
+            f"{measurements.central_frequency:.7g} Hz as in {measurements.path}"
+        )
+    spectra = response_spectra(measurements)
+    reference = spectra if noise is None else response_spectra(noise)
+    dws_asd = measurements.dws_asd or DWS_ASD
+    weights = 1 / np.stack([_psd(reference.f, x, np.zeros(x.size))(spectra.f) for x in reference.data])
+    estimate = least_squares(spectra, weights, dws_asd)
+    for _ in range(ITERATIONS):
+        leverage = _leverage(spectra, weights) if noise is None else np.zeros(reference.data.shape)
+        psds = map(_psd, [reference.f] * 3, reference.residual(estimate.c), leverage)
+        weights = 1 / np.stack([psd(spectra.f) for psd in psds])
+        estimate = least_squares(spectra, weights, dws_asd)
+    warnings = [] if noise is not None else [_NO_NOISE_RUN]
+    sigma = np.sqrt(np.diag(scipy.linalg.pinvh(estimate.information)))
+    if (ratio := float(np.max(np.abs(estimate.bias) / sigma))) > MAX_BIAS:
+        estimate = instrumental_variables(spectra, weights)
+        warnings.append(_instruments_warning(ratio))
+    solved, reported, blind = _solve(measurements, estimate, params)
+    residual = spectra.residual(parameter_values(solved.result.params))
+    chi2, dof = float(2 * np.sum(weights * np.abs(residual) ** 2)), 2 * weights.size - len(NAMES)
+    warnings += [*blind, *_misfit_warnings(chi2 / dof, math.sqrt(2 * spectra.variance_factor / dof))]
+    return _fit(solved, reported, measurements.truth, chi2, dof, warnings)
+
+
+_NO_NOISE_RUN = FitWarning(
+    "no_noise_run", (), "no noise run: the residual of the measurements weighs them, and chi2 tests nothing"
+)
+
+
+def _psd(f: Array, residual: NDArray[np.complex128], leverage: Array) -> NoiseModel:
+    """Return the smooth PSD of one variable from its residual, of which a fit took out the leverage."""
+    return fit_noise(f, np.abs(residual) ** 2, np.maximum(1 - leverage, MIN_DOF))
+
+
+def _leverage(spectra: ResponseSpectra, weights: Array) -> Array:
+    """Return the share of every bin that the fit takes out, shape (3, B)."""
+    covariance = scipy.linalg.pinvh(product(spectra.columns, weights, spectra.columns))
+    columns = spectra.columns
+    return np.asarray(np.einsum("vbk,kl,vbl->vb", columns.conj(), covariance, columns).real * weights)
+
+
+def _solve(
+    measurements: Measurements, estimate: LinearEstimate, params: lmfit.Parameters | None
+) -> tuple[SolvedModel, list[int], list[FitWarning]]:
+    """Return lmfit's model of an estimate, the coefficients that are determined, and a warning of others."""
+    values, vectors = np.linalg.eigh(estimate.information * WIDTH**2)
+    informed = values > max(null_space.FLOOR, 1e-13 * float(values[-1]))
+    if not (np.isfinite(values).all() and informed.any()):
+        raise FitError(f"{measurements.path}: the measurements determine no coefficient")
+    root = (np.sqrt(values[informed]) * vectors[:, informed] / WIDTH).T
+    model = JointModel([RunEstimate("ttl", estimate.c, root, Identity())])
+    weak = [Prior(p.value, p.prior_sigma) for p in COEFFICIENTS]
+    from lmfit.minimizer import MinimizerResult  # slow to import
+
+    initial = make_params()
+    result = SolvedModel(model, MinimizerResult(params=initial), weak).refit(params or initial)
+    undetermined, directions = null_space.null_space(estimate.information, np.full(len(NAMES), WIDTH))
+    is_free = [p.vary and not p.expr for p in result.params.values()]
+    reported = [i for i in range(len(NAMES)) if not (is_free[i] and undetermined[i])]
+    return SolvedModel(model, result, weak), reported, blind_warnings(undetermined, directions)
+
+
+def _fit(
+    solved: SolvedModel,
+    reported: list[int],
+    truth: dict[str, float],
+    chi2: float,
+    dof: int,
+    warnings: list[FitWarning],
+) -> Fit:
+    """Return the result of a fit, with truth and pull where there is a truth."""
+    covariance = solved.model.covariance(solved.result.params)[np.ix_(reported, reported)]
+    theta, sigma = parameter_values(solved.result.params)[reported], np.sqrt(np.diag(covariance))
+    estimates = {}
+    for i, value, error in zip(reported, theta.tolist(), sigma.tolist(), strict=True):
+        name, unit = NAMES[i], COEFFICIENTS[i].unit
+        stated = _constraint(solved.result.params[name])
+        pull = (value - truth[name]) / error if name in truth and error > 0 else None
+        estimates[name] = Estimate(value, error, unit, truth.get(name), pull, stated)
+    return Fit(estimates, covariance, chi2, dof, True, tuple(warnings), solved=solved)
+
+
+def _constraint(p: lmfit.Parameter) -> Constraint | None:
+    """Return what the user states of a coefficient."""
+    if p.expr:
+        return Constraint("tied", p.expr)
+    if not p.vary:
+        return Constraint("fixed")
+    low, high = (float(x) if math.isfinite(x) else None for x in (p.min, p.max))
+    prior = (float(p.user_data.mean), float(p.user_data.sigma)) if isinstance(p.user_data, Prior) else None
+    if prior is None and low is None and high is None:
+        return None
+    return Constraint("prior" if prior else "bounds", prior=prior, min=low, max=high)
+
+
+def make_params() -> lmfit.Parameters:
+    """Return the 24 coefficients, free and at zero, to be fixed, bounded, tied or given a `Prior`."""
+    import lmfit  # slow to import
+
+    params = lmfit.Parameters()
+    for name in NAMES:
+        params.add(name, value=0.0)
+    return params
+
+
+def blind_warnings(undetermined: NDArray[np.bool_], directions: Array) -> list[FitWarning]:
+    """Name every combination that the data do not determine.
+
+    Parameters
+    ----------
+    undetermined : ndarray of bool, shape (24,)
+        Which coefficients are not.
+    directions : ndarray, shape (K, 24)
+        The combinations, see `fit.fitting.null_space`.
+    """
+    warnings, covered = [], set()
+    for direction in directions:
+        part = np.flatnonzero(np.abs(direction) > NEGLIGIBLE)
+        names = tuple(NAMES[i] for i in part)
+        covered |= set(names)
+        combination = {NAMES[i]: float(direction[i]) for i in part}
+        text = " ".join(f"{x:+.2g} {name}" for name, x in combination.items())
+        message = f"the measurements do not determine {text}; {_cure(names)}; {HELD}"
+        warnings.append(FitWarning("indeterminable", names, message, combination))
+    rest = tuple(NAMES[i] for i in np.flatnonzero(undetermined) if NAMES[i] not in covered)
+    if rest:
+        message = f"the measurements determine {', '.join(rest)} to no better than {1e3 * WIDTH:g} mm/rad"
+        warnings.append(FitWarning("indeterminable", rest, message))
+    return warnings
+
+
+def _cure(names: tuple[str, ...]) -> str:
+    """Return what motion would determine a combination."""
+    spacecraft = ", ".join(sorted({name[2] for name in names}))
+    if all("_phi_" in name for name in names):
+        return f"move one assembly of spacecraft {spacecraft} in phi against the other"
+    return f"turn spacecraft {spacecraft} about theta, eta and phi at different frequencies"
+
+
+def _instruments_warning(ratio: float) -> FitWarning:
+    message = (
+        f"noise of wavefront sensing would bias least squares by {ratio:.2g} sigma; the estimates are those "
+        "of instrumental variables"
+    )
+    return FitWarning("wavefront_noise", (), message)
+
+
+def _misfit_warnings(chi2_red: float, scatter: float) -> list[FitWarning]:
+    """Return a warning where the residual has more power than the noise."""
+    if chi2_red < 1 + max(MAX_CHI2, CHI2_SIGMA * scatter):
+        return []
+    message = (
+        f"the residual has {chi2_red:.2f} times the power of the noise; expected light travel times to "
+        "0.1 %, and noise as in the noise run"
+    )
+    return [FitWarning("noise_mismatch", (), message)]

@@ -1,0 +1,35 @@
+"""The command ttl."""
+
+import json
+
+import pytest
+
+from fit.tilt_to_length import write_measurements
+from tests.fit.tilt_to_length.records import manoeuvre
+
+
+@pytest.fixture(scope="module")
+def files(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("ttl")
+    for name, run in zip(("m.h5", "n.h5"), manoeuvre(3), strict=True):
+        write_measurements(run, folder / name)
+    return folder
+
+
+def test_coefficients_are_printed_and_written(lpfcosim, files, tmp_path):
+    out = tmp_path / "out"
+    status, printed, _ = lpfcosim("ttl", files / "m.h5", "--noise", files / "n.h5", "--out", out, "--json")
+    assert status == 0
+    document = json.loads(printed)
+    assert document == json.loads((out / "results.json").read_text())
+    assert document["schema"] == "lpf-results/1"
+    assert len(document["ttl"]["names"]) == 24
+    assert document["ttl"]["parameters"]["c_12_phi_rx"]["unit"] == "m rad-1"
+    assert set(document["provenance"]["sha256"]) == {"m.h5", "n.h5"}
+
+
+def test_a_file_of_another_kind_is_refused(lpfcosim, tmp_path):
+    (tmp_path / "m.h5").write_text("no")
+    status, _, message = lpfcosim("ttl", tmp_path / "m.h5")
+    assert status == 2
+    assert "m.h5: not HDF5, expected an HDF5 file of schema 'lisa-measurements/1'" in message
