@@ -170,8 +170,8 @@ def calibrate_inertial(
     Raises
     ------
     InputError
-        If `results` have no joint fit or it is not sound, if a run has injections, or if no run can tell the
-        inertial forces.
+        If `results` have no sound joint fit, if a run has injections, or if no run determines the inertial
+        forces.
     FitError
         If no estimate comes out that can be trusted.
     """

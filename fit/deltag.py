@@ -168,9 +168,9 @@ def delta_g(run: Telemetry, results: Results) -> Telemetry:
     Returns
     -------
     Telemetry
-        At 1 to 2 Hz, in memory. Every term is a channel [m s^-2]: those of eq. deltagjointfit, their sum
-        ``delta_g_x``, the corrections ``delta_g_SC``, ``g_Omega``, ``g_dOmega`` (eq. deltagfull2), and the
-        total ``delta_g``. The attributes ``notes`` and ``louder_bands`` are those of `write_delta_g`.
+        At 1 to 2 Hz, in memory. Every term is a channel [m s^-2]: those of the equation of motion, their sum
+        ``delta_g_x``, the corrections ``delta_g_SC``, ``g_Omega``, ``g_dOmega``, and the total
+        ``delta_g``. The attributes ``notes`` and ``louder_bands`` are those of `write_delta_g`.
 
     Raises
     ------

@@ -87,9 +87,7 @@ def calibrate_inertial(
     """
     for run in telemetries:
         if run.kind == "sysid":
-            raise InputError(
-                f"{run.path}: a sysid run, expected noise runs only beside an earlier calibration"
-            )
+            raise InputError(f"{run.path}: a sysid run, expected noise runs only with an earlier calibration")
         check_frame(calibration, run)
     if not any(map(euler_fit.takes_part, telemetries)):
         raise InputError(

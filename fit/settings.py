@@ -37,7 +37,7 @@ _AUTO = BeforeValidator(lambda given: ["auto"] if given == "auto" else given)
 
 
 class ParameterSettings(Table):
-    """What a user says of one parameter, in the words of lmfit.
+    """Constraints of one parameter, named as in lmfit.
 
     Attributes
     ----------
@@ -114,7 +114,7 @@ class ParameterSettings(Table):
 
 
 class Settings(Table):
-    """The choices, as ``fit/default.toml`` explains them."""
+    """Settings of the fit, explained in ``fit/default.toml``."""
 
     model_config = ConfigDict(strict=True)
 

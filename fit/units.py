@@ -72,7 +72,7 @@ def in_base_units(unit: str) -> tuple[dict[str, int], float, float]:
 
 
 def same_unit(a: str, b: str) -> bool:
-    """Tell whether two texts spell one unit; prefixes are not converted.
+    """Return whether two texts spell one unit; prefixes are not converted.
 
     Examples
     --------

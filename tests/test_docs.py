@@ -141,12 +141,13 @@ class Runner:
 
 
 def occurs(shown: list[str], printed: list[str]) -> bool:
-    """Tell whether words follow one another somewhere in a text; ``...`` stands for any one."""
+    """Return whether words follow one another somewhere in a text; ``...`` stands for any one."""
     places = range(len(printed) - len(shown) + 1)
     return any(all(map(alike, shown, printed[k : k + len(shown)])) for k in places)
 
 
 def alike(shown: str, printed: str) -> bool:
+    shown, printed = (re.sub(r"\(\d+\)", "", text) for text in (shown, printed))  # uncertainties
     if _NUMBER.fullmatch(shown) and _NUMBER.fullmatch(printed):
         return float(printed) == pytest.approx(float(shown), rel=2e-2, abs=0.02 if shown[0] in "+-" else 0)
     return shown in (printed, "...")

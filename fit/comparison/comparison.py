@@ -9,8 +9,8 @@ from markupsafe import Markup
 
 from fit.display import Displayed, html, text
 from fit.errors import InputError
-from fit.results import FIXED, Estimate, import_pandas
-from fit.tables import Table, estimate_text, measurement, power_of_ten
+from fit.results import Estimate, import_pandas
+from fit.tables import Table, ascii_value, campaign_unit, concise
 
 if TYPE_CHECKING:
     import pandas
@@ -123,10 +123,10 @@ class Comparison(Displayed):
             head += [label, "difference/sigma"]
         rows = []
         for p in self.parameters:
-            cells = [p.name + (f" ({p.key})" if p.key else ""), p.unit]
+            cells = [p.name + (f" ({p.key})" if p.key else ""), campaign_unit(p.unit)]
             for n, (estimate, sound) in enumerate(zip(p.estimates, p.sound, strict=True)):
                 difference = p.differences[n]
-                cells.append(_concise(estimate, sound=sound))
+                cells.append(concise(estimate, sound=sound) if estimate else _NONE)
                 cells += [_NONE if difference is None else f"{round(difference, 2) + 0.0:+.2f}"] if n else []
             rows.append((*cells, *([_truth(p)] if truth else [])))
         return Table((*head, *(["truth"] if truth else [])), tuple(rows))
@@ -210,23 +210,8 @@ def _(comparison: Comparison) -> str:
     return Markup("<div>{}<ul>{}</ul></div>").format(comparison.table().html(2), items)
 
 
-def _concise(estimate: Estimate | None, *, sound: bool) -> str:
-    """Return a value with its uncertainty in units of the last digits, as ``-3.983(52)e-07``."""
-    if estimate is None:
-        return _NONE
-    if estimate.is_exact:
-        return f"{estimate.value:.8g} ({FIXED})"
-    exponent = power_of_ten(estimate.value)
-    return _ascii(estimate_text(estimate, exponent, sound=sound).concise, exponent)
-
-
 def _truth(p: ParameterComparison) -> str:
     if p.truth is None:
         return _NONE
-    exponent = power_of_ten(p.truth)
     sigma = min((e.sigma for e in p.estimates if e is not None and not e.is_exact), default=0.0)
-    return _ascii(measurement(p.truth, sigma, exponent).value, exponent)
-
-
-def _ascii(number: str, exponent: int) -> str:
-    return number.replace("−", "-") + (f"e{exponent:+03d}" if exponent else "")
+    return ascii_value(p.truth, sigma)

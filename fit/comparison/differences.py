@@ -53,7 +53,7 @@ def compare(results: Sequence[PathLike | Results] | Mapping[str, PathLike | Resu
         reason = independence.dependence(sources[0], sources[n])
         agreements.append(Agreement(labels[n], reason, {} if reason else _tests(fits[0], fits[n])))
     notes += [
-        f"{label}: {_name(place)}: not sound ({fit.unsound[0].message}); its sigmas do not hold"
+        f"{label}: {_name(place)}: not sound ({fit.unsound[0].message}); its uncertainties are not valid"
         for label, result_fits in zip(labels, fits, strict=True)
         for place, fit in result_fits.items()
         if fit.unsound

@@ -85,7 +85,7 @@ def dependence(a: Source, b: Source) -> str:
     if a.seed is not None and b.seed is not None and a.seed != b.seed:
         return ""
     common = sorted(_run_names(a.results) & _run_names(b.results))
-    return f"runs of the same names, without telemetry to tell them apart: {_list(common)}" if common else ""
+    return f"runs of the same names, and no telemetry to distinguish them: {_list(common)}" if common else ""
 
 
 def _joint(results: Results) -> dict[str, tuple[float, float]]:

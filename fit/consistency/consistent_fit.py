@@ -163,7 +163,7 @@ def _leave_out(
     single_fits: SingleFits,
     settings: Settings,
 ) -> _Selection:
-    """Leave out outliers until there are none, beside parameters that scatter.
+    """Leave out outliers until there are none, with parameters that scatter.
 
     Parameters
     ----------
@@ -362,7 +362,7 @@ def _groups(experiments: Sequence[Experiment]) -> list[frozenset[str]]:
 def _warnings(
     test: ConsistencyTest, joint: IRLSResult, experiments: Sequence[Experiment]
 ) -> list[FitWarning]:
-    """Return a warning that the runs contradict each other, or of what rests on a single one."""
+    """Return a warning that the runs contradict each other, or of what a single one determines."""
     groups = _groups(experiments)
     if not is_contradicted(test, groups):
         return _leverage(test, joint)
@@ -372,7 +372,7 @@ def _warnings(
     i = [run.name for run in test.runs].index(suspects[0])
     message = (
         f"the experiments contradict each other: chi2 between them is {test.total.value:.4g} for "
-        f"{test.total.dof} degrees of freedom; which of them is wrong the data do not show, "
+        f"{test.total.dof} degrees of freedom; the data do not show which of them is wrong; "
         f"{' or '.join(suspects)} most likely: {suspects[0]} {largest_pull(test, i, experiments[i])}; "
         "the uncertainties are not valid"
     )
@@ -381,20 +381,19 @@ def _warnings(
 
 def _majority(left_out: Sequence[Exclusion], experiments: Sequence[Experiment]) -> FitWarning:
     names = ", ".join(exclusion.experiment for exclusion in left_out)
-    share = f"{len(left_out)} of {len(experiments)} experiments, more than half,"
-    return FitWarning("contradiction", (), f"{share} contradict the rest ({names}); the sigmas do not hold")
+    share = f"{len(left_out)} of {len(experiments)} experiments, more than half"
+    message = f"{share}, contradict the others ({names}); the uncertainties are not valid"
+    return FitWarning("contradiction", (), message)
 
 
 def _leverage(test: ConsistencyTest, joint: IRLSResult) -> list[FitWarning]:
-    """Return warnings of what rests on a single run."""
+    """Return warnings of what a single run determines almost alone."""
     warnings = []
     for run, growth in leverage(test, joint.undetermined).items():
         names = tuple(joint.parameters[k].name for k in growth if k < joint.shared)
         if names:
-            verb = "rests" if len(names) == 1 else "rest"
-            message = (
-                f"{', '.join(names)} {verb} on {run}: sigma grows more than {LEVERAGE:g} times without it, "
-                "and no other run can show that it is wrong"
-            )
+            subject = f"{', '.join(names)} {'is' if len(names) == 1 else 'are'}"
+            check = f"no cross-check: without it, sigma grows more than {LEVERAGE:g} times"
+            message = f"{subject} determined almost by {run} alone; {check}"
             warnings.append(FitWarning("high_leverage", names, message))
     return warnings

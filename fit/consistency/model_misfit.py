@@ -305,14 +305,16 @@ def _template_warning(effects: Sequence[CommonEffect], largest_force: tuple[floa
         return lag_warning([effect.epoch for effect in effects], words, causes)
     run = effects[0].run
     scope = f"shown by {run} alone" if run else "in all runs alike"
-    message = f"{either(causes)}, {scope}; the equation of motion lacks that, and the sigmas do not hold"
+    message = (
+        f"{either(causes)}, {scope}; the equation of motion lacks that, and the uncertainties are not valid"
+    )
     return FitWarning(MODEL_MISFIT, (), message, causes=tuple(causes))
 
 
 def lag_warning(epochs: Iterable[int | None], words: str, causes: Sequence[Cause]) -> FitWarning:
     """Return the warning that o_1 is late in runs of some alignment epochs."""
     names = tuple(f"delta_ifo_{epoch}" for epoch in epochs)
-    return FitWarning("readout_lag", names, f"{words}; the sigmas do not hold", causes=tuple(causes))
+    return FitWarning("readout_lag", names, f"{words}; the uncertainties are not valid", causes=tuple(causes))
 
 
 def _ratio(squares: Array, information: Array) -> Array:
@@ -325,7 +327,8 @@ def _force_warning(misfits: Sequence[RunMisfit], n_runs: int) -> FitWarning:
     words = ", ".join(f"{c.run} ({c.words}, {c.size:.2g} m s-2)" for c in causes)
     message = (
         f"{len(misfits)} of {n_runs} runs hold forces that no channel records, where driven: {words};"
-        " no template accounts for that, the equation of motion lacks something, and the sigmas do not hold"
+        " no template accounts for that, the equation of motion lacks something, and the uncertainties are "
+        "not valid"
     )
     return FitWarning(MODEL_MISFIT, (), message, causes=causes)
 

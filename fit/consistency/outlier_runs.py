@@ -28,7 +28,7 @@ Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
 MAX_SUBSETS = 10_000  # that are enumerated; larger ones grow from the most probable of these
-LEVERAGE = 3.0  # factor by which a sigma grows without a run, from which it rests on that run
+LEVERAGE = 3.0  # factor by which a sigma grows without a run that determines it almost alone
 
 #: Names of the runs of each group that may be bad for one reason.
 Groups = Collection[frozenset[str]]
@@ -223,7 +223,7 @@ def _key(bad: Collection[int], n: int) -> bytes:
 
 
 def leverage(test: ConsistencyTest, undetermined: Flags) -> dict[str, dict[int, float]]:
-    """Return the parameters that rest on a single run: by run and place, how much sigma grows without it."""
+    """Return the parameters that a single run determines almost alone: by run, how much sigma grows."""
     sigma = np.sqrt(np.diag(test.covariance()))
     growths: dict[str, dict[int, float]] = {}
     for i, run in enumerate(test.runs):

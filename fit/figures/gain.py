@@ -1,4 +1,4 @@
-"""Figures of the gain of test mass 2: by date and by authority, each experiment beside mean and joint fit."""
+"""Figures of the gain of test mass 2 by date and by authority: experiments, their mean, and the joint fit."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

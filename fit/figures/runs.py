@@ -176,7 +176,7 @@ def residual(run: Telemetry, analysed: Analysis, noise: Analysis | None = None) 
         If the parameters leave nothing of the run, such as a delay that is longer.
     """
     if analysed.fast is None or analysed.slow is None:
-        raise InputError(f"{run.path}: nothing is left of the run with the parameters of the results")
+        raise InputError(f"{run.path}: no data remain of the run with the parameters of the results")
     across = (0.0, run.duration / 3600)
     fast = _smooth(f"averaged over {FAST:g} s, extremes", f"{FAST:g} s", "grey", analysed.fast, 0.4)
     mean = _smooth(

@@ -104,7 +104,7 @@ def from_json(path: Path, kind: str, schema: str, content: type[_Content]) -> _C
 
 
 def is_file(path: Path) -> bool:
-    """Tell whether there is a file, be its name one that no file can have."""
+    """Return whether there is a file, be its name one that no file can have."""
     try:
         return path.is_file()
     except OSError:

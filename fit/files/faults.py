@@ -66,9 +66,9 @@ def validation_messages(error: ValidationError, tags: Collection[str] = (), *, w
     error : ValidationError
         What pydantic says.
     tags : collection of str
-        Names by which tables of one list are told apart.
+        Names that distinguish the tables of one list.
     written : bool
-        Somebody wrote it, as TOML or JSON, and can be told how to write it; else it is shown as Python does.
+        Whether the input was written as TOML or JSON, so that messages say how to write it.
     """
     try:
         loc, text = _described(error.errors()[0], tags, written=written)

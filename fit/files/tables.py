@@ -9,7 +9,7 @@ from fit.files.faults import closest_match, problem
 
 
 class Table(BaseModel):
-    """Keys and values; `more_keys` may stand in it beside its fields, `more_known` are examples of them."""
+    """Keys and values: its fields, and keys that match `more_keys`, of which `more_known` are examples."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
     more_keys: ClassVar[re.Pattern[str] | None] = None

@@ -1,4 +1,4 @@
-"""What a user says of parameters beside the data: fixed values, bounds, ties and priors.
+"""What is known of parameters in addition to the data: fixed values, bounds, ties and priors.
 
 A fit obeys them exactly, through lmfit. What is computed from a finished fit gets them as rows of chi^2,
 those of fixed and tied parameters with a sigma that is `TIGHT` times the width of the weak prior: no number

@@ -6,7 +6,7 @@ averaged over the stretches, and all stretches count as independent. It is here 
 weights are themselves noise, which makes the estimates scatter more than their sigmas say. The commands are
 delayed as in the other fits, where LTPDA linearises about zero delay.
 
-By how much they scatter can be told beforehand. Where the iteration ends, the score of a bin is
+By how much they scatter is known beforehand. Where the iteration ends, the score of a bin is
 ``10 Re(d^H r) / (r^H r)`` of its ten transforms of the residual r and of a derivative d. The overlaps
 correlate those of r as the window says, so that along the eigenvectors of the correlation matrix, of
 eigenvalues lambda, they are independent. What is expected of the score's square and derivative then needs no
@@ -61,7 +61,7 @@ def block(terms: Columns, share: Array, c: Array | None) -> tuple[WhitenedRun, f
     block : WhitenedRun
         For the joint model.
     total : float
-        The summed weights' denominators, whose change tells when to stop.
+        The summed weights' denominators, whose change decides when to stop.
     """
     f, columns = transform(terms)
     S = np.ones(f.size) if c is None else np.mean(np.abs(columns @ c) ** 2, axis=0)

@@ -2,7 +2,7 @@
 
 The paper divides by the previous residual, bin by bin; that leaves the estimates wider than their sigmas. The
 weights here are a smooth PSD, fitted by likelihood to the residual of the adjacent noise run at the previous
-estimate. The delays about which the commands are expanded move along, as far as noise can tell, until nothing
+estimate. The delays about which the commands are expanded move along, as far as noise permits, until nothing
 moves.
 """
 
@@ -35,7 +35,7 @@ Array = NDArray[np.float64]
 
 MAX_ITERATIONS = 30
 TOLERANCE = 1e-3  # sigma, least move that counts
-HARMLESS = 0.05  # sigma, move that is tolerated after MAX_ITERATIONS, and told
+HARMLESS = 0.05  # sigma, move that is tolerated after MAX_ITERATIONS, with a warning
 FASTER = 0.8  # of the iterations that are left, about, when one is done
 FIXED_SET = 6  # iterations after which the set of indeterminable parameters stays
 
@@ -51,7 +51,7 @@ class Convergence:
     tolerance : float
         Least move [sigma] that counts.
     max_move : float
-        Move [sigma] that is tolerated in the last of them, and told.
+        Move [sigma] that is tolerated in the last of them, with a warning.
     warm_up : int
         Iteration up to which nothing ends.
     moving : str
@@ -84,7 +84,7 @@ class IRLSResult:
     whitened_runs : tuple of whitened_run.WhitenedRun
         The data as they were weighed last.
     prior : whitened_run.Prior
-        What was known beside them.
+        Prior knowledge of them.
     model : JointModel or None
         The runs, compressed, as lmfit has minimised them last.
     result : MinimizerResult or None
@@ -173,7 +173,7 @@ def reweight(
     estimator : str
         ``flscov``, or the likelihood of the residual, see `fit.whitening.likelihoods`.
     random_effects : sequence of ScaleParameter
-        Departures of experiments, held so weakly here that the data tell them.
+        Departures of experiments, with priors so weak that the data determine them.
     initial : mapping of str to whitened_run.WhitenedRun, optional
         Experiments, by name, as another fit has weighed them: where the iteration begins.
     settings : mapping of str to ParameterSettings, optional

@@ -93,7 +93,7 @@ def fit_joint(
     if settings.scatter == ["auto"]:
         return _fitted(experiments, settings, (), initial)
     if settings.scatter and len(experiments) < 2:
-        raise InputError(f"fit.scatter: {experiments[0].name} is alone, expected two experiments or more")
+        raise InputError(f"fit.scatter: {experiments[0].name} is the only experiment, expected two or more")
     return _fitted(experiments, settings, settings.scatter, initial)
 
 

@@ -140,8 +140,8 @@ class JointModel:
     ) -> dict[str, float]:
         """Return estimates of the parameters that have limits, with those beyond them held there.
 
-        The active-set method ends when all steps are small beside the largest parameter. It starts from
-        here, since ``leastsq`` scales every parameter by itself.
+        The active-set method ends when all steps are small compared with the largest parameter. It starts
+        from here, since ``leastsq`` scales every parameter by itself.
         """
         trial = unbounded.copy()
         while any(p.vary for p in trial.values()):

@@ -1,4 +1,4 @@
-"""The parameters of a fit as lmfit has them, with all that is known of them beside the data."""
+"""The parameters of a fit as lmfit has them, with all prior knowledge of them."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class ParameterSet:
     parameters : sequence of Parameter
         The parameters.
     random_effects : sequence of ScaleParameter
-        Departures of experiments among them, held so weakly that the data tell them.
+        Departures of experiments among them, with priors so weak that the data determine them.
     settings : mapping of str to ParameterSettings
         What the user says of them, by name.
 
@@ -99,14 +99,14 @@ class ParameterSet:
         return params
 
     def known(self, theta: Array) -> Array:
-        """Return what is known beside the data and weak priors as rows of chi^2, shape (N, P)."""
+        """Return the prior knowledge, weak priors apart, as rows of chi^2, shape (N, P)."""
         rows = prior_rows({**self._deviations, **self._priors}, theta.size)
         if not self.constrained.any():
             return rows
         return np.concatenate([rows, constraints.constraint_rows(self.params(theta), self._widths)[0]])
 
     def prior(self, params: lmfit.Parameters, weak: PriorSet) -> whitened_run.Prior:
-        """Return all that is known beside the data but for the departures."""
+        """Return all prior knowledge but that of the departures."""
         theta, known = parameter_values(params), weak.rows(self._priors)
         rows = constraints.constraint_rows(params, self._widths)[0]
         if not len(rows):

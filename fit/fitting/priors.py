@@ -1,4 +1,4 @@
-"""What is known of parameters beside the data: weak priors of what is undetermined, and other fits."""
+"""Prior knowledge of parameters: weak priors of what is undetermined, and other fits."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -16,7 +16,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class PriorSet:
-    """What is known beside the data.
+    """Prior knowledge.
 
     Attributes
     ----------
@@ -57,7 +57,7 @@ def weak_priors(
     theta : ndarray, shape (P,)
         The estimate.
     known_rows : ndarray, shape (N, P)
-        What is known beside the data, as rows of chi^2.
+        Prior knowledge, as rows of chi^2.
     """
     width = np.array([p.prior_sigma for p in parameters])
     undetermined, directions = null_space(

@@ -1,10 +1,10 @@
 """Noise of the read-out o_1 beyond that of the noise run.
 
 o_1 enters Delta g with a coefficient far below 1: its noise hardly shows in the residual, but attenuates
-delta_ifo, as noise in a regressor does. Between injections it cannot be told from motion. Where o_1 has more
-power there than in the noise run, only its injected signal is used: its spectrum between injections becomes a
-nuisance column, which is projected out. That is right for motion, which only loses weight, and for noise,
-which is small compared with an injection.
+delta_ifo, as noise in a regressor does. Between injections it cannot be distinguished from motion. Where o_1
+has more power there than in the noise run, only its injected signal is used: its spectrum between injections
+becomes a nuisance column, which is projected out. That is right for motion, which only loses weight, and for
+noise, which is small compared with an injection.
 """
 
 from dataclasses import replace

@@ -83,7 +83,7 @@ class _Smooth:
         terms = run.spectra(tau, self._model)
         if self._experiment.readout_excess:
             terms = readout_excess_noise.use_injections_only(terms)
-        # before the signal is subtracted, no residual can tell an outlier
+        # before the signal is subtracted, no residual shows an outlier
         c = dynamics.coefficients(of_run, terms.tau) if iteration > WARM_UP else None
         block = whitened_run.whiten_run(terms, self._model, share, likelihood=self._likelihood, c=c)
         variances = self._experiment.segment_variances
@@ -104,7 +104,7 @@ class _Smooth:
         along, size = float(change @ last_change), float(last_change @ last_change)
         if not (CREEPING * size < along < size and along > ALIGNED * np.sqrt(size * float(change @ change))):
             return model
-        self._change = None  # what follows a leap tells nothing of the pace
+        self._change = None  # what follows a leap gives no estimate of the pace
         leap = min(along / (size - along), FARTHEST / float(np.abs(change).max()))  # a geometric series
         return replace(model, values=model.values + leap * change)
 

@@ -142,7 +142,7 @@ class Pulls:
     n : int
         How many.
     pull_mean, pull_std, coverage_1sigma : float
-        0, 1 and 0.683 for estimates whose sigmas are true; coverage is the share of pulls within 1.
+        0, 1 and 0.683 for estimates whose uncertainties are valid; coverage is the share of pulls within 1.
     pull_mean_error, pull_std_error, coverage_1sigma_error : float
         Monte Carlo standard errors of the three.
     sigma : float
@@ -199,7 +199,7 @@ def summary(drawn: Sequence[Mapping[str, Sequence[float]]]) -> dict[str, Pulls]:
 
 @dataclass(frozen=True)
 class Verdict:
-    """Whether many calibrations are what calibrations with true sigmas are.
+    """Whether many calibrations are what calibrations with valid uncertainties are.
 
     Attributes
     ----------

@@ -40,6 +40,7 @@ from fit.results import Estimate, Fit
 from fit.settings import ParameterSettings, Settings
 from fit.settings import settings as default_settings
 from fit.spectra import derivatives
+from fit.warnings import FitWarning
 from fit.whitening import (
     Experiment,
     Likelihood,
@@ -222,8 +223,13 @@ def _document(expected: Fit) -> dict[str, object]:
         "parameters": {name: _entry(e) for name, e in expected.parameters.items()},
         "names": list(expected.parameters),
         "correlation": expected.correlation.tolist(),
-        "warnings": [{k: v for k, v in vars(w).items() if v is not None} for w in expected.warnings],
+        "warnings": [_warning(w) for w in expected.warnings],
     }
+
+
+def _warning(warning: FitWarning) -> dict[str, object]:
+    entries = {name: value for name, value in vars(warning).items() if value is not None}
+    return {**entries, "causes": [cause.as_dict() for cause in warning.causes]}
 
 
 def _entry(estimate: Estimate) -> dict[str, object]:

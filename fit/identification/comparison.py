@@ -182,7 +182,7 @@ def fixed_value_conflicts(fixed_values: Mapping[str, float], calibrated: Fit | N
                 )
     if not conflicts:
         return []
-    message = f"the simulated loop holds what the data contradict: {'; '.join(conflicts.values())}"
+    message = f"the data contradict values fixed in the simulated loop: {'; '.join(conflicts.values())}"
     return [FitWarning("loop_discrepancy", tuple(conflicts), message)]
 
 

@@ -128,7 +128,7 @@ def _means(stretch: Motion, series: Array) -> Array:
 
 
 def _backwards(series: Array) -> bool:
-    """Tell whether attitude and integrated torques, faster than s, turn against each other.
+    """Return whether attitude and integrated torques, faster than s, turn against each other.
 
     They must not: the attitude control makes the spacecraft follow what the star tracker says, errors
     included. Within a day they agree to 7 sigma and more.
@@ -143,7 +143,7 @@ def _backwards(series: Array) -> bool:
 
 def _reversed() -> FitWarning:
     message = (
-        "the attitude of the star tracker turns against what the torques tell, as that of a quaternion from "
+        "the attitude of the star tracker turns against the torques, as that of a quaternion from "
         "body to J2000 would; it is reversed here"
     )
     return FitWarning("star_tracker_reversed", ("delta_phi", "delta_eta"), message)

@@ -129,8 +129,8 @@ def summed(telemetry: Telemetry, weights: Mapping[str, float]) -> Array:
 def means(telemetry: Telemetry) -> Iterator[tuple[str, Array]]:
     """Yield those of the `MEANS` whose channels the run has, each of shape (N,).
 
-    What is constant tells nothing, nor what misses many samples. A torque without the angle about the same
-    axis is left out too: its column would try to stand for what is missing of eq. bump.
+    What is constant has no information, nor what misses many samples. A torque without the angle about the
+    same axis is left out too: its column would try to stand for what is missing of eq. bump.
     """
     available = set[str]()
     for name, channels_of_mean in MEANS.items():

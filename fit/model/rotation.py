@@ -36,7 +36,7 @@ UNIT_NORM = 0.1  # how far from 1 a quaternion's norm may be
 
 @dataclass(frozen=True)
 class Sources:
-    """What tells the rotation in a run.
+    """The channels that measure the rotation in a run.
 
     Attributes
     ----------
@@ -61,7 +61,7 @@ class Sources:
 
 
 def sources(telemetry: Telemetry) -> Sources | None:
-    """Find what tells the rotation, None if an axis has no torque.
+    """Find the channels that measure the rotation, None if an axis has no torque.
 
     Raises
     ------
@@ -120,7 +120,8 @@ def _no_angle_warning(axis: str) -> FitWarning:
 
 def _one_mass_warning(axis: str, j: int) -> FitWarning:
     message = (
-        f"dOmega_{axis} comes from test mass {j} alone, and nothing tells its torque noise, which attenuates "
+        f"dOmega_{axis} comes from test mass {j} alone, and nothing measures its torque noise, which "
+        "attenuates "
         f"delta_{axis}: noise of 1.5e-12 rad s-2 Hz-0.5 by 0.2 %, of 1e-11 by up to 16 %"
     )
     return FitWarning("one_test_mass", (f"delta_{axis}",), message)
@@ -212,7 +213,7 @@ def half_difference(telemetry: Telemetry, sources: Sources) -> Array:
 
     Both turn with the spacecraft, so that rotation cancels. What is left [rad s^-2] is what errs in each by
     itself, torque noise most of all, and has the power of the error of their mean. It is zero about an axis
-    that only one of them tells of.
+    that only one of them measures.
     """
     taps, factor = derivatives.low_pass(telemetry.fs)
     halves = []

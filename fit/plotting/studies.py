@@ -1,4 +1,4 @@
-"""Figures of studies: the corner plot of a chain beside least squares, the pulls of a Monte Carlo."""
+"""Figures of studies: the corner plot of a chain and least squares, the pulls of a Monte Carlo."""
 
 from collections.abc import Mapping, Sequence
 

@@ -16,7 +16,7 @@ from fit.parameters import ALONG
 from fit.quality import noise_tests
 from fit.results import Fit
 from fit.telemetry import Telemetry
-from fit.warnings import FitWarning
+from fit.warnings import UNDETERMINED, Cause, FitWarning, undetermined
 from fit.whitening import Experiment
 
 Array = NDArray[np.float64]
@@ -107,30 +107,30 @@ def indeterminable(
             continue
         covered |= set(names)
         natural = direction * width / width[np.argmax(np.abs(direction))]
-        priors = ", ".join(
-            f"{p.name} = {p.value:.4g} ± {p.prior_sigma:.2g} {p.unit}".removesuffix(" 1")
+        causes = tuple(
+            Cause("", p.name, UNDETERMINED, p.value, p.prior_sigma, p.unit, _reason(names, runs))
             for p in parameters
             if p.name in names
         )
-        subject = names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]} apart"
-        message = f"the data do not determine {subject}: {_reason(names, runs)}; held at {priors}"
+        message = undetermined(causes, is_combination=len(names) > 1)
         pair = [int(i) for i in np.flatnonzero(part & outcome.undetermined)]
         if len(pair) == 2:
             message += _other_direction(outcome, pair, natural)
         combination = {parameters[i].name: float(natural[i]) for i in np.flatnonzero(part)}
-        warnings.append(FitWarning("indeterminable", names, message, combination))
+        single = causes if len(names) == 1 else ()
+        warnings.append(FitWarning("indeterminable", names, message, combination, causes=single))
     return warnings
 
 
 def _other_direction(outcome: IRLSResult, pair: Sequence[int], blind: Array) -> str:
-    """Say what is known of two parameters that cannot be told apart; nothing if nothing is."""
+    """Say what is known of two parameters that cannot be separated; nothing if nothing is."""
     parameter, partner = (outcome.parameters[i] for i in pair)
     factor = -float(blind[pair[0]] / blind[pair[1]])
     known = linear_combination(outcome, {parameter.name: 1.0, partner.name: factor})
     if known is None:
         return ""
     return (
-        f"; known is {parameter.name} {'-' if factor < 0 else '+'} {abs(factor):.4g} {partner.name} = "
+        f"; determined is {parameter.name} {'-' if factor < 0 else '+'} {abs(factor):.4g} {partner.name} = "
         f"{known[0]:.5g} ± {known[1]:.2g} {parameter.unit}"
     )
 
@@ -138,30 +138,30 @@ def _other_direction(outcome: IRLSResult, pair: Sequence[int], blind: Array) -> 
 def _reason(names: Sequence[str], runs: Sequence[Telemetry]) -> str:
     """Say in plain words why a combination is blind and what would determine it."""
     if all(name.startswith("b_") for name in names):
-        return "what the spacecraft's motion adds through it drowns in the noise"
+        return "its contribution is smaller than the noise"
     if {"lambda_1", "C_1"} & set(names):
         if not any(np.any(run.channels["f_x_1"]) for run in runs):
-            return "no run drives test mass 1, one with an injection into F_x_1 would determine it"
-        return "test mass 1 is hardly driven, a larger injection into F_x_1 would determine it"
+            return "no run drives test mass 1; one with an injection into F_x_1 would determine it"
+        return "test mass 1 is hardly driven; a larger injection into F_x_1 would determine it"
     if any("." in name for name in names):  # of an FMU, nothing but its name is known
         if len(names) > 1:
-            return "the read-outs answer to them only together"
-        return "the read-outs hardly answer to it"
+            return "the read-outs depend only on their combination"
+        return "the read-outs hardly depend on it"
     authority = {"alpha_x": "F_max", "alpha_phi": "N_max"}
     varied = {f"{alpha}_{j}": f"{key}_{j}" for alpha, key in authority.items() for j in (1, 2)}
     keys = [varied[name] for name in names if name in varied]
     constant = [key for key in keys if np.ptp([getattr(run, key) for run in runs]) == 0]
     if constant:
         verb = "is the same" if len(constant) == 1 else "are the same"
-        return f"{' and '.join(constant)} {verb} in every run, a run with another value is needed"
+        return f"{' and '.join(constant)} {verb} in every run; a run with another value is needed"
     if keys:
-        return f"the runs vary {' and '.join(keys)} too little or only together, others are needed"
+        return f"the runs vary {' and '.join(keys)} too little or only together; other values are needed"
     return "the injections are too weak, too short or of too few frequencies"
 
 
 def scattered(outcome: IRLSResult) -> list[FitWarning]:
     """Say by how much parameters differ between the experiments."""
-    chosen = ", as the data ask for" if outcome.data_driven else ""
+    chosen = ", as the data require" if outcome.data_driven else ""
     warnings = []
     determined = outcome.determined
     for name, (width, sigma) in outcome.scatter.items():
@@ -177,7 +177,7 @@ def scattered(outcome: IRLSResult) -> list[FitWarning]:
 
 
 def doubts(outcome: IRLSResult, experiments: Sequence[Experiment]) -> list[FitWarning]:
-    """Warn of what the sigmas rest on and might not hold."""
+    """Warn of assumptions behind the sigmas that may be violated."""
     warnings = without_noise_run(e.name for e in experiments if e.noise is None)
     for experiment in experiments:
         noise = experiment.noise or experiment.sysid
@@ -185,7 +185,7 @@ def doubts(outcome: IRLSResult, experiments: Sequence[Experiment]) -> list[FitWa
         if lacking:
             message = (
                 f"{experiment.name}: its noise run has no usable mean of {lacking}, whose force along x is "
-                "taken off the run alone: the noise it leaves in the weights widens the sigmas"
+                "subtracted from the run only: the noise that it leaves in the weights widens the sigmas"
             )
             warnings.append(FitWarning("noise_run_channel_missing", (), message))
     return [*warnings, *of_residual(outcome, len(experiments))]
@@ -194,8 +194,8 @@ def doubts(outcome: IRLSResult, experiments: Sequence[Experiment]) -> list[FitWa
 def without_noise_run(names: Iterable[str]) -> list[FitWarning]:
     """Warn of experiments without a noise run."""
     words = (
-        "without a noise run the weights come from the run's own residual; chi2 is 1 "
-        "per degree of freedom whatever the fit is worth, and what the model lacks passes for noise"
+        "without a noise run the weights come from the run's own residual; chi2 "
+        "per degree of freedom is 1 by construction, and effects missing from the model count as noise"
     )
     return [FitWarning("no_noise_run", (), f"{name}: {words}") for name in names]
 
@@ -263,7 +263,7 @@ def of_experiment(experiment: Experiment, fit: Fit) -> list[FitWarning]:
     )
     message = (
         f"{experiment.name}: the residual has {excess:.3g} times the power of the noise run: {cause}; the "
-        "sigmas do not hold"
+        "uncertainties are not valid"
     )
     return [FitWarning("noise_mismatch", (), message)]
 
@@ -277,12 +277,14 @@ def of_joint(joint: Fit, fits: Mapping[str, Fit], taking_part: Sequence[Experime
     ]
     if mismatched:
         names = ", ".join(mismatched)
-        message = f"the noise of {names} is not that of the noise run, which weights and sigmas rest on"
+        message = f"the noise of {names} is not that of the noise run, on which weights and sigmas depend"
         return [FitWarning("noise_mismatch", (), message)]
     if is_off(joint):
         message = (
-            f"each experiment fits on its own, all together leave {joint.chi2 / joint.dof:.3g} times the "
-            "power of the noise: what they are said to share differs between them; the sigmas do not hold"
+            f"each experiment fits on its own, but the joint fit leaves {joint.chi2 / joint.dof:.3g} times "
+            "the "
+            "power of the noise: the parameters that they share differ between them; the uncertainties are "
+            "not valid"
         )
         return [FitWarning("contradiction", (), message)]
     return []

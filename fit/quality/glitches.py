@@ -47,7 +47,7 @@ MAX_MASKED = 0.6  # of the weight of a run; if masks would take more, it is no m
 MAX_SEGMENT = 60.0  # s; a patch that is longer may hide the onset of a long glitch, which is then not found
 MAX_IMPULSES = 100  # that patches are made of; with more, all masks are cut out of the window
 MAX_SHAPES = 40  # that are taken out of a run; beyond, the same
-FITTED_ALONG = "fitted along and taken out"
+FITTED_ALONG = "fitted and subtracted"
 TOO_MANY = "too_many_glitches"  # code of the warning where nothing was masked
 
 
@@ -175,7 +175,7 @@ class GlitchSearch:
 
     def _psd(self, f: Array) -> Array:
         """Return the PSD of what is left, shape (B,), at first the shape it had in flight."""
-        if self._power:  # most are never asked for, as the noise run tells it
+        if self._power:  # most are never asked for, as the noise run decides
             with suppress(FitError):  # where glitches spoil the residual that much, the PSD before has to do
                 self._model = fit_noise(*self._power)
             self._power = None
@@ -275,9 +275,9 @@ class GlitchSearch:
         name = self.run.telemetry.run
         if self.gave_up:
             message = (
-                f"{name}: to mask all that stands out of the noise would cost more than "
-                f"{100 * MAX_MASKED:g} % of the run, or take more than {MAX_SHAPES} shapes, which is no "
-                "matter of glitches; nothing is masked"
+                f"{name}: masking everything that exceeds the noise would remove more than "
+                f"{100 * MAX_MASKED:g} % of the run, or take more than {MAX_SHAPES} shapes, which "
+                "glitches do not explain; nothing is masked"
             )
             return FitWarning(TOO_MANY, (), message)
         masks, end = (

@@ -14,7 +14,7 @@ from fit.whitening import Experiment, ResidualSpectrum, Run, fit_residual_noise,
 
 MAX_DELAY_OFFSET = 0.3  # s from the delays of the flight, up to which an expansion about these will do
 MAX_DELAY = 60.0  # s: what seems to be later is no delay
-ACTING_GAINS = (0.5, 2.0)  # between these a command acts, and its delay is told
+ACTING_GAINS = (0.5, 2.0)  # between these a command acts, and its delay is determined
 MIN_GAIN = 50.0  # of chi2, by other delays: these add no freedom
 DELAY_TOLERANCE = 0.05  # s, to which it need be known
 MAX_ITERATIONS = 8

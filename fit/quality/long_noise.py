@@ -26,7 +26,7 @@ Array = NDArray[np.float64]
 RATE = 25.0  # samples per cycle of the highest frequency of the band
 MAX_ITERATIONS = 40
 MAX_PER_DAY = 6.0  # shapes; beyond, it is no matter of glitches
-BURIED = 1e12  # power that stands for bins below the band, which tell nothing
+BURIED = 1e12  # power that stands for bins below the band, without information
 
 
 def find_glitches(
@@ -115,7 +115,7 @@ def _templates(
 def glitch_warning(run: str, glitches: Sequence[Glitch] | None, duration: float) -> FitWarning | None:
     """Return what was subtracted from a run that lasts so many seconds, None where there was nothing."""
     if glitches is None:
-        message = "more stands out of the noise than glitches would; none is taken out"
+        message = "more exceeds the noise than glitches would; none is subtracted"
         return FitWarning("glitches", (), message)
     spans = merge_spans([(max(begin, 0.0), min(end, duration)) for begin, end in (g.span for g in glitches)])
     if not spans:

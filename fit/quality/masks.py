@@ -55,7 +55,7 @@ def without_saturation(run: Run) -> tuple[Run, tuple[FitWarning, ...]]:
     message = f"{telemetry.run}: a commanded force is at the limit of its authority: {channels}"
     weight = masked.weight / run.weight
     if weight < 1 - MOST_SATURATED:
-        cost = f"to mask that would cost {100 * (1 - weight):.0f} % of the run"
+        cost = f"masking would remove {100 * (1 - weight):.0f} % of the run"
         return run, (FitWarning(TOO_LONG, (), f"{message}; {cost}, so nothing is masked"),)
     spans = tuple(TimeSpan(telemetry.run, *stretch) for stretch in stretches)
     message = f"{message}; these are masked, {100 * weight:.3g} % is left"

@@ -100,7 +100,7 @@ def adapt_to_levels(
             adaptations[name] = marginalised_warning(name, departure), replace(e, marginalised=True)
         else:
             why = "this is no change of the noise: an effect is missing from the model, or a run is invalid"
-            message = f"{name}: {departure}; {why}; the sigmas are invalid"
+            message = f"{name}: {departure}; {why}; the uncertainties are not valid"
             adaptations[name] = FitWarning(MISMATCH, (), message), replace(e, misfit=message)
     return adaptations
 

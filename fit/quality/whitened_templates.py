@@ -20,7 +20,9 @@ from fit.whitening import Glitch, glitch_templates
 
 Array = NDArray[np.float64]
 
-MIN_INDEPENDENT = 0.2  # of a shape that constant, ramp and columns must leave, lest it be told from none
+MIN_INDEPENDENT = (
+    0.2  # of a shape that constant, ramp and columns must leave, to be distinguishable from them
+)
 MAX_SHARE = 0.4  # of a run: glitches that reach farther are taken as columns
 
 

@@ -19,8 +19,8 @@ from fit.warnings import FitWarning, masked_spans
 
 _BOTH = Markup("{}<sub>max,1</sub> and {}<sub>max,2</sub>")
 _DESCRIPTION = (
-    "This experiment on its own (eq. deltaglinear). Flight: table jointfit at this run's authority, its σ "
-    "added without correlations."
+    "Fit of this experiment only. Flight: stiffness at the authority of this run, with σ added without "
+    "correlations."
 )
 
 # Description and caption of the figures.
@@ -32,27 +32,27 @@ _RESPONSES = (
 _SPECTRA = tuple(
     (
         "Amplitude spectral densities of signal, residual and noise run",
-        f"Signal, residual and noise, these without glitches; the fit ends at 0.1 Hz. {level} Bands: ±1 σ of "
-        "noise, from the number of ordinates averaged.",
+        "Signal, residual and noise; glitches are removed from the latter two. The fitted band ends at 0.1 "
+        "Hz. "
+        f"{level} Bands: ±1 σ of the averaged spectra.",
     )
     for level in (
-        "There is no noise run to compare with; a peak left at an injected frequency is something the model "
-        "lacks.",
-        "The residual should lie on the noise at every frequency; a peak left at an injected one is "
-        "something the model lacks.",
+        "There is no noise run to compare with; a peak at an injected frequency is an effect missing from "
+        "the model.",
+        "The residual should lie on the noise at every frequency; a peak at an injected one is "
+        "an effect missing from the model.",
     )
 )
 _BREAKDOWN = (
     "Amplitude spectral densities of the terms that add up to the differential acceleration",
-    "Breakdown of Δg: the terms of eq. deltagjointfit as fitted, and their sum, the residual. Where two of "
-    "them lie far above it, they cancel.",
+    "Breakdown of Δg: the fitted terms of the equation of motion, and their sum, the residual. Terms far "
+    "above the residual cancel.",
 )
 _RESIDUAL = (
     "Signal and residual differential acceleration against time, and the residual magnified",
-    f"Signal and residual over time, averaged with Hann windows of {analysis.FAST:g} s (the paper's figure "
-    f"residuals). Below, magnified and averaged over {analysis.SLOW:g} s, the residual beside the noise run; "
-    f"grey, the extremes of the residual averaged over {analysis.FAST:g} s. What is missing, masked or a "
-    "glitch is marked.",
+    f"Signal and residual over time, averaged with Hann windows of {analysis.FAST:g} s; below: "
+    f"residual and noise run, averaged over {analysis.SLOW:g} s; grey, the extremes of the residual averaged "
+    f"over {analysis.FAST:g} s. Missing or masked samples and glitches are marked.",
 )
 
 

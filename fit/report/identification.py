@@ -55,10 +55,10 @@ def _section(joint: Fit, entries: Mapping[str, object], results: Results) -> Sec
         head = name_head(symbol(name), name, unit_text(e.unit, exponent))
         rows.append((head, fit_estimate(joint, name, exponent), truth, pull, shift))
     text = Markup(
-        "Parameters of the FMUs, with which the closed loop was simulated. χ² {:.6g} of {}."
+        "Parameters of the FMUs, estimated by simulation of the closed loop. χ² {:.6g} of {}."
     ).format(joint.chi2, joint.dof)
     if joint.unsound:
-        text += highlight(f" The sigmas do not hold ({WITHHELD}).", True)
+        text += highlight(f" The uncertainties are not valid ({WITHHELD}).", True)
     text += _commands(entries)
     for warning in joint.warnings:
         text += Markup("<br>{}").format(highlight(warning.message, warning.kind.unsound))
@@ -78,5 +78,5 @@ def _commands(entries: Mapping[str, object]) -> Markup:
     if not values:
         return Markup("")
     return Markup(
-        " Recorded commands differ by {:.1g} at most, relative, from what the controller makes of read-outs."
+        " Recorded commands differ by {:.1g} at most, relative, from those of the simulated controller."
     ).format(max(values))

@@ -1,4 +1,4 @@
-"""The parts of the report on the experiments together, laid out as the paper's section Results is."""
+"""The parts of the report on the experiments together, in the order of the results of the flight."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -62,7 +62,7 @@ def sections(results: Results, telemetries: Sequence[Telemetry]) -> list[Section
 
 
 def _sound(results: Results) -> Results:
-    """Return the results without the fits whose sigmas do not hold."""
+    """Return the results without the fits whose uncertainties are not valid."""
 
     def sound_fits(fits: Mapping[str, Fit]) -> dict[str, Fit]:
         return {name: fit for name, fit in fits.items() if not fit.unsound}
@@ -84,7 +84,7 @@ def _side_by_side(results: Results, telemetries: Sequence[Telemetry]) -> Section
         names = joint_names(epochs) if epochs else tuple(FLIGHT)
         known = [p for p in map(joint_parameter, names) if p.flown]
         rows, n_finer = _flight_rows([(p, "", results.joint) for p in known])
-        tables.append(Table(_FLIGHT_HEAD, rows, "Table jointfit: the joint fit beside the flight's."))
+        tables.append(Table(_FLIGHT_HEAD, rows, "Joint fit: this calibration and the flight."))
         text = Markup("{} of {} parameters have a σ at or below the flight's. ").format(n_finer, len(rows))
     rows, _ = _flight_rows(
         [
@@ -95,10 +95,10 @@ def _side_by_side(results: Results, telemetries: Sequence[Telemetry]) -> Section
         ]
     )
     if rows:
-        tables.append(Table(_FLIGHT_HEAD, rows, "Table Eulerfit: the misalignments beside the flight's."))
+        tables.append(Table(_FLIGHT_HEAD, rows, "Misalignments: this calibration and the flight."))
     if not tables:
         return None
-    return Section("paper", "The paper's tables, side by side", text, tables=tuple(tables))
+    return Section("paper", "Comparison with the flight", text, tables=tuple(tables))
 
 
 def _flight_rows(
@@ -129,8 +129,7 @@ def _correlation(joint: Fit | None) -> Section | None:
     picture = FigureSpec(
         "correlation",
         "Correlation matrix of the joint estimates as a map of colours",
-        "Correlation of the joint estimates in per cent, blue positive and orange negative. Strong colour "
-        "marks two parameters whose errors go together.",
+        "Correlation of the joint estimates in per cent; blue positive, orange negative.",
         partial(figures_mission.correlations, joint),
     )
     strongest = sorted(pairs, key=lambda pair: -abs(matrix[pair]))[:N_CORRELATIONS]
@@ -141,7 +140,9 @@ def _correlation(joint: Fit | None) -> Section | None:
         )
         for i, j in strongest
     ]
-    caption = "Strongest correlations; a sum or a difference is known better than either."
+    caption = (
+        "Strongest correlations: a sum or a difference of two parameters is determined better than either."
+    )
     blind = [w.combination for w in joint.warnings if w.code == "indeterminable" and w.combination]
     text = "Every combination of the parameters is determined."
     if blind:
@@ -216,8 +217,7 @@ def _gain_figures(results: Results, telemetries: Sequence[Telemetry]) -> tuple[F
         FigureSpec(
             "gain",
             "Gain of test mass 2 against date, one point per experiment",
-            "λ₂ of each experiment on its own, ±1 σ, against the value common to all (the paper's figure "
-            "gainevolution) and their weighted mean.",
+            "λ₂ of each experiment on its own, ±1 σ, with the value of the joint fit and the weighted mean.",
             partial(figures_gain.gain_evolution, points, joint),
         ),
         FigureSpec(
@@ -249,11 +249,11 @@ def _leakage(results: Results, telemetries: Sequence[Telemetry]) -> Section | No
     rms, limit = DELTA_IFO_DESIGN
     picture = FigureSpec(
         "leakage",
-        "Leakage of x1 into the differential read-out by alignment epoch, beside what the design allows",
+        "Leakage of x1 into the differential read-out by alignment epoch, with the limits of the design",
         "δ_ifo by alignment epoch, ±1 σ, below magnified: joint fit, each experiment on its own, and flight. "
         "Simulations of "
-        f"the optical bench predict {1e5 * rms:g}·10⁻⁵ rms within ±{1e5 * limit:g}·10⁻⁵ (the paper's "
-        "section Results).",
+        f"the optical bench predict {1e5 * rms:g}·10⁻⁵ rms within ±{1e5 * limit:g}·10⁻⁵ in "
+        "the design.",
         partial(figures_leakage.leakage, joint, single, flight),
     )
     return Section("leakage", "Leakage of the read-out", figures=(picture,))
@@ -265,15 +265,15 @@ def _residuals(results: Results) -> Section | None:
         return None
     rows = tuple((escape(name), *_diagnostics(d)) for name, d in diagnostics.items())
     doubtful = sum(d.whiteness < 0.05 for d in diagnostics.values())
-    text = Markup(
-        "{} of {} residuals have a whiteness below 0.05; of noise such as the model says, {:.1f} would."
-    ).format(doubtful, len(diagnostics), 0.05 * len(diagnostics))
+    text = Markup("{} of {} residuals have a whiteness below 0.05; {:.1f} are expected.").format(
+        doubtful, len(diagnostics), 0.05 * len(diagnostics)
+    )
     caption = (
         "Residual of each experiment on its own, whitened by the model of its noise. Level: χ² per degree of "
         "freedom and, as ±, the scatter to expect of it. Whiteness: p-value of the cumulative periodogram "
         "(Kolmogorov-Smirnov), window and error of the noise model taken into account. Tails: excess "
-        "kurtosis and, as ±, its scatter; where it stands out, the degrees of freedom ν of a Student-t "
-        "with as much."
+        "kurtosis and, as ±, its scatter; if it is significant, the degrees of freedom ν of a Student-t "
+        "distribution with the same kurtosis."
     )
     head = ("Experiment", "χ² / degrees of freedom", "(χ² − 1) / σ", "Whiteness", "Excess kurtosis", "ν")
     picture = FigureSpec(

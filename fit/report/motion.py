@@ -33,10 +33,11 @@ def sections(results: Results, telemetries: Sequence[Telemetry], cache: DeltaGCa
 
 def _cross_talk(epoch: str, fit: Fit) -> Section:
     caption = (
-        "Cross-talk of the spacecraft's motion (eq. bump), fitted along with the dynamics. Noise in the "
-        "read-outs attenuates what least squares finds, b3 to b6 most of all. That subtracts best, and the "
-        "figures are made with it. The table has the couplings, freed of the noise where two sensors read "
-        "the same motion. Those that the warnings say are biased have no pull."
+        "Cross-talk of the spacecraft's motion, fitted with the dynamics. Noise of the read-outs "
+        "attenuates the "
+        "least-squares estimates, b3 to b6 most of all. Those subtract the motion best and are used in the "
+        "figures. The table has the couplings, without that bias where two sensors measure the same motion. "
+        "Parameters with a warning about bias have no pull."
     )
     fit = replace(fit, parameters={**fit.parameters, **_without_pull(fit)})
     table = parameter_table(fit, list(map(cross_talk_parameter, _B)))
@@ -52,7 +53,8 @@ def _without_pull(fit: Fit) -> dict[str, Estimate]:
 def _inertial(period: str, fit: Fit, x_axis: XAxis) -> Section:
     caption = (
         "Misalignment of the line through the test masses, from the Euler force between 30 µHz and 2 mHz. "
-        "Flight: table Eulerfit. A force along x that the torques leak cannot be told from it."
+        "A force along x that leaks from the torques has the same shape and cannot "
+        "be distinguished from it."
     )
     if fit.centrifugal:
         coefficient = measurement(fit.centrifugal.value, fit.centrifugal.sigma)

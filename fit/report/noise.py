@@ -1,4 +1,4 @@
-"""The part of the report on how loud Delta g is: by date, by authority, beside flight and LISA."""
+"""The part of the report on how loud Delta g is: by date, by authority, with flight and LISA requirement."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -75,23 +75,24 @@ def sections(results: Results, telemetries: Sequence[Telemetry], products: Delta
         FigureSpec(
             "noise-spectra",
             "Amplitude spectral densities of Delta g in the longest noise run of each year",
-            "Δg of the longest noise run of each year, all corrections made, beside what LISA asks of two "
-            "test masses. Bands: ±1 σ of the averages.",
+            "Δg of the longest noise run of each year with all corrections, and the LISA requirement for "
+            "two test "
+            "masses. Bands: ±1 σ of the averages.",
             partial(figures.spectra, _spectra(runs, products)),
         ),
         FigureSpec(
             "noise-date",
             "Level of Delta g in every noise run against date, in two bands",
-            "Level of Δg in every noise run (root of the mean power) beside its glitches, all corrections "
-            "made, against date. "
-            "Squares: what the flight found above 1 and 2 mHz. Dashed: what LISA asks of two test masses.",
+            "Level of Δg in every noise run (root of the mean power) outside glitches, with all "
+            "corrections, against date. Squares: flight, above 1 and 2 mHz. Dashed: LISA requirement for two "
+            "test masses.",
             partial(figures.by_date, points),
         ),
         FigureSpec(
             "noise-authority",
             "Level of Delta g in every noise run against the authority of the actuation, in two bands",
             "The same levels against the effective authority, √Σ(F_max + N_max / l)² with l = 11 mm (a "
-            "choice): what a relative noise of each electrode's own is multiplied by.",
+            "choice), to which independent relative noise of the electrode voltages is proportional.",
             partial(figures.by_authority, points),
         ),
     )

@@ -119,16 +119,16 @@ def _chain(chain: _Chain, results: Results, folder: Path) -> Section:
     pictures = _picture(
         folder,
         "corner",
-        "Corner plot of the chain: every parameter and every pair of them, beside least squares",
-        "Corner plot: contours of the chain hold 39 % and 86 % of it (1 and 2 σ), beside the ellipses of "
-        "least squares and, where known, the truth. Axes: departure from least squares in units of its σ.",
+        "Corner plot of the chain: every parameter and every pair of them, and of least squares",
+        "Corner plot: contours contain 39 % and 86 % of the chain (1 and 2 σ); ellipses: least squares; true "
+        "values where known. Axes: difference from least squares in units of its σ.",
     )
     table = Table(head, tuple(rows), caption)
     return Section("mcmc", "Posterior sampled", text, tables=(table,), figures=pictures, is_stacked=True)
 
 
 def _belongs(chain: _Chain, results: Results) -> bool:
-    """Tell whether the least squares a chain was compared with are those of the results."""
+    """Return whether the least squares a chain was compared with are those of the results."""
     joint = results.joint.parameters if results.joint else {}
     return (
         all(
@@ -158,16 +158,16 @@ def _study(study: _Study, folder: Path) -> Section:
         f"{' and new truths' if origin.redraw else ''}; {len(study.failed)} failed."
     )
     caption = (
-        "Pulls (estimate − truth) / σ of every parameter, each ± the Monte Carlo error: for true sigmas mean "
+        "Pulls (estimate − truth) / σ of every parameter, each ± the Monte Carlo error: for valid "
+        "uncertainties mean "
         f"0, standard deviation 1, and {100 * _COVERAGE:.0f} % within 1 σ."
     )
     head = ("Parameter", "n", "Mean", "Standard deviation", "Within 1 σ [%]")
     pictures = _picture(
         folder,
         "pulls",
-        "Histograms of the pulls of every parameter beside a normal distribution",
-        "Pulls of every parameter, as a density per unit of pull, beside the normal distribution they "
-        "should have.",
+        "Histograms of the pulls of every parameter and a normal distribution",
+        "Pulls of every parameter, as a density per unit of pull, and the standard normal distribution.",
     )
     table = Table(head, tuple(rows), caption)
     return Section("montecarlo", "Monte Carlo", text, tables=(table,), figures=pictures, is_stacked=True)

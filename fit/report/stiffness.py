@@ -16,7 +16,7 @@ from fit.telemetry import Telemetry
 
 
 def model(results: Results, telemetries: Sequence[Telemetry]) -> Section | None:
-    """Return the section on eq. stiff_model, where two experiments or more determine a stiffness alone."""
+    """Return the section on the stiffness model, if two experiments or more determine a stiffness alone."""
     tables, specs, words = [], [], []
     for j in (2, 1):
         points = stiffness_points(results, telemetries, j)
@@ -67,21 +67,21 @@ def _table(
 
 
 def _figure_spec(j: int, points: Mapping[str, figures.StiffnessPoint], joint: Fit | None) -> FigureSpec:
-    figure = "the paper's figure stiffauth" if j == 2 else "as the paper's figure stiffauth"
     is_varied = figures.varies(list(points.values()))
     against = "its force authority" if is_varied else f"the force authority of test mass {3 - j}"
     elsewhere = (
-        f"Its own force authority is the same in all of them, so that it is drawn against that of test mass "
-        f"{3 - j}, on which it does not depend. "
+        f"Its force authority is the same in all experiments; the abscissa is that of test mass {3 - j}, "
+        "on which "
+        "the stiffness does not depend. "
     )
     note = "" if is_varied else elsewhere
     return FigureSpec(
         f"stiffness-{j}",
         f"Stiffness of test mass {j} against {against}, one point per experiment",
-        f"Stiffness of test mass {j}, ±1 σ ({figure}). {note}Dots: each experiment on its own. "
-        "Where the joint fit determines the stiffness (eq. stiff_model), be it the sum and not its parts, "
-        "squares show it at the same authority, lines in between, one for each torque authority; the lower "
-        "panel gives the differences in units of their σ, the correlation of the two fits included.",
+        f"Stiffness of test mass {j}, ±1 σ. {note}Dots: each experiment on its own. "
+        "Squares: stiffness model of the joint fit at the same authority, where it is determined (the sum "
+        "may be when its parts are not); lines: the model at each torque authority. Lower panel: differences "
+        "in units of their σ, with the correlation of the two fits.",
         partial(figures.against_authority, list(points.values()), joint),
     )
 
@@ -119,7 +119,7 @@ def _omega2_1(fit: Fit) -> Estimate | None:
 
 
 def prediction(joint: Fit | None) -> Section | None:
-    """Return the section on the stiffness that the paper predicts from the geometry of the sensors."""
+    """Return the section on the stiffness predicted from the geometry of the sensors."""
     if joint is None:
         return None
     rows = []
@@ -131,9 +131,8 @@ def prediction(joint: Fit | None) -> Section | None:
     if not rows:
         return None
     caption = (
-        "Stiffness per unit of authority from eqs alphax and alphaphi, and background stiffness from gravity "
-        "gradient, sensing bias and largest charge, as the paper's section Results has them. It calls 10 % "
-        "consistent."
+        "Stiffness per unit of authority from the geometry of the electrodes, and background stiffness from "
+        "gravity gradient, sensing bias and largest charge. An agreement within 10 % is expected."
     )
-    columns = ("Parameter", "Paper's prediction", "Fitted", "Fitted / predicted − 1")
+    columns = ("Parameter", "Predicted", "Fitted", "Fitted / predicted − 1")
     return Section("prediction", "Predicted stiffness", tables=(Table(columns, tuple(rows), caption),))

@@ -133,7 +133,7 @@ def verdict(results: Results, shown: Sequence[ParameterTable]) -> Verdict:
     }
     failed = _named(judged, Severity.FAILURE)
     doubts = [*_named(judged, Severity.DOUBT), *_named(other_fits, Severity.FAILURE), *_outliers(other_fits)]
-    head = Markup("" if joint else "No joint fit. ") + ("" if has_truth else "No truth in the telemetry. ")
+    head = Markup("" if joint else "No joint fit. ") + ("" if has_truth else "True values unknown. ")
     undetermined = joint.undetermined if joint else ()
     sentences = [*failed, agreement]
     if undetermined:
@@ -158,7 +158,9 @@ def _agreement(shown: Sequence[ParameterTable], has_truth: bool, kind: str) -> t
     pulls = [(row.symbol, row.pull) for row in rows if row.pull is not None]
     if not pulls:
         if has_truth:
-            return Markup("Estimates are not compared with truth, since their sigmas do not hold."), False
+            return Markup(
+                "Estimates are not compared with truth, since their uncertainties are not valid."
+            ), False
         return Markup("Nothing to compare the estimates with."), False
     known = " of known truth" if has_truth else " with a flight value"
     subject = f"{kind} parameters{known * (len(pulls) < len(rows))}"

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 QUANTILES = 27  # of a residual
 FIXED = "fixed"  # shown for the sigma of an exact value
-WITHHELD = "?"  # shown for a sigma that does not hold
+WITHHELD = "?"  # shown for a sigma that is not valid
 ConstraintKind = Literal["fixed", "tied", "prior", "bounds"]
 Bound = Literal["min", "max"]
 _Score = Annotated[float, Field(ge=-1e9, le=1e9)]

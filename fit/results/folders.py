@@ -179,7 +179,7 @@ def _check_alone(folder: Path, hdf5_files: Sequence[Path], files: Sequence[Path]
     telemetry = [path.name for path, reason in zip(strangers, rejections, strict=False) if reason is None]
     if telemetry:
         raise InputError(
-            f"{folder}: has telemetry ({', '.join(telemetry)}) beside that of its results ({files[0]}"
+            f"{folder}: has telemetry ({', '.join(telemetry)}) other than that of its results ({files[0]}"
             f"{' ...' if len(files) > 1 else ''}), expected one or the other; name the files"
         )
 

@@ -128,7 +128,7 @@ class Fit(Displayed):
 
     @property
     def unsound(self) -> tuple[FitWarning, ...]:
-        """The warnings with which the sigmas do not hold; none in a sound fit."""
+        """The warnings that invalidate the uncertainties; none in a sound fit."""
         return tuple(w for w in self.warnings if w.kind.unsound)
 
     @property
@@ -173,11 +173,11 @@ class Results(Displayed):
     Attributes
     ----------
     joint : Fit or None
-        The joint fit over all experiments (eq. deltagjointfit).
+        The joint fit over all experiments.
     experiments : dict of str to Fit
-        Each experiment on its own (eq. deltaglinear), by experiment name.
+        Each experiment on its own, by experiment name.
     cross_talk, inertial : dict of str to Fit
-        By alignment epoch (eq. bump) and by inertial period.
+        By alignment epoch and by inertial period.
     provenance : Provenance
         How they came about.
     ttl : Fit or None
@@ -193,7 +193,7 @@ class Results(Displayed):
 
     @property
     def unsound(self) -> list[tuple[str, FitWarning]]:
-        """Where sigmas do not hold, and why: in the joint fit, without one in experiments, and inertial."""
+        """Fits without valid uncertainties, and why: joint (without it, the experiments) and inertial."""
         single = {f"experiments.{name}": fit for name, fit in self.experiments.items()}
         headline = {"joint": self.joint} if self.joint else single
         fits = headline | {f"inertial.{k}": f for k, f in self.inertial.items()}
@@ -213,7 +213,7 @@ class Results(Displayed):
         """Return all estimates: a row for each parameter with value, sigma, sound, constraint, truth, pull.
 
         The index is section, key (of an experiment, epoch or period), parameter and unit. Where `sound` is
-        false, `sigma` does not hold; `constraint` is empty where the user states none.
+        false, `sigma` is not valid; `constraint` is empty where the user states none.
 
         Raises
         ------
@@ -227,7 +227,7 @@ class Results(Displayed):
     def to_latex(self) -> str:
         r"""Return the joint fit and the inertial forces as a ``tabular`` of LaTeX, without packages.
 
-        Without a joint fit it holds those of the experiments. A sigma that does not hold is ``?``.
+        Without a joint fit it holds those of the experiments. A sigma that is not valid is ``?``.
         """
         return latex(self)
 
@@ -258,7 +258,7 @@ def sound_joint(results: Results, place: str = "the results") -> Fit:
     Raises
     ------
     InputError
-        If there is none, or its sigmas do not hold.
+        If there is none, or its uncertainties are not valid.
     """
     joint = results.joint
     if joint is None:
@@ -266,7 +266,7 @@ def sound_joint(results: Results, place: str = "the results") -> Fit:
     if joint.unsound:
         reasons = "; ".join(dict.fromkeys(w.message for w in joint.unsound))
         raise InputError(
-            f"{place}: joint: is not sound ({reasons}); expected a calibration whose sigmas hold"
+            f"{place}: joint: is not sound ({reasons}); expected a calibration with valid uncertainties"
         )
     return joint
 

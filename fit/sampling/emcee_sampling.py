@@ -87,6 +87,12 @@ class Chain:
         return MIN_LENGTH * float(np.max(self.tau)) / (1 - BURN_IN)
 
     @property
+    def length(self) -> int:
+        """Its length in autocorrelation times, zero if it is too short to estimate them."""
+        length = MIN_LENGTH * self.steps / self.required_steps
+        return math.floor(length) if math.isfinite(length) else 0
+
+    @property
     def converged(self) -> bool:
         """Whether it is long enough and its halves agree."""
         agrees = float(np.max(np.abs(self.half_difference))) < MAX_DIFFERENCE
@@ -135,7 +141,7 @@ def sample(
     seed : int
         Of the random numbers of a new chain; an old one goes on with its own.
     progress : callable
-        Called with the number of steps made.
+        Called with the length of the chain in autocorrelation times; the goal is `MIN_LENGTH`.
 
     Raises
     ------
@@ -162,6 +168,7 @@ def sample(
         n_steps = int(backend.iteration) * THINNING
         if n_steps % CHECK_INTERVAL == 0 or done >= steps:
             chain = _chain(posterior, backend)
+            progress(chain.length)
             if chain.converged:
                 return chain
             if done >= steps:
@@ -170,7 +177,6 @@ def sample(
         for reached in sampler.sample(state, iterations=iterations, thin_by=THINNING):
             state = reached
             done += THINNING
-            progress(done)
 
 
 def _open(path: Path, identity: str) -> None:

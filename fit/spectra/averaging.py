@@ -101,7 +101,7 @@ class Estimator:
         return self.binned(self.power(values))
 
     def binned(self, power: Array, stretches: int = 1) -> Binned:
-        """Return the ASD that a periodogram tells, or the mean of those of so many stretches of a run."""
+        """Return the ASD of a periodogram, or the mean of those of so many stretches of a run."""
         starts = _starts(self._f, power)
         count = np.diff(starts, append=power.size)
         mean = np.add.reduceat(power, starts) / count

@@ -3,7 +3,10 @@
 from fit.tables.latex import latex_symbol
 from fit.tables.numbers import (
     Measurement,
+    ascii_value,
+    campaign_unit,
     combination_text,
+    concise,
     estimate_text,
     fit_estimate,
     measurement,
@@ -21,7 +24,10 @@ __all__ = [
     "Measurement",
     "ParameterTable",
     "Table",
+    "ascii_value",
+    "campaign_unit",
     "combination_text",
+    "concise",
     "estimate_text",
     "estimates",
     "fit_estimate",

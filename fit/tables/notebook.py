@@ -12,25 +12,28 @@ from fit.display import html, text
 from fit.parameters import Parameter, joint_parameter
 from fit.results import FIXED, Estimate, Fit, Results
 from fit.tables.numbers import (
+    ascii_value,
+    campaign_unit,
+    concise,
     estimate_text,
     measurement,
     power_of_ten,
     signed,
-    significant,
     unit_text,
 )
 from fit.tables.parameters import estimates, parameter_table
 from fit.tables.table import Table
 from fit.telemetry import Telemetry
+from fit.warnings import distinct_messages
 
 
 @text.register
 def _(estimate: Estimate) -> str:
-    truth = "" if estimate.truth is None else f", truth {significant(estimate.truth, estimate.sigma)}"
+    truth = "" if estimate.truth is None else f", truth {ascii_value(estimate.truth, estimate.sigma)}"
     pull = "" if estimate.pull is None else f", pull {estimate.pull:+.2f}"
-    unit = "" if estimate.unit == "1" else f" {estimate.unit}"
-    sigma = FIXED if estimate.is_exact else f"± {estimate.sigma:#.2g}"
-    return f"{significant(estimate.value, estimate.sigma)} {sigma}{unit}{truth}{pull}{_constraint(estimate)}"
+    return (
+        f"{concise(estimate)} {campaign_unit(estimate.unit)}".rstrip() + truth + pull + _constraint(estimate)
+    )
 
 
 def _constraint(estimate: Estimate) -> str:
@@ -47,15 +50,13 @@ def _(estimate: Estimate) -> str:
     if estimate.truth is not None:
         pull = "" if estimate.pull is None else f", pull {signed(estimate.pull, 2)}"
         truth = f" (truth {measurement(estimate.truth, estimate.sigma, exponent).value}{pull})"
-    sigma = number.sigma if estimate.is_exact else f"± {number.sigma}"
-    unit = unit_text(estimate.unit, exponent)
-    constraint = _constraint(estimate)
-    return Markup("<span>{} {} {}{}{}</span>").format(number.value, sigma, unit, truth, constraint)
+    unit, constraint = unit_text(estimate.unit, exponent), _constraint(estimate)
+    return Markup("<span>{} {}{}{}</span>").format(number, unit, truth, constraint)
 
 
 @text.register
 def _(fit: Fit) -> str:
-    return "\n".join([_state(fit), *estimates({"": fit}, fine=True).aligned(), *_warnings(fit)])
+    return "\n".join([_state(fit), *estimates({"": fit}).aligned(), *_warnings(fit)])
 
 
 @html.register
@@ -67,7 +68,7 @@ def _(fit: Fit) -> str:
 def _(results: Results) -> str:
     lines = [f"{name}: {line}" for name, line in _summary(results).items()]
     if (main := results.joint or results.ttl) is not None:
-        lines = [*estimates({"": main}, fine=True).aligned(), *lines, *_warnings(main)]
+        lines = [*estimates({"": main}).aligned(), *lines, *_warnings(main)]
     return "\n".join(lines)
 
 
@@ -106,7 +107,7 @@ def _state(fit: Fit) -> str:
     if fit.masked_samples:
         state += f", {fit.masked_samples} samples masked"
     if fit.unsound:
-        state += "; the sigmas do not hold"
+        state += "; the uncertainties are not valid"
     return state if fit.converged else f"{state}; not converged"
 
 
@@ -124,7 +125,7 @@ def _warnings(fit: Fit) -> list[str]:
 
 
 def _messages(fit: Fit) -> list[str]:
-    return list(dict.fromkeys(w.message for w in fit.warnings))
+    return list(distinct_messages(fit.warnings))
 
 
 def _table(fit: Fit) -> Markup:
@@ -143,7 +144,7 @@ def _table(fit: Fit) -> Markup:
         for row in table.rows
     ]
     reference = ("truth", "pull") if table.has_truth else ("flight", "difference / σ")
-    head = ("", "parameter", "", "unit", "estimate ± σ", *reference, *["constraint"] * table.has_constraints)
+    head = ("", "parameter", "", "unit", "estimate", *reference, *["constraint"] * table.has_constraints)
     return Table(head, tuple(rows)).html(4)
 
 

@@ -1,6 +1,7 @@
 """Numbers in print: a value with its uncertainty and unit, down to two digits of sigma."""
 
 import math
+import re
 from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass, replace
@@ -21,12 +22,12 @@ class Measurement:
     sigma: str
 
     def __str__(self) -> str:
-        return f"{self.value} ± {self.sigma}"
+        return f"{self.value} ({FIXED})" if self.sigma == FIXED else self.concise
 
     @property
     def concise(self) -> str:
-        """The sigma in brackets, in units of the last digit where it is below one: ``1.0776(3)``."""
-        digits = self.sigma.removeprefix("0.").lstrip("0") if self.sigma.startswith("0.") else self.sigma
+        """The sigma in brackets, in units of the last digit: ``1.0776(3)``."""
+        digits = self.sigma.replace(".", "").lstrip("0") if self.sigma[:1].isdigit() else self.sigma
         return f"{self.value}({digits or 0})"
 
 
@@ -40,7 +41,7 @@ def measurement(value: float, sigma: float, exponent: int = 0) -> Measurement:
 
 
 def estimate_text(estimate: Estimate, exponent: int = 0, *, sound: bool = True) -> Measurement:
-    """Return an estimate in print; a mark replaces the sigma if it is none or does not hold."""
+    """Return an estimate in print; a mark replaces the sigma if it is none or not valid."""
     text = measurement(estimate.value, estimate.sigma, exponent)
     return replace(text, sigma=FIXED if estimate.is_exact else text.sigma if sound else WITHHELD)
 
@@ -57,12 +58,27 @@ def signed(value: float, decimals: int) -> str:
     return text.lstrip("-") if float(text) == 0 else text.replace("-", "−")
 
 
-def significant(value: float, sigma: float) -> str:
-    """Return a number in ASCII down to the second digit of its sigma."""
-    if not (value and sigma > 0):
-        return f"{value:.6g}"
-    places = math.floor(math.log10(abs(value))) - math.floor(math.log10(sigma)) + 2
-    return f"{value:.{min(max(places, 1), 15)}g}"
+def concise(estimate: Estimate, *, sound: bool = True) -> str:
+    """Return an estimate in ASCII, with its sigma in units of the last digits: ``-3.983(52)e-07``."""
+    if estimate.is_exact:
+        return f"{estimate.value:.8g} ({FIXED})"
+    exponent = power_of_ten(estimate.value)
+    return _ascii(estimate_text(estimate, exponent, sound=sound).concise, exponent)
+
+
+def ascii_value(value: float, sigma: float) -> str:
+    """Return a number in ASCII, with the digits that an estimate of this sigma has."""
+    exponent = power_of_ten(value)
+    return _ascii(measurement(value, sigma, exponent).value, exponent)
+
+
+def _ascii(number: str, exponent: int) -> str:
+    return number.replace("−", "-") + (f"e{exponent:+03d}" if exponent else "")
+
+
+def campaign_unit(unit: str) -> str:
+    """Return a unit as a campaign takes it: ``kg^-1 m^-1`` for ``kg-1 m-1``, nothing for ``1``."""
+    return "" if unit == "1" else re.sub(r"(?<=[A-Za-z])(-?\d)", r"^\1", unit)
 
 
 def power_of_ten(value: float) -> int:

@@ -2,13 +2,21 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
 
 from markupsafe import Markup, escape
 
 from fit.parameters import Parameter
-from fit.results import FIXED, WITHHELD, Estimate, Fit
-from fit.tables.numbers import Measurement, fit_estimate, measurement, power_of_ten, significant, unit_text
+from fit.results import Estimate, Fit
+from fit.tables.numbers import (
+    Measurement,
+    ascii_value,
+    campaign_unit,
+    concise,
+    fit_estimate,
+    measurement,
+    power_of_ten,
+    unit_text,
+)
 from fit.tables.table import Table
 
 
@@ -88,16 +96,15 @@ def _row(parameter: Parameter, fit: Fit, has_truth: bool) -> ParameterRow:
     )
 
 
-def estimates(fits: Mapping[str, Fit], *, fine: bool = False) -> Table:
-    """Return the estimates of fits in SI units; sigmas and pulls that do not hold are withheld.
+def estimates(fits: Mapping[str, Fit]) -> Table:
+    """Return the estimates of fits as value(uncertainty), with truth and pull where they are known.
+
+    Uncertainties and pulls that are not valid are withheld.
 
     Parameters
     ----------
     fits : mapping of str to Fit
         By the suffix of the names of their parameters.
-    fine : bool
-        Give every number down to the second digit of its sigma, rather than six digits, and truth and pull
-        only where they are known.
 
     Returns
     -------
@@ -107,14 +114,12 @@ def estimates(fits: Mapping[str, Fit], *, fine: bool = False) -> Table:
     rows = []
     for suffix, fit in fits.items():
         for name, e in fit.parameters.items():
-            text = partial(significant, sigma=e.sigma) if fine else "{:.6g}".format
-            truth = "" if e.truth is None else text(e.truth)
-            sigma = f"{e.sigma:#.2g}" if fine else f"{e.sigma:.2g}"
-            sigma = FIXED if e.is_exact else WITHHELD if fit.unsound else sigma
+            truth = "" if e.truth is None else ascii_value(e.truth, e.sigma)
             pull = "" if e.pull is None or fit.unsound else f"{e.pull:+.2f}"
+            number = concise(e, sound=not fit.unsound)
             constraint = str(e.constraint or "")
-            rows.append((name + suffix, e.unit, text(e.value), sigma, truth, pull, constraint))
-    head = ("parameter", "unit", "estimate", "sigma", "truth", "pull", "constraint")
-    has_truth, has_constraints = (any(row[column] for row in rows) for column in (4, 6))
-    columns = [*range(4), *([4, 5] if has_truth or not fine else []), *([6] if has_constraints else [])]
+            rows.append((name + suffix, number, campaign_unit(e.unit), truth, pull, constraint))
+    head = ("parameter", "estimate", "unit", "truth", "pull", "constraint")
+    has_truth, has_constraints = (any(row[column] for row in rows) for column in (3, 5))
+    columns = [*range(3), *([3, 4] if has_truth else []), *([5] if has_constraints else [])]
     return Table(tuple(head[i] for i in columns), tuple(tuple(row[i] for i in columns) for row in rows))

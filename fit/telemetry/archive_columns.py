@@ -136,7 +136,7 @@ class Archives:
             cure = f'file = {{ {channel} = "{tables[0].path.name}", ... }} for columns without names'
             raise InputError(f"{place}: in none of {names}, expected it in one of them, or {cure}")
         if len(having) > 1:
-            cure = f'file = "{having[0].path.name}" beside the column'
+            cure = f'file = "{having[0].path.name}" next to the column'
             raise InputError(f"{place}: in each of {names}, expected it in one of them; or write {cure}")
         return having[0], having[0].column(column)
 

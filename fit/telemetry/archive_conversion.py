@@ -32,7 +32,7 @@ _MARK = "archive_map"  # the attribute that only a converted file has
 
 
 def is_map(path: Path) -> bool:
-    """Tell whether a path is meant to be a map."""
+    """Return whether a path is meant to be a map."""
     return path.suffix == ".toml"
 
 

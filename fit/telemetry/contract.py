@@ -149,7 +149,7 @@ class Root(BaseModel, strict=True, allow_inf_nan=False, extra="allow"):
 
 
 class _Frame(BaseModel, strict=True):
-    """The root attribute that tells the frame, where there is one."""
+    """The root attribute of the frame, where there is one."""
 
     x_axis: XAxis = TOWARDS_2
 

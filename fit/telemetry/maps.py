@@ -318,4 +318,4 @@ def _check_files(path: Path, mapping: Map, i: int) -> None:
     for place in places_of_run(path, mapping, i):
         if not is_file(place.archive):
             name = str(place.archive).removeprefix(f"{path.parent}/")
-            raise InputError(f"{path}: runs[{i}].file: {shown(name)}, no such file beside the map")
+            raise InputError(f"{path}: runs[{i}].file: {shown(name)}, no such file in the folder of the map")

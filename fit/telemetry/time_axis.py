@@ -60,7 +60,7 @@ def check_time(place: str, time: Array, fs: float, resolution: float = 0.0) -> A
     Raises
     ------
     InputError
-        If it is not uniform, or rounding leaves samples that cannot be told apart.
+        If it is not uniform, or rounding leaves samples that coincide.
     """
     check_finite(place, time)
     # A jitter of a thousandth of a sample, and a clock right to 1e-6, leave every estimate where it is.
@@ -95,7 +95,8 @@ def _exact(place: str, time: Array, fs: float) -> Array | None:
         return None
     if step > 0.5 / fs:
         raise InputError(
-            f"{place}: in single precision, in steps of {step:.2g} s at {time[-1]:.6g} s, which do not tell "
+            f"{place}: in single precision, in steps of {step:.2g} s at {time[-1]:.6g} s, which do not "
+            "resolve "
             f"samples {1 / fs:g} s apart; expected double precision, or seconds since the start of the run"
         )
     return np.asarray(exact, dtype=np.float64)

@@ -187,7 +187,7 @@ def _time(spelt: Sequence[str], format_: str, scale: Scale | None) -> "Time":
 
     times = Time(spelt, format=format_, scale=scale or "utc")
     if not np.all((times.mjd >= _FIRST_MJD) & (times.mjd < _LAST_MJD)):
-        raise ValueError("years that nothing flies in")
+        raise ValueError("years outside 1960 to 2100")
     return times
 
 

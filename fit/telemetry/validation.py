@@ -160,7 +160,7 @@ def check_missing(missing: Mapping[str, NDArray[np.bool_]], fs: float) -> None:
 
 
 def _is_channel(dataset: h5py.Dataset) -> bool:
-    """Tell whether an unknown dataset lies on the time axis: 1-D, real numbers, on no other dimension."""
+    """Return whether an unknown dataset lies on the time axis: 1-D, real numbers, on no other dimension."""
     try:
         kind = dataset.dtype.kind
     except TypeError:  # NumPy lacks it, such as H5T_TIME

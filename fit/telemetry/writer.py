@@ -99,7 +99,7 @@ class Writer:
         """Write the next samples of all channels, NaN for those that are ``missing``."""
         if channels.keys() != self._channels.keys() - {"time"} or self._done + time.size > self._size:
             announced = f"{self._size} samples of {', '.join(self._channels)}"
-            raise FitError(f"{self._path}: other samples came than were announced, expected {announced}")
+            raise FitError(f"{self._path}: the samples differ from those announced, expected {announced}")
         for name, values in channels.items():
             if values.shape != time.shape:
                 raise FitError(f"channel {name} has shape {values.shape}, expected {time.shape}")
@@ -131,7 +131,7 @@ class Writer:
                 self._file.close()
                 if kind is None:
                     if self._done != self._size:
-                        raise FitError(f"{self._done} samples came, expected {self._size}")
+                        raise FitError(f"{self._done} samples received, expected {self._size}")
                     if self._is_final:
                         atomic.settle(self._partial, self._path)
                     else:

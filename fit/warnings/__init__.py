@@ -5,15 +5,25 @@ user alone and never parsed: what is wrong is in the causes of a warning, which 
 """
 
 from fit.warnings.causes import Cause, either
-from fit.warnings.fit_warning import FitWarning, TimeSpan, masked_spans
+from fit.warnings.fit_warning import (
+    UNDETERMINED,
+    FitWarning,
+    TimeSpan,
+    distinct_messages,
+    masked_spans,
+    undetermined,
+)
 from fit.warnings.kinds import WARNING_KINDS, Severity
 
 __all__ = [
+    "UNDETERMINED",
     "WARNING_KINDS",
     "Cause",
     "FitWarning",
     "Severity",
     "TimeSpan",
+    "distinct_messages",
     "either",
     "masked_spans",
+    "undetermined",
 ]

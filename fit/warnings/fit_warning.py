@@ -1,11 +1,13 @@
 """One warning of a fit."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
 from fit.warnings.causes import Cause
 from fit.warnings.kinds import UNKNOWN, WARNING_KINDS, WarningKind
+
+UNDETERMINED = "undetermined"  # kind of a cause: a parameter left at its prior
 
 
 class TimeSpan(NamedTuple):
@@ -45,6 +47,26 @@ class FitWarning:
     def kind(self) -> WarningKind:
         """Kind of the code; a note without advice if the code is unknown, as of other versions."""
         return WARNING_KINDS.get(self.code, UNKNOWN)
+
+
+def distinct_messages(warnings: Iterable[FitWarning]) -> tuple[str, ...]:
+    """Return the messages of warnings, once each; parameters undetermined for one reason share a sentence."""
+    groups: dict[str, dict[str, Cause]] = {}
+    for warning in warnings:
+        causes = [cause for cause in warning.causes if cause.kind == UNDETERMINED]
+        group = groups.setdefault(causes[0].words if causes else warning.message, {})
+        group.update({cause.channel: cause for cause in causes})
+    return tuple(undetermined(list(g.values())) if g else message for message, g in groups.items())
+
+
+def undetermined(causes: Sequence[Cause], *, is_combination: bool = False) -> str:
+    """Return the message on parameters, or parts of a combination, that data leave at their priors."""
+    names = ", ".join(cause.channel for cause in causes) + " separately" * is_combination
+    priors = ", ".join(
+        f"{c.channel} = {c.size:.4g} ± {c.sigma:.2g} {c.unit}".removesuffix(" 1") for c in causes
+    )
+    place = "its prior" if len(causes) == 1 else "their priors"
+    return f"the data do not determine {names}: {causes[0].words}; left at {place}: {priors}"
 
 
 def masked_spans(warnings: Iterable[FitWarning], run: str) -> list[tuple[float, float]]:

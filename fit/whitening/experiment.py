@@ -63,7 +63,7 @@ class Experiment:
         )
 
     def samples(self) -> int:
-        """Return the number of samples of both runs, which tells how long it takes to look at them."""
+        """Return the number of samples of both runs, a measure of the time that their tests take."""
         return self.sysid.telemetry.size + (self.noise.telemetry.size if self.noise else 0)
 
 
@@ -121,7 +121,7 @@ def _check_names(telemetries: Sequence[Telemetry]) -> None:
         twin = runs.setdefault((run.experiment, run.kind), run)
         if twin is not run and run.experiment in driven:
             raise InputError(
-                f"{run.path}: a second {run.kind} run of experiment {run.experiment!r} beside {twin.path}, "
+                f"{run.path}: experiment {run.experiment!r} already has the {run.kind} run {twin.path}, "
                 "expected one"
             )
 

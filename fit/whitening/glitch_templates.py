@@ -168,8 +168,9 @@ def columns(glitches: Sequence[Glitch], time: Array, fs: float) -> Iterator[Arra
 def columns_with_derivatives(glitches: Sequence[Glitch], time: Array, fs: float) -> Iterator[Array]:
     """Yield the `columns`, then how each changes with begin, tau and other time, shape (N, 3).
 
-    A strong glitch drives the loop, whose answer tells stiffness and gain as an injection does, but only as
-    well as the shape of the glitch is known: without these columns the answer would be trusted too much.
+    A strong glitch drives the loop, whose response determines stiffness and gain as that to an injection
+    does, but only as well as the shape of the glitch is known: without these columns the answer would be
+    trusted too much.
     """
     yield from columns(glitches, time, fs)
     for glitch in glitches:  # one by one: in long runs all of them fill the memory

@@ -8,7 +8,7 @@ With the residual power u = 2 |r|^2 / S of a bin (mean 2 where S is right), each
                                                             marginalised out (PRD 90, 042003)
 
 and its maximum is where a least-squares fit with the weights below reproduces itself. Use ``gaussian`` where
-the noise run tells the noise, ``marginalised`` where its level may have changed in between, ``student_t``
+the noise run gives the noise, ``marginalised`` where its level may have changed in between, ``student_t``
 where the run has outliers that nothing has masked.
 """
 

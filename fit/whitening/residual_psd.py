@@ -14,7 +14,7 @@ from fit.whitening.run import Run
 
 Array = NDArray[np.float64]
 
-SLOWER = 0.95  # of the first bin of a noise run, below which it tells nothing
+SLOWER = 0.95  # of the first bin of a noise run, below which it has no information
 # of the power of slower noise to its expectation, from which it is used again, lest fits cycle
 RETURN_RATIO = 2.0
 
@@ -101,7 +101,7 @@ def fit_residual_noise(
     previous : NoiseModel or None
         See `noise_model`.
     longer : ResidualSpectrum, optional
-        Of a run with the same noise. What it has below the first bin of the other tells the slower noise
+        Of a run with the same noise. What it has below the first bin of the other gives the slower noise
         where that is louder than it seems: what is taken for too quiet there would outweigh everything.
     """
     f, (power, dof) = residual.terms.f, residual.power(previous)

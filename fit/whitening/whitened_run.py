@@ -65,13 +65,13 @@ class WhitenedRun:
     first_bin : int
         Number of its first bin in the transform of the whole run.
     noise : NoiseModel or None
-        By which it was whitened; None where its own residual has told.
+        By which it was whitened; None where it was its own residual.
     n_projected : int
         Real numbers that have been projected out of every column.
     f : ndarray, shape (B,), or None
         Their frequencies [Hz] where it was whitened by a PSD.
     names : sequence of str
-        The first of the parameters of the run; the others are of what noisy read-outs tell.
+        The first of the parameters of the run; the others are those of noisy read-outs.
     equation : Equation
         Of its columns.
     """
@@ -270,7 +270,7 @@ def whiten_run(
     likelihood : str
         What the residual is taken to be like.
     c : ndarray, shape (K,), optional
-        Coefficients of the columns at the previous estimate, which make the residual that tells the weights.
+        Coefficients of the columns at the previous estimate, which make the residual that gives the weights.
     equation : Equation
         Of the columns.
     """
@@ -308,7 +308,7 @@ def _sum(of_columns: Sequence[Array], blocks: Sequence[WhitenedRun], theta: Arra
 
 @dataclass(frozen=True)
 class Prior:
-    """Gaussian knowledge beside the data: chi^2 gains ``|rows (theta - centre)|^2``.
+    """Gaussian prior knowledge: chi^2 gains ``|rows (theta - centre)|^2``.
 
     Attributes
     ----------

@@ -1,6 +1,6 @@
 """Campaigns: from a TOML file to the runs that are to be simulated.
 
-Everything in the file is checked here, so that a mistake is told before anything runs.
+Everything in the file is checked here, so that a mistake is reported before anything runs.
 """
 
 from lpfcosim.campaign.campaign import Campaign, Experiment

@@ -137,7 +137,7 @@ class Campaign:
         """SHA-256 of the canonical JSON of what is simulated: keys sorted, values in SI.
 
         Comments, order of keys and choice of units change nothing, nor do the fit, the design and the
-        identification, nor where an FMU lies: its own digest stands beside this one in the provenance.
+        identification, nor where an FMU lies: its own digest accompanies this one in the provenance.
         """
         inputs = {f.name: getattr(self, f.name) for f in fields(self) if f.name not in _NOT_SIMULATED}
         inputs["replacements"] = [

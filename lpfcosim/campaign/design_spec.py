@@ -43,7 +43,7 @@ class DesignSpec:
     weights, sigmas : mapping of str to float
         By parameter: how much it counts (1), and the sigma that is wanted (that of before).
     no_worse : float, optional
-        No sigma may be larger than this many times what is wanted.
+        No sigma may be larger than this many times the goal.
     hours : float, optional
         To be shared out among the runs with tones [s]; they last as long as they do otherwise.
     shortest : float

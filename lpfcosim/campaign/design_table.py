@@ -18,7 +18,7 @@ Positive = Annotated[Number, Field(gt=0)]
 
 
 class CapTable(Table):
-    """[design.limits.QUANTITY]: what every run must not exceed; forces also as "40 %" of the authority."""
+    """[design.limits.QUANTITY]: limits of every run; of forces also as "40 %" of the authority."""
 
     peak: str | None = None
     rms: str | None = None
@@ -26,7 +26,7 @@ class CapTable(Table):
 
 
 class ChoicesTable(Table):
-    """[design.authority]: values that settings of the actuation may have, the same for all experiments."""
+    """[design.authority]: allowed values of the authority, the same for all experiments."""
 
     F_max_1: Swept[Force] = []
     F_max_2: Swept[Force] = []
@@ -35,7 +35,7 @@ class ChoicesTable(Table):
 
 
 class DesignTable(Table):
-    """[design]: what `lpfcosim design` looks for, and what it must not exceed."""
+    """[design]: objective and limits of `lpfcosim design`."""
 
     goal: Goal = "geometric mean"
     held: Baseline = "peaks and rms of thrust"

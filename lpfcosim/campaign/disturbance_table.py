@@ -21,14 +21,14 @@ Share = Annotated[Number, Field(ge=0, le=1)]
 
 
 class PlateauTable(Table):
-    """The white part of the noise of Delta g at a date; between two of them it falls exponentially."""
+    """White part of the noise of Delta g at a date; between two dates it is interpolated exponentially."""
 
     date: Utc
     level: Annotated[AccelerationNoise, Field(gt=0)]
 
 
 class EventsTable(Table):
-    """[events]: what happens unasked; left out, nothing does.
+    """[events]: random events; without this table there are none.
 
     Glitches are stray accelerations of a test mass, exponential in rise and fall. In gaps all channels are
     missing. ``noise_drift`` changes the level of the noise of Delta g over every run, ``tail_scatter`` its

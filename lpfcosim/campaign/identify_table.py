@@ -11,10 +11,10 @@ from lpfcosim.campaign.values import Number
 
 
 class SoughtTable(Table):
-    """[identify.MODEL.PARAMETER]: a parameter that `lpfcosim identify` looks for, in the unit of its FMU.
+    """[identify.MODEL.PARAMETER]: a parameter that `lpfcosim identify` estimates, in the unit of its FMU.
 
-    Where the search begins, least and largest value that is tried, the natural scale (data that tell it worse
-    leave it undetermined), and over what it has one value.
+    Start value, bounds, natural scale ``width`` (a parameter with a larger sigma counts as undetermined), and
+    ``shared``: the runs for which it has one value.
     """
 
     start: Number | None = None

@@ -48,7 +48,7 @@ class _InjectionTable(Table):
 
 
 class SineTable(_InjectionTable):
-    """A sine of whole cycles."""
+    """A sine with an integer number of cycles."""
 
     shape: Literal["sine"]
     frequency: BelowNyquist
@@ -61,7 +61,7 @@ class SineTable(_InjectionTable):
 
 
 class TaperedSineTable(SineTable):
-    """A sine of whole cycles that swells during its first ``ramp`` and fades during its last."""
+    """A sine with an integer number of cycles whose amplitude rises and falls over ``ramp`` at both ends."""
 
     shape: Literal["tapered_sine"]  # type: ignore[assignment]
     ramp: Annotated[float, Quantity("a time", "s", "300 s", "positive", largest=YEAR)]

@@ -70,7 +70,7 @@ def check_epoch(place: ResolvedExperiment, truth: Truth) -> None:
 
 
 def spacecraft_of_experiment(table: CampaignTable, place: ResolvedExperiment, noise: Noise) -> object:
-    """Return what the runs of an experiment have beside the x axis.
+    """Return what the runs of an experiment have in addition to the x axis.
 
     Raises
     ------
@@ -127,8 +127,8 @@ def check_forces(
     holding = abs(entry.table.dc) * M_TM / truth.lambda_2
     if holding >= authority.F_max_2:
         raise ConflictError(
-            f"{entry.place_of('dc')}: holding it takes {_pN(holding)} of the {_pN(authority.F_max_2)} that "
-            f'authority set "{authority.name}" gives to test mass 2, which leaves nothing to control with'
+            f"{entry.place_of('dc')}: compensating it takes {_pN(holding)} of the {_pN(authority.F_max_2)} "
+            f'that authority set "{authority.name}" gives to test mass 2; nothing remains for control'
         )
     for j, offset, F_max in ((1, 0.0, authority.F_max_1), (2, holding, authority.F_max_2)):
         forces = [(place, s) for place, s in placed if s.into == f"F_x_{j}"]

@@ -1,6 +1,6 @@
 """A campaign file, read and checked.
 
-What one table can tell on its own is checked by its schema; here, what needs two of them. What is wrong with
+What one table shows by itself is checked by its schema; here, what needs two of them. What is wrong with
 a file is said in one sentence that gives the path inside it, such as
 ``quickstart.toml: experiments[2].injections[0].frequency: "6 Hz" is not below …``.
 """
@@ -159,7 +159,7 @@ def _check_swept(campaign: Campaign, entries: Sequence[ResolvedExperiment]) -> N
     """Refuse a run of a sweep whose injections alone ask for more than its authority gives."""
     for run in campaign.runs:
         if run.kind != "sysid" or not stability.is_stable(run):
-            continue  # who simulates it is told of a loop that is not
+            continue  # an unstable loop is reported when it is simulated
         for demand in saturation.demands(run):
             if not demand.is_read_out and demand.peak > demand.limit:
                 (entry,) = (entry for entry in entries if entry.table.name == run.experiment)

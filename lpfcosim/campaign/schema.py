@@ -1,6 +1,6 @@
 """The campaign file, ``lpf-campaign/1``: its tables and keys, each with its unit and sign.
 
-What one table can tell on its own is checked here; what needs two of them, in `lpfcosim.campaign.loading`.
+What one table shows by itself is checked here; what needs two of them, in `lpfcosim.campaign.loading`.
 """
 
 import re
@@ -80,7 +80,7 @@ DeltaIfo = Annotated[Number, Field(ge=-1, le=1)]
 
 
 class TruthTable(ParameterTable):
-    """[truth]: the dynamics that are simulated; what is left out has its flight value (table jointfit).
+    """[truth]: the simulated dynamics; keys that are left out have their flight values.
 
     Further keys are parameters of the Modelica models that are not set otherwise.
     """
@@ -154,9 +154,9 @@ class AttitudeTable(Table):
 
 
 class ControlTable(Table):
-    """[control]: the controllers; what is left out keeps the checked values.
+    """[control]: the controllers; keys that are left out keep their default values.
 
-    Only the whole spacecraft has an attitude.
+    Attitude control exists only with [spacecraft].
     """
 
     drag_free: ControllerTable = ControllerTable()
@@ -165,10 +165,10 @@ class ControlTable(Table):
 
 
 class NoiseTable(LevelTable):
-    """[noise]: one-sided amplitude spectral densities; a level that is given nowhere is zero.
+    """[noise]: one-sided amplitude spectral densities; levels that are left out are zero.
 
-    Thrusters: cold gas is white, a colloid rises as 1/f below 1 mHz. Further keys are levels that the
-    spacecraft model declares.
+    Noise of cold-gas thrusters is white; that of colloid thrusters rises as 1/f below 1 mHz. Further keys are
+    levels that the spacecraft model declares.
     """
 
     oms: LengthNoise = 0.0
@@ -189,9 +189,9 @@ class NoiseTable(LevelTable):
 
 
 class MisalignmentTable(Table):
-    """[spacecraft.period.K]: the line through the test masses during inertial period K.
+    """[spacecraft.period.K]: misalignment of the test masses during inertial period K.
 
-    b_1 … b_6 are those of the period, where they are not those of [spacecraft].
+    b_1 … b_6 replace those of [spacecraft] in this period.
     """
 
     delta_phi: Misalignment
@@ -205,16 +205,16 @@ class MisalignmentTable(Table):
 
 
 class SpacecraftTable(Table):
-    """[spacecraft]: simulate all its degrees of freedom; left out, there is the x axis alone.
+    """[spacecraft]: simulate all degrees of freedom; without this table, the x axis only.
 
-    b_1 … b_6 (eq. bump), the rates of the attitude set points, and the errors of the actuation. With
-    ``lever_arm_compensated`` b_1 and b_2 are what is left after the lever arm of the misalignment: the
-    read-out has b_1 - d delta_phi and b_2 + d delta_eta. The drifts count from ``t0`` of the campaign, what
-    is per kelvin from the ``temperature`` zero of an experiment.
+    Cross-talk b_1 … b_6, rates of the attitude set points, and errors of the actuation. With
+    ``lever_arm_compensated`` b_1 and b_2 exclude the lever arm of the misalignment: the read-out has
+    b_1 - d delta_phi and b_2 + d delta_eta. Drifts are relative to ``t0`` of the campaign, coefficients per
+    kelvin to ``temperature`` zero of an experiment.
 
-    With a background ``omega2_eta_0`` or ``omega2_phi_0`` the stiffness about y or z follows the authority;
-    left out, it is -1.5e-6 s^-2. With a ``thruster_layout`` noise along and about axes is that of nozzles;
-    without, each axis has its own.
+    With a background ``omega2_eta_0`` or ``omega2_phi_0`` the stiffness about y or z depends on the
+    authority; by default it is -1.5e-6 s^-2. With a ``thruster_layout`` the noise of forces and torques is
+    that of the nozzles; without, each axis has independent noise.
     """
 
     b_1: LengthPerAngle = 0.0
@@ -241,7 +241,7 @@ class SpacecraftTable(Table):
     period: dict[Annotated[str, Field(pattern=r"^[1-9]\d{0,3}$")], MisalignmentTable] = {}
 
     def equipment(self, period: int | None, warming: float) -> Spacecraft:
-        """Return what a run has beside the x axis, in an inertial period and so much warmer [K]."""
+        """Return what a run has in addition to the x axis, in an inertial period and so much warmer [K]."""
         misalignment = {} if period is None else self.period[str(period)].model_dump(exclude_unset=True)
         b = [misalignment.pop(f"b_{i}", getattr(self, f"b_{i}")) for i in range(1, 7)]
         craft = Spacecraft(
@@ -266,9 +266,9 @@ class SpacecraftTable(Table):
 
 
 class ActuationTable(Table):
-    """[actuation]: relative noise of the voltages on the electrodes, from which noise of the force follows.
+    """[actuation]: relative noise of the electrode voltages, which causes noise of the forces.
 
-    White from 1 mHz up, rising as f^-1/2 below.
+    It is white above 1 mHz and rises as f^-1/2 below.
     """
 
     electrode: VoltageNoise = 0.0
@@ -289,7 +289,7 @@ class AuthorityTable(Table):
 
 
 class DefaultsTable(Table):
-    """[defaults]: what is said once for all experiments; each may say it otherwise."""
+    """[defaults]: default values of the keys of all experiments."""
 
     authority: Annotated[str, Strict(), Field(examples=['authority = "A"'])] | None = None
     alignment_epoch: AlignmentEpoch = 1
@@ -304,9 +304,9 @@ class DefaultsTable(Table):
 
 
 class ExperimentTable(DefaultsTable):
-    """[[experiments]]: a run with injections, and the noise run just before it; or the latter alone.
+    """[[experiments]]: a run with injections, preceded by its noise run; or a noise run only.
 
-    A key that is left out is as ``[defaults]`` has it; ``noise`` replaces single levels of ``[noise]``.
+    Keys that are left out are those of ``[defaults]``; ``noise`` replaces single levels of ``[noise]``.
     """
 
     name: Annotated[Name, Field(examples=['name = "A"'])]
@@ -315,9 +315,9 @@ class ExperimentTable(DefaultsTable):
 
 
 class SweepTable(Table):
-    """[sweep]: the first experiment again for every value of a list, in place of all experiments.
+    """[sweep]: the first experiment, repeated for every value of a list, replaces all experiments.
 
-    Several lists go together entry by entry.
+    Several lists are combined entry by entry.
     """
 
     F_max_1: Swept[Force] = []
@@ -332,7 +332,7 @@ class SweepTable(Table):
 
 
 class FmuTable(Table):
-    """[fmus.Model]: an FMU of the user's in the place of one of ours."""
+    """[fmus.Model]: an FMU of yours that replaces the default one."""
 
     path: Annotated[str, Strict(), Field(min_length=1, examples=['path = "mine.fmu"'])]
     variables: dict[str, Annotated[str, Strict(), Field(min_length=1)]] = {}
@@ -345,8 +345,8 @@ class FmuTable(Table):
 class CommonTables(Table):
     """What campaign files of all spacecraft have.
 
-    One that `extends` another adds to its tables and replaces its values and lists. What ``[fit]`` says is
-    for the fit to read.
+    One that `extends` another adds to its tables and replaces its values and lists. The table ``[fit]`` holds
+    settings of the fit.
     """
 
     extends: Annotated[str, Strict(), Field(min_length=1)] | None = None

@@ -65,9 +65,9 @@ def _check(
     lists: Mapping[str, Sequence[Any]],
     sequences: Mapping[str, Sequence[InjectionTable]],
 ) -> None:
-    """Refuse lists that do not go together, and sweeps that tell nothing."""
+    """Refuse lists that do not go together, and sweeps without information."""
     if not lists:
-        raise ConflictError('sweep: says nothing, write a list, such as F_max_2 = ["50 pN", "2200 pN"]')
+        raise ConflictError('sweep: is empty, write a list, such as F_max_2 = ["50 pN", "2200 pN"]')
     first_key, *other_keys = lists
     for key in other_keys:
         n, n_first = len(lists[key]), len(lists[first_key])
@@ -85,8 +85,8 @@ def _check(
     into |= {injection.into for name in base.table.sequences for injection in sequences.get(name, ())}
     if not into - {"g_1", "g_2"}:
         raise ConflictError(
-            f"sweep: nothing is injected into {base.location}, so that no run of the sweep would tell "
-            'anything; give it sequences, or duration = "0 s" for noise runs alone'
+            f"sweep: nothing is injected into {base.location}, so that the sweep would determine "
+            'nothing; give it sequences, or duration = "0 s" for noise runs alone'
         )
     if varying <= _OF_MASS_1 and into <= {"guidance_o_12", "F_x_2"}:
         raise ConflictError(

@@ -17,7 +17,7 @@ app = typer.Typer(
     epilog=examples(
         "lpfcosim new mine.toml      a campaign to start from",
         "lpfcosim check mine.toml    what to expect of it",
-        "lpfcosim run mine.toml      leaves mine/report.html",
+        "lpfcosim run mine.toml      writes mine/report.html",
     ),
     rich_markup_mode=None,
     pretty_exceptions_enable=False,
@@ -45,7 +45,7 @@ def _main(
 @app.command(
     epilog=examples(
         "lpfcosim new mine.toml",
-        "lpfcosim new --map mission.toml           a map that is an example",
+        "lpfcosim new --map mission.toml           an example map",
         "lpfcosim new --map A.csv A-noise.csv      A.toml, a map of two archives",
     )
 )
@@ -64,11 +64,12 @@ def new(
 ) -> None:
     """Write a commented campaign or map of archives to start from.
 
-    Of archives, the map lists the columns of the first, and has those that are recognised by their names;
-    the rest is to be filled in.
+    A map of archives lists the columns of the first archive. Columns with known names are assigned to
+    channels; fill in the rest.
 
-    Beside it comes lpf-campaign.json or lpf-map.json, its JSON Schema. The first line of the file names it,
-    so that editors complete keys and check values as you type. No existing file is overwritten.
+    The JSON Schema of the file, lpf-campaign.json or lpf-map.json, is written to the same folder. The first
+    line of the file names it, so that editors complete keys and check values as you type. No existing file
+    is overwritten.
     """
     from lpfcosim.cli import new as cli_new
 
@@ -78,23 +79,23 @@ def new(
 @app.command(
     epilog=examples(
         "lpfcosim trust my_controller.fmu",
-        "lpfcosim trust                         what is approved",
+        "lpfcosim trust                         list the approved FMUs",
         "lpfcosim trust --remove 3f5a09c2       by the first digits of its digest",
     )
 )
 def trust(
     files: Annotated[
-        list[str] | None, typer.Argument(metavar="FILE.fmu", help="FMUs [default: list what is approved].")
+        list[str] | None, typer.Argument(metavar="FILE.fmu", help="FMUs [default: list the approved ones].")
     ] = None,
     remove: Annotated[
         bool, typer.Option("--remove", help="Withdraw the approval of files, or of digests.")
     ] = False,
     quiet: Quiet = False,
 ) -> None:
-    """Approve FMUs that were not built here; list them.
+    """Approve third-party FMUs; list the approved ones.
 
-    An FMU is native code with all your rights. Digest, name and date of what you approve go into your own
-    configuration. An FMU that has changed since is another one, and wants a new approval.
+    An FMU is native code with all your rights. Digest, name and date of approved files are stored in
+    your own configuration. An FMU that changes needs a new approval.
     """
     from lpfcosim.cli import trust as cli_trust
     from lpfcosim.cli.console import Console
@@ -104,7 +105,7 @@ def trust(
 
 @app.command(epilog=examples("lpfcosim schema > lpf-campaign.json", "lpfcosim schema --map > lpf-map.json"))
 def schema(
-    as_map: Annotated[bool, typer.Option("--map", help="That of a map of archives.")] = False,
+    as_map: Annotated[bool, typer.Option("--map", help="Print the schema of a map of archives.")] = False,
 ) -> None:
     """Print the JSON Schema of a campaign or a map, for editors.
 

@@ -31,12 +31,12 @@ def check(
 ) -> None:
     """Validate a campaign and print what to expect of it.
 
-    What `run` would refuse is refused, with exit status 2: third-party FMUs that do not fit their places,
-    unstable loops, commands at their limits for too long. A campaign with a command at its limit, or with
-    a tone that the fit takes nothing from, is called doubtful instead of valid (exit status 0). Then come
-    its runs, the stability margins of its loops, the expected sigmas (those of `lpfcosim forecast`), and
-    how long it will take. With a third-party FMU in the loop these are not available. Nothing is
-    simulated, and none of our FMUs is needed.
+    A campaign that `run` would refuse is an error (exit status 2): third-party FMUs that do not fit, unstable
+    loops, commands at their limits for too long. A campaign with a command at its limit, or with a tone
+    that the fit does not use, is reported as doubtful instead of valid (exit status 0). Printed are its
+    runs, the stability margins of its loops, the expected sigmas (those of `lpfcosim forecast`), and the
+    expected run time. With a third-party FMU in the loop these are not available. Nothing is simulated, and
+    no FMU is built.
     """
     from lpfcosim.cli import check as cli_check
     from lpfcosim.cli.console import Console
@@ -57,12 +57,11 @@ def forecast(
 ) -> None:
     """Print the expected sigmas of the joint fit; needs no FMU.
 
-    They come from the Fisher matrix at the true parameters of the campaign. It includes the closed-loop
-    noise of the channels, which carries information too. They are those of the estimator and of the scatter
-    between experiments that the campaign asks for. They are means over many campaigns: those of one fit
-    differ by up to 10 %, because it estimates the noise PSDs. Those of the angles of the inertial
-    calibration are given by period. With a third-party FMU in the loop they are not available (exit
-    status 2; null in JSON).
+    They follow from the Fisher matrix at the true parameters of the campaign, for its estimator and its
+    scatter between experiments. The closed-loop noise of the channels, which also carries information, is
+    included. The sigmas of a single fit differ from these means by up to 10 %, because it estimates the
+    noise PSDs. The sigmas of the misalignment angles are given by inertial period. With a third-party FMU
+    in the loop they are not available (exit status 2; null in JSON).
     """
     from lpfcosim.cli import forecast as cli_forecast
     from lpfcosim.cli.console import Console
@@ -77,9 +76,9 @@ def margins(
 ) -> None:
     """Print the stability margins of every control loop.
 
-    These are unity gain, phase margin and gain margin of each loop, with the others closed. They are
-    computed from our model of the loop. With a third-party FMU in it they are not available (exit status
-    2; null in JSON).
+    These are unity-gain frequency, phase margin and gain margin of each loop, with the others closed,
+    computed from the equations of the models. With a third-party FMU in the loop they are not available
+    (exit status 2; null in JSON).
     """
     from lpfcosim.cli import margins as cli_margins
     from lpfcosim.cli.console import Console
@@ -100,7 +99,7 @@ def run(
     jobs: Jobs = None,
     engine: Annotated[
         Literal["compiled", "fmpy"],
-        typer.Option("--engine", help="Loop over the FMUs; fmpy is the plain one: slow, same bits."),
+        typer.Option("--engine", help="Co-simulation loop; fmpy: slow, bit-identical."),
     ] = "compiled",
     scheduler: Scheduler = None,
     time_limit: Annotated[
@@ -109,14 +108,12 @@ def run(
             "--time-limit",
             metavar="DURATION",
             parser=duration,
-            help='Longest time a run may take, such as "2 h". A minute without a step always ends it.',
+            help='Time limit of a run, such as "2 h". A run without a step for a minute is always ended.',
         ),
     ] = None,
     rerun: Annotated[
         bool,
-        typer.Option(
-            "--rerun", help="Simulate anew what was made with another campaign, seed, version or FMU."
-        ),
+        typer.Option("--rerun", help="Repeat simulations made with another campaign, seed, version or FMU."),
     ] = False,
     trusted: Trust = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print results.json instead of a table.")] = False,
@@ -124,9 +121,9 @@ def run(
 ) -> None:
     """Simulate a campaign with the FMUs, fit it, report.
 
-    Afterwards the folder holds telemetry/*.h5, results.json and report.html. If it is interrupted, the
-    same command continues. A run that fails leaves a log in logs/. Complete experiments
-    are fitted all the same, and the exit status is 1.
+    The output folder has telemetry/*.h5, results.json and report.html. If interrupted, the same command
+    continues. The log of a failed run is in logs/; the complete experiments are fitted nevertheless, and
+    the exit status is 1.
     """
     from lpfcosim.cli import run as cli_run
     from lpfcosim.cli.console import Console
@@ -172,15 +169,15 @@ def montecarlo(
     """Repeat a campaign with new noise; report pulls and coverage.
 
     Telemetry is drawn at 1 Hz from the spectra of the linear closed loop, which needs no FMU. The fit is
-    that of `lpfcosim fit`, but looks for no faults of archives, and for no glitches, and no gains that
-    change, where the campaign has none. Of the whole spacecraft, only the channels of the joint fit are
-    drawn; with --fmus the inertial calibration takes part too. The folder holds montecarlo.json,
-    campaigns.jsonl and figures/pulls.*. If it is interrupted, the same command continues; N may be larger
-    then. A campaign with a third-party FMU needs --fmus.
+    that of `lpfcosim fit` without the tests for faults of archives, and for glitches and changing gains
+    where the campaign has none. Of a campaign with [spacecraft], only the channels of the joint fit are
+    drawn; --fmus includes the inertial calibration. The output folder has montecarlo.json, campaigns.jsonl
+    and figures/pulls.*. If interrupted, the same command continues, also with a larger N. A campaign with a
+    third-party FMU needs --fmus.
 
-    In the end mean and standard deviation of the pulls, coverage, and the share of campaigns that failed
-    (1 % may) are tested. Exit status 1 says that chance does not explain them; it does so by mistake in
-    1 of 100 cases.
+    Finally mean and standard deviation of the pulls, coverage, and the fraction of failed campaigns (at most
+    1 %) are tested. The exit status is 1 if they are inconsistent with valid uncertainties; the
+    false-positive probability of this test is 1 %.
     """
     from lpfcosim.cli import montecarlo as cli_montecarlo
     from lpfcosim.cli.console import Console
@@ -209,19 +206,20 @@ def design(
     ] = None,
     figure: Annotated[
         Path | None,
-        typer.Option("--figure", metavar="FILE", help="Draw what tones tell by frequency (svg, pdf, png)."),
+        typer.Option(
+            "--figure", metavar="FILE", help="Draw the information of tones by frequency (svg, pdf, png)."
+        ),
     ] = None,
     jobs: Jobs = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON, schema lpf-design/1.")] = False,
     quiet: Quiet = False,
 ) -> None:
-    """Find the best injections within limits.
+    """Optimise the injections within limits.
 
-    It writes a campaign with other tones, each with the reason it is there for, that tells the parameters
-    best. The table [design] says what is best and what must not be exceeded; without it, all that the
-    campaign itself does not exceed, run by run. A bound tells what no design within the limits on rms goes
-    below. The tones are checked through the FMUs. Interrupted, it writes the best that it has found.
-    Needs lpfcosim[design].
+    The result is a campaign whose tones determine the parameters best, with a reason for each tone. The table
+    [design] gives objective and limits; without it, the limits are what each run of the campaign reaches now.
+    A lower bound on the objective holds for every design within the limits on rms. The tones are checked
+    through the FMUs. If interrupted, the best design so far is written. Needs lpfcosim[design].
     """
     from lpfcosim.cli import design as cli_design
     from lpfcosim.cli.console import Console
@@ -236,7 +234,9 @@ def identify(
     campaign: CampaignFile,
     paths: Annotated[
         list[Path] | None,
-        typer.Argument(metavar="PATH", help="Telemetry, folders, maps [default: what run left in DIR]."),
+        typer.Argument(
+            metavar="PATH", help="Telemetry, folders, maps [default: those of DIR, from lpfcosim run]."
+        ),
     ] = None,
     out: Out = None,
     trusted: Trust = False,
@@ -251,12 +251,12 @@ def identify(
 ) -> None:
     """Estimate parameters of the FMUs in the loop.
 
-    The table [identify] of the campaign names them: any parameter of any FMU, with start, bounds and what
-    shares it. Without the table, they are those of `lpfcosim fit`. The closed loop is simulated through the
-    FMUs with trial values. o_1 and f_x_1 are imposed as measured, o_12 is compared. All else is as the
-    campaign says, the controllers too. The folder holds identified.json, and report.html has a section on
-    it, with the differences from `lpfcosim fit`. Constraints of parameters, those of FMUs too
-    (SuspensionControl.f_p, in the unit of the FMU), are those of `lpfcosim fit`.
+    The table [identify] of the campaign lists them: any parameter of any FMU, with start value, bounds, and
+    the runs that share it. Without the table, they are those of `lpfcosim fit`. The closed loop is simulated
+    through the FMUs with trial values: measured o_1 and f_x_1 are imposed, and o_12 is compared. Everything
+    else, the controllers included, is that of the campaign. The output folder has identified.json and a
+    section of report.html, with the differences from `lpfcosim fit`. Constraints are given as for `lpfcosim
+    fit`, also of parameters of FMUs (SuspensionControl.f_p, in the unit of the FMU).
     """
     from lpfcosim.cli import identify as cli_identify
     from lpfcosim.cli.console import Console

@@ -13,6 +13,8 @@ def check(campaign: Path, console: Console) -> None:
         expected = workflow.check(campaign)
     console.print_json(expected.to_json())
     console.print_line(f"{campaign}: {expected.headline()}\n")
+    for warning in expected.warnings:
+        console.warn(warning)
     for part in (expected, expected.margins, expected.forecast):
         if part is not None:
             console.print_table(part.table())
@@ -22,8 +24,6 @@ def check(campaign: Path, console: Console) -> None:
         n = processors()
         idle = f"{n} idle processors" if n > 1 else "an idle processor"
         console.print_line(f"run: about {_rounded(expected.wall_time)} on {idle}, once the FMUs are built")
-    for warning in expected.warnings:
-        console.warn(warning)
 
 
 def _rounded(seconds: float) -> str:

@@ -58,10 +58,10 @@ class WorkProgress:
     def line(self) -> str:
         """Return the progress in a line, and about how long it will still take."""
         if not 0 < self.done < 1:
-            return f"{self.name}: for {self.seconds:.0f} s so far"
+            return f"{self.name}: {self.seconds:.0f} s elapsed"
         remaining = self.seconds * (1 / self.done - 1)
         text = f"{remaining:.0f} s" if remaining < 100 else f"{remaining / 60:.0f} min"
-        return f"{self.name}: {100 * self.done:.0f} %, about {text} left"
+        return f"{self.name}: {100 * self.done:.0f} %, about {text} remaining"
 
 
 class Console(progress.Progress):
@@ -151,13 +151,13 @@ class Console(progress.Progress):
                     bars.update(task, completed=now)
 
                 yield advance
-        self.note(f"{name}: {n_done}, {work.seconds:.1f} s")
+        self.note(f"{name}: {n_done} in {work.seconds:.1f} s")
 
     @contextmanager
     def samples(
         self, sizes: Mapping[str, int]
     ) -> Iterator[tuple[Callable[[str, int], None], Callable[[str], None]]]:
-        """Show the progress of runs of known numbers of samples.
+        """Show the progress of the simulation of runs, in hours of telemetry.
 
         On a terminal there is a bar for all and one for each run under way. Yields the functions to call with
         ``(run, samples done)``, and with ``(run)`` for telemetry that exists.
@@ -177,7 +177,7 @@ class Console(progress.Progress):
                 bars.update(total_task, completed=sum(n_done.values()))
                 work.done = sum(n_done.values()) / max(sum(simulated.values()), 1)
                 if done == sizes[name] and not self._live:
-                    self.note(f"run {name}: {done} samples")
+                    self.note(f"run {name}: {_hours(done)}")
 
             def skip(name: str) -> None:
                 del simulated[name]
@@ -187,8 +187,8 @@ class Console(progress.Progress):
 
             yield advance, skip
         n = len(sizes) - len(simulated)
-        skipped = f", {n} runs kept" if n and self._live else ""
-        self.note(f"simulation: {sum(simulated.values())} samples{skipped}, {work.seconds:.1f} s")
+        skipped = f" ({n} runs kept)" if n and self._live else ""
+        self.note(f"simulation: {_hours(sum(simulated.values()))}{skipped} in {work.seconds:.1f} s")
 
     @contextmanager
     def _report_progress(self, name: str) -> Iterator[WorkProgress]:
@@ -212,18 +212,26 @@ class Console(progress.Progress):
                 thread.join()
 
     def show_calibration(self, calibration: workflow.Calibration, prefix: str = "") -> None:
-        """Show estimates, warnings and the report of a calibration, with a text before the last line.
+        """Show warnings, estimates, what was found and the report, with a text before the last line.
 
         Raises
         ------
         FitError
-            If sigmas do not hold.
+            If the uncertainties are not valid.
         RunError
             If runs of a campaign failed.
         """
-        self.print_table(calibration.table())
         for warning in calibration.warnings:
             self.warn(warning)
+        self.print_table(calibration.table())
         self.print_json(calibration.to_json())
+        self.print_line(calibration.headline())
         self.print_line(f"{prefix}report: {calibration.report}")
         calibration.check_sound()
+
+
+def _hours(n_samples: int) -> str:
+    """Return the duration of telemetry in print."""
+    from lpfcosim.spacecraft import H  # takes its time
+
+    return f"{n_samples * H / 3600:.3g} h"

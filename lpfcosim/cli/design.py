@@ -30,13 +30,14 @@ def design(
     designed.check_valid()
     largest = max(ratio for ratios in designed.limits_reached.values() for ratio in ratios.values())
     console.print_line(
-        f"stepped through the FMUs, every limit is kept; the most that is reached is {largest:.4f}"
+        f"stepped through the FMUs, every limit is respected; the largest ratio to a limit is {largest:.4f}"
     )
     if designed.dropped:
-        console.print_line(f"left out, since the others tell enough: {', '.join(designed.dropped)}")
+        console.print_line(f"left out, as the others are sufficient: {', '.join(designed.dropped)}")
     if box := designed.robustness:
         console.print_line(
-            f"at {box.draws} corners of a box of truths (gains 5 %, stiffness and delays 30 %) and noise "
+            f"at {box.draws} corners of a box of true values (gains 5 %, stiffness and delays 30 %) and "
+            "noise "
             f"(half to twice): sigmas up to {100 * box.loss:.1f} % larger, relative to the best there, than "
             f"here; limits reached up to {box.max_limit_ratio:.3f}"
         )

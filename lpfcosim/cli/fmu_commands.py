@@ -33,12 +33,12 @@ def build(
         Path | None, typer.Option("--out", metavar="DIR", help="Folder to copy the FMUs to.")
     ] = None,
     fmi: Annotated[Literal["2.0", "3.0"], typer.Option("--fmi", help="Version of FMI.")] = "3.0",
-    force: Annotated[bool, typer.Option("--force", help="Build again, whatever there is.")] = False,
+    force: Annotated[bool, typer.Option("--force", help="Build again, even if it is in the cache.")] = False,
     quiet: Quiet = False,
 ) -> None:
     """Build the FMUs from the Modelica sources.
 
-    A model that has not changed since it was built comes from the cache.
+    Models that have not changed are taken from the cache.
     """
     from fit.errors import quote
     from fit.files import closest_match
@@ -62,7 +62,7 @@ def build(
 
 @app.command(name="list", epilog=examples("lpfcosim fmu list", "lpfcosim fmu list --json | jq .fmus[].path"))
 def list_(as_json: AsJson = False) -> None:
-    """List the models and where their FMUs are, or would be."""
+    """List the models and the paths of their FMUs, built or not."""
     import json
 
     from lpfcosim.modelica import build as fmu_build
@@ -93,10 +93,10 @@ def show(
     ],
     as_json: AsJson = False,
 ) -> None:
-    """Show what a place needs, what an FMU has, how they fit.
+    """Show the interface of a place or an FMU, or match both.
 
-    With both, print a proposal for the table of the campaign; exit status 1 if the FMU does not fit, or if a
-    name has to be chosen. The code of the FMU is not run.
+    With both, print a proposal for the table of the campaign. The exit status is 1 if the FMU does not fit,
+    or if a name is ambiguous. The code of the FMU is not run.
     """
     from lpfcosim.cli import fmu_show
     from lpfcosim.cli.console import Console

@@ -70,7 +70,7 @@ class Match:
     candidates : dict of str to list of str
         Inputs and outputs for which nothing is proposed, and what could be meant.
     unused : list of str
-        Inputs and parameters of ours for which there is nothing, or nothing that can be told from names and
+        Inputs and parameters of ours for which there is nothing, or nothing that follows from names and
         units.
     unmapped : list of str
         Parameters of the FMU that nothing of ours is mapped to.

@@ -26,7 +26,7 @@ def forecast(campaign: Path, out: Path | None, console: Console) -> None:
         out.mkdir(parents=True, exist_ok=True)
         atomic.write(out / "forecast.json", text + "\n")
     console.print_json(text)
-    console.print_table(expected.table())
-    console.print_constraints(expected.constraints)
     for warning in expected.warnings:
         console.warn(warning)
+    console.print_table(expected.table())
+    console.print_constraints(expected.constraints)

@@ -44,7 +44,7 @@ def _sample(
     with console.stage("fit"):
         outcome = refit.refit(results, telemetries, directory / "results.json")
     posterior = Posterior(outcome)
-    with console.counted("steps", steps) as progress:
+    with console.counted("autocorrelation times", chains.MIN_LENGTH) as progress:
         path, identity = directory / "mcmc.h5", chains.digest(results)
         chain = chains.sample(posterior, path, identity, steps=steps, seed=seed, progress=progress)
     chain, outcome = chains.apply_iv_correction(chain, outcome, corrected_estimates)

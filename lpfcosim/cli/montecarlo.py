@@ -39,5 +39,7 @@ def montecarlo(
     console.print_line(f"{study.n} campaigns, {len(study.failures)} failed{unfinished}: {study.path}")
     if study.verdict.valid:
         parameters = f"{len(study)} parameter{'s' * (len(study) > 1)}"
-        console.print_line(f"valid: pulls and coverage of {parameters} are consistent with true sigmas")
+        console.print_line(
+            f"valid: pulls and coverage of {parameters} are consistent with valid uncertainties"
+        )
     study.check_valid()

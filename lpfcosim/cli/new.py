@@ -17,7 +17,7 @@ MAP_SCHEMA = "lpf-map.json"  # what `lpfcosim schema --map` prints
 
 
 def new(files: Sequence[Path]) -> None:
-    """Write a commented starter campaign, and its JSON Schema beside it for editors."""
+    """Write a commented starter campaign, and next to it its JSON Schema for editors."""
     from lpfcosim.cli.schema import json_schema  # takes its time, which a map need not
 
     file = files[0] if files else Path("campaign.toml")
@@ -33,11 +33,11 @@ def new(files: Sequence[Path]) -> None:
     text = starter().replace('name = "quickstart"', f'name = "{file.stem}"')
     text = text.replace("campaigns/quickstart.toml", file.name)
     _write(file, text, JSON_SCHEMA, json.dumps(json_schema(), indent=1))
-    print(f"{file}: written; see what it will tell with: lpfcosim check {file}")
+    print(f"{file}: written; see what to expect of it: lpfcosim check {file}")
 
 
 def new_map(files: Sequence[Path]) -> None:
-    """Write a commented map of archives, and its JSON Schema beside it for editors."""
+    """Write a commented map of archives, and next to it its JSON Schema for editors."""
     from fit.telemetry import map_draft  # takes its time, which a campaign need not
 
     maps = [file for file in files if file.suffix == ".toml"]
@@ -64,14 +64,14 @@ def _check_suffix(file: Path) -> None:
 
 
 def _write(file: Path, text: str, schema: str, content: str) -> None:
-    """Write a new file that names its JSON Schema, and the schema beside it unless there is one."""
+    """Write a new file that names its JSON Schema, and the schema next to it unless there is one."""
     try:
         with file.open("x", encoding="utf-8") as written:
             written.write(f"#:schema ./{schema}\n{text}")
     except FileExistsError:
-        raise InputError(f"{file}: is there already, expected a new name") from None
+        raise InputError(f"{file}: exists already, expected a new name") from None
     except (FileNotFoundError, NotADirectoryError):
-        raise InputError(f"{file}: {file.parent} is not a folder, expected one that is there") from None
+        raise InputError(f"{file}: {file.parent} is not a folder, expected an existing one") from None
     schema_file = file.with_name(schema)
     if not schema_file.exists():
         schema_file.write_text(content, encoding="utf-8")

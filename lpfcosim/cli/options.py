@@ -32,9 +32,7 @@ Scheduler = Annotated[
 ]
 Trust = Annotated[
     bool,
-    typer.Option(
-        "--trust", help="For once, let FMUs run that are not ours and not approved (lpfcosim trust)."
-    ),
+    typer.Option("--trust", help="Run third-party FMUs that are not approved (lpfcosim trust), this once."),
 ]
 Many = list[str] | None  # an option that may be repeated
 Fix = Annotated[Many, typer.Option("--fix", metavar="NAME[=VALUE]", help="Fix a parameter, SI.")]

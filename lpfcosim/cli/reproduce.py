@@ -37,7 +37,7 @@ def reproduce(directory: Path, console: Console, *, jobs: int | None, trusted: b
         repetition = Path(name) / "again"
         _repeat(plan, recorded[0], repetition, console, jobs=jobs, trusted=trusted)
         if not (repetition / "telemetry").is_dir():
-            raise RunError(f"{directory}: its campaign cannot be run any more")
+            raise RunError(f"{directory}: its campaign can no longer be run")
         files = sorted({p.name for p in (*recorded, *(repetition / "telemetry").glob("*.h5"))})
         differences = {}
         with console.counted("comparison", len(files)) as progress:
@@ -67,14 +67,14 @@ def _repeat(
         else:
             simulate.simulate(plan, repetition, jobs=jobs, trusted=trusted, progress=console)
     except InputError as error:
-        raise RunError(f"{recorded.parents[1]}: its campaign cannot be run any more: {error}") from None
+        raise RunError(f"{recorded.parents[1]}: its campaign can no longer be run: {error}") from None
     except (CalibrationError, RunError) as error:
         console.warn(str(error))
 
 
 def _compare_telemetry(old: Path, new: Path) -> str:
     """Return in what a telemetry file differs from an earlier one; empty if in nothing."""
-    for path, state in ((old, "is missing"), (new, "is not made any more")):
+    for path, state in ((old, "is missing"), (new, "is no longer produced")):
         if not path.is_file():
             return state
     is_same = checksums.digest(old) == checksums.digest(new)
@@ -86,13 +86,13 @@ def _compare_attributes(old: Path, new: Path) -> str:
     if a is None or b is None:
         return "it is damaged"
     names = sorted(name for name in a | b if str(a.get(name)) != str(b.get(name)))
-    changes = [f"{name} was {a.get(name, 'not there')}, is {b.get(name, 'not there')}" for name in names]
+    changes = [f"{name} was {a.get(name, 'missing')}, is {b.get(name, 'missing')}" for name in names]
     return "; ".join(changes) or "same provenance"
 
 
 def _compare_results(old: Path, new: Path) -> str:
     documents = []
-    for path, state in ((old, "is missing"), (new, "is not made any more")):
+    for path, state in ((old, "is missing"), (new, "is no longer produced")):
         try:
             documents.append(json.loads(path.read_text(encoding="utf-8")))
         except FileNotFoundError:

@@ -36,7 +36,7 @@ def fit(
     out: Out = None,
     settings: Annotated[
         Path | None,
-        typer.Option("--settings", metavar="FIT.toml", help="File with a table [fit]; a campaign will do."),
+        typer.Option("--settings", metavar="FIT.toml", help="File with a table [fit], such as a campaign."),
     ] = None,
     include_short: Annotated[
         bool, typer.Option("--include-short", help="Let runs shorter than 6 h take part in the joint fit.")
@@ -63,10 +63,10 @@ def fit(
 ) -> None:
     """Fit telemetry files from anywhere; needs no FMU.
 
-    The folder of an earlier run or fit means the telemetry of its results. Runs with injections (kind sysid)
-    calibrate the dynamics. Noise runs of 12 h or more with torques calibrate the inertial forces. Without
-    --out, results go to a folder in the working directory that has the name of the first PATH (NAME-fit
-    where that is the input itself).
+    A PATH that is the folder of an earlier run or fit stands for its telemetry. Runs with injections (kind
+    sysid) calibrate the dynamics; noise runs of 12 h or more with torques calibrate the inertial forces. By
+    default, results are written to a folder in the working directory named after the first PATH (NAME-fit
+    if that is the input itself).
     """
     from lpfcosim.cli import fit as cli_fit
     from lpfcosim.cli.console import Console
@@ -86,7 +86,7 @@ def fit(
 
 @app.command(epilog=examples("lpfcosim report quickstart"))
 def report(directory: Directory, quiet: Quiet = False) -> None:
-    """Rebuild the report from what DIR holds."""
+    """Rebuild the report of a results folder."""
     from lpfcosim.cli import report as cli_report
     from lpfcosim.cli.console import Console
 
@@ -104,7 +104,7 @@ def figures(
 ) -> None:
     """Draw figures for a journal: PDF, SVG and CSV.
 
-    They go to DIR/figures. The name of a figure stands below it in report.html.
+    They are written to DIR/figures. Figure names are printed below the figures in report.html.
     """
     from lpfcosim.cli import figures as cli_figures
     from lpfcosim.cli.console import Console
@@ -130,7 +130,7 @@ def deltag(
 ) -> None:
     """Write the calibrated Delta g of telemetry, term by term.
 
-    NAME.h5 becomes NAME-deltag.h5, at 1 to 2 Hz. Its channels are the terms of
+    The output of NAME.h5 is NAME-deltag.h5, at 1 to 2 Hz. Its channels are the terms of
     delta_g = delta_g_x + delta_g_SC + g_Omega + g_dOmega.
     """
     from lpfcosim.cli import deltag as cli_deltag
@@ -204,7 +204,7 @@ def ttl(
 def mcmc(
     directory: Directory,
     steps: Annotated[
-        int, typer.Option("--steps", min=1, metavar="N", help="Most steps that this call takes.")
+        int, typer.Option("--steps", min=1, metavar="N", help="Largest number of steps of this call.")
     ] = 20000,
     seed: Annotated[int, typer.Option("--seed", min=0, metavar="N", help="Seed of a new chain.")] = 1,
     as_json: Annotated[bool, typer.Option("--json", help="Print mcmc.json instead of a summary.")] = False,
@@ -212,9 +212,9 @@ def mcmc(
 ) -> None:
     """Sample the posterior of the joint fit in DIR.
 
-    The chain has converged after 50 autocorrelation times of every parameter. Then mcmc.h5 (the chain),
-    mcmc.json and figures/corner.pdf are in DIR, and report.html has a section on them. Until then the exit
-    status is 1, and the same command continues.
+    The chain counts as converged after 50 autocorrelation times of every parameter. Then mcmc.h5 (the
+    chain), mcmc.json and figures/corner.pdf are written to DIR, and report.html gets a section. Until then
+    the exit status is 1, and the same command continues.
     """
     from lpfcosim.cli import mcmc as cli_mcmc
     from lpfcosim.cli.console import Console
@@ -226,7 +226,7 @@ def mcmc(
 def reproduce(directory: Directory, jobs: Jobs = None, trusted: Trust = False, quiet: Quiet = False) -> None:
     """Run the campaign in DIR again elsewhere, and compare.
 
-    Telemetry must have the same bytes. Results must be the same; only their provenance may differ. The exit
+    Telemetry must be identical byte for byte. Results must be the same but for their provenance. The exit
     status is 1 if anything differs. DIR is not changed. Another version or other FMUs are reported.
     """
     from lpfcosim.cli import reproduce as cli_reproduce

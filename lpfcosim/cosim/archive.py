@@ -87,7 +87,7 @@ def _check_files(path: Path, files: Sequence[zipfile.ZipInfo]) -> None:
         if any(is_folder.setdefault(folder, True) is False for folder in parents):
             raise InputError(f"{place}: lies in a file; expected a folder")
         if key in is_folder and not (is_folder[key] and file.is_dir()):
-            raise InputError(f"{place}: is there twice; expected it once")
+            raise InputError(f"{place}: occurs twice; expected once")
         is_folder[key] = file.is_dir()
 
 

@@ -37,9 +37,9 @@ _STATUS_DESCRIPTIONS = {
     3: "reports 'error'",
     4: "reports 'fatal'",
     5: "reports 'pending'",
-    ENDS: "asks to end the simulation",
+    ENDS: "requests the end of the simulation",
     EARLY: "returns before the end of its step",
-    NOT_FINITE: "puts out a value that is not finite",
+    NOT_FINITE: "returns a value that is not finite",
 }
 
 

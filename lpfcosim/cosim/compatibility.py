@@ -39,7 +39,7 @@ def read_interfaces(run: Run, fmus: Mapping[str, Path]) -> list[Interface]:
         Gives the parameters, the step size and what is put in the place of ours.
     fmus : mapping of str to Path
         The FMU of each component; of those of the user, the file itself or a copy. Of a component without
-        one, nothing is read but what its place tells.
+        one, only its interface is read.
 
     Raises
     ------

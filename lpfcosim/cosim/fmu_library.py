@@ -18,7 +18,7 @@ from lpfcosim.cosim.interface import Interface
 from lpfcosim.errors import InputError, RunError
 from lpfcosim.messages import line
 
-# Of an archive, what is for people and tools: an instance is told of its resources alone.
+# Of an archive, what is for people and tools: an instance gets the place of its resources only.
 _PLAIN = ("/tmp", "/var/tmp")
 _UNUSED = ("sources/", "documentation/", "extra/", "terminalsAndIcons/")
 

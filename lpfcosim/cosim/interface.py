@@ -86,7 +86,7 @@ class Interface:
         return [self.name(v) for v in self.component.outputs]
 
     def takes(self, ours: str) -> bool:
-        """Tell whether the FMU has a parameter of our name, or one the user names for it."""
+        """Return whether the FMU has a parameter of our name, or one the user names for it."""
         if self.replacement is None or ours in self.replacement.variables:
             return True
         if ours in (*self.replacement.unused, *self.replacement.variables.values()):
@@ -166,8 +166,8 @@ class Interface:
     def direct(self) -> dict[str, list[str]]:
         """Our outputs, each with those of our inputs that it follows from at once.
 
-        Ours are known: what `moves` has none, the others have all. Of another FMU its description tells; what
-        it leaves open is taken like ours.
+        Ours are known: what `moves` has none, the others have all. Of another FMU its description is used;
+        what it leaves open is taken like ours.
         """
         dependencies = (
             {u.variable.name: u.dependencies for u in self.description.outputs} if self.replacement else {}

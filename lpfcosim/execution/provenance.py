@@ -74,7 +74,7 @@ class Provenance:
             if key in ("seed", "lpfcosim_version", "campaign"):
                 return f"simulated with {key.removeprefix('lpfcosim_')} {attributes[key]}, now it is {value}"
             if key == "campaign_digest":
-                return "simulated when the campaign said something else"
+                return "simulated with another version of the campaign"
             if key in ("simulated_by", "equations_digest"):
                 return "simulated from other equations of the models"
             return f"simulated with another {key.removeprefix('fmu_')} FMU"

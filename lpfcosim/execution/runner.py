@@ -143,7 +143,7 @@ def simulate(
         if name in complete:
             callbacks.on_existing(name)
         elif path.exists():
-            reason = "simulated again" if options.rerun else "is not as it was finished, simulated again"
+            reason = "simulated again" if options.rerun else "has changed since, and is simulated again"
             callbacks.on_message(f"run {name}: {path} {reason}")
     callbacks.on_start(provenance)
     missing = {run.name: run for run in campaign.runs if run.name not in complete}

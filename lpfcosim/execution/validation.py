@@ -161,7 +161,7 @@ def _saturation(plan: Campaign) -> list[str]:
                 refused.append((run.name, f"{sentence}{ended}; {_CURE}"))
             elif share > MOST_SATURATED:
                 cost = (
-                    f"to mask that would cost {100 * share:.0f} % of the run, more than the "
+                    f"masking would remove {100 * share:.0f} % of the run, more than the "
                     f"{100 * MOST_SATURATED:g} % that a fit accepts"
                 )
                 refused.append((run.name, f"{sentence}{cost}; {_CURE}"))

@@ -1,8 +1,8 @@
 """Settings of the actuation as part of a design: which authority each experiment had best.
 
-The stiffness depends on them, so that they decide what an experiment tells of its parts. Of each experiment
-one setting after the other is tried with the power that the convex programme has found, until none tells
-more. Then the programme is solved anew.
+The stiffness depends on them, so that they decide how well an experiment determines its parts. Of each
+experiment one setting after the other is tried with the power that the convex programme has found, until none
+determines more. Then the programme is solved anew.
 """
 
 from dataclasses import fields, replace

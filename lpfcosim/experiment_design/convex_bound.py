@@ -85,7 +85,7 @@ def optimize_power(
     experiments : sequence of DesignedExperiment
         The experiments.
     prior_information : ndarray, shape (P, P)
-        Information beside them: weak priors, and the experiments without tones.
+        Information in addition to them: weak priors, and the experiments without tones.
     objective : Objective
         What counts.
     forbidden : sequence of tuple of float
@@ -148,8 +148,8 @@ def single_parameter_bounds(
 ) -> Iterator[float]:
     """Yield what the sigma of each parameter that counts does not go below, whatever becomes of the others.
 
-    A design for one need not tell the others at all, and then no solver copes. A little of what the best
-    power for all tells is added in what is solved, and left out of the bound.
+    A design for one need not determine the others at all, and then no solver copes. A little of what the best
+    power for all determines is added in what is solved, and left out of the bound.
 
     Parameters
     ----------
@@ -234,7 +234,7 @@ def _max_trace(
 ) -> tuple[float, list[Array]]:
     """Return the largest ``<Z, I>`` of any design, and information over cost of tones by frequency.
 
-    All that an experiment tells grows with its time. What is left of the time beyond the shortest is thus
+    The information of an experiment grows with its time. What is left of the time beyond the shortest is thus
     worth most in one experiment.
     """
     rates, gains = [], []

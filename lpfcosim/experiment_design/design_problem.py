@@ -18,7 +18,7 @@ from lpfcosim.spacecraft import Injection, Run, Sine
 
 Array = NDArray[np.float64]
 
-FAINT = 1e-6  # of tones, so that they tell nothing
+FAINT = 1e-6  # of tones, so that they carry no information
 ENOUGH = 600  # frequencies, among which one must be allowed
 BASELINES: Mapping[str, tuple[tuple[str, str], ...]] = {
     "peaks and rms of thrust": (
@@ -45,7 +45,7 @@ class DesignProblem:
     experiments : tuple of DesignedExperiment
         The experiments.
     prior_information : ndarray, shape (P, P)
-        Information beside them, scaled.
+        Information in addition to them, scaled.
     objective : Objective
         What counts.
     baseline_limits : mapping of str to tuple of Limit
@@ -95,7 +95,7 @@ def design_problem(plan: Campaign, fit_model: FitModel) -> DesignProblem:
         for name in table:
             if name not in base_information:
                 raise InputError(
-                    f"design.{key}: the fit tells no {name}{closest_match(name, base_information)}"
+                    f"design.{key}: the fit does not determine {name}{closest_match(name, base_information)}"
                 )
     if not sigmas_before:
         raise InputError("the fit of this campaign determines nothing, expected injections to begin with")

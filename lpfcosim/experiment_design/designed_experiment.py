@@ -29,7 +29,7 @@ class DesignedExperiment:
     run : Run
         With nothing injected but what is no tone.
     model : fisher.ExperimentInformation
-        What it tells.
+        Its information.
     limits : tuple of Limit
         What it must not exceed.
     scale : ndarray, shape (P,)
@@ -90,7 +90,8 @@ class DesignedExperiment:
         Returns
         -------
         sensitivity : ndarray of complex, shape (n, P, L)
-            A tone of amplitude u tells ``Re[(D u)^* (D u)^T]`` for every second that it is worth.
+            A tone of amplitude u has the information ``Re[(D u)^* (D u)^T]`` for every second that it is
+            worth.
         cost : ndarray of complex, shape (n, limits, L)
             Amplitude of each limited quantity, in units of its limit.
         """

@@ -64,7 +64,7 @@ def apply_durations(problem: DesignProblem, optimum: Optimum, fit_model: FitMode
 def drop_experiment(problem: DesignProblem, design: Design, fit_model: FitModel) -> DesignProblem | None:
     """Return the same without the experiment that is missed least, to take less time than what was found.
 
-    Only those are tried that last no longer than they must, and whose noise tells no inertial period.
+    Only those are tried that last no longer than they must, and whose noise determines no inertial period.
 
     Returns
     -------
@@ -84,7 +84,7 @@ def drop_experiment(problem: DesignProblem, design: Design, fit_model: FitModel)
         rest = _without_experiment(problem, name, max_duration, fit_model)
         if rest is None or min_durations(rest).sum() > max_duration:
             continue
-        with suppress(RunError, np.linalg.LinAlgError):  # of information that does not tell all
+        with suppress(RunError, np.linalg.LinAlgError):  # of information that does not determine all
             bound = duration_bound(rest, max_duration)
             if bound <= lowest:
                 lowest, reduced = bound, rest

@@ -55,7 +55,7 @@ def shorten_noise_runs(
         runs = [e for e in plan.experiments if _is_inertial(e, period, euler_fit.MIN_DURATION)]
         of_period = {name: sigma for name, sigma in target_sigmas.items() if _period(name) == period}
         if not runs:
-            raise InputError(f"design.sigmas: {' and '.join(of_period)}: no run of noise alone tells of them")
+            raise InputError(f"design.sigmas: {' and '.join(of_period)}: no noise run determines them")
         campaign = _shorten(campaign, runs, of_period, inertial_model)
         names = {e.name for e in runs}
         time_before += sum(e.n_noise_samples for e in runs) / FS
@@ -103,7 +103,7 @@ def _shorten(
         hours = sum(e.n_noise_samples for e in runs) / FS / HOUR * factors[k]
         raise InputError(
             f"design.sigmas: {' and '.join(target_sigmas)}: beyond reach, with {hours:.0f} h of noise in "
-            f"the period some sigma stays at {nearest:.3g} times what is wanted"
+            f"the period some sigma remains {nearest:.3g} times the goal"
         )
     return shortest_campaign
 

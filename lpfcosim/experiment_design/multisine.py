@@ -181,7 +181,7 @@ class Solution:
     multisines : tuple of Multisine
         Scaled so that the tightest limit of each is just met.
     information : ndarray, shape (P, P)
-        What they tell.
+        Their information.
     value : float
         The objective.
     """

@@ -137,8 +137,8 @@ def _search_durations(
     if shortest is None:
         worst = max(result.problem.parameters, key=lambda name: result.ratios.get(name, float("inf")))
         raise InputError(
-            f"design.hours: in {result.duration / HOUR:.3g} h some sigma stays at {result.value:.3g} times "
-            f"what is wanted; {worst} is among those that hinder"
+            f"design.hours: in {result.duration / HOUR:.3g} h some sigma remains {result.value:.3g} times "
+            f"what is wanted; {worst} is among those that limit"
         )
     return shortest
 
@@ -159,8 +159,8 @@ def _feasible_duration(
         if total >= maximum:
             worst = problem.parameters[int(np.argmax(problem.objective.logs(power.information)))]
             raise InputError(
-                f"design.hours: in {total / HOUR:.4g} h no design does, some sigma stays at "
-                f"{power.bound:.3g} times what is wanted; {worst} is among those that hinder"
+                f"design.hours: in {total / HOUR:.4g} h no design does, some sigma remains "
+                f"{power.bound:.3g} times the goal; {worst} is among those that limit"
             )
         total = min(total * power.bound**2, maximum)
         power = duration_allocation.optimize_durations(problem, total, progress)

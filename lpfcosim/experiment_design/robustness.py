@@ -21,12 +21,12 @@ _LEVELS = ("oms", "thruster", "plateau", "f_x_1_jitter")
 
 @dataclass(frozen=True)
 class Robustness:
-    """The loss at corners of a box of truths and noise.
+    """The loss at corners of a box of true values and noise.
 
     Attributes
     ----------
     loss : float
-        Largest growth of the objective over its best at the same corner, beside that at the centre.
+        Largest growth of the objective over its best at the same corner, relative to that at the centre.
     max_limit_ratio : float
         The most that is reached of a limit.
     draws : int
@@ -41,7 +41,7 @@ class Robustness:
 def robustness(design: Design, fit_model: FitModel, on_share: Callable[[float], None]) -> Robustness:
     """Evaluate a design at corners of the box, drawn by the seed of the campaign.
 
-    `on_share` is told the share of the work that is done.
+    `on_share` is called with the share of the work that is done.
 
     Gains are 5 % off, stiffness and delays 30 %, and noise is half or twice as large, each experiment by
     itself.

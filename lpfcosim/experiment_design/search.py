@@ -83,7 +83,7 @@ class Design:
     complete : bool
         False if the search was interrupted; `sigma_bounds` is then left out.
     min_duration : float, optional
-        Hours that were sought: what no design of the same experiments does with less than [s].
+        Hours that were sought: what no design of the same experiments needs less than [s].
     angles : Angles, optional
         What becomes of the inertial calibration, where its angles are sought.
     """
@@ -204,7 +204,7 @@ def _check_reach(problem: DesignProblem, spec: DesignSpec) -> None:
         held_up = problem.parameters[int(np.argmax(logs))]
         raise InputError(
             f"design.no_worse: {objective.max_ratios.min():g} is beyond reach, within the limits some sigma "
-            f"stays at {nearest.bound:.3g} times what is wanted; {held_up} is among those that hinder"
+            f"stays at {nearest.bound:.3g} times the goal; {held_up} is among those that limit"
         )
 
 

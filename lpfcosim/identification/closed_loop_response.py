@@ -60,7 +60,7 @@ class ClosedLoopResponse:
     stack : ExitStack
         Frees the FMUs.
     plan : Campaign
-        Tells what is in the loop, and what drives each run.
+        Gives what is in the loop, and what drives each run.
     telemetries : sequence of Telemetry
         The runs.
     fmus : mapping of str to Path
@@ -79,7 +79,7 @@ class ClosedLoopResponse:
     simulated_telemetry : bool
         Whether it says that this very loop did.
     on_simulation : callable
-        Told after every simulation of a run how many there were.
+        Called after every simulation of a run with their number.
 
     Raises
     ------

@@ -44,7 +44,7 @@ class Target:
     request : ParameterSpec
         What the campaign says of it.
     limits : tuple of float
-        Between which values it can be, if the campaign does not tell bounds.
+        Between which values it can be, if the campaign gives no bounds.
     """
 
     name: str
@@ -84,11 +84,11 @@ def targets(plan: Campaign, run: Run, interfaces: Sequence[Interface]) -> tuple[
     names = [target.name for target in resolved]
     for name in names:
         if names.count(name) > 1:
-            raise InputError(f"identify: {name} is sought twice, expected once")
+            raise InputError(f"identify: {name} is listed twice, expected once")
     places = [(target.model, target.variable) for target in resolved]
     for target in resolved:
         if places.count((target.model, target.variable)) > 1:
-            raise InputError(f"identify: {target.model}.{target.variable} is sought under two names")
+            raise InputError(f"identify: {target.model}.{target.variable} is listed under two names")
     return tuple(resolved)
 
 
@@ -196,7 +196,7 @@ def settings(
             name = DELAYS[target.name][0]
             gain = theta[name] if name in theta else gains[name]
             if gain == 0:
-                raise InputError(f"{target.name} tells no delay where {name} is 0")
+                raise InputError(f"{target.name} has no delay where {name} is 0")
             value = value / gain - H / 2
         values.setdefault(target.model, {})[target.variable] = value
     return values

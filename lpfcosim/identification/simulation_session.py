@@ -175,13 +175,13 @@ class SimulationSession:
         if not fault:
             return
         names = ", ".join(instance.name for instance in self._third_party_instances)
-        _messages.info("%s: a reset does not do (%s), new instances are used", names, fault)
+        _messages.info("%s: a reset is not sufficient (%s), new instances are used", names, fault)
         self._renewed = self._third_party_instances
         new_instance_fault = self._difference(self._reference, self._renewed)
         if new_instance_fault:
             files = ", ".join(str(i.named) for i in self._interfaces if i.replacement)
             raise RunError(
-                f"run '{self._run.name}': {files}: does not start anew: after a reset, {fault}; in a new "
+                f"run '{self._run.name}': {files}: does not repeat itself: after a reset, {fault}; in a new "
                 f"instance, {new_instance_fault}; expected an FMU that repeats its outputs for the same "
                 "parameters and inputs, as identification simulates it many times"
             )

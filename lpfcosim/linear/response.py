@@ -168,7 +168,7 @@ def noise_system(run: Run) -> StateSpace:
     """Return the linear closed loop that noise passes through, from stimuli to all outputs.
 
     Noise of the electrodes multiplies commands: it counts as times the rms that these are expected to have
-    over the run, which is right for a command that is slow beside the noise.
+    over the run, which is right for a command that is slow compared with the noise.
     """
     commands = {} if run.actuation == Actuation() else expected_rms(run)
     return ClosedLoop(run).linearize(commands)

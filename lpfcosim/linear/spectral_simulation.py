@@ -39,7 +39,7 @@ LENGTHS = 8  # that the runs of a campaign have, at most, for what these share t
 
 
 def has_glitches(run: Run) -> bool:
-    """Tell whether there are glitches in a run."""
+    """Return whether there are glitches in a run."""
     return any(isinstance(injection, Pulse) for injection in run.injections) or bool(events.glitches(run))
 
 

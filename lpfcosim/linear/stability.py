@@ -17,7 +17,7 @@ def poles(run: Run) -> NDArray[np.complex128]:
 
 
 def is_stable(run: Run) -> bool:
-    """Tell whether the loop of a run is asymptotically stable."""
+    """Return whether the loop of a run is asymptotically stable."""
     try:
         check(run)
     except InputError:

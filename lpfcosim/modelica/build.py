@@ -140,7 +140,7 @@ def build(
     fmi : str
         Version of FMI, ``2.0`` or ``3.0``.
     force : bool
-        Build again, whatever there is.
+        Build again, even if it is in the cache.
 
     Raises
     ------

@@ -106,7 +106,7 @@ def _elements(evaluate: Evaluator, v: Variable, kind: str, constants: set[sp.Sym
 def _rate(state: Scalar, units: Collection[str]) -> Scalar:
     v = state.variable
     unit = None
-    with suppress(KeyError, ValueError):  # told where the units are defined
+    with suppress(KeyError, ValueError):  # reported where the units are defined
         unit = per_second(v.unit, units) if v.unit else None
     variable = replace(
         v, name=f"der({v.name})", causality="local", unit=unit, quantity=None,

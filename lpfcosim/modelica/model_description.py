@@ -250,7 +250,7 @@ def _units(root: ET.Element, flat: FlatModel, model: SortedModel) -> None:
 
 
 def build_description(identifier: str, sources: Sequence[str]) -> str:
-    """XML text that tells an importer of FMI 3.0 how to compile the C files ``sources``."""
+    """XML text that states for an importer of FMI 3.0 how to compile the C files ``sources``."""
     root = ET.Element("fmiBuildDescription", fmiVersion="3.0")
     configuration = ET.SubElement(root, "BuildConfiguration", modelIdentifier=identifier)
     group = ET.SubElement(configuration, "SourceFileSet", language="C99", compilerOptions="-ffp-contract=off")

@@ -82,7 +82,7 @@ def _refuse_events_inside_steps(
     moving = {TIME, *(x for x, _ in derivatives)}
     for state, value in derivatives:
         for switch in switches([value], moving):
-            # The place told is the first equation that switches at all; there is seldom another.
+            # The place reported is the first equation that switches at all; there is seldom another.
             place = next(e.span for e in residuals if switches([e.value], e.value.free_symbols))
             evaluate.fail(
                 f"an event inside a step is not supported: der({state.name}) switches on {switch}", place

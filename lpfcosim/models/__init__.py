@@ -1,9 +1,9 @@
 """Spacecraft models: which Modelica models a run joins, and what it gives them.
 
 A `SpacecraftModel` holds all that depends on the degrees of freedom of a run: its models, their parameters
-and truths, its noise. `Run.spacecraft`, what a run has beside the x axis, chooses it by its type, and a
-spacecraft other than LISA Pathfinder by its name. To add one, write a module here that makes it, and register
-it below.
+and truths, its noise. `Run.spacecraft`, what a run has in addition to the x axis, chooses it by its type, and
+a spacecraft other than LISA Pathfinder by its name. To add one, write a module here that makes it, and
+register it below.
 """
 
 from lpfcosim.models import one_axis, six_dof

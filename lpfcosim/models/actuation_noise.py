@@ -39,7 +39,7 @@ def torque_sources(run: Run) -> tuple[Source, ...]:
 
 
 def parameters(run: Run) -> dict[str, float]:
-    """Return the parameters of the actuation that a run sets beside the usual ones, SI."""
+    """Return the parameters of the actuation that a run sets in addition to the usual ones, SI."""
     truth = run.truth
     values: dict[str, float] = {}
     if run.actuation.electrode:

@@ -19,9 +19,9 @@ _LATERAL = tuple(f"{k}_{j}" for j in (1, 2) for k in ("y", "z"))
 
 
 def spacecraft_of(run: Run) -> Spacecraft:
-    """Return what ``run`` has beside the x axis."""
+    """Return what ``run`` has in addition to the x axis."""
     if not isinstance(run.spacecraft, Spacecraft):
-        raise TypeError(f"{run.name}: is not of the whole spacecraft")
+        raise TypeError(f"{run.name}: does not simulate the whole spacecraft")
     return run.spacecraft
 
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Events:
-    """How often things happen and how large they are; SI. Nothing of it is told to a controller or a fit.
+    """How often things happen and how large they are; SI. Nothing of it is known to a controller or a fit.
 
     Attributes
     ----------

@@ -23,7 +23,7 @@ GAIN_CHANGES = tuple(f"lambda_{how}_{j}" for how in ("drift", "walk", "bend") fo
 
 @dataclass(frozen=True)
 class Truth:
-    """True dynamics, SI; by default those of the flight (table jointfit).
+    """True dynamics, SI; by default those of the flight.
 
     Attributes
     ----------
@@ -233,12 +233,12 @@ class Replacement:
 class Run:
     """One run of ``n_samples`` samples at 10 Hz, recorded at ``sample_rate`` [Hz].
 
-    ``dc`` [m s^-2] is the constant part of g_2. What a run has beside the x axis, ``spacecraft``, chooses its
-    spacecraft model (`lpfcosim.models`): with nothing there is the x axis only; another spacecraft than LISA
-    Pathfinder is given by its name. ``parameters`` are values, by name, of parameters of the Modelica models
-    that otherwise have their default, ``controllers`` likewise those of single models. ``events`` is what
-    happens unasked.
-    ``about`` is the truth about which that of the experiments scatters, None where it does not.
+    ``dc`` [m s^-2] is the constant part of g_2. What a run has in addition to the x axis, ``spacecraft``,
+    chooses its spacecraft model (`lpfcosim.models`): with nothing there is the x axis only; another
+    spacecraft than LISA Pathfinder is given by its name. ``parameters`` are values, by name, of parameters of
+    the Modelica models that otherwise have their default, ``controllers`` likewise those of single models.
+    ``events`` is what happens unasked. ``about`` is the truth about which that of the experiments scatters,
+    None where it does not.
     """
 
     name: str

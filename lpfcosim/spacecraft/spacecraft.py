@@ -15,7 +15,7 @@ ATTITUDE = Lead(unity_gain=0.07e-3, zero=0.021e-3, pole=0.42e-3)
 
 @dataclass(frozen=True)
 class Spacecraft:
-    """Geometry, dynamics, authority and control of the degrees of freedom beside x.
+    """Geometry, dynamics, authority and control of the degrees of freedom other than x.
 
     Angles theta, eta, phi are about x, y, z; ``d`` points from test mass 1 to test mass 2 along x.
 

@@ -15,6 +15,7 @@ from fit.results import Fit, Results, load, sound_joint, telemetry_files, write
 from fit.settings import Settings, settings
 from fit.tables import Table, estimates
 from fit.telemetry import Telemetry, archive_conversion, read_all
+from fit.warnings import distinct_messages
 from lpfcosim.errors import InputError
 from lpfcosim.execution import checksums, results_folder
 from lpfcosim.workflows.progress import Progress
@@ -51,7 +52,21 @@ class Calibration:
     def warnings(self) -> tuple[str, ...]:
         """The messages of all warnings, once each."""
         fits = main_fits(self.results).values()
-        return tuple(dict.fromkeys(w.message for fit in fits for w in fit.warnings))
+        return distinct_messages(w for fit in fits for w in fit.warnings)
+
+    def headline(self) -> str:
+        """Return what was found, in one line."""
+        fits = main_fits(self.results)
+        known = {name + suffix: e for suffix, fit in fits.items() for name, e in fit.parameters.items()}
+        n, n_runs = len(known), len(self.results.experiments)
+        text = f"{n} parameter{'s' * (n != 1)} determined"
+        text += f" from {n_runs} experiment{'s' * (n_runs != 1)}" if n_runs else ""
+        pulls = {name: e.pull for name, e in known.items() if e.pull is not None}
+        if not pulls or any(fit.unsound for fit in fits.values()):
+            return text
+        name = max(pulls, key=lambda name: abs(pulls[name]))
+        largest = f"{abs(pulls[name]):.1f} sigma ({name})"
+        return f"{text}; the largest difference from a true value is {largest}"
 
     def to_json(self) -> str:
         """Return the content of the file of results."""
@@ -69,7 +84,7 @@ class Calibration:
         return self.results._repr_html_()
 
     def check_sound(self) -> None:
-        """Raise FitError if sigmas do not hold."""
+        """Raise FitError if the uncertainties are not valid."""
         for place, warning in self.results.unsound:
             raise FitError(f"{self.path}: {place}: {warning.message}")
 

@@ -157,7 +157,7 @@ class CampaignDesign(WorkflowResult):
         """Yield sentences about objective, bound and hours."""
         design_result = self.design
         if not design_result.complete:
-            yield "interrupted: these are the best tones found so far"
+            yield "interrupted: these are the best tones so far"
         kind = "largest ratio" if design_result.problem.objective.minimax else "geometric mean of the ratios"
         bound = design_result.optimum.bound
         yield f"{kind}: {design_result.value:.4f}; bound at the limits on rms: {bound:.4f}"
@@ -190,7 +190,8 @@ class CampaignDesign(WorkflowResult):
             )
         if design_result.complete and design_result.value < MIN_BOUND_RATIO * design_result.optimum.bound:
             raise RunError(
-                f"{self.path}: the forecast of the design is below the bound, one of the two is wrong"
+                f"{self.path}: the forecast of the design is below its lower bound, so one of the two is "
+                "wrong"
             )
         exceeded = [
             f"{name}: {limit} at {ratio:.4f} of its limit"
@@ -199,7 +200,7 @@ class CampaignDesign(WorkflowResult):
             if ratio > 1 + TOLERANCE
         ]
         if exceeded:
-            raise RunError(f"{self.path}: the FMUs pass limits: {'; '.join(exceeded)}")
+            raise RunError(f"{self.path}: limits are exceeded with the FMUs: {'; '.join(exceeded)}")
 
     def draw(self, path: PathLike) -> None:
         """Draw the information of tones by frequency, with the tones of the design (svg, pdf, png)."""

@@ -1,4 +1,4 @@
-"""A design in the time domain: its runs without noise, stepped through the FMUs, beside their limits."""
+"""A design in the time domain: its runs without noise, stepped through the FMUs, against their limits."""
 
 import tempfile
 from collections.abc import Mapping, Set

@@ -10,7 +10,8 @@ from fit.forecasting import expected_euler_fit, expected_fit
 from fit.parameters import FLIGHT, misalignments
 from fit.results import FIXED, Estimate, Fit
 from fit.settings import Settings, settings
-from fit.tables import Table
+from fit.tables import Table, campaign_unit
+from fit.warnings import distinct_messages
 from lpfcosim.campaign import Campaign
 from lpfcosim.errors import InputError, prefix_errors
 from lpfcosim.execution import validation
@@ -89,7 +90,7 @@ class Forecast(WorkflowResult):
         return records
 
     def table(self) -> Table:
-        """Return the sigmas beside those of flight."""
+        """Return the sigmas, and those of flight."""
 
         def text(number: float) -> str:
             return f"{number:.2g}" if number == number else ""
@@ -98,7 +99,7 @@ class Forecast(WorkflowResult):
         rows = [
             (
                 row["parameter"],
-                row["unit"],
+                campaign_unit(row["unit"]),
                 FIXED if estimates[row["parameter"]].is_exact else text(row["sigma"]),
                 text(row["flight_sigma"]),
                 text(row["ratio"]),
@@ -159,6 +160,6 @@ def expected_results(plan: Campaign, fit_settings: Settings, doubts: tuple[str, 
         for name in plan.truth.gain_changes
     ]
     of_periods = [(period, w.message) for period, fit in inertial.items() for w in fit.warnings]
-    messages = [*(w.message for w in joint.warnings), *grouped(of_periods, "inertial period")]
+    messages = [*distinct_messages(joint.warnings), *grouped(of_periods, "inertial period")]
     constraints = fit_settings.without_fmu_parameters().constraints
     return Forecast(joint, inertial, constraints, (*doubts, *ignored, *messages))

@@ -43,10 +43,13 @@ class Identification(Calibration):
     """Parameters of the FMUs in the loop: estimates like those of a fit, named ``MODEL.VARIABLE``."""
 
     def check_sound(self) -> None:
-        """Raise FitError if sigmas do not hold, or nothing is determined."""
+        """Raise FitError if the uncertainties are not valid, or nothing is determined."""
         super().check_sound()
         if self.results.joint is not None and not self.results.joint.parameters:
-            raise FitError(f"{self.path}: joint: nothing that is sought is determined; the warnings say why")
+            raise FitError(
+                f"{self.path}: joint: no parameter listed in [identify] is determined; the warnings give "
+                "the reasons"
+            )
 
 
 @dataclass(frozen=True)
@@ -286,7 +289,7 @@ def free_parameter(target: Target) -> FreeParameter:
         start = target.default_value
     if of_fmu and width is None and not start:
         if request.bounds is None:
-            raise InputError(f"{place}: starts at 0, which tells no scale; expected a width or bounds")
+            raise InputError(f"{place}: starts at 0, which gives no scale; expected a width or bounds")
         width = (high - low) / 2
     group: Group = "alignment_epoch" if target.name == "delta_ifo" else "campaign"
     free = FreeParameter(target.name, start, width, (low, high), request.shared or group, target.unit)

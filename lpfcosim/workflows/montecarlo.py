@@ -1,4 +1,4 @@
-"""A campaign repeated with new noise, and fitted each time, to see whether its sigmas are true."""
+"""A campaign repeated with new noise, and fitted each time, to test whether its uncertainties are valid."""
 
 import json
 from collections.abc import Generator, Iterator, Mapping, Sequence

@@ -52,7 +52,7 @@ def check_file(
     if parents:
         folder = next((p for p in (folder, *folder.parents) if _exists(p)), folder)
     if not folder.is_dir():
-        raise InputError(f"{path}: {folder} is not a folder, expected one that is there")
+        raise InputError(f"{path}: {folder} is not a folder, expected an existing one")
     if path.is_dir():
         raise InputError(f"{path}: is a folder, expected the name of a file")
     if any(_is_same_file(path, input_path) for input_path in inputs):

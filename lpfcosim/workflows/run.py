@@ -38,7 +38,7 @@ class CampaignRun(Calibration):
     failures: Mapping[str, str]
 
     def check_sound(self) -> None:
-        """Raise FitError if sigmas do not hold, and RunError if runs failed."""
+        """Raise FitError if the uncertainties are not valid, and RunError if runs failed."""
         if not self.failures:
             super().check_sound()
             return
@@ -47,7 +47,7 @@ class CampaignRun(Calibration):
         try:
             super().check_sound()
         except FitError as error:
-            raise RunError(f"{failure}; of the others: {error}") from None
+            raise RunError(f"{failure}; remaining experiments: {error}") from None
         raise failure
 
 
@@ -154,7 +154,7 @@ def _fit(
     except CalibrationError as error:
         if not missing:
             raise
-        raise RunError(f"{failure}; of the others: {error}") from None
+        raise RunError(f"{failure}; remaining experiments: {error}") from None
     failures = {name: str(error) for name, error in simulated.failures.items()}
     return CampaignRun(fitted.results, fitted.path, fitted.report, simulated.files, failures)
 

@@ -28,8 +28,8 @@ def simulate(
 ) -> list[Path]:
     """Simulate a campaign into ``folder/telemetry``, one file per run. Files that exist are kept.
 
-    The campaign and third-party FMUs beside it make it a folder that `lpfcosim reproduce` takes; a campaign
-    that was changed in Python cannot be written.
+    The campaign and third-party FMUs are written too, so that `lpfcosim reproduce` takes the folder; a
+    campaign that was changed in Python cannot be written.
 
     Parameters
     ----------

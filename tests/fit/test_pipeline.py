@@ -165,7 +165,7 @@ SCATTERED = tuple((start, start + 2) for start in range(50, 21500, 120))
         (mismatched(N_max_1=1e-12), r"^A-noise\.h5: attribute N_max_1: "),
         (mismatched(alignment_epoch=2), r"^A-noise\.h5: attribute alignment_epoch: 2, expected 1 "),
         (pair(World(), duration=1200.0), r"^A-sysid\.h5: lasts 1200 s, expected at least 1800 s"),
-        (mismatched(kind="sysid"), r"^A-noise\.h5: a second sysid run of experiment 'A' beside A-sysid\.h5"),
+        (mismatched(kind="sysid"), r"^A-noise\.h5: experiment 'A' already has the sysid run A-sysid\.h5"),
         (
             [without(mismatched()[0], *SCATTERED)],
             r"^A-sysid\.h5: 358 missing samples lie so widely",

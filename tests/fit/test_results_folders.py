@@ -96,7 +96,7 @@ def test_results_among_their_telemetry(tmp_path):
     assert telemetry_files([tmp_path]) == files
     telemetry(tmp_path, "new")
     message = refused(telemetry_files, [tmp_path])
-    assert f"has telemetry (new.h5) beside that of its results ({files[0]} ...)" in message
+    assert f"has telemetry (new.h5) other than that of its results ({files[0]} ...)" in message
 
 
 @pytest.mark.parametrize("content", ['{"schema": "lpf-results/1"}', "{", '{"schema": "other/1"}'])

@@ -32,7 +32,7 @@ class Judged:
     worst : str
         The parameter that has it.
     checked : float
-        The same over the parameters that are not said to rest on a run of the fault.
+        The same over the parameters that are not reported to depend on a run of the fault.
     width : float
         Smallest sigma of the joint fit over that of the campaign without the fault; 1 if there are no copies.
     left_out : tuple of str
@@ -70,7 +70,7 @@ class Judged:
     def verdict(self, fault: Fault) -> str:
         """Judge: "ok", or what is wrong with it, the worst first."""
         if self.outcome == "sound" and self.pull > FAR:
-            told = fault.blind and (self.checked <= FAR or "rests on" not in fault.blind)
+            told = fault.blind and (self.checked <= FAR or "depends on" not in fault.blind)
             return "ok" if told else "silent"
         if self.outcome == "sound" and self.minority:
             return "minority"

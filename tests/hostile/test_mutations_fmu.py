@@ -353,6 +353,6 @@ def test_the_command_line_asks(plan, lpfcosim):
     check(loading.load(make()))
     status, out, _ = lpfcosim("trust", "--remove", digest[:12])
     assert (status, digest in out) == (0, True)
-    assert lpfcosim("trust")[:2] == (0, "no FMU of others is approved\n")
+    assert lpfcosim("trust")[:2] == (0, "no third-party FMU is approved\n")
     with pytest.raises(InputError, match="native code"):
         check(loading.load(make()))

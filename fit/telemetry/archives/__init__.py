@@ -33,7 +33,7 @@ def open_table(path: Path, table: str | int | None) -> Iterator[Table]:
     Parameters
     ----------
     path : Path
-        Its suffix tells the format.
+        Its suffix gives the format.
     table : str, int or None
         Name or number of an extension of FITS; struct, group, records or matrix of the others but text. None:
         the first extension that is a table, all of the variables.
@@ -67,5 +67,5 @@ def validate(path: Path, table: str | int | None = None) -> None:
 
 
 def is_text(path: Path) -> bool:
-    """Tell whether an archive is text, which no library but Python's own reads."""
+    """Return whether an archive is text, which no library but Python's own reads."""
     return path.name.lower().endswith(text.SUFFIXES)

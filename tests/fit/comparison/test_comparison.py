@@ -146,7 +146,7 @@ def test_sigmas_that_do_not_hold_make_no_difference(is_reference):
     assert comparison["a"].differences == (None, None)
     assert comparison.agreements[0].tests == {}
     (note,) = comparison.notes
-    assert note == "x: joint: not sound (the runs contradict each other); its sigmas do not hold"
+    assert note == "x: joint: not sound (the runs contradict each other); its uncertainties are not valid"
     assert "2.0(?)" in str(comparison)
 
 
@@ -166,7 +166,7 @@ def test_truth_is_shown_and_other_truths_are_reported():
 def test_a_fixed_parameter_is_shown_as_such():
     free, fixed = make_fit([1.1], [0.1], truth=1.0), make_fit([1.0], [0.0], truth=1.0)
     (row,) = fit.compare([results(fixed), results(free)]).table().rows
-    assert row == ("a", "1", "1 (fixed)", "1.1(1)", "+1.00", "1.0")
+    assert row == ("a", "", "1 (fixed)", "1.1(1)", "+1.00", "1.0")
     both = fit.compare([results(fixed), results(make_fit([1.1], [0.0]))])  # nothing to test
     assert both["a"].differences == (None, None) and both.agreements[0].tests == {}
     assert json.loads(both.to_json())["joint"]["a"]["differences"] == [None, None]
@@ -206,9 +206,9 @@ def saved(folder, joint, *runs, seed=None, t0="2016-04-16T00:00:00Z", keep=True,
         ({"seed": 1}, {"t0": "2016-04-17T00:00:00Z"}, ""),
         ({}, {}, "telemetry of the same time: A, B"),
         ({}, {"t0": "2016-04-17T00:00:00Z"}, ""),
-        ({"keep": False}, {"t0": "2016-04-17T00:00:00Z"}, "runs of the same names, without telemetry"),
+        ({"keep": False}, {"t0": "2016-04-17T00:00:00Z"}, "runs of the same names, and no telemetry"),
         ({"keep": False, "seed": 1}, {"seed": 2}, ""),
-        ({"keep": False, "seed": 1}, {"seed": 1}, "runs of the same names, without telemetry"),
+        ({"keep": False, "seed": 1}, {"seed": 1}, "runs of the same names, and no telemetry"),
     ],
 )  # fmt: skip
 def test_results_of_other_data_are_independent(tmp_path, one, two, reason):
@@ -251,10 +251,10 @@ def comparison():
 def test_as_text_and_as_html(comparison):
     table = [line.split() for line in repr(comparison).splitlines()]
     assert table[0] == ["parameter", "unit", "one", "two", "difference/sigma"]
-    assert table[1:4] == [
-        ["lambda_2", "1", "1.07760(3)", "1.07770(4)", "+2.00"],
-        ["alpha_x_2", "1", "-317(12)", "-", "-"],
-        ["omega", "1", "-4.00(5)e-07", "-4.10(5)e-07", "-1.41"],
+    assert table[1:4] == [  # the unit of numbers is none
+        ["lambda_2", "1.07760(3)", "1.07770(4)", "+2.00"],
+        ["alpha_x_2", "-317(12)", "-", "-"],
+        ["omega", "-4.00(5)e-07", "-4.10(5)e-07", "-1.41"],
     ]
     assert repr(comparison).splitlines()[4] == "two: joint: chi2 = 6.0 of 2 differences from one, p = 0.05"
     assert comparison._repr_html_().count("<tr>") == 4

@@ -166,7 +166,7 @@ def test_one_folder_of_calibration_and_inertial_runs():
     assert list(results.experiments) == ["A", "B"]
     assert max(map(abs, pulls(results.inertial["0"]))) < 4.5
     second = replace(runs[1], run="again", path=runs[1].path.with_name("again.h5"))
-    with pytest.raises(InputError, match=r"^again\.h5: a second noise run of experiment 'A' beside"):
+    with pytest.raises(InputError, match=r"^again\.h5: experiment 'A' already has the noise run"):
         calibrate([*runs, second])
 
 

@@ -109,5 +109,5 @@ def test_both_gains_share_a_width_and_obey_bounds():
 
 
 def test_one_experiment_alone_cannot_scatter():
-    with pytest.raises(InputError, match="A is alone, expected two experiments or more"):
+    with pytest.raises(InputError, match="A is the only experiment, expected two or more"):
         calibrate(pair(World()), settings({"scatter": ["lambda_2"]}))

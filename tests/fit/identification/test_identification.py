@@ -219,7 +219,7 @@ def changed(flown, **channels):
 
 
 def agree(fit, flight):
-    """Tell whether parameters and sigmas are those of the fit of the same telemetry."""
+    """Return whether parameters and sigmas are those of the fit of the same telemetry."""
     experiment_fit = flight[2].experiments["A"]
     for name, theirs in (("lambda_2", "lambda_2"), ("C_2", "C_2")):
         assert abs(fit[name].value - experiment_fit[theirs].value) < 0.05 * experiment_fit[theirs].sigma

@@ -246,7 +246,7 @@ def test_every_foreign_text_is_escaped(tmp_path, campaign):
 def test_flight_data_without_noise_run_guidance_or_joint_fit(tmp_path, campaign):
     runs = campaign(noise=False, guidance=False, truth=None)
     page = written(tmp_path, results(experiments={"A1": experiment_fit()}), runs)
-    assert "No joint fit. No truth in the telemetry. All 5 single-experiment parameters" in page.text
+    assert "No joint fit. True values unknown. All 5 single-experiment parameters" in page.text
     assert "Δ flight / σ" in page.text
     assert "Truth" not in page.text
     assert page.tags.count("figure") == 4

@@ -114,7 +114,7 @@ def test_side_by_side(mission):
     lines = {head.split("C_")[0]: texts for head, texts in cells(grid).items()}
     assert len(grid.rows) == 11  # runs of epoch 1 alone
     assert "11 of 11 parameters have a σ at or below the flight's" in part.text
-    assert lines["C2"] == ["0.194 ± 0.002", "0.186 ± 0.004", "0.50", "1.79"]  # 2 / hypot(1, 0.5)
+    assert lines["C2"] == ["0.194(2)", "0.186(4)", "0.50", "1.79"]  # 2 / hypot(1, 0.5)
     gain = grid.rows[0]
     assert gain[-1] == '<span class="off">−8.05</span>'  # 9 / hypot(1, 0.5)
 
@@ -159,7 +159,7 @@ def test_stationarity(mission):
     part = sections(results, runs)["gain"]
     lines = cells(part.tables[0])
     # four of equal sigma: 1.0776, 1.07764, 1.07768, 1.07772, chi2 = (2 2^2 + 2 6^2) (1e-5 / 5e-5)^2
-    assert lines["weighted mean of the experiments"][0] == "1.077660 ± 0.000025"
+    assert lines["weighted mean of the experiments"][0] == "1.077660(25)"
     assert lines["χ² / degrees of freedom about the mean"] == ["1.07", "≈ 90"]
     assert "agree with one" in part.text
     scattered = {n: experiment(1.07 + 0.01 * k, 0.0, 0.0) for k, n in enumerate("ABC")}
@@ -199,7 +199,7 @@ def test_stiffness_table_and_pulls(mission):
     results, runs = mission
     part = sections(results, runs)["stiffness"]
     lines = cells(part.tables[0])
-    assert lines["B"][:2] == ["1100, 10.4", "−10.52 ± 0.03"]
+    assert lines["B"][:2] == ["1100, 10.4", "−10.52(3)"]
     assert len(lines) == 4
 
 
@@ -245,7 +245,7 @@ def test_predicted_stiffness(mission):
     (grid,) = sections(results, runs)["prediction"].tables
     lines = list(cells(grid).values())
     assert [excess for *_, excess in lines[:4]] == ["7.8 %", "−0.9 %", "6.4 %", "3.4 %"]
-    assert lines[4] == ["−4.17", "−3.990 ± 0.035", "−4.3 %"]
+    assert lines[4] == ["−4.17", "−3.990(35)", "−4.3 %"]
 
 
 def test_residuals(mission):
@@ -253,8 +253,8 @@ def test_residuals(mission):
     part = sections(results, runs)["residuals"]
     assert part.text.startswith("1 of 4 residuals have a whiteness below 0.05")
     lines = cells(part.tables[0])
-    assert lines["A"] == ["1.01 ± 0.03", "0.3", "0.400", "0.020 ± 0.075", None]
-    assert lines["D"] == ["1.50 ± 0.03", "16.7", "< 0.001", "3.000 ± 0.075", "6"]
+    assert lines["A"] == ["1.01(3)", "0.3", "0.400", "0.020(75)", None]
+    assert lines["D"] == ["1.50(3)", "16.7", "< 0.001", "3.000(75)", "6"]
     residual_level = {"A": replace(results.experiments["A"], diagnostics=diagnostics(chi2_red_sigma=0.0))}
     part = sections(replace(results, experiments=residual_level), runs)["residuals"]
     assert cells(part.tables[0])["A"][:2] == ["1.010", None]

@@ -90,9 +90,9 @@ def test_a_monte_carlo(tmp_path):
     assert part.text == "200 calibrations of <b> with new noise and new truths; 1 failed."
     good, bad = ([getattr(c, "value", c) for c in row[1:]] for row in part.tables[0].rows)
     assert good == ["200", "0.05", "1.01", "68.0"]
-    assert bad[1] == '<span class="off">0.50 ± 0.07</span>'
+    assert bad[1] == '<span class="off">0.50(7)</span>'
     assert bad[2] == "1.01"
-    assert bad[3] == '<span class="off">40.0 ± 3.3</span>'
+    assert bad[3] == '<span class="off">40.0(33)</span>'
     page = write_report(tmp_path, results(), []).read_text()
     assert "of &lt;b&gt; with" in page
 

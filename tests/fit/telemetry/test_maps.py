@@ -228,7 +228,7 @@ def test_a_draft_of_an_archive_with_stamps_is_a_map(lpfcosim, tmp_path):
     np.testing.assert_allclose(sysid.channels["o_12"], 1e-9 * COLUMNS["o_12"])
     np.testing.assert_allclose(sysid.channels["f_x_2"], 1e-12 * COLUMNS["f_x_2"])
     status, _, err = lpfcosim("new", "--map", "E7.csv")
-    assert status == 2 and "E7.toml: is there already, expected a new name" in err
+    assert status == 2 and "E7.toml: exists already, expected a new name" in err
 
 
 def as_hdf5(path):

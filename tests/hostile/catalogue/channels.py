@@ -102,7 +102,7 @@ SIGNS_AND_SCALES = (
         ("0.1 %", "f_x_1", "G3", times(1.001)),
         ("1 %", "f_x_1", "G3", times(1.01)),
         ("10 %", "f_x_1", "G3", times(1.1)),
-        blind="lambda_1 rests on G3 alone",
+        blind="lambda_1 depends on G3 alone",
     ),
     *faults(
         "scaled in every run",
@@ -136,7 +136,7 @@ TIMES = (
         "rest|single|alone",
         ("1 s", "f_x_1", "G3", delayed(1)),
         ("0.1 s", "f_x_1", "G3", delayed(0.1)),
-        blind="C_1 rests on G3 alone",
+        blind="C_1 depends on G3 alone",
     ),
     *fine_changes(
         "late",

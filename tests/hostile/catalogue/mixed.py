@@ -108,7 +108,7 @@ MIXED = (
         "leaks, the only run that drives it",
         "",
         ("1e-3 of f_x_1", "f_x_2", "G3", leaking("G3", "f_x_2", "f_x_1", 1e-3)),
-        blind="lambda_1 rests on G3 alone",
+        blind="lambda_1 depends on G3 alone",
     ),
     *faults(
         "leaks",
@@ -128,9 +128,9 @@ MIXED = (
         ),
     ),
     *faults(
-        "lambda_1 differs in the only run that tells it",
+        "lambda_1 differs in the only run that determines it",
         "",
         ("0.5 %", *other("G3", lambda_1=1.005)),
-        blind="lambda_1 rests on G3 alone",
+        blind="lambda_1 depends on G3 alone",
     ),
 )

@@ -80,7 +80,7 @@ BAD = [  # what to replace, by what, and what the sentence then begins with
     ('unity_gain = "90 mHz"', 'poles = ["1 Hz"]', "control.drag_free.poles: is of length 1, expected"),
     ('"0.6 pN"', '"2.3 nN"', "experiments[1].injections[1].amplitude: the force on test mass 1 reaches"),
     ('"1.5 nN"', '"2.3 nN"', "experiments[1].injections[0].amplitude: the force on test mass 1 reaches"),
-    ('"-8e-12 m s^-2"', '"2e-9 m s^-2"', "experiments[1].dc: holding it takes 3578 pN of the 2200 pN that"),
+    ('"-8e-12 m s^-2"', '"2e-9 m s^-2"', "experiments[1].dc: compensating it takes 3578 pN of the 2200 pN"),
     ("[control.drag_free]\nunity_gain", "[control]\ndrag_free", "control.drag_free: expected a table"),
     ("seed = 1", 'seed = 1\n"a\\nb" = 2', '"a\\nb": unknown key'),
     ("seed = 1", "seed = " + "1" * 5000, "holds a number of too many digits"),

@@ -62,7 +62,7 @@ def test_names_are_files_and_each_is_used_once(swept):
 
 
 BAD = [  # the table, and what the sentence then says
-    ("", 'sweep: says nothing, write a list, such as F_max_2 = ["50 pN", "2200 pN"]'),
+    ("", 'sweep: is empty, write a list, such as F_max_2 = ["50 pN", "2200 pN"]'),
     ('F_max_2 = "50 pN"', 'sweep.F_max_2: "50 pN" is not a list'),
     ('F_max_2 = ["50 pN"]', "sweep.F_max_2: is of length 1, expected at least 2"),
     ('F_max_2 = ["50 pN", "1 nm"]', 'sweep.F_max_2[1]: "1 nm" is not a force'),
@@ -74,7 +74,7 @@ BAD = [  # the table, and what the sentence then says
     ('F_max_2 = ["1 nN", "1000 pN"]', "sweep.F_max_2: all its values are the same, expected two that differ"),
     (
         'F_max_2 = ["50 pN", "10 pN"]',
-        "sweep.F_max_2[1]: experiments[0].dc: holding it takes 14.31 pN of the 10 pN that authority set",
+        "sweep.F_max_2[1]: experiments[0].dc: compensating it takes 14.31 pN of the 10 pN that authority set",
     ),
     (
         'F_max_2 = ["16 pN", "50 pN"]',
@@ -102,7 +102,9 @@ EXPERIMENT = '[[experiments]]\nname = "one"\nauthority = "A"\nduration = "6 h"\n
 
 def test_sweeps_that_would_tell_nothing_are_refused(swept):
     nothing = 'F_max_2 = ["50 pN", "1 nN"]'
-    with pytest.raises(InputError, match=r"sweep: nothing is injected into experiments\[0\], so that no run"):
+    with pytest.raises(
+        InputError, match=r"sweep: nothing is injected into experiments\[0\], so that the sweep"
+    ):
         loading.load(swept(nothing, EXPERIMENT))
     quiet = EXPERIMENT.replace('duration = "6 h"\n', "", 1)
     assert [r.kind for r in loading.load(swept(nothing, quiet)).runs] == ["noise", "noise"]

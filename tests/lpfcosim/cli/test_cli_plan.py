@@ -126,8 +126,8 @@ def test_bad_campaign_is_one_sentence(lpfcosim, tmp_path, old, new, fault):
 @pytest.mark.parametrize(
     ("name", "fault"),
     [
-        ("there.toml", "there.toml: is there already, expected a new name"),
-        ("folder.toml", "folder.toml: is there already"),
+        ("there.toml", "there.toml: exists already, expected a new name"),
+        ("folder.toml", "folder.toml: exists already"),
         ("mine.txt", "mine.txt: expected a name that ends in .toml"),
         ("my own.toml", 'my own.toml: "my own" cannot name a file'),
         ("nowhere/mine.toml", "nowhere is not a folder"),

@@ -202,32 +202,32 @@ def test_terminal_sees_the_time_left(terminal, capsys):
     console = Console()
     with console.counted("campaigns", 10, 4) as progress:
         progress(5)
-    with console.samples({"A": 10, "B": 10}) as (progress, kept):
+    with console.samples({"A": 36_000, "B": 36_000}) as (progress, kept):
         kept("A")
-        progress("B", 5)
+        progress("B", 18_000)
     with console.stage("fit"):
         pass
     out, err = capsys.readouterr()
     assert out == ""
     for shown in ("5/10", "-:--:--", "simulation", " 50 %", "fit", "0:00:00"):
         assert shown in err
-    assert "campaigns: 5, 0.0 s\n" in err
-    assert "simulation: 10 samples, 1 runs kept, 0.0 s\n" in err
+    assert "campaigns: 5 in 0.0 s\n" in err
+    assert "simulation: 1 h (1 runs kept) in 0.0 s\n" in err
 
 
 def test_log_sees_plain_lines(capsys):
     console = Console()
-    with console.samples({"A": 10, "B": 10}) as (progress, kept):
+    with console.samples({"A": 36_000, "B": 36_000}) as (progress, kept):
         kept("A")
-        progress("B", 5)
-        progress("B", 10)
+        progress("B", 18_000)
+        progress("B", 36_000)
     with console.counted("steps", 10) as progress:
         progress(7)
     out, err = capsys.readouterr()
     assert out == ""
     assert err.splitlines() == [
         "run A: kept",
-        "run B: 10 samples",
-        "simulation: 10 samples, 0.0 s",
-        "steps: 7, 0.0 s",
+        "run B: 1 h",
+        "simulation: 1 h in 0.0 s",
+        "steps: 7 in 0.0 s",
     ]

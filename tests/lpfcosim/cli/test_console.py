@@ -18,10 +18,10 @@ def clock(monkeypatch):
 @pytest.mark.parametrize(
     ("seconds", "done", "line"),
     [
-        (4.0, 0.0, "fit: for 4 s so far"),
-        (4.0, 0.25, "fit: 25 %, about 12 s left"),
-        (600.0, 0.5, "fit: 50 %, about 10 min left"),
-        (7.0, 1.0, "fit: for 7 s so far"),
+        (4.0, 0.0, "fit: 4 s elapsed"),
+        (4.0, 0.25, "fit: 25 %, about 12 s remaining"),
+        (600.0, 0.5, "fit: 50 %, about 10 min remaining"),
+        (7.0, 1.0, "fit: 7 s elapsed"),
     ],
 )
 def test_how_far_it_is_and_how_long_it_will_still_take(clock, seconds, done, line):
@@ -60,4 +60,4 @@ def test_every_kind_of_work_says_so_unless_quiet(monkeypatch, capfd, quiet):
         wait_for("simulation: 10 %")
     said = capfd.readouterr().err
     assert (said == "") is quiet
-    assert quiet or [line for line in said.splitlines() if line.startswith("campaigns: 4, ")]
+    assert quiet or [line for line in said.splitlines() if line.startswith("campaigns: 4 in ")]

@@ -247,7 +247,10 @@ def test_montecarlo_ends_with_its_verdict(small, lpfcosim, monkeypatch):
 
     status, out, err = lpfcosim(*drawn(0.0))
     assert status == 0, err
-    assert out.splitlines()[-1] == "valid: pulls and coverage of 1 parameter are consistent with true sigmas"
+    assert (
+        out.splitlines()[-1]
+        == "valid: pulls and coverage of 1 parameter are consistent with valid uncertainties"
+    )
     document = json.loads((small.parent / "o0.0" / "montecarlo.json").read_text(encoding="utf-8"))
     assert document["verdict"] == {"valid": True, "false_alarm": 0.001, "reasons": []}
     status, out, err = lpfcosim(*drawn(2.2))

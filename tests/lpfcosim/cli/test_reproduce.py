@@ -74,7 +74,7 @@ def test_what_is_not_reproduced_is_told(copied, lpfcosim):
     assert told == [
         "telemetry/one-noise.h5: is missing",
         "telemetry/one.h5: differs (same provenance)",
-        "telemetry/other.h5: is not made any more",
+        "telemetry/other.h5: is no longer produced",
         "results.json: differs (joint)",
     ]
     assert err.splitlines()[-1].endswith("copy: 4 of 4 files are not reproduced")

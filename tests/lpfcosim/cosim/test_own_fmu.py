@@ -361,11 +361,11 @@ def test_truths_that_hang_on_what_is_taken(run, model, missing, gone):
     [
         (
             "return Fmi3StepResult(status=Fmi3Status.ok, terminateSimulation=late)",
-            "asks to end the simulation",
+            "requests the end of the simulation",
         ),
         (
             "self.f_control_2 = float('inf') if late else 0.0; return Fmi3StepResult(status=Fmi3Status.ok)",
-            "puts out a value that is not finite",
+            "returns a value that is not finite",
         ),
         ("return Fmi3StepResult(status=Fmi3Status.discard if late else Fmi3Status.ok)", "reports 'discard'"),
     ],

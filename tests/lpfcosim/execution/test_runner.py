@@ -94,7 +94,7 @@ def test_finished_runs_are_kept_and_others_are_simulated_again(fmus, plan, copie
         )
         runner.simulate(plan, kept.parent, fmus, callbacks=callbacks)
         assert (seen, again) == ({lost.stem}, [kept.stem])
-        wanted = [f"run one: {lost} is not as it was finished, simulated again"]
+        wanted = [f"run one: {lost} has changed since, and is simulated again"]
         assert told == ([] if damage is None else wanted)
         assert kept.stat().st_mtime_ns == stamp
         assert lost.read_bytes() == content
@@ -144,7 +144,7 @@ def test_what_comes_from_elsewhere_is_refused_or_simulated_anew(fmus, plan, copi
     monkeypatch.setattr(runner.process_pool, "results", None)  # nothing must be simulated
     for changed, its, said in (
         (reseeded, fmus, "simulated with seed 7, now it is 8"),
-        (longer, fmus, "simulated when the campaign said something else"),
+        (longer, fmus, "simulated with another version of the campaign"),
         (replace(plan, name="brief"), fmus, "simulated with campaign short, now it is brief"),
         (plan, {**fmus, "Plant": other_fmu}, "simulated with another Plant FMU"),
         (plan, {k: v for k, v in fmus.items() if k != "Plant"}, "simulated with an FMU Plant, which is not"),

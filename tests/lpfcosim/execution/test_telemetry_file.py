@@ -183,6 +183,6 @@ def test_a_missing_folder_is_one_sentence(tmp_path, run, channels):
 
 
 def test_a_run_cut_short_is_not_recorded(tmp_path, run, channels):
-    with pytest.raises(RunError, match="D: 599 samples came, expected 600"):
+    with pytest.raises(RunError, match="D: 599 samples received, expected 600"):
         write(tmp_path / "D.h5", run, {name: values[:-1] for name, values in channels.items()}, PROVENANCE)
     assert not list(tmp_path.iterdir())

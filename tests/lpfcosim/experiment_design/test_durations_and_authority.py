@@ -199,7 +199,7 @@ def test_interrupted_on_the_command_line_what_there_is_is_written(tmp_path):
             with suppress(ProcessLookupError):
                 os.killpg(process.pid, signal.SIGKILL)
     assert process.returncode == 0, err
-    assert "interrupted: these are the best tones found so far" in out
+    assert "interrupted: these are the best tones so far" in out
     assert "every limit is kept" in out
     assert len(loading.load(tmp_path / "best.toml").experiments) == 2
 

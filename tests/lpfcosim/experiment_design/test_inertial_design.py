@@ -59,5 +59,5 @@ def test_what_no_hours_reach_is_told(plan):
         inertial_design.shorten_noise_runs(plan, {"delta_phi_1": 0.9 * FLOOR}, MODEL)
     tones_alone = replace(plan, experiments=tuple(e for e in plan.experiments if e.n_samples))
     still = SimpleNamespace(sigmas=lambda of: {"delta_phi_1": 1e-5})
-    with pytest.raises(InputError, match="delta_phi_1: no run of noise alone tells of them"):
+    with pytest.raises(InputError, match="delta_phi_1: no noise run determines them"):
         inertial_design.shorten_noise_runs(tones_alone, {"delta_phi_1": 1e-5}, still)

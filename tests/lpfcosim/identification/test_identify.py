@@ -178,8 +178,8 @@ def test_what_is_clipped_is_masked(lpfcosim, campaign):
         ("Plant.x_1 = {}", "of causality 'output'; expected a parameter"),
         ("omega_2 = {}", "expected a table of a model, or a parameter of the fit"),
         ("lambda_2 = {}\nActuation.lambda_2 = {}", "lambda_2 is sought twice"),
-        ("C_2 = {}\nPlant.tau_2 = {}", "Plant.tau_2 is sought under two names"),
-        ("Actuation.lambda_bend_2 = {}", "starts at 0, which tells no scale; expected a width or bounds"),
+        ("C_2 = {}\nPlant.tau_2 = {}", "Plant.tau_2 is listed under two names"),
+        ("Actuation.lambda_bend_2 = {}", "starts at 0, which gives no scale; expected a width or bounds"),
         ("lambda_2 = { bounds = [2, 1] }", "expected the lower bound first"),
         ("lambda_2 = { start = 2, bounds = [1, 1.2] }", "expected bounds about the start, 2"),
         ("lambda_2 = { begin = 1 }", "begin"),
@@ -267,7 +267,9 @@ def test_where_nothing_is_determined_the_command_fails_and_says_why(lpfcosim, do
     done.write_text(f"{CAMPAIGN}\n[identify]\nPlant.m_sc = {{}}\n")  # o_1 is imposed
     status, out, err = lpfcosim("identify", done, "--json")
     assert status == 1
-    assert err.splitlines()[-1].endswith("nothing that is sought is determined; the warnings say why")
+    assert err.splitlines()[-1].endswith(
+        "no parameter listed in [identify] is determined; the warnings give the reasons"
+    )
     (blind,) = [w for w in json.loads(out)["joint"]["warnings"] if w["code"] == "indeterminable"]
     assert blind["parameters"] == ["Plant.m_sc"]
 
@@ -348,7 +350,7 @@ def test_bounds_that_the_data_contradict_make_the_result_unsound(lpfcosim, done)
         (
             "Divides",
             "self.f_control_2 = float('nan') if late else 0.0",
-            "the SuspensionControl FMU puts out a value that is not finite at 5.0 s; simulated with lambda_1",
+            "the SuspensionControl FMU returns a value that is not finite at 5.0 s; simulated with lambda_1",
         ),
     ],
 )

@@ -63,6 +63,6 @@ def test_fmu_that_remembers_its_instances_is_refused(make_run, fmus, tmp_path):
     memory = tmp_path / "memory"
     archive = third_party.built(tmp_path, f'REMEMBERS="{memory}"', "RESET_IDLE")
     with pytest.raises(
-        RunError, match=r"ThirdParty\.fmu: does not start anew: after a reset, .* new instance"
+        RunError, match=r"ThirdParty\.fmu: does not repeat itself: after a reset, .* new instance"
     ):
         simulated(make_run, fmus, archive)

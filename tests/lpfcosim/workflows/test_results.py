@@ -27,7 +27,7 @@ def test_a_forecast_is_that_of_the_command(campaign, quickstart, lpfcosim_json):
     assert expected["lambda_2"].sigma == pytest.approx(3.47e-5, rel=0.01)
     frame = expected.to_dataframe()
     assert frame.loc["C_2", "ratio"] == frame.loc["C_2", "sigma"] / frame.loc["C_2", "flight_sigma"]
-    assert repr(expected).startswith("parameter    unit      sigma    flight sigma  ratio\nlambda_2     1 ")
+    assert repr(expected).startswith("parameter    unit        sigma    flight sigma  ratio\nlambda_2 ")
     assert "<td" in expected._repr_html_()
     with pytest.raises(fit.InputError, match=r"no parameter 'lambda_3', did you mean"):
         expected["lambda_3"]
