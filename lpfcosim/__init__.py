@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from lpfcosim.campaign import Campaign
+    from lpfcosim.constellation import simulate_measurements
     from lpfcosim.errors import InputError, RunError, UnavailableError
     from lpfcosim.workflows.campaigns import load_campaign
     from lpfcosim.workflows.check import CampaignCheck, check
@@ -53,9 +54,11 @@ __all__ = [
     "montecarlo",
     "run",
     "simulate",
+    "simulate_measurements",
 ]
 _HOME = {
     "campaign": ("Campaign",),
+    "constellation": ("simulate_measurements",),
     "errors": ("InputError", "RunError", "UnavailableError"),
     "workflows.campaigns": ("load_campaign",),
     "workflows.check": ("CampaignCheck", "check"),

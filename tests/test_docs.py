@@ -15,6 +15,7 @@ import subprocess
 import sys
 import tomllib
 from dataclasses import dataclass
+from importlib.util import find_spec
 from pathlib import Path
 from urllib.parse import unquote
 
@@ -25,6 +26,7 @@ DOCS = ROOT / "docs"
 PAGES = sorted(DOCS.glob("*.md"))
 ELSEWHERE = DOCS / "python.md"  # its blocks are run by tests/fit/test_api.py
 SLOW = (DOCS / "injection.md", DOCS / "own-plant.md")  # simulate through FMUs
+WITH_LISA = DOCS / "lisa-ttl.md"  # needs the extra lisa
 FIRST = (ROOT / "README.md", DOCS / "first-hour.md", DOCS / "flight-telemetry.md")  # one leads to the next
 NOT_RUN = {
     "dask",
@@ -37,6 +39,7 @@ NOT_RUN = {
 LONG = {
     ("lpfcosim", "design"),
     ("lpfcosim", "identify"),
+    ("lpfcosim", "jitter"),
     ("lpfcosim", "montecarlo"),
     ("lpfcosim", "mcmc"),
     ("lpfcosim", "run"),
@@ -187,10 +190,17 @@ def test_first_pages(runner):
 
 
 @pytest.mark.parametrize(
-    "page", [p for p in PAGES if p not in (*FIRST, *SLOW, ELSEWHERE)], ids=lambda p: p.stem
+    "page", [p for p in PAGES if p not in (*FIRST, *SLOW, ELSEWHERE, WITH_LISA)], ids=lambda p: p.stem
 )
 def test_page(page, runner):
     for block in blocks(page):
+        runner.run(block)
+
+
+@pytest.mark.lisa
+@pytest.mark.skipif(find_spec("lisainstrument") is None, reason="needs the extra lisa")
+def test_page_on_a_constellation(runner):
+    for block in blocks(WITH_LISA):
         runner.run(block)
 
 

@@ -69,14 +69,21 @@ def read_series(path: Path, schema: str, units: Mapping[str, str]) -> SeriesFile
             raise InputError(
                 f"{path}: attribute schema: {shown(attributes.get('schema'))}, expected {schema!r}"
             )
-        dt = attributes.get("dt")
-        if not isinstance(dt, int | float) or not (math.isfinite(dt) and dt > 0):
-            raise InputError(f"{path}: attribute dt: {shown(dt)}, expected the step in seconds")
-        time = read_time(file, path, 1 / dt)
-        series = {name: _read(file, path, name, unit, time.size, 1 / dt) for name, unit in units.items()}
+        fs = _rate(path, attributes)
+        time = read_time(file, path, fs)
+        series = {name: _read(file, path, name, unit, time.size, fs) for name, unit in units.items()}
         truth = readable_attributes(file["truth"].attrs) if isinstance(file.get("truth"), h5py.Group) else {}
     numbers = {name: float(x) for name, x in truth.items() if isinstance(x, int | float) and math.isfinite(x)}
-    return SeriesFile(path, attributes, 1 / dt, series, numbers)
+    return SeriesFile(path, attributes, fs, series, numbers)
+
+
+def _rate(path: Path, attributes: Mapping[str, object]) -> float:
+    """Return the sample rate [Hz] from the attribute ``dt`` [s], or ``fs`` of telemetry."""
+    name = "fs" if "fs" in attributes else "dt"
+    value = attributes.get(name)
+    if not isinstance(value, int | float) or not (math.isfinite(value) and value > 0):
+        raise InputError(f"{path}: attribute {name}: {shown(value)}, expected a positive number")
+    return float(value) if name == "fs" else 1 / value
 
 
 def _read(file: h5py.File, path: Path, name: str, unit: str, size: int, fs: float) -> Array:

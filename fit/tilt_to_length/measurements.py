@@ -5,6 +5,8 @@ variables pytdi computes.
 """
 
 import json
+import logging
+import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from importlib import import_module
@@ -162,7 +164,9 @@ def _long_name(name: str) -> str:
 def _read_lisainstrument(path: Path) -> Measurements:
     """Read a file of lisainstrument, and combine its beat notes by pytdi."""
     try:
-        interface, combinations = import_module("pytdi.interface"), import_module("pytdi.michelson")
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # of its dependencies
+            interface, combinations = import_module("pytdi.interface"), import_module("pytdi.michelson")
     except ImportError:
         raise InputError(f"{path}: is a file of lisainstrument, which needs pytdi, {EXTRA}") from None
     attributes = root_attributes(path) or {}
@@ -172,6 +176,7 @@ def _read_lisainstrument(path: Path) -> Measurements:
             f"{path}: is of lisainstrument {version}, expected {VERSIONS[0]} to {VERSIONS[-1]}; or "
             f"convert it to a file of schema {SCHEMA!r}"
         )
+    logging.getLogger("pytdi").setLevel(logging.ERROR)  # it warns of files that it reads
     try:
         metadata = json.loads(attributes["metadata_json"])
         data = interface.Data.from_instrument(str(path))

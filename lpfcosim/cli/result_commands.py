@@ -169,6 +169,33 @@ def compare(
 
 @app.command(
     epilog=examples(
+        "lpfcosim jitter lisa --out manoeuvre.h5",
+        "lpfcosim jitter lisa --noise --out noise.h5",
+        "lpfcosim jitter sc1.h5 sc2.h5 sc3.h5 --out j.h5",
+    )
+)
+def jitter(
+    paths: Annotated[
+        list[Path],
+        typer.Argument(metavar="PATH", help="Telemetry of spacecraft 1, 2, 3, or folders of it."),
+    ],
+    out: Annotated[Path, typer.Option("--out", metavar="J.h5", help="The file to write.")],
+    noise: Annotated[bool, typer.Option("--noise", help="Of folders, take the noise runs.")] = False,
+    quiet: Quiet = False,
+) -> None:
+    """Write the motion of three simulated LISA spacecraft.
+
+    The file (lisa-jitter/1) has 27 series: attitudes, angles and positions of the six assemblies. In Python,
+    lpfcosim.simulate_measurements moves lisainstrument by it.
+    """
+    from lpfcosim.cli import jitter as cli_jitter
+    from lpfcosim.cli.console import Console
+
+    cli_jitter.jitter(paths, out, Console(quiet=quiet), noise=noise)
+
+
+@app.command(
+    epilog=examples(
         "lpfcosim ttl manoeuvre.h5 --noise noise.h5", "lpfcosim ttl manoeuvre.h5 --out again --json"
     )
 )

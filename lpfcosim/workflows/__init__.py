@@ -11,6 +11,7 @@ __all__ = [
     "fmus",
     "forecast",
     "identify",
+    "jitter",
     "margins",
     "montecarlo",
     "output_paths",

@@ -14,7 +14,7 @@ from tests.campaign_text import ONE_EXPERIMENT
 
 GROUPS = {
     (): "new trust schema check forecast margins run montecarlo design identify "
-    "fit report figures deltag compare ttl mcmc reproduce fmu",
+    "fit report figures deltag compare jitter ttl mcmc reproduce fmu",
     ("fmu",): "build list show validate export-ssp container",
 }
 COMMANDS = [(*group, name) for group, names in GROUPS.items() for name in names.split()]

@@ -1,0 +1,165 @@
+"""The motion of three spacecraft and their six assemblies: 27 series in one file, schema ``lisa-jitter/1``.
+
+Angles theta, eta, phi are about x, y, z of the spacecraft, x between its two assemblies and z normal to the
+plane of the constellation; x of an assembly points to the spacecraft far away. Signs are those of
+lisainstrument: assembly ij turns by ``sc_phi_i + mosa_phi_ij`` in phi.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fit.errors import shown
+from fit.telemetry import SCHEMA as TELEMETRY
+from fit.telemetry import Writer, read_series
+from lpfcosim.errors import InputError, as_run_error
+
+Array = NDArray[np.float64]
+
+SCHEMA = "lisa-jitter/1"
+#: Of each spacecraft the left assembly, test mass 1, and the right one, test mass 2.
+ASSEMBLIES = {"1": ("12", "13"), "2": ("23", "21"), "3": ("31", "32")}
+ANGLES = {"theta": "x", "eta": "y", "phi": "z"}
+_OF_RUN = {
+    **{f"jitter_{angle}": "rad" for angle in ANGLES},
+    **{f"{name}_{j}": unit for j in (1, 2) for name, unit in (("mosa", "rad"), ("jitter_x", "m"))},
+}
+
+
+@dataclass(frozen=True)
+class Jitter:
+    """The motion of a constellation.
+
+    Attributes
+    ----------
+    fs : float
+        Sample rate [Hz].
+    series : dict of str to ndarray, each of shape (N,)
+        ``sc_phi_1`` ... and ``mosa_phi_12`` ... [rad], ``mosa_x_12`` ... [m].
+    runs : tuple of str
+        Where spacecraft 1, 2 and 3 come from.
+    """
+
+    fs: float
+    series: dict[str, Array]
+    runs: tuple[str, ...] = ()
+
+    @property
+    def size(self) -> int:
+        """Number of samples N."""
+        return next(iter(self.series.values())).size
+
+    @property
+    def duration(self) -> float:
+        """Length [s]."""
+        return self.size / self.fs
+
+
+def _descriptions() -> dict[str, tuple[str, str]]:
+    """Return unit and description of every series."""
+    described = {}
+    for sc, pair in ASSEMBLIES.items():
+        for angle, axis in ANGLES.items():
+            described[f"sc_{angle}_{sc}"] = ("rad", f"attitude of spacecraft {sc} about its {axis}")
+        for assembly in pair:
+            for angle in ("phi", "eta"):
+                text = f"angle {angle} of assembly {assembly} against spacecraft {sc}"
+                described[f"mosa_{angle}_{assembly}"] = ("rad", text)
+            text = f"position of assembly {assembly} along its axis against a free test mass"
+            described[f"mosa_x_{assembly}"] = ("m", text)
+    return described
+
+
+SERIES: Mapping[str, tuple[str, str]] = _descriptions()
+
+
+def spacecraft_jitter(path: Path, spacecraft: str) -> tuple[float, dict[str, Array]]:
+    """Return sample rate and the nine series of a spacecraft, from the telemetry of a simulated run.
+
+    Parameters
+    ----------
+    path : Path
+        Telemetry of a LISA campaign, which records the true motion.
+    spacecraft : str
+        ``"1"``, ``"2"`` or ``"3"``.
+
+    Raises
+    ------
+    InputError
+        If the file is no such telemetry.
+    """
+    run = read_series(path, TELEMETRY, _OF_RUN)
+    series = {f"sc_{angle}_{spacecraft}": run.series[f"jitter_{angle}"] for angle in ANGLES}
+    for j, assembly in enumerate(ASSEMBLIES[spacecraft], start=1):
+        yaw = run.series[f"mosa_{j}"]
+        # the test mass is at rest: as it moves in its housing, the assembly moves the other way
+        moved = {"phi": yaw, "eta": np.zeros_like(yaw), "x": -run.series[f"jitter_x_{j}"]}
+        series |= {f"mosa_{name}_{assembly}": x for name, x in moved.items()}
+    return run.fs, series
+
+
+def join(paths: Sequence[Path]) -> Jitter:
+    """Return the motion of a constellation from runs of spacecraft 1, 2 and 3.
+
+    The runs are laid upon each other sample by sample, whenever they began.
+
+    Raises
+    ------
+    InputError
+        If there are not three, or they differ in length or rate.
+    """
+    if len(paths) != len(ASSEMBLIES):
+        names = ", ".join(path.name for path in paths) or "none"
+        raise InputError(
+            f"{names}: {len(paths)} runs, expected three, of spacecraft 1, 2 and 3; name their files"
+        )
+    runs = [spacecraft_jitter(path, sc) for path, sc in zip(paths, ASSEMBLIES, strict=True)]
+    series = {name: x for _, of_run in runs for name, x in of_run.items()}
+    for path, (fs, of_run) in zip(paths, runs, strict=True):
+        size, expected = next(iter(of_run.values())).size, next(iter(series.values())).size
+        if (fs, size) != (runs[0][0], expected):
+            raise InputError(
+                f"{path}: {size} samples at {fs:g} Hz, expected {expected} at {runs[0][0]:g} Hz as in "
+                f"{paths[0]}; give the three runs the same duration and rate"
+            )
+    return Jitter(runs[0][0], {name: series[name] for name in SERIES}, tuple(path.name for path in paths))
+
+
+def write_jitter(jitter: Jitter, path: Path, provenance: Mapping[str, str] | None = None) -> None:
+    """Write a file of schema ``lisa-jitter/1``.
+
+    Raises
+    ------
+    RunError
+        If it cannot be written.
+    """
+    attributes: dict[str, object] = {
+        **(provenance or {}),
+        "schema": SCHEMA,
+        "dt": 1 / jitter.fs,
+        "t0": 0.0,
+        "size": jitter.size,
+        **{f"run_{sc}": name for sc, name in zip(ASSEMBLIES, jitter.runs, strict=False)},
+    }
+    with as_run_error(), Writer(path, jitter.size, SERIES, attributes, finite=True) as writer:
+        writer.append(np.arange(jitter.size) / jitter.fs, jitter.series)
+
+
+def read_jitter(path: Path) -> Jitter:
+    """Read a file of schema ``lisa-jitter/1``, be it from telemetry or of other origin.
+
+    Raises
+    ------
+    InputError
+        If it breaks the schema.
+    """
+    file = read_series(path, SCHEMA, {name: unit for name, (unit, _) in SERIES.items()})
+    size = next(iter(file.series.values())).size
+    if file.attributes.get("size", size) != size:
+        stated = shown(file.attributes["size"])
+        raise InputError(f"{path}: attribute size: {stated}, expected {size}, the number of samples")
+    names = [file.attributes.get(f"run_{sc}") for sc in ASSEMBLIES]
+    return Jitter(file.fs, file.series, tuple(str(name) for name in names if name is not None))

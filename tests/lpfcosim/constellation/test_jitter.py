@@ -1,0 +1,85 @@
+"""The file of the motion of three spacecraft."""
+
+import h5py
+import numpy as np
+import pytest
+
+from fit.errors import InputError
+from lpfcosim.constellation import read_jitter, write_jitter
+from lpfcosim.constellation.jitter import SERIES, join
+from tests.lpfcosim.constellation.spacecraft import manoeuvre, tone, write_constellation, write_run
+
+
+@pytest.fixture
+def files(tmp_path):
+    return write_constellation(tmp_path, 60.0, manoeuvre())
+
+
+def test_motion_has_the_signs_of_the_assemblies(files):
+    jitter = join(files)
+    t, motions = np.arange(600) / 10.0, manoeuvre()
+    assert list(jitter.series) == list(SERIES)
+    assert len(SERIES) == 27
+    for i, (left, right) in enumerate((("12", "13"), ("23", "21"), ("31", "32"))):
+        for j, assembly in ((1, left), (2, right)):
+            np.testing.assert_array_equal(jitter.series[f"mosa_phi_{assembly}"], motions[i][f"mosa_{j}"](t))
+            np.testing.assert_array_equal(
+                jitter.series[f"mosa_x_{assembly}"], -motions[i][f"jitter_x_{j}"](t)
+            )
+            assert not jitter.series[f"mosa_eta_{assembly}"].any()
+        np.testing.assert_array_equal(jitter.series[f"sc_theta_{i + 1}"], motions[i]["jitter_theta"](t))
+
+
+def test_a_file_comes_back_and_documents_itself(files, tmp_path):
+    jitter = join(files)
+    write_jitter(jitter, tmp_path / "j.h5", {"campaign": "lisa"})
+    again = read_jitter(tmp_path / "j.h5")
+    assert (again.fs, again.size, again.runs) == (10.0, 600, ("sc1.h5", "sc2.h5", "sc3.h5"))
+    np.testing.assert_array_equal(again.series["sc_eta_2"], jitter.series["sc_eta_2"])
+    with h5py.File(tmp_path / "j.h5") as file:
+        assert {"schema", "dt", "t0", "size", "run_1", "campaign"} <= set(file.attrs)
+        assert all(file[name].attrs["units"] in ("rad", "m") for name in SERIES)
+
+
+def test_runs_that_do_not_belong_together_are_refused(files, tmp_path):
+    with pytest.raises(InputError, match=r"2 runs, expected three, of spacecraft 1, 2 and 3"):
+        join(files[:2])
+    write_run(tmp_path / "long.h5", 70.0, {})
+    with pytest.raises(InputError, match=r"long.h5: 700 samples at 10 Hz, expected 600 at 10 Hz as in .*sc1"):
+        join([*files[:2], tmp_path / "long.h5"])
+    write_run(tmp_path / "slow.h5", 120.0, {}, fs=5.0)
+    with pytest.raises(InputError, match="600 samples at 5 Hz, expected 600 at 10 Hz"):
+        join([files[0], tmp_path / "slow.h5", files[2]])
+
+
+def test_a_file_of_another_size_than_stated_is_refused(files, tmp_path):
+    write_jitter(join(files), tmp_path / "j.h5")
+    with h5py.File(tmp_path / "j.h5", "r+") as file:
+        file.attrs["size"] = 599
+    with pytest.raises(InputError, match="attribute size: 599, expected 600"):
+        read_jitter(tmp_path / "j.h5")
+
+
+def test_the_command_takes_files_and_folders(lpfcosim, tmp_path):
+    folder = tmp_path / "lisa" / "telemetry"
+    folder.mkdir(parents=True)
+    write_constellation(folder, 60.0, manoeuvre())
+    for i in (1, 2, 3):
+        write_run(folder / f"sc{i}-noise.h5", 90.0, {"jitter_phi": tone(0.01, 1e-9)}, kind="noise")
+    assert lpfcosim("jitter", "lisa", "--out", "j.h5")[0] == 0
+    assert read_jitter(tmp_path / "j.h5").runs == ("sc1.h5", "sc2.h5", "sc3.h5")
+    assert lpfcosim("jitter", "lisa", "--noise", "--out", "n.h5")[0] == 0
+    assert read_jitter(tmp_path / "n.h5").duration == 90.0
+    named = [folder / f"sc{i}-noise.h5" for i in (1, 2, 3)]
+    assert lpfcosim("jitter", *named, "--out", "again.h5")[0] == 0
+    status, _, message = lpfcosim("jitter", named[0], "--out", "one.h5")
+    assert status == 2
+    assert "sc1-noise.h5: 1 runs, expected three" in message
+
+
+def test_telemetry_of_another_spacecraft_is_refused(lpfcosim, tmp_path, files):
+    with h5py.File(files[1], "r+") as file:
+        del file["mosa_1"]
+    status, _, message = lpfcosim("jitter", *files, "--out", "j.h5")
+    assert status == 2
+    assert "sc2.h5: series mosa_1: missing, expected it in rad" in message
