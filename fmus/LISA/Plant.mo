@@ -89,16 +89,11 @@ model Plant "Spacecraft, two optical assemblies, and a test mass in each"
   Interfaces.AngleOutput theta_2 "Angle of test mass 2 about x_2, relative to its housing";
   Interfaces.AngleOutput eta_2 "Angle of test mass 2 about y_2, relative to its housing";
   Interfaces.AngleOutput phi_2 "Angle of test mass 2 about z_2, relative to its housing";
-  Interfaces.AngleOutput mosa_1 "Yaw of assembly 1, from its nominal direction";
-  Interfaces.AngleOutput mosa_2 "Yaw of assembly 2, from its nominal direction";
+  Interfaces.AngleOutput yaw_1 "Yaw of assembly 1, from its nominal direction";
+  Interfaces.AngleOutput yaw_2 "Yaw of assembly 2, from its nominal direction";
   Interfaces.AngleOutput Theta "Attitude of the spacecraft about x, in inertial space";
   Interfaces.AngleOutput Eta "Attitude of the spacecraft about y, in inertial space";
   Interfaces.AngleOutput Phi "Attitude of the spacecraft about z, in inertial space";
-  Interfaces.PositionOutput jitter_x_1 "Position of test mass 1 along x_1, for the record of the motion";
-  Interfaces.PositionOutput jitter_x_2 "Position of test mass 2 along x_2, for the record of the motion";
-  Interfaces.AngleOutput jitter_theta "Attitude about x, for the record of the motion";
-  Interfaces.AngleOutput jitter_eta "Attitude about y, for the record of the motion";
-  Interfaces.AngleOutput jitter_phi "Attitude about z, for the record of the motion";
   final parameter Types.Length p_1[3] = {p_x_1, p_y_1, p_z_1} "Location of the pivot of assembly 1";
   final parameter Types.Length p_2[3] = {p_x_2, p_y_2, p_z_2} "Location of the pivot of assembly 2";
   Assembly assembly_1(m_tm = m_tm, I_tm = I_tm, I_mosa = I_mosa, direction = half_opening, p = p_1,
@@ -146,13 +141,11 @@ equation
   connect(assembly_2.N, spacecraft.N_2);
   {x_1, y_1, z_1} = assembly_1.testMass.s;
   {theta_1, eta_1, phi_1} = assembly_1.testMass.angle;
-  mosa_1 = assembly_1.yaw;
+  yaw_1 = assembly_1.yaw;
   {x_2, y_2, z_2} = assembly_2.testMass.s;
   {theta_2, eta_2, phi_2} = assembly_2.testMass.angle;
-  mosa_2 = assembly_2.yaw;
+  yaw_2 = assembly_2.yaw;
   {Theta, Eta, Phi} = spacecraft.attitude;
-  {jitter_x_1, jitter_x_2} = {x_1, x_2};
-  {jitter_theta, jitter_eta, jitter_phi} = {Theta, Eta, Phi};
   annotation (Documentation(info = "<html>
 <pre>
   m_sc*a_O    = F_sc - F_1 - F_2
@@ -161,7 +154,6 @@ equation
 <p>LISAPathfinder.SixDof.Spacecraft, with the pivots in the place of the housings, its thrusters, and two Assembly,
 whose F_j, N_j and r_j are in axes of the spacecraft. Electrostatic commands act after their transport delays, here and
 not in the actuation: a force that switches between two samples cannot cross the boundary of an FMU.</p>
-<p>jitter_ are the motions that telemetry records beside its read-outs; position and attitude are zero at the start.</p>
 <p>Sensitive axes, for small angles and with r_j = p_j + rho_j in axes of the spacecraft:</p>
 <pre>
   x_j'' = g_j - omega2_x_j*x_j - omega2_xy_j*y_j + F_applied_x_j/m_tm - u_j.(a_O + dOmega x r_j)

@@ -238,7 +238,7 @@ def _named(model: str, names: Sequence[str], values: Iterable[Any]) -> dict[str,
 
 def _loop_name(model: str, law: str) -> str:
     """Return the name of a control loop: ``drag_free_x`` of law x of WholeDragFreeControl."""
-    words = re.findall("[A-Z][a-z]*", model.removesuffix("Control"))
+    words = re.findall("[A-Z][a-z]+", model.removesuffix("Control"))
     return "_".join([*(word.lower() for word in words if word != "Whole"), law])
 
 

@@ -6,9 +6,9 @@ a spacecraft other than LISA Pathfinder by its name. To add one, write a module 
 register it below.
 """
 
-from lpfcosim.models import one_axis, six_dof
+from lpfcosim.models import lisa, one_axis, six_dof
 from lpfcosim.models.spacecraft_model import SpacecraftModel, fmu_names, model_of, register, registered
 
-register(one_axis.MODEL, six_dof.MODEL)
+register(one_axis.MODEL, six_dof.MODEL, lisa.MODEL, lisa.FALL_BACK)
 
 __all__ = ["SpacecraftModel", "fmu_names", "model_of", "register", "registered", "stimuli"]

@@ -30,13 +30,13 @@ equation
   connect(plant.z_1, metrology.z_1);
   connect(plant.eta_1, metrology.eta_1);
   connect(plant.phi_1, metrology.phi_1);
-  connect(plant.mosa_1, metrology.mosa_1);
+  connect(plant.yaw_1, metrology.yaw_1);
   connect(plant.x_2, metrology.x_2);
   connect(plant.y_2, metrology.y_2);
   connect(plant.z_2, metrology.z_2);
   connect(plant.eta_2, metrology.eta_2);
   connect(plant.phi_2, metrology.phi_2);
-  connect(plant.mosa_2, metrology.mosa_2);
+  connect(plant.yaw_2, metrology.yaw_2);
   connect(plant.Theta, metrology.Theta);
   connect(plant.Eta, metrology.Eta);
   connect(plant.Phi, metrology.Phi);

@@ -1,0 +1,104 @@
+"""One spacecraft of LISA: two optical assemblies with a test mass each, seven FMUs.
+
+Its numbers are the defaults of the Modelica package ``fmus/LISA``, and most of them are choices. In the
+fall-back one link is lost and test mass 2 is suspended along x_2.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from math import cos, sin
+
+from lpfcosim.models import one_axis
+from lpfcosim.models.spacecraft_model import Parameters, SpacecraftModel, common_parameters
+from lpfcosim.signals import Source, red_noise
+from lpfcosim.spacecraft import SUSPENSION, Run, Spacecraft
+
+_AXES, _ANGLES = ("x", "y", "z"), ("theta", "eta", "phi")
+_TILT, _MASSES = ("eta", "phi"), (1, 2)
+_TEST_MASS_ANGLES = tuple(f"{k}_{j}" for j in _MASSES for k in _ANGLES)
+#: Signals of each level of noise, and the frequency [Hz] below which it rises as 1/f; knees are choices.
+_NOISE: dict[str, tuple[tuple[str, ...], float]] = {
+    "tmi": (("n_1", "n_2"), 2e-3),
+    "tmi_dws": (tuple(f"n_{k}_{j}" for j in _MASSES for k in _TILT), 0.0),
+    "dws": (tuple(f"n_dws_{k}_{j}" for j in _MASSES for k in _TILT), 0.0),
+    "grs": (tuple(f"n_grs_{k}_{j}" for j in _MASSES for k in _AXES), 1e-3),
+    "grs_angle": (tuple(f"n_grs_{k}" for k in _TEST_MASS_ANGLES), 1e-3),
+    "assembly": (("n_mosa_1", "n_mosa_2"), 0.0),
+    "thruster": (tuple(f"F_noise_{k}_sc" for k in _AXES), 0.0),
+    "thruster_torque": (tuple(f"N_noise_{k}_sc" for k in _AXES), 0.0),
+    "test_mass": (("g_1", "g_2"), 0.4e-3),
+    "lateral": (("g_y_1", "g_y_2", "g_z_1", "g_z_2"), 0.4e-3),
+    "torque": (tuple(f"gamma_{k}" for k in _TEST_MASS_ANGLES), 0.2e-3),
+}
+
+
+def sources(run: Run) -> tuple[Source, ...]:
+    """Return the streams of noise, one into each signal; a level with a knee rises as 1/f below it."""
+    return tuple(
+        source
+        for level, (signals, knee) in _NOISE.items()
+        for name in signals
+        for size in (run.noise.level(level),)
+        for source in (Source(name, name, size), *red_noise(name, size, knee))
+    )
+
+
+def truth(run: Run) -> dict[str, float]:
+    """Return the parameters, and C_k_j, gain times effective delay of the force along k on test mass j."""
+    p = {**MODEL.truths, **run.parameters}
+    delays = {j: p[f"tau_{j}"] + run.h / 2 for j in _MASSES}
+    forces = ("x_2", "y_1", "y_2", "z_1", "z_2")
+    return p | {f"C_{force}": p[f"lambda_{force}"] * delays[int(force[-1])] for force in forces}
+
+
+def attributes(run: Run) -> dict[str, str | float]:
+    """Return inertia, opening, and housing 1 less housing 2 in axes of the spacecraft [m]."""
+    p = {**MODEL.truths, **run.parameters}
+    c, s = cos(p["half_opening"]), sin(p["half_opening"])
+    x = {j: p[f"p_x_{j}"] + c * p[f"rho_x_{j}"] - t * p[f"rho_y_{j}"] for j, t in ((1, s), (2, -s))}
+    y = {j: p[f"p_y_{j}"] + t * p[f"rho_x_{j}"] + c * p[f"rho_y_{j}"] for j, t in ((1, s), (2, -s))}
+    return {"I_yy": p["I_tm"], "I_zz": p["I_tm"], "half_opening": p["half_opening"],
+            "d_x": x[1] - x[2], "d_y": y[1] - y[2]}  # fmt: skip
+
+
+def _fall_back_laws(run: Run) -> dict[str, Parameters]:
+    """Return the laws along y_1, by thrust, and along x_2, by electrostatic force."""
+    del run
+    laws = {"LISADragFreeControl": Spacecraft.rotation, "LISASuspensionControl": SUSPENSION}
+    return {
+        model: {f"{name}_plane": value for name, value in one_axis.controller_parameters(law).items()}
+        for model, law in laws.items()
+    }
+
+
+MODEL = SpacecraftModel(
+    key="lisa",
+    name="of LISA",
+    models=("LISAMetrology", "InertialSensor", "LISADragFreeControl", "LISASuspensionControl",
+            "LISAPointingControl", "LISAActuation", "LISAPlant"),
+    sources=sources,
+    targets=(
+        *("guidance_o_1", "guidance_o_2", "guidance_y_1", "guidance_y_2", "guidance_z"),
+        *(f"guidance_{k}" for k in (*_TEST_MASS_ANGLES, *_ANGLES, "opening")),
+    ),
+    read_outs=("o_1", "o_2"),
+    commands=("F_x_2", "F_y_1", "F_y_2", "F_z_1", "F_z_2"),
+    noise={level: signals[0] for level, (signals, _) in _NOISE.items()},
+    channels=(
+        *("o_2", "o_eta_2", "o_phi_2", "mosa_1", "mosa_2", "jitter_x_1", "jitter_x_2"),
+        *(f"dws_{k}_{j}" for j in _MASSES for k in _TILT),
+        *(f"jitter_{k}" for k in _ANGLES),
+    ),
+    shared_parameters=lambda run: {**common_parameters(run), "fall_back": 0.0},
+    attributes=attributes,
+    truth=truth,
+    sample_cost=6.0e-6,
+)  # fmt: skip
+FALL_BACK = replace(
+    MODEL,
+    key="lisa-fall-back",
+    name="of LISA in its fall-back",
+    shared_parameters=lambda run: {**common_parameters(run), "fall_back": 1.0},
+    model_parameters=_fall_back_laws,
+)
