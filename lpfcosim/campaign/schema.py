@@ -6,15 +6,17 @@ What one table shows by itself is checked here; what needs two of them, in `lpfc
 import re
 from dataclasses import replace
 from datetime import UTC, datetime
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, Self
 
 from pydantic import (
     ConfigDict,
     Field,
     Strict,
     field_validator,
+    model_validator,
 )
 
+from fit.errors import quote
 from fit.files import Table, problem
 from lpfcosim.campaign.declared_tables import LevelTable, ParameterTable
 from lpfcosim.campaign.design_table import DesignTable
@@ -76,7 +78,6 @@ from lpfcosim.spacecraft import (
 _LAYOUTS = {None: None, "eight nozzles": EIGHT_NOZZLES}
 _DELTA_IFO = re.compile(r"delta_ifo_[1-9]\d{0,3}")
 Bend = Annotated[Number, Field(ge=-0.1, le=0.1)]
-DeltaIfo = Annotated[Number, Field(ge=-1, le=1)]
 
 
 class TruthTable(ParameterTable):
@@ -94,7 +95,7 @@ class TruthTable(ParameterTable):
         },
     )
     more_known = ("delta_ifo_1",)
-    __pydantic_extra__: dict[str, DeltaIfo]
+    __pydantic_extra__: dict[str, Number]
 
     lambda_1: ForceGain | None = None
     lambda_2: ForceGain | None = None
@@ -118,6 +119,13 @@ class TruthTable(ParameterTable):
     def accepts(cls, key: str) -> bool:
         """Return whether a key is that of an alignment epoch."""
         return bool(_DELTA_IFO.fullmatch(key))
+
+    @model_validator(mode="after")
+    def _check_delta_ifo(self) -> Self:
+        for key, value in (self.model_extra or {}).items():
+            if self.accepts(key) and abs(value) > 1:
+                raise problem(f"{quote(value)} is too large, expected 1 or less", key)
+        return self
 
 
 class ControllerTable(Table):

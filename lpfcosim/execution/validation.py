@@ -120,6 +120,31 @@ def check_linear_model(plan: Campaign, quantity: str, instead: str = "") -> None
         )
 
 
+def check_equation(plan: Campaign, quantity: str, *equations: str) -> None:
+    """Refuse what takes the equation of motion of a fit where there is none for the spacecraft.
+
+    Parameters
+    ----------
+    plan : Campaign
+        Which chooses the spacecraft.
+    quantity : str
+        What is computed, and "is" or "are".
+    *equations : str
+        Those that will do, see `SpacecraftModel.equation`; any by default.
+
+    Raises
+    ------
+    UnavailableError
+        If the spacecraft has none of them.
+    """
+    spacecraft = model_of(plan.runs[0])
+    if spacecraft.equation not in equations if equations else not spacecraft.equation:
+        raise UnavailableError(
+            f"spacecraft: {quantity} not available of runs {spacecraft.name}, as their equation of "
+            "motion has none; lpfcosim.simulate writes their telemetry"
+        )
+
+
 def _check_durations(plan: Campaign) -> None:
     """Refuse runs that the fit would refuse, once they were simulated."""
     driven = {run.experiment for run in plan.runs if run.kind == "sysid"}

@@ -7,8 +7,15 @@ register it below.
 """
 
 from lpfcosim.models import lisa, one_axis, six_dof
-from lpfcosim.models.spacecraft_model import SpacecraftModel, fmu_names, model_of, register, registered
+from lpfcosim.models.spacecraft_model import (
+    DELTA_G,
+    SpacecraftModel,
+    fmu_names,
+    model_of,
+    register,
+    registered,
+)
 
 register(one_axis.MODEL, six_dof.MODEL, lisa.MODEL, lisa.FALL_BACK)
 
-__all__ = ["SpacecraftModel", "fmu_names", "model_of", "register", "registered", "stimuli"]
+__all__ = ["DELTA_G", "SpacecraftModel", "fmu_names", "model_of", "register", "registered", "stimuli"]

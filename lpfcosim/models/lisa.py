@@ -92,6 +92,7 @@ MODEL = SpacecraftModel(
     ),
     shared_parameters=lambda run: {**common_parameters(run), "fall_back": 0.0},
     attributes=attributes,
+    equation="lisa",
     truth=truth,
     sample_cost=6.0e-6,
 )  # fmt: skip

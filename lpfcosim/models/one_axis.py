@@ -7,7 +7,7 @@ import math
 from collections.abc import Mapping
 
 from lpfcosim.models import actuation_noise
-from lpfcosim.models.spacecraft_model import SpacecraftModel
+from lpfcosim.models.spacecraft_model import DELTA_G, SpacecraftModel
 from lpfcosim.signals import CORNER, Source, red_noise
 from lpfcosim.spacecraft import GAIN_CHANGES, SCATTERED, Controller, Run
 
@@ -131,6 +131,7 @@ MODEL = SpacecraftModel(
         "Actuation": ACTUATION_TRUTHS,
         "Plant": PLANT_TRUTHS,
     },
+    equation=DELTA_G,
     truth=truth,
     sample_cost=0.3e-6,
     experiment_cost=0.38,

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lpfcosim.models import actuation_noise, one_axis
-from lpfcosim.models.spacecraft_model import SpacecraftModel
+from lpfcosim.models.spacecraft_model import DELTA_G, SpacecraftModel
 from lpfcosim.signals import Source, red_noise
 from lpfcosim.spacecraft import Layout, Run, Spacecraft
 
@@ -149,6 +149,7 @@ MODEL = SpacecraftModel(
         },
     },
     attributes=attributes,
+    equation=DELTA_G,
     truth=truth,
     sample_cost=2.0e-6,
     experiment_cost=2.2,

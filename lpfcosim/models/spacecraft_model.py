@@ -14,6 +14,8 @@ from lpfcosim.network import Component, in_order
 from lpfcosim.signals import Source
 from lpfcosim.spacecraft import Authority, Run
 
+#: Equation of motion of LISA Pathfinder, `fit.model.dynamics`.
+DELTA_G = "delta_g"
 #: Values of parameters by name; None leaves a parameter at its default.
 Parameters = Mapping[str, float | None]
 
@@ -56,7 +58,8 @@ class SpacecraftModel:
     noise : mapping of str to str
         Levels of noise beyond the fields of `Noise`, each with a signal whose unit it has, per root hertz.
     channels : tuple of str
-        Outputs and signals recorded beyond those of the telemetry contract and the guidance.
+        Outputs and signals recorded beyond those of the telemetry contract and the guidance; not of a plant,
+        whose outputs a co-simulation has after their step.
     shared_parameters : callable
         From a run to parameters of all models that have one of that name.
     model_parameters : callable
@@ -68,6 +71,8 @@ class SpacecraftModel:
         is not the name itself.
     attributes : callable
         Root attributes of a telemetry file beyond the x axis.
+    equation : str
+        Equation of motion that `fit` has for its telemetry; ``""`` if none, so that it can only be simulated.
     truth : callable, optional
         True values under their names in /truth; by default the parameters that `Run.parameters` may have.
     sample_cost, experiment_cost : float
@@ -89,6 +94,7 @@ class SpacecraftModel:
     attitude_rates: Callable[[Run], Mapping[str, float]] = _nothing
     affected_truths: Mapping[str, Mapping[str, tuple[str, ...]]] = field(default_factory=dict)
     attributes: Callable[[Run], Mapping[str, str | float]] = _nothing
+    equation: str = ""
     truth: Callable[[Run], dict[str, float]] | None = None
     sample_cost: float = 2.0e-6
     experiment_cost: float = 0.4

@@ -10,7 +10,7 @@ from fit.tables import Table
 from lpfcosim.campaign import Campaign
 from lpfcosim.errors import UnavailableError, prefix_errors
 from lpfcosim.execution import validation
-from lpfcosim.models import model_of
+from lpfcosim.models import DELTA_G, model_of
 from lpfcosim.spacecraft import Run
 from lpfcosim.workflows.campaigns import CampaignLike, resolve
 from lpfcosim.workflows.forecast import Forecast, expected_results
@@ -165,7 +165,10 @@ def check(campaign: CampaignLike) -> CampaignCheck:
 def _forecast(plan: Campaign, fit_settings: Settings) -> tuple[Forecast | None, str]:
     """Return the forecast, or None and the reason."""
     try:
+        validation.check_equation(plan, "a forecast is", DELTA_G)
         return expected_results(plan, fit_settings, ()), ""
+    except UnavailableError as error:
+        return None, error.reason
     except expected_fit.NoiselessError as error:
         return None, f"no forecast: {error}"
     except expected_fit.NoneTakesPartError:

@@ -24,6 +24,7 @@ from lpfcosim.experiment_design import (
     robustness,
 )
 from lpfcosim.experiment_design import design as find_design
+from lpfcosim.models import DELTA_G
 from lpfcosim.workflows.arguments import check_workers
 from lpfcosim.workflows.campaigns import CampaignLike, PathLike, as_path, is_described_by_file, resolve
 from lpfcosim.workflows.design_check import TOLERANCE, LimitRatios, verify_in_time_domain
@@ -278,6 +279,7 @@ def design(
 def _search(plan: Campaign, model: FitModel, progress: Progress) -> Design:
     """Validate a campaign, and find its best injections."""
     validation.check_linear_model(plan, "a design is")
+    validation.check_equation(plan, "a design is", DELTA_G)
     for doubt in validation.validate(plan).doubts:
         progress.warn(doubt)
     callbacks = SearchProgress(

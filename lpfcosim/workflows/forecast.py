@@ -16,6 +16,7 @@ from lpfcosim.campaign import Campaign
 from lpfcosim.errors import InputError, prefix_errors
 from lpfcosim.execution import validation
 from lpfcosim.messages import grouped
+from lpfcosim.models import DELTA_G
 from lpfcosim.planned_experiments import planned_experiments, planned_noise_runs
 from lpfcosim.workflows.campaigns import CampaignLike, resolve
 from lpfcosim.workflows.result import WorkflowResult
@@ -139,6 +140,7 @@ def forecast(campaign: CampaignLike) -> Forecast:
     with prefix_errors(source):
         fit_settings = settings(plan.fit, "fit")
         validation.check_linear_model(plan, "a forecast is", "lpfcosim run gives the sigmas of its fit")
+        validation.check_equation(plan, "a forecast is", DELTA_G)
         return expected_results(plan, fit_settings, validation.validate(plan).doubts)
 
 

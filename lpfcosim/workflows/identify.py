@@ -23,6 +23,7 @@ from lpfcosim.errors import InputError, RunError, as_run_error, prefix_errors
 from lpfcosim.execution import fmus as fmu_archives
 from lpfcosim.execution import process_pool, results_folder, runner, validation
 from lpfcosim.identification import ClosedLoopResponse, Target, check, targets
+from lpfcosim.models import DELTA_G
 from lpfcosim.workflows.calibration import Calibration, calibrate_into, constrain, find_telemetry
 from lpfcosim.workflows.campaigns import CampaignLike, PathLike, as_paths, resolve
 from lpfcosim.workflows.fmus import campaign_fmus
@@ -192,6 +193,7 @@ def _validate(plan: Campaign, *, trusted: bool) -> Settings:
         raise InputError("experiments: only noise runs, expected one with injections")
     fit_settings = settings(plan.fit, "fit")
     refuse_narrow_band(fit_settings, "identify", "fit")
+    validation.check_equation(plan, "an identification is", DELTA_G)
     validation.validate(plan)
     # Before telemetry is fitted; `fmus.snapshot` checks the copies that are loaded.
     fmu_archives.check(plan, {r.model: r.archive for r in plan.replacements}, trusted=trusted)

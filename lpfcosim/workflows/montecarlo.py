@@ -21,7 +21,7 @@ from lpfcosim.execution import checksums, dask_executor, process_pool, results_f
 from lpfcosim.execution import fmus as fmu_archives
 from lpfcosim.linear import ClosedLoop, saturation
 from lpfcosim.messages import grouped
-from lpfcosim.models import model_of
+from lpfcosim.models import DELTA_G, model_of
 from lpfcosim.workflows.arguments import check_workers, whole_number
 from lpfcosim.workflows.campaigns import CampaignLike, PathLike, resolve
 from lpfcosim.workflows.fmus import campaign_fmus
@@ -159,7 +159,8 @@ def montecarlo(
     n = whole_number("n", n, 2, "two campaigns or more")
     jobs = check_workers(jobs, scheduler)
     directory = output_folder(out, plan, source, "-montecarlo")
-    fit_settings, validated = validate_simulation(plan, source)
+    equations = (DELTA_G,) if redraw else ()
+    fit_settings, validated = validate_simulation(plan, source, "a Monte Carlo is", *equations)
     archives = campaign_fmus(plan, progress) if fmus else {}
     with prefix_errors(source):
         if not fmus:

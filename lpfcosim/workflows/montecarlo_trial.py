@@ -22,7 +22,7 @@ from lpfcosim.cosim import FmuLibraryCache, SimulationProgress
 from lpfcosim.errors import RunError
 from lpfcosim.execution import runner, telemetry_file
 from lpfcosim.linear import ClosedLoop, spectral_simulation, stability
-from lpfcosim.models import model_of
+from lpfcosim.models import DELTA_G, model_of
 from lpfcosim.planned_experiments import telemetry_of
 from lpfcosim.spacecraft import Run
 
@@ -150,6 +150,8 @@ def run_trial(task: MonteCarloTask, number: int, fmus: Mapping[str, Path]) -> Re
 
 def channels_of_fit(run: Run) -> list[str]:
     """Return the recorded channels that a fit reads; the star tracker only in long noise runs."""
+    if model_of(run).equation != DELTA_G:
+        return list(model_of(run).record)
     means = (name for parts in dynamics.MEANS.values() for name in parts)
     inertial = run.kind == "noise" and run.n_samples / run.fs >= euler_fit.MIN_DURATION
     stars = [f"ast_{axis}" for axis in rotation.AXES] if inertial else []

@@ -99,7 +99,7 @@ def run(
     plan, source = resolve(campaign)
     directory = output_folder(out, plan, source)
     jobs = check_workers(jobs, scheduler, time_limit)
-    fit_settings, validated = validate_simulation(plan, source)
+    fit_settings, validated = validate_simulation(plan, source, "a calibration is")
     fmus = campaign_fmus(plan, progress)
     options = runner.RunOptions(jobs, scheduler, engine, rerun, time_limit)
     with results_folder.lock(directory, alternative=True):
@@ -116,8 +116,21 @@ def output_folder(out: PathLike | None, plan: Campaign, source: Path | None, suf
     return Path(f"{source.stem if source else plan.name}{suffix}")
 
 
-def validate_simulation(plan: Campaign, source: Path | None) -> tuple[Settings, validation.Validation]:
+def validate_simulation(
+    plan: Campaign, source: Path | None, quantity: str, *equations: str
+) -> tuple[Settings, validation.Validation]:
     """Validate a campaign that is to be simulated and fitted, and read its settings of the fit.
+
+    Parameters
+    ----------
+    plan : Campaign
+        The campaign.
+    source : Path, optional
+        Its file.
+    quantity : str
+        What the fit is for, and "is" or "are".
+    *equations : str
+        Equations of motion that will do, see `validation.check_equation`.
 
     Raises
     ------
@@ -125,6 +138,7 @@ def validate_simulation(plan: Campaign, source: Path | None) -> tuple[Settings, 
         If it cannot be simulated.
     """
     with prefix_errors(source):
+        validation.check_equation(plan, quantity, *equations)
         return settings(plan.fit, "fit"), validation.validate(plan)
 
 

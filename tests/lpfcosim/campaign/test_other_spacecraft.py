@@ -1,13 +1,18 @@
 """Campaign files of a spacecraft other than LISA Pathfinder: its keys are those that its model declares."""
 
+from dataclasses import replace
+
 import pytest
 
+from lpfcosim import check, design, forecast, identify, montecarlo, run
 from lpfcosim.campaign import loading
-from lpfcosim.errors import InputError
+from lpfcosim.cli.schema import json_schema
+from lpfcosim.errors import InputError, UnavailableError
 from lpfcosim.execution import telemetry_file
 from lpfcosim.linear import ClosedLoop, stability
 from lpfcosim.models import SpacecraftModel, model_of, one_axis, register, spacecraft_model
 from lpfcosim.signals import Source
+from tests import ROOT
 
 TEXT = """
 schema = "lpf-campaign/1"
@@ -46,12 +51,12 @@ injections = [
 """
 
 
-def sources(run):
+def sources(run_of_probe):
     """White noise of the read-outs and of the thrusters."""
-    readout = run.noise.level("readout")
+    readout = run_of_probe.noise.level("readout")
     return (
         *(Source(name, name, readout) for name in ("n_1", "n_12")),
-        Source("F_noise_x_sc", "F_noise_x_sc", run.noise.level("thruster")),
+        Source("F_noise_x_sc", "F_noise_x_sc", run_of_probe.noise.level("thruster")),
     )
 
 
@@ -64,7 +69,7 @@ PROBE = SpacecraftModel(
     read_outs=("o_1", "o_12"),
     commands=("f_x_2",),
     noise={"readout": "n_1", "thruster": "F_noise_x_sc"},
-    channels=("f_applied_1", "x_1"),
+    channels=("f_applied_1", "f_control_2"),
 )
 
 
@@ -83,17 +88,17 @@ def campaign(tmp_path, monkeypatch):
 
 
 def test_keys_reach_the_models(campaign):
-    noise, run = campaign(TEXT).runs
-    assert model_of(run) is PROBE
-    parameters = PROBE.parameters(run)
+    noise, sysid = campaign(TEXT).runs
+    assert model_of(sysid) is PROBE
+    parameters = PROBE.parameters(sysid)
     assert parameters["Plant"]["m_sc"] == 500.0
     assert parameters["Plant"]["omega2_1_0"] == -5e-7
     assert parameters["Actuation"]["lambda_1"] == 1.1
     assert parameters["Actuation"]["F_max_2"] == 2.2e-9
     assert parameters["DragFreeControl"] == {"h": 0.1, "m_sc": 500.0, "f_u": 0.09}
-    assert run.noise.levels == {"readout": 3e-12, "thruster": 1e-7}
-    assert noise.noise == run.noise
-    assert [i.amplitude for i in run.injections] == [1e-9, 1e-12]
+    assert sysid.noise.levels == {"readout": 3e-12, "thruster": 1e-7}
+    assert noise.noise == sysid.noise
+    assert [i.amplitude for i in sysid.injections] == [1e-9, 1e-12]
 
 
 def test_truth_is_that_of_the_models_with_their_defaults(campaign):
@@ -106,15 +111,46 @@ def test_truth_is_that_of_the_models_with_their_defaults(campaign):
 
 def test_channels_take_unit_and_description_from_the_models():
     assert PROBE.labels["o_1"][0] == "m"
-    assert PROBE.labels["x_1"] == ("m", "Position of test mass 1 relative to the spacecraft")
+    assert PROBE.labels["f_control_2"] == ("m s-2", "Force per unit mass demanded on test mass 2")
     assert PROBE.record["f_applied_1"] == "Actuation.f_applied_1"
 
 
 def test_run_is_simulated(campaign):
-    run = campaign(TEXT).runs[1]
-    stability.check(run)
-    channels = ClosedLoop(run).simulate()
-    assert channels.keys() >= {"o_1", "o_12", "f_applied_1", "x_1", "guidance_o_1"}
+    sysid = campaign(TEXT).runs[1]
+    stability.check(sysid)
+    channels = ClosedLoop(replace(sysid, n_samples=600)).simulate()
+    assert channels.keys() >= {"o_1", "o_12", "f_applied_1", "f_control_2", "guidance_o_1"}
+
+
+def test_fit_without_its_equation_of_motion_is_not_available(campaign):
+    plan = campaign(TEXT)
+    for workflow in (forecast, design, montecarlo, run, identify):
+        with pytest.raises(UnavailableError, match="not available of runs of a probe"):
+            workflow(plan)
+    outcome = check(plan)
+    assert outcome.forecast is None
+    assert [margin.loop for margin in outcome.margins.loops] == ["drag_free_x", "suspension_x"]
+    assert any("a forecast is not available" in warning for warning in outcome.warnings)
+
+
+def test_lisa_pathfinder_takes_what_its_models_declare(campaign, tmp_path):
+    free = replace(
+        one_axis.MODEL,
+        noise={"second": "n_12"},
+        shared_parameters=lambda run: {
+            name: value for name, value in one_axis.shared_parameters(run).items() if name != "T_sc"
+        },
+    )
+    register(free)
+    text = (ROOT / "tests" / "two_experiments.toml").read_text(encoding="utf-8")
+    text = text.replace("[truth]", '[truth]\nT_sc = "2 s"')
+    run_of_pathfinder = campaign(text.replace("[noise]", '[noise]\nsecond = "1 pm Hz^-0.5"')).runs[0]
+    assert free.parameters(run_of_pathfinder)["Plant"]["T_sc"] == 2.0
+    assert run_of_pathfinder.noise.level("second") == 1e-12
+    assert telemetry_file.truth(run_of_pathfinder)["T_sc"] == 2.0
+    tables = json_schema()["$defs"]
+    assert tables["TruthTable"]["properties"]["T_sc"]["type"] == "string"
+    assert tables["NoiseTable"]["properties"]["second"]["type"] == "string"
 
 
 BAD = [  # what to replace, by what, and the sentence
