@@ -12,6 +12,7 @@ if TYPE_CHECKING:
 _NUMBER = r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d{1,3})?"
 _NUMBER_AND_UNIT = re.compile(rf"\s*({_NUMBER})(?:\s*(?=[^\d\s.])|\s+(?=1\s*/))(.*\S)\s*")
 _BARE_POWER = re.compile(r"(?<=[^\W\d_])(?=[+-]?\d)")  # the 2 of m/s2, the -2 of m s-2
+_PRODUCT = re.compile(r"·|\.(?=[^\W\d_])")  # as in N·m and N.m
 # No unit needs 9^9^9^9 or (9 m)^9999, and none may take for ever.
 _ENDLESS = re.compile(r"\d\s*(?:\^|\*\*)|\d{4}|(?:\)\s*(?:\^|\*\*).*){2}")
 _LONGEST = 80  # letters
@@ -50,8 +51,9 @@ def factor(unit: str, si: str) -> float:
     return float(f"{size / si_size:.15g}")
 
 
+@cache
 def in_base_units(unit: str) -> tuple[dict[str, int], float, float]:
-    """Return the base units that `unit` is made of with their powers, its factor and its offset.
+    """Return the base units that `unit` is made of, by symbol, with their powers, its factor and its offset.
 
     Raises
     ------
@@ -60,14 +62,14 @@ def in_base_units(unit: str) -> tuple[dict[str, int], float, float]:
 
     Examples
     --------
-    >>> in_base_units("km/s")
-    ({'meter': 1, 'second': -1}, 1000.0, 0.0)
+    >>> in_base_units("km/s"), in_base_units("kg.m/s2")
+    (({'m': 1, 's': -1}, 1000.0, 0.0), ({'kg': 1, 'm': 1, 's': -2}, 1.0, 0.0))
     """
     try:
-        zero, one = (registry().Quantity(x, unit).to_base_units() for x in (0.0, 1.0))
+        zero, one = (registry().Quantity(x, _pint_spelling(unit)).to_base_units() for x in (0.0, 1.0))
     except Exception as error:  # as in `_root`
-        raise ValueError(f"unit {unit!r} is not known") from error
-    powers = {name: round(float(str(power))) for name, power in one.unit_items()}
+        raise UnknownUnitError(f"unit {unit!r} is not known") from error
+    powers = {registry().get_symbol(name): round(float(str(power))) for name, power in one.unit_items()}
     return powers, one.magnitude - zero.magnitude, zero.magnitude
 
 
@@ -83,6 +85,22 @@ def same_unit(a: str, b: str) -> bool:
         return a == b or factor(a, b) == 1
     except ValueError:
         return False
+
+
+def contract_spelling(unit: str) -> str:
+    """Spell a unit as the telemetry contract does, without a slash.
+
+    Examples
+    --------
+    >>> contract_spelling("kg.m/s2"), contract_spelling("1/s2"), contract_spelling("1")
+    ('kg m s-2', 's-2', '')
+    """
+    numerator, _, denominator = unit.partition("/")
+    factors = [factor for factor in numerator.split(".") if factor != "1"]
+    for factor in filter(None, denominator.strip("()").split(".")):
+        name = factor.rstrip("0123456789")
+        factors.append(f"{name}-{factor.removeprefix(name) or 1}")
+    return " ".join(factors)
 
 
 def split(text: str) -> tuple[str, str] | None:
@@ -119,12 +137,17 @@ def to_si(value: str | float, si: str) -> float:
 @cache
 def _root(unit: str) -> tuple[float, Mapping[str, object]]:
     """Return a unit as a number of root units, and these with their powers."""
-    text = _BARE_POWER.sub("^", unit.replace("·", " ")).strip()
-    text = f"1{text}" if text.startswith("/") else text
-    if len(unit) > _LONGEST or _ENDLESS.search(unit) or not _SPELLING.fullmatch(unit):
-        raise UnknownUnitError(f"unit {unit!r} is not known")
+    text = _pint_spelling(unit)
     try:
         root = registry().Quantity(1.0, registry().parse_units(text)).to_root_units()
         return float(root.magnitude), dict(root.unit_items())
     except Exception as error:  # pint raises whatever its tokeniser, its parser or its arithmetic raise
         raise UnknownUnitError(f"unit {unit!r} is not known") from error
+
+
+def _pint_spelling(unit: str) -> str:
+    """Return a unit as pint reads it, such as ``kg m/s^2`` for ``kg.m/s2``."""
+    if len(unit) > _LONGEST or _ENDLESS.search(unit) or not _SPELLING.fullmatch(unit):
+        raise UnknownUnitError(f"unit {unit!r} is not known")
+    text = _BARE_POWER.sub("^", _PRODUCT.sub(" ", unit)).strip()
+    return f"1{text}" if text.startswith("/") else text

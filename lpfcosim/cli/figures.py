@@ -1,17 +1,16 @@
 """The command ``figures``: figures for print of the results in a folder."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import closing
 from pathlib import Path
 
 from fit.crosstalk import refit
 from fit.figures import Figure
-from fit.parallel import processors
 from fit.report import page
 from lpfcosim.cli.console import Console
 from lpfcosim.cosim import SimulationProgress
 from lpfcosim.errors import InputError, RunError
-from lpfcosim.execution import process_pool, results_folder
+from lpfcosim.execution import Executor, WorkerConfig, results_folder
 from lpfcosim.workflows import output_paths
 
 
@@ -36,14 +35,12 @@ def figures(directory: Path, names: Sequence[str], console: Console, *, jobs: in
             for name in chosen:
                 items[name] = (place, name, known.pop(name).draw())
                 progress(len(items))
-        config = process_pool.WorkerConfig(_draw, directory, directory / "logs", "figure '{}'")
+        config = WorkerConfig(_draw, directory, directory / "logs", "figure '{}'")
         with (
             console.counted("figures", len(items)) as progress,
-            closing(process_pool.results(config, items, jobs or processors())) as drawn,
+            closing(Executor(jobs).results(config, items, {})) as drawn,
         ):
-            for done, (name, outcome) in enumerate(drawn, start=1):
-                if isinstance(outcome, process_pool.WorkerFailure):
-                    raise RunError(f"figure {name!r}: its process {outcome.description}")
+            for done, (_, outcome) in enumerate(drawn, start=1):
                 if isinstance(outcome, InputError | RunError):
                     raise outcome
                 progress(done)
@@ -57,8 +54,9 @@ def _list_names(names: Iterable[str]) -> str:
 # In a process of its own -------------------------------------------------------------------------------
 
 
-def _draw(place: Path, name: str, figure: Figure, progress: SimulationProgress) -> None:
+def _draw(item: tuple[Path, str, Figure], _fmus: Mapping[str, Path], progress: SimulationProgress) -> None:
     progress.set_idle()  # nothing that hangs
     from fit.plotting import draw, write  # takes its time
 
+    place, name, figure = item
     write(place, name, draw, figure)

@@ -6,7 +6,8 @@ import stat
 import unicodedata
 import zipfile
 import zlib
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path, PurePosixPath
 from xml.parsers import expat
 
@@ -40,15 +41,24 @@ def check(path: Path, named: Path | None = None) -> None:
     place = named or path
     if not path.is_file():  # opening a pipe would wait for somebody to write
         raise InputError(f"{place}: not a readable FMU: {'not a file' if path.exists() else 'no such file'}")
+    with _readable(place):
+        archive = zipfile.ZipFile(path)
+    with archive:
+        _check_files(place, archive.infolist())
+        names = archive.namelist()
+        if _DESCRIPTION not in names:
+            raise InputError(f"{place}: has no {_DESCRIPTION}; expected one")
+        for name in [name for name in _PARSED if name in names]:
+            with _readable(place):
+                content = archive.read(name)
+            _check_xml(f"{place}: {name}", content)
+
+
+@contextmanager
+def _readable(place: Path) -> Iterator[None]:
+    """Refuse what `zipfile` cannot read; damage shows as any of these errors."""
     try:
-        with zipfile.ZipFile(path) as archive:
-            _check_files(place, archive.infolist())
-            names = archive.namelist()
-            if _DESCRIPTION not in names:
-                raise InputError(f"{place}: has no {_DESCRIPTION}; expected one")
-            for name in _PARSED:
-                if name in names:
-                    _check_xml(f"{place}: {name}", archive.read(name))
+        yield
     except (OSError, zipfile.BadZipFile, zlib.error, EOFError, ValueError, NotImplementedError) as error:
         raise InputError(f"{place}: not a readable FMU: {line(error)}") from None
 

@@ -73,6 +73,11 @@ class SimulationProgress(ctypes.Structure):
         self.sample, self.component = _IDLE, -1
 
     @property
+    def is_loading(self) -> bool:
+        """Whether the FMUs are being loaded."""
+        return self.sample == LOADING
+
+    @property
     def is_idle(self) -> bool:
         """Whether no code of an FMU runs, so that no step is to be expected."""
         return self.sample == _IDLE

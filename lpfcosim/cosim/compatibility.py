@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 
+from fit import units
 from fit.errors import quote
 from lpfcosim.cosim import compilation
 from lpfcosim.cosim.interface import BASE_UNITS, Interface, nonconformity, read
@@ -17,13 +17,6 @@ from lpfcosim.messages import grouped, line
 from lpfcosim.models import model_of
 from lpfcosim.network import check_feedthrough
 from lpfcosim.spacecraft import Run
-
-_SYMBOLS: dict[str, dict[str, int]] = {
-    **{name: {name: 1} for name in BASE_UNITS},
-    "N": {"kg": 1, "m": 1, "s": -2},
-    "Hz": {"s": -1},
-}
-_FACTOR = re.compile(r"([A-Za-z]+)\^?([+-]?\d+)?|1")
 
 
 def read_interfaces(run: Run, fmus: Mapping[str, Path]) -> list[Interface]:
@@ -129,7 +122,7 @@ def ignored_names(interfaces: Iterable[Interface]) -> dict[str, tuple[str, ...]]
 
 
 def problems(
-    interface: Interface, units: Mapping[str, str], values: Mapping[str, float], h: float
+    interface: Interface, unit_of: Mapping[str, str], values: Mapping[str, float], h: float
 ) -> Iterator[InputError]:
     """Yield what keeps an FMU from its place, one error each; none is raised.
 
@@ -137,7 +130,7 @@ def problems(
     ----------
     interface : Interface
         The FMU in its place.
-    units : mapping of str to str
+    unit_of : mapping of str to str
         Unit of each variable of the place.
     values : mapping of str to float
         Parameters of the place, SI.
@@ -153,7 +146,7 @@ def problems(
     ):
         for name in names:
             checks.append(partial(check_variable, interface, name, causality))
-            checks.append(partial(check_unit, interface, name, units[name]))
+            checks.append(partial(check_unit, interface, name, unit_of[name]))
     user_values = interface.replacement.values if interface.replacement else {}
     checks += [partial(_check_settable, interface, name) for name in user_values]
     missing = False
@@ -258,18 +251,17 @@ def check_unit(interface: Interface, ours: str, unit_expected: str) -> None:
     base = interface.units.get(unit)
     place = f"{interface.named}: variable '{name}' is in {line(unit)}"
     if base is None:
-        if _exponents(unit) != _exponents(unit_expected):
+        if not units.same_unit(unit, unit_expected):
             raise InputError(
                 f"{place}, of which it does not give the base units; expected {unit_expected}, for {ours}"
             )
         return
     exponents = {n: int(p) for n, p in base.items() if n in BASE_UNITS}
     factor, offset = float(base.get("factor", 1)), float(base.get("offset", 0))
-    if exponents != _exponents(unit_expected) or abs(factor - 1) > 1e-12 or offset:
+    exponents_expected, _, _ = units.in_base_units(unit_expected)
+    if exponents != exponents_expected or abs(factor - 1) > 1e-12 or offset:
         meaning = (
-            f"{factor:g} {unit_expected}"
-            if exponents == _exponents(unit_expected)
-            else _spelled(exponents, factor)
+            f"{factor:g} {unit_expected}" if exponents == exponents_expected else _spelled(exponents, factor)
         )
         also = f" with an offset of {offset:g}" if offset else ""
         raise InputError(f"{place}, by which it means {meaning}{also}; expected {unit_expected}, for {ours}")
@@ -278,19 +270,6 @@ def check_unit(interface: Interface, ours: str, unit_expected: str) -> None:
 def _spelled(exponents: Mapping[str, int], factor: float) -> str:
     product = ".".join(f"{base}{power if power != 1 else ''}" for base, power in exponents.items()) or "1"
     return product if factor == 1 else f"{factor:g} {product}"
-
-
-def _exponents(unit: str) -> dict[str, int] | None:
-    """Exponents of the base units, of a product like ``kg-1.m-2`` or ``m/s^2``; None if it is no such."""
-    exponents: dict[str, int] = {}
-    for sign, product in zip((1, -1), re.sub("[()]", "", unit.replace("**", "^")).split("/"), strict=False):
-        for factor in re.split("[.·* ]+", product.strip()):
-            match = _FACTOR.fullmatch(factor)
-            if match is None or match[1] not in (None, *_SYMBOLS):
-                return None
-            for base, power in _SYMBOLS.get(match[1], {}).items():
-                exponents[base] = exponents.get(base, 0) + sign * power * int(match[2] or 1)
-    return {base: power for base, power in exponents.items() if power} if unit.count("/") < 2 else None
 
 
 def _check_token(interface: Interface) -> None:

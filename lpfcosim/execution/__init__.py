@@ -3,16 +3,18 @@
 Finished files are kept and checked by their digest, so that a campaign that was killed continues.
 """
 
+from lpfcosim.execution.executor import Executor
 from lpfcosim.execution.provenance import MODEL_EQUATIONS, Provenance
+from lpfcosim.execution.workers import WorkerConfig
 
 __all__ = [
     "MODEL_EQUATIONS",
+    "Executor",
     "Provenance",
+    "WorkerConfig",
     "checksums",
-    "dask_executor",
     "fmus",
     "forkserver",
-    "process_pool",
     "results_folder",
     "runner",
     "telemetry_file",

@@ -19,6 +19,7 @@ from importlib import metadata
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from lpfcosim.cosim import SimulationProgress
 from lpfcosim.errors import InputError, RunError
 
 if TYPE_CHECKING:
@@ -31,22 +32,19 @@ _PACKAGES = ("lpfcosim", "numpy", "scipy")
 
 def results(
     address: str,
-    function: Callable[..., Any],
-    shared: object,
+    function: Callable[[Any, Mapping[str, Path], SimulationProgress], Any],
     items: Mapping[str, object],
     fmus: Mapping[str, Path],
 ) -> Generator[tuple[str, Any]]:
-    """Yield name and result of ``function(shared, item, fmus)`` for every item, as they are done.
+    """Yield name and result of ``function(item, fmus, progress)`` for every item, as they are done.
 
     Parameters
     ----------
     address : str
         Of the scheduler, such as ``tcp://host:8786``.
     function : callable
-        Of a module that the workers have installed. An `InputError` or `RunError` that it raises is its
-        result.
-    shared : object
-        Sent once, not once an item.
+        Of a module that the workers have installed; sent once. An `InputError` or `RunError` that it raises
+        is its result.
     items : mapping of str to object
         By name, in the order in which they are to be started.
     fmus : mapping of str to Path
@@ -62,9 +60,9 @@ def results(
     with _connected(address) as client:
         from distributed import as_completed
 
-        shared_future = client.submit(_identity, shared, pure=False)
+        function_future = client.submit(_identity, function, pure=False)
         files = {name: _send(client, path) for name, path in fmus.items()}
-        arguments = (_versions(), function, shared_future)
+        arguments = (_versions(), function_future)
         futures = {
             client.submit(_task, *arguments, item, files, pure=False, priority=-position): name
             for position, (name, item) in enumerate(items.items())
@@ -144,8 +142,7 @@ def _identity(value: Any) -> Any:
 
 def _task(
     versions: Mapping[str, str],
-    function: Callable[..., Any],
-    shared: object,
+    function: Callable[[Any, Mapping[str, Path], SimulationProgress], Any],
     item: object,
     files: Mapping[str, tuple[str, str, bytes]],
 ) -> Any:
@@ -155,7 +152,8 @@ def _task(
                 f"a worker has {package} {version}, expected {versions[package]} as where the command runs"
             )
     with _single_task:
-        return function(shared, item, {name: _local_file(*file) for name, file in files.items()})
+        fmus = {name: _local_file(*file) for name, file in files.items()}
+        return function(item, fmus, SimulationProgress())
 
 
 def _local_file(sha256: str, suffix: str, content: bytes) -> Path:

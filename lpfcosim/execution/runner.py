@@ -17,9 +17,11 @@ from fit.telemetry import root_attributes
 from lpfcosim.campaign import Campaign
 from lpfcosim.cosim import Engine, FmuLibraryCache, SimulationProgress, co_simulation, compatibility
 from lpfcosim.errors import InputError, RunError
-from lpfcosim.execution import dask_executor, process_pool, telemetry_file
+from lpfcosim.execution import telemetry_file
 from lpfcosim.execution.checksums import ChecksumFile, PendingFile, digest
+from lpfcosim.execution.executor import Executor
 from lpfcosim.execution.provenance import Provenance
+from lpfcosim.execution.workers import WorkerConfig
 from lpfcosim.linear import ClosedLoop, saturation
 from lpfcosim.modelica import engine_library
 from lpfcosim.models import model_of
@@ -49,31 +51,19 @@ class SimulationResult:
 
 
 @dataclass(frozen=True)
-class RunOptions:
-    """How a campaign is simulated.
+class RunOptions(Executor):
+    """How a campaign is simulated, in addition to where.
 
     Attributes
     ----------
-    jobs : int, optional
-        Number of processes; as many as there are processors by default.
-    scheduler : str, optional
-        Address of the scheduler of a Dask cluster, which then does the work.
     engine : {"compiled", "fmpy"}
         Which loop steps the FMUs; see `co_simulation.blocks`.
     rerun : bool
         Simulate again what comes from another campaign, seed, version or FMU, instead of refusing it.
-    time_limit : float, optional
-        Longest that a run may take in a process of this machine [s].
-    silence : float
-        Time without a step after which an FMU is taken to hang there [s].
     """
 
-    jobs: int | None = None
-    scheduler: str | None = None
     engine: Engine = "compiled"
     rerun: bool = False
-    time_limit: float | None = None
-    silence: float = process_pool.SILENCE
 
 
 @dataclass(frozen=True)
@@ -147,61 +137,44 @@ def simulate(
             callbacks.on_message(f"run {name}: {path} {reason}")
     callbacks.on_start(provenance)
     missing = {run.name: run for run in campaign.runs if run.name not in complete}
-    failures: dict[str, RunError] = {}
-    config = process_pool.WorkerConfig(_simulate, directory, directory.parent / "logs")
+    task = _SimulationTask(provenance.attributes(), options.engine, None if options.scheduler else directory)
+    config = WorkerConfig(task, directory, directory.parent / "logs", models=fmu_order(campaign))
     config.remove_empty_logs()  # of a command that was killed
     if missing:
         checksums.remove(map(paths.__getitem__, missing))
         for name in missing:  # lest files of two campaigns lie side by side, should this be killed
             paths[name].unlink(missing_ok=True)
-        with closing(_execute(config, missing, fmus, provenance, options, callbacks)) as outcomes:
-            failures = _collect_results(missing, outcomes, checksums, paths, callbacks, config)
+    with closing(_execute(config, missing, fmus, options, callbacks)) as outcomes:
+        failures = _collect_results(missing, outcomes, checksums, paths, callbacks, config)
     files = {name: path for name, path in paths.items() if name not in failures}
     return SimulationResult(files, failures, provenance)
 
 
 def _execute(
-    config: process_pool.WorkerConfig,
+    config: WorkerConfig,
     runs: Mapping[str, Run],
     fmus: Mapping[str, Path],
-    provenance: Provenance,
     options: RunOptions,
     callbacks: ProgressCallbacks,
 ) -> Generator[tuple[str, Any]]:
     """Simulate runs in processes, on a cluster or, without FMUs, here; yield the outcome of each."""
-    # The longest first, so that all processes end at about the same time.
-    queue = {name: runs[name] for name in sorted(runs, key=lambda name: -runs[name].n_samples)}
-    attributes = provenance.attributes()
     if not fmus:
         for name, run in runs.items():
             try:
-                yield name, _simulate(run, {}, config.folder / f"{name}.h5", attributes)
+                yield name, config.function(run, {}, SimulationProgress())
             except RunError as error:
                 yield name, error
         return
-    if options.scheduler:
-        shared = (attributes, options.engine)
-        yield from dask_executor.results(options.scheduler, _simulate_remotely, shared, queue, fmus)
-        return
-    if options.engine == "compiled":
+    if runs and options.engine == "compiled" and not options.scheduler:
         engine_library()  # built once, here, and not in every worker
 
     def on_progress(name: str, n_samples: int) -> None:
         if n_samples < runs[name].n_samples:  # the last sample counts when the file is complete
             callbacks.on_progress(name, n_samples)
 
-    tasks = {
-        name: (run, dict(fmus), config.folder / f"{name}.h5", attributes, options.engine)
-        for name, run in queue.items()
-    }
-    yield from process_pool.results(
-        config,
-        tasks,
-        options.jobs or processors(),
-        time_limit=options.time_limit,
-        silence=options.silence,
-        on_progress=on_progress,
-    )
+    # The longest first, so that all processes end at about the same time.
+    queue = {name: runs[name] for name in sorted(runs, key=lambda name: -runs[name].n_samples)}
+    yield from options.results(config, queue, fmus, on_progress)
 
 
 def _collect_results(
@@ -210,13 +183,13 @@ def _collect_results(
     checksums: ChecksumFile,
     paths: Mapping[str, Path],
     callbacks: ProgressCallbacks,
-    config: process_pool.WorkerConfig,
+    config: WorkerConfig,
 ) -> dict[str, RunError]:
     """Record the checksum of each file as it comes and give it its name; return the errors of the others."""
     failures: dict[str, InputError | RunError] = {}
     for name, outcome in outcomes:
         try:
-            _settle(runs[name], outcome, checksums, paths[name])
+            _settle(outcome, checksums, paths[name])
         except (InputError, RunError) as error:
             failures[name] = error
             config.append_to_log(name, str(error))
@@ -231,12 +204,8 @@ def _collect_results(
     return {name: RunError(str(failures[name])) for name in runs if name in failures}
 
 
-def _settle(run: Run, outcome: Any, checksums: ChecksumFile, path: Path) -> None:
+def _settle(outcome: Any, checksums: ChecksumFile, path: Path) -> None:
     """Give a simulated file its name, or raise why there is none."""
-    if isinstance(outcome, process_pool.WorkerFailure):
-        moment = f"at {outcome.sample * run.h:.1f} s" if outcome.sample >= 0 else "while the FMUs were loaded"
-        component = failed_component(run, outcome)
-        raise RunError(f"run '{run.name}': {component} {outcome.description} {moment}")
     if isinstance(outcome, bytes):  # from a cluster
         partial = atomic.temporary(path)
         try:
@@ -251,11 +220,10 @@ def _settle(run: Run, outcome: Any, checksums: ChecksumFile, path: Path) -> None
     checksums.add(path, outcome)
 
 
-def failed_component(run: Run, failure: process_pool.WorkerFailure) -> str:
-    """Return the subject of a sentence about a worker that failed: an FMU, or its process."""
-    if failure.component < 0:
-        return "its process"
-    return f"the {model_of(run).components(run)[failure.component].model} FMU"
+def fmu_order(campaign: Campaign) -> tuple[str, ...]:
+    """Return the models of the FMUs in the order of their steps."""
+    run = campaign.runs[0]
+    return tuple(component.model for component in model_of(run).components(run))
 
 
 def _completed_runs(
@@ -346,27 +314,26 @@ def saturated_samples(paths: Iterable[Path]) -> dict[str, int]:
 _libraries = FmuLibraryCache()
 
 
-def _simulate(
-    run: Run,
-    fmus: Mapping[str, Path],
-    path: Path,
-    attributes: Attributes,
-    engine: Engine = "compiled",
-    progress: SimulationProgress | None = None,
-) -> PendingFile:
-    """Simulate a run into a file that the main process gives its name."""
-    partial = atomic.temporary(path)
-    try:
-        write_telemetry(run, fmus, partial, attributes, engine, progress, _libraries)
-    except RunError as error:  # which may name the file
-        raise RunError(str(error).replace(partial.name, path.name)) from None
-    return PendingFile(partial, digest(partial))
+@dataclass(frozen=True)
+class _SimulationTask:
+    """Simulates a run into a file of a folder, or, on a cluster, returns the content of the file."""
 
+    attributes: Attributes
+    engine: Engine
+    folder: Path | None
 
-def _simulate_remotely(shared: tuple[Attributes, Engine], run: Run, fmus: Mapping[str, Path]) -> bytes:
-    """Simulate a run on a worker of a cluster; return the content of its file."""
-    attributes, engine = shared
-    with TemporaryDirectory(prefix="lpfcosim-") as folder:
-        path = Path(folder) / f"{run.name}.h5"
-        write_telemetry(run, fmus, path, attributes, engine)
-        return path.read_bytes()
+    def __call__(
+        self, run: Run, fmus: Mapping[str, Path], progress: SimulationProgress
+    ) -> PendingFile | bytes:
+        if self.folder is None:
+            with TemporaryDirectory(prefix="lpfcosim-") as folder:
+                path = Path(folder) / f"{run.name}.h5"
+                write_telemetry(run, fmus, path, self.attributes, self.engine, progress)
+                return path.read_bytes()
+        path = self.folder / f"{run.name}.h5"
+        partial = atomic.temporary(path)  # which the main process gives its name
+        try:
+            write_telemetry(run, fmus, partial, self.attributes, self.engine, progress, _libraries)
+        except RunError as error:  # which may name the file
+            raise RunError(str(error).replace(partial.name, path.name)) from None
+        return PendingFile(partial, digest(partial))

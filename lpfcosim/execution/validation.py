@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from fit.requirements import F_MAX, MOST_SATURATED, SHORTEST, TAPER
+from fit.units import contract_spelling
 from lpfcosim.campaign import Campaign
 from lpfcosim.errors import DivergenceError, InputError, UnavailableError
 from lpfcosim.linear import saturation, stability
 from lpfcosim.messages import grouped
-from lpfcosim.modelica import contract_spelling
 from lpfcosim.models import model_of
 from lpfcosim.spacecraft import HalfCosine, Injection, Run, Sine
 

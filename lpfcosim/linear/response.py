@@ -6,7 +6,6 @@ the whole spacecraft there is what is linear about its steady turn: a rate that 
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
-from functools import lru_cache
 from itertools import pairwise
 
 import numpy as np
@@ -16,7 +15,7 @@ from lpfcosim.linear.closed_loop import ClosedLoop
 from lpfcosim.linear.state_space import StateSpace
 from lpfcosim.models import model_of
 from lpfcosim.signals import Noise, Weights, commanded, decimation
-from lpfcosim.spacecraft import Actuation, Injection, Run
+from lpfcosim.spacecraft import Actuation, Run
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -24,7 +23,6 @@ Complex = NDArray[np.complex128]
 RATE = 1.0  # Hz, of the response; nothing of it lies above half of that
 CHUNK = 30  # samples of what is returned, stepped side by side
 BLOCK = 120 * CHUNK  # samples, held in memory: whole chunks
-CACHE_SIZE = 128  # blocks of commands, at 10 Hz of 0.3 MB for each signal; runs of a campaign share most
 
 
 def recorded_system(run: Run) -> StateSpace:
@@ -100,7 +98,7 @@ def _blocks(
         start, stop = begin * stride - half, end * stride + half
         first, last = max(start, 0), min(stop, n * stride)
         padding = first - start, stop - last
-        signals = dict(_commands(run.injections, run.fs, first, last))
+        signals = commanded(run.injections, run.fs, first, last)
         if noise:
             held = next(iter(drawn.values())).size if drawn else 0
             new = noise.take(last - first - held)
@@ -115,18 +113,6 @@ def _blocks(
                 name: np.convolve(np.pad(x, padding), taps, mode="valid") for name, x in signals.items()
             }
         yield begin, end, signals
-
-
-@lru_cache(maxsize=CACHE_SIZE)
-def _commands(injections: tuple[Injection, ...], fs: float, start: int, stop: int) -> dict[str, Array]:
-    """Return `signals.commanded`, those that are not zero: most is over, or is yet to come.
-
-    Runs of other truths ask for the same ones.
-    """
-    signals = {name: x for name, x in commanded(injections, fs, start, stop).items() if x.any()}
-    for x in signals.values():
-        x.setflags(write=False)
-    return signals
 
 
 class _Recursion:

@@ -8,7 +8,6 @@ is what is linear about the steady turn.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache
 
 import numpy as np
 import scipy
@@ -35,7 +34,6 @@ RANK_TOLERANCE = 1e-6  # share of its noise that a channel has similar others, b
 # Lengths of a run after which its noise repeats. Of noise that rises as 1/f, without constant and ramp, the
 # lowest bin of the run has its power to 2e-3 then, and every other one to 5e-4.
 PERIOD = 2
-LENGTHS = 8  # that the runs of a campaign have, at most, for what these share to be at hand
 
 
 def has_glitches(run: Run) -> bool:
@@ -53,7 +51,7 @@ class Simulation:
     channels : sequence of str
         C outputs of the models.
     similar : Simulation, optional
-        Of a run with the same channels. If it has the same loop and the same noise, these are taken over.
+        Of a run with the same channels. What the same loop and noise, or the same length, give is reused.
     """
 
     def __init__(self, run: Run, channels: Sequence[str], similar: "Simulation | None" = None) -> None:
@@ -76,7 +74,10 @@ class Simulation:
             if follows in self._mean:
                 self._mean[follows] += rate * np.arange(self._n) / response.RATE
         self._lost = events.missing(run, np.arange(self._n) / response.RATE)
-        self._half, self._log_f, self._later = _bins(self._n)
+        self._bins: tuple[int, Array, Complex] = (
+            similar._bins if similar and similar._n == self._n else _bins(self._n)
+        )
+        self._half, self._log_f, self._later = self._bins
         decade = int(np.floor(self._log_f[0] / np.log(10)))
         self._of_noise = _noise_of(run), decade
         if similar and similar._of_noise == self._of_noise:
@@ -177,7 +178,6 @@ def _noise_of(run: Run) -> Run:
     return replace(alone, injections=(), n_samples=1)
 
 
-@lru_cache(maxsize=LENGTHS)
 def _bins(n: int) -> tuple[int, Array, Complex]:
     """Return half of the samples in which noise of a run of n repeats, log f of its bins, and how they turn.
 
@@ -186,12 +186,9 @@ def _bins(n: int) -> tuple[int, Array, Complex]:
     half = scipy.fft.next_fast_len(PERIOD * n // 2, real=True)
     f = np.arange(half // 2 + 1) * response.RATE / (2 * half)
     log_f, later = np.log(f[(f > 0) & (f < HIGHEST)]), np.exp(2j * np.pi * f / response.RATE)
-    for shared in (log_f, later):
-        shared.setflags(write=False)
     return half, log_f, later
 
 
-@lru_cache(maxsize=LENGTHS)
 def _low_pass(decade: int, factor: int, fs: float) -> tuple[Array, Array]:
     """Return the knots of the noise [Hz] from a decade on, evenly in log f, and what the low-pass leaves."""
     low, high = decade * np.log(10), np.log(HIGHEST)

@@ -5,7 +5,6 @@ A construct that cannot be translated faithfully is refused with file, line and 
 """
 
 from lpfcosim.modelica.build import engine_library
-from lpfcosim.modelica.modelica_units import contract_spelling
 from lpfcosim.modelica.xml_text import serialize_xml
 
-__all__ = ["build", "compiler", "contract_spelling", "engine_library", "numpy_models", "serialize_xml"]
+__all__ = ["build", "compiler", "engine_library", "numpy_models", "serialize_xml"]

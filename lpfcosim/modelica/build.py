@@ -54,7 +54,7 @@ MODELS = {
 STEP = 0.1  # s, internal step; shorter communication steps are taken as they are
 RUNTIME = Path(__file__).parent / "runtime"
 ENGINE = Path(__file__).parents[1] / "cosim" / "engine.c"
-_CORE = ("core.c", "core.h", "derivatives.c", "instance.c", "instance.h")
+_CORE = ("core.c", "core.h", "instance.c", "instance.h")
 _HEADERS = {
     "2.0": ("fmi2Functions.h", "fmi2FunctionTypes.h", "fmi2TypesPlatform.h"),
     "3.0": ("fmi3Functions.h", "fmi3FunctionTypes.h", "fmi3PlatformTypes.h"),
@@ -303,7 +303,7 @@ def build_one(
     layout = c_printer.make_layout(sorted_model)
     fmi_variables = variables.declare_variables(layout, fmi)
     arrays = variables.array_extents(fmi_variables, layout)
-    header = c_printer.print_header(sorted_model, layout, sensitivity, arrays, STEP)
+    header = c_printer.print_header(sorted_model, layout, arrays, STEP)
     body = c_printer.print_source(sorted_model, layout, sensitivity, arrays, token="@token@")
     runtime = "".join(file.read_text(encoding="utf-8") for file in _runtime(fmi))
     token = str(
@@ -337,7 +337,7 @@ def _write_sources(folder: Path, header: str, body: str, fmi: str) -> list[str]:
     for file in _runtime(fmi):
         shutil.copyfile(file, folder / file.name)
     # One translation unit: the compiler then sees the equations from inside the step.
-    files = ["model.c", "core.c", "instance.c", "derivatives.c", f"fmi{fmi[0]}.c"]
+    files = ["model.c", "core.c", "instance.c", f"fmi{fmi[0]}.c"]
     (folder / "all.c").write_text("".join(f'#include "{p}"\n' for p in files), encoding="utf-8")
     return ["all.c"]
 

@@ -73,7 +73,6 @@ class _Printer(C99CodePrinter):  # type: ignore[misc]
 def print_header(
     model: SortedModel,
     layout: Layout,
-    sensitivity: Sensitivity,
     arrays: Sequence[tuple[int, int]],
     step: float,
 ) -> str:
@@ -91,7 +90,6 @@ def print_header(
         "ND": len(model.delays),
         "NH": n_held,
         "NQ": n_remainder,
-        "NP": len(sensitivity.partials),
         "AFFINE": int(affine is not None),
         "NM": len(model.assertions),
         "NZ": len(model.derivatives) + n_held + 2 * len(model.delays) + 1,
@@ -125,8 +123,6 @@ def print_source(
     stage = ",".join(["1", *(str(stage_of.get(s.symbol, 1)) for s in layout.order)])
     tunable = sensitivity.tunable
     settable = ",".join(["0", *(str(3 if s.symbol in tunable else settable_until(s)) for s in layout.order)])
-    independent = ("state", "discrete", "input", "parameter")
-    independent_flags = ",".join(["1", *(str(int(s.kind in independent)) for s in layout.order)])
     inputs = [layout.first_reference("input") + i for i in range(layout.count("input"))]
     table = ",".join(f"{{{start},{count}}}" for start, count in arrays or [(0, 0)])
     return "\n".join([
@@ -137,7 +133,6 @@ def print_source(
         _HELPERS,
         f"static const unsigned char model_settable[NV] = {{{settable}}};",
         f"static const uint32_t model_inputs[] = {{{','.join(map(str, inputs or [0]))}}};",
-        f"static const unsigned char model_independent[NV] = {{{independent_flags}}};",
         f"static const unsigned char model_stage[NV] = {{{stage}}};",
         f"static const uint32_t model_arrays[][2] = {{{table}}};",
         f'static const char *const model_token = "{token}";',
@@ -146,7 +141,6 @@ def print_source(
         _events(model, previous, c),
         *_clocks_and_delays(model, c),
         *_rates(model, names, c),
-        *_partials(model, layout, sensitivity, names, c),
         _assertions(model, c),
     ])  # fmt: skip
 
@@ -250,23 +244,6 @@ def _common_subexpressions(
     body = [f"double common[{len(common)}];"] if common else []
     body += _numbered(c, "common", (value for _, value in common))
     return body + _numbered(c, array, values)
-
-
-def _partials(
-    model: SortedModel, layout: Layout, sensitivity: Sensitivity, names: dict[sp.Symbol, str], c: _Printer
-) -> list[str]:
-    """Print the table of the partial derivatives, and the function that evaluates them."""
-    number = layout.reference | {d.symbol: 1 + len(layout.order) + j for j, d in enumerate(model.delays)}
-    rows = [
-        f"    {{{number[partial.unknown]}, {number[partial.known]}, {int(partial.starting)}}},"
-        f" /* {_comment(partial.unknown.name)} by {_comment(partial.known.name)} */"
-        for partial in sensitivity.partials
-    ]
-    partials = _common_subexpressions(c, names, "p", [partial.partial for partial in sensitivity.partials])
-    return [
-        "\n".join(["static const Partial model_partial_table[] = {", *(rows or ["    {0, 0, 0}"]), "};\n"]),
-        _function("model_partials", f"{_V}, {_D}, double *p", partials),
-    ]
 
 
 def _assertions(model: SortedModel, c: _Printer) -> str:

@@ -6,17 +6,18 @@ scalar element is returned with its kind, start value and limits.
 
 from __future__ import annotations
 
-from collections.abc import Collection
+import re
+from collections.abc import Collection, Iterable
 from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
 import sympy as sp
 
+from fit.units import UnknownUnitError, in_base_units
 from lpfcosim.modelica.arrays import Algebra
 from lpfcosim.modelica.evaluator import Evaluator
 from lpfcosim.modelica.flat_model import Variable
-from lpfcosim.modelica.modelica_units import per_second
 from lpfcosim.modelica.sorted_model import Scalar
 from lpfcosim.modelica.sources import Node
 
@@ -106,8 +107,8 @@ def _elements(evaluate: Evaluator, v: Variable, kind: str, constants: set[sp.Sym
 def _rate(state: Scalar, units: Collection[str]) -> Scalar:
     v = state.variable
     unit = None
-    with suppress(KeyError, ValueError):  # reported where the units are defined
-        unit = per_second(v.unit, units) if v.unit else None
+    with suppress(UnknownUnitError):  # reported where the units are defined
+        unit = unit_of_derivative(v.unit, units) if v.unit else None
     variable = replace(
         v, name=f"der({v.name})", causality="local", unit=unit, quantity=None,
         description=f"Derivative: {v.description or v.name}",
@@ -115,3 +116,26 @@ def _rate(state: Scalar, units: Collection[str]) -> Scalar:
     return Scalar(
         sp.Symbol(f"der({state.symbol.name})", real=True), "rate", sp.S.Zero, None, None, None, variable
     )
+
+
+def unit_of_derivative(unit: str, known: Iterable[str]) -> str:
+    """Return the unit of the derivative of what is in ``unit``: one of those known if it fits.
+
+    Examples
+    --------
+    >>> unit_of_derivative("m/s", ["N", "m/s2"])
+    'm/s2'
+    >>> unit_of_derivative("N", ["Hz"])
+    'N.s-1'
+    """
+    powers, factor, _ = in_base_units(unit)
+    derivative = {**powers, "s": powers.get("s", 0) - 1}
+    derivative = {name: power for name, power in derivative.items() if power}
+    for candidate in sorted(known):
+        # Not Hz, which is for what repeats.
+        if re.search(r"s-?\d*\)?$", candidate) and in_base_units(candidate)[:2] == (derivative, factor):
+            return candidate
+    numerator, slash, denominator = unit.partition("/")
+    if slash:
+        return f"{numerator}/({denominator.strip('()')}.s)"
+    return "s-1" if unit == "1" else f"{unit}.s-1"

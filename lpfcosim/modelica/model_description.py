@@ -8,9 +8,9 @@ from xml.etree import ElementTree as ET
 
 import sympy as sp
 
+from fit.units import UnknownUnitError, in_base_units
 from lpfcosim.modelica.evaluator import TIME
 from lpfcosim.modelica.flat_model import FlatModel, UnsupportedError
-from lpfcosim.modelica.modelica_units import parse_unit
 from lpfcosim.modelica.sensitivity import KINDS, Dependence, Sensitivity
 from lpfcosim.modelica.sorted_model import SortedModel
 from lpfcosim.modelica.variables import FmiVariable, value_references
@@ -57,7 +57,6 @@ class ModelDescription:
             canSerializeFMUState="true",
             canHandleVariableCommunicationStepSize="false",
             fixedInternalStepSize=repr(self.step),
-            providesDirectionalDerivatives="true",
         )
         self._common(root)
         variables = ET.SubElement(root, "ModelVariables")
@@ -95,7 +94,6 @@ class ModelDescription:
             canHandleVariableCommunicationStepSize="false",
             canGetAndSetFMUstate="true",
             canSerializeFMUstate="true",
-            providesDirectionalDerivative="true",
         )
         files = ET.SubElement(simulation, "SourceFiles")
         for name in sources:
@@ -233,8 +231,8 @@ def _units(root: ET.Element, flat: FlatModel, model: SortedModel) -> None:
     definitions = ET.SubElement(root, "UnitDefinitions")
     for unit in sorted({"s", *users}):
         try:
-            exponents, factor, offset = parse_unit(unit)
-        except (KeyError, ValueError):
+            exponents, factor, offset = in_base_units(unit)
+        except UnknownUnitError:
             user = users[unit]
             place = flat.sources.location(user.span)
             raise UnsupportedError(

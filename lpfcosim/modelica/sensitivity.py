@@ -1,13 +1,11 @@
-"""Partial derivatives of all assignments, and the dependencies of FMI that follow from them.
+"""The dependencies of FMI: the knowns that reach an unknown along the assignments.
 
-Along the assignments, a seed passes from the knowns to the unknowns (directional derivative); the knowns that
-reach an unknown, with the kind of their factor, are its dependencies.
+The kind of a dependency is that of its factors, the partial derivatives of the assignments.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
 from functools import cached_property
 from itertools import chain
 
@@ -20,16 +18,6 @@ from lpfcosim.modelica.sorted_model import Scalar, SortedModel
 KINDS = ("constant", "fixed", "tunable", "discrete", "dependent")  # of a factor, as FMI calls them
 Dependence = Mapping[sp.Symbol, str]
 _Assignment = tuple[sp.Symbol, sp.Expr]
-
-
-@dataclass(frozen=True)
-class PartialDerivative:
-    """``unknown`` changes by ``partial`` per change of ``known``; if ``starting``, at the start only."""
-
-    unknown: sp.Symbol
-    known: sp.Symbol
-    partial: sp.Expr
-    starting: bool
 
 
 class Sensitivity:
@@ -56,17 +44,6 @@ class Sensitivity:
             symbol: {known: value.diff(known) for known in sorted(value.free_symbols, key=str)}
             for symbol, value in (*model.calculated, *self._starting, *model.solved)
         }
-
-    @cached_property
-    def partials(self) -> tuple[PartialDerivative, ...]:
-        """All partial derivatives that are not zero, in the order of execution."""
-        starting = {symbol for symbol, _ in self._starting}
-        return tuple(
-            PartialDerivative(symbol, known, partial, symbol in starting)
-            for symbol, _ in (*self.model.calculated, *self._starting, *self.model.solved)
-            for known, partial in self._partials[symbol].items()
-            if partial != 0
-        )
 
     @cached_property
     def tunable(self) -> frozenset[sp.Symbol]:

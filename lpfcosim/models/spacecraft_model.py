@@ -9,7 +9,8 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
 
-from lpfcosim.modelica import build, contract_spelling, numpy_models
+from fit.units import contract_spelling
+from lpfcosim.modelica import build, numpy_models
 from lpfcosim.network import Component, in_order
 from lpfcosim.signals import Source
 from lpfcosim.spacecraft import Authority, Run

@@ -20,8 +20,8 @@ from fit.whitening import Experiment
 from lpfcosim.campaign import Campaign
 from lpfcosim.cosim import SimulationProgress, read_interfaces_of_runs, warnings
 from lpfcosim.errors import InputError, RunError, as_run_error, prefix_errors
+from lpfcosim.execution import Executor, WorkerConfig, results_folder, runner, validation
 from lpfcosim.execution import fmus as fmu_archives
-from lpfcosim.execution import process_pool, results_folder, runner, validation
 from lpfcosim.identification import ClosedLoopResponse, Target, check, targets
 from lpfcosim.models import DELTA_G
 from lpfcosim.workflows.calibration import Calibration, calibrate_into, constrain, find_telemetry
@@ -77,12 +77,12 @@ class _Task:
     directory: Path
     fit_settings: Settings
 
-    def __call__(self, fmu_progress: SimulationProgress) -> Results:
+    def __call__(self, _item: None, _fmus: Mapping[str, Path], progress: SimulationProgress) -> Results:
         """Identify in a worker: one thread, so that it is known which FMU is at work."""
         with as_run_error(), serial(), ExitStack() as stack, prefix_errors(self.source):
             results, telemetries = refit.load(self.directory)
             prepared = self.prepare(results, telemetries)
-            loop = self.load_loop(stack, prepared[0], fmu_progress)
+            loop = self.load_loop(stack, prepared[0], progress)
             return self.identify(loop, prepared, results, telemetries)
 
     def prepare(
@@ -261,12 +261,10 @@ def _identify(task: _Task, results: Results, telemetries: Sequence[Telemetry], p
 def _identify_in_process(task: _Task, progress: Progress) -> Results:
     """Identify in a process of its own, which third-party FMUs may crash."""
     name = "identification"
-    config = process_pool.WorkerConfig(task, task.directory, task.directory / "logs", "{}")
+    models = runner.fmu_order(task.plan)
+    config = WorkerConfig(task, task.directory, task.directory / "logs", "{}", models)
     with progress.stage(name):
-        ((_, outcome),) = process_pool.results(config, {name: ()}, 1)
-    if isinstance(outcome, process_pool.WorkerFailure):
-        component = runner.failed_component(task.plan.runs[0], outcome)
-        raise RunError(f"{name}: {component} {outcome.description}")
+        ((_, outcome),) = Executor(1).results(config, {name: None}, task.fmus)
     if isinstance(outcome, InputError | RunError):
         raise outcome
     assert isinstance(outcome, Results)

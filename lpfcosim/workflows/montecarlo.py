@@ -13,11 +13,10 @@ from pydantic import BaseModel, Field
 from fit.errors import shown
 from fit.files import closest_match, documents
 from fit.forecasting import Pulls, coverage
-from fit.parallel import processors
 from fit.tables import Table
 from lpfcosim.campaign import Campaign
 from lpfcosim.errors import InputError, RunError, prefix_errors
-from lpfcosim.execution import checksums, dask_executor, process_pool, results_folder, runner, validation
+from lpfcosim.execution import Executor, WorkerConfig, checksums, results_folder, runner, validation
 from lpfcosim.execution import fmus as fmu_archives
 from lpfcosim.linear import ClosedLoop, saturation
 from lpfcosim.messages import grouped
@@ -25,7 +24,7 @@ from lpfcosim.models import DELTA_G, model_of
 from lpfcosim.workflows.arguments import check_workers, whole_number
 from lpfcosim.workflows.campaigns import CampaignLike, PathLike, resolve
 from lpfcosim.workflows.fmus import campaign_fmus
-from lpfcosim.workflows.montecarlo_trial import MonteCarloTask, Record, run_trial
+from lpfcosim.workflows.montecarlo_trial import MonteCarloTask, Record
 from lpfcosim.workflows.progress import LOG, Progress
 from lpfcosim.workflows.result import WorkflowResult
 from lpfcosim.workflows.run import output_folder, validate_simulation
@@ -327,29 +326,11 @@ def _outcomes(
 ) -> Generator[Record]:
     """Yield the records of campaigns; add those that could not be simulated to `unfinished`."""
     items = {f"campaign {number}": number for number in numbers}
-    config = process_pool.WorkerConfig(task.run, directory, directory / "logs", "{}")
-    for name, outcome in _execute(config, task, fmus, items, jobs, scheduler) if items else ():
-        if isinstance(outcome, process_pool.WorkerFailure):
-            component = runner.failed_component(task.plan.runs[0], outcome)
-            unfinished[name] = f"{name}: {component} {outcome.description}"
-        elif isinstance(outcome, InputError | RunError):
+    models = runner.fmu_order(task.plan)
+    config = WorkerConfig(task.run, directory, directory / "logs", "{}", models)
+    for name, outcome in Executor(jobs, scheduler).results(config, items, fmus):
+        if isinstance(outcome, InputError | RunError):
             unfinished[name] = str(outcome)
+            config.append_to_log(name, unfinished[name])
         else:
             yield outcome
-            continue
-        config.append_to_log(name, unfinished[name])
-
-
-def _execute(
-    config: process_pool.WorkerConfig,
-    task: MonteCarloTask,
-    fmus: Mapping[str, Path],
-    items: Mapping[str, int],
-    jobs: int | None,
-    scheduler: str | None,
-) -> Iterator[tuple[str, Any]]:
-    if scheduler:
-        yield from dask_executor.results(scheduler, run_trial, task, items, fmus)
-        return
-    arguments = {name: (number, fmus) for name, number in items.items()}
-    yield from process_pool.results(config, arguments, jobs or processors())

@@ -87,9 +87,7 @@ class MonteCarloTask:
     _simulator: SpectralSimulator = field(default_factory=SpectralSimulator, compare=False, repr=False)
 
     @one_blas_thread
-    def run(
-        self, number: int, fmus: Mapping[str, Path], progress: SimulationProgress | None = None
-    ) -> Record:
+    def run(self, number: int, fmus: Mapping[str, Path], progress: SimulationProgress) -> Record:
         """Simulate and fit a campaign; the same results whatever the process and what came before in it.
 
         Parameters
@@ -98,7 +96,7 @@ class MonteCarloTask:
             Of the campaign.
         fmus : mapping of str to Path
             By model; without any, telemetry is drawn from spectra.
-        progress : SimulationProgress, optional
+        progress : SimulationProgress
             Of the FMUs, which alone can hang.
 
         Returns
@@ -107,7 +105,6 @@ class MonteCarloTask:
             With ``estimates`` (difference from the truth and sigma, by parameter), or with ``failed``, the
             reason.
         """
-        progress = progress or SimulationProgress()
         progress.set_idle()
         plan = montecarlo.numbered(self.plan, number, redraw=self.redraw)
         try:
@@ -141,11 +138,6 @@ class MonteCarloTask:
         results = calibrate(telemetries, self.fit_settings)
         truths = {run.name: telemetry_file.truth(run) for run in plan.runs}
         return coverage.with_truth(results, telemetries, truths)
-
-
-def run_trial(task: MonteCarloTask, number: int, fmus: Mapping[str, Path]) -> Record:
-    """Run one campaign, see `MonteCarloTask.run`; a function that a cluster finds by its name."""
-    return task.run(number, fmus)
 
 
 def channels_of_fit(run: Run) -> list[str]:

@@ -101,7 +101,7 @@ def run(
     jobs = check_workers(jobs, scheduler, time_limit)
     fit_settings, validated = validate_simulation(plan, source, "a calibration is")
     fmus = campaign_fmus(plan, progress)
-    options = runner.RunOptions(jobs, scheduler, engine, rerun, time_limit)
+    options = runner.RunOptions(jobs, scheduler, time_limit, engine=engine, rerun=rerun)
     with results_folder.lock(directory, alternative=True):
         simulated = simulate_into(
             plan, source, directory, fmus, options, validated, progress, trusted=trusted

@@ -4,7 +4,7 @@ import time
 
 import pytest
 
-from fit.units import UnknownUnitError, factor, same_unit, split
+from fit.units import UnknownUnitError, factor, in_base_units, same_unit, split
 
 
 @pytest.mark.parametrize("text", ["m s-2", "m s^-2", "m/s^2", "m/s2", "m s**-2", "m·s^-2", "m / s / s"])
@@ -49,3 +49,28 @@ def test_no_unit_takes_for_ever(text):
 def test_a_quantity_may_begin_its_unit_with_one_over():
     assert split("2e-7 1/s") == ("2e-7", "1/s")
     assert factor("1/s", "s-1") == factor("/s", "s-1") == 1
+
+
+@pytest.mark.parametrize(
+    ("unit", "powers", "size"),
+    [
+        ("m/s2", {"m": 1, "s": -2}, 1.0),
+        ("m.s-2", {"m": 1, "s": -2}, 1.0),
+        ("kg.m/s2", {"kg": 1, "m": 1, "s": -2}, 1.0),
+        ("1/(kg.m)", {"kg": -1, "m": -1}, 1.0),
+        ("m/(s2.rad)", {"m": 1, "s": -2, "rad": -1}, 1.0),
+        ("N", {"kg": 1, "m": 1, "s": -2}, 1.0),
+        ("Hz", {"s": -1}, 1.0),
+        ("rad/s", {"rad": 1, "s": -1}, 1.0),
+        ("nm", {"m": 1}, 1e-9),
+        ("1", {}, 1.0),
+    ],
+)
+def test_base_units_of_modelica(unit, powers, size):
+    assert in_base_units(unit) == (powers, pytest.approx(size, rel=1e-14), 0.0)
+
+
+@pytest.mark.parametrize("unit", ["widget", "10", "m/"])
+def test_no_base_units(unit):
+    with pytest.raises(UnknownUnitError):
+        in_base_units(unit)

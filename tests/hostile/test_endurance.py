@@ -8,11 +8,9 @@ resident memory may grow by `ALLOWANCE` until the end, however many runs there a
 leak. Of 2000 runs 1800 are judged; losing one instance a run, even of the smallest FMU (1.4 kB), is too much.
 """
 
-import ctypes
 import gc
 import os
 import time
-from contextlib import suppress
 from dataclasses import dataclass
 from itertools import cycle, islice
 from pathlib import Path
@@ -67,13 +65,6 @@ def in_use(temporary):
     )
 
 
-def tidy():
-    """Give back what is free, so that memory in use is compared and not its fragments."""
-    gc.collect()
-    with suppress(OSError, AttributeError):  # a libc without it
-        ctypes.CDLL("libc.so.6").malloc_trim(0)
-
-
 @pytest.fixture
 def kinds(make_run, tmp_path):
     """Every kind of run: its FMUs, the loop that steps them, the run, and how it fails if it does."""
@@ -126,7 +117,7 @@ def test_nothing_piles_up(kinds, tmp_path, monkeypatch, request):
             with pytest.raises(failure[0], match=failure[1]):
                 in_memory.simulate(run, fmus, engine=engine)
         if done in (settled, runs):
-            tidy()
+            gc.collect()
         now = in_use(temporary)
         if done in (settled, runs // 2, runs):
             print(f"\n{done} runs, {(time.perf_counter() - started) / done:.3f} s each: {now}", end="")

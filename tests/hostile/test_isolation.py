@@ -24,7 +24,7 @@ TOLD = {  # what is said of a run, and what its log holds
     "segfault": (rf"the {MODEL} FMU crashed \(SIGSEGV, .*\) at 150\.0 s", "Fatal Python error"),
     "abort": (rf"the {MODEL} FMU crashed \(SIGABRT, .*\) at 150\.0 s", "Fatal Python error"),
     "exit": (rf"the {MODEL} FMU ended the process with status 3 at 150\.0 s", "no licence"),
-    "leave": (rf"the {MODEL} FMU does not return \(nothing was done for 20 s\) at 150\.0 s", ""),
+    "leave": (rf"the {MODEL} FMU ended the process with status 0 at 150\.0 s", ""),
     "killed": (r"its process was killed \(SIGKILL; out of memory\?\) at 150\.0 s", ""),
     "hang": (rf"the {MODEL} FMU does not return \(nothing was done for 20 s\) at 150\.0 s", ""),
     "error": (rf"the {MODEL} FMU reports 'error' at 150\.0 s \(as asked\)", f"{MODEL}: as asked"),

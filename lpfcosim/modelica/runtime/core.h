@@ -43,17 +43,9 @@ typedef struct {
     int evaluated_stage;    /* stage up to which v is up to date, see model_stage */
 } State;
 
-/* A partial derivative; indices from NV on are delayed signals. */
-typedef struct {
-    uint16_t unknown, known;
-    unsigned char starting; /* at the start only */
-} Partial;
-
-/* Generated, model.c. It comes first in the one translation unit, with seven constants:
+/* Generated, model.c. It comes first in the one translation unit, with five constants:
    model_inputs     value references of all NU inputs, in order
    model_settable   by value reference: 0 never, 1 until the end of initialization, 2 always, 3 always as parameter
-   model_independent     by value reference: a known after initialization (state, sampled variable, input, parameter)
-   model_partial_table   all partial derivatives, in the order of execution
    model_stage      by value reference: up to date after 1 model_state_outputs, 2 model_outputs, 3 model_algebraic
    model_arrays     by array: value reference of its first element, and how many there are
    model_token      of instantiation
@@ -65,7 +57,6 @@ static void model_set_inputs(double *v, const double *u);
 static void model_state_outputs(double *v);              /* outputs that follow from states and parameters alone */
 static void model_outputs(double *v, const double *d);   /* the other outputs */
 static void model_algebraic(double *v, const double *d); /* the rest, and derivatives of states */
-static void model_partials(const double *v, const double *d, double *p); /* as model_partial_table */
 static void model_events(double *v, const double *d, const unsigned char *tick);
 static void model_clocks(const double *v, double *start, double *period);
 static void model_delay_values(const double *v, double *value);

@@ -108,12 +108,6 @@ fmi2Status fmi2DeSerializeFMUstate(fmi2Component c, const fmi2Byte bytes[], size
     return status_of(c, snapshot_read(bytes, size, state));
 }
 
-fmi2Status fmi2GetDirectionalDerivative(fmi2Component c, const fmi2ValueReference unknown[], size_t n_unknown,
-                                        const fmi2ValueReference known[], size_t n_known, const fmi2Real dv[],
-                                        fmi2Real dz[]) {
-    return status_of(c, instance_derivative(c, unknown, n_unknown, known, n_known, dv, dz));
-}
-
 /* There are no variables of other types: reading or writing none of them is all that can succeed. */
 #define NO_VARIABLES(Type)                                                                                       \
     fmi2Status fmi2Get##Type(fmi2Component c, const fmi2ValueReference vr[], size_t n, fmi2##Type values[]) {    \
@@ -139,6 +133,8 @@ NO_VARIABLES(String)
 
 fmi2Status fmi2CancelStep(fmi2Component c) { return fail(c, "steps are not asynchronous here"); }
 
+NOT_OFFERED(fmi2GetDirectionalDerivative, const fmi2ValueReference unknown[], size_t n_unknown,
+            const fmi2ValueReference known[], size_t n_known, const fmi2Real dv[], fmi2Real dz[])
 NOT_OFFERED(fmi2SetRealInputDerivatives, const fmi2ValueReference vr[], size_t n, const fmi2Integer order[],
             const fmi2Real values[])
 NOT_OFFERED(fmi2GetRealOutputDerivatives, const fmi2ValueReference vr[], size_t n, const fmi2Integer order[],

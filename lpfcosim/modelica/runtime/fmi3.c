@@ -165,17 +165,6 @@ fmi3Status fmi3DeserializeFMUState(fmi3Instance m, const fmi3Byte bytes[], size_
     return status_of(m, snapshot_read(bytes, size, state));
 }
 
-fmi3Status fmi3GetDirectionalDerivative(fmi3Instance m, const fmi3ValueReference unknowns[], size_t n_unknowns,
-                                        const fmi3ValueReference knowns[], size_t n_knowns, const fmi3Float64 seed[],
-                                        size_t n_seed, fmi3Float64 sensitivity[], size_t n_sensitivity) {
-    uint32_t *u = elements(unknowns, n_unknowns, n_sensitivity), *k = elements(knowns, n_knowns, n_seed);
-    fmi3Status status = !u || !k
-                            ? miscounted(m, "fmi3GetDirectionalDerivative")
-                            : status_of(m, instance_derivative(m, u, n_sensitivity, k, n_seed, seed, sensitivity));
-    free(u), free(k);
-    return status;
-}
-
 /* There are no variables of other types: reading or writing none of them is all that can succeed. */
 #define NO_VARIABLES(Type)                                                                                     \
     fmi3Status fmi3Get##Type(fmi3Instance m, const fmi3ValueReference vr[], size_t n, fmi3##Type values[],     \
@@ -241,6 +230,9 @@ fmi3Status fmi3EvaluateDiscreteStates(fmi3Instance m) { return fail(m, "this FMU
 NOT_OFFERED(fmi3GetNumberOfVariableDependencies, fmi3ValueReference vr, size_t *n)
 NOT_OFFERED(fmi3GetVariableDependencies, fmi3ValueReference dependent, size_t element[], fmi3ValueReference independent[],
             size_t element_of[], fmi3DependencyKind kind[], size_t n)
+NOT_OFFERED(fmi3GetDirectionalDerivative, const fmi3ValueReference unknowns[], size_t n_unknowns,
+            const fmi3ValueReference knowns[], size_t n_knowns, const fmi3Float64 seed[], size_t n_seed,
+            fmi3Float64 sensitivity[], size_t n_sensitivity)
 NOT_OFFERED(fmi3GetAdjointDerivative, const fmi3ValueReference unknowns[], size_t n_unknowns,
             const fmi3ValueReference knowns[], size_t n_knowns, const fmi3Float64 seed[], size_t n_seed,
             fmi3Float64 sensitivity[], size_t n_sensitivity)

@@ -27,8 +27,6 @@ static const char *instance_exit(Instance *m);
 static const char *instance_get(Instance *m, const uint32_t *vr, size_t n, double *values);
 static const char *instance_set(Instance *m, const uint32_t *vr, size_t n, const double *values);
 static const char *instance_step(Instance *m, double time, double step);
-static const char *instance_derivative(Instance *m, const uint32_t *unknowns, size_t n_unknowns, const uint32_t *knowns,
-                                       size_t n_knowns, const double *seed, double *sensitivity);
 static const char *instance_end(Instance *m);
 static const char *snapshot_save(const Instance *m, void **state);
 static const char *snapshot_restore(Instance *m, const void *state);

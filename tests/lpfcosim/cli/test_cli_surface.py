@@ -58,19 +58,14 @@ def test_what_needs_no_numbers_reads_no_heavy_library(arguments, tmp_path):
         *(("typer", [command, "one"], f"interrupted; {CONTINUES}") for command in CONTINUING),
     ],
 )
-def test_interrupt_while_it_starts_is_one_sentence(module, arguments, message):
-    code = f"""
-import os, signal, sys, time
-class Interrupted:
-    def find_spec(self, name, *_):
-        if name == {module!r}:
-            os.kill(os.getpid(), signal.SIGINT)
-            time.sleep(5)
-sys.meta_path.insert(0, Interrupted())
-from lpfcosim.cli import main
-main()
-"""
-    done = python(code, *arguments)
+def test_interrupt_while_it_starts_is_one_sentence(module, arguments, message, tmp_path):
+    interrupting = "import os, signal, time\nos.kill(os.getpid(), signal.SIGINT)\ntime.sleep(5)\n"
+    (tmp_path / f"{module}.py").write_text(interrupting)
+    done = python(
+        "from lpfcosim.cli import main; main()",
+        *arguments,
+        env={**os.environ, "PYTHONPATH": os.pathsep.join([str(tmp_path), os.environ.get("PYTHONPATH", "")])},
+    )
     assert (done.returncode, done.stdout) == (1, "")
     assert done.stderr == f"lpfcosim: error: {message}\n"
 

@@ -13,7 +13,6 @@ import pytest
 
 from lpfcosim.campaign import loading
 from lpfcosim.cosim import compatibility
-from lpfcosim.cosim.compatibility import _exponents
 from lpfcosim.cosim.interface import resolve
 from lpfcosim.errors import InputError, RunError
 from lpfcosim.execution import Provenance, runner
@@ -208,19 +207,6 @@ def test_variables_without_a_unit_are_taken_as_ours(run, fmus, tmp_path):
     assert np.array_equal(
         simulate(run, fmus, Replacement(SUSPENSION, archive))["o_12"], in_memory.simulate(run, fmus)["o_12"]
     )
-
-
-@pytest.mark.parametrize(
-    ("unit", "exponents"),
-    [
-        ("m/s2", {"m": 1, "s": -2}), ("m.s-2", {"m": 1, "s": -2}), ("m s^-2", {"m": 1, "s": -2}),
-        ("m/s**2", {"m": 1, "s": -2}), ("kg.m/s2", {"kg": 1, "m": 1, "s": -2}), ("1/s2", {"s": -2}),
-        ("1/(kg.m)", {"kg": -1, "m": -1}), ("N", {"kg": 1, "m": 1, "s": -2}), ("m/m", {}), ("1", {}),
-        ("nm", None), ("10", None), ("m/s/s", None), ("", None),
-    ],
-)  # fmt: skip
-def test_units_are_read(unit, exponents):
-    assert _exponents(unit) == exponents
 
 
 @pytest.mark.parametrize(

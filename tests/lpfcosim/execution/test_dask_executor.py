@@ -24,7 +24,7 @@ pytestmark = pytest.mark.long
 distributed = pytest.importorskip("distributed", reason="needs the extra dask")
 
 
-def work(shared, item, files):
+def work(item, files, progress):
     """Do as the item says; executed by the workers."""
     if item == "fail":
         raise RunError("as asked")
@@ -35,7 +35,7 @@ def work(shared, item, files):
             item.write_text(str(os.getpid()))
             time.sleep(60)
         item = "survived"
-    return shared, item, {name: (path.suffix, path.read_bytes()) for name, path in files.items()}
+    return item, {name: (path.suffix, path.read_bytes()) for name, path in files.items()}
 
 
 @pytest.fixture(scope="module")
@@ -55,14 +55,14 @@ def files(tmp_path):
 
 def test_results_come_by_name(address, files):
     items = {f"run {k}": k for k in range(20)}
-    found = dict(dask_executor.results(address, work, {"a": 1}, items, files))
+    found = dict(dask_executor.results(address, work, items, files))
     sent = {"A": (".fmu", b"\0one"), "B": (".fmu", b"\0one")}
-    assert found == {name: ({"a": 1}, k, sent) for name, k in items.items()}
+    assert found == {name: (k, sent) for name, k in items.items()}
 
 
 def test_an_error_is_a_result_and_the_others_go_on(address):
-    found = dict(dask_executor.results(address, work, 1, {"bad": "fail", "good": 2}, {}))
-    assert found["good"] == (1, 2, {})
+    found = dict(dask_executor.results(address, work, {"bad": "fail", "good": 2}, {}))
+    assert found["good"] == (2, {})
     assert isinstance(found["bad"], RunError)
     assert str(found["bad"]) == "as asked"
 
@@ -71,10 +71,10 @@ def test_workers_killed_are_made_good(address, tmp_path, files):
     marks = {name: tmp_path / name for name in "abc"}
     reaper = threading.Thread(target=kill, args=(list(marks.values()),))
     reaper.start()
-    found = dict(dask_executor.results(address, work, 1, marks | {"d": 4}, files))
+    found = dict(dask_executor.results(address, work, marks | {"d": 4}, files))
     reaper.join()
-    assert {name: result[1] for name, result in found.items()} == dict.fromkeys("abc", "survived") | {"d": 4}
-    assert all(result[2].keys() == files.keys() for result in found.values())
+    assert {name: result[0] for name, result in found.items()} == dict.fromkeys("abc", "survived") | {"d": 4}
+    assert all(result[1].keys() == files.keys() for result in found.values())
 
 
 def kill(marks):
@@ -88,20 +88,20 @@ def kill(marks):
 
 
 def test_what_kills_every_worker_is_named(address):
-    found = dict(dask_executor.results(address, work, 1, {"fatal": "die"}, {}))
+    found = dict(dask_executor.results(address, work, {"fatal": "die"}, {}))
     assert str(found["fatal"]).startswith("fatal: every worker that took it on died")
 
 
 def test_another_version_is_refused(address, monkeypatch):
     monkeypatch.setattr(dask_executor, "_versions", lambda: {"lpfcosim": "9.9", "numpy": "1", "scipy": "1"})
-    ((_, error),) = dask_executor.results(address, work, 1, {"one": 1}, {})
+    ((_, error),) = dask_executor.results(address, work, {"one": 1}, {})
     assert "expected 9.9 as where the command runs" in str(error)
 
 
 @pytest.mark.parametrize("address", ["tcp://127.0.0.1:1", "nonsense", "tcp://nowhere.invalid:8786"])
 def test_no_scheduler_is_one_sentence(address):
     with pytest.raises(InputError, match="no Dask scheduler answers there, expected one such as"):
-        list(dask_executor.results(address, work, 1, {"one": 1}, {}))
+        list(dask_executor.results(address, work, {"one": 1}, {}))
 
 
 def test_a_scheduler_lost_is_told(tmp_path):
@@ -116,7 +116,7 @@ def test_a_scheduler_lost_is_told(tmp_path):
         found = json.loads(told.read_text(encoding="utf-8"))["address"]
         with pytest.raises(RunError, match="scheduler is lost"):
             threading.Timer(1.0, scheduler.kill).start()
-            list(dask_executor.results(found, work, 1, {"one": 1}, {}))  # there is no worker to do it
+            list(dask_executor.results(found, work, {"one": 1}, {}))  # there is no worker to do it
     finally:
         scheduler.kill()
         scheduler.wait()

@@ -19,7 +19,7 @@ import pytest
 
 from fit.files import atomic
 from lpfcosim.errors import InputError
-from lpfcosim.execution import Provenance, provenance, runner
+from lpfcosim.execution import Executor, Provenance, provenance, runner
 from lpfcosim.spacecraft.run import Authority, Sine
 from tests.campaign_text import SHORT_PLAN
 from tests.reference_run import simulate_reference
@@ -102,9 +102,7 @@ def test_finished_runs_are_kept_and_others_are_simulated_again(fmus, plan, copie
 
 def test_a_byte_changed_anywhere_is_noticed(fmus, plan, copied, monkeypatch):
     asked = []
-    monkeypatch.setattr(
-        runner.process_pool, "results", lambda _, items, *__, **___: asked.append([*items]) or []
-    )
+    monkeypatch.setattr(Executor, "results", lambda _, __, items, *___: asked.append([*items]) or [])
     lost = copied[1]
     content = lost.read_bytes()
     ledger = lost.parent.with_suffix(".sha256").read_text()
@@ -118,9 +116,7 @@ def test_a_byte_changed_anywhere_is_noticed(fmus, plan, copied, monkeypatch):
 
 def test_a_ledger_that_is_lost_or_damaged_costs_time_only(fmus, plan, copied, monkeypatch):
     asked = []
-    monkeypatch.setattr(
-        runner.process_pool, "results", lambda _, items, *__, **___: asked.append({*items}) or []
-    )
+    monkeypatch.setattr(Executor, "results", lambda _, __, items, *___: asked.append({*items}) or [])
     ledger = copied[0].parent.with_suffix(".sha256")
     for damage in (ledger.read_bytes()[40:], b"\xff\0\n  \n", b""):
         ledger.write_bytes(damage)
@@ -141,7 +137,7 @@ def test_what_comes_from_elsewhere_is_refused_or_simulated_anew(fmus, plan, copi
     other_fmu = copied[0].parent / "other.fmu"
     other_fmu.write_bytes(fmus["Plant"].read_bytes() + b"0")
     longer = replace(plan, experiments=(replace(plan.experiments[0], n_samples=2001),))
-    monkeypatch.setattr(runner.process_pool, "results", None)  # nothing must be simulated
+    monkeypatch.setattr(Executor, "results", None)  # nothing must be simulated
     for changed, its, said in (
         (reseeded, fmus, "simulated with seed 7, now it is 8"),
         (longer, fmus, "simulated with another version of the campaign"),
@@ -156,9 +152,7 @@ def test_what_comes_from_elsewhere_is_refused_or_simulated_anew(fmus, plan, copi
         with pytest.raises(InputError, match=r"one-noise\.h5: simulated with version .*, now it is 9\.9"):
             runner.simulate(plan, folder, fmus)
     asked = []
-    monkeypatch.setattr(
-        runner.process_pool, "results", lambda _, items, *__, **___: asked.extend(items) or []
-    )
+    monkeypatch.setattr(Executor, "results", lambda _, __, items, *___: asked.extend(items) or [])
     runner.simulate(reseeded, folder, fmus, runner.RunOptions(rerun=True))
     assert asked == ["one", "one-noise"]
     # the rerun was interrupted: nothing of the old seed is left to lie beside the new one
@@ -204,7 +198,7 @@ def test_a_foreign_file_is_not_ours_whatever_its_attributes(fmus, plan, tmp_path
 
 
 def test_a_folder_in_the_place_of_a_file_is_told_first(fmus, plan, tmp_path, monkeypatch):
-    monkeypatch.setattr(runner.process_pool, "results", None)
+    monkeypatch.setattr(Executor, "results", None)
     (tmp_path / "one.h5").mkdir()
     with pytest.raises(InputError, match=r"one\.h5: is a folder"):
         runner.simulate(plan, tmp_path, fmus)

@@ -132,21 +132,7 @@ def _by_element(instance, description, fmi3):
             values[k] = value
         (instance.setFloat64 if fmi3 else instance.setReal)(references, values)
 
-    def directional(function, seeded, seed, outputs):
-        references, total, places = description.spread(seeded)
-        seeds = [0.0] * total
-        for k, value in zip(places, seed, strict=True):
-            seeds[k] = value
-        outputs_read, size, output_places = description.spread(outputs)
-        return select(function(references, seeds, outputs_read, size), output_places)
-
     instance.get, instance.set = get, put
-    instance.directional = lambda unknowns, knowns, seed: directional(
-        lambda vr, seeds, outputs, size: instance.getDirectionalDerivative(
-            outputs, vr, seeds, *([size] if fmi3 else [])
-        ),
-        knowns, seed, unknowns,
-    )  # fmt: skip
 
 
 @contextmanager

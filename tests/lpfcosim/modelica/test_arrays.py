@@ -127,29 +127,6 @@ def test_whole_arrays_are_set_and_read_in_any_company(array_fmus):
             fmu.setFloat64([vr["y"]], [3, 2])
 
 
-def test_derivatives_of_arrays_by_arrays(array_fmus):
-    description = read_description(array_fmus["3.0"])
-    y, x, rate, u, p, s = (description.vr([n])[0] for n in ("y[1]", "x[1]", "der(x[1])", "u[1]", "p[1]", "s"))
-    random = np.random.default_rng(5)
-    with fmu_instance(array_fmus["3.0"]) as fmu:
-        fmu.exitInitializationMode()
-        fmu.doStep(0.0, 0.1)
-        now = np.array(fmu.getFloat64([x], 3))
-        seed = random.normal(size=9)
-        jacobian = np.zeros((5, 9))  # of y and der(x) by x, u and p
-        jacobian[:2, :3] = A
-        jacobian[2:, :3] = -np.diag([1, 2, 3])
-        jacobian[2:, 3:6] = np.eye(3)
-        jacobian[2:, 6:] = -np.diag(now)
-        np.testing.assert_allclose(
-            fmu.getDirectionalDerivative([y, rate], [x, u, p], seed, 5), jacobian @ seed, rtol=1e-13
-        )
-        assert fmu.getDirectionalDerivative([s], [x], [1, 0, 0], 1) == [now[1]]
-        for unknowns, seeds, size in (([y], 2, 2), ([y], 3, 3), ([y], 3, 1), ([], 3, 2)):
-            with pytest.raises(FMICallException):
-                fmu.getDirectionalDerivative(unknowns, [x], [1.0] * seeds, size)
-
-
 @pytest.mark.slow
 def test_the_whole_plant_shows_its_vectors():
     path = build.build(["WholePlant"])["WholePlant"]
