@@ -27,6 +27,7 @@ if TYPE_CHECKING:
         save_report,
     )
     from fit.comparison import Comparison, compare
+    from fit.cross_checks import CrossCheck, leave_one_out, profile_likelihood
     from fit.deltag import delta_g
     from fit.errors import CalibrationError, FitError, InputError
     from fit.fitting import Prior, delta_chi2
@@ -39,6 +40,7 @@ if TYPE_CHECKING:
 __all__ = [
     "CalibrationError",
     "Comparison",
+    "CrossCheck",
     "Estimate",
     "Fit",
     "FitError",
@@ -54,10 +56,12 @@ __all__ = [
     "compare",
     "delta_chi2",
     "delta_g",
+    "leave_one_out",
     "load",
     "load_results",
     "make_params",
     "plot",
+    "profile_likelihood",
     "save_report",
 ]
 _HOME = {
@@ -71,6 +75,7 @@ _HOME = {
         "save_report",
     ),
     "comparison": ("Comparison", "compare"),
+    "cross_checks": ("CrossCheck", "leave_one_out", "profile_likelihood"),
     "deltag": ("delta_g",),
     "errors": ("CalibrationError", "FitError", "InputError"),
     "fitting": ("Prior", "delta_chi2"),

@@ -52,6 +52,7 @@ LAYERS = {
             "pipeline",
             "tables",
             "comparison",
+            "cross_checks",
             "figures",
             "plotting",
             "report",
@@ -96,6 +97,7 @@ USERS = {
     },
     "jinja2": {"fit.report"},
     "lmfit": {
+        "fit.cross_checks",
         "fit.fitting",
         "fit.crosstalk",
         "fit.identification",

@@ -13,4 +13,7 @@ COLOURS: Mapping[str, str] = {
     "orange": "#d2541b",
     "green": "#1d8a6b",
     "violet": "#8457b8",
+    "rose": "#b8336f",
+    "cyan": "#0f87a5",
+    "olive": "#7c7113",
 }

@@ -1,6 +1,6 @@
 """Figures of a run: responses to the injections, Delta g, its terms, and its residual over time."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Literal
 
@@ -33,17 +33,18 @@ Array = NDArray[np.float64]
 _SUBSCRIPTS = str.maketrans("x12", "ₓ₁₂")
 LOWEST = 1e-4  # Hz, shown at most
 _SIGNAL = Axis("acceleration", "pm s⁻²", "value - mean")
+_RATIO = Axis("residual / noise", "", "ratio")
 _RESIDUAL = Axis("residual Δg", "fm s⁻²", "value - mean")
 #: How the terms of Delta g (`dynamics.TERMS`) are drawn.
 _DRAWN: Mapping[str, tuple[str, Literal["-", "--", ":"]]] = {
     "ddo_12": ("grey", "-"),
     "lambda_2 f_x_2": ("violet", "-"),
-    "lambda_1 f_x_1": ("violet", "--"),
+    "lambda_1 f_x_1": ("rose", "--"),
     "omega2_2 o_12": ("green", "-"),
     "domega2_12 o_1": ("blue", "-"),
-    "delta_ifo ddo_1": ("blue", "--"),
+    "delta_ifo ddo_1": ("olive", "--"),
     "delta_g_SC": ("orange", "--"),
-    "torques": ("grey", ":"),
+    "torques": ("cyan", ":"),
 }
 
 
@@ -111,6 +112,60 @@ def acceleration(run: Analysis, noise: Analysis | None) -> Chart:
     across = _shown(run.fs)
     up = limits(ASD, curves, across)
     return Chart((Panel(FREQUENCY, ASD, (*_outside(across), *curves), across, up, 2.2),))
+
+
+def residual_over_noise(pairs: Mapping[str, tuple[Binned, Binned]]) -> Chart:
+    """Draw the mean spectra of residuals and noise runs, and below the ratios of experiments and their mean.
+
+    Parameters
+    ----------
+    pairs : mapping of str to tuple of Binned
+        By experiment, ASD of residual and of noise run.
+    """
+    f = next(iter(pairs.values()))[0].f
+    residuals, noises = ([_at(f, pair[i]) for pair in pairs.values()] for i in (0, 1))
+    across = (LOWEST, derivatives.F_MAX)
+    spectra = [
+        _curve("noise runs", "noise runs", "grey", 1.4, _mean(f, noises)),
+        _curve("residuals", "residuals", "orange", 0.9, _mean(f, residuals)),
+    ]
+    ratios = [_ratio(a, b) for a, b in zip(residuals, noises, strict=True)]
+    curves = [
+        Curve(
+            name=name, label="" if i else "each experiment", role="grey", x=f, y=q.asd, width=0.5, opacity=0.7
+        )
+        for i, (name, q) in enumerate(zip(pairs, ratios, strict=True))
+    ]
+    mean = _curve("mean", "all, ±1 σ", "orange", 0.9, _ratio(_mean(f, residuals), _mean(f, noises)))
+    level = Curve(name="1", label="", role="ink", x=np.array(across), y=np.ones(2), width=0.6, dash="--")
+    up = (0.0, min(max(limits(_RATIO, [mean], across)[1], 2.0), 10.0))
+    return Chart(
+        (
+            Panel(FREQUENCY, ASD, tuple(spectra), across, limits(ASD, spectra, across), 1.3),
+            Panel(FREQUENCY, _RATIO, (*curves, mean, level), across, up, 1.1),
+        )
+    )
+
+
+def _at(f: Array, binned: Binned) -> Binned:
+    """Return a spectrum at other frequencies, shape (B,)."""
+    x = np.log(f), np.log(binned.f)
+    return Binned(f, *(np.exp(np.interp(*x, np.log(y))) for y in (binned.asd, binned.low, binned.high)))
+
+
+def _mean(f: Array, spectra: Sequence[Binned]) -> Binned:
+    """Return the root of the mean power of spectra, with its error."""
+    asd = np.sqrt(np.mean([s.asd**2 for s in spectra], axis=0))
+    variance = np.sum([(s.asd * (s.high - s.low) / 2) ** 2 for s in spectra], axis=0)
+    error = np.sqrt(variance) / len(spectra) / asd
+    return Binned(f, asd, np.maximum(asd - error, 1e-3 * asd), asd + error)
+
+
+def _ratio(a: Binned, b: Binned) -> Binned:
+    """Return the ratio of two spectra, with its error."""
+    ratio = a.asd / b.asd
+    error = ratio * np.hypot((a.high - a.low) / a.asd, (b.high - b.low) / b.asd) / 2
+    return Binned(a.f, ratio, ratio - error, ratio + error)
 
 
 def breakdown(run: Analysis) -> Chart:

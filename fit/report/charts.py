@@ -23,7 +23,6 @@ ENVIRONMENT = Environment(
     trim_blocks=True,
     lstrip_blocks=True,
 )
-WIDTH = 3.375  # inch, of which the panels have their heights
 _SHORT = 64  # numbers that are written out
 
 
@@ -46,21 +45,13 @@ def _chart(chart: Chart, description: str) -> Markup:
     document = {"beside": chart.n_across, "panels": panels, "arrays": arrays.encoded}
     # in a script, only this could end it
     data = json.dumps(document, ensure_ascii=False, separators=(",", ":")).replace("<", "\\u003c")
-    return element("chart", Markup(data), description, f"{_shape(chart):.3f}", chart.n_across > 1)
+    return element("chart", Markup(data), description, chart.n_across > 1)
 
 
 def element(kind: str, *arguments: object) -> Markup:
     """Return a figure as an element of the page, made by one of the macros of ``figures.html.jinja``."""
     module: Any = ENVIRONMENT.get_template("figures.html.jinja").module
     return Markup(getattr(module, kind)(*arguments).strip())
-
-
-def _shape(chart: Chart) -> float:
-    """Return height over width, about, so that nothing moves once the chart is there."""
-    rows = -(-len(chart.panels) // chart.n_across)
-    if chart.n_across > 1:
-        return 0.21 * rows
-    return (sum(panel.height for panel in chart.panels) + 0.3) / WIDTH
 
 
 class _Arrays:

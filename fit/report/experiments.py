@@ -1,8 +1,10 @@
 """The parts of the report on single experiments: a table of all of them, a section and figures for each."""
 
+import math
 import re
 from collections.abc import Callable, Mapping, Sequence
-from functools import cache, partial
+from dataclasses import dataclass
+from functools import cached_property, partial
 
 from markupsafe import Markup, escape
 
@@ -10,6 +12,7 @@ from fit.crosstalk import crosstalk_fit
 from fit.figures import Chart, analysis
 from fit.figures import runs as figures
 from fit.parameters import Parameter, experiment_parameters
+from fit.report import injections
 from fit.report.section import FigureSpec, Section
 from fit.report.verdict import failures, fit_warnings, symbols
 from fit.results import Fit, Results
@@ -17,6 +20,7 @@ from fit.tables import Table, fit_estimate, highlight, parameter_table, symbol
 from fit.telemetry import Telemetry
 from fit.warnings import FitWarning, masked_spans
 
+RESIDUAL_LEVEL = 1e-6  # scatter of chi2, below which it was measured on the residual itself
 _BOTH = Markup("{}<sub>max,1</sub> and {}<sub>max,2</sub>")
 _DESCRIPTION = (
     "Fit of this experiment only. Flight: stiffness at the authority of this run, with σ added without "
@@ -56,12 +60,70 @@ _RESIDUAL = (
 )
 
 
-def sections(results: Results, telemetries: Sequence[Telemetry]) -> list[Section]:
+@dataclass(frozen=True)
+class AnalysedExperiment:
+    """An experiment with its spectra and averages, which are computed once.
+
+    Attributes
+    ----------
+    run, noise : Telemetry
+        Its run, and its noise run or None.
+    parameters : mapping
+        Those of `fit.model.dynamics.residual`.
+    warnings : sequence of FitWarning
+        Of the fit, with the time spans of glitches.
+    """
+
+    run: Telemetry
+    noise: Telemetry | None
+    parameters: Mapping[str, float]
+    warnings: Sequence[FitWarning]
+
+    @cached_property
+    def of_run(self) -> analysis.Analysis:
+        """Spectra and averages of the run."""
+        return self._analyse(self.run)
+
+    @cached_property
+    def of_noise(self) -> analysis.Analysis | None:
+        """Spectra and averages of the noise run."""
+        return self._analyse(self.noise) if self.noise else None
+
+    def _analyse(self, run: Telemetry) -> analysis.Analysis:
+        return analysis.analyse(run, self.parameters, masked_spans(self.warnings, run.run))
+
+
+def analysed(results: Results, telemetries: Sequence[Telemetry]) -> dict[str, AnalysedExperiment]:
+    """Return the experiments of which there is telemetry."""
+    runs = {(t.experiment, t.kind): t for t in telemetries}
+    return {
+        name: AnalysedExperiment(run, runs.get((name, "noise")), parameters(results, run), fit.warnings)
+        for name, fit in results.experiments.items()
+        if (run := runs.get((name, "sysid")))
+    }
+
+
+def sections(results: Results, experiments: Mapping[str, AnalysedExperiment]) -> list[Section]:
     """Return a section for every experiment; without its telemetry only the fit remains."""
     return [
-        _section(i, name, results, {t.kind: t for t in telemetries if t.experiment == name})
-        for i, name in enumerate(results.experiments, start=1)
+        _section(i, name, fit, experiments.get(name))
+        for i, (name, fit) in enumerate(results.experiments.items(), start=1)
     ]
+
+
+def residual_over_noise(experiments: Mapping[str, AnalysedExperiment]) -> FigureSpec | None:
+    """Return the figure of the residual of all experiments over their noise, None without noise runs."""
+    pairs = {name: (e.of_run.asd, e.of_noise.asd) for name, e in experiments.items() if e.of_noise}
+    known = {name: (a, b) for name, (a, b) in pairs.items() if a and b}
+    if not known:
+        return None
+    return FigureSpec(
+        "residual-over-noise",
+        "Amplitude spectral densities of residuals and noise runs, and their ratio",
+        "Residuals and noise runs, mean of the experiments, and their ratio; 1 is expected. A peak at an "
+        "injected frequency is an effect missing from the model.",
+        partial(figures.residual_over_noise, known),
+    )
 
 
 def overview(results: Results, telemetries: Sequence[Telemetry]) -> Table:
@@ -77,15 +139,28 @@ def overview(results: Results, telemetries: Sequence[Telemetry]) -> Table:
                 run.t0[:10] if run else None,
                 f"{run.duration / 3600:.3g}" if run else None,
                 highlight(chi2_red, "chi2" in failures(fit)),
+                _p_value(fit),
                 fit_estimate(fit, "lambda_2"),
                 fit_estimate(fit, "omega2_2", -7),
                 _warnings(fit) or None,
             )
         )
     gain, stiffness = symbol("lambda_2"), Markup("{} [10⁻⁷ s⁻²]").format(symbol("omega2_2"))
-    head = ("Experiment", "Start", "Hours", "χ² / dof", gain, stiffness, "Warnings")
-    caption = "Each experiment fitted on its own; its name leads to its injections, spectra and residual."
+    head = ("Experiment", "Start", "Hours", "χ² / dof", "p", gain, stiffness, "Warnings")
+    caption = (
+        "Each experiment fitted on its own; its name leads to its injections, spectra and residual. p: "
+        "probability of such a χ² in the noise of the noise run."
+    )
     return Table(head, tuple(rows), caption)
+
+
+def _p_value(fit: Fit) -> str | None:
+    """Return the two-sided p-value of chi2 per degree of freedom, None where the residual sets its level."""
+    d = fit.diagnostics
+    if d is None or d.chi2_red_sigma < RESIDUAL_LEVEL:
+        return None
+    p = math.erfc(abs(d.chi2_red - 1) / d.chi2_red_sigma / math.sqrt(2))
+    return f"{p:.2f}" if p >= 0.01 else f"{p:.1g}"
 
 
 def _warnings(fit: Fit) -> Markup:
@@ -96,12 +171,13 @@ def _warnings(fit: Fit) -> Markup:
     return Markup(", ").join(texts.values())
 
 
-def _section(i: int, name: str, results: Results, runs: Mapping[str, Telemetry]) -> Section:
-    fit, run, noise = results.experiments[name], runs.get("sysid"), runs.get("noise")
+def _section(i: int, name: str, fit: Fit, experiment: AnalysedExperiment | None) -> Section:
     facts: dict[str, str] = {}
     known: list[Parameter] = []
     specs: tuple[FigureSpec, ...] = ()
-    if run:
+    tables: tuple[Table, ...] = ()
+    if experiment:
+        run, noise = experiment.run, experiment.noise
         facts = {
             "Start": f"{run.t0}, {run.duration / 3600:.3g} h",
             "Noise run": f"{noise.run}, {noise.duration / 3600:.3g} h" if noise else "none",
@@ -111,7 +187,9 @@ def _section(i: int, name: str, results: Results, runs: Mapping[str, Telemetry])
         }
         known = list(experiment_parameters(run.authority, run.alignment_epoch).values())
         slug = re.sub(r"[^A-Za-z0-9]+", "_", name)[:60]
-        specs = figure_specs(f"e{i}", slug, (run, noise), parameters(results, run), fit.warnings)
+        specs = figure_specs(f"e{i}", slug, experiment)
+        injected = injections.table(run)
+        tables = (injected,) if injected.rows else ()
     facts["χ² / degrees of freedom"] = f"{fit.chi2:.1f} / {fit.dof}"
     if fit.masked_samples is not None:
         facts["Masked samples"] = str(fit.masked_samples)
@@ -123,8 +201,8 @@ def _section(i: int, name: str, results: Results, runs: Mapping[str, Telemetry])
         _DESCRIPTION,
         facts,
         parameter_table(fit, known),
+        tables=tables,
         figures=specs,
-        is_doubtful=bool(failures(fit)),
     )
 
 
@@ -141,41 +219,24 @@ def parameters(results: Results, run: Telemetry) -> dict[str, float]:
     }
 
 
-def figure_specs(
-    stem: str,
-    slug: str,
-    runs: tuple[Telemetry, Telemetry | None],
-    parameters: Mapping[str, float],
-    warnings: Sequence[FitWarning],
-) -> tuple[FigureSpec, ...]:
+def figure_specs(stem: str, slug: str, experiment: AnalysedExperiment) -> tuple[FigureSpec, ...]:
     """Return responses, spectra, breakdown and residual.
 
     Parameters
     ----------
     stem, slug : str
         Beginning of their names, unique (letters and digits), and a readable part of them.
-    runs : tuple of Telemetry
-        The run of the experiment, and its noise run or None.
-    parameters : mapping
-        Those of `fit.model.dynamics.residual`.
-    warnings : sequence of FitWarning
-        Of the fit, with the time spans of glitches.
+    experiment : AnalysedExperiment
+        The experiment.
     """
-    run, noise = runs
-
-    def analyse(run: Telemetry) -> analysis.Analysis:
-        return analysis.analyse(run, parameters, masked_spans(warnings, run.run))
-
-    sysid_analysis = cache(partial(analyse, run))
-    noise_analysis = cache(lambda: analyse(noise) if noise else None)
-
+    run = experiment.run
     charts: dict[str, tuple[tuple[str, str], Callable[[], Chart]]] = {
         "r-{}-responses": (_RESPONSES, partial(figures.responses, run)),
         "s-{}-spectra": (
-            _SPECTRA[noise is not None],
-            lambda: figures.acceleration(sysid_analysis(), noise_analysis()),
+            _SPECTRA[experiment.noise is not None],
+            lambda: figures.acceleration(experiment.of_run, experiment.of_noise),
         ),
-        "b-{}-breakdown": (_BREAKDOWN, lambda: figures.breakdown(sysid_analysis())),
-        "t-{}-residual": (_RESIDUAL, lambda: figures.residual(run, sysid_analysis(), noise_analysis())),
+        "b-{}-breakdown": (_BREAKDOWN, lambda: figures.breakdown(experiment.of_run)),
+        "t-{}-residual": (_RESIDUAL, lambda: figures.residual(run, experiment.of_run, experiment.of_noise)),
     }
     return tuple(FigureSpec(stem + name.format(slug), *texts, draw) for name, (texts, draw) in charts.items())

@@ -68,7 +68,7 @@ def _section(joint: Fit, entries: Mapping[str, object], results: Results) -> Sec
     )
     columns = ("Parameter", "Estimate", "Truth", "Pull / σ", "From the fit / σ")
     table = Table(columns, tuple(rows), caption)
-    return Section("identified", "Parameters of the FMUs", text, tables=(table,), is_stacked=True)
+    return Section("identified", "Parameters of the FMUs", text, tables=(table,))
 
 
 def _commands(entries: Mapping[str, object]) -> Markup:

@@ -23,6 +23,7 @@ from fit.parameters import (
     misalignments,
 )
 from fit.report import stiffness as report_stiffness
+from fit.report.experiments import RESIDUAL_LEVEL
 from fit.report.section import FigureSpec, Section, single_fits, start_time
 from fit.results import FIXED, Diagnostics, Estimate, Fit, Results
 from fit.tables import (
@@ -285,11 +286,11 @@ def _residuals(results: Results) -> Section | None:
         partial(figures_mission.quantiles, diagnostics, {n: results.experiments[n].dof for n in diagnostics}),
     )
     table = Table(head, rows, caption)
-    return Section("residuals", "Residuals", text, tables=(table,), figures=(picture,), is_stacked=True)
+    return Section("residuals", "Residuals", text, tables=(table,), figures=(picture,))
 
 
 def _diagnostics(d: Diagnostics) -> tuple[Cell, ...]:
-    is_residual_level = d.chi2_red_sigma < 1e-6  # measured on the residual itself
+    is_residual_level = d.chi2_red_sigma < RESIDUAL_LEVEL
     pull = 0.0 if is_residual_level else (d.chi2_red - 1) / d.chi2_red_sigma
     excess = d.kurtosis / d.kurtosis_sigma
     return (

@@ -3,31 +3,34 @@
 import base64
 import hashlib
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from datetime import UTC, datetime
 from functools import cache
 from importlib import resources
 from pathlib import Path
 
 from jinja2 import Template
 from markupsafe import Markup
+from pydantic import BaseModel
 
 from fit.figures import COLOURS
-from fit.files import atomic
+from fit.files import atomic, documents
+from fit.forecasting import expected_fit
 from fit.parallel import one_blas_thread, parallel_map, progress_stage
 from fit.parameters import joint_names, joint_parameter
-from fit.report import charts, experiments, identification, mission, motion, noise, sampling
+from fit.report import charts, experiments, identification, mission, motion, noise, sampling, tests
 from fit.report.section import FigureSpec, Section
 from fit.report.verdict import verdict, warning_groups
 from fit.results import Results
-from fit.tables import LIMIT, parameter_table, signed
+from fit.tables import LIMIT, parameter_table, prose, signed
 from fit.telemetry import Telemetry
 
 #: In the order in which the page runs them.
 SCRIPTS = ("templates/ticks.js", "uplot/uPlot.iife.min.js", "templates/chart.js", "templates/page.js")
-N_OPEN = 4  # largest number of experiments whose sections are open
 _DIGITS = 12  # of a digest, in short
 _NESTED = ("settings", "versions")  # tables with a line for each entry
+_SHOWN = ("agreement", "false_alarms")  # in the section on tests of the data
 
 
 @one_blas_thread
@@ -57,21 +60,27 @@ def write_report(directory: Path, results: Results, telemetries: Sequence[Teleme
     is_lisa = any(run.spacecraft == "LISA" for run in telemetries)
     names = joint_names(t.alignment_epoch for t in telemetries if t.kind == "sysid")
     names = tuple(joint or ()) if is_lisa else names
-    joint_table = joint and parameter_table(joint, [joint_parameter(name) for name in names])
+    joint_table = joint and parameter_table(joint, list(map(joint_parameter, names)), _forecast(directory))
     progress_stage(0.3 if results.inertial else 0.8)
-    single_sections, sections = ([], []) if is_lisa else _pathfinder_sections(results, telemetries)
+    analysed = {} if is_lisa else experiments.analysed(results, telemetries)
+    single_sections, sections = ([], []) if is_lisa else _pathfinder_sections(results, telemetries, analysed)
+    ratio = experiments.residual_over_noise(analysed)
     sections += [*identification.sections(results, directory), *sampling.sections(results, directory)]
+    sections += tests.sections(results)
     single_tables = [section.parameters for section in single_sections if section.parameters]
     page = _template().render(
         title=_text(_entry("campaign", results, telemetries)) or directory.resolve().name,
-        facts=_summary(results, telemetries),
+        extent=_extent(results, telemetries),
+        facts=_facts(results, telemetries),
+        version=(results.provenance.versions or {}).get("lpfcosim"),
+        spacecraft="LISA" if is_lisa else "LISA Pathfinder",
+        ratio=ratio and charts.render(ratio),
         verdict=verdict(results, [joint_table] if joint_table else single_tables),
         warning_groups=warning_groups(results),
         joint=joint,
         joint_table=joint_table,
         overview=None if is_lisa else experiments.overview(results, telemetries),
         experiments=single_sections,
-        is_open=len(single_sections) <= N_OPEN,
         sections=_rendered(sections),
         runs=telemetries,
         provenance=_provenance(results, telemetries),
@@ -83,11 +92,13 @@ def write_report(directory: Path, results: Results, telemetries: Sequence[Teleme
 
 
 def _pathfinder_sections(
-    results: Results, telemetries: Sequence[Telemetry]
+    results: Results,
+    telemetries: Sequence[Telemetry],
+    analysed: Mapping[str, experiments.AnalysedExperiment],
 ) -> tuple[list[Section], list[Section]]:
     """Return the sections on single experiments, and those on all of them."""
     delta_g = noise.DeltaGCache(results)
-    single_sections = _rendered(experiments.sections(results, telemetries))
+    single_sections = _rendered(experiments.sections(results, analysed))
     progress_stage(0.8)
     motion_sections = motion.sections(results, telemetries, delta_g)
     progress_stage(1.0)
@@ -97,14 +108,16 @@ def _pathfinder_sections(
 
 def figure_specs(results: Results, telemetries: Sequence[Telemetry]) -> list[FigureSpec]:
     """Return all figures of the report but those of other commands, not yet drawn."""
-    delta_g = noise.DeltaGCache(results)
+    delta_g, analysed = noise.DeltaGCache(results), experiments.analysed(results, telemetries)
     sections = [
-        *experiments.sections(results, telemetries),
+        *experiments.sections(results, analysed),
         *motion.sections(results, telemetries, delta_g),
         *mission.sections(results, telemetries),
         *noise.sections(results, telemetries, delta_g),
     ]
-    return [spec for section in sections for spec in section.figures if isinstance(spec, FigureSpec)]
+    ratio = experiments.residual_over_noise(analysed)
+    drawn = [spec for section in sections for spec in section.figures if isinstance(spec, FigureSpec)]
+    return [*([ratio] if ratio else []), *drawn]
 
 
 def _rendered(sections: Sequence[Section]) -> list[Section]:
@@ -120,7 +133,7 @@ def _rendered(sections: Sequence[Section]) -> list[Section]:
 @cache
 def _template() -> Template:
     """Return the compiled template of the page."""
-    charts.ENVIRONMENT.globals.update(limit=LIMIT, signed=signed)
+    charts.ENVIRONMENT.globals.update(limit=LIMIT, prose=prose, signed=signed)
     return charts.ENVIRONMENT.get_template("report.html.jinja")
 
 
@@ -133,10 +146,26 @@ def _scripts() -> dict[str, object]:
     return {"scripts": [Markup(text) for text in texts], "digests": digests, "chart_style": Markup(style)}
 
 
-def _summary(results: Results, telemetries: Sequence[Telemetry]) -> dict[str, str]:
-    """Return telemetry, software and settings in a few words each, as far as they are known."""
+class _Expected(BaseModel):
+    sigma: float | None
+
+
+class _Forecast(BaseModel):
+    parameters: dict[str, _Expected] | None
+
+
+def _forecast(directory: Path) -> dict[str, float]:
+    """Return the sigmas that ``forecast.json`` in the folder expects, none without the file."""
+    if not (path := directory / "forecast.json").exists():
+        return {}
+    expected = documents.from_json(path, "a forecast", expected_fit.SCHEMA, _Forecast).parameters or {}
+    return {name: p.sigma for name, p in expected.items() if p.sigma}
+
+
+def _facts(results: Results, telemetries: Sequence[Telemetry]) -> dict[str, str]:
+    """Return date, software and settings in a few words each, as far as they are known."""
     facts = {
-        "Telemetry": _extent(results, telemetries),
+        "Report made": f"{datetime.now(UTC):%Y-%m-%d %H:%M} UTC",
         "Software": ", ".join(map(" ".join, (results.provenance.versions or {}).items())),
         "Campaign digest": _text(_entry("campaign_digest", results, telemetries))[:_DIGITS],
         "Seed": _text(_entry("seed", results, telemetries)),
@@ -149,6 +178,8 @@ def _provenance(results: Results, telemetries: Sequence[Telemetry]) -> dict[str,
     """Return all that is recorded of the origin, every fact once."""
     entries: dict[str, str] = {}
     for name, value in results.provenance.entries().items():
+        if name in _SHOWN:
+            continue
         items = value if isinstance(value, dict) and name in _NESTED else {"": value}
         entries |= {f"{name}.{key}" if key else name: _text(item) or "–" for key, item in items.items()}
     common = {name: value for name, value in _common(telemetries).items() if entries.get(name) != value}
@@ -173,6 +204,8 @@ def _text(value: object) -> str:
         return ", ".join(f"{key}: {_text(item)}" for key, item in value.items())
     if isinstance(value, list):
         return ", ".join(map(_text, value))
+    if isinstance(value, float):
+        return f"{value:.6g}"
     return value if isinstance(value, str) else json.dumps(value)
 
 

@@ -13,7 +13,7 @@ from fit.errors import InputError, shown
 from fit.figures import runs as figures_runs
 from fit.figures import stiffness as figures_stiffness
 from fit.plotting import Plot, draw
-from fit.report.experiments import figure_specs, parameters
+from fit.report.experiments import analysed, figure_specs
 from fit.report.stiffness import stiffness_points
 from fit.results import Results
 from fit.telemetry import Telemetry
@@ -65,8 +65,7 @@ def _experiment_plot(results: Results, runs: Sequence[Telemetry], experiment: st
     if experiment not in results.experiments:
         known = ", ".join(results.experiments) or "none"
         raise InputError(f"the results have no experiment {experiment!r}, expected one of {known}")
-    warnings, values = results.experiments[experiment].warnings, parameters(results, pair["sysid"])
-    specs = figure_specs("", experiment, (pair["sysid"], pair.get("noise")), values, warnings)
+    specs = figure_specs("", experiment, analysed(results, list(pair.values()))[experiment])
     (figure,) = (spec.draw() for spec in specs if spec.name.endswith(f"-{name}"))
     assert not isinstance(figure, Markup)
     return draw(figure)

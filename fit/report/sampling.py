@@ -33,6 +33,8 @@ class _Sampled(BaseModel):
     mean: float
     sigma: float
     tau: float
+    ess: float
+    r_hat: float
     shift_in_sigma: float
     shift_error: float
     sigma_ratio: float
@@ -89,7 +91,15 @@ def _chain(chain: _Chain, results: Results, folder: Path) -> Section:
             measurement(p.shift_in_sigma, p.shift_error),
             measurement(p.sigma_ratio, p.sigma_ratio_error),
         )
-        rows.append((name_head(symbol(name), name, unit_text(p.unit, exponent)), *numbers, f"{p.tau:.0f}"))
+        rows.append(
+            (
+                name_head(symbol(name), name, unit_text(p.unit, exponent)),
+                *numbers,
+                f"{p.tau:.0f}",
+                f"{p.ess:.0f}",
+                f"{p.r_hat:.3f}",
+            )
+        )
     shift = max((abs(p.shift_in_sigma) for p in chain.parameters.values()), default=0.0)
     ratio = max((abs(p.sigma_ratio - 1) for p in chain.parameters.values()), default=0.0)
     text = Markup(
@@ -112,10 +122,10 @@ def _chain(chain: _Chain, results: Results, folder: Path) -> Section:
         )
     caption = (
         "Posterior of the joint fit, sampled by Markov chain Monte Carlo: mean and standard deviation, their "
-        "distance from least squares in its σ and as a ratio, autocorrelation time in steps; each ± the "
-        "chain's own error."
+        "distance from least squares in its σ and as a ratio, autocorrelation time in steps, effective "
+        "sample size, and split R-hat (1 expected). In parentheses: error of the chain."
     )
-    head = ("Parameter", "Chain", "Shift / σ", "σ / σ least squares", "τ [steps]")
+    head = ("Parameter", "Chain", "Shift / σ", "σ / σ least squares", "τ [steps]", "ESS", "R̂")
     pictures = _picture(
         folder,
         "corner",
@@ -124,7 +134,7 @@ def _chain(chain: _Chain, results: Results, folder: Path) -> Section:
         "values where known. Axes: difference from least squares in units of its σ.",
     )
     table = Table(head, tuple(rows), caption)
-    return Section("mcmc", "Posterior sampled", text, tables=(table,), figures=pictures, is_stacked=True)
+    return Section("mcmc", "Posterior sampled", text, tables=(table,), figures=pictures)
 
 
 def _belongs(chain: _Chain, results: Results) -> bool:
@@ -170,7 +180,7 @@ def _study(study: _Study, folder: Path) -> Section:
         "Pulls of every parameter, as a density per unit of pull, and the standard normal distribution.",
     )
     table = Table(head, tuple(rows), caption)
-    return Section("montecarlo", "Monte Carlo", text, tables=(table,), figures=pictures, is_stacked=True)
+    return Section("montecarlo", "Monte Carlo", text, tables=(table,), figures=pictures)
 
 
 def _against(value: float, error: float, expected: float) -> str | Measurement:

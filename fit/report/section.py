@@ -59,9 +59,9 @@ class Section:
     tables : tuple of Table
         Other tables.
     figures : tuple of FigureSpec or RenderedFigure
-        Figures at the side of the tables, or below if `is_stacked`.
-    is_doubtful : bool
-        Whether its fit fails a test.
+        Figures below the tables.
+    summary : str
+        Of a section that is folded, the line that unfolds it.
     """
 
     anchor: str
@@ -71,8 +71,7 @@ class Section:
     parameters: ParameterTable | None = None
     tables: tuple[Table, ...] = ()
     figures: tuple[FigureSpec | RenderedFigure, ...] = ()
-    is_stacked: bool = False
-    is_doubtful: bool = False
+    summary: str = ""
 
 
 def single_fits(

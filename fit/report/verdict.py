@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from markupsafe import Markup, escape
 
 from fit.results import Fit, Results
-from fit.tables import LIMIT, ParameterTable, combination_text, symbol
+from fit.tables import LIMIT, ParameterTable, combination_text, prose, symbol
 from fit.warnings import WARNING_KINDS, FitWarning, Severity
 
 NOT_CONVERGED = FitWarning("not_converged", (), "the iteration did not converge")
@@ -17,7 +17,7 @@ NOT_CONVERGED = FitWarning("not_converged", (), "the iteration did not converge"
 class WarningItem:
     """A warning, once, with every fit it was raised in."""
 
-    message: str
+    message: Markup
     combination: Markup | None
     scopes: tuple[str, ...]
 
@@ -69,7 +69,7 @@ def warning_groups(results: Results) -> list[WarningGroup]:
         WarningGroup(
             code,
             tuple(
-                WarningItem(_sentence(message), combination, tuple(places))
+                WarningItem(prose(_sentence(message)), combination, tuple(places))
                 for (message, combination), places in scopes_of.items()
             ),
             _with_code(advice[code]),
@@ -102,13 +102,6 @@ def failures(fit: Fit) -> list[str]:
     return list(_reasons({"": fit}, Severity.FAILURE))
 
 
-def _false_alarms(budget: Mapping[str, float]) -> Markup:
-    """Return the sentence on the budget of false alarms of the tests of the data."""
-    return Markup(
-        "In clean data the tests raise any alarm with a probability of at most {:.1g}, shared by {} families."
-    ).format(sum(budget.values()), len(budget))
-
-
 def verdict(results: Results, shown: Sequence[ParameterTable]) -> Verdict:
     """Say in one line whether the fits found the truth or, without one, agree with the flight.
 
@@ -139,8 +132,6 @@ def verdict(results: Results, shown: Sequence[ParameterTable]) -> Verdict:
     if undetermined:
         sentences.append(Markup("Not determined by these data: {}.").format(symbols(undetermined)))
     sentences += doubts
-    if isinstance(budget := results.provenance.extra.get("false_alarms"), Mapping):
-        sentences.append(_false_alarms(budget))
     # Another spacecraft need not agree with the flight; a simulation has to agree with its truth.
     bad = bool(failed) or (outliers and has_truth)
     state = "bad" if bad else "doubtful" if doubts else "good" if has_truth else "open"

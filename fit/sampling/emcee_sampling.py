@@ -99,6 +99,16 @@ class Chain:
         return self.steps >= self.required_steps and agrees
 
     @property
+    def r_hat(self) -> Array:
+        """Split R-hat of the halves of all walkers, shape (P + I,); 1 for a converged chain."""
+        half = len(self.theta) // 2
+        halves = np.concatenate([self.theta[:half], self.theta[half : 2 * half]], axis=1)
+        within, between = halves.var(axis=0, ddof=1).mean(axis=0), halves.mean(axis=0).var(axis=0, ddof=1)
+        with np.errstate(invalid="ignore"):
+            ratio = np.sqrt((half - 1) / half + between / within)
+        return np.asarray(np.where(within > 0, ratio, 1.0), dtype=np.float64)
+
+    @property
     def ess(self) -> Array:
         """Effective number of independent points, shape (P + I,); infinite for fixed parameters."""
         with np.errstate(divide="ignore"):
@@ -332,9 +342,10 @@ def summary(chain: Chain, result: IRLSResult, truths: Mapping[str, float]) -> di
     """
     theta, sigma, undetermined = result.solution.theta, result.solution.sigma, result.undetermined
     samples = chain.theta.reshape(-1, chain.theta.shape[2])
+    r_hat = chain.r_hat
     parameters = {
         result.parameters[i].name: _compared(samples[:, i], theta[i], sigma[i], chain.tau[i], chain.ess[i])
-        | {"unit": result.parameters[i].unit}
+        | {"unit": result.parameters[i].unit, "r_hat": float(r_hat[i])}
         for i in range(result.shared)
         if not undetermined[i] and not result.exact[i]
     }

@@ -119,6 +119,36 @@ def described_parameter(name: str) -> Parameter | None:
     return None
 
 
+def prose(message: str) -> Markup:
+    """Return a message for the page: symbols of parameters, value(uncertainty), typeset powers and units."""
+    text = re.sub(rf"{_NUMBER} ± {_NUMBER}(?! %)", _with_uncertainty, message)
+    text = re.sub(r"(?<![\w.])(-?[\d.]+(?:\(\d+\))?)e([-+]\d+)", _power, text)
+    text = re.sub(r"(?<![\w.])-(?=\d)", "−", text)
+    text = re.sub(
+        r"\b(kg|m|s|rad|Hz|N)\^?(-?\d+(?:/2)?)\b(?! of)", lambda m: m[1] + m[2].translate(_SUPERSCRIPTS), text
+    )
+    words = re.split(r"\b([A-Za-z]\w*_\w+)\b", text)
+    return Markup().join(symbol(word) if i % 2 else escape(word) for i, word in enumerate(words))
+
+
+_NUMBER = r"(-?\d+(?:\.\d+)?(?:e[-+]\d+)?)"
+
+
+def _with_uncertainty(match: re.Match[str]) -> str:
+    value, sigma = float(match[1]), float(match[2])
+    if not sigma > 0:
+        return match[0]
+    exponent = power_of_ten(value)
+    stated = len(match[1].partition("e")[0].partition(".")[2])
+    places = max(stated if exponent == 0 else 0, decimals(sigma / 10.0**exponent))
+    digits = f"{round(sigma / 10.0**exponent * 10**places)}"
+    return f"{value / 10.0**exponent:.{places}f}({digits})" + (f"e{exponent:+d}" if exponent else "")
+
+
+def _power(match: re.Match[str]) -> str:
+    return f"{match[1]}·10{str(int(match[2])).translate(_SUPERSCRIPTS)}"
+
+
 def combination_text(combination: Mapping[str, float]) -> Markup:
     """Return a linear combination of parameters in print."""
     terms = []

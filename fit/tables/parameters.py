@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from types import MappingProxyType
 
 from markupsafe import Markup, escape
 
@@ -35,6 +36,7 @@ class ParameterRow:
     estimate: Measurement | None
     pull: float | None
     flight: Measurement | None
+    forecast: str
     constraint: str
 
 
@@ -54,18 +56,26 @@ class ParameterTable:
         """Whether the user states anything of a parameter."""
         return any(row.constraint for row in self.rows)
 
+    @property
+    def has_forecast(self) -> bool:
+        """Whether any sigma was forecast."""
+        return any(row.forecast for row in self.rows)
 
-def parameter_table(fit: Fit, parameters: Sequence[Parameter] = ()) -> ParameterTable:
+
+def parameter_table(
+    fit: Fit, parameters: Sequence[Parameter] = (), forecast: Mapping[str, float] = MappingProxyType({})
+) -> ParameterTable:
     """Return the rows of a fit: `parameters`, undetermined ones too, then its other estimates.
 
     A parameter that was neither estimated nor found indeterminable, a gain never driven say, has no row.
+    `forecast` has the expected sigmas by parameter.
     """
     has_truth = any(e.truth is not None for e in fit.parameters.values())
     undetermined = fit.undetermined
     rows = [p for p in parameters if p.name in fit.parameters or p.name in undetermined]
     names = {p.name for p in rows}
     rows += [_unlisted(name, e) for name, e in fit.parameters.items() if name not in names]
-    return ParameterTable(tuple(_row(p, fit, has_truth) for p in rows), has_truth)
+    return ParameterTable(tuple(_row(p, fit, has_truth, forecast.get(p.name)) for p in rows), has_truth)
 
 
 def _unlisted(name: str, estimate: Estimate) -> Parameter:
@@ -73,7 +83,7 @@ def _unlisted(name: str, estimate: Estimate) -> Parameter:
     return Parameter(name, estimate.value, 0.0, estimate.unit, 0.0, "", escape(name), "", "", flown=False)
 
 
-def _row(parameter: Parameter, fit: Fit, has_truth: bool) -> ParameterRow:
+def _row(parameter: Parameter, fit: Fit, has_truth: bool, forecast: float | None) -> ParameterRow:
     estimate = fit.parameters.get(parameter.name)
     exponent = power_of_ten(parameter.value if parameter.flown or estimate is None else estimate.value)
     pull, truth = None, ""
@@ -92,6 +102,7 @@ def _row(parameter: Parameter, fit: Fit, has_truth: bool) -> ParameterRow:
         estimate=fit_estimate(fit, parameter.name, exponent),
         pull=None if fit.unsound else pull,
         flight=measurement(parameter.value, parameter.sigma, exponent) if parameter.flown else None,
+        forecast=measurement(parameter.value, forecast, exponent).sigma if forecast else "",
         constraint=str((estimate and estimate.constraint) or ""),
     )
 

@@ -31,14 +31,6 @@ class Table:
     caption: str = ""
 
     @property
-    def measured(self) -> tuple[bool, ...]:
-        """Whether a column holds numbers with their sigma, length C."""
-        return tuple(
-            any(isinstance(cell, Measurement) for cell in column)
-            for column in list(zip(*self.rows, strict=True))
-        ) or (False,) * len(self.head)
-
-    @property
     def texts(self) -> list[list[str]]:
         """The cells as texts."""
         return [["" if cell is None else str(cell) for cell in row] for row in self.rows]

@@ -1,11 +1,13 @@
 """A campaign simulated, fitted and reported; results say what is missing where runs failed."""
 
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
 from fit.errors import CalibrationError, FitError
+from fit.files import atomic
 from fit.results import Fit, Results
 from fit.settings import Settings, settings
 from fit.warnings import FitWarning
@@ -18,6 +20,7 @@ from lpfcosim.workflows.arguments import check_workers
 from lpfcosim.workflows.calibration import Calibration, calibrate_into
 from lpfcosim.workflows.campaigns import CampaignLike, PathLike, as_path, resolve
 from lpfcosim.workflows.fmus import campaign_fmus
+from lpfcosim.workflows.forecast import expected_results
 from lpfcosim.workflows.progress import LOG, Progress
 from lpfcosim.workflows.simulate import failure_causes, simulate_into
 
@@ -155,6 +158,7 @@ def _fit(
     failure = _failure(directory, len(simulated.failures), len(plan.runs), causes)
     if not complete:
         raise failure
+    _write_forecast(plan, directory, fit_settings)
     try:
         fitted = calibrate_into(
             directory,
@@ -171,6 +175,15 @@ def _fit(
         raise RunError(f"{failure}; remaining experiments: {error}") from None
     failures = {name: str(error) for name, error in simulated.failures.items()}
     return CampaignRun(fitted.results, fitted.path, fitted.report, simulated.files, failures)
+
+
+def _write_forecast(plan: Campaign, directory: Path, fit_settings: Settings) -> None:
+    """Write the sigmas to expect for the report, unless a third-party FMU or the data preclude a forecast."""
+    path = directory / "forecast.json"
+    path.unlink(missing_ok=True)
+    with suppress(CalibrationError):
+        validation.check_linear_model(plan, "a forecast is", "")
+        atomic.write(path, expected_results(plan, fit_settings.without_fmu_parameters(), ()).to_json() + "\n")
 
 
 def _divide(plan: Campaign, simulated: runner.SimulationResult) -> tuple[list[Path], dict[str, str]]:

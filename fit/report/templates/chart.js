@@ -44,8 +44,6 @@ class Chart {
     if (this.beside > 1) make("p", place, `↑ ${title(y)}   → ${title(x)}`, "axes");
     this.plots = this.panels.map((panel, i) => this.plot(panel, i));
     place.classList.add("drawn");
-    this.size();
-    new ResizeObserver(() => printing || this.size()).observe(place);
   }
 
   plot(panel, i) {
@@ -94,7 +92,7 @@ class Chart {
       size: side ? (u, texts) => 16 + 6.4 * Math.max(3, ...(texts ?? []).map(t => t?.length ?? 0)) : !panel.last ? 12 : axis.dates ? 40 : 28,
     };
     if (panel.last || side) Object.assign(options, { label: title(axis), labelFont: FONT, labelSize: 18, labelGap: 2 });
-    if (axis.dates) return panel.last ? options : { ...options, values: (u, places) => places.map(() => null) };
+    if (axis.dates) return { ...options, values: (u, places, k, room, step) => panel.last ? days(places, step) : places.map(() => null) };
     const extent = u => (side ? u.bbox.height : u.bbox.width) / sharp;
     options.splits = (u, k, low, high) => axis.log ? decades(low, high) : rounds(low, high, extent(u) / (side ? 32 : this.beside > 1 ? 35 : 75));
     options.values = (u, places) => panel.last || side ? labels(axis, places, extent(u)) : places.map(() => null);
@@ -125,28 +123,27 @@ class Chart {
     const factor = panel.y.factor, i = line.indices[index];
     if (line.kind !== "points") return printed(y / factor);
     const halfWidth = (this.arrays[line.high][i] - this.arrays[line.low][i]) / 2 / factor;
-    const decimals = 1 - Math.floor(Math.log10(halfWidth)), plain = decimals >= 0 && decimals < 10;
-    const number = x => plain ? x.toFixed(decimals).replace("-", "−") : printed(x, 3);
-    const reading = line.caps && halfWidth > 0 ? `${number(y / factor)} ± ${number(halfWidth)}` : printed(y / factor);
+    const reading = line.caps && halfWidth > 0 ? concise(y / factor, halfWidth) : printed(y / factor);
     return `${reading}${line.names[i] ? `  (${line.names[i]})` : ""}`;
   }
 
   /** Room for words beyond the right end, the same for all panels. */
   get aside() {
-    return this.panels.some(p => p.marks.some(m => m.kind === "note" && m.x >= p.x.limits[1])) ? 70 : 12;
+    return this.panels.some(p => p.marks.some(m => m.kind === "note" && m.x >= p.x.limits[1])) ? 70 : 18;
   }
 
-  size() {
+  /** Give the panels the width of their place and, to fill a row, so much more height than they need. */
+  size(extra = 0) {
     const columns = this.beside > 1 ? Math.max(2, Math.min(this.beside, Math.floor(this.width() / 150))) : 1;
     this.place.style.setProperty("--beside", columns);
     const width = this.beside > 1 ? Math.floor((this.width() - 8 * (columns - 1)) / columns) : this.width();
     this.plots.forEach((plot, i) => {
       const { height, last } = this.panels[i], scale = Math.min(180, Math.max(130, width / 3.375));
-      const panelHeight = this.beside > 1 ? Math.max(110, width * .8) : height * scale + (last ? 24 : 0);
+      const panelHeight = this.beside > 1 ? Math.max(110, width * .8) : height * scale + (last ? 24 : 0) + extra / this.plots.length;
       if (plot.width !== width || plot.height !== Math.round(panelHeight)) plot.setSize({ width, height: Math.round(panelHeight) });
     });
   }
-  width() { return printing ? this.place.closest(".pair") ? 400 : 860 : Math.floor(this.place.clientWidth); }
+  width() { return printing ? this.place.closest("figure:last-child:nth-child(odd), main > :not(section)") ? 860 : 400 : Math.floor(this.place.clientWidth); }
 
   behind(u, panel) {
     const { ctx, bbox } = u;
@@ -220,7 +217,7 @@ class Chart {
       for (const key of "xy") plot.setScale(key, { min: this.panels[i][key].limits[0], max: this.panels[i][key].limits[1] });
     }));
   }
-  /** Zoom x, and y unless told otherwise, about a place of the plot. */
+  /** Zoom x, and y by default, about a place of the plot. */
   scaled(plot, factor, { left, top }, keys = ["x", "y"]) {
     for (const key of keys) {
       const { log } = this.panels[this.plots.indexOf(plot)][key], { min, max } = plot.scales[key];
@@ -298,7 +295,7 @@ function nearest(data, k, index, x, log) {
   return closest in data[0] ? closest : null;
 }
 
-/** Two fingers: tell by how much they closed, and where. */
+/** Two fingers: report by how much they closed, and where. */
 function pinched(plane, then) {
   let lastSpread = null;
   const place = ([a, b], box) => ({ left: (a.clientX + b.clientX) / 2 - box.left, top: (a.clientY + b.clientY) / 2 - box.top });
@@ -314,8 +311,19 @@ function pinched(plane, then) {
 
 const charts = new Map();
 let printing = false;
-function draw(place) {
-  if (!charts.has(place)) charts.set(place, new Chart(place));
+/** Draw what can be seen of some charts, and give those in one row of figures one height. */
+function draw(places) {
+  const visible = [...places].filter(place => place.offsetParent), rows = new Map();
+  for (const place of visible) if (!charts.has(place)) charts.set(place, new Chart(place));
+  for (const place of visible) charts.get(place).size();
+  for (const place of visible) {
+    const { parentElement: { parentElement: grid }, offsetTop } = place, row = rows.get(grid) ?? rows.set(grid, new Map()).get(grid);
+    row.set(offsetTop, [...row.get(offsetTop) ?? [], place]);
+  }
+  for (const row of [...rows.values()].flatMap(row => [...row.values()])) {
+    const heights = row.map(place => place.offsetHeight), tallest = Math.max(...heights);
+    row.forEach((place, i) => charts.get(place).beside > 1 || charts.get(place).size(tallest - heights[i]));
+  }
 }
 function recoloured() {
   palette = {};
@@ -324,14 +332,14 @@ function recoloured() {
 function onPaper(on) {
   printing = on;
   root.classList.toggle("printing", on);  // paper is light
-  if (on) document.querySelectorAll(".chart").forEach(draw);
-  for (const chart of charts.values()) chart.size();
+  draw(all);
   recoloured();
 }
-const observer = new IntersectionObserver(entries => {
-  for (const { isIntersecting, target } of entries) if (isIntersecting) { observer.unobserve(target); draw(target); }
-}, { rootMargin: "400px" });
-document.querySelectorAll(".chart").forEach(place => observer.observe(place));
+const all = document.querySelectorAll(".chart");
+draw(all);  // before anything is shown, so that nothing moves
+for (const folded of document.querySelectorAll("details")) folded.addEventListener("toggle", () => draw(folded.querySelectorAll(".chart")));
+let width = root.clientWidth;
+addEventListener("resize", () => { if (!printing && width !== root.clientWidth) { width = root.clientWidth; draw(all); } });
 matchMedia("(prefers-color-scheme: dark)").addEventListener("change", recoloured);
 addEventListener("beforeprint", () => onPaper(true));
 addEventListener("afterprint", () => onPaper(false));

@@ -13,6 +13,25 @@ function printed(value, digits = 4) {
   return (mantissa === 1 ? "10" : `${mantissa}·10`.replace("-", "−")) + superscript(exponent);
 }
 
+/** A value with its uncertainty in units of the last digits: 1.077587(34), −3.983(53)·10⁻⁷. */
+function concise(value, sigma) {
+  const decimals = 1 - Math.floor(Math.log10(sigma));
+  if (decimals >= 10) {
+    const exponent = Math.floor(Math.log10(Math.max(Math.abs(value), sigma)));
+    return `${concise(value / 10 ** exponent, sigma / 10 ** exponent)}·10${superscript(exponent)}`;
+  }
+  const places = Math.max(decimals, 0);
+  return `${value.toFixed(places).replace("-", "−")}(${Math.round(sigma * 10 ** places)})`;
+}
+
+/** Ticks of an axis of dates, ISO 8601: dates or, in steps below a day, times with the date where it changes. */
+function days(places, step) {
+  const texts = places.map(t => new Date(t * 1e3).toISOString().split("T"));
+  if (step >= 86400) return texts.map(([date]) => step >= 27 * 86400 ? date.slice(0, 7) : date);
+  const isMidnight = texts.map(([, time]) => time.startsWith("00:00")), first = isMidnight.indexOf(true);
+  return texts.map(([date, time], i) => time.slice(0, 5) + (isMidnight[i] || (i === 0 && (first < 0 || first > 2)) ? `\n${date}` : ""));
+}
+
 /** Round places between two values, about as many as are wanted, and no fewer than three. */
 function rounds(low, high, wanted) {
   let found = [];

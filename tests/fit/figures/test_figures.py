@@ -9,7 +9,7 @@ from fit.figures import analysis, series
 from fit.figures import runs as figures_runs
 from fit.figures.charts import ASD, START, TIME, Chart, Curve, Panel, Points, Span, limits
 from fit.quality import glitches
-from fit.report.experiments import figure_specs
+from fit.report.experiments import AnalysedExperiment, figure_specs
 from fit.warnings import FitWarning, TimeSpan, masked_spans
 from fit.whitening import Experiment
 from fit.whitening.run import Run
@@ -26,7 +26,7 @@ def runs():
 @pytest.fixture(scope="module")
 def charts(runs):
     """The figures of an experiment by what they show."""
-    specs = figure_specs("e1", "A", tuple(runs), TRUTH, [])
+    specs = figure_specs("e1", "A", AnalysedExperiment(*runs, TRUTH, []))
     return {drawing.name.rpartition("-")[2]: drawing.draw() for drawing in specs}
 
 
@@ -212,4 +212,7 @@ def test_a_warning_holds_where_it_masked(runs):
 def test_runs_without_noise_can_be_drawn():
     runs = tuple(pair(World(), "A", noisy=False))
     assert not np.any(runs[1].channels["o_12"])
-    assert len([drawing.draw() for drawing in figure_specs("e1", "A", runs, TRUTH, [])]) == 4
+    assert (
+        len([drawing.draw() for drawing in figure_specs("e1", "A", AnalysedExperiment(*runs, TRUTH, []))])
+        == 4
+    )

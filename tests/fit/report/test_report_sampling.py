@@ -21,6 +21,8 @@ def chain(fit, **changes):
             "mean": e.value + 0.02 * e.sigma,
             "sigma": 1.03 * e.sigma,
             "tau": 61.4,
+            "ess": 5000.4,
+            "r_hat": 1.0012,
             "shift_in_sigma": 0.02,
             "shift_error": 0.01,
             "sigma_ratio": 1.03,
@@ -55,9 +57,9 @@ def test_a_chain(tmp_path):
     )
     (grid,) = part.tables
     assert len(grid.rows) == len(joint_fit().parameters)
-    _, mean, shift, ratio, tau = grid.rows[0]
+    _, mean, shift, ratio, *of_chain = grid.rows[0]
     assert (mean.value, mean.sigma) == ("1.07760", "0.00010")
-    assert (shift.concise, ratio.concise, tau) == ("0.02(1)", "1.03(1)", "61")
+    assert (shift.concise, ratio.concise, of_chain) == ("0.02(1)", "1.03(1)", ["61", "5000", "1.001"])
     assert part.figures == ()
 
 

@@ -110,7 +110,10 @@ def test_warnings_are_told_once_with_all_fits_that_raise_them():
 def test_a_symbol_at_the_start_keeps_its_case():
     fit = replace(experiment_fit(), warnings=(FitWarning("x", (), "b_1 and b_2 differ."),))
     (matter,) = warning_groups(results(experiments={"A": fit}))
-    assert (matter.messages[0].message, matter.advice) == ("b_1 and b_2 differ.", "")
+    assert (matter.messages[0].message, matter.advice) == (
+        "b<sub>1</sub> and b<sub>2</sub> differ.",
+        "",
+    )
 
 
 def codes(tree):

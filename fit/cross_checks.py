@@ -1,0 +1,148 @@
+"""Cross-checks of a joint fit: without each experiment in turn, and along its profile likelihood.
+
+Both repeat the fit of the compressed runs, which takes milliseconds each.
+"""
+
+import csv
+from collections.abc import Sequence
+from dataclasses import dataclass
+from io import StringIO
+from os import PathLike
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from fit.errors import InputError
+from fit.fitting import delta_chi2
+from fit.results import Results, check_results, import_pandas, sound_joint
+from fit.tables import Table
+
+if TYPE_CHECKING:
+    import pandas
+
+LEVELS = (-2, -1, 1, 2)  # sigma, of a profile likelihood
+
+
+@dataclass(frozen=True, repr=False)
+class CrossCheck:
+    """A table of numbers.
+
+    Attributes
+    ----------
+    head : tuple of str, length C
+        Names of the columns; those of texts first.
+    rows : tuple of tuple, each of length C
+        Texts, and numbers in SI units.
+    """
+
+    head: tuple[str, ...]
+    rows: tuple[tuple[str | float, ...], ...]
+
+    def table(self) -> Table:
+        """Return the numbers in print."""
+        rows = [[cell if isinstance(cell, str) else f"{cell:.6g}" for cell in row] for row in self.rows]
+        return Table(self.head, tuple(map(tuple, rows)))
+
+    def to_dataframe(self) -> "pandas.DataFrame":
+        """Return a data frame.
+
+        Raises
+        ------
+        InputError
+            If pandas is not installed.
+        """
+        frame: pandas.DataFrame = import_pandas("to_dataframe").DataFrame(self.rows, columns=list(self.head))
+        return frame
+
+    def to_csv(self, path: str | PathLike[str]) -> None:
+        """Write a file of comma-separated values."""
+        text = StringIO()
+        csv.writer(text, lineterminator="\n").writerows([self.head, *self.rows])
+        Path(path).write_text(text.getvalue(), encoding="utf-8")
+
+    def __repr__(self) -> str:
+        return "\n".join(self.table().aligned())
+
+    def _repr_html_(self) -> str:
+        """Return what Jupyter shows."""
+        return str(self.table().html(2))
+
+
+def leave_one_out(results: Results) -> CrossCheck:
+    """Return the estimates of the joint fit without each experiment in turn.
+
+    Parameters
+    ----------
+    results : Results
+        Of `fit.calibrate`, with a sound joint fit of two experiments or more.
+
+    Returns
+    -------
+    CrossCheck
+        A row for each experiment and parameter: value and sigma without it, and the shift in sigmas of the
+        joint fit. Parameters that the others do not determine have no row.
+
+    Raises
+    ------
+    InputError
+        If there is no such joint fit, or the results are from a file.
+    """
+    check_results(results, "leave_one_out")
+    joint = sound_joint(results)
+    rows: list[tuple[str | float, ...]] = []
+    for experiment in results.experiments:
+        try:
+            outcome = joint.without(experiment)
+        except InputError:  # it takes no part, or is the only one
+            continue
+        for name, estimate in joint.parameters.items():
+            parameter, has_prior = outcome.params[name], joint.lmfit.params[name].user_data is not None
+            if (
+                estimate.is_exact
+                or not parameter.stderr
+                or (parameter.user_data is not None and not has_prior)
+            ):
+                continue
+            shift = (parameter.value - estimate.value) / estimate.sigma
+            rows.append((experiment, name, float(parameter.value), float(parameter.stderr), float(shift)))
+    return CrossCheck(("without", "parameter", "value", "sigma", "shift"), tuple(rows))
+
+
+def profile_likelihood(results: Results, parameters: Sequence[str] = ()) -> CrossCheck:
+    """Return where the profile likelihood of the joint fit falls by 1 and 2 sigma.
+
+    Parameters
+    ----------
+    results : Results
+        Of `fit.calibrate`, with a sound joint fit.
+    parameters : sequence of str, optional
+        By default all that vary.
+
+    Returns
+    -------
+    CrossCheck
+        A row for each parameter: its estimate, and its values at -2, -1, +1 and +2 sigma.
+
+    Raises
+    ------
+    InputError
+        If there is no such joint fit or parameter, or the results are from a file.
+    """
+    import lmfit  # slow to import
+
+    check_results(results, "profile_likelihood")
+    joint = sound_joint(results)
+    varying = [name for name in joint.lmfit.var_names if name in joint.parameters]
+    if unknown := [name for name in parameters if name not in varying]:
+        raise InputError(
+            f"profile_likelihood: {unknown[0]}: does not vary, expected one of {', '.join(varying)}"
+        )
+    limits = lmfit.conf_interval(
+        joint.minimizer, joint.lmfit, list(parameters) or varying, sigmas=[1, 2], prob_func=delta_chi2
+    )
+    rows = []
+    for name, ladder in limits.items():
+        values = [float(value) for _, value in ladder]
+        rows.append(
+            (name, values[len(values) // 2], *values[: len(values) // 2], *values[len(values) // 2 + 1 :])
+        )
+    return CrossCheck(("parameter", "value", *(f"{level:+d} sigma" for level in LEVELS)), tuple(rows))

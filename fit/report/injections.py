@@ -1,0 +1,81 @@
+"""The injections of a run, as a table: where, when, how large, at which frequencies."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from datetime import timedelta
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fit.tables import Table
+from fit.telemetry import Telemetry, utc
+
+Array = NDArray[np.float64]
+
+#: Channels that hold nothing but injections: factor and unit in print.
+CHANNELS = {
+    "guidance_o_1": (1e9, "nm"),
+    "guidance_o_12": (1e9, "nm"),
+    "f_x_1": (1e12, "pm s⁻²"),
+}
+_GAP = 10.0  # s, of zeros within one injection
+_FLOOR, _WEAKEST = 1e-3, 0.05  # of the largest value of a channel, and of the largest tone
+_MOST_TONES = 8
+
+
+@dataclass(frozen=True)
+class Injection:
+    """An injection.
+
+    Attributes
+    ----------
+    begin, end : float
+        Since the first sample of the run [s].
+    amplitude : float
+        Largest value, in the unit of the channel.
+    frequencies : tuple of float
+        Of its tones [Hz]; none of a ramp.
+    """
+
+    begin: float
+    end: float
+    amplitude: float
+    frequencies: tuple[float, ...]
+
+
+def injections(x: Array, fs: float) -> Iterator[Injection]:
+    """Yield the stretches of a channel that is zero between them, shape (N,), sampled at `fs` [Hz]."""
+    values = np.nan_to_num(x)
+    places = np.flatnonzero(np.abs(values) > _FLOOR * np.abs(values).max(initial=0.0))
+    for part in np.split(places, np.flatnonzero(np.diff(places) > _GAP * fs) + 1) if places.size else ():
+        stretch = values[part[0] : part[-1] + 1]
+        end = (part[-1] + 1) / fs
+        yield Injection(part[0] / fs, end, float(np.abs(stretch).max()), _tones(stretch, fs))
+
+
+def _tones(x: Array, fs: float) -> tuple[float, ...]:
+    """Return the frequencies of the strongest tones [Hz]; none of a signal that keeps its sign."""
+    if x.min() >= 0 or x.max() <= 0:
+        return ()
+    size = 8 * x.size
+    power = np.abs(np.fft.rfft(x * np.hanning(x.size), size))
+    inner = power[1:-1]
+    is_peak = (inner > power[:-2]) & (inner >= power[2:]) & (inner > _WEAKEST * power.max())
+    peaks = np.flatnonzero(is_peak) + 1
+    strongest = sorted(peaks, key=lambda k: -power[k])[:_MOST_TONES]
+    return tuple(float(k * fs / size) for k in sorted(strongest))
+
+
+def table(run: Telemetry) -> Table:
+    """Return a row for each injection; times are UTC."""
+    start, rows = utc(run.t0), []
+    for channel, (factor, unit) in CHANNELS.items():
+        if channel not in run.channels:
+            continue
+        for one in injections(run.channels[channel], run.fs):
+            begin, end = (start + timedelta(seconds=t) for t in (one.begin, one.end))
+            tones = ", ".join(f"{1e3 * f:.3g}" for f in one.frequencies)
+            times = (f"{begin:%Y-%m-%d %H:%M:%S}", f"{end:%H:%M:%S}")
+            rows.append((channel, *times, f"{factor * one.amplitude:.3g} {unit}", tones or "ramp"))
+    head = ("Injection into", "Start (UTC)", "End", "Amplitude", "Frequency [mHz]")
+    return Table(head, tuple(rows), "Injections, found in the recorded channels that hold nothing else.")

@@ -1,0 +1,48 @@
+"""Cross-checks of a joint fit, against fits of the telemetry that remains and Gaussian limits."""
+
+import pytest
+
+import fit
+from tests.oracles.synthetic import World, pair
+
+
+@pytest.fixture(scope="module")
+def runs():
+    return [run for name in "ABC" for run in pair(World(), name, seed=ord(name), experiment=name)]
+
+
+@pytest.fixture(scope="module")
+def results(runs):
+    return fit.calibrate(runs)
+
+
+def test_without_an_experiment_the_fit_is_that_of_the_others(runs, results):
+    check = fit.leave_one_out(results)
+    assert check.head == ("without", "parameter", "value", "sigma", "shift")
+    rows = {(row[0], row[1]): row[2:] for row in check.rows}
+    assert {name for name, _ in rows} == {"A", "B", "C"}
+    others = fit.calibrate([run for run in runs if run.experiment != "C"]).joint
+    value, sigma, shift = rows["C", "lambda_2"]
+    assert value == pytest.approx(others["lambda_2"].value, abs=0.3 * sigma)
+    assert sigma == pytest.approx(others["lambda_2"].sigma, rel=0.1)
+    joint = results.joint["lambda_2"]
+    assert shift == pytest.approx((value - joint.value) / joint.sigma)
+
+
+def test_a_profile_of_a_linear_model_is_symmetric(results, tmp_path):
+    check = fit.profile_likelihood(results, ["lambda_2", "C_2"])
+    for name, value, *ends in check.rows:
+        joint = results.joint[name]
+        assert value == pytest.approx(joint.value, abs=1e-3 * joint.sigma)
+        pulls = [(end - joint.value) / joint.sigma for end in ends]
+        assert pulls == pytest.approx([-2, -1, 1, 2], abs=0.05)
+    check.to_csv(tmp_path / "profile.csv")
+    assert (tmp_path / "profile.csv").read_text().startswith("parameter,value,-2 sigma,-1 sigma,+1 sigma")
+    assert "lambda_2" in repr(check) and "<td" in check._repr_html_()
+
+
+def test_what_cannot_be_checked_is_refused(results):
+    with pytest.raises(fit.InputError, match="profile_likelihood: lambda_9: does not vary, expected one of"):
+        fit.profile_likelihood(results, ["lambda_9"])
+    with pytest.raises(fit.InputError, match="leave_one_out: results: 1, expected Results"):
+        fit.leave_one_out(1)
