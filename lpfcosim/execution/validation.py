@@ -139,10 +139,8 @@ def check_equation(plan: Campaign, quantity: str, *equations: str) -> None:
     """
     spacecraft = model_of(plan.runs[0])
     if spacecraft.equation not in equations if equations else not spacecraft.equation:
-        raise UnavailableError(
-            f"spacecraft: {quantity} not available of runs {spacecraft.name}, as their equation of "
-            "motion has none; lpfcosim.simulate writes their telemetry"
-        )
+        advice = "" if spacecraft.equation else "; lpfcosim.simulate writes their telemetry"
+        raise UnavailableError(f"spacecraft: {quantity} not available for runs {spacecraft.name}{advice}")
 
 
 def _check_durations(plan: Campaign) -> None:

@@ -125,7 +125,7 @@ def test_run_is_simulated(campaign):
 def test_fit_without_its_equation_of_motion_is_not_available(campaign):
     plan = campaign(TEXT)
     for workflow in (forecast, design, montecarlo, run, identify):
-        with pytest.raises(UnavailableError, match="not available of runs of a probe"):
+        with pytest.raises(UnavailableError, match="not available for runs of a probe"):
             workflow(plan)
     outcome = check(plan)
     assert outcome.forecast is None
