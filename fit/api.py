@@ -15,14 +15,14 @@ from fit import pipeline
 from fit import results as fit_results
 from fit.crosstalk import euler_fit
 from fit.errors import FitError, InputError, shown
-from fit.files import refuse_links
+from fit.files import is_file, refuse_links
 from fit.fitting import user_params
 from fit.forecasting import coverage
 from fit.lisa import is_lisa, make_lisa_params
 from fit.results import Provenance, Results, check_results, results_file, telemetry_files
 from fit.settings import ParameterSettings, refuse_fmu_parameters, settings
 from fit.tables import latex, notebook  # noqa: F401 - for how what is returned shows itself
-from fit.telemetry import Telemetry, archive_conversion, read_all
+from fit.telemetry import Telemetry, archive_conversion, check_runs, read_all
 from fit.tilt_to_length import Measurements, read_measurements, ttl_fit
 
 if TYPE_CHECKING:
@@ -73,12 +73,6 @@ def _paths(paths: PathLike | Iterable[PathLike]) -> list[Path]:
     return [Path(path) for path in files]
 
 
-def _check_runs(runs: object, function: str) -> None:
-    """Refuse what is no sequence of telemetry."""
-    if not isinstance(runs, Sequence) or not all(isinstance(run, Telemetry) for run in runs):
-        raise InputError(f"{function}: runs: {shown(runs)}, expected a list of Telemetry (fit.load)")
-
-
 def make_params(runs: Sequence[Telemetry], **options: object) -> lmfit.Parameters:
     """Return the parameters of all fits, for `calibrate` and `calibrate_inertial`.
 
@@ -98,7 +92,7 @@ def make_params(runs: Sequence[Telemetry], **options: object) -> lmfit.Parameter
     InputError
         If a setting is not known, or runs have neither injections nor inertial forces to fit.
     """
-    _check_runs(runs, "make_params")
+    check_runs(runs, "make_params")
     if is_lisa(runs):
         return make_lisa_params(runs)
     return user_params.make_params(runs, settings(options, "make_params"), euler_fit.angles(runs))
@@ -131,7 +125,7 @@ def calibrate(
     FitError
         If no estimate comes out that can be trusted.
     """
-    _check_runs(runs, "calibrate")
+    check_runs(runs, "calibrate")
     if params is not None:
         if "parameters" in options:
             raise InputError("calibrate: both params and parameters, expected one of them")
@@ -175,7 +169,7 @@ def calibrate_inertial(
     FitError
         If no estimate comes out that can be trusted.
     """
-    _check_runs(runs, "calibrate_inertial")
+    check_runs(runs, "calibrate_inertial")
     check_results(results, "calibrate_inertial")
     fit_results.sound_joint(results)
     if params is not None:
@@ -246,16 +240,18 @@ def save_report(results: Results, runs: Sequence[Telemetry], folder: PathLike) -
     Raises
     ------
     InputError
-        If the folder is a symbolic link, or its folder ``figures`` is one.
+        If the folder is a file or a symbolic link, or its folder ``figures`` is a link.
     FitError
         If a number in the results is not finite, or the folder cannot be made.
     """
     from fit.report import page as report  # takes its time
 
     check_results(results, "save_report")
-    _check_runs(runs, "save_report")
+    check_runs(runs, "save_report")
     (directory,) = _paths([folder])
     refuse_links(directory)
+    if is_file(directory):
+        raise InputError(f"{directory}: is a file, expected a folder for the report")
     try:
         directory.mkdir(parents=True, exist_ok=True)
     except OSError as error:

@@ -12,6 +12,12 @@ class InputError(CalibrationError):
     """The input is wrong; the message names the file, the place in it and what was expected (exit 2)."""
 
 
+class MissingKeyError(InputError, KeyError):
+    """A mapping has no such key: a `KeyError` too, as mappings expect."""
+
+    __str__ = Exception.__str__  # that of KeyError quotes the message
+
+
 class FitError(CalibrationError):
     """The input is sound but no trustworthy estimate came out of it (exit 1)."""
 

@@ -237,6 +237,8 @@ def settings(table: Mapping[str, object] | None = None, context: str = "[fit]") 
         If a key or a value is not known.
     """
     default = documents.toml(Path(__file__).with_name("default.toml"), "settings")["fit"]
+    if not isinstance(table, Mapping | None):
+        raise InputError(f"{context}: {quote(table)}, expected a table of settings")
     table = dict(table or {})
     shared, known = table.pop("shared", {}), default.pop("shared")
     if not isinstance(shared, Mapping):

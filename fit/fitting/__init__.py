@@ -5,6 +5,7 @@ of such runs is what every fit minimises, and what a user gets for whatever else
 iteration, `irls.iterate`, moves weights, delays and parameters until nothing moves.
 """
 
+from fit.fitting.confidence import delta_chi2
 from fit.fitting.irls import Convergence, IRLSResult, iterate
 from fit.fitting.joint_fit import (
     constraints_of,
@@ -18,7 +19,6 @@ from fit.fitting.joint_model import (
     JointModel,
     Prior,
     SolvedModel,
-    delta_chi2,
     free_directions,
     lmfit_symbol,
     parameter_values,

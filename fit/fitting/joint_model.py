@@ -307,13 +307,16 @@ def check_params(params: object) -> None:
     Raises
     ------
     InputError
-        If they are no lmfit.Parameters, or a prior is no `Prior` of a finite mean and a positive sigma.
+        If they are no lmfit.Parameters, a bound is no number, or a prior is no `Prior` of a finite mean and a
+        positive sigma.
     """
     import lmfit  # slow to import
 
     if not isinstance(params, lmfit.Parameters):
         raise InputError(f"params: {type(params).__name__}, expected lmfit.Parameters (fit.make_params)")
     for name, p in params.items():
+        if np.isnan([p.min, p.max]).any():
+            raise InputError(f"params: {name}: min: {p.min}, max: {p.max}, expected numbers")
         if p.user_data is not None and not _is_valid_prior(p.user_data):
             raise InputError(
                 f"params: {name}: user_data: expected fit.Prior(mean, sigma) of a finite mean and "
@@ -356,20 +359,6 @@ def free_directions(params: lmfit.Parameters) -> Array:
         )
         p.value = value_at_fit
     return free
-
-
-def delta_chi2(best: MinimizerResult, new: MinimizerResult) -> float:
-    """Return the probability of a smaller difference of chisqr, for `lmfit.conf_interval`.
-
-    lmfit's default, an F test, is for sigmas that are known but for a factor. Those of a calibration are
-    known: the difference that one fixed parameter makes is distributed as chi^2 with one degree of freedom.
-
-    Parameters
-    ----------
-    best, new : MinimizerResult
-        The best fit, and one with a parameter fixed.
-    """
-    return float(scipy.special.chdtr(max(new.nfree - best.nfree, 1), max(new.chisqr - best.chisqr, 0.0)))
 
 
 def lmfit_symbol(name: str) -> str:

@@ -15,8 +15,8 @@ from fit.figures import stiffness as figures_stiffness
 from fit.plotting import Plot, draw
 from fit.report.experiments import analysed, figure_specs
 from fit.report.stiffness import stiffness_points
-from fit.results import Results
-from fit.telemetry import Telemetry
+from fit.results import Results, check_results
+from fit.telemetry import Telemetry, check_runs
 
 
 def responses(runs: Sequence[Telemetry], experiment: str) -> Plot:
@@ -41,8 +41,10 @@ def residual(results: Results, runs: Sequence[Telemetry], experiment: str) -> Pl
 
 def stiffness(results: Results, runs: Sequence[Telemetry], test_mass: int = 2) -> Plot:
     """Draw omega2_2 against F_max_2 (or those of test mass 1): every single experiment, and the model."""
-    if not isinstance(runs, Sequence):
-        raise InputError(f"plot: runs: {shown(runs)}, expected a list of Telemetry (fit.load)")
+    check_results(results, "plot")
+    check_runs(runs, "plot")
+    if test_mass not in (1, 2):
+        raise InputError(f"plot: test_mass: {shown(test_mass)}, expected 1 or 2")
     points = list(stiffness_points(results, runs, test_mass).values())
     if not points:
         raise InputError(
@@ -53,6 +55,7 @@ def stiffness(results: Results, runs: Sequence[Telemetry], test_mass: int = 2) -
 
 def _runs(runs: Sequence[Telemetry], experiment: str) -> dict[str, Telemetry]:
     """Return the runs of an experiment by kind, with injections at least."""
+    check_runs(runs, "plot")
     names = [run.experiment for run in runs if run.kind == "sysid"]
     if experiment not in names:
         raise InputError(f"no sysid run of {experiment!r}, expected one of {', '.join(names) or 'none'}")
@@ -61,6 +64,7 @@ def _runs(runs: Sequence[Telemetry], experiment: str) -> dict[str, Telemetry]:
 
 def _experiment_plot(results: Results, runs: Sequence[Telemetry], experiment: str, name: str) -> Plot:
     """Draw one of the figures that the report has of an experiment."""
+    check_results(results, "plot")
     pair = _runs(runs, experiment)
     if experiment not in results.experiments:
         known = ", ".join(results.experiments) or "none"

@@ -13,6 +13,7 @@ from fit.results.estimates import (
     Stiffness,
     correlation_matrix,
 )
+from fit.results.fit_record import Fit
 from fit.results.folders import (
     results_beside,
     results_file,
@@ -23,7 +24,6 @@ from fit.results.folders import (
 from fit.results.json_reader import load
 from fit.results.provenance import Provenance
 from fit.results.results import (
-    Fit,
     Results,
     check_frame,
     check_results,

@@ -10,8 +10,9 @@ from pydantic import BaseModel, Field
 from fit.errors import InputError
 from fit.files import documents, place
 from fit.results.estimates import Diagnostics, Estimate, Stiffness
+from fit.results.fit_record import Fit
 from fit.results.provenance import Provenance
-from fit.results.results import JSON_NAMES, SCHEMA, SECTIONS, SINGLE_FITS, Fit, Results
+from fit.results.results import JSON_NAMES, SCHEMA, SECTIONS, SINGLE_FITS, Results
 from fit.warnings import FitWarning
 
 _Count = Annotated[int, Field(ge=0, le=2**53)]

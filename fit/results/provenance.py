@@ -6,6 +6,7 @@ from typing import Any, get_type_hints
 
 from pydantic import TypeAdapter, ValidationError
 
+from fit.errors import MissingKeyError, shown
 from fit.telemetry import TOWARDS_2, XAxis
 
 
@@ -86,8 +87,17 @@ class Provenance(Mapping[str, object]):
         return entries
 
     def __getitem__(self, name: str) -> object:
-        """Return an entry as JSON has it."""
-        return self.entries()[name]
+        """Return an entry as JSON has it.
+
+        Raises
+        ------
+        MissingKeyError
+            If there is none of that name.
+        """
+        entries = self.entries()
+        if name not in entries:
+            raise MissingKeyError(f"no entry {shown(name)} in this provenance, known: {', '.join(entries)}")
+        return entries[name]
 
     def __iter__(self) -> Iterator[str]:
         return iter(self.entries())

@@ -1,169 +1,30 @@
 """The result of a calibration, and its writer as JSON, schema ``lpf-results/1``."""
 
+import os
 from collections.abc import Iterator, Mapping
-from dataclasses import MISSING, dataclass, field, fields, is_dataclass
+from dataclasses import MISSING, dataclass, fields, is_dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, overload
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fit.display import Displayed, latex
 from fit.errors import InputError, shown
 from fit.files import atomic
 from fit.results import data_frames
-from fit.results.estimates import Diagnostics, Estimate, SolvedModel, Stiffness, correlation_matrix
+from fit.results.fit_record import Fit, KeyedFits
 from fit.results.provenance import Provenance
 from fit.telemetry import Telemetry
 from fit.warnings import Cause, FitWarning
 
 if TYPE_CHECKING:
     import pandas
-    from lmfit import Minimizer, Parameters
-    from lmfit.minimizer import MinimizerResult
 
 SCHEMA = "lpf-results/1"
 JSON_NAMES = {"covariance_matrix": "covariance"}  # of fields that have another name in the file
-SECTIONS = ("experiments", "cross_talk", "inertial")  # of fits by key
+#: Sections of fits by key, and what the keys name.
+SECTIONS = {"experiments": "experiment", "cross_talk": "alignment epoch", "inertial": "inertial period"}
 SINGLE_FITS = ("joint", "ttl")
-
-
-@dataclass(frozen=True, repr=False)
-class Fit(Displayed):
-    """One fit.
-
-    Attributes
-    ----------
-    parameters : dict of str to Estimate
-        The determinable parameters.
-    covariance_matrix : ndarray, shape (P, P)
-        In the order of `parameters`, products of their units.
-    chi2 : float
-        At the estimate.
-    dof : int
-        Degrees of freedom.
-    converged : bool
-        Whether the iteration met its tolerance.
-    warnings : tuple of FitWarning
-        Exclusions and doubts, with their reasons.
-    masked_samples : int, optional
-        Missing samples that were masked, where they were counted.
-    diagnostics : Diagnostics, optional
-        Of the residual of a single experiment.
-    centrifugal : Estimate, optional
-        Of an inertial period: coefficient of g_Omega if it is free; 1 expected.
-    stiffness : tuple of Stiffness
-        Of a joint fit: omega2_j at the authorities of its runs, also where the parts of that sum are lost.
-    solved : SolvedModel, optional
-        The model that was fitted; no file holds it.
-    """
-
-    parameters: dict[str, Estimate]
-    covariance_matrix: NDArray[np.float64]
-    chi2: float
-    dof: int
-    converged: bool
-    warnings: tuple[FitWarning, ...]
-    masked_samples: int | None = None
-    diagnostics: Diagnostics | None = None
-    centrifugal: Estimate | None = None
-    stiffness: tuple[Stiffness, ...] = ()
-    solved: SolvedModel | None = field(default=None, compare=False)
-
-    def __getitem__(self, name: str) -> Estimate:
-        """Return the estimate of a parameter.
-
-        Raises
-        ------
-        InputError
-            If the fit has none of that name.
-        """
-        if name not in self.parameters:
-            is_undetermined = name in self.undetermined
-            why = "is not determined by these data" if is_undetermined else "is no parameter of this fit"
-            raise InputError(f"{name} {why}, expected one of {', '.join(self.parameters) or 'none'}")
-        return self.parameters[name]
-
-    @property
-    def values(self) -> dict[str, float]:
-        """The estimates by name, in their units."""
-        return {name: estimate.value for name, estimate in self.parameters.items()}
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(self.parameters)
-
-    @property
-    def lmfit(self) -> "MinimizerResult":
-        """The least-squares estimate as lmfit has it, with all that was fitted along.
-
-        ``covar`` is the true covariance, window and priors included; ``chisqr`` and ``nfree`` are those of
-        the consistency of the runs with each other.
-        """
-        return self._solved.result
-
-    @property
-    def minimizer(self) -> "Minimizer":
-        """The problem as lmfit has it: `emcee`, ``lmfit.conf_interval`` with ``prob_func=fit.delta_chi2``."""
-        return self._solved.minimizer
-
-    def refit(self, params: "Parameters") -> "MinimizerResult":
-        """Fit the compressed runs again, which takes milliseconds.
-
-        Parameters
-        ----------
-        params : lmfit.Parameters
-            Those of `lmfit`, some of them fixed, bounded or tied; priors are `fit.Prior` as ``user_data``.
-        """
-        return self._solved.refit(params)
-
-    def without(self, *runs: str) -> "MinimizerResult":
-        """Fit the compressed runs again without some of the experiments, which takes milliseconds."""
-        return self._solved.exclude(*runs)
-
-    @property
-    def _solved(self) -> SolvedModel:
-        if self.solved is None:
-            raise InputError("results from a file hold no lmfit model, expected those of fit.calibrate")
-        return self.solved
-
-    @property
-    def unsound(self) -> tuple[FitWarning, ...]:
-        """The warnings that invalidate the uncertainties; none in a sound fit."""
-        return tuple(w for w in self.warnings if w.kind.unsound)
-
-    @property
-    def undetermined(self) -> tuple[str, ...]:
-        """The parameters that the data do not determine."""
-        names = (name for w in self.warnings if w.code == "indeterminable" for name in w.parameters)
-        return tuple(dict.fromkeys(names))
-
-    @overload
-    def covariance(self, *, as_frame: Literal[False] = False) -> NDArray[np.float64]: ...
-    @overload
-    def covariance(self, *, as_frame: Literal[True]) -> "pandas.DataFrame": ...
-    def covariance(self, *, as_frame: bool = False) -> "NDArray[np.float64] | pandas.DataFrame":
-        """Return the covariance of the estimates, shape (P, P), in the order of `parameters`.
-
-        Parameters
-        ----------
-        as_frame : bool
-            As a data frame with the names of the parameters on both axes.
-
-        Raises
-        ------
-        InputError
-            If a frame is asked for and pandas is not installed.
-        """
-        return (
-            data_frames.covariance_frame(self.covariance_matrix, list(self))
-            if as_frame
-            else self.covariance_matrix
-        )
-
-    @property
-    def correlation(self) -> NDArray[np.float64]:
-        """The correlation matrix, shape (P, P), in the order of `parameters`."""
-        return correlation_matrix(self.covariance_matrix)
 
 
 @dataclass(frozen=True, repr=False)
@@ -182,6 +43,11 @@ class Results(Displayed):
         How they came about.
     ttl : Fit or None
         Tilt-to-length coupling of LISA.
+
+    Raises
+    ------
+    InputError
+        Where a section is asked for a fit that it has not.
     """
 
     joint: Fit | None
@@ -190,6 +56,10 @@ class Results(Displayed):
     inertial: dict[str, Fit]
     provenance: Provenance
     ttl: Fit | None = None
+
+    def __post_init__(self) -> None:
+        for section, kind in SECTIONS.items():
+            object.__setattr__(self, section, KeyedFits(kind, getattr(self, section)))
 
     @property
     def unsound(self) -> list[tuple[str, FitWarning]]:
@@ -231,18 +101,20 @@ class Results(Displayed):
         """
         return latex(self)
 
-    def save(self, path: str | Path) -> None:
+    def save(self, path: str | os.PathLike[str]) -> None:
         """Write the results as JSON, schema ``lpf-results/1``; see `write`.
 
         Raises
         ------
         InputError
-            If it is no path, or of a folder that does not exist.
+            If it is no path of a file, or of a folder that does not exist.
         """
-        if not isinstance(path, str | Path):
+        if not isinstance(path, str | os.PathLike) or not Path(path).name:
             raise InputError(f"save: path: {shown(path)}, expected the path of a file")
         if not Path(path).parent.is_dir():
             raise InputError(f"{path}: no such folder, expected a file in one that exists")
+        if Path(path).is_dir():
+            raise InputError(f"{path}: is a folder, expected the path of a file")
         write(self, Path(path))
 
 

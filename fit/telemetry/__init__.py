@@ -9,6 +9,7 @@ from fit.telemetry.pieces import PIECE, pieces
 from fit.telemetry.reader import (
     Telemetry,
     check_channels,
+    check_runs,
     common_x_axis,
     inertial_period,
     open_run,
@@ -33,6 +34,7 @@ __all__ = [
     "XAxis",
     "archive_conversion",
     "check_channels",
+    "check_runs",
     "check_storage",
     "common_x_axis",
     "inertial_period",

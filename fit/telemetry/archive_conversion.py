@@ -111,7 +111,7 @@ def _converted(folder: Path) -> list[Path]:
             with h5py.File(path) as file:
                 if _MARK in file.attrs:
                     continue
-        raise InputError(f"{path}: telemetry that was not converted, expected another --out than its folder")
+        raise InputError(f"{path}: telemetry that was not converted, expected another folder to convert into")
     return files
 
 

@@ -9,7 +9,7 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from fit.errors import InputError, shown
+from fit.errors import InputError, MissingKeyError, shown
 from fit.telemetry.contract import SCHEMA
 from fit.telemetry.validation import read_channel
 
@@ -39,7 +39,8 @@ class LazyChannels(Mapping[str, NDArray[np.float64]]):
 
     def __getitem__(self, name: str) -> NDArray[np.float64]:
         if name not in self._names:
-            raise KeyError(name)
+            known = ", ".join(self._names)
+            raise MissingKeyError(f"{self._path}: no channel {shown(name)}, known: {known}")
         with open_file(self._path) as file:
             if _state(self._path) != self._state:
                 raise InputError(
@@ -90,7 +91,7 @@ def open_file(path: Path, schema: str = SCHEMA) -> Iterator[h5py.File]:
         raise InputError(f"{path}: cannot be read (permission denied), expected {content}") from None
     except MemoryError as error:
         raise InputError(f"{path}: takes more memory than there is to be read, expected less") from error
-    except (OSError, RuntimeError, KeyError, ValueError, TypeError, AttributeError) as error:
+    except OSError as error:
         is_hdf5 = h5py.is_hdf5(path)
         fault = "truncated or damaged" if is_hdf5 else "not HDF5"
         advice = "" if is_hdf5 or schema != SCHEMA or path.suffix in _NO_ARCHIVES else _map_advice(path)

@@ -213,6 +213,18 @@ def read(path: Path, *, trusted: bool = False) -> Telemetry:
     return telemetry
 
 
+def check_runs(runs: object, function: str) -> None:
+    """Refuse what is no sequence of telemetry, as an argument of a function.
+
+    Raises
+    ------
+    InputError
+        If it is none.
+    """
+    if not isinstance(runs, Sequence) or not all(isinstance(run, Telemetry) for run in runs):
+        raise InputError(f"{function}: runs: {shown(runs)}, expected a list of Telemetry (fit.load)")
+
+
 def check_channels(telemetry: Telemetry) -> None:
     """Read all channels, so that their values are not refused in the middle of a fit.
 

@@ -55,13 +55,20 @@ def readable_attributes(attributes: h5py.AttributeManager) -> dict[str, object]:
     return values
 
 
+def attribute(item: h5py.Dataset, name: str, default: object = None) -> object:
+    """Return an attribute as `plain` has it, the default if there is none of a type that NumPy has."""
+    with suppress(TypeError):
+        return plain(item.attrs.get(name, default))
+    return default
+
+
 def read_time(file: h5py.File, path: Path, fs: float) -> Array:
     """Return the time axis [s], checked to be uniform with steps of 1/fs."""
     dataset = _local_dataset(file, path, "time", "time")
     if dataset is None:
         raise InputError(f"{path}: time: missing, expected the seconds since t0")
-    units = plain(dataset.attrs.get("units", "s"))
-    if units not in ("s", "sec", "second", "seconds"):
+    units = attribute(dataset, "units", "s")
+    if not isinstance(units, str) or units not in ("s", "sec", "second", "seconds"):
         raise InputError(f"{path}: time: units {shown(units)}, expected 's'")
     _check_size(dataset, path, "time", None)
     _check_plain(dataset, f"{path}: time")
@@ -92,7 +99,7 @@ def channel_units(file: h5py.File, path: Path, size: int) -> dict[str, str]:
             continue
         if expected is None and not _is_channel(dataset):
             continue
-        unit = plain(dataset.attrs.get("units", ""))
+        unit = attribute(dataset, "units", "")
         if expected is not None and not (isinstance(unit, str) and same_unit(unit, expected)):
             stated = f"units {shown(unit)}" if "units" in dataset.attrs else "without units"
             raise InputError(f"{path}: {place}: {stated}, expected {expected!r}")
@@ -104,13 +111,13 @@ def channel_units(file: h5py.File, path: Path, size: int) -> dict[str, str]:
 
 def channel_names(file: h5py.File, channels: Iterable[str]) -> dict[str, str]:
     """Return what the file says channels are, for those of which it does."""
-    names = {name: plain(file[name].attrs.get("long_name")) for name in channels}
+    names = {name: attribute(file[name], "long_name") for name in channels}
     return {name: text for name, text in names.items() if isinstance(text, str)}
 
 
 def complete_channels(file: h5py.File, channels: Iterable[str]) -> set[str]:
     """Return the channels that state that no number marks missing samples: their missing_value is NaN."""
-    stated = {name: plain(file[name].attrs.get("missing_value")) for name in channels}
+    stated = {name: attribute(file[name], "missing_value") for name in channels}
     return {name for name, value in stated.items() if isinstance(value, float) and math.isnan(value)}
 
 
@@ -225,7 +232,7 @@ def _check_plain(dataset: h5py.Dataset, place: str) -> None:
     Attributes of CF and netCDF for packed values: xarray honours them, h5py does not.
     """
     for name, neutral in _PACKING.items():
-        value = plain(dataset.attrs.get(name, neutral))
+        value = attribute(dataset, name) if name in dataset.attrs else neutral
         if isinstance(value, np.ndarray) or value != neutral:
             raise InputError(
                 f"{place}: attribute {name}: {shown(value)}, expected the values "
@@ -236,7 +243,7 @@ def _check_plain(dataset: h5py.Dataset, place: str) -> None:
 def _check_missing_value(dataset: h5py.Dataset, values: Array, place: str, start: int) -> None:
     """Refuse an attribute by which a number stands for missing samples, if there are any."""
     for name in _MISSING:
-        fill = plain(dataset.attrs.get(name, np.nan))
+        fill = attribute(dataset, name) if name in dataset.attrs else math.nan
         if isinstance(fill, float) and math.isnan(fill):
             continue
         hit = np.isin(values, np.asarray(fill, dtype=np.float64)) if isinstance(fill, float | int) else True

@@ -11,6 +11,7 @@ from lpfcosim.cli.console import Console
 from lpfcosim.cli.fit import default_folder
 from lpfcosim.errors import InputError
 from lpfcosim.execution import checksums, results_folder
+from lpfcosim.messages import grouped
 from lpfcosim.workflows import calibration as workflow
 from lpfcosim.workflows import output_paths
 
@@ -37,12 +38,16 @@ def deltag(paths: Sequence[Path], calibration: Path | None, out: Path | None, co
         "lpfcosim_version": metadata.version("lpfcosim"),
         "calibration_sha256": checksums.digest(file),
     }
-    for name, path in outputs.items():
-        with results_folder.lock(directory, alternative=True), console.stage(str(path)):
-            notes = write_delta_g(path, directory / name, results, {**origin, "source": path.name})
-        for note in notes:
-            console.warn(f"{note}")
-        console.print_line(str(directory / name))
+    notes: list[tuple[str, str]] = []
+    try:
+        for name, path in outputs.items():
+            with results_folder.lock(directory, alternative=True), console.stage(str(path)):
+                of_file = write_delta_g(path, directory / name, results, {**origin, "source": path.name})
+            notes += [(path.name, note) for note in of_file]
+            console.print_line(str(directory / name))
+    finally:
+        for sentence in grouped(notes, "file"):
+            console.warn(sentence)
 
 
 def _results_of(paths: Sequence[Path]) -> Path:

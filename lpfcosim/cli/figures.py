@@ -1,22 +1,33 @@
 """The command ``figures``: figures for print of the results in a folder."""
 
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import closing
 from pathlib import Path
 
 from fit.crosstalk import refit
 from fit.figures import Figure
+from fit.files import closest_match
 from fit.report import page
+from fit.results import load
+from fit.results import results_folder as results_folder_of
 from lpfcosim.cli.console import Console
 from lpfcosim.cosim import SimulationProgress
 from lpfcosim.errors import InputError, RunError
 from lpfcosim.execution import Executor, WorkerConfig, results_folder
 from lpfcosim.workflows import output_paths
 
+WORDS = (
+    *("responses", "spectra", "breakdown", "residual", "inertial", "stiffness", "correlation", "gain"),
+    *("leakage", "quantiles", "noise", "date", "authority"),
+)
+_WORD = re.compile("[A-Za-z]{3,}")  # shorter ones are beginnings of names
+
 
 def figures(directory: Path, names: Sequence[str], console: Console, *, jobs: int | None) -> None:
     """Draw the figures whose names contain one of `names`, all of them without any, on several processes."""
     output_paths.check_folder(directory, "figures", option="")
+    check_names(names, load(results_folder_of(directory) / "results.json").experiments, str(directory))
     with console.stage("reading"):
         results, telemetries = refit.load(directory)
     place = directory / "figures"
@@ -45,6 +56,30 @@ def figures(directory: Path, names: Sequence[str], console: Console, *, jobs: in
                     raise outcome
                 progress(done)
     console.print_line(f"{len(chosen)} figures: {place}")
+
+
+def check_names(names: Iterable[str], experiments: Iterable[str], place: str) -> None:
+    """Refuse parts of names of figures with a word that no figure has, before anything is read.
+
+    Parameters
+    ----------
+    names : iterable of str
+        Parts of names.
+    experiments : iterable of str
+        Experiments, which are parts of names as well.
+    place : str
+        Of the results, for messages.
+
+    Raises
+    ------
+    InputError
+        If there is one.
+    """
+    slugs = [slug for experiment in experiments for slug in _WORD.findall(experiment)]
+    for name in names:
+        for word in _WORD.findall(name):
+            if not any(word in known for known in (*WORDS, *slugs)):
+                raise InputError(f"{place}: no figure is called {name!r}{closest_match(word, WORDS)}")
 
 
 def _list_names(names: Iterable[str]) -> str:

@@ -251,9 +251,7 @@ def _completed_runs(
             continue  # missing or damaged
         mismatch = provenance.mismatch(attributes)
         if mismatch and not rerun:
-            raise InputError(
-                f"{path}: {mismatch}; choose another folder, or simulate it again with rerun (--rerun)"
-            )
+            raise InputError(f"{path}: {mismatch}; choose another folder, or have it simulated again (rerun)")
         if matches[name] and not mismatch:
             complete.add(name)
     return complete

@@ -4,7 +4,7 @@ A convex programme finds the best power by frequency, and a bound that no design
 sought that come near to it. `FitModel` forecasts what a fit will determine.
 """
 
-from lpfcosim.experiment_design.campaign_writer import campaign_text
+from lpfcosim.experiment_design.campaign_writer import campaign_text, is_design
 from lpfcosim.experiment_design.design_problem import with_tones
 from lpfcosim.experiment_design.fit_model import FitModel
 from lpfcosim.experiment_design.information_spectrum import information_spectrum
@@ -20,6 +20,7 @@ __all__ = [
     "campaign_text",
     "design",
     "information_spectrum",
+    "is_design",
     "limits",
     "robustness",
     "with_tones",

@@ -1,6 +1,7 @@
 """A design as a campaign file: the campaign with other tones, and the reason for each."""
 
 from collections.abc import Mapping, MutableMapping, Sequence
+from pathlib import Path
 from typing import Any
 
 import tomlkit
@@ -13,6 +14,7 @@ from lpfcosim.experiment_design.tones import Tone
 from lpfcosim.spacecraft import FS, TaperedSine
 
 _TONES = ("sine", "tapered_sine")
+_MARK = ", redesigned by lpfcosim design."  # end of a line at the top of every design
 
 
 def campaign_text(design: Design, name: str, source: str, text: str = "") -> str:
@@ -51,6 +53,12 @@ def campaign_text(design: Design, name: str, source: str, text: str = "") -> str
     return f"{head}\n{written}"
 
 
+def is_design(path: Path) -> bool:
+    """Return whether a file is an earlier design."""
+    with path.open(encoding="utf-8", errors="replace") as file:
+        return any(line.rstrip("\n").endswith(_MARK) for line in (file.readline(1000), file.readline(1000)))
+
+
 def _tables(plan: Campaign) -> dict[str, Any]:
     """Return the tables of a campaign, with the experiments of a sweep in its place."""
     tables = {key: value for key, value in plan.tables.items() if key != "sweep"}
@@ -63,7 +71,7 @@ def _head(design: Design, source: str) -> str:
     objective = design.problem.objective
     goal = "largest ratio" if objective.minimax else "geometric mean"
     lines = [
-        f"{source}, redesigned by lpfcosim design.",
+        f"{source}{_MARK}",
         "",
         f"Of the sigmas, relative to what was wanted, the {goal} is {design.value:.4g}; no tones within the",
         f"same limits on rms go below {design.optimum.bound:.4g}.",

@@ -6,6 +6,7 @@ from numbers import Real
 
 from fit.errors import shown
 from lpfcosim.errors import InputError
+from lpfcosim.workflows.progress import Progress
 
 
 def whole_number(name: str, value: object, minimum: int, expected: str) -> int:
@@ -17,6 +18,15 @@ def whole_number(name: str, value: object, minimum: int, expected: str) -> int:
     if number < minimum:
         raise InputError(f"{name}: {shown(value)}, expected {expected}")
     return number
+
+
+def check_options(progress: object, **flags: object) -> None:
+    """Refuse callbacks that are no `Progress`, and options that are neither True nor False."""
+    if not isinstance(progress, Progress):
+        raise InputError(f"progress: {shown(progress)}, expected lpfcosim.Progress")
+    for name, flag in flags.items():
+        if not isinstance(flag, bool):
+            raise InputError(f"{name}: {shown(flag)}, expected True or False")
 
 
 def check_workers(jobs: object = None, scheduler: object = None, time_limit: object = None) -> int | None:

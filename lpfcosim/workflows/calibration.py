@@ -164,7 +164,7 @@ def calibrate_into(
 
 def constrain(
     fit_settings: Settings,
-    parameters: Mapping[str, Mapping[str, object]],
+    parameters: Mapping[str, Mapping[str, object]] | None,
     band: Mapping[str, float] = MappingProxyType({}),
 ) -> Settings:
     """Return settings with other constraints of parameters, in the place of those they have.
@@ -173,7 +173,7 @@ def constrain(
     ----------
     fit_settings : Settings
         Of the fit.
-    parameters : mapping
+    parameters : mapping or None
         By parameter, as in the table ``[fit.parameters]``.
     band : mapping of str to float, optional
         End of the fitted band [Hz], ``f_max``.
@@ -183,11 +183,11 @@ def constrain(
     InputError
         If a constraint is not possible.
     """
-    if not isinstance(parameters, Mapping):
+    if not isinstance(parameters, Mapping | None):
         raise InputError(f"parameters: {shown(parameters)}, expected constraints by parameter")
     table = fit_settings.record()
     known = {name: p.model_dump(exclude_defaults=True) for name, p in fit_settings.parameters.items()}
-    table["parameters"] = {**known, **parameters}
+    table["parameters"] = {**known, **(parameters or {})}
     return settings({**table, **band}, "options")
 
 

@@ -175,8 +175,8 @@ def _forecast(plan: Campaign, fit_settings: Settings) -> tuple[Forecast | None, 
         if any(run.kind == "sysid" for run in plan.runs):
             return None, "no forecast: no sysid run takes part in the joint fit, one of 6 h or more would"
         return None, (
-            "no sysid run: run will write the telemetry and find nothing to calibrate with; fit it with "
-            "RESULTS.json of an earlier result (--calibration)"
+            "no sysid run: run will write the telemetry and find nothing to calibrate with; fit it beside an "
+            "earlier calibration"
         )
 
 

@@ -21,11 +21,12 @@ from lpfcosim.experiment_design import (
     SearchProgress,
     campaign_text,
     information_spectrum,
+    is_design,
     robustness,
 )
 from lpfcosim.experiment_design import design as find_design
 from lpfcosim.models import DELTA_G
-from lpfcosim.workflows.arguments import check_workers
+from lpfcosim.workflows.arguments import check_options, check_workers
 from lpfcosim.workflows.campaigns import CampaignLike, PathLike, as_path, is_described_by_file, resolve
 from lpfcosim.workflows.design_check import TOLERANCE, LimitRatios, verify_in_time_domain
 from lpfcosim.workflows.output_paths import check_file
@@ -246,8 +247,8 @@ def design(
     UnavailableError
         If the campaign has a third-party FMU in the loop.
     InputError
-        If the campaign is wrong, has nothing to free, or asks for what cannot be reached, or the solver is
-        not installed (``lpfcosim[design]``).
+        If the campaign is wrong, has nothing to free, or asks for what cannot be reached, if the file exists
+        and is no earlier design, or the solver is not installed (``lpfcosim[design]``).
     RunError
         If a run fails.
     """
@@ -256,7 +257,10 @@ def design(
     path = path if out is None else as_path(out, "the path of a file")
     check_file(path, loading.sources(source) if source else (), [".toml"])
     names.check_stem(path)
+    if path.is_file() and not is_design(path):
+        raise InputError(f"{path}: is there already and is no design, expected a new name")
     jobs = check_workers(jobs)
+    check_options(progress)
     if source is None and not is_described_by_file(plan):
         raise InputError("design: a campaign that was changed in Python, expected one as its file has it")
     with prefix_errors(source):

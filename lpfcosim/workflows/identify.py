@@ -24,6 +24,7 @@ from lpfcosim.execution import Executor, WorkerConfig, results_folder, runner, v
 from lpfcosim.execution import fmus as fmu_archives
 from lpfcosim.identification import ClosedLoopResponse, Target, check, targets
 from lpfcosim.models import DELTA_G
+from lpfcosim.workflows.arguments import check_options
 from lpfcosim.workflows.calibration import Calibration, calibrate_into, constrain, find_telemetry
 from lpfcosim.workflows.campaigns import CampaignLike, PathLike, as_paths, resolve
 from lpfcosim.workflows.fmus import campaign_fmus
@@ -160,12 +161,12 @@ def identify(
         If the input is wrong; if no estimate comes out that can be trusted; if an FMU fails.
     """
     plan, source = resolve(campaign)
+    check_options(progress, trusted=trusted)
     directory = output_folder(out, plan, source, "-identified" if paths else "")
     files = as_paths(paths, "the path of telemetry")
     with prefix_errors(source):
-        fit_settings = _validate(plan, trusted=trusted)
-    fit_settings = constrain(fit_settings, {} if parameters is None else parameters)
-    fmus = campaign_fmus(plan, progress)
+        plan_settings = _validate(plan, trusted=trusted)
+    fit_settings, fmus = constrain(plan_settings, parameters), campaign_fmus(plan, progress)
     with prefix_errors(source):
         interfaces = read_interfaces_of_runs(plan.runs, fmus)
         for target in targets(plan, plan.runs[0], interfaces):

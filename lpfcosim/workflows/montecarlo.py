@@ -21,7 +21,7 @@ from lpfcosim.execution import fmus as fmu_archives
 from lpfcosim.linear import ClosedLoop, saturation
 from lpfcosim.messages import grouped
 from lpfcosim.models import DELTA_G, model_of
-from lpfcosim.workflows.arguments import check_workers, whole_number
+from lpfcosim.workflows.arguments import check_options, check_workers, whole_number
 from lpfcosim.workflows.campaigns import CampaignLike, PathLike, resolve
 from lpfcosim.workflows.fmus import campaign_fmus
 from lpfcosim.workflows.montecarlo_trial import MonteCarloTask, Record
@@ -29,6 +29,7 @@ from lpfcosim.workflows.progress import LOG, Progress
 from lpfcosim.workflows.result import WorkflowResult
 from lpfcosim.workflows.run import output_folder, validate_simulation
 
+_THROUGH_FMUS = "expected a simulation through the FMUs (fmus)"
 HEAD = ("parameter", "n", "mean pull", "std", "within 1 sigma", "mean sigma")
 MAX_LOG_SIZE = 2**28  # bytes
 _Number = Annotated[float, Field(ge=-1e60, le=1e60)]
@@ -157,12 +158,12 @@ def montecarlo(
     plan, source = resolve(campaign)
     n = whole_number("n", n, 2, "two campaigns or more")
     jobs = check_workers(jobs, scheduler)
+    check_options(progress, fmus=fmus, redraw=redraw, trusted=trusted)
     directory = output_folder(out, plan, source, "-montecarlo")
-    equations = (DELTA_G,) if redraw else ()
-    fit_settings, validated = validate_simulation(plan, source, "a Monte Carlo is", *equations)
+    fit_settings, validated = validate_simulation(plan, source, "a Monte Carlo is", *[DELTA_G] * redraw)
     archives = campaign_fmus(plan, progress) if fmus else {}
-    with prefix_errors(source):
-        if not fmus:
+    if not fmus:
+        with prefix_errors(source):
             _check_spectra(plan, validated)
     task = MonteCarloTask(plan, fit_settings, redraw)
     with results_folder.lock(directory, alternative=True), ExitStack() as stack:
@@ -186,28 +187,27 @@ def _header(task: MonteCarloTask, fmus: Mapping[str, Path]) -> dict[str, object]
 
 def _check_spectra(plan: Campaign, validated: validation.Validation) -> None:
     """Refuse a campaign with what telemetry drawn from spectra does not have."""
-    validation.check_linear_model(plan, "the spectra that telemetry is drawn from are", "add fmus (--fmus)")
+    validation.check_linear_model(plan, "the spectra that telemetry is drawn from are", _THROUGH_FMUS)
     if validated.saturation:
         raise InputError(
-            f"{'; '.join(validated.saturation)}; expected fmus (--fmus), as telemetry drawn from spectra "
-            "knows no limit"
+            f"{'; '.join(validated.saturation)}; telemetry drawn from spectra knows no limit, {_THROUGH_FMUS}"
         )
     for run in plan.runs:
         others = ClosedLoop(run).limits.keys() - {*model_of(run).commands}  # validation has checked these
         for demand in saturation.demands(run, others) if others else ():
             raise InputError(
                 f"run '{run.name}': {demand.channel} is expected beyond its limit of {demand.limit:.3g}; "
-                "expected --fmus, as telemetry drawn from spectra knows no limit"
+                f"telemetry drawn from spectra knows no limit, {_THROUGH_FMUS}"
             )
     if plan.events and plan.events.noise_drift:
         raise InputError(
-            "events.noise_drift: the noise drawn from spectra keeps its level; expected fmus (--fmus), or "
-            "a campaign without it"
+            f"events.noise_drift: the noise drawn from spectra keeps its level; {_THROUGH_FMUS}, or a "
+            "campaign without it"
         )
     for name in plan.truth.gain_changes:
         raise InputError(
-            f"truth.{name}: the loop behind the spectra keeps its gains; expected fmus (--fmus), or a "
-            "campaign without it"
+            f"truth.{name}: the loop behind the spectra keeps its gains; {_THROUGH_FMUS}, or a campaign "
+            "without it"
         )
 
 

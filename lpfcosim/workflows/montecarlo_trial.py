@@ -50,7 +50,7 @@ class SpectralSimulator:
         channels = simulation.record(rng)
         for name, limit in limits.items():
             if name in channels and np.nanmax(np.abs(channels[name])) >= limit:
-                raise RunError(f"{run.name}: {name} reaches its limit, which only the FMUs know: add --fmus")
+                raise RunError(f"{run.name}: {name} reaches its limit, which only the FMUs know")
         return telemetry_of(run, channels)
 
     def _simulation(self, run: Run) -> tuple[spectral_simulation.Simulation, Mapping[str, float]]:

@@ -8,7 +8,7 @@ from lpfcosim.errors import InputError
 
 
 def check_folder(directory: Path, inside: str = "", option: str = "--out") -> None:
-    """Refuse a folder for results that is a link, or cannot be made or written to.
+    """Refuse a folder for results that is a link or the telemetry of others, or cannot be made or written to.
 
     `inside` is a folder that will be made in it; `option` names another, if the command has one.
     """
@@ -18,6 +18,10 @@ def check_folder(directory: Path, inside: str = "", option: str = "--out") -> No
     path = directory / inside
     existing = next((p for p in (path, *path.parents) if _exists(p)), None)
     advice = f"; name one with {option}" if option else ""
+    resolved = directory.resolve()
+    results = (resolved.parent / name for name in ("results.json", "campaign.toml"))
+    if resolved.name == "telemetry" and any(map(_exists, results)):
+        raise InputError(f"{directory}: holds the telemetry of results, expected a folder beside it{advice}")
     if existing and not existing.is_dir():
         raise InputError(f"{existing}: is a file, expected a folder for the results{advice}")
     if existing and not os.access(existing, os.W_OK | os.X_OK):

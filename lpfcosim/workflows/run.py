@@ -16,7 +16,7 @@ from lpfcosim.cosim import Engine
 from lpfcosim.errors import RunError, prefix_errors
 from lpfcosim.execution import results_folder, runner, validation
 from lpfcosim.messages import grouped, names
-from lpfcosim.workflows.arguments import check_workers
+from lpfcosim.workflows.arguments import check_options, check_workers
 from lpfcosim.workflows.calibration import Calibration, calibrate_into
 from lpfcosim.workflows.campaigns import CampaignLike, PathLike, as_path, resolve
 from lpfcosim.workflows.fmus import campaign_fmus
@@ -102,6 +102,7 @@ def run(
     plan, source = resolve(campaign)
     directory = output_folder(out, plan, source)
     jobs = check_workers(jobs, scheduler, time_limit)
+    check_options(progress, rerun=rerun, trusted=trusted)
     fit_settings, validated = validate_simulation(plan, source, "a calibration is")
     fmus = campaign_fmus(plan, progress)
     options = runner.RunOptions(jobs, scheduler, time_limit, engine=engine, rerun=rerun)

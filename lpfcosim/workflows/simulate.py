@@ -11,7 +11,7 @@ from lpfcosim.execution import Provenance, results_folder, runner, validation
 from lpfcosim.execution import fmus as archives
 from lpfcosim.messages import grouped
 from lpfcosim.models import model_of
-from lpfcosim.workflows.arguments import check_workers
+from lpfcosim.workflows.arguments import check_options, check_workers
 from lpfcosim.workflows.campaigns import CampaignLike, PathLike, as_path, is_described_by_file, resolve
 from lpfcosim.workflows.fmus import campaign_fmus
 from lpfcosim.workflows.progress import LOG, Progress
@@ -60,6 +60,7 @@ def simulate(
         one; if a run failed, after the others are finished.
     """
     plan, source = resolve(campaign)
+    check_options(progress, fmus=fmus, trusted=trusted)
     jobs = check_workers(jobs)
     directory = as_path(folder, "the path of a folder")
     with prefix_errors(source):

@@ -26,7 +26,7 @@ import numpy as np
 
 from fit.errors import CalibrationError
 from fit.pipeline import calibrate
-from fit.results.results import Results
+from fit.results import Results
 from fit.settings import settings
 from fit.telemetry.reader import Telemetry
 from fit.warnings import FitWarning, Severity

@@ -24,8 +24,7 @@ from fit.fitting.random_effects import weighted_mean
 from fit.forecasting import expected_fit as forecasts
 from fit.model import dynamics
 from fit.parameters import FLIGHT
-from fit.results import load
-from fit.results.results import Fit, Results
+from fit.results import Fit, Results, load
 from fit.settings import settings
 from fit.telemetry.reader import Telemetry, inertial_period, read_all
 from fit.whitening import Experiment

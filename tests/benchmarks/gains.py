@@ -13,7 +13,7 @@ import numpy as np
 import fit
 import lpfcosim
 from fit.fitting.random_effects import weighted_mean
-from fit.results.results import Results
+from fit.results import Results
 from fit.telemetry.reader import Telemetry
 from tests import ROOT
 

@@ -21,8 +21,8 @@ import numpy as np
 
 from fit.crosstalk.euler_fit import fit_period
 from fit.parameters import joint_names, joint_parameter
+from fit.results import Fit
 from fit.results.estimates import Estimate
-from fit.results.results import Fit
 from fit.telemetry import reader as telemetry
 from lpfcosim.campaign import loading
 from lpfcosim.execution import runner

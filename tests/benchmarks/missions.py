@@ -44,8 +44,8 @@ from fit.errors import CalibrationError
 from fit.forecasting import coverage
 from fit.parameters import joint_names, joint_parameter
 from fit.pipeline import calibrate
+from fit.results import Fit, Results
 from fit.results.estimates import Estimate
-from fit.results.results import Fit, Results
 from fit.settings import settings
 from fit.telemetry.reader import read_all
 from lpfcosim.campaign import Campaign, loading, montecarlo

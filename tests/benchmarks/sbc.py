@@ -38,7 +38,7 @@ from scipy.stats import norm
 from fit.errors import CalibrationError
 from fit.fitting import random_effects, width_posterior
 from fit.pipeline import calibrate
-from fit.results.results import Fit
+from fit.results import Fit
 from fit.settings import settings
 from fit.telemetry.reader import Telemetry
 from tests.benchmarks import ranks_figure

@@ -17,9 +17,9 @@ import fit
 import lpfcosim as simulator
 from fit import pipeline, settings
 from fit.deltag import write_delta_g
+from fit.results import Fit, Results
 from fit.results.estimates import Estimate
 from fit.results.provenance import Provenance
-from fit.results.results import Fit, Results
 from fit.warnings import FitWarning
 from tests import ROOT
 from tests.fit.telemetry.test_archives import as_csv, columns_of, map_of
@@ -133,34 +133,6 @@ def test_a_folder_that_cannot_be_written_is_named(folder, tmp_path, monkeypatch)
         fit.load("flight.toml", folder=folder)
 
 
-@pytest.mark.parametrize(
-    ("act", "expected"),
-    [
-        (lambda: fit.load("missing.h5"), "missing.h5: no such file"),
-        (lambda: fit.load(["missing.h5", 5]), "5: expected a path"),
-        (lambda: fit.load(5), "5: expected a path"),
-        (lambda: fit.load_results("missing.json"), "missing.json: no such file"),
-        (lambda: fit.load_results(None), "None: expected a path"),
-        (lambda: fit.calibrate([]), "no telemetry: no run of kind 'sysid'"),
-        (lambda: fit.calibrate([], estimator="magic"), 'calibrate.estimator: "magic"'),
-        (lambda: fit.calibrate([], colour="blue"), "calibrate.colour"),
-        (lambda: fit.load("a\0b"), "expected a path, which has no NUL"),
-        (lambda: fit.load("map.toml", folder=3), "3: expected a path"),
-        (lambda: fit.calibrate("telemetry"), "calibrate: runs: 'telemetry', expected a list of Telemetry"),
-        (lambda: fit.calibrate(None), "calibrate: runs: None"),
-        (lambda: fit.make_params("telemetry"), "make_params: runs: 'telemetry'"),
-        (lambda: fit.calibrate_inertial([], "results"), "calibrate_inertial: results: 'results'"),
-        (lambda: fit.save_report(None, [], "folder"), "save_report: results: None, expected Results"),
-        (lambda: fit.delta_g(None, None), "delta_g: run: None, expected Telemetry"),
-    ],
-)
-def test_what_is_wrong_is_said_in_one_sentence(act, expected):
-    with pytest.raises(fit.CalibrationError, match=re.escape(expected)) as raised:
-        act()
-    assert isinstance(raised.value, fit.InputError)
-    assert "\n" not in str(raised.value)
-
-
 # Results --------------------------------------------------------------------------------------------------
 
 
@@ -249,36 +221,6 @@ def test_a_row_of_latex_has_symbol_power_of_ten_and_unit(results):
 def test_names_of_results_are_escaped_in_latex(results):
     single = replace(results, joint=None, experiments={"A_1 & 50%": results.experiments["D"]})
     assert r"\multicolumn{3}{l}{experiment A\_1 \& 50\%} \\" in single.to_latex()
-
-
-def test_the_asd_of_white_noise_scatters_by_its_standard_error():
-    fs, pulls = 10.0, []
-    for seed in range(8):
-        x = np.random.default_rng(seed).standard_normal(20_000)
-        x[500:520] = np.nan
-        f, asd, sigma = fit.asd(x, fs)
-        pulls.append((asd - np.sqrt(2 / fs)) / sigma)
-    assert f[0] < 0.01 and f[-1] > 2.5
-    pulls = np.array(pulls)[:, -15:]  # of many averages, whose distribution is nearly normal
-    assert pulls.mean() == pytest.approx(0, abs=0.3)  # 15 x 8 values, neighbours correlated
-    assert pulls.std() == pytest.approx(1, abs=0.2)
-
-
-@pytest.mark.parametrize(
-    ("x", "fs", "message"),
-    [
-        (np.zeros((3, 100)), 1.0, "asd: x: expected one series of finite real numbers"),
-        (["a"] * 100, 1.0, "asd: x: expected one series"),
-        (np.full(100, np.inf), 1.0, "asd: x: expected one series"),
-        (np.zeros(100), 0.0, "asd: fs: 0.0, expected a positive sample rate in Hz"),
-        (np.zeros(100), "fast", "asd: 'fast': expected a series of numbers and its sample rate"),
-        (np.zeros(10), 1.0, "asd: x: fewer than 26 samples"),
-        (np.where(np.arange(100) % 2, np.nan, 1.0), 1.0, "asd: x: no stretch without missing samples"),
-    ],
-)
-def test_what_is_no_series_has_no_asd(x, fs, message):
-    with pytest.raises(fit.InputError, match=re.escape(message)):
-        fit.asd(x, fs)
 
 
 def test_saved_results_come_back(results, tmp_path):

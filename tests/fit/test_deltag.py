@@ -16,8 +16,8 @@ from fit import deltag
 from fit import results as fit_results
 from fit.deltag import write_delta_g
 from fit.errors import FitError, InputError
+from fit.results import Fit
 from fit.results.estimates import Estimate
-from fit.results.results import Fit
 from fit.warnings import FitWarning
 from lpfcosim import cli
 from tests.oracles.rotation_synthetic import BASELINE, World, calibration, run, write
@@ -319,7 +319,7 @@ def test_command(recorded, tmp_path, monkeypatch, capfd):
     assert command(monkeypatch, "deltag", "data", "--calibration", "R.json") == 0
     captured = capfd.readouterr()
     assert captured.out.strip() == "data-deltag/a-deltag.h5"
-    assert "warning: delta_g_SC is left out" in captured.err
+    assert "warning: file a.h5: delta_g_SC is left out" in captured.err
     assert [p.name for p in (tmp_path / "data").iterdir()] == ["a.h5"]
     with xarray.open_dataset("data-deltag/a-deltag.h5", engine="h5netcdf") as file:
         assert file.attrs["source"] == "a.h5"

@@ -7,7 +7,7 @@ from functools import cache
 
 from fit.errors import CalibrationError, InputError
 from fit.pipeline import calibrate
-from fit.results.results import Fit
+from fit.results import Fit
 from tests.hostile.catalogue import Fault
 from tests.hostile.spoiling import Runs, clean
 from tests.oracles.thirteen import PLANS, TRUTH, plant_of

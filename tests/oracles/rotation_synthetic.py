@@ -13,9 +13,9 @@ from pathlib import Path
 import numpy as np
 
 from fit.parameters import joint_names, joint_parameter
+from fit.results import Fit, Results
 from fit.results.estimates import Estimate
 from fit.results.provenance import Provenance
-from fit.results.results import Fit, Results
 from fit.telemetry.reader import Telemetry
 from tests.oracles.contract_file import write_contract_file
 

@@ -9,9 +9,9 @@ import pytest
 from scipy.stats import chi2 as chi2_distribution
 
 import fit
+from fit.results import Fit, Results
 from fit.results.estimates import Estimate
 from fit.results.provenance import Provenance
-from fit.results.results import Fit, Results
 from fit.warnings import FitWarning
 from tests.oracles.contract_file import write_contract_file
 

@@ -13,8 +13,8 @@ from fit.crosstalk.attenuation import (
     iv_corrections,
     iv_parameters,
 )
+from fit.results import Fit
 from fit.results.estimates import Estimate
-from fit.results.results import Fit
 
 NAMES = ("lambda_2", "delta_ifo_1", "delta_ifo_2")
 EXPECTED = np.array([0.02, np.nan, 0.02])  # shift of least squares

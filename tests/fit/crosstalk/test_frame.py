@@ -15,9 +15,8 @@ from fit.errors import InputError
 from fit.parameters import joint_names, joint_parameter
 from fit.pipeline import calibrate, calibrate_inertial
 from fit.report import page
-from fit.results import load
+from fit.results import Fit, load, write
 from fit.results.estimates import Estimate
-from fit.results.results import Fit, write
 from fit.telemetry.reader import read_all
 from lpfcosim.campaign import loading
 from lpfcosim.execution.telemetry_file import attributes

@@ -14,9 +14,9 @@ from fit.crosstalk.crosstalk_fit import (
     without_euler,
 )
 from fit.pipeline import _separated
+from fit.results import Fit, Results
 from fit.results.estimates import Estimate
 from fit.results.provenance import Provenance
-from fit.results.results import Fit, Results
 
 
 def fit(values, sigmas, correlation=0.0):

@@ -6,9 +6,9 @@ import numpy as np
 
 from fit.identification import comparison
 from fit.model.sharing import Sharing
+from fit.results import Fit, Results
 from fit.results.estimates import Estimate
 from fit.results.provenance import Provenance
-from fit.results.results import Fit, Results
 from fit.settings import settings
 from fit.warnings import FitWarning
 from tests.oracles import thirteen

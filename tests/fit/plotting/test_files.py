@@ -15,8 +15,8 @@ from fit.figures.charts import TIME, Chart, Curve, Panel
 from fit.figures.gain import GainPoint
 from fit.quality.noise_tests import NORMAL_SCORES
 from fit.report.experiments import figure_specs
+from fit.results import Fit
 from fit.results.estimates import Diagnostics, Estimate
-from fit.results.results import Fit
 from tests.oracles.synthetic import World, of_run, pair
 
 TRUTH = of_run(World(), "A")

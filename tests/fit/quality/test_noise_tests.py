@@ -8,9 +8,8 @@ import pytest
 from fit.fitting.joint_fit import fit_experiment
 from fit.quality.fit_quality import as_fit
 from fit.quality.noise_tests import NORMAL_SCORES, WhitenedResidual, diagnose, diagnostics
-from fit.results import load
+from fit.results import Results, load, write
 from fit.results.provenance import Provenance
-from fit.results.results import Results, write
 from fit.spectra import windowing
 from fit.spectra.noise_psd import fit_noise
 from fit.whitening import Experiment, whitened_run

@@ -19,9 +19,9 @@ from fit.figures.colours import COLOURS
 from fit.forecasting.coverage import with_truth
 from fit.parameters import FLIGHT, joint_names
 from fit.report.page import figure_specs, write_report
+from fit.results import Fit, Results
 from fit.results.estimates import Estimate, Stiffness
 from fit.results.provenance import Provenance
-from fit.results.results import Fit, Results
 from fit.tables import numbers, parameter_table
 from fit.telemetry.reader import read
 from fit.warnings import FitWarning

@@ -16,9 +16,9 @@ from fit.quality.noise_tests import NORMAL_SCORES
 from fit.report import charts
 from fit.report import mission as report_mission
 from fit.report.page import write_report
+from fit.results import Fit, Results
 from fit.results.estimates import Diagnostics, Estimate
 from fit.results.provenance import Provenance
-from fit.results.results import Fit, Results
 from fit.warnings import FitWarning
 from tests.oracles.synthetic import AUTHORITIES, World, telemetry
 

@@ -14,8 +14,8 @@ from fit.report import noise as report_noise
 from fit.report import page as report
 from fit.report.motion import sections
 from fit.report.noise import DeltaGCache
+from fit.results import Fit
 from fit.results.estimates import Estimate
-from fit.results.results import Fit
 from fit.telemetry.reader import read_all
 from fit.warnings import FitWarning, TimeSpan
 from tests.oracles import rotation_synthetic as synthetic

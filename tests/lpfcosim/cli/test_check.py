@@ -119,7 +119,7 @@ def test_what_rests_on_our_loop_is_not_available_with_another_one(lpfcosim, thir
         assert reason in document["unavailable"]
     for command, advice in (
         ("design", ""),
-        ("montecarlo", "add fmus (--fmus)"),
+        ("montecarlo", "expected a simulation through the FMUs (fmus)"),
         ("forecast", "lpfcosim run"),
     ):
         status, out, err = lpfcosim(command, path)
@@ -216,7 +216,9 @@ def test_a_command_at_its_limit_for_a_while_is_doubtful(lpfcosim, campaign, tmp_
     assert line in lpfcosim("forecast", path)[2].splitlines()
     status, _, err = lpfcosim("montecarlo", path, "-n", 2, "--out", "out")
     assert status == 2
-    assert sentence(err).endswith("expected fmus (--fmus), as telemetry drawn from spectra knows no limit")
+    assert sentence(err).endswith(
+        "telemetry drawn from spectra knows no limit, expected a simulation through the FMUs (fmus)"
+    )
 
 
 @pytest.mark.parametrize("amplitude", ["1 um", "3 um"])

@@ -73,6 +73,23 @@ def test_check_as_json(lpfcosim, quickstart):
     assert (told["valid"], told["unavailable"]) == (True, None)
 
 
+def test_constraints_of_the_fit_are_printed(lpfcosim, quickstart, tmp_path):
+    parameters = (
+        "[fit.parameters]\nC_2 = { vary = false }\nlambda_2 = { prior = [1.0776, 1e-5] }\n"
+        "SuspensionControl.f_p = { vary = false, value = 5.5e-3 }\n"
+    )
+    (tmp_path / "mine.toml").write_text(quickstart.read_text(encoding="utf-8") + parameters, encoding="utf-8")
+    stated = "with constraints: C_2 fixed at its flight value; lambda_2 with the prior 1.0776 ± 1e-05"
+    status, out, err = lpfcosim("forecast", "mine.toml")
+    assert status == 0, err
+    assert stated in out.splitlines()
+    assert re.search("C_2 +s +fixed .* fixed *$", out, flags=re.MULTILINE)
+    _, out, _ = lpfcosim("check", "mine.toml")  # identify fixes the parameter of an FMU
+    assert f"{stated}; SuspensionControl.f_p fixed at 0.0055" in out.splitlines()
+    _, out, _ = lpfcosim("check", "mine.toml", "--json")
+    assert json.loads(out)["constraints"][0] == "C_2 fixed at its flight value"
+
+
 def test_check_of_the_whole_spacecraft_has_all_loops(lpfcosim, tmp_path):
     (tmp_path / "one.toml").write_text(
         f'{HEAD}[spacecraft]\n{ONE_EXPERIMENT}duration = "3 h"\n{TONES}', encoding="utf-8"

@@ -6,6 +6,7 @@ import shutil
 import pytest
 
 import fit
+from lpfcosim.cli import figures
 from tests.oracles import synthetic
 from tests.oracles.contract_file import write_contract_file
 
@@ -58,10 +59,19 @@ def test_without_names_all_are_drawn(lpfcosim, fitted):
     shutil.rmtree(fitted / "figures")
 
 
+def test_words_of_names_are_known():
+    figures.check_names(ALL, ["D"], "results")
+
+
 def test_names_that_no_figure_has(lpfcosim, fitted, tmp_path):
     status, _, err = lpfcosim("figures", fitted, "nonsense")
     assert status == 2
-    assert "no figure is called 'nonsense', expected a part of e1r-D-responses, e1s-D-spectra" in err
+    assert "no figure is called 'nonsense', did you mean \"noise\"? (known: authority, breakdown" in err
+    assert lpfcosim("figures", fitted, "spectar")[2].startswith(
+        f"lpfcosim: error: {fitted}: no figure is called 'spectar', did you mean \"spectra\""
+    )  # nothing is read
+    _, _, err = lpfcosim("figures", fitted, "inertial")
+    assert "no figure is called 'inertial', expected a part of e1r-D-responses, e1s-D-spectra" in err
     assert not (fitted / "figures").exists()
     status, _, err = lpfcosim("figures", tmp_path)
     assert status == 2

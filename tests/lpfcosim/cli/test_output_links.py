@@ -8,8 +8,8 @@ import fit
 import lpfcosim as package
 from fit.errors import InputError
 from fit.files.outputs import refuse_links
+from fit.results import Results
 from fit.results.provenance import Provenance
-from fit.results.results import Results
 from tests.campaign_text import SHORT_PLAN
 from tests.lpfcosim.cli.test_cli import one_sentence
 

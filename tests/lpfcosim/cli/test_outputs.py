@@ -21,6 +21,9 @@ def mine(tmp_path, monkeypatch):
     (tmp_path / "base.toml").write_text(base, encoding="utf-8")
     (tmp_path / "mine.toml").write_text('extends = "base.toml"\nname = "mine"\n', encoding="utf-8")
     (tmp_path / "file").touch()
+    (tmp_path / "notes.toml").touch()
+    (tmp_path / "older" / "telemetry").mkdir(parents=True)
+    (tmp_path / "older" / "results.json").touch()
     (tmp_path / "folder.toml").mkdir()
     (tmp_path / "folder.fmu").mkdir()
     (tmp_path / "out").mkdir()
@@ -37,6 +40,9 @@ def mine(tmp_path, monkeypatch):
         ("design mine.toml --out mine.toml", "mine.toml: is read by this command, expected"),
         ("design mine.toml --out base.toml", "base.toml: is read by this command, expected"),
         ("design mine.toml --out out/mine.toml", "out/mine.toml: is read by this command, expected"),
+        ("design mine.toml --out notes.toml", "notes.toml: is there already and is no design, expected"),
+        ("run mine.toml --out older/telemetry", "older/telemetry: holds the telemetry of results, expected"),
+        ("fit mine.toml --out older/telemetry", "older/telemetry: holds the telemetry of results, expected"),
         ("design mine.toml --out a.txt", "a.txt: expected a name that ends in .toml, such as a.toml"),
         ("design mine.toml --out con.toml", 'con.toml: "con" cannot name a file on every system'),
         ("design mine.toml --figure a.gif", "a.gif: expected a name that ends in .svg, .pdf, .png"),

@@ -1,0 +1,113 @@
+"""Arguments that cannot be right: each is refused with an `InputError` of one sentence, before any work."""
+
+import math
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import fit
+import lpfcosim
+from fit.results import Estimate, Fit, Provenance, Results
+from tests import ROOT
+
+FIT = Fit({"C_2": Estimate(0.2, 0.1, "s")}, np.array([[0.01]]), 1.0, 1, True, ())
+RESULTS = Results(FIT, {"A": FIT}, {}, {}, Provenance())
+
+
+@pytest.mark.parametrize(
+    ("act", "expected"),
+    [
+        (lambda: fit.load("missing.h5"), "missing.h5: no such file"),
+        (lambda: fit.load(["missing.h5", 5]), "5: expected a path"),
+        (lambda: fit.load(5), "5: expected a path"),
+        (lambda: fit.load_results("missing.json"), "missing.json: no such file"),
+        (lambda: fit.load_results(None), "None: expected a path"),
+        (lambda: fit.calibrate([]), "no telemetry: no run of kind 'sysid'"),
+        (lambda: fit.calibrate([], estimator="magic"), 'calibrate.estimator: "magic"'),
+        (lambda: fit.calibrate([], colour="blue"), "calibrate.colour"),
+        (lambda: fit.load("a\0b"), "expected a path, which has no NUL"),
+        (lambda: fit.load("map.toml", folder=3), "3: expected a path"),
+        (lambda: fit.calibrate("telemetry"), "calibrate: runs: 'telemetry', expected a list of Telemetry"),
+        (lambda: fit.calibrate(None), "calibrate: runs: None"),
+        (lambda: fit.make_params("telemetry"), "make_params: runs: 'telemetry'"),
+        (lambda: fit.calibrate_inertial([], "results"), "calibrate_inertial: results: 'results'"),
+        (lambda: fit.save_report(None, [], "folder"), "save_report: results: None, expected Results"),
+        (lambda: fit.delta_g(None, None), "delta_g: run: None, expected Telemetry"),
+        (lambda: fit.delta_chi2(1, 2), "delta_chi2: 1, expected an lmfit MinimizerResult"),
+        (lambda: RESULTS.experiments["Z"], "no experiment 'Z' in these results, known: A"),
+        (lambda: RESULTS.inertial[1], "no inertial period 1 in these results, known: none"),
+        (lambda: RESULTS.cross_talk[None], "no alignment epoch None in these results"),
+        (lambda: RESULTS.provenance["Z"], "no entry 'Z' in this provenance"),
+        (lambda: RESULTS.experiments["A"]["Z"], "Z is no parameter of this fit"),
+        (lambda: RESULTS.experiments["A"][[]], "[] is no parameter of this fit"),
+        (lambda: RESULTS.save(None), "save: path: None, expected the path of a file"),
+        (lambda: RESULTS.save(""), "save: path: '', expected the path of a file"),
+        (lambda: RESULTS.save("/"), "save: path: '/', expected the path of a file"),
+        (lambda: RESULTS.save(ROOT), "is a folder, expected the path of a file"),
+        (lambda: RESULTS.save("no/such/folder/x.json"), "no such folder, expected a file in one that exists"),
+        (lambda: fit.save_report(RESULTS, [], __file__), "is a file, expected a folder"),
+        (lambda: fit.plot.spectra(None, [], "A"), "plot: results: None, expected Results"),
+        (lambda: fit.plot.spectra(RESULTS, None, "A"), "plot: runs: None, expected a list of Telemetry"),
+        (lambda: fit.plot.responses(["x"], "A"), "plot: runs: ['x'], expected a list of Telemetry"),
+        (lambda: fit.plot.responses([], []), "no sysid run of [], expected one of none"),
+        (lambda: fit.plot.stiffness(1, []), "plot: results: 1, expected Results"),
+        (lambda: fit.plot.stiffness(RESULTS, None), "plot: runs: None, expected a list of Telemetry"),
+        (lambda: fit.plot.stiffness(RESULTS, [], 3), "plot: test_mass: 3, expected 1 or 2"),
+        (lambda: fit.plot.stiffness(RESULTS, []), "no experiment determines omega2_2 alone"),
+    ],
+)
+def test_wrong_arguments_are_refused_in_one_sentence(act, expected):
+    with pytest.raises(fit.InputError, match=re.escape(expected)) as raised:
+        act()
+    assert "\n" not in str(raised.value)
+
+
+def test_sections_of_results_are_mappings():
+    assert RESULTS.experiments == {"A": FIT} and RESULTS.experiments.get("Z") is None
+    assert "Z" not in RESULTS.provenance and RESULTS.provenance.get("Z", 1) == 1
+    with pytest.raises(KeyError):
+        _ = RESULTS.experiments["Z"]
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"truth": {"C_2": math.nan}}, "campaign.truth.C_2: nan, expected a finite number"),
+        ({"truth": {"lambda_2": math.inf}}, "campaign.truth.lambda_2: inf, expected a finite number"),
+        ({"truth": {"C_2": "x"}}, "campaign.truth.C_2: 'x', expected a number"),
+        ({"truth": {"delta_ifo": {1: math.nan}}}, "campaign.truth.delta_ifo[1]: nan, expected a finite"),
+        ({"truth": None}, "campaign.truth: None, expected Truth"),
+        ({"seed": "x"}, "campaign.seed: 'x', expected an integer"),
+        ({"seed": True}, "campaign.seed: True, expected an integer"),
+        ({"t0": "x"}, "campaign: t0: 'x', expected a date and time of ISO 8601"),
+        ({"experiments": ()}, "campaign.experiments: none, expected at least one"),
+        ({"experiments": "AB"}, "campaign.experiments: 'AB', expected a list"),
+        ({"experiments": (1,)}, "campaign.experiments[0]: 1, expected Experiment"),
+        ({"fit": 3}, "fit: 3, expected a table of settings"),
+    ],
+)
+@pytest.mark.parametrize("function", [lpfcosim.forecast, lpfcosim.check])
+def test_a_campaign_with_wrong_values_is_refused(quickstart, function, change, message):
+    campaign = lpfcosim.load_campaign(quickstart)
+    for name, value in change.items():
+        if isinstance(value, dict):
+            value = replace(getattr(campaign, name), **value)
+        campaign = replace(campaign, **{name: value})
+    with pytest.raises(fit.InputError, match=re.escape(message)):
+        function(campaign)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"fmus": "no"}, "fmus: 'no', expected True or False"),
+        ({"trusted": 1}, "trusted: 1, expected True or False"),
+        ({"progress": None}, "progress: None, expected lpfcosim.Progress"),
+    ],
+)
+def test_options_of_other_types_are_refused(quickstart, tmp_path, options, message):
+    with pytest.raises(fit.InputError, match=re.escape(message)):
+        lpfcosim.simulate(quickstart, tmp_path / "folder", **options)
+    assert not (tmp_path / "folder").exists()
