@@ -22,7 +22,7 @@ from fit.consistency.outlier_runs import (
     leverage,
 )
 from fit.consistency.run_scores import RunScore, run_score
-from fit.consistency.scatter import estimate_scatter
+from fit.consistency.scatter import estimate_scatter, scattering_parameters
 from fit.errors import FitError
 from fit.fitting import IRLSResult, fit_joint, run_estimate
 from fit.model import Sharing
@@ -193,7 +193,7 @@ def _leave_out(
         if candidates and not scatter:
             estimate = estimate_scatter(test, candidates)
             if estimate and estimate.significant and (not bad.runs or estimate.log_likelihood > bad.log_odds):
-                scatter = estimate.parameters
+                scatter = scattering_parameters(candidates)
                 continue
         probabilities |= bad.probabilities
         if not bad.runs:

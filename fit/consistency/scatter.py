@@ -53,10 +53,20 @@ class Scatter:
         """Whether it is more than noise makes of none."""
         return self.p < P_SCATTER
 
-    @property
-    def parameters(self) -> list[str]:
-        """Names of the parameters."""
-        return [name for kind in self.kinds for name in kind.parameters]
+
+def scattering_parameters(names: Sequence[str]) -> list[str]:
+    """Return the gains and the delays that a fit gives random effects once either of them scatters.
+
+    A width that the data leave open widens sigmas by no more than its posterior allows. Without it, a delay
+    that one or two runs determine would have the sigma of noise alone.
+
+    Parameters
+    ----------
+    names : sequence of str
+        Parameters that have one value in all runs, and may scatter.
+    """
+    effects = [effect for effect in (GAIN, DELAY) if {*effect.parameters} <= {*names}]
+    return [name for effect in effects for name in effect.parameters]
 
 
 def estimate_scatter(test: ConsistencyTest, names: Sequence[str]) -> Scatter | None:

@@ -64,7 +64,7 @@ def test_scatter_of_gains():
     joint, left_out = consistent(experiments(worlds=late))
     assert joint.data_driven
     assert not left_out
-    assert set(joint.scatter) == {"lambda_1", "lambda_2"}
+    assert set(joint.scatter) == {"lambda_1", "lambda_2", "C_1", "C_2"}
     value, sigma = joint.scatter["lambda_2"]
     assert abs(value - 1.0776 * np.std(gains, ddof=1)) < 2 * sigma
     assert max(abs(p) for p in pulls(joint, vars(World())).values()) < 4.5

@@ -51,7 +51,7 @@ def test_more_than_glitches_would_make_is_left_in(quiet_day):
     often = [(t, f, v) for t, f, v in zip(np.linspace(9e3, 8e4, 40), 200 * 5 ** rng.random(40),
                                           2e-11 * rng.standard_normal(40), strict=True)]  # fmt: skip
     fit = fitted(with_glitches(quiet_day[0], often))
-    assert any("none is taken out" in w.message for w in fit.warnings)
+    assert any("none is subtracted" in w.message for w in fit.warnings)
 
 
 def test_missing_samples_are_masked(three_days, three_day_fit, quiet_day):
