@@ -33,6 +33,7 @@ if TYPE_CHECKING:
     from fit.fitting import Prior, delta_chi2
     from fit.report import plot
     from fit.results import Estimate, Fit, Results
+    from fit.sampling.inference_data import inference_data
     from fit.spectra import asd
     from fit.telemetry import Telemetry
     from fit.warnings import FitWarning
@@ -56,6 +57,7 @@ __all__ = [
     "compare",
     "delta_chi2",
     "delta_g",
+    "inference_data",
     "leave_one_out",
     "load",
     "load_results",
@@ -80,6 +82,7 @@ _HOME = {
     "errors": ("CalibrationError", "FitError", "InputError"),
     "fitting": ("Prior", "delta_chi2"),
     "results": ("Estimate", "Fit", "Results"),
+    "sampling.inference_data": ("inference_data",),
     "spectra": ("asd",),
     "warnings": ("FitWarning",),
     "telemetry.reader": ("Telemetry",),

@@ -99,7 +99,19 @@ def make_params(runs: Sequence[Telemetry], **options: object) -> lmfit.Parameter
 
 
 def calibrate(
-    runs: Sequence[Telemetry], params: lmfit.Parameters | None = None, **options: object
+    runs: Sequence[Telemetry],
+    params: lmfit.Parameters | None = None,
+    *,
+    estimator: str | None = None,
+    include_short: bool | None = None,
+    exclude: Sequence[str] | None = None,
+    glitches: bool | None = None,
+    scatter: str | Sequence[str] | None = None,
+    f_max: float | None = None,
+    levels: str | Sequence[str] | None = None,
+    shared: Mapping[str, str] | None = None,
+    parameters: Mapping[str, object] | None = None,
+    **unknown: object,
 ) -> Results:
     """Calibrate the dynamics, and the inertial forces if there are long noise runs with torques.
 
@@ -109,9 +121,11 @@ def calibrate(
         Each run with injections (kind ``sysid``) is paired with the noise run of the same experiment.
     params : lmfit.Parameters, optional
         What is known of parameters: see `make_params`.
-    **options
-        Settings, named as in table ``[fit]`` of a campaign, such as ``estimator="student_t"`` or
-        ``shared={"C_1": "experiment"}``. ``fit/default.toml`` explains them.
+    estimator, include_short, exclude, glitches, scatter, f_max, levels, shared, parameters : optional
+        Settings of the table ``[fit]`` of a campaign, such as ``estimator="student_t"`` or
+        ``shared={"C_1": "experiment"}``; ``fit/default.toml`` explains them and has their defaults.
+    **unknown
+        Refused, with the setting that is meant.
 
     Returns
     -------
@@ -126,6 +140,10 @@ def calibrate(
         If no estimate comes out that can be trusted.
     """
     check_runs(runs, "calibrate")
+    named: dict[str, object] = {"estimator": estimator, "include_short": include_short, "exclude": exclude}
+    named |= {"glitches": glitches, "scatter": scatter, "f_max": f_max, "levels": levels}
+    named |= {"shared": shared, "parameters": parameters}
+    options = {**{name: value for name, value in named.items() if value is not None}, **unknown}
     if params is not None:
         if "parameters" in options:
             raise InputError("calibrate: both params and parameters, expected one of them")

@@ -108,7 +108,7 @@ class ParameterSettings(Table):
             words.append(f"at least {low:.9g}" if math.isfinite(low) else f"at most {high:.9g}")
         return f"{name} {' and '.join(words)}"
 
-    def record(self) -> dict[str, object]:
+    def record(self) -> dict[str, Any]:
         """Return what is not the default, as a table."""
         return self.model_dump(exclude_defaults=True)
 
@@ -158,7 +158,7 @@ class Settings(Table):
     shared: dict[str, Group]
     parameters: dict[str, ParameterSettings] = {}
 
-    def record(self) -> dict[str, object]:
+    def record(self) -> dict[str, Any]:
         """Return them as `settings` reads them, of parameters what is not the default."""
         parameters = {name: record for name, p in self.parameters.items() if (record := p.record())}
         return {**self.model_dump(), "parameters": parameters}

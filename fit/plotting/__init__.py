@@ -3,6 +3,6 @@
 The only user of matplotlib, imported when a figure is requested.
 """
 
-from fit.plotting.files import Plot, draw, write
+from fit.plotting.files import Plot, PlotAxes, draw, write
 
-__all__ = ["Plot", "draw", "studies", "write"]
+__all__ = ["Plot", "PlotAxes", "draw", "studies", "write"]

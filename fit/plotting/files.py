@@ -9,18 +9,23 @@ import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TypeAlias
 
 import matplotlib as mpl
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure as MatplotlibFigure
 from numpy.typing import NDArray
 
-from fit.figures import Figure, Matrix
+from fit.errors import InputError, shown
+from fit.figures import Chart, Figure, Matrix
 from fit.files import atomic
 from fit.parallel import update_progress
 from fit.plotting import matrix, panels
 from fit.plotting.style import STYLE
 
+#: Axes of matplotlib to draw on, one for each panel; None for a new figure.
+PlotAxes: TypeAlias = Axes | Sequence[Axes] | None
 SCREEN_SCALE = 2.2  # of a figure one column wide in a journal
 logging.getLogger("fontTools").setLevel(logging.WARNING)  # it logs every glyph
 
@@ -60,8 +65,23 @@ class Plot:
         return f'<img src="data:image/svg+xml;base64,{data}" style="width:{width}px;max-width:100%" alt="">'
 
 
-def draw(figure: Figure) -> Plot:
-    """Draw a figure in the style of a journal."""
+def draw(figure: Figure, ax: PlotAxes = None) -> Plot:
+    """Draw a figure in the style of a journal, or its panels on axes of yours.
+
+    Raises
+    ------
+    InputError
+        If there are not as many axes as panels.
+    """
+    if ax is not None:
+        assert isinstance(figure, Chart)
+        axes = [ax] if isinstance(ax, Axes) else list(ax)
+        if len(axes) != len(figure.panels) or not all(isinstance(one, Axes) for one in axes):
+            raise InputError(f"plot: ax: {shown(ax)}, expected {len(figure.panels)} axes of matplotlib")
+        panels.draw_on(axes, figure)
+        canvas = axes[0].get_figure(root=True)
+        assert canvas is not None
+        return Plot(canvas, figure.columns)
     with mpl.rc_context(STYLE):
         drawing = matrix.draw(figure) if isinstance(figure, Matrix) else panels.draw(figure)
     return Plot(drawing, figure.columns)

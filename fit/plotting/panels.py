@@ -2,6 +2,7 @@
 
 import math
 import re
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -54,6 +55,17 @@ def _column(chart: Chart) -> Figure:
     figure.align_ylabels(axes)
     axes[-1].set_xlabel(panels[-1].x.title)
     return figure
+
+
+def draw_on(axes: Sequence[Axes], chart: Chart) -> None:
+    """Draw the panels of a chart on axes, with titles, labels and legends."""
+    for ax, panel in zip(axes, chart.panels, strict=True):
+        _draw(ax, panel)
+        ax.set_ylabel(panel.y.title)
+        ax.set_title(panel.title, parse_math=False)
+        if any(mark.label for mark in panel.marks if not isinstance(mark, Note)):
+            ax.legend()
+    axes[-1].set_xlabel(chart.panels[-1].x.title)
 
 
 def _grid(chart: Chart) -> Figure:

@@ -2,7 +2,8 @@
 
 Each shows itself. You can change its ``figure`` before you ``save`` it. Its ``columns`` are the numbers that
 it draws, with units. `runs` are those of `fit.load`, `results` those of `fit.calibrate`, `experiment` is a
-name such as ``"A"``. A name that is not there raises an `InputError`.
+name such as ``"A"``, `ax` axes of yours to draw on, one for each panel. A name that is not there raises
+an `InputError`.
 """
 
 from collections.abc import Sequence
@@ -12,34 +13,34 @@ from markupsafe import Markup
 from fit.errors import InputError, shown
 from fit.figures import runs as figures_runs
 from fit.figures import stiffness as figures_stiffness
-from fit.plotting import Plot, draw
+from fit.plotting import Plot, PlotAxes, draw
 from fit.report.experiments import analysed, figure_specs
 from fit.report.stiffness import stiffness_points
 from fit.results import Results, check_results
 from fit.telemetry import Telemetry, check_runs
 
 
-def responses(runs: Sequence[Telemetry], experiment: str) -> Plot:
+def responses(runs: Sequence[Telemetry], experiment: str, ax: PlotAxes = None) -> Plot:
     """Draw the injections, and the responses of o_1, o_12 and f_x_1 (if commanded), against time."""
-    return draw(figures_runs.responses(_runs(runs, experiment)["sysid"]))
+    return draw(figures_runs.responses(_runs(runs, experiment)["sysid"]), ax)
 
 
-def spectra(results: Results, runs: Sequence[Telemetry], experiment: str) -> Plot:
+def spectra(results: Results, runs: Sequence[Telemetry], experiment: str, ax: PlotAxes = None) -> Plot:
     """Draw the ASD of signal, residual and noise run of an experiment."""
-    return _experiment_plot(results, runs, experiment, "spectra")
+    return _experiment_plot(results, runs, experiment, "spectra", ax)
 
 
-def breakdown(results: Results, runs: Sequence[Telemetry], experiment: str) -> Plot:
+def breakdown(results: Results, runs: Sequence[Telemetry], experiment: str, ax: PlotAxes = None) -> Plot:
     """Draw the ASD of every term that adds up to the residual Delta g of an experiment."""
-    return _experiment_plot(results, runs, experiment, "breakdown")
+    return _experiment_plot(results, runs, experiment, "breakdown", ax)
 
 
-def residual(results: Results, runs: Sequence[Telemetry], experiment: str) -> Plot:
+def residual(results: Results, runs: Sequence[Telemetry], experiment: str, ax: PlotAxes = None) -> Plot:
     """Draw signal and residual Delta g of an experiment against time, the residual with its noise run."""
-    return _experiment_plot(results, runs, experiment, "residual")
+    return _experiment_plot(results, runs, experiment, "residual", ax)
 
 
-def stiffness(results: Results, runs: Sequence[Telemetry], test_mass: int = 2) -> Plot:
+def stiffness(results: Results, runs: Sequence[Telemetry], test_mass: int = 2, ax: PlotAxes = None) -> Plot:
     """Draw omega2_2 against F_max_2 (or those of test mass 1): every single experiment, and the model."""
     check_results(results, "plot")
     check_runs(runs, "plot")
@@ -50,7 +51,7 @@ def stiffness(results: Results, runs: Sequence[Telemetry], test_mass: int = 2) -
         raise InputError(
             f"no experiment determines omega2_{test_mass} alone, expected at least one with its run"
         )
-    return draw(figures_stiffness.against_authority(points, results.joint))
+    return draw(figures_stiffness.against_authority(points, results.joint), ax)
 
 
 def _runs(runs: Sequence[Telemetry], experiment: str) -> dict[str, Telemetry]:
@@ -62,7 +63,9 @@ def _runs(runs: Sequence[Telemetry], experiment: str) -> dict[str, Telemetry]:
     return {run.kind: run for run in runs if run.experiment == experiment}
 
 
-def _experiment_plot(results: Results, runs: Sequence[Telemetry], experiment: str, name: str) -> Plot:
+def _experiment_plot(
+    results: Results, runs: Sequence[Telemetry], experiment: str, name: str, ax: PlotAxes
+) -> Plot:
     """Draw one of the figures that the report has of an experiment."""
     check_results(results, "plot")
     pair = _runs(runs, experiment)
@@ -72,4 +75,4 @@ def _experiment_plot(results: Results, runs: Sequence[Telemetry], experiment: st
     specs = figure_specs("", experiment, analysed(results, list(pair.values()))[experiment])
     (figure,) = (spec.draw() for spec in specs if spec.name.endswith(f"-{name}"))
     assert not isinstance(figure, Markup)
-    return draw(figure)
+    return draw(figure, ax)

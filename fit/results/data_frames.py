@@ -1,7 +1,10 @@
 """Estimates and covariances as data frames of pandas, which is optional."""
 
+import csv
 from collections.abc import Iterable, Mapping, Sequence
 from importlib import import_module
+from io import StringIO
+from pathlib import Path
 from types import ModuleType
 from typing import TYPE_CHECKING
 
@@ -9,10 +12,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fit.errors import InputError
+from fit.files import atomic
 from fit.results.estimates import Estimate
 
 if TYPE_CHECKING:
     import pandas
+
+INDEX = ("section", "key", "parameter", "unit")
+COLUMNS = ("value", "sigma", "sound", "constraint", "truth", "pull")
 
 
 def import_pandas(function: str) -> ModuleType:
@@ -45,12 +52,21 @@ def estimates_frame(
         for name, e in estimates.items():
             index.append((section, key, name, e.unit))
             rows.append((e.value, e.sigma, sound, str(e.constraint or ""), e.truth, e.pull))
-    columns = ["value", "sigma", "sound", "constraint", "truth", "pull"]
-    names = ["section", "key", "parameter", "unit"]
-    frame: pandas.DataFrame = pd.DataFrame(
-        rows, index=pd.MultiIndex.from_tuples(index, names=names) if index else None, columns=columns
-    )
+    multi_index = pd.MultiIndex.from_tuples(index, names=list(INDEX)) if index else None
+    frame: pandas.DataFrame = pd.DataFrame(rows, index=multi_index, columns=list(COLUMNS))
     return frame.astype({"truth": float, "pull": float})
+
+
+def write_csv(path: Path, fits: Iterable[tuple[str, str, bool, Mapping[str, Estimate]]]) -> None:
+    """Write estimates of fits as comma-separated values; see `estimates_frame`."""
+    rows = [
+        (section, key, name, e.unit, e.value, e.sigma, sound, str(e.constraint or ""), e.truth, e.pull)
+        for section, key, sound, estimates in fits
+        for name, e in estimates.items()
+    ]
+    text = StringIO()
+    csv.writer(text, lineterminator="\n").writerows([(*INDEX, *COLUMNS), *rows])
+    atomic.write(path, text.getvalue())
 
 
 def covariance_frame(matrix: NDArray[np.float64], names: Sequence[str]) -> "pandas.DataFrame":

@@ -94,6 +94,19 @@ class Results(Displayed):
             (section, key, not fit.unsound, fit.parameters) for section, key, fit in self.fits()
         )
 
+    def to_csv(self, path: str | Path) -> None:
+        """Write all estimates as comma-separated values, with the columns of `to_dataframe`.
+
+        Raises
+        ------
+        InputError
+            If it is no path, or of a folder that does not exist.
+        """
+        data_frames.write_csv(
+            _checked(path, "to_csv"),
+            ((section, key, not fit.unsound, fit.parameters) for section, key, fit in self.fits()),
+        )
+
     def to_latex(self) -> str:
         r"""Return the joint fit and the inertial forces as a ``tabular`` of LaTeX, without packages.
 
@@ -109,13 +122,18 @@ class Results(Displayed):
         InputError
             If it is no path of a file, or of a folder that does not exist.
         """
-        if not isinstance(path, str | os.PathLike) or not Path(path).name:
-            raise InputError(f"save: path: {shown(path)}, expected the path of a file")
-        if not Path(path).parent.is_dir():
-            raise InputError(f"{path}: no such folder, expected a file in one that exists")
-        if Path(path).is_dir():
-            raise InputError(f"{path}: is a folder, expected the path of a file")
-        write(self, Path(path))
+        write(self, _checked(path, "save"))
+
+
+def _checked(path: object, function: str) -> Path:
+    """Return the path of a file to write."""
+    if not isinstance(path, str | os.PathLike) or not Path(path).name:
+        raise InputError(f"{function}: path: {shown(path)}, expected the path of a file")
+    if not Path(path).parent.is_dir():
+        raise InputError(f"{path}: no such folder, expected a file in one that exists")
+    if Path(path).is_dir():
+        raise InputError(f"{path}: is a folder, expected the path of a file")
+    return Path(path)
 
 
 def check_results(results: object, function: str) -> None:

@@ -89,8 +89,7 @@ class Chain:
     @property
     def length(self) -> int:
         """Its length in autocorrelation times, zero if it is too short to estimate them."""
-        length = MIN_LENGTH * self.steps / self.required_steps
-        return math.floor(length) if math.isfinite(length) else 0
+        return int(np.nan_to_num(MIN_LENGTH * self.steps / self.required_steps))
 
     @property
     def converged(self) -> bool:
@@ -187,6 +186,16 @@ def sample(
         for reached in sampler.sample(state, iterations=iterations, thin_by=THINNING):
             state = reached
             done += THINNING
+
+
+def read(posterior: Posterior, path: Path, identity: str) -> Chain:
+    """Read a chain; InputError if there is none of this posterior."""
+    import emcee  # slow to import
+
+    if not path.exists():
+        raise InputError(f"{path}: no such file, expected the chain of lpfcosim mcmc")
+    _open(path, f"{identity}-{len(posterior.names)}")
+    return _chain(posterior, emcee.backends.HDFBackend(path, read_only=True))
 
 
 def _open(path: Path, identity: str) -> None:

@@ -1,6 +1,9 @@
 """Cross-checks of a joint fit, against fits of the telemetry that remains and Gaussian limits."""
 
+from inspect import signature
+
 import pytest
+from matplotlib.figure import Figure
 
 import fit
 from tests.oracles.synthetic import World, pair
@@ -46,3 +49,24 @@ def test_what_cannot_be_checked_is_refused(results):
         fit.profile_likelihood(results, ["lambda_9"])
     with pytest.raises(fit.InputError, match="leave_one_out: results: 1, expected Results"):
         fit.leave_one_out(1)
+
+
+def test_figures_are_drawn_on_axes_of_the_user(results, runs):
+    figure = Figure()
+    ax = figure.subplots()
+    plot = fit.plot.spectra(results, runs, "A", ax=ax)
+    assert plot.figure is figure and len(ax.lines) >= 3 and ax.get_legend()
+    with pytest.raises(fit.InputError, match=r"plot: ax: .* expected 2 axes of matplotlib"):
+        fit.plot.residual(results, runs, "A", ax=ax)
+
+
+def test_estimates_as_csv(results, tmp_path):
+    results.to_csv(tmp_path / "results.csv")
+    first, *lines = (tmp_path / "results.csv").read_text().splitlines()
+    assert first == "section,key,parameter,unit,value,sigma,sound,constraint,truth,pull"
+    (line,) = [line for line in lines if line.startswith("joint,,lambda_2,")]
+    assert float(line.split(",")[4]) == results.joint["lambda_2"].value
+
+
+def test_calibrate_names_its_settings():
+    assert {"estimator", "scatter", "shared", "f_max"} <= signature(fit.calibrate).parameters.keys()
