@@ -16,14 +16,14 @@ from fit import results as fit_results
 from fit.crosstalk import euler_fit
 from fit.errors import FitError, InputError, shown
 from fit.files import is_file, refuse_links
-from fit.fitting import user_params
+from fit.fitting import parameter_values, user_params
 from fit.forecasting import coverage
 from fit.lisa import is_lisa, make_lisa_params
 from fit.results import Provenance, Results, check_results, results_file, telemetry_files
 from fit.settings import ParameterSettings, refuse_fmu_parameters, settings
 from fit.tables import latex, notebook  # noqa: F401 - for how what is returned shows itself
 from fit.telemetry import Telemetry, archive_conversion, check_runs, read_all
-from fit.tilt_to_length import Measurements, read_measurements, ttl_fit
+from fit.tilt_to_length import Measurements, read_measurements, subtraction_spectra, ttl_fit
 
 if TYPE_CHECKING:
     import lmfit
@@ -226,7 +226,9 @@ def calibrate_ttl(
     given = [measurements] if noise is None else [measurements, noise]
     runs = [run if isinstance(run, Measurements) else read_measurements(*_paths([run])) for run in given]
     ttl = ttl_fit.calibrate_ttl(runs[0], runs[1] if runs[1:] else None, params)
-    provenance = Provenance(telemetry=[str(run.path) for run in runs])
+    c = parameter_values(ttl.lmfit.params)
+    extra: dict[str, object] = {"subtraction_X2": subtraction_spectra(runs[0], c).record()}
+    provenance = Provenance(telemetry=[str(run.path) for run in runs], extra=extra)
     return Results(None, {}, {}, {}, provenance, ttl)
 
 

@@ -26,5 +26,6 @@ __all__ = [
     "runs",
     "series",
     "stiffness",
+    "tilt_to_length",
     "tones",
 ]

@@ -19,7 +19,17 @@ from fit.files import atomic, documents
 from fit.forecasting import expected_fit
 from fit.parallel import one_blas_thread, parallel_map, progress_stage
 from fit.parameters import joint_names, joint_parameter
-from fit.report import charts, experiments, identification, mission, motion, noise, sampling, tests
+from fit.report import (
+    charts,
+    experiments,
+    identification,
+    mission,
+    motion,
+    noise,
+    sampling,
+    tests,
+    tilt_to_length,
+)
 from fit.report.section import FigureSpec, Section
 from fit.report.verdict import verdict, warning_groups
 from fit.results import Results
@@ -67,15 +77,16 @@ def write_report(directory: Path, results: Results, telemetries: Sequence[Teleme
     ratio = experiments.residual_over_noise(analysed)
     sections += [*identification.sections(results, directory), *sampling.sections(results, directory)]
     sections += tests.sections(results)
-    single_tables = [section.parameters for section in single_sections if section.parameters]
+    sections += (ttl_sections := tilt_to_length.sections(results))
+    tables = [s.parameters for s in (*single_sections, *ttl_sections) if s.parameters]
     page = _template().render(
         title=_text(_entry("campaign", results, telemetries)) or directory.resolve().name,
         extent=_extent(results, telemetries),
         facts=_facts(results, telemetries),
         version=(results.provenance.versions or {}).get("lpfcosim"),
-        spacecraft="LISA" if is_lisa else "LISA Pathfinder",
+        spacecraft="LISA" if is_lisa or results.ttl else "LISA Pathfinder",
         ratio=ratio and charts.render(ratio),
-        verdict=verdict(results, [joint_table] if joint_table else single_tables),
+        verdict=verdict(results, [joint_table] if joint_table else tables),
         warning_groups=warning_groups(results),
         joint=joint,
         joint_table=joint_table,

@@ -35,6 +35,8 @@ def fits(results: Results) -> Iterator[tuple[str, Fit]]:
     """Yield every fit of a calibration with its name in words."""
     if results.joint is not None:
         yield "joint fit", results.joint
+    if results.ttl is not None:
+        yield "tilt-to-length coupling", results.ttl
     for kind, members in (
         ("experiment", results.experiments),
         ("cross-talk of epoch", results.cross_talk),
@@ -115,9 +117,10 @@ def verdict(results: Results, shown: Sequence[ParameterTable]) -> Verdict:
     shown : sequence of Table
         The table of the joint fit or those of the experiments.
     """
-    joint = results.joint
+    joint = results.joint or results.ttl
+    kind = "joint" if results.joint else "tilt-to-length" if results.ttl else "single-experiment"
     has_truth = any(t.has_truth for t in shown)
-    agreement, outliers = _agreement(shown, has_truth, kind="joint" if joint else "single-experiment")
+    agreement, outliers = _agreement(shown, has_truth, kind=kind)
     single = {f"experiment {name}": fit for name, fit in results.experiments.items()}
     judged = {"": joint} if joint else single
     everything = dict(fits(results))

@@ -4,15 +4,18 @@ The angles of the six assemblies change the lengths of the beams that they recei
 combines these lengths; `michelson` states how, with all signs.
 """
 
-from fit.tilt_to_length.coefficients import NAMES
+from fit.tilt_to_length.coefficients import COEFFICIENTS, NAMES
 from fit.tilt_to_length.measurements import Measurements, read_measurements, write_measurements
+from fit.tilt_to_length.subtraction import subtraction_spectra
 from fit.tilt_to_length.ttl_fit import make_params
 
 __all__ = [
+    "COEFFICIENTS",
     "NAMES",
     "Measurements",
     "make_params",
     "read_measurements",
+    "subtraction_spectra",
     "ttl_fit",
     "write_measurements",
 ]

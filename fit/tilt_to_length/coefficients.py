@@ -10,7 +10,7 @@ from fit.parameters import Parameter
 
 ASSEMBLIES = ("12", "23", "31", "13", "32", "21")
 ANGLES = ("phi", "eta")
-PATHS = {"rx": "received", "tx": "emitted"}
+PATHS = {"rx": "receives", "tx": "emits"}
 #: The angles of all assemblies, such as ``phi_12``.
 SERIES = tuple(f"{angle}_{assembly}" for assembly in ASSEMBLIES for angle in ANGLES)
 WIDTH = 5e-3  # m/rad, of the weak prior: twice the range of lisainstrument's coefficients

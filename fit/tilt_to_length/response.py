@@ -1,8 +1,8 @@
 """Spectra of A, E, T and of their response to every angle, in the fitted band.
 
-Beat notes and rates are integrated first, to phases and angles: noise that rises with frequency would leak
-through the window into the band. Any filter that data and response have in common leaves the equation as
-it is.
+Beat notes and rates are low-passed and integrated first, to phases and angles: residual laser noise, which
+rises with frequency, would leak through the window into the band. Any filter that data and response have in
+common leaves the equation as it is.
 """
 
 import math
@@ -25,7 +25,7 @@ BAND = (8e-3, 0.2)  # Hz
 LEAST_TRANSFER = 0.5  # |1 - D^2| and |1 - D^4|, below which bins are left out: there delays decide
 SETTLING = 30.0  # s, left out beyond the longest delay: filters of the instrument and of TDI begin
 SHORTEST = 300.0  # s
-_N_PATHS = len(NAMES) // len(SERIES)
+N_PATHS = len(NAMES) // len(SERIES)
 
 
 @dataclass(frozen=True)
@@ -79,8 +79,9 @@ def response_spectra(measurements: Measurements, band: tuple[float, float] = BAN
         If they are too short or sampled too slowly.
     """
     fs, delays = measurements.fs, measurements.delays
-    lead, tail = _margins(measurements, band)
-    size = measurements.size - lead - tail
+    lead, tail = margins(measurements, band)
+    taps, _ = derivatives.low_pass(fs, band[1])
+    size = measurements.size - lead - tail - taps.size + 1
     window = windowing.window(np.ones(size, dtype=bool), fs)
     frequencies = np.arange(size // 2 + 1) * fs / size
     bins = slice(int(np.searchsorted(frequencies, band[0])), int(np.searchsorted(frequencies, band[1])))
@@ -89,7 +90,8 @@ def response_spectra(measurements: Measurements, band: tuple[float, float] = BAN
     f, shape = f[inside], shape[:, inside]
 
     def spectra(series: list[Array]) -> Spectrum:
-        phases = np.stack([scipy.signal.detrend(np.cumsum(x) / fs) for x in series], axis=1)
+        filtered = (np.convolve(x, taps, mode="valid") for x in series)
+        phases = np.stack([scipy.signal.detrend(np.cumsum(x) / fs) for x in filtered], axis=1)
         return windowing.windowed_spectra(phases, window, fs, bins).T[:, inside]
 
     part = slice(lead, measurements.size - tail)
@@ -98,7 +100,7 @@ def response_spectra(measurements: Measurements, band: tuple[float, float] = BAN
     for i, variable in enumerate(michelson.VARIABLES):
         terms = michelson.coefficient_terms(variable, delays)
         series = [
-            michelson.delayed_sum(rates[k // _N_PATHS], fs, of_one, lead, tail)
+            michelson.delayed_sum(rates[k // N_PATHS], fs, of_one, lead, tail)
             for k, of_one in enumerate(terms)
         ]
         columns[i] = spectra(series).T
@@ -115,7 +117,7 @@ def response_spectra(measurements: Measurements, band: tuple[float, float] = BAN
     )
 
 
-def _margins(measurements: Measurements, band: tuple[float, float]) -> tuple[int, int]:
+def margins(measurements: Measurements, band: tuple[float, float] = BAND) -> tuple[int, int]:
     """Return how many samples are left out at the beginning and at the end."""
     fs = measurements.fs
     if fs < 5 * band[1]:

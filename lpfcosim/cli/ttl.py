@@ -17,5 +17,5 @@ def ttl(measurements: Path, noise: Path | None, out: Path | None, console: Conso
     for message in dict.fromkeys(w.message for w in calibration.fit.warnings):
         console.warn(message)
     console.print_json(calibration.path.read_text(encoding="utf-8"))
-    console.print_line(f"results: {calibration.path}")
+    console.print_line(f"report: {calibration.report}")
     calibration.check_sound()

@@ -1,4 +1,4 @@
-"""Tilt-to-length coupling calibrated into a folder: ``results.json``."""
+"""Tilt-to-length coupling calibrated into a folder: ``results.json`` and ``report.html``."""
 
 import os
 from dataclasses import dataclass, replace
@@ -7,6 +7,7 @@ from pathlib import Path
 
 from fit import api
 from fit.errors import FitError
+from fit.report import page
 from fit.results import Fit, Results, write
 from fit.tables import Table, estimates
 from lpfcosim.execution import checksums, results_folder
@@ -25,10 +26,13 @@ class TtlCalibration:
         With the section ``ttl``.
     path : Path
         Their file, of schema ``lpf-results/1``.
+    report : Path
+        ``report.html`` in the same folder.
     """
 
     results: Results
     path: Path
+    report: Path
 
     @property
     def fit(self) -> Fit:
@@ -68,7 +72,7 @@ def calibrate_into(
     files = [measurements] if noise is None else [measurements, noise]
     details = replace(
         results.provenance,
-        extra={"sha256": {path.name: checksums.digest(path) for path in files}},
+        extra=results.provenance.extra | {"sha256": {path.name: checksums.digest(path) for path in files}},
         versions={name: metadata.version(name) for name in VERSIONS},
         telemetry=[os.path.relpath(path, directory) for path in files],
     )
@@ -76,4 +80,5 @@ def calibrate_into(
     path = directory / "results.json"
     with results_folder.lock(directory, alternative=True):
         write(results, path)
-    return TtlCalibration(results, path)
+        report = page.write_report(directory, results, [])
+    return TtlCalibration(results, path, report)

@@ -2,6 +2,7 @@
 
 import json
 
+import numpy as np
 import pytest
 
 from fit.tilt_to_length import write_measurements
@@ -26,6 +27,12 @@ def test_coefficients_are_printed_and_written(lpfcosim, files, tmp_path):
     assert len(document["ttl"]["names"]) == 24
     assert document["ttl"]["parameters"]["c_12_phi_rx"]["unit"] == "m rad-1"
     assert set(document["provenance"]["sha256"]) == {"m.h5", "n.h5"}
+    spectra = {name: np.array(x) for name, x in document["provenance"]["subtraction_X2"].items()}
+    tones = (spectra["f"] > 36e-3) & (spectra["f"] < 50e-3)
+    assert np.all(spectra["after"][tones] < 0.1 * spectra["before"][tones])
+    report = (out / "report.html").read_text(encoding="utf-8")
+    assert "All 24 tilt-to-length parameters lie within 4 σ of truth" in report
+    assert "measured, and after subtraction of the coupling" in report
 
 
 def test_a_file_of_another_kind_is_refused(lpfcosim, tmp_path):

@@ -1,0 +1,39 @@
+"""The part of the report on tilt-to-length coupling: its coefficients, X2 before and after subtraction."""
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from fit.figures import tilt_to_length as figures
+from fit.report.section import FigureSpec, Section
+from fit.results import Results
+from fit.tables import parameter_table
+from fit.tilt_to_length import COEFFICIENTS
+
+_NAMES = ("f", "before", "after")
+
+
+def sections(results: Results) -> list[Section]:
+    """Return the section, with a figure where the provenance of the results has its spectra."""
+    ttl = results.ttl
+    if ttl is None:
+        return []
+    text = (
+        f"Path lengths of the beams that the assemblies receive (rx) and emit (tx), by their angles. χ² of "
+        f"{ttl.dof} degrees of freedom: {ttl.chi2:.1f}."
+    )
+    spectra = results.provenance.extra.get("subtraction_X2")
+    figures_of_page = (_figure(spectra),) if isinstance(spectra, Mapping) and {*_NAMES} <= {*spectra} else ()
+    table = parameter_table(ttl, COEFFICIENTS)
+    title = "Tilt-to-length coupling"
+    return [Section("ttl", title, text, parameters=table, figures=figures_of_page)]
+
+
+def _figure(spectra: Mapping[str, object]) -> FigureSpec:
+    f, before, after = (np.asarray(spectra[name], dtype=np.float64) for name in _NAMES)
+    return FigureSpec(
+        "ttl-subtraction",
+        "Amplitude spectral densities of X2 before and after the subtraction of tilt-to-length coupling",
+        "X₂ as measured, and after subtraction of the coupling by the estimated coefficients.",
+        lambda: figures.subtraction(f, before, after),
+    )

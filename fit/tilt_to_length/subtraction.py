@@ -1,0 +1,62 @@
+"""X2 before and after the subtraction of its tilt-to-length coupling, as spectra for the report."""
+
+from dataclasses import asdict, dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fit.spectra import asd
+from fit.tilt_to_length import michelson
+from fit.tilt_to_length.coefficients import SERIES
+from fit.tilt_to_length.measurements import Measurements
+from fit.tilt_to_length.response import BAND, N_PATHS, margins
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class SubtractionSpectra:
+    """One-sided ASDs of X2 [Hz Hz^-0.5] at the frequencies f [Hz], each of length B.
+
+    Attributes
+    ----------
+    f, before, after : list of float
+        With coupling, and without what the coefficients make of wavefront sensing.
+    """
+
+    f: list[float]
+    before: list[float]
+    after: list[float]
+
+    def record(self) -> dict[str, list[float]]:
+        """Return them as JSON has them."""
+        return asdict(self)
+
+
+def subtract_coupling(measurements: Measurements, c: Array, variable: str = "X2") -> Array:
+    """Return a Michelson variable less its coupling, without its ends.
+
+    Parameters
+    ----------
+    measurements : Measurements
+        The measurements.
+    c : ndarray, shape (24,)
+        Coefficients [m/rad].
+    variable : str
+        ``"X2"``, ``"Y2"`` or ``"Z2"``.
+    """
+    lead, tail = margins(measurements)
+    total = measurements.michelson[variable][lead : measurements.size - tail].copy()
+    gain = -measurements.central_frequency / michelson.C
+    for k, terms in enumerate(michelson.coefficient_terms(variable, measurements.delays)):
+        rate = measurements.rates[SERIES[k // N_PATHS]]
+        total -= gain * c[k] * michelson.delayed_sum(rate, measurements.fs, terms, lead, tail)
+    return total
+
+
+def subtraction_spectra(measurements: Measurements, c: Array) -> SubtractionSpectra:
+    """Return the spectra of X2 before and after the subtraction with the coefficients c, shape (24,)."""
+    spectra = [asd(subtract_coupling(measurements, x), measurements.fs) for x in (np.zeros_like(c), c)]
+    inside = (spectra[0].f > BAND[0] / 4) & (spectra[0].f < 2 * BAND[1])
+    f, before, after = spectra[0].f[inside], *(x.asd[inside] for x in spectra)
+    return SubtractionSpectra(f.tolist(), before.tolist(), after.tolist())
