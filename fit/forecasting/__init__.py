@@ -11,5 +11,6 @@ __all__ = [
     "coverage",
     "expected_euler_fit",
     "expected_fit",
+    "expected_run",
     "fisher",
 ]

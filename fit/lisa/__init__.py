@@ -5,5 +5,15 @@ Pathfinder: whitening, fit, weak priors, warnings, results.
 """
 
 from fit.lisa.calibration import calibrate_lisa, is_lisa, make_lisa_params
+from fit.lisa.expected_fit import PlannedLisaExperiment, expected_lisa_fit
+from fit.lisa.experiment import LisaExperiment, LisaRun
 
-__all__ = ["calibrate_lisa", "is_lisa", "make_lisa_params"]
+__all__ = [
+    "LisaExperiment",
+    "LisaRun",
+    "PlannedLisaExperiment",
+    "calibrate_lisa",
+    "expected_lisa_fit",
+    "is_lisa",
+    "make_lisa_params",
+]

@@ -69,7 +69,7 @@ def calibrate_lisa(
     FitError
         If no trustworthy estimate comes out.
     """
-    _check_settings(chosen)
+    check_settings(chosen)
     experiments = _taking_part(pair(telemetries, chosen.f_max), chosen, telemetries)
     used = fitted_names(experiments) if names is None else tuple(names)
     constraints.check(chosen.parameters, used, PARAMETERS)
@@ -99,7 +99,11 @@ def fit(experiments: Sequence[LisaExperiment], chosen: Settings, names: Sequence
     FitError
         If no trustworthy estimate comes out.
     """
-    outcome = solve(experiments, chosen, names)
+    return fit_of(solve(experiments, chosen, names), names, experiments)
+
+
+def fit_of(outcome: IRLSResult, names: Sequence[str], experiments: Sequence[LisaExperiment]) -> Fit:
+    """Report the named parameters, and what keeps them from being trusted."""
     reported = {name: name for name in names}
     warnings = [
         *indeterminable(outcome, (), reported),
@@ -120,7 +124,7 @@ def solve(experiments: Sequence[LisaExperiment], chosen: Settings, names: Sequen
     FitError
         If it does not settle.
     """
-    if chosen.estimator == "flscov":  # see `_check_settings`
+    if chosen.estimator == "flscov":  # see `check_settings`
         raise FitError("flscov weighs the equation of LISA Pathfinder alone")
     weighings = [
         ComponentWeighing(e, equation, np.eye(len(names)), chosen.estimator)
@@ -134,7 +138,8 @@ def solve(experiments: Sequence[LisaExperiment], chosen: Settings, names: Sequen
         raise FitError(f"{', '.join(e.name for e in experiments)}: {error}") from error
 
 
-def _check_settings(chosen: Settings) -> None:
+def check_settings(chosen: Settings) -> None:
+    """Refuse settings that have no meaning for LISA."""
     default = settings()
     changed = [name for name in _WITHOUT_MEANING if getattr(chosen, name) != getattr(default, name)]
     if chosen.estimator == "flscov":

@@ -17,7 +17,12 @@ a test mass beside that, ``A_j = s_j'' + K_j s_j - f_j``, is measured. In the di
     D_y = (A_x1 + A_x2) / 2 + cos 30 (A_y1 - A_y2)                         for r_1 - r_2 = (0, d_y)
 
 (PRD 106, 022006 projects it on the sensitive axes.) Where the noise of the two test masses is alike, that of
-D_x and D_y is uncorrelated: they are two residuals with shared parameters. Delays are expanded as in
+D_x and D_y is uncorrelated: they are two residuals with shared parameters. A long arm measures X_j, how a
+test mass moves along its telescope against one far away, and needs no difference:
+
+    I_j = X_j'' + omega2_x_j x_j + omega2_xy_j y_j - f_x_j = g_x_j
+
+Delays are expanded as in
 `fit.model.dynamics`: with ``C = lambda tau``, ``lambda F(t - tau) = lambda F_0 - (C - lambda tau_0) F_0'``.
 """
 
@@ -26,7 +31,7 @@ from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,9 +42,8 @@ from fit.spectra import derivatives
 from fit.telemetry import Telemetry
 
 Array = NDArray[np.float64]
-Component = int  # 0 for D_x, 1 for D_y
+Component = Literal["D_x", "D_y", "I_1", "I_2"]
 
-COMPONENTS = ("D_x", "D_y")
 HALF_OPENING = math.pi / 6  # rad
 BASELINE = (0.0, 0.5)  # m, r_1 - r_2 along x and y: a choice
 _READ_OUTS = tuple(f"{q}_{j}" for j in (1, 2) for q in ("o", "grs_y"))
@@ -65,6 +69,7 @@ GEOMETRY = (
     *(f"{name}_{j}" for name in ("o_per_y", "grs_y_per_x") for j in (1, 2)),
     *("opening", "d_x", "d_y", "dws_gain"),
 )
+_ALONG = np.array([1.0, 0.0])
 _STEP = 1e-30  # imaginary, of a derivative: too small to matter in the real part
 
 
@@ -156,12 +161,12 @@ def columns(run: Channels, tau: tuple[float, float]) -> Array:
 
 @dataclass(frozen=True)
 class Equation:
-    """A component of D as a sum of columns, of which the first has no parameter.
+    """A component of D, or I_j without X_j'', as a sum of columns of which the first has no parameter.
 
     Attributes
     ----------
-    component : int
-        0 for D_x, 1 for D_y.
+    component : str
+        ``D_x``, ``D_y``, ``I_1`` or ``I_2``.
     parameters : tuple of str
         The P parameters of the run, of `PARAMETERS`, `GEOMETRY` and those along x.
     half_opening, baseline
@@ -210,8 +215,8 @@ class Equation:
         for j, sign, turn in ((1, 1, value.get("opening", 0.0)), (2, -1, 0.0)):
             angle = sign * self.half_opening + turn
             # the row of R_j that belongs to the component, with the sign of the test mass
-            row = sign * np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
-            row = row[self.component]
+            turned = sign * np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+            row = {"D_x": turned[0], "D_y": turned[1], f"I_{j}": _ALONG}.get(self.component, 0 * _ALONG)
             of_mass = {name[:-2]: x for name, x in value.items() if name.endswith(f"_{j}")}
             gain = defaultdict(float, {"grs_gain_y": 1.0} | of_mass)
             read_out = np.array([[1, gain["o_per_y"]], [gain["grs_y_per_x"], gain["grs_gain_y"]]])
@@ -220,7 +225,7 @@ class Equation:
             )
             motion = np.linalg.inv(read_out)  # s_j of q_j
             i = COLUMNS.index(f"ddo_{j}")
-            weights[i : i + 2] = row @ motion
+            weights[i : i + 2] = 0 if self.component[0] == "I" else row @ motion
             i = COLUMNS.index(f"o_{j}")
             weights[i : i + 2] = row @ stiffness @ motion
             i = COLUMNS.index(f"F_y_{j}")
@@ -229,7 +234,7 @@ class Equation:
             along_x = row[0] * np.array([gain["lambda_x"], gain["lambda_x"] * tau[j - 1] - gain["C_x"]])
             weights[i : i + 4] = -along_y, along_y * late_y, *(-along_x)
         d_x, d_y = (value.get(name, known) for name, known in zip(("d_x", "d_y"), self.baseline, strict=True))
-        weights[-1] = (-d_y, d_x)[self.component] / value.get("dws_gain", 1.0)
+        weights[-1] = {"D_x": -d_y, "D_y": d_x}.get(self.component, 0.0) / value.get("dws_gain", 1.0)
         return weights
 
 
@@ -248,6 +253,6 @@ def equations(run: Channels, parameters: Sequence[str] | None = None) -> tuple[E
     """Return D_x and D_y of a run, for its own parameters or others."""
     names = run.parameters if parameters is None else tuple(parameters)
     return (
-        Equation(0, names, run.half_opening, run.baseline),
-        Equation(1, names, run.half_opening, run.baseline),
+        Equation("D_x", names, run.half_opening, run.baseline),
+        Equation("D_y", names, run.half_opening, run.baseline),
     )

@@ -71,14 +71,14 @@ REQUIRED = ("o_1", "o_12", "f_x_1", "f_x_2")
 LISA_REQUIRED = ("o_1", "o_2", "grs_y_1", "grs_y_2", "F_y_1", "F_y_2", "dws_phi_1", "dws_phi_2")
 
 
-def is_lisa(channels: Container[str]) -> bool:
+def has_lisa_channels(channels: Container[str]) -> bool:
     """Return whether channels are those of a LISA spacecraft: each test mass has an interferometer."""
     return "o_2" in channels and "o_12" not in channels
 
 
 def required(channels: Container[str]) -> tuple[str, ...]:
     """Return the channels that a calibration needs of telemetry that has these."""
-    return LISA_REQUIRED if is_lisa(channels) else REQUIRED
+    return LISA_REQUIRED if has_lisa_channels(channels) else REQUIRED
 
 
 def expected_unit(channel: str) -> str | None:

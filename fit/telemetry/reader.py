@@ -27,7 +27,7 @@ from fit.telemetry.contract import (
     Root,
     XAxis,
     check_root,
-    is_lisa,
+    has_lisa_channels,
     required,
     utc,
     whole,
@@ -133,7 +133,7 @@ class Telemetry(Displayed):
     @property
     def spacecraft(self) -> str:
         """Of which it is: ``"LISA Pathfinder"``, or ``"LISA"``."""
-        return "LISA" if is_lisa(self.channels) else "LISA Pathfinder"
+        return "LISA" if has_lisa_channels(self.channels) else "LISA Pathfinder"
 
     @property
     def x_axis(self) -> XAxis:

@@ -11,6 +11,7 @@ from lpfcosim.campaign import Campaign
 from lpfcosim.errors import UnavailableError, prefix_errors
 from lpfcosim.execution import validation
 from lpfcosim.models import DELTA_G, model_of
+from lpfcosim.planned_experiments import LISA
 from lpfcosim.spacecraft import Run
 from lpfcosim.workflows.campaigns import CampaignLike, resolve
 from lpfcosim.workflows.forecast import Forecast, expected_results
@@ -165,7 +166,7 @@ def check(campaign: CampaignLike) -> CampaignCheck:
 def _forecast(plan: Campaign, fit_settings: Settings) -> tuple[Forecast | None, str]:
     """Return the forecast, or None and the reason."""
     try:
-        validation.check_equation(plan, "a forecast is", DELTA_G)
+        validation.check_equation(plan, "a forecast is", DELTA_G, LISA)
         return expected_results(plan, fit_settings, ()), ""
     except UnavailableError as error:
         return None, error.reason

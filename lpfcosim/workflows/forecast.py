@@ -7,6 +7,7 @@ from typing import Any
 from fit.errors import shown
 from fit.files import closest_match
 from fit.forecasting import expected_euler_fit, expected_fit
+from fit.lisa import expected_lisa_fit
 from fit.parameters import FLIGHT, misalignments
 from fit.results import FIXED, Estimate, Fit
 from fit.settings import Settings, settings
@@ -17,7 +18,13 @@ from lpfcosim.errors import InputError, prefix_errors
 from lpfcosim.execution import validation
 from lpfcosim.messages import grouped
 from lpfcosim.models import DELTA_G
-from lpfcosim.planned_experiments import planned_experiments, planned_noise_runs
+from lpfcosim.planned_experiments import (
+    LISA,
+    is_lisa,
+    planned_experiments,
+    planned_lisa_experiments,
+    planned_noise_runs,
+)
 from lpfcosim.workflows.campaigns import CampaignLike, resolve
 from lpfcosim.workflows.result import WorkflowResult
 
@@ -140,7 +147,7 @@ def forecast(campaign: CampaignLike) -> Forecast:
     with prefix_errors(source):
         fit_settings = settings(plan.fit, "fit")
         validation.check_linear_model(plan, "a forecast is", "lpfcosim run gives the sigmas of its fit")
-        validation.check_equation(plan, "a forecast is", DELTA_G)
+        validation.check_equation(plan, "a forecast is", DELTA_G, LISA)
         return expected_results(plan, fit_settings, validation.validate(plan).doubts)
 
 
@@ -152,6 +159,14 @@ def expected_results(plan: Campaign, fit_settings: Settings, doubts: tuple[str, 
     NoneTakesPartError, NoiselessError
         If no run takes part in the joint fit, or there is no noise.
     """
+    if is_lisa(plan):
+        joint = expected_lisa_fit(planned_lisa_experiments(plan), fit_settings)
+        return Forecast(
+            joint,
+            {},
+            fit_settings.without_fmu_parameters().constraints,
+            (*doubts, *distinct_messages(joint.warnings)),
+        )
     gain_scatter = dict.fromkeys(("lambda_1", "lambda_2"), plan.truth.lambda_scatter)
     joint = expected_fit.expected_fit(planned_experiments(plan), fit_settings, gain_scatter)
     inertial = expected_euler_fit.expected_periods(

@@ -286,3 +286,15 @@ def save(folder, runs, truth=None):
                 dataset.dims[0].attach_scale(time)
             file.create_group("truth").attrs.update(truth or {})
     return folder
+
+
+def cross_spectra(world, names, f):
+    """One-sided cross-spectra of channels, ``<x_i^* x_j>``, shape (n, C, C)."""
+    outputs, _ = closed_loop(world, f)
+    position = {name: i for i, name in enumerate(OUTPUTS)} | {"dws_phi_1": 4, "dws_phi_2": 4}
+    T, asd = np.zeros((f.size, len(names), len(NOISES)), complex), levels(world, f)
+    level = np.stack([asd[source] for source in NOISES], axis=-1)
+    for i, name in enumerate(names):
+        if name in position:
+            T[:, i] = outputs[:, position[name], : len(NOISES)] * level
+    return np.einsum("bik,bjk->bij", T.conj(), T)

@@ -84,7 +84,7 @@ def test_parameters_can_be_fixed():
     assert list(params) == list(PARAMETERS)
     params["omega2_xy_1"].set(value=3e-8, vary=False)
     joint = fit.calibrate(campaign(), params).joint
-    assert joint["omega2_xy_1"].fixed
+    assert joint["omega2_xy_1"].is_exact
     assert joint["omega2_x_1"].sigma < calibrated().joint["omega2_x_1"].sigma
 
 

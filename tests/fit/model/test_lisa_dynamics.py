@@ -40,7 +40,7 @@ def columns_of(outputs, f, world):
     return columns
 
 
-@pytest.mark.parametrize("component", [0, 1])
+@pytest.mark.parametrize("component", ["D_x", "D_y"])
 @pytest.mark.parametrize("source", INJECTED)
 @pytest.mark.parametrize("geometry", [{}, MISALIGNED])
 @pytest.mark.parametrize("fall_back", [False, True])
@@ -57,7 +57,7 @@ def test_the_true_parameters_leave_nothing_of_an_injection(component, source, ge
     assert np.all(np.abs(terms.sum(axis=1)) < 1e-12 * np.abs(terms).max())
 
 
-@pytest.mark.parametrize("component", [0, 1])
+@pytest.mark.parametrize("component", ["D_x", "D_y"])
 @pytest.mark.parametrize("tau", [(0.1, 0.2), (0.15, 0.17)])
 def test_gradient_is_that_of_the_coefficients(component, tau):
     equation, rng = Equation(component, ALL), np.random.default_rng(1)
@@ -89,7 +89,7 @@ def test_noise_of_both_components_at_a_millihertz():
     noise = np.stack([level[name] * outputs[:, :, i] for i, name in enumerate(lisa_loop.NOISES)], axis=-1)
     theta = np.array([world.truth[name] for name in PARAMETERS])
     D = []
-    for component in (0, 1):
+    for component in ("D_x", "D_y"):
         equation = Equation(component, PARAMETERS)
         c = equation.basis @ equation.coefficients(theta, delays(world))
         D.append([columns_of(noise[:, :, i], f, world)[0] @ c for i in range(noise.shape[-1])])
