@@ -143,7 +143,7 @@ class Chart {
       if (plot.width !== width || plot.height !== Math.round(panelHeight)) plot.setSize({ width, height: Math.round(panelHeight) });
     });
   }
-  width() { return printing ? this.place.closest("figure:last-child:nth-child(odd), main > :not(section)") ? 860 : 400 : Math.floor(this.place.clientWidth); }
+  width() { return printing ? this.place.closest("section figure:last-child:nth-child(odd), .single figure") ? 860 : 400 : Math.floor(this.place.clientWidth); }
 
   behind(u, panel) {
     const { ctx, bbox } = u;
