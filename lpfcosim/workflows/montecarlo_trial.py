@@ -11,7 +11,7 @@ import numpy as np
 from fit.crosstalk import euler_fit
 from fit.errors import CalibrationError
 from fit.forecasting import coverage
-from fit.model import dynamics, rotation
+from fit.model import dynamics, lisa_dynamics, rotation
 from fit.parallel import one_blas_thread, serial
 from fit.pipeline import calibrate
 from fit.results import Results
@@ -23,7 +23,7 @@ from lpfcosim.errors import RunError
 from lpfcosim.execution import runner, telemetry_file
 from lpfcosim.linear import ClosedLoop, spectral_simulation, stability
 from lpfcosim.models import DELTA_G, model_of
-from lpfcosim.planned_experiments import telemetry_of
+from lpfcosim.planned_experiments import LISA, telemetry_of
 from lpfcosim.spacecraft import Run
 
 Record = dict[str, Any]  # of one campaign, as the log holds it
@@ -142,6 +142,8 @@ class MonteCarloTask:
 
 def channels_of_fit(run: Run) -> list[str]:
     """Return the recorded channels that a fit reads; the star tracker only in long noise runs."""
+    if model_of(run).equation == LISA:
+        return [name for name in lisa_dynamics.CHANNELS if name in model_of(run).record]
     if model_of(run).equation != DELTA_G:
         return list(model_of(run).record)
     means = (name for parts in dynamics.MEANS.values() for name in parts)
