@@ -31,13 +31,22 @@ def sections(results: Results, directory: Path) -> list[Section]:
     InputError
         If it does not have the schema of the command.
     """
-    path = directory / NAME
-    if not path.exists():
-        return []
-    identification = fit_results.load(path)
-    if identification.joint is None:
+    identification = load(directory)
+    if identification is None or identification.joint is None:
         return []
     return [_section(identification.joint, identification.provenance.extra, results)]
+
+
+def load(directory: Path) -> Results | None:
+    """Return the identification in a folder, None if there is none.
+
+    Raises
+    ------
+    InputError
+        If it does not have the schema of the command.
+    """
+    path = directory / NAME
+    return fit_results.load(path) if path.exists() else None
 
 
 def _section(joint: Fit, entries: Mapping[str, object], results: Results) -> Section:

@@ -86,7 +86,7 @@ def write_report(directory: Path, results: Results, telemetries: Sequence[Teleme
         version=(results.provenance.versions or {}).get("lpfcosim"),
         spacecraft="LISA" if is_lisa or results.ttl else "LISA Pathfinder",
         ratio=ratio and charts.render(ratio),
-        verdict=verdict(results, [joint_table] if joint_table else tables),
+        verdict=verdict(results, [joint_table] if joint_table else tables, identification.load(directory)),
         warning_groups=warning_groups(results),
         joint=joint,
         joint_table=joint_table,

@@ -104,7 +104,9 @@ def failures(fit: Fit) -> list[str]:
     return list(_reasons({"": fit}, Severity.FAILURE))
 
 
-def verdict(results: Results, shown: Sequence[ParameterTable]) -> Verdict:
+def verdict(
+    results: Results, shown: Sequence[ParameterTable], identification: Results | None = None
+) -> Verdict:
     """Say in one line whether the fits found the truth or, without one, agree with the flight.
 
     Good requires a truth and no objection: a fit that did not converge, a chi2 that is off or
@@ -116,6 +118,8 @@ def verdict(results: Results, shown: Sequence[ParameterTable]) -> Verdict:
         Judged by the joint fit or, without one, by the experiments; the other fits may raise doubts.
     shown : sequence of Table
         The table of the joint fit or those of the experiments.
+    identification : Results, optional
+        Of parameters of FMUs, from the same telemetry.
     """
     joint = results.joint or results.ttl
     kind = "joint" if results.joint else "tilt-to-length" if results.ttl else "single-experiment"
@@ -127,7 +131,9 @@ def verdict(results: Results, shown: Sequence[ParameterTable]) -> Verdict:
     other_fits = {
         name: fit for name, fit in everything.items() if all(fit is not one for one in judged.values())
     }
+    identified = identification.joint if identification else None
     failed = _named(judged, Severity.FAILURE)
+    failed += _named({"identification": identified}, Severity.FAILURE) if identified else []
     doubts = [*_named(judged, Severity.DOUBT), *_named(other_fits, Severity.FAILURE), *_outliers(other_fits)]
     head = Markup("" if joint else "No joint fit. ") + ("" if has_truth else "True values unknown. ")
     undetermined = joint.undetermined if joint else ()

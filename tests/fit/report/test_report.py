@@ -19,6 +19,7 @@ from fit.figures.colours import COLOURS
 from fit.forecasting.coverage import with_truth
 from fit.parameters import FLIGHT, joint_names
 from fit.report.page import figure_specs, write_report
+from fit.report.verdict import verdict
 from fit.results import Fit, Results
 from fit.results.estimates import Estimate, Stiffness
 from fit.results.provenance import Provenance
@@ -410,3 +411,12 @@ def test_drawing_leaves_no_trace_in_matplotlib():
     code = "import sys, fit.report.page; print('matplotlib' in sys.modules)"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "False"
+
+
+def test_an_identification_that_the_data_contradict_spoils_the_verdict():
+    fit = Fit({"C_2": Estimate(0.2, 0.1, "s")}, np.array([[0.01]]), 1.0, 1, True, ())
+    results = Results(fit, {}, {}, {}, Provenance())
+    contradicted = replace(fit, warnings=(FitWarning("constraint_contradicted", ("C_2",), "why"),))
+    assert verdict(results, [], results).state == "open"
+    spoilt = verdict(results, [], replace(results, joint=contradicted))
+    assert spoilt.state == "bad" and "identification" in spoilt.text
