@@ -119,8 +119,8 @@ def _build(table: AnyCampaignTable, spacecraft: SpacecraftModel) -> Campaign:
     places = {c.model: c for c in spacecraft.components(run)}
     for model in table.fmus:
         if model not in places:
-            have = ", ".join(places)
-            raise ConflictError(f"fmus.{model}: the loop of this campaign has no such place (it has {have})")
+            match = closest_match(model, places)
+            raise ConflictError(f"fmus.{model}: the loop of this campaign has no such place{match}")
     parameters = spacecraft.parameters(run)
     return replace(
         campaign,

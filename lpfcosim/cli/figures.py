@@ -19,7 +19,7 @@ from lpfcosim.workflows import output_paths
 
 WORDS = (
     *("responses", "spectra", "breakdown", "residual", "inertial", "stiffness", "correlation", "gain"),
-    *("leakage", "quantiles", "noise", "date", "authority"),
+    *("leakage", "quantiles", "noise", "over", "date", "authority"),
 )
 _WORD = re.compile("[A-Za-z]{3,}")  # shorter ones are beginnings of names
 
@@ -27,7 +27,8 @@ _WORD = re.compile("[A-Za-z]{3,}")  # shorter ones are beginnings of names
 def figures(directory: Path, names: Sequence[str], console: Console, *, jobs: int | None) -> None:
     """Draw the figures whose names contain one of `names`, all of them without any, on several processes."""
     output_paths.check_folder(directory, "figures", option="")
-    check_names(names, load(results_folder_of(directory) / "results.json").experiments, str(directory))
+    if names:
+        check_names(names, load(results_folder_of(directory) / "results.json").experiments, str(directory))
     with console.stage("reading"):
         results, telemetries = refit.load(directory)
     place = directory / "figures"

@@ -23,6 +23,7 @@ LIBRARIES = (
     "fmpy.validation",
     "lxml.etree",
     "pebble",
+    "pint",
     "xml.etree.ElementTree",
     "pydantic.main",
     "pydantic.types",

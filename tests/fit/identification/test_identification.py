@@ -121,7 +121,7 @@ def test_gain_of_the_controller_and_of_the_actuation_are_one_number_to_the_read_
     fit = identified(flown, (*FREE, FreeParameter("Controller.f_u", 1e-3, 1e-4))).joint
     (blind,) = [w for w in fit.warnings if w.code == "indeterminable"]
     assert {"lambda_2", "Controller.f_u"} <= set(blind.parameters) <= {"lambda_2", "C_2", "Controller.f_u"}
-    assert "only together" in blind.message
+    assert "depend only on their combination" in blind.message
     assert {"omega2_2_0", "delta_ifo_1"} <= set(fit)
 
 

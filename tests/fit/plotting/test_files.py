@@ -14,7 +14,7 @@ from fit.figures import gain, mission
 from fit.figures.charts import TIME, Chart, Curve, Panel
 from fit.figures.gain import GainPoint
 from fit.quality.noise_tests import NORMAL_SCORES
-from fit.report.experiments import figure_specs
+from fit.report.experiments import AnalysedExperiment, figure_specs
 from fit.results import Fit
 from fit.results.estimates import Diagnostics, Estimate
 from tests.oracles.synthetic import World, of_run, pair
@@ -25,7 +25,10 @@ TRUTH = of_run(World(), "A")
 @pytest.fixture(scope="module")
 def charts():
     runs = tuple(pair(World(), "A", seed=1, drive_1=1e-12))
-    return {drawing.name: drawing.draw() for drawing in figure_specs("e1", "A", runs, TRUTH, [])}
+    return {
+        drawing.name: drawing.draw()
+        for drawing in figure_specs("e1", "A", AnalysedExperiment(*runs, TRUTH, []))
+    }
 
 
 @pytest.fixture(scope="module")
@@ -103,7 +106,7 @@ def test_bytes_are_the_same_in_another_process(folder, tmp_path):
         "from tests.oracles.synthetic import World, of_run, pair;"
         "runs = tuple(pair(World(), 'A', seed=1, drive_1=1e-12));"
         "[plotting.write(Path(sys.argv[1]), d.name, plotting.draw, d.draw())"
-        " for d in r.figure_specs('e1', 'A', runs, of_run(World(), 'A'), [])]"
+        " for d in r.figure_specs('e1', 'A', AnalysedExperiment(*runs, of_run(World(), 'A'), []))]"
     )
     subprocess.run([sys.executable, "-c", code, str(tmp_path)], check=True)
     for path in folder.iterdir():

@@ -252,7 +252,7 @@ TIME_FAULTS = {
         lambda h5: with_value(
             h5, "time", slice(None), (1.14e9 + np.arange(N) * 0.1).astype("f4").astype("f8")
         ),
-        "in single precision, in steps of 1.3e+02 s at 1.14e+09 s, which do not tell samples 0.1 s apart",
+        "in single precision, in steps of 1.3e+02 s at 1.14e+09 s, which do not resolve samples 0.1 s apart",
     ),
     "a sample lost in single precision": (
         lambda h5: with_value(

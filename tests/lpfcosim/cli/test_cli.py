@@ -17,6 +17,7 @@ from lpfcosim.cosim import compatibility
 from lpfcosim.errors import InputError, RunError
 from lpfcosim.execution import runner, telemetry_file
 from lpfcosim.modelica import build as fmu_build
+from lpfcosim.models import fmu_names
 from tests.campaign_text import ONE_EXPERIMENT
 from tests.reference_run import simulate_reference
 
@@ -85,7 +86,11 @@ def test_fit_then_report(lpfcosim, recorded, tmp_path):
     (result / "report.html").unlink()
     status, _, err = lpfcosim("report", "result")
     assert status == 0, err
-    assert (result / "report.html").read_text(encoding="utf-8") == page
+    # cross-checks repeat the fit, of which a file holds the estimates alone
+    pattern = r'<a href="#cross-checks">.*?</a>|<section>\n<h2 id="cross-checks">.*?</section>\n\n?'
+    without = re.sub(pattern, "", page, flags=re.DOTALL)
+    assert "cross-checks" not in without
+    assert (result / "report.html").read_text(encoding="utf-8").split() == without.split()
 
 
 @pytest.mark.slow
@@ -110,13 +115,13 @@ def test_run_leaves_what_the_contract_says(lpfcosim, short, tmp_path):
     assert document["provenance"]["campaign"] == "short"
     assert "fmu_Plant" in document["provenance"]
     assert "report.html" in out
-    assert "run one: 72000 samples" in err
+    assert "run one: 2 h" in err
     # nothing is simulated twice
     stamps = [p.stat().st_mtime_ns for p in (folder / "telemetry").iterdir()]
     status, _, err = lpfcosim("run", short)
     assert status == 0, err
     assert "run one: kept" in err
-    assert "simulation: 0 samples" in err
+    assert "simulation: 0 h" in err
     assert [p.stat().st_mtime_ns for p in (folder / "telemetry").iterdir()] == stamps
 
 
@@ -127,10 +132,10 @@ def test_fmu_commands(lpfcosim, tmp_path):
     status, out, _ = lpfcosim("fmu", "build", "OpticalMetrology", "--fmi", "2.0", "--out", "older")
     assert status == 0
     assert fmpy.read_model_description("older/OpticalMetrology.fmu").fmiVersion == "2.0"
-    assert len(list((tmp_path / "here").glob("*.fmu"))) == len(fmu_build.MODELS)
+    assert len(list((tmp_path / "here").glob("*.fmu"))) == len(fmu_names())
     status, out, _ = lpfcosim("fmu", "list")
     assert status == 0
-    assert out.count("built") == len(fmu_build.MODELS)
+    assert out.count("built") == len(fmu_names())
     assert "not built" not in out
     status, out, _ = lpfcosim("fmu", "validate", "here/Plant.fmu")
     assert status == 0

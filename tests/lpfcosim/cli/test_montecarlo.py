@@ -22,6 +22,7 @@ from fit.results.estimates import Estimate
 from fit.results.provenance import Provenance
 from fit.settings import settings
 from lpfcosim.campaign import loading, montecarlo
+from lpfcosim.cosim import SimulationProgress
 from lpfcosim.errors import RunError
 from lpfcosim.workflows import montecarlo as workflow
 from lpfcosim.workflows.montecarlo_trial import MonteCarloTask
@@ -199,7 +200,7 @@ def test_bad_input_is_one_sentence(small, lpfcosim, arguments, told):
 def test_a_command_at_its_limit_is_no_campaign_that_counts(small):
     small.write_text(SMALL.replace('"2200 pN"', '"0.5 pN"'), encoding="utf-8")
     task = MonteCarloTask(loading.load(small), settings(), redraw=False)
-    assert "f_x_2 reaches its limit" in task.run(1, {})["failed"]
+    assert "f_x_2 reaches its limit" in task.run(1, {}, SimulationProgress())["failed"]
 
 
 @pytest.mark.parametrize(("authority", "command"), [("N_max_1", "N_phi_1"), ("N_max_2", "N_phi_2")])

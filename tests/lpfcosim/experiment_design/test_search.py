@@ -127,7 +127,7 @@ def test_the_worst_ratio_is_bounded_too(problem):
 
 def test_what_no_design_reaches_is_told_with_how_near_one_comes(problem, fit_model):
     asked = replace(problem.objective, max_ratios=np.full(problem.objective.max_ratios.size, 0.3))
-    with pytest.raises(InputError, match=r"design.no_worse: 0.3 is beyond reach.*stays at 0\.9.*hinder"):
+    with pytest.raises(InputError, match=r"design.no_worse: 0.3 is beyond reach.*stays at 0\.9.*limit"):
         search(replace(problem, objective=asked), fit_model, None)
 
 
@@ -135,7 +135,7 @@ def test_mistakes_are_one_sentence(pair, fit_model):
     def asked(**more):
         return design_problem(replace(pair, design=replace(pair.design, **more)), fit_model)
 
-    with pytest.raises(InputError, match=r"design.weights: the fit tells no lambda_3, did you mean"):
+    with pytest.raises(InputError, match=r"design.weights: the fit does not determine lambda_3, did you"):
         asked(weights={"lambda_3": 2.0})
     still = replace(pair, experiments=tuple(replace(e, injections=()) for e in pair.experiments))
     with pytest.raises(InputError, match="there is nothing to free"):

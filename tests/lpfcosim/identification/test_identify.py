@@ -177,7 +177,7 @@ def test_what_is_clipped_is_masked(lpfcosim, campaign):
         ("DragFreeControl.h = {}", "held by the loop"),
         ("Plant.x_1 = {}", "of causality 'output'; expected a parameter"),
         ("omega_2 = {}", "expected a table of a model, or a parameter of the fit"),
-        ("lambda_2 = {}\nActuation.lambda_2 = {}", "lambda_2 is sought twice"),
+        ("lambda_2 = {}\nActuation.lambda_2 = {}", "lambda_2 is listed twice"),
         ("C_2 = {}\nPlant.tau_2 = {}", "Plant.tau_2 is listed under two names"),
         ("Actuation.lambda_bend_2 = {}", "starts at 0, which gives no scale; expected a width or bounds"),
         ("lambda_2 = { bounds = [2, 1] }", "expected the lower bound first"),
@@ -213,7 +213,7 @@ def test_a_start_that_cannot_be_simulated_is_refused(lpfcosim, done):
     for sought, said in (
         (
             loop,
-            "lambda_2 = 0, SuspensionControl.f_p = -0.006: C_2 tells no delay where lambda_2 is 0; ",
+            "lambda_2 = 0, SuspensionControl.f_p = -0.006: C_2 has no delay where lambda_2 is 0; ",
         ),
         (
             loop.replace("0,", "1,"),
