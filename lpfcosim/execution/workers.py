@@ -7,6 +7,7 @@ import faulthandler
 import logging
 import multiprocessing
 import os
+import shutil
 import sys
 import tempfile
 import threading
@@ -115,7 +116,7 @@ def initialize(
     tempfile.tempdir = str(scratch)
     with suppress(OSError):  # Linux: when memory runs out, this process is ended before its parent
         Path("/proc/self/oom_score_adj").write_text("1000")
-    threading.Thread(target=_exit_with_parent, args=(config,), daemon=True).start()
+    threading.Thread(target=_exit_with_parent, args=(config, scratch), daemon=True).start()
 
 
 def execute(name: str, position: int, item: object) -> Any:
@@ -181,10 +182,19 @@ class _MessageLimit(logging.Filter):
             print(f"(and {self.count - _MAX_MESSAGES} more messages)", file=sys.stderr)
 
 
-def _exit_with_parent(config: WorkerConfig) -> None:
-    """End this process when that of the command, or the server that forked this one, has ended."""
+def _exit_with_parent(config: WorkerConfig, scratch: Path) -> None:
+    """End this process when that of the command, or the server that forked this one, has ended.
+
+    A command that was killed has left its folder for temporary files.
+    """
     parent, server = multiprocessing.parent_process(), os.getppid()
     while parent is not None and parent.is_alive() and os.getppid() == server:
         time.sleep(_POLL)
     checksums.remove_partial(config.folder, os.getpid())
+    if parent is not None and not parent.is_alive():
+        for _ in range(50):  # while another worker unpacks or removes
+            shutil.rmtree(scratch, ignore_errors=True)
+            if not scratch.exists():
+                break
+            time.sleep(0.02)
     os._exit(1)

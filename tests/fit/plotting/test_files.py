@@ -106,7 +106,7 @@ def test_bytes_are_the_same_in_another_process(folder, tmp_path):
         "from tests.oracles.synthetic import World, of_run, pair;"
         "runs = tuple(pair(World(), 'A', seed=1, drive_1=1e-12));"
         "[plotting.write(Path(sys.argv[1]), d.name, plotting.draw, d.draw())"
-        " for d in r.figure_specs('e1', 'A', AnalysedExperiment(*runs, of_run(World(), 'A'), []))]"
+        " for d in r.figure_specs('e1', 'A', r.AnalysedExperiment(*runs, of_run(World(), 'A'), []))]"
     )
     subprocess.run([sys.executable, "-c", code, str(tmp_path)], check=True)
     for path in folder.iterdir():

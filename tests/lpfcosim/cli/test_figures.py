@@ -12,7 +12,7 @@ from tests.oracles.contract_file import write_contract_file
 
 ALL = {
     *("e1b-D-breakdown", "e1r-D-responses", "e1s-D-spectra", "e1t-D-residual"),
-    *("correlation", "leakage", "quantiles"),
+    *("correlation", "leakage", "quantiles", "residual-over-noise"),
 }
 
 

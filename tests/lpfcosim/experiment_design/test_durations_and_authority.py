@@ -200,7 +200,7 @@ def test_interrupted_on_the_command_line_what_there_is_is_written(tmp_path):
                 os.killpg(process.pid, signal.SIGKILL)
     assert process.returncode == 0, err
     assert "interrupted: these are the best tones so far" in out
-    assert "every limit is kept" in out
+    assert "every limit is respected" in out
     assert len(loading.load(tmp_path / "best.toml").experiments) == 2
 
 
