@@ -35,8 +35,6 @@ class Scatter:
     ----------
     kinds : tuple of Kind
         What scatters.
-    widths : tuple of float
-        Standard deviations among the runs, relative to the flight values.
     log_likelihood : float
         Logarithm of the likelihood ratio to no scatter.
     p : float
@@ -44,7 +42,6 @@ class Scatter:
     """
 
     kinds: tuple[random_effects.RandomEffect, ...]
-    widths: tuple[float, ...]
     log_likelihood: float
     p: float
 
@@ -94,7 +91,7 @@ def _estimate(test: ConsistencyTest, kinds: Sequence[random_effects.RandomEffect
             return None
         columns.append(Z[:, sensitive])
     estimate = estimate_widths(test.residual_maker @ test.residual, columns)
-    return Scatter(tuple(kinds), estimate.widths, estimate.log_likelihood, estimate.p)
+    return Scatter(tuple(kinds), estimate.log_likelihood, estimate.p)
 
 
 def _deviations(test: ConsistencyTest, kind: random_effects.RandomEffect) -> Array:
