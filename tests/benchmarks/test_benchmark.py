@@ -15,14 +15,7 @@ def test_short_benchmark_works():
     done = subprocess.run([sys.executable, script, "--short"], capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     figures = json.loads(done.stdout.splitlines()[-1])
-    for parts in figures.pop("parts").values():
+    for parts in figures["parts"].values():
         assert set(parts) == {"step", "arithmetic", "calls and exchange", "recording", "noise", "file"}
-    assert set(figures) == {
-        "us_per_step",
-        "speedup_over_fmpy",
-        "ratio_to_monolithic",
-        "hours_per_second",
-        "peak_rss_mb_6h",
-        "peak_rss_mb_65h",
-    }
-    assert all(value > 0 for value in figures.values())
+    assert figures["speedup_over_fmpy"] > 1
+    assert all(value > 0 for value in figures["peak_mb"].values())
