@@ -197,6 +197,7 @@ def test_page(page, runner):
         runner.run(block)
 
 
+@pytest.mark.fmu
 @pytest.mark.lisa
 @pytest.mark.skipif(find_spec("lisainstrument") is None, reason="needs the extra lisa")
 def test_page_on_a_constellation(runner):
