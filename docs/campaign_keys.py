@@ -1,4 +1,4 @@
-"""Write campaign-keys.csv and its summary in formats.md: ``python docs/campaign_keys.py``."""
+"""Write campaign-keys.csv from the schema of campaigns: ``python docs/campaign_keys.py``."""
 
 import csv
 import re
@@ -7,10 +7,8 @@ from typing import Any
 
 from lpfcosim.cli.schema import json_schema
 
-PAGE = Path(__file__).with_name("formats.md")
 KEYS = Path(__file__).with_name("campaign-keys.csv")
 HEADING = ("table", "key", "value", "default")
-BEGIN, END = "<!-- from the schema: python docs/campaign_keys.py -->\n", "<!-- end -->\n"
 TABLES = {  # in the order of a campaign file
     "TruthTable": "[truth]",
     "AuthorityTable": "[authority.NAME]",
@@ -35,12 +33,6 @@ TABLES = {  # in the order of a campaign file
     "ChoicesTable": "[design.authority]",
     "SoughtTable": "[identify.MODEL.PARAMETER]",
 }
-
-
-def section() -> str:
-    """Return the names of the tables, markers included."""
-    names = ", ".join(re.sub(r"(\[[^]]+\]+)", r"`\1`", head) for head in ("top level", *TABLES.values()))
-    return f"{BEGIN}{names}.\n{END}"
 
 
 def keys() -> list[tuple[str, str, str, str]]:
@@ -89,7 +81,5 @@ def _default(known: dict[str, Any]) -> str:
 
 
 if __name__ == "__main__":
-    before, rest = PAGE.read_text(encoding="utf-8").split(BEGIN)
-    PAGE.write_text(before + section() + rest.split(END)[1], encoding="utf-8")
     with KEYS.open("w", encoding="utf-8", newline="") as file:
         csv.writer(file, lineterminator="\n").writerows([HEADING, *keys()])

@@ -1,7 +1,7 @@
 """The calibrated differential acceleration Delta g(t) of a run. Each of its terms is a channel.
 
-    Delta g   = Delta g_x + delta_g_SC + g_Omega + g_dOmega                               (eq. deltagfull2)
-    Delta g_x = o_12'' - g_c + omega2_2 o_12 + domega2_12 o_1 - delta_ifo o_1''        (eq. deltagjointfit)
+    Delta g   = Delta g_x + delta_g_SC + g_Omega + g_dOmega                        (Eqs. (1) and (4))
+    Delta g_x = o_12'' - g_c + omega2_2 o_12 + domega2_12 o_1 - delta_ifo o_1''        (Eq. (11))
 
 Above some 10 mHz the test masses no longer follow the spacecraft: phi'' = -dOmega_phi. The Euler term is then
 d delta_phi phi'' and -d delta_eta eta'', which has the shape of b_1 and b_2.
@@ -81,7 +81,7 @@ class Corrections:
     Attributes
     ----------
     cross_talk : mapping of str to float, or None
-        Coefficients of eq. bump, subtracted up to `f_max`, and above `SPLIT` only if `is_split`.
+        Coefficients of Eq. (3), subtracted up to `f_max`, and above `SPLIT` only if `is_split`.
     rotation : Rotation or None
         Of the centrifugal term.
     euler : tuple of float, or None
@@ -356,7 +356,7 @@ def _absence(fit: Fit | None, name: str) -> str:
 
 
 def _regressor_channels(cross_talk: Mapping[str, float]) -> set[str]:
-    """Return the channels that coefficients of eq. bump multiply."""
+    """Return the channels that coefficients of Eq. (3) multiply."""
     return {channel for name in cross_talk for channel in dynamics.MEANS[dynamics.CROSS_TALK[name][0]]}
 
 

@@ -25,8 +25,8 @@ class Parameter:
     prior_sigma : float
         Width of the weak prior about `value`, in `unit`: 10 % (lambda), 0.3 s (C), 100 % (others). Also the
         limit: data that constrain the parameter worse leave it indeterminable.
-    equation : str
-        Label in the paper of the equation that defines it, empty where there is none.
+    equation : int
+        Number in the paper of the equation that defines it, 0 where there is none.
     html, latex : str
         The symbol for the report and for the figures (math mode, without the dollars).
     description : str
@@ -40,7 +40,7 @@ class Parameter:
     sigma: float
     unit: str
     prior_sigma: float
-    equation: str
+    equation: int
     html: str
     latex: str
     description: str
@@ -50,25 +50,25 @@ class Parameter:
 def _lambda(j: int, value: float, sigma: float) -> Parameter:
     description = f"gain of the force commanded on test mass {j}"
     symbols = (f"λ<sub>{j}</sub>", rf"\lambda_{j}")
-    return Parameter(f"lambda_{j}", value, sigma, "1", 0.1 * value, "fx2", *symbols, description)
+    return Parameter(f"lambda_{j}", value, sigma, "1", 0.1 * value, 2, *symbols, description)
 
 
 def _C(j: int, value: float, sigma: float) -> Parameter:
     description = f"gain times effective delay of the force commanded on test mass {j}"
     symbols = (f"C<sub>{j}</sub>", f"C_{j}")
-    return Parameter(f"C_{j}", value, sigma, "s", 0.3, "delaylin", *symbols, description)
+    return Parameter(f"C_{j}", value, sigma, "s", 0.3, 6, *symbols, description)
 
 
 def _omega2_0(j: int, value: float, sigma: float) -> Parameter:
     description = f"background stiffness of test mass {j}"
     symbols = (f"ω<sup>2</sup><sub>{j},0</sub>", rf"\omega^2_{{{j},0}}")
-    return Parameter(f"omega2_{j}_0", value, sigma, "s-2", abs(value), "stiff_model", *symbols, description)
+    return Parameter(f"omega2_{j}_0", value, sigma, "s-2", abs(value), 8, *symbols, description)
 
 
 def _alpha(axis: str, j: int, value: float, sigma: float) -> Parameter:
     letter, latex, unit, equation, authority = {
-        "x": ("x", "x", "kg-1 m-1", "alphax", "force"),
-        "phi": ("φ", r"\phi", "kg-1 m-2", "alphaphi", "torque"),
+        "x": ("x", "x", "kg-1 m-1", 9, "force"),
+        "phi": ("φ", r"\phi", "kg-1 m-2", 10, "torque"),
     }[axis]
     description = f"stiffness of test mass {j} per unit of {authority} authority"
     symbols = (f"α<sub>{letter},{j}</sub>", rf"\alpha_{{{latex},{j}}}")
@@ -78,9 +78,7 @@ def _alpha(axis: str, j: int, value: float, sigma: float) -> Parameter:
 def _delta_ifo(k: int, value: float, sigma: float, flown: bool = True) -> Parameter:
     description = f"leakage of x_1 into o_12 in alignment epoch {k}"
     symbols = (f"δ<sub>ifo,{k}</sub>", rf"\delta_{{\rm ifo,{k}}}")
-    return Parameter(
-        f"delta_ifo_{k}", value, sigma, "1", abs(value), "deltagjointfit", *symbols, description, flown
-    )
+    return Parameter(f"delta_ifo_{k}", value, sigma, "1", abs(value), 11, *symbols, description, flown)
 
 
 def _lisa(
@@ -89,7 +87,7 @@ def _lisa(
     index = ",".join(filter(None, (axes, j)))
     symbols = (f"{html}<sub>{index}</sub>", rf"{latex}_{{{index.replace('φ', chr(92) + 'phi')}}}")
     description = f"{text}, test mass {j}" if j else text
-    return Parameter(name, value, width, unit, width, "", *symbols, description, flown=False)
+    return Parameter(name, value, width, unit, width, 0, *symbols, description, flown=False)
 
 
 _DYNAMICS = (
@@ -148,9 +146,9 @@ _GEOMETRY = {
 }
 
 #: Equations whose parameters are fitted along with the dynamics and not reported among them.
-ALONG = ("bump", "deltagfull2", "")  # none: what experiments depart by
+ALONG = (3, 4, 0)  # 0: departures of single experiments
 
-#: Table jointfit, in the order of the joint results.
+#: Joint fit of the paper, in the order of the joint results.
 FLIGHT: Mapping[str, Parameter] = {p.name: p for p in (*_DYNAMICS, *_READ_OUT)}
 #: The parameters of one LISA spacecraft, see `fit.model.lisa_dynamics`.
 LISA: Mapping[str, Parameter] = {
@@ -160,13 +158,13 @@ LISA: Mapping[str, Parameter] = {
         *(_lisa(name, "", *entry) for name, entry in _GEOMETRY.items()),
     )
 }
-#: Delays tau_j = C_j / lambda_j [s] of test masses 1 and 2 in flight (eq. delaylin).
+#: Delays tau_j = C_j / lambda_j [s] of test masses 1 and 2 in flight (Eq. (6)).
 DELAYS = (
     FLIGHT["C_1"].value / FLIGHT["lambda_1"].value,
     FLIGHT["C_2"].value / FLIGHT["lambda_2"].value,
 )
 
-# Table Eulerfit: delta_phi and delta_eta with their sigmas [rad] by inertial period.
+# Euler fit of the paper: delta_phi and delta_eta with their sigmas [rad] by inertial period.
 _MISALIGNMENTS = {
     "1": ((-0.47e-3, 0.03e-3), (-0.066e-3, 0.007e-3)),
     "2": ((-0.40e-3, 0.03e-3), (-0.032e-3, 0.003e-3)),
@@ -207,7 +205,7 @@ def joint_parameter(name: str) -> Parameter:
 
 
 def cross_talk_parameter(name: str) -> Parameter:
-    """Return a coefficient of eq. bump, or of the torques that go with it.
+    """Return a coefficient of Eq. (3), or of the torques that go with it.
 
     Raises
     ------
@@ -219,7 +217,7 @@ def cross_talk_parameter(name: str) -> Parameter:
     description = f"cross-talk of the test masses' {quantity} into Delta g"
     letter, index = name.split("_")
     symbols = (f"{letter}<sub>{index}</sub>", rf"{letter}_{{\rm {index}}}")
-    equation = "bump" if letter == "b" else "deltagfull2"
+    equation = 3 if letter == "b" else 4
     return Parameter(name, 0.0, width, unit, width, equation, *symbols, description, flown=False)
 
 
@@ -232,13 +230,13 @@ def misalignments(period: str) -> tuple[Parameter, ...]:
         ("delta_eta", "δ<sub>η</sub>", r"\delta_\eta", "y"),
     )
     return tuple(
-        Parameter(name, *both, "rad", 1e-3, "gomegafinal", html, latex, f"misalignment about {axis}", flown)
+        Parameter(name, *both, "rad", 1e-3, 22, html, latex, f"misalignment about {axis}", flown)
         for (name, html, latex, axis), both in zip(angles, flight, strict=True)
     )
 
 
 def stiffness_terms(j: int, F_max: float, N_max: float) -> dict[str, float]:
-    """Return what omega2_j [s-2] is made of: the factor of each parameter (eq. stiff_model).
+    """Return what omega2_j [s-2] is made of: the factor of each parameter (Eq. (8)).
 
     Parameters
     ----------
@@ -278,14 +276,14 @@ def experiment_parameters(
         Alignment epoch of the run.
     """
     (omega2_1, sigma_1), (omega2_2, sigma_2) = (_total_stiffness(j, *authority[j - 1]) for j in (1, 2))
-    labels = ("stiff_model", "ω<sup>2</sup><sub>2</sub>", r"\omega^2_2", "stiffness of test mass 2")
+    labels = (8, "ω<sup>2</sup><sub>2</sub>", r"\omega^2_2", "stiffness of test mass 2")
     stiffness_2 = Parameter("omega2_2", omega2_2, sigma_2, "s-2", abs(omega2_2), *labels)
     difference = replace(
         stiffness_2,
         name="domega2_12",
         value=omega2_2 - omega2_1,
         sigma=math.hypot(sigma_1, sigma_2),
-        equation="deltagfull",
+        equation=1,
         html="Δω<sup>2</sup><sub>12</sub>",
         latex=r"\Delta\omega^2_{12}",
         description="stiffness of test mass 2 minus that of test mass 1",
@@ -299,7 +297,7 @@ def experiment_parameters(
 
 M_TM = 1.928  # kg
 
-#: What the paper predicts from the geometry: eqs alphax and alphaphi [kg-1 m-1, kg-1 m-2], and the sums of
+#: What the paper predicts from the geometry: Eqs. (9) and (10) [kg-1 m-1, kg-1 m-2], and the sums of
 #: gravity gradient, sensing bias and largest charge for the background [s-2] (section Results).
 PREDICTED = {
     "alpha_x_1": -320.0,

@@ -1,4 +1,4 @@
-"""Cross-talk of spacecraft motion (eq. bump): its coefficients, what noisy read-outs do to them.
+"""Cross-talk of spacecraft motion (Eq. (3)): its coefficients, what noisy read-outs do to them.
 
 The coefficients b_1 to b_6 are fitted along with the dynamics. Their regressors are read-outs and carry noise
 of their own, the capacitive y and z most of all. Least squares then finds what subtracts best: coefficients
@@ -42,7 +42,7 @@ _TURNED = inertial_forces.along(inertial_forces.BASELINE).keys()
 def cross_talk(
     outcome: IRLSResult, experiments: Sequence[Experiment], sharing: Sharing, correction: AttenuationCorrected
 ) -> dict[str, Fit]:
-    """Return the couplings of eq. bump by alignment epoch.
+    """Return the couplings of Eq. (3) by alignment epoch.
 
     Each `Fit` holds ``b_1`` to ``b_6`` as far as the channels exist and the data determine them; chi2 and dof
     are those of the joint fit, as is the lmfit model, in which they are attenuated.
@@ -94,7 +94,7 @@ def cross_talk(
 def subtraction(
     outcome: IRLSResult, experiments: Sequence[Experiment], sharing: Sharing
 ) -> dict[str, dict[str, float]]:
-    """Return the coefficients of eq. bump by alignment epoch that subtract best: those of least squares."""
+    """Return the coefficients of Eq. (3) by alignment epoch that subtract best: those of least squares."""
     fitted = [p.name for p in outcome.parameters]
     values = dict(zip(fitted, outcome.solution.theta.tolist(), strict=True))
     undetermined = dict(zip(fitted, outcome.undetermined, strict=True))

@@ -1,4 +1,4 @@
-"""Unbiased couplings from noisy read-outs: b_3 to b_6 by instruments (eq. bump).
+"""Unbiased couplings from noisy read-outs: b_3 to b_6 by instruments (Eq. (3)).
 
 The capacitive y and z carry as much noise n as motion at the end of the band, so that least squares finds
 b_3 to b_6 too small. The two test masses read the same motion with noises of their own. In the mean of

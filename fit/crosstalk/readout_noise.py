@@ -27,7 +27,7 @@ DIFFERENCES: Mapping[str, tuple[Mapping[str, float], float]] = {
 
 
 def noise_psd(run: Run) -> dict[str, float]:
-    """Measure the noise floor of the means of eq. bump in the upper half of the band.
+    """Measure the noise floor of the means of Eq. (3) in the upper half of the band.
 
     It is the noise of the `DIFFERENCES` of the read-outs without rotation, which the mean angles measure.
     Noise common to both read-outs does not show; without the angles, rotation counts as noise.

@@ -1,4 +1,4 @@
-"""Figure of the stiffness of a test mass against its authority (eq. stiff_model)."""
+"""Figure of the stiffness of a test mass against its authority (Eq. (8))."""
 
 import math
 from collections.abc import Sequence
@@ -123,7 +123,7 @@ def varies(points: Sequence[StiffnessPoint]) -> bool:
 
 
 def _model(joint: Fit | None, points: Sequence[StiffnessPoint], reach: float) -> list[Mark]:
-    """Return eq. stiff_model as the joint fit has it against F_max [pN], a line for each N_max [N m].
+    """Return Eq. (8) as the joint fit has it against F_max [pN], a line for each N_max [N m].
 
     Where it determines sums alone, two forces of one N_max make the line.
     """

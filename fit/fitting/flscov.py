@@ -1,4 +1,4 @@
-"""Iteratively reweighted least squares as LTPDA's ``flscov`` does it with its default settings (eq. irls).
+"""Iteratively reweighted least squares as LTPDA's ``flscov`` does it with its default settings (Eq. (7)).
 
 Ten stretches of a run overlap by two thirds under a Blackman-Harris window; of their transforms every fourth
 bin counts, from the fifth on. Each bin is weighted by its power in the residual of the previous iteration,

@@ -1,4 +1,4 @@
-"""Iteratively reweighted least squares (eq. irls) on one experiment or on many.
+"""Iteratively reweighted least squares (Eq. (7)) on one experiment or on many.
 
 The paper divides by the previous residual, bin by bin; that leaves the estimates wider than their sigmas. The
 weights here are a smooth PSD, fitted by likelihood to the residual of the adjacent noise run at the previous

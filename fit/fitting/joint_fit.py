@@ -1,4 +1,4 @@
-"""The two fits: each experiment by itself (eq. deltaglinear) and all of them jointly (eq. deltagjointfit)."""
+"""The two fits: each experiment by itself (Eq. (5)) and all of them jointly (Eq. (11))."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -71,7 +71,7 @@ def fit_joint(
     settings: Settings,
     single_fits: Mapping[str, IRLSResult | FitError] | None = None,
 ) -> IRLSResult:
-    """Fit all experiments together, what they share as settings state (eq. deltagjointfit).
+    """Fit all experiments together, what they share as settings state (Eq. (11)).
 
     Parameters
     ----------
@@ -175,7 +175,7 @@ def linear_combination(outcome: IRLSResult, factors: Mapping[str, float]) -> tup
 
 
 def stiffnesses(outcome: IRLSResult, runs: Sequence[Telemetry]) -> tuple[Stiffness, ...]:
-    """Return what a joint fit says of omega2_j at the authorities of its runs (eq. stiff_model)."""
+    """Return what a joint fit says of omega2_j at the authorities of its runs (Eq. (8))."""
     settings = dict.fromkeys((j, *run.authority[j - 1]) for j in (1, 2) for run in runs)
     combinations = [(setting, linear_combination(outcome, stiffness_terms(*setting))) for setting in settings]
     return tuple(Stiffness(*setting, *combination) for setting, combination in combinations if combination)

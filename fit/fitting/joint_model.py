@@ -1,4 +1,4 @@
-"""Runs that share parameters, as one lmfit problem on their compressed estimates (eq. jointlh).
+"""Runs that share parameters, as one lmfit problem on their compressed estimates (Eq. (15)).
 
 The residual of a run is ``V^-1/2 (c(theta) - c)``, with its coefficients c and their true covariance V (see
 `run_estimate`); a Gaussian prior adds one element. It follows that

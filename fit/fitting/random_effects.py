@@ -126,7 +126,7 @@ def parameters(
         widths.append(ScaleParameter(effect.name, tuple(members), units, effect.scale))
         for flight in deviating:
             weak = 2 * FREE * effect.scale * flight.value  # wider than FREE: never indeterminable
-            deviation = replace(flight, value=0.0, prior_sigma=weak, equation="")
+            deviation = replace(flight, value=0.0, prior_sigma=weak, equation=0)
             deviations += [replace(deviation, name=f"d{flight.name}_{e}") for e in experiments]
     return deviations, widths
 

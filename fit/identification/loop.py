@@ -108,7 +108,7 @@ class FreeParameter:
             scale = abs(self.start or 0.0) or 1.0
             description = f"parameter {self.name}"
             return Parameter(
-                self.name, 0.0, scale, self.unit, scale, "", self.name, self.name, description, False
+                self.name, 0.0, scale, self.unit, scale, 0, self.name, self.name, description, False
             )
 
 

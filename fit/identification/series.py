@@ -98,7 +98,7 @@ def reduced_grid(telemetry: Telemetry, fit_channels: dynamics.Channels) -> Reduc
 
 
 def force(o_12: Array, f_x_2: Array, theta: Array) -> Array:
-    """Return the force that made a change of o_12, shape (N,) [m]: the loop inverted (eq. deltagjointfit).
+    """Return the force that made a change of o_12, shape (N,) [m]: the loop inverted (Eq. (11)).
 
     Parameters
     ----------

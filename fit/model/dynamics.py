@@ -1,4 +1,4 @@
-"""The equation of motion (eq. deltagjointfit) as columns of a linear model; the only place with its signs.
+"""The equation of motion (Eq. (11)) as columns of a linear model; the only place with its signs.
 
 With ``x_j'' = g_j - omega2_j x_j + lambda_j f_x_j(t - tau_j) - a_SC`` for the test masses j = 1, 2 and the
 read-outs ``o_1 = x_1``, ``o_12 = x_2 - x_1 + delta_ifo x_1`` the differential acceleration is
@@ -13,8 +13,8 @@ are delayed exactly by a reference tau_0, only the rest is linearised,
 
 so that nothing is approximated once tau_0 has been moved to C / lambda.
 
-That is Delta g_x. Where a run has the read-outs, the cross-talk of spacecraft motion joins (eqs bump and
-deltagfull2), bars being means over the two test masses,
+That is Delta g_x. Where a run has the read-outs, the cross-talk of spacecraft motion joins (Eqs. (3) and
+(4)), bars being means over the two test masses,
 
     Delta g = Delta g_x + delta_g_SC,
     delta_g_SC = b_1 phibar'' + b_2 etabar'' + b_3 ybar'' + b_4 zbar'' + b_5 ybar + b_6 zbar
@@ -43,7 +43,7 @@ PARAMETERS = ("lambda_1", "lambda_2", "C_1", "C_2", "omega2_2", "domega2_12", "d
 _INNER = slice(derivatives.HALF, -derivatives.HALF)  # of what stencils are applied to
 FORCES = (slice(3, 5), slice(1, 3))  # those of the columns that depend on the delays, of test masses 1 and 2
 CHANNELS = ("o_1", "o_12", "f_x_1", "f_x_2")
-#: The means of eq. bump and of the torques, as sums of channels; o_phi_12 is the angle of test mass 2 less
+#: The means of Eq. (3) and of the torques, as sums of channels; o_phi_12 is the angle of test mass 2 less
 #: that of test mass 1.
 MEANS: Mapping[str, Mapping[str, float]] = {
     "phi": {"o_phi_1": 1.0, "o_phi_12": 0.5},
@@ -106,7 +106,7 @@ _STIFFNESS = (
 _LEAKAGE = Term("delta_ifo ddo_1", ("ddo_1",), -1, "δ ö₁", "leakage of o_1 into o_12, second derivative")
 _MOTION, _TORQUES = (tuple(name for name in CROSS_TALK if name[0] == letter) for letter in "be")
 
-#: Commanded forces (eq. fx2).
+#: Commanded forces (Eq. (2)).
 G_C = Term("g_c", ("f_2", "df_2", "f_1", "df_1"), -1, "g_c", "commanded forces, calibrated and delayed")
 #: The terms of Delta g_x, the commanded forces as one.
 DELTA_G_X = (_READ_OUT, G_C, *_STIFFNESS, _LEAKAGE)
@@ -130,7 +130,7 @@ def means(telemetry: Telemetry) -> Iterator[tuple[str, Array]]:
     """Yield those of the `MEANS` whose channels the run has, each of shape (N,).
 
     What is constant has no information, nor what misses many samples. A torque without the angle about the
-    same axis is left out too: its column would try to stand for what is missing of eq. bump.
+    same axis is left out too: its column would try to stand for what is missing of Eq. (3).
     """
     available = set[str]()
     for name, channels_of_mean in MEANS.items():
@@ -274,7 +274,7 @@ def _derived(series: Mapping[str, Array], name: str, fs: float) -> Array:
 
 
 def delays(theta: Array) -> tuple[float, float]:
-    """Return the delays tau_j = C_j / lambda_j [s] (eq. delaylin) for theta of a run, 0 without a gain."""
+    """Return the delays tau_j = C_j / lambda_j [s] (Eq. (6)) for theta of a run, 0 without a gain."""
     lambda_1, lambda_2, C_1, C_2 = (float(value) for value in theta[:4])
     return (C_1 / lambda_1 if lambda_1 else 0.0, C_2 / lambda_2 if lambda_2 else 0.0)
 
@@ -300,7 +300,7 @@ def coefficients(theta: Array, tau: tuple[float, float]) -> Array:
 def gradient(theta: Array, tau: tuple[float, float]) -> Array:
     """Return the derivatives of `coefficients` by theta, shape (P + 1, P)."""
     omega2_2, delta_ifo = theta[4], theta[6]
-    d = np.eye(theta.size + 1, theta.size, k=-1)  # as it is for the coefficients of eq. bump
+    d = np.eye(theta.size + 1, theta.size, k=-1)  # as it is for the coefficients of Eq. (3)
     d[: len(COLUMNS), : len(PARAMETERS)] = 0
     d[[1, 2], 1] = -1, -tau[1]
     d[2, 3] = 1
@@ -323,7 +323,7 @@ def terms(columns: Columns, theta: Array, selection: Sequence[Term] = TERMS) -> 
 
 
 def total(columns: Columns, theta: Array) -> Array:
-    """Return the sum of all terms of Delta g (eqs deltagjointfit and bump), shape (N,) [m s^-2]."""
+    """Return the sum of all terms of Delta g (Eqs. (11) and (3)), shape (N,) [m s^-2]."""
     return _combined(columns.values, coefficients(theta, columns.tau))
 
 
@@ -352,7 +352,7 @@ def residual(telemetry: Telemetry, parameters: Mapping[str, float]) -> tuple[Arr
 
 
 def delta_g_SC(telemetry: Telemetry, cross_talk: Mapping[str, float]) -> tuple[Array, NDArray[np.bool_]]:
-    """Return the cross-talk of spacecraft motion that makes Delta g of Delta g_x (eq. bump).
+    """Return the cross-talk of spacecraft motion that makes Delta g of Delta g_x (Eq. (3)).
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Inertial forces: what a turning spacecraft adds to Delta g_x to make it Delta g (eq. gomegafinal).
+"""Inertial forces: what a turning spacecraft adds to Delta g_x to make it Delta g (Eq. (22)).
 
 Delta g = Delta g_x + g_Omega + g_dOmega + delta_g_SC,
 g_Omega = -(Omega_phi^2 + Omega_eta^2) d,    g_dOmega = d (-dOmega_phi delta_phi + dOmega_eta delta_eta),
@@ -24,7 +24,7 @@ def separation(x_axis: XAxis) -> float:
 
 
 def g_Omega(Omega: Array, d: float) -> Array:
-    """Return the centrifugal term [m s^-2] (eq. centrifugal) of rates [rad/s] of shape (N, 2)."""
+    """Return the centrifugal term [m s^-2] (Eq. (20)) of rates [rad/s] of shape (N, 2)."""
     return np.asarray(-d * np.sum(Omega**2, axis=1))
 
 
@@ -34,7 +34,7 @@ def euler(dOmega: Array, d: float) -> Array:
 
 
 def along(d: float) -> dict[str, tuple[str, float]]:
-    """Return by coefficient of eq. bump the angle that makes the same force above 10 mHz, and its factor.
+    """Return by coefficient of Eq. (3) the angle that makes the same force above 10 mHz, and its factor.
 
     There phi'' = -dOmega_phi, so that g_dOmega = d delta_phi phi'' - d delta_eta eta''.
     """

@@ -19,7 +19,7 @@ class Sharing:
     Attributes
     ----------
     groups : mapping of str to str
-        By parameter, delta_ifo and those of eq. bump without their epoch.
+        By parameter, delta_ifo and those of Eq. (3) without their epoch.
     """
 
     groups: Mapping[str, Group]
@@ -50,7 +50,7 @@ class Sharing:
         omega2_1, omega2_2 = (stiffness_terms(j, *run.authority[j - 1]) for j in (1, 2))
         components = {
             "omega2_2": omega2_2,
-            # eq. deltastiff_model
+            # Eq. (12)
             "domega2_12": omega2_2 | {base: -factor for base, factor in omega2_1.items()},
         }
         rows = [

@@ -30,7 +30,7 @@ CERTAIN = 5.0  # sigma
 def as_fit(outcome: IRLSResult, experiments: Sequence[Experiment]) -> Fit:
     """Report the determinable parameters of the dynamics; everything else becomes warnings.
 
-    Cross-talk (eq. bump) was fitted along but is not reported, see `fit.crosstalk.crosstalk_fit`.
+    Cross-talk (Eq. (3)) was fitted along but is not reported, see `fit.crosstalk.crosstalk_fit`.
 
     Parameters
     ----------

@@ -27,7 +27,7 @@ class Provenance(Mapping[str, object]):
     cross_talk_periods : dict of str to str
         By alignment epoch the inertial period in which all its runs lie, if they lie in one.
     subtraction : dict of str to dict
-        By alignment epoch the coefficients of eq. bump that subtract best, not those of `Results.cross_talk`.
+        By alignment epoch the coefficients of Eq. (3) that subtract best, not those of `Results.cross_talk`.
     settings : dict of str to object
         Settings of the user, see `fit.settings`.
     scatter : dict of str to dict

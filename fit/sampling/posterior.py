@@ -1,6 +1,6 @@
 """The posterior of the parameters of a finished joint fit, for sampling.
 
-Its logarithm is that of the likelihood of every run plus the priors (eq. jointlh). A Gaussian likelihood is
+Its logarithm is that of the likelihood of every run plus the priors (Eq. (15)). A Gaussian likelihood is
 that of the compressed run, with the true covariance of its coefficients (`fit.fitting.run_estimate`). The
 other likelihoods are sums over bins. The window correlates neighbouring bins, so that such a sum claims more
 information than there is: its logarithm is divided by the mean ratio of true variance to claimed variance,

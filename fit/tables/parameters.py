@@ -80,7 +80,7 @@ def parameter_table(
 
 def _unlisted(name: str, estimate: Estimate) -> Parameter:
     """Return a parameter of which nothing is known but its estimate."""
-    return Parameter(name, estimate.value, 0.0, estimate.unit, 0.0, "", escape(name), "", "", flown=False)
+    return Parameter(name, estimate.value, 0.0, estimate.unit, 0.0, 0, escape(name), "", "", flown=False)
 
 
 def _row(parameter: Parameter, fit: Fit, has_truth: bool, forecast: float | None) -> ParameterRow:

@@ -27,7 +27,7 @@ def coefficient(assembly: str, angle: str, path: str) -> Parameter:
         0.0,
         "m rad-1",
         WIDTH,
-        "",
+        0,
         f"c<sub>{html},{index}</sub>",
         rf"c_{{{latex},\mathrm{{{index}}}}}",
         f"path length of the beam that assembly {assembly} {PATHS[path]} by its angle {angle}",

@@ -2,7 +2,7 @@
 
 With the residual power u = 2 |r|^2 / S of a bin (mean 2 where S is right), each likelihood is minus a sum of
 
-    gaussian      u / 2                                     S known from the noise run (eq. llhgaussian)
+    gaussian      u / 2                                     S known from the noise run (Eq. (14))
     student_t     (nu + 2) / 2 log(1 + u / nu)              longer tails: bursts, S not quite known
     marginalised  n log(sum of u over a band of n bins)     S known but for a factor in every band, which is
                                                             marginalised out (PRD 90, 042003)

@@ -37,7 +37,7 @@ class Equation(Protocol):
 
 
 class DeltaG:
-    """The differential acceleration along x (eq. deltagjointfit), see `fit.model.dynamics`."""
+    """The differential acceleration along x (Eq. (11)), see `fit.model.dynamics`."""
 
     coefficients = staticmethod(dynamics.coefficients)
     gradient = staticmethod(dynamics.gradient)
@@ -199,7 +199,7 @@ class LinearRun(WhitenedRun):
 def whiten(spectra: Spectra, S: Array, n_bins: int | None = None) -> tuple[Spectrum, Array]:
     """Scale to unit variance of real and imaginary part each and project constant, ramp and glitches out.
 
-    Sums of products of such columns are the products (a | b) of eq. inprod. Not all bins need be given.
+    Sums of products of such columns are the products (a | b) of Eq. (13). Not all bins need be given.
 
     Returns
     -------

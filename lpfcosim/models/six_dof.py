@@ -28,7 +28,7 @@ def spacecraft_of(run: Run) -> Spacecraft:
 def angular_stiffness(run: Run) -> NDArray[np.float64]:
     """Return the stiffness of test masses 1 and 2 about x, y, z [s^-2], shape (2, 3).
 
-    What authority adds along x, by eq. stiff_model, it adds in proportion about y and z.
+    What authority adds along x, by Eq. (8), it adds in proportion about y and z.
     """
     sc, truth = spacecraft_of(run), run.truth
     constant = np.array([sc.omega2_theta, sc.omega2_eta, sc.omega2_phi])
@@ -121,7 +121,7 @@ def attributes(run: Run) -> dict[str, float]:
 
 
 def truth(run: Run) -> dict[str, float]:
-    """Return the true values along x, the cross-talk of eq. bump and the misalignment of the test masses."""
+    """Return the true values along x, the cross-talk of Eq. (3) and the misalignment of the test masses."""
     sc = spacecraft_of(run)
     beyond_x = {f"b_{i}": value for i, value in enumerate(sc.b, 1)}
     return one_axis.truth(run, {**beyond_x, "delta_phi": sc.delta_phi, "delta_eta": sc.delta_eta})

@@ -3,7 +3,7 @@
 An electrode that pulls with F at its face makes the stiffness -F C''/C' along x. A turn by a small angle a
 about the centre moves the face at a distance r from the axis by r a - (L/2) a^2/2, where L is the side of the
 test mass. The force on it makes the stiffness -F (<r^2> C''/C' - L/2) of that angle, with the mean over the
-electrode. Authority sets the sum of F, so that the two go together (eqs stiff_model, alphax, alphaphi).
+electrode. Authority sets the sum of F, so that the two go together (Eqs. (8), (9), (10)).
 """
 
 from lpfcosim.spacecraft.actuation import ARM, GRADIENT

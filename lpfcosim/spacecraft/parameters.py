@@ -1,6 +1,6 @@
 """The numbers of the spacecraft and its sign convention.
 
-Sign convention (physics of eq. deltagfull, deltaglinear, deltagjointfit), for test mass j = 1, 2 along x,
+Sign convention (physics of Eqs. (1), (5) and (11) of the paper), for test mass j = 1, 2 along x,
 seen from the spacecraft::
 
     x_j'' = g_j - omega2_j x_j + lambda_j f_x_j(t - tau_j) - a_SC        tau_j = C_j / lambda_j

@@ -315,5 +315,5 @@ class Run:
 
 
 def stiffness(background: float, alpha_x: float, F_max: float, alpha_phi: float, N_max: float) -> float:
-    """Give the stiffness of a test mass under its authority [s^-2], eq. stiff_model."""
+    """Give the stiffness of a test mass under its authority [s^-2], Eq. (8)."""
     return background + alpha_x * F_max + alpha_phi * N_max

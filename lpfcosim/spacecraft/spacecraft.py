@@ -36,7 +36,7 @@ class Spacecraft:
     tau_es : float
         Transport delay of electrostatic commands other than x [s].
     b : tuple of float
-        b_1 … b_6 of eq. bump [m rad^-1, m rad^-1, 1, 1, s^-2, s^-2], as the read-out has them.
+        b_1 … b_6 of Eq. (3) [m rad^-1, m rad^-1, 1, 1, s^-2, s^-2], as the read-out has them.
     b_drift : tuple of float
         Of b_1 and b_2 [m rad^-1 s^-1].
     Omega_DC : tuple of float

@@ -2,7 +2,7 @@
 
 The folder is that of ``lpfcosim run campaigns/mission.toml``. Everything is read from its results and
 telemetry, or computed from these, but for the forecast of the fit that the flight made: gains common to all
-experiments, cross-talk not subtracted (eq. deltagjointfit). ``--docs`` writes them into docs/mission.md and
+experiments, cross-talk not subtracted (Eq. (11)). ``--docs`` writes them into docs/mission.md and
 the CSV files beside it.
 """
 
@@ -56,7 +56,7 @@ BAND = 1.25  # from f / BAND to f BAND
 SHARES = {2e-4: 40_000.0, 5e-4: 20_000.0, 1e-3: 7200.0, 3e-3: 7200.0} | dict.fromkeys(
     (1e-2, 2e-2, 3e-2, 5e-2, 7e-2), 3600.0
 )
-EULER = {  # table Eulerfit, mrad
+EULER = {  # Euler fit of the paper, mrad
     "1": ((-0.47, 0.03), (-0.066, 0.007)),
     "2": ((-0.40, 0.03), (-0.032, 0.003)),
     "3": ((-0.39, 0.02), (-0.137, 0.003)),
@@ -81,7 +81,7 @@ def as_flown() -> Fit:
 
 
 def parameters(results: Results, flown: Fit) -> Iterator[str]:
-    """The fourteen of table jointfit."""
+    """The fourteen parameters of the joint fit."""
     heads = ("parameter", "flight", "true value", "estimate", "pull")
     yield f"| {' | '.join((*heads, 'sigma / flight', 'as flown / flight'))} |"
     yield "|---|---|---|---|---|---|---|"
@@ -102,7 +102,7 @@ def parameters(results: Results, flown: Fit) -> Iterator[str]:
 
 
 def angles(results: Results) -> Iterator[str]:
-    """The six of table Eulerfit."""
+    """The six angles of the Euler fit."""
     heads = ("angle [mrad], period", "flight", "true value", "estimate", "pull")
     yield f"| {' | '.join((*heads, 'sigma / flight'))} |"
     yield "|---|---|---|---|---|---|"

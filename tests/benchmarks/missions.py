@@ -209,9 +209,9 @@ def table(lines: Sequence[Line]) -> list[str]:
     fewer = sum(bool(line["left_out"]) for line in sound)
     scattered = sum(bool(line["scatter"]) for line in sound)
     text = [
-        f"{len(lines)} missions: {len(failed)} without a joint fit, {len(unsound)} with one that is not "
-        f"sound; {len(sound)} are counted. {fewer} left out an experiment, {scattered} modelled the scatter "
-        "of gains.",
+        f"{len(lines)} missions, {len(failed)} without a joint fit, {len(unsound)} whose uncertainties are "
+        f"not valid; {len(sound)} are counted. In {fewer} an experiment was left out, in {scattered} the "
+        "scatter of gains was modelled.",
         "",
         "| parameter | n | mean pull | standard deviation | within 1 sigma | largest |",
         "|---|---|---|---|---|---|",

@@ -322,10 +322,11 @@ def section(lines: Sequence[Line], table: Sequence[tuple[str, ...]]) -> str:
     numbers = [[float(cell) for cell in row[3:7]] for row in table if row[0] == "the fit"]
     mean, std, one_sigma, held = zip(*numbers, strict=True)
     text = [
-        f"Of {len(fits)} campaigns {failed} gave no joint fit and {unsound} one that is not sound; the "
-        f"others are ranked. {fewer} left out a run, {scattered} modelled the scatter of gains. Of {u.size} "
-        f"true values {beyond} are more than {FAR:g} sigma off, {far} by their rank, which includes the "
-        f"tails of the posterior. Mean pulls of the {len(numbers)} parameters are {min(mean):+.2f} to "
+        f"Of {len(fits)} campaigns, {failed} have no joint fit, and {unsound} have one whose uncertainties "
+        f"are not valid; the others are ranked. In {fewer} a run was left out, in {scattered} the scatter of "
+        f"gains was modelled. Of {u.size} true values, {beyond} are more than {FAR:g} sigma from the "
+        f"estimate; by their rank, which includes the tails of the posterior, {far}. "
+        f"Mean pulls of the {len(numbers)} parameters are {min(mean):+.2f} to "
         f"{max(mean):+.2f}, standard deviations {min(std):.2f} to {max(std):.2f}; "
         f"{100 * min(one_sigma):.1f} to {100 * max(one_sigma):.1f} % lie within 1 sigma, and 68 % intervals "
         f"contain {100 * min(held):.1f} to {100 * max(held):.1f} % ([all numbers](sbc.csv)).",

@@ -59,7 +59,9 @@ def test_the_table_counts_what_is_sound():
     ]
     head, *_, row, b_3, delta_ifo = missions.table(lines)
     assert b_3.startswith("| b_3 | 6 |") and delta_ifo.startswith("| delta_ifo | 6 |")
-    assert head.startswith("5 missions: 1 without a joint fit, 1 with one that is not sound; 3 are counted")
+    assert head.startswith(
+        "5 missions, 1 without a joint fit, 1 whose uncertainties are not valid; 3 are counted"
+    )
     assert row == "| C_1 | 3 | +0.00 ± 0.76 | 1.32 ± 0.41 | 33 % | 1.5 |"
 
 

@@ -61,7 +61,9 @@ def test_what_is_not_sound_or_failed_is_counted_and_not_ranked(right):
     lines.append({"number": 31, "fit": {"failed": "no noise"}})
     table = sbc.rows(sbc.models(lines))
     assert {row[2] for row in table} == {"30"}
-    assert "Of 32 campaigns 1 gave no joint fit and 1 one that is not sound" in sbc.section(lines, table)
+    assert "Of 32 campaigns, 1 have no joint fit, and 1 have one whose uncertainties are" in sbc.section(
+        lines, table
+    )
 
 
 def test_a_log_is_continued_and_that_of_another_fit_refused(tmp_path, right):

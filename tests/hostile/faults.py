@@ -90,7 +90,7 @@ def by_verdict(rows: Sequence[Row]) -> str:
         members = [row for row in rows if row["verdict"] in verdicts]
         lines.append(f"| {name} | " + " | ".join(outcomes(members)) + " |")
     others = [row for row in rows if row["verdict"] not in ("undetectable", "harmless")]
-    lines.append("| others | " + " | ".join(outcomes(others)) + " |")
+    lines.append("| detectable | " + " | ".join(outcomes(others)) + " |")
     return "\n".join(lines)
 
 
@@ -112,18 +112,21 @@ def ablation(rows: Sequence[Row]) -> list[tuple[str, ...]]:
 
 
 def totals(rows: Sequence[Row]) -> str:
-    """Return the sentence that counts the verdicts."""
+    """Return the table that counts the wrong responses."""
     verdicts = Counter(row["verdict"] for row in rows)
     harmless = sum(fault.harmless for fault in FAULTS)
-    return (
-        f"{len(rows)} faults, {harmless} of them harmless. Detectable faults with a sound result more than "
-        f"{FAR:g} σ off: {verdicts['silent']}; with a sound result from fewer than half of the experiments: "
-        f"{verdicts['minority']}. Harmless faults without a sound result: {verdicts['cries wolf']}; with "
-        f"an experiment left out: {verdicts['costs a run'] + verdicts['costs others']}. Faults of one "
-        f"experiment that prevent the fit of the others: {verdicts['costs all']}. Faults without a named "
-        f"cause: {verdicts['no cause']}; with a wrong cause: {verdicts['wrong cause']}; with a wrong "
-        f"experiment: {verdicts['wrong run']}."
-    )
+    counts = {
+        f"detectable, with a sound result more than {FAR:g} σ from the true value": verdicts["silent"],
+        "detectable, with a sound result from fewer than half of the experiments": verdicts["minority"],
+        "harmless, without a sound result": verdicts["cries wolf"],
+        "harmless, with an experiment left out": verdicts["costs a run"] + verdicts["costs others"],
+        "in one experiment, preventing the fit of the others": verdicts["costs all"],
+        "no cause named": verdicts["no cause"],
+        "a wrong cause named": verdicts["wrong cause"],
+        "a wrong experiment named": verdicts["wrong run"],
+    }
+    lines = [f"| of {len(rows)} faults, {harmless} of them harmless | |", "|---|---|"]
+    return "\n".join([*lines, *(f"| {response} | {n} |" for response, n in counts.items())])
 
 
 def read(path: Path = TABLE) -> list[Row]:

@@ -50,7 +50,7 @@ class World:
     omega2_2: float = -14.0e-7
     delta_ifo: float = -2.2e-5
     jitter: float = 2e-10  # m Hz^-0.5 of x_1
-    b_1: float = 1.2e-5  # m/rad, eq. bump
+    b_1: float = 1.2e-5  # m/rad, Eq. (3)
     b_2: float = -0.9e-5
     leak: float = 1e-3  # m s^-2 of f_x_1 per rad s^-2 of N_phi_1 / I
     omega2_angle: float = -1.5e-6  # s^-2

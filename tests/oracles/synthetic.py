@@ -1,7 +1,7 @@
 """Telemetry made in the frequency domain, open loop, at 1 Hz: an oracle that shares no code with the fit.
 
 o_12 is solved for, frequency by frequency, from Newton's equations of the two test masses as the paper writes
-them (eqs fx2 to deltagfull), with each command held for 0.1 s and delayed exactly.
+them (Eqs. (1) and (2)), with each command held for 0.1 s and delayed exactly.
 """
 
 from dataclasses import dataclass, replace

@@ -15,6 +15,6 @@ equation
 <pre>
   o_1 = x_1 + n_1,   o_12 = x_2 - x_1 + delta_ifo*x_1 + n_12
 </pre>
-<p>Default: delta_ifo of the first alignment epoch, table jointfit of the paper.</p>
+<p>Default: delta_ifo of the first alignment epoch in Phys. Rev. D 97, 122002 (2018).</p>
 </html>"));
 end Interferometer;

@@ -57,6 +57,6 @@ equation
 </pre>
 <p>sampled every h and held. preload_j is the sum of the pulls of all electrodes per unit mass, of which a relative
 voltage noise e_x_j leaves the difference of the two sides.</p>
-<p>Defaults: gains and authority A of the paper; the arm of an electrode is a choice.</p>
+<p>Defaults: gains and nominal authority in Phys. Rev. D 97, 122002 (2018); the arm of an electrode is a choice.</p>
 </html>"));
 end PartialActuation;

@@ -54,6 +54,6 @@ equation
 tau_2, here and not in the actuation: a force that switches between two samples cannot cross the boundary of an
 FMU.</p>
 <p>tau_1 and tau_2 are pure transport delays. The effective delays of the estimation, C_j/lambda_j, add half a sample of
-the hold. Defaults: table jointfit of the paper, less 0.05 s.</p>
+the hold. Defaults: joint fit in Phys. Rev. D 97, 122002 (2018), less 0.05 s.</p>
 </html>"));
 end Plant;

@@ -19,7 +19,7 @@ equation
 <pre>
   f_control_2 = f_x_2_start - K(o_12 - guidance_o_12)
 </pre>
-<p>A positive read-out asks for a negative force on test mass 2. Defaults: unity gain near 1 mHz as in the paper; zeros
+<p>A positive read-out asks for a negative force on test mass 2. Defaults: unity gain near 1 mHz as in flight; zeros
 and poles are a choice.</p>
 </html>"));
 end SuspensionController;

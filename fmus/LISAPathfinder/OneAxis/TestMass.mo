@@ -8,7 +8,7 @@ model TestMass "One free-floating test mass in its housing, along x"
   parameter Types.Force F_max = 0 "Authority of the x force";
   parameter Types.Torque N_max = 0 "Authority of the torque about phi";
   final parameter Types.Stiffness omega2 = omega2_0 + alpha_x*F_max + alpha_phi*N_max
-    "Total stiffness, eq. stiff_model";
+    "Total stiffness, background and authority";
   Interfaces.AccelerationInput g "Stray force per unit mass";
   Interfaces.AccelerationInput f "Applied electrostatic force per unit mass";
   Interfaces.AccelerationInput a_SC "Acceleration of the spacecraft";
@@ -24,8 +24,8 @@ equation
   x'' = F/m_tm - a_SC,   F/m_tm = g - omega2*x + f,   omega2 = omega2_0 + alpha_x*F_max + alpha_phi*N_max
 </pre>
 <p>A negative omega2 is destabilising. The stiffness grows with the authorities, since the actuation keeps the sum of
-the squared voltages constant (eq. stiff_model).</p>
-<p>Defaults: mass as flown; stiffness of the order of the budget in the paper (gravity gradient, sensing bias,
+the squared voltages constant, Eq. (8) of Phys. Rev. D 97, 122002 (2018).</p>
+<p>Defaults: mass as flown; stiffness of the order of the budget given there (gravity gradient, sensing bias,
 charge).</p>
 </html>"));
 end TestMass;

@@ -75,6 +75,6 @@ equation
 </pre>
 <p>sampled every h and held. Torques about z leak into the command along x (leak_phi_1), torques about y and z into the
 force on test mass 2 (kappa_eta, kappa_phi), and voltage noise e_N_j between the ends of a test mass into its force.</p>
-<p>Defaults: authority A of the paper; 50 pN along y and z a choice.</p>
+<p>Defaults: nominal authority in Phys. Rev. D 97, 122002 (2018); 50 pN along y and z a choice.</p>
 </html>"));
 end Actuation;

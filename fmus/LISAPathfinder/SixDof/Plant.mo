@@ -32,7 +32,7 @@ model Plant "Spacecraft and two test masses, six degrees of freedom each, in the
   parameter Types.Stiffness omega2_phi = -1.5e-6 "Stiffness of a test mass about z, mean of both";
   parameter Types.Stiffness domega2_eta_12 = 0 "Stiffness about y of test mass 2 less that of test mass 1";
   parameter Types.Stiffness domega2_phi_12 = 0 "Stiffness about z of test mass 2 less that of test mass 1";
-  parameter Types.Stiffness b_5 = 0 "Force on test mass 2 along x per mean of y_1 and y_2, eq. bump";
+  parameter Types.Stiffness b_5 = 0 "Force on test mass 2 along x per mean of y_1 and y_2";
   parameter Types.Stiffness b_6 = 0 "Force on test mass 2 along x per mean of z_1 and z_2";
   parameter Types.AngularVelocity Omega_theta_start = 0 "Rate about x at the start";
   parameter Types.AngularVelocity Omega_eta_start = 0 "Rate about y at the start";
@@ -100,7 +100,7 @@ model Plant "Spacecraft and two test masses, six degrees of freedom each, in the
   TestMass testMass_1(m_tm = m_tm, I_tm = I_tm, R = R_1,
     omega2 = {omega2_1_0 + alpha_x_1*F_max_1 + alpha_phi_1*N_max_1, omega2_y, omega2_z},
     omega2_rot = {omega2_theta, omega2_eta - domega2_eta_12/2, omega2_phi - domega2_phi_12/2})
-      "Test mass 1, stiffness along x by eq. stiff_model";
+      "Test mass 1, with the stiffness of its authority along x";
   TestMass testMass_2(m_tm = m_tm, I_tm = I_tm, R = R_2,
     omega2 = {omega2_2_0 + alpha_x_2*F_max_2 + alpha_phi_2*N_max_2, omega2_y, omega2_z},
     omega2_rot = {omega2_theta, omega2_eta + domega2_eta_12/2, omega2_phi + domega2_phi_12/2}) "Test mass 2";
@@ -150,7 +150,8 @@ equation
 <p>Two TestMass and a Spacecraft with three thrusters for forces and three for torques. The electrostatic forces act
 after their transport delays, here and not in the actuation: a force that switches between two samples cannot cross the
 boundary of an FMU. tau_1 and tau_2 are pure transport delays, as in OneAxis.Plant.</p>
-<p>b_5 and b_6 are the stiffness of test mass 2 along x to the mean motion along y and z (eq. bump).</p>
-<p>Defaults along x: table jointfit of the paper, less half a sample of the delays; beyond x a choice.</p>
+<p>b_5 and b_6 are the stiffness of test mass 2 along x to the mean motion along y and z, Eq. (3) of
+Phys. Rev. D 97, 122002 (2018).</p>
+<p>Defaults along x: joint fit given there, less half a sample of the delays; beyond x a choice.</p>
 </html>"));
 end Plant;

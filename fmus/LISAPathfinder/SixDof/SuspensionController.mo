@@ -54,6 +54,6 @@ equation
   annotation (Documentation(info = "<html>
 <p>Laws K of o_12 - guidance_o_12 along x, of eta and phi of both test masses, and of theta of test mass 2. A positive
 error asks for a negative force or torque.</p>
-<p>Defaults: unity gain near 1 mHz along x as in the paper; all other values are a choice.</p>
+<p>Defaults: unity gain near 1 mHz along x as in flight; all other values are a choice.</p>
 </html>"));
 end SuspensionController;

@@ -10,7 +10,7 @@ of its centre, in body axes; test mass j is at r_j = R_j + s_j, where R_2 = -R_1
   m_sc*a_O    = F_sc - F_1 - F_2
   I_sc*dOmega = N_sc - N_1 - N_2 - r_1 x F_1 - r_2 x F_2 - Omega x (I_sc*Omega)
 </pre>
-<p>Along x, commands are accelerations (forces per unit mass), as in the paper and in telemetry; along y and z they are
-forces, about all axes torques.</p>
+<p>Along x, commands are accelerations (forces per unit mass), as in telemetry and in Phys. Rev. D 97, 122002 (2018);
+along y and z they are forces, about all axes torques.</p>
 </html>"));
 end SixDof;

@@ -85,7 +85,7 @@ def test_the_one_of_least_ink_is_in_front(runs):
 
 
 def test_terms_are_those_of_newton():
-    # 10 Hz, one tone in each channel: amplitudes and phases by hand (eq. deltagjointfit)
+    # 10 Hz, one tone in each channel: amplitudes and phases by hand (Eq. (11))
     run = telemetry(World(), "A", "sysid", noisy=False)
     fs, n = 10.0, 20_000
     t = np.arange(n) / fs

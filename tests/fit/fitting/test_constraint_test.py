@@ -75,7 +75,7 @@ def bounded_fit(names, low, high, start=1.0, scales=1.0):
     weighing = SimpleNamespace(name="A", converged=True, block=lambda *_: data)
     values = np.clip(start, low, high) * scales
     parameters = [
-        Parameter(name, value, 100.0 * scale, "1", 100.0 * scale, "", name, name, name, False)
+        Parameter(name, value, 100.0 * scale, "1", 100.0 * scale, 0, name, name, name, False)
         for name, value, scale in zip(names, values, scales, strict=True)
     ]
     limits = {

@@ -29,7 +29,7 @@ TAU = (0.1, 0.2)
 
 
 def model(theta):
-    """Coefficients of the columns after the first (eq. deltaglinear), delays taken off by hand."""
+    """Coefficients of the columns after the first (Eq. (5)), delays taken off by hand."""
     lambda_1, lambda_2, C_1, C_2, omega2_2, domega2_12, delta_ifo = theta
     return np.array(
         [

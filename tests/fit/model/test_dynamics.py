@@ -36,7 +36,7 @@ def test_residual_of_noise_free_tones_vanishes(fs):
 
 @pytest.mark.parametrize("name", sorted(EPOCH_1))
 def test_every_term_counts_with_its_sign(name):
-    # A wrong value must leave exactly what the derivative of eq. deltagjointfit says.
+    # A wrong value must leave exactly what the derivative of Eq. (11) says.
     world = World()
     run = telemetry(world, "E", duration=3600.0, drive_1=1e-12, noisy=False)
     truth = parameters(world)

@@ -68,7 +68,7 @@ def test_runs_follow_one_another_noise_first(file):
     assert runs[2].f_x_2_start == pytest.approx(8e-12 / 1.0776)
     assert runs[2].delta_ifo == -2.09e-5
     assert runs[0].time[-1] == 1799.9
-    assert runs[0].omega2_1 == pytest.approx(-3.99e-7 - 345 * 2.2e-9 - 28.2e3 * 10.4e-12)  # eq. stiff_model
+    assert runs[0].omega2_1 == pytest.approx(-3.99e-7 - 345 * 2.2e-9 - 28.2e3 * 10.4e-12)  # Eq. (8)
 
 
 def test_quick_start_is_the_campaign_it_should_be(quickstart):
