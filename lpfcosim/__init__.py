@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from lpfcosim.workflows.progress import Progress
     from lpfcosim.workflows.run import CampaignRun, run
     from lpfcosim.workflows.simulate import simulate
+    from lpfcosim.workflows.transfer_functions import TransferFunctions, transfer_functions
 
 __all__ = [
     "Campaign",
@@ -43,6 +44,7 @@ __all__ = [
     "MonteCarlo",
     "Progress",
     "RunError",
+    "TransferFunctions",
     "UnavailableError",
     "check",
     "closed_loop",
@@ -55,6 +57,7 @@ __all__ = [
     "run",
     "simulate",
     "simulate_measurements",
+    "transfer_functions",
 ]
 _HOME = {
     "campaign": ("Campaign",),
@@ -71,6 +74,7 @@ _HOME = {
     "workflows.progress": ("Progress",),
     "workflows.run": ("CampaignRun", "run"),
     "workflows.simulate": ("simulate",),
+    "workflows.transfer_functions": ("TransferFunctions", "transfer_functions"),
 }
 
 

@@ -18,6 +18,7 @@ __all__ = [
     "Points",
     "Span",
     "analysis",
+    "bode",
     "gain",
     "leakage",
     "mission",

@@ -88,8 +88,7 @@ def _grid(chart: Chart) -> Figure:
 
 def _draw(ax: Axes, panel: Panel) -> None:
     """Draw the marks of a panel, and set up its axes."""
-    if panel.x.log and panel.y.log:
-        _loglog(ax)
+    _log_scales(ax, panel)
     if panel.x.dates:
         panel = _in_days(panel)
         _dates(ax)
@@ -162,14 +161,18 @@ def _dates(ax: Axes) -> None:
     ax.xaxis.set_major_formatter(ConciseDateFormatter(ticks))  # type: ignore[no-untyped-call]
 
 
-def _loglog(ax: Axes) -> None:
-    for axis, scale in ((ax.xaxis, ax.set_xscale), (ax.yaxis, ax.set_yscale)):
-        scale("log")
-        axis.set_major_locator(LogLocator(numticks=9))
-        axis.set_major_formatter(FuncFormatter(_power))
-        axis.set_minor_formatter(NullFormatter())
-    ax.yaxis.set_minor_locator(NullLocator())
-    ax.grid(visible=True, which="minor", linewidth=0.25)
+def _log_scales(ax: Axes, panel: Panel) -> None:
+    """Set up the logarithmic axes of a panel, with powers of ten."""
+    for axis, name, is_log in ((ax.xaxis, "x", panel.x.log), (ax.yaxis, "y", panel.y.log)):
+        if is_log:
+            ax.set(**{f"{name}scale": "log"})
+            axis.set_major_locator(LogLocator(numticks=9))
+            axis.set_major_formatter(FuncFormatter(_power))
+            axis.set_minor_formatter(NullFormatter())
+    if panel.y.log:
+        ax.yaxis.set_minor_locator(NullLocator())
+    if panel.x.log:
+        ax.grid(visible=True, which="minor", linewidth=0.25)
 
 
 def _power(value: float, _: object) -> str:

@@ -21,6 +21,7 @@ from fit.parallel import one_blas_thread, parallel_map, progress_stage
 from fit.parameters import joint_names, joint_parameter
 from fit.report import (
     charts,
+    control_loops,
     experiments,
     identification,
     mission,
@@ -75,6 +76,7 @@ def write_report(directory: Path, results: Results, telemetries: Sequence[Teleme
     analysed = {} if is_lisa else experiments.analysed(results, telemetries)
     single_sections, sections = ([], []) if is_lisa else _pathfinder_sections(results, telemetries, analysed)
     ratio = experiments.residual_over_noise(analysed)
+    sections += control_loops.sections(directory)
     sections += [*identification.sections(results, directory), *sampling.sections(results, directory)]
     sections += tests.sections(results)
     sections += (ttl_sections := tilt_to_length.sections(results))
@@ -117,14 +119,15 @@ def _pathfinder_sections(
     return single_sections, [*motion_sections, *of_mission]
 
 
-def figure_specs(results: Results, telemetries: Sequence[Telemetry]) -> list[FigureSpec]:
-    """Return all figures of the report but those of other commands, not yet drawn."""
+def figure_specs(results: Results, telemetries: Sequence[Telemetry], directory: Path) -> list[FigureSpec]:
+    """Return all figures of the report of a folder but those of other commands, not yet drawn."""
     delta_g, analysed = noise.DeltaGCache(results), experiments.analysed(results, telemetries)
     sections = [
         *experiments.sections(results, analysed),
         *motion.sections(results, telemetries, delta_g),
         *mission.sections(results, telemetries),
         *noise.sections(results, telemetries, delta_g),
+        *control_loops.sections(directory),
     ]
     ratio = experiments.residual_over_noise(analysed)
     drawn = [spec for section in sections for spec in section.figures if isinstance(spec, FigureSpec)]

@@ -19,7 +19,7 @@ from lpfcosim.workflows import output_paths
 
 WORDS = (
     *("responses", "spectra", "breakdown", "residual", "inertial", "stiffness", "correlation", "gain"),
-    *("leakage", "quantiles", "noise", "over", "date", "authority"),
+    *("leakage", "quantiles", "noise", "over", "date", "authority", "bode"),
 )
 _WORD = re.compile("[A-Za-z]{3,}")  # shorter ones are beginnings of names
 
@@ -33,7 +33,7 @@ def figures(directory: Path, names: Sequence[str], console: Console, *, jobs: in
         results, telemetries = refit.load(directory)
     place = directory / "figures"
     with console.stage("preparation"):
-        known = {spec.name: spec for spec in page.figure_specs(results, telemetries)}
+        known = {spec.name: spec for spec in page.figure_specs(results, telemetries, directory)}
     for name in names:
         if not any(name in figure for figure in known):
             raise InputError(

@@ -1,6 +1,6 @@
 """A campaign simulated, fitted and reported; results say what is missing where runs failed."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
@@ -8,8 +8,10 @@ from pathlib import Path
 
 from fit.errors import CalibrationError, FitError
 from fit.files import atomic
+from fit.report import control_loops
 from fit.results import Fit, Results
 from fit.settings import Settings, settings
+from fit.telemetry import read_all
 from fit.warnings import FitWarning
 from lpfcosim.campaign import Campaign
 from lpfcosim.cosim import Engine
@@ -23,6 +25,7 @@ from lpfcosim.workflows.fmus import campaign_fmus
 from lpfcosim.workflows.forecast import expected_results
 from lpfcosim.workflows.progress import LOG, Progress
 from lpfcosim.workflows.simulate import failure_causes, simulate_into
+from lpfcosim.workflows.transfer_functions import transfer_functions
 
 
 @dataclass(frozen=True, repr=False)
@@ -160,6 +163,8 @@ def _fit(
     if not complete:
         raise failure
     _write_forecast(plan, directory, fit_settings)
+    with progress.stage("loops"):
+        _write_transfer_functions(plan, directory, complete)
     try:
         fitted = calibrate_into(
             directory,
@@ -185,6 +190,15 @@ def _write_forecast(plan: Campaign, directory: Path, fit_settings: Settings) -> 
     with suppress(CalibrationError):
         validation.check_linear_model(plan, "a forecast is", "")
         atomic.write(path, expected_results(plan, fit_settings.without_fmu_parameters(), ()).to_json() + "\n")
+
+
+def _write_transfer_functions(plan: Campaign, directory: Path, paths: Sequence[Path]) -> None:
+    """Write the transfer functions of the control loops, for the report, if they are known and measured."""
+    path = directory / control_loops.NAME
+    path.unlink(missing_ok=True)
+    with suppress(CalibrationError):
+        measured = transfer_functions(plan, read_all(paths, trusted=True))
+        atomic.write(path, measured.to_json() + "\n")
 
 
 def _divide(plan: Campaign, simulated: runner.SimulationResult) -> tuple[list[Path], dict[str, str]]:

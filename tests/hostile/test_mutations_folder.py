@@ -115,7 +115,7 @@ def test_names_of_experiments(tmp_path, name):
         runs = refit.read_all(paths, trusted=True)
         results = calibrate(runs)
         report.write_report(folder, results, runs)
-        names.extend(figure.name for figure in report.figure_specs(results, runs))
+        names.extend(figure.name for figure in report.figure_specs(results, runs, folder))
 
     said = survives(work, folder / "telemetry" / "x", name)
     assert (said is None) == (name.isprintable() and len(name) <= 100)

@@ -66,7 +66,7 @@ def test_words_of_names_are_known():
 def test_names_that_no_figure_has(lpfcosim, fitted, tmp_path):
     status, _, err = lpfcosim("figures", fitted, "nonsense")
     assert status == 2
-    assert "no figure is called 'nonsense', did you mean \"noise\"? (known: authority, breakdown" in err
+    assert "no figure is called 'nonsense', did you mean \"noise\"? (known: authority, bode" in err
     assert lpfcosim("figures", fitted, "spectar")[2].startswith(
         f"lpfcosim: error: {fitted}: no figure is called 'spectar', did you mean \"spectra\""
     )  # nothing is read

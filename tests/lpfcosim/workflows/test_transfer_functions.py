@@ -1,0 +1,133 @@
+"""Transfer functions of the control loops, against sine fits to simulated telemetry."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import fit
+import lpfcosim
+from fit.report import control_loops, page
+from tests.campaign_text import ONE_EXPERIMENT
+
+PLAN = f"""
+schema = "lpf-campaign/1"
+name = "loops"
+seed = 11
+
+{ONE_EXPERIMENT}duration = "2 h"
+noise_duration = "3 h"
+
+[[experiments.injections]]
+into = "guidance_o_12"
+shape = "sine"
+frequency = "4 mHz"
+amplitude = "10 nm"
+cycles = 16
+start = "100 s"
+
+[[experiments.injections]]
+into = "guidance_o_1"
+shape = "sine"
+frequency = "20 mHz"
+amplitude = "10 nm"
+cycles = 20
+start = "5000 s"
+"""
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """A folder with simulated telemetry of the campaign, and the campaign."""
+    folder = tmp_path_factory.mktemp("loops")
+    path = folder / "campaign.toml"
+    path.write_text(PLAN)
+    lpfcosim.simulate(path, folder, fmus=False, jobs=1)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def runs(folder):
+    return fit.load(folder)
+
+
+@pytest.fixture(scope="module")
+def measured(folder, runs):
+    return lpfcosim.transfer_functions(folder / "campaign.toml", runs)
+
+
+def sine_response(run, read_out, frequency, begin, end):
+    """Ratio of the amplitudes of read-out and guidance in the steady state, by least squares in time."""
+    part = (run.time >= begin) & (run.time < end)
+    angle = 2 * np.pi * frequency * run.time[part]
+    basis = np.stack([np.cos(angle), np.sin(angle), np.ones(angle.size), run.time[part]], axis=1)
+    ratio = []
+    for name in (read_out, f"guidance_{read_out}"):
+        a, b, *_ = np.linalg.lstsq(basis, run.channels[name][part], rcond=None)[0]
+        ratio.append(a - 1j * b)
+    return ratio[0] / ratio[1]
+
+
+@pytest.mark.parametrize(
+    ("read_out", "frequency", "begin", "end"),
+    [("o_12", 4e-3, 2100, 4100), ("o_1", 20e-3, 5200, 6000)],
+)
+def test_the_response_is_that_of_a_sine_fit(runs, measured, read_out, frequency, begin, end):
+    (run,) = (run for run in runs if run.kind == "sysid")
+    loop = measured[read_out]
+    assert loop.tones == pytest.approx([frequency])
+    expected = sine_response(run, read_out, frequency, begin, end)
+    assert abs(loop.measured[0] - expected) < 5 * loop.sigma[0]
+    assert loop.sigma[0] < 0.02 * abs(expected)
+    assert np.abs(loop.differences).max() < 4  # false alarm of 1e-4 in Gaussian noise
+
+
+def test_another_loop_gain_is_seen(folder, runs, measured):
+    """Of telemetry whose o_12 follows 1 % too far, the measured response is 1 % larger."""
+    changed = [replace(run, channels={**run.channels, "o_12": 1.01 * run.channels["o_12"]}) for run in runs]
+    loop = lpfcosim.transfer_functions(folder / "campaign.toml", changed)["o_12"]
+    assert abs(loop.measured[0] / measured["o_12"].measured[0]) == pytest.approx(1.01, rel=1e-4)
+    assert loop.differences[0, 0] > 10
+
+
+def test_sigma_is_that_of_white_noise(folder, runs):
+    rng = np.random.default_rng(3)
+    level = 1e-11  # m Hz^-1/2
+    series = [level * np.sqrt(run.fs / 2) * rng.standard_normal(run.time.size) for run in runs]
+    white = [replace(run, channels={**run.channels, "o_1": x}) for run, x in zip(runs, series, strict=True)]
+    loop = lpfcosim.transfer_functions(folder / "campaign.toml", white)["o_1"]
+    duration, amplitude = 1000.0, 10e-9
+    # |W n|^2 has the mean S/2 * 3/8 T, |W g| = A/2 * T/2; half of the power is in each quadrature
+    expected = np.sqrt(level**2 / 2 * 3 / 8 * duration / 2) / (amplitude / 4 * duration)
+    assert loop.sigma[0] == pytest.approx(expected, rel=0.5)
+
+
+def test_they_travel_and_are_drawn(measured, tmp_path):
+    frame = measured.to_dataframe()
+    assert list(frame.index) == ["o_12", "o_1"]
+    assert frame.loc["o_12", "frequency"] == 4e-3
+    plot = measured.plot()
+    assert len(plot.figure.axes) == 3
+    assert {"o_12, modelled", "o_12, measured", "o_1, phase"} <= set(plot.columns["curve"])
+    axes = plot.figure.__class__(figsize=(4, 6)).subplots(3)
+    assert measured.plot(ax=axes).figure is axes[0].figure
+    assert [ax.get_xscale() for ax in axes] == ["log"] * 3
+    assert [ax.get_yscale() for ax in axes] == ["log", "linear", "linear"]
+    with pytest.raises(fit.InputError, match="no loop of 'o_2'"):
+        measured["o_2"]
+
+
+def test_the_report_and_the_figures_have_them(folder, runs, measured):
+    (folder / control_loops.NAME).write_text(measured.to_json())
+    for loop, again in zip(measured, control_loops.load(folder), strict=True):
+        np.testing.assert_allclose(again.measured, loop.measured, rtol=1e-12)
+        np.testing.assert_array_equal(again.sigma, loop.sigma)
+        assert again.names == loop.names
+    results = fit.calibrate(runs, include_short=True)
+    assert "bode" in {spec.name for spec in page.figure_specs(results, runs, folder)}
+    assert 'id="loops"' in fit.save_report(results, runs, folder).read_text()
+
+
+def test_without_a_noise_run_there_is_nothing_to_measure(folder, runs):
+    with pytest.raises(fit.InputError, match="loops: no run with a sine in the guidance"):
+        lpfcosim.transfer_functions(folder / "campaign.toml", [run for run in runs if run.kind == "sysid"])
