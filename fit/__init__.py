@@ -1,4 +1,4 @@
-"""Calibrate a drag-free spacecraft from telemetry, wherever the telemetry comes from.
+"""Calibrate a drag-free spacecraft from simulated or flight telemetry.
 
 ::
 
@@ -10,7 +10,7 @@
     fit.plot.spectra(results, runs, "D")
     fit.save_report(results, runs, "folder")
 
-``import fit`` takes no time: a name is read in when it is first used.
+Names are imported on first use, so that ``import fit`` is fast.
 """
 
 from importlib import import_module

@@ -78,7 +78,7 @@ def make_params(runs: Sequence[Telemetry], **options: object) -> lmfit.Parameter
 
     Names and order are those of the results: the dynamics, coefficients of cross-talk such as ``b_1_2`` in
     alignment epoch 2, ``delta_phi_1`` and ``delta_eta_1`` of inertial period 1. They start at the values
-    found in flight. Fix them, give them bounds or ties as lmfit has them, or a `fit.Prior` as ``user_data``.
+    estimated in flight. Fix, bound or tie them as in lmfit, or give them a `fit.Prior` as ``user_data``.
 
     Parameters
     ----------
@@ -120,12 +120,12 @@ def calibrate(
     runs : sequence of Telemetry
         Each run with injections (kind ``sysid``) is paired with the noise run of the same experiment.
     params : lmfit.Parameters, optional
-        What is known of parameters: see `make_params`.
+        Constraints on parameters, see `make_params`.
     estimator, include_short, exclude, glitches, scatter, f_max, levels, shared, parameters : optional
         Settings of the table ``[fit]`` of a campaign, such as ``estimator="student_t"`` or
         ``shared={"C_1": "experiment"}``; ``fit/default.toml`` explains them and has their defaults.
     **unknown
-        Refused, with the setting that is meant.
+        Refused, with the most similar setting.
 
     Returns
     -------
@@ -137,7 +137,7 @@ def calibrate(
     InputError
         If a setting is not known, if there is nothing to fit, or if a noise run does not belong to its run.
     FitError
-        If no estimate comes out that can be trusted.
+        If no valid estimate results.
     """
     check_runs(runs, "calibrate")
     named: dict[str, object] = {"estimator": estimator, "include_short": include_short, "exclude": exclude}
@@ -170,7 +170,7 @@ def calibrate_inertial(
     results : Results
         The earlier calibration, with a sound joint fit.
     params : lmfit.Parameters, optional
-        What is known of ``delta_phi_1``, ``delta_eta_1`` and those of other periods: see `make_params`.
+        Constraints on ``delta_phi_1``, ``delta_eta_1`` and those of other periods, see `make_params`.
     parameters : mapping of str to ParameterSettings, optional
         The same as settings have it.
 
@@ -185,7 +185,7 @@ def calibrate_inertial(
         If `results` have no sound joint fit, if a run has injections, or if no run determines the inertial
         forces.
     FitError
-        If no estimate comes out that can be trusted.
+        If no valid estimate results.
     """
     check_runs(runs, "calibrate_inertial")
     check_results(results, "calibrate_inertial")
@@ -250,7 +250,7 @@ def load_results(path: PathLike) -> Results:
 
 
 def save_report(results: Results, runs: Sequence[Telemetry], folder: PathLike) -> Path:
-    """Write ``results.json`` and ``report.html`` to a folder, and make the folder if need be.
+    """Write ``results.json`` and ``report.html`` to a folder, which is made if it does not exist.
 
     Returns
     -------

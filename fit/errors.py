@@ -9,7 +9,7 @@ class CalibrationError(Exception):
 
 
 class InputError(CalibrationError):
-    """The input is wrong; the message names the file, the place in it and what was expected (exit 2)."""
+    """The input is wrong (exit status 2); the message names file, place and what was expected."""
 
 
 class MissingKeyError(InputError, KeyError):
@@ -19,7 +19,7 @@ class MissingKeyError(InputError, KeyError):
 
 
 class FitError(CalibrationError):
-    """The input is sound but no trustworthy estimate came out of it (exit 1)."""
+    """The input is valid, but no valid estimate results (exit status 1)."""
 
 
 _short = Repr()

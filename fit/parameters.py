@@ -1,4 +1,4 @@
-"""The estimated parameters: symbol, unit, equation and the value found in flight.
+"""The estimated parameters: symbol, unit, equation and the value estimated in flight.
 
 The flight values serve twice: as what a result is compared with, and as the centre of the weak priors that
 hold a parameter the data leave undetermined.

@@ -55,7 +55,7 @@ def calibrate(telemetries: Sequence[Telemetry], chosen: Settings | None = None) 
     InputError
         If there is nothing to fit, or if runs state different frames.
     FitError
-        If no trustworthy estimate comes out.
+        If no valid estimate results.
     """
     if is_lisa(telemetries):
         return calibrate_lisa(telemetries, chosen or settings())

@@ -11,6 +11,7 @@ from pydantic import BeforeValidator, ConfigDict, Field, ValidationError, field_
 from fit.errors import InputError, quote
 from fit.files import Table, closest_match, documents, key, problem, validation_messages
 from fit.parameters import FLIGHT
+from fit.units import concise_value
 
 Estimator = Literal["gaussian", "student_t", "marginalised", "flscov"]  # of the likelihood, or LTPDA's
 Group = Literal["campaign", "alignment_epoch", "experiment"]  # over which a parameter has one value
@@ -50,7 +51,7 @@ class ParameterSettings(Table):
     expr : str, optional
         Expression of other parameters to which it is tied.
     prior : tuple of float, optional
-        Mean and sigma of Gaussian knowledge of it, SI.
+        Mean and sigma of a Gaussian prior, SI.
     """
 
     model_config = ConfigDict(strict=True)
@@ -101,7 +102,7 @@ class ParameterSettings(Table):
         low, high = self.limits
         words = []
         if self.prior:
-            words.append("with the prior {:.9g} ± {:.3g}".format(*self.prior))
+            words.append(f"with the prior {concise_value(*self.prior)}")
         if math.isfinite(low) and math.isfinite(high):
             words.append(f"between {low:.9g} and {high:.9g}")
         elif self.limits != _UNBOUNDED:
@@ -130,8 +131,8 @@ class Settings(Table):
             )
         if isinstance(raw, dict) and "f_min" in raw:
             raise problem(
-                "the fitted band has no lower limit: commands answer to the noise, and only over the whole "
-                "band from the first bin on that leaves no bias; expected f_max alone",
+                "the fitted band has no lower limit: commands respond to the noise, and only a fit "
+                "from the first bin on is unbiased; expected f_max alone",
                 "f_min",
             )
         return raw

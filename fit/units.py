@@ -1,5 +1,6 @@
-"""Quantities with units, as campaigns, archives and maps of them state them, turned into SI; one registry."""
+"""Quantities with units, as campaigns, archives and maps state them, in SI; values with sigmas."""
 
+import math
 import re
 from collections.abc import Mapping
 from decimal import Decimal
@@ -151,3 +152,35 @@ def _pint_spelling(unit: str) -> str:
         raise UnknownUnitError(f"unit {unit!r} is not known")
     text = _BARE_POWER.sub("^", _PRODUCT.sub(" ", unit)).strip()
     return f"1{text}" if text.startswith("/") else text
+
+
+def power_of_ten(value: float) -> int:
+    """Return the exponent a row shares: 0 from 0.01 to 9999, multiples of 3 above."""
+    exponent = math.floor(math.log10(abs(value))) if value else 0
+    if -2 <= exponent <= 3:
+        return 0
+    return exponent if exponent < 0 else 3 * (exponent // 3)
+
+
+def decimals(sigma: float) -> int:
+    """Return the decimals that show two digits of an uncertainty, one where it was given with one."""
+    if sigma <= 0:
+        return 6
+    digits = 1 if math.isclose(float(f"{sigma:.0e}"), sigma, rel_tol=1e-9) else 2
+    return min(12, max(0, digits - 1 - math.floor(math.log10(sigma) + 1e-9)))
+
+
+def concise_value(value: float, sigma: float) -> str:
+    """Return a value with its sigma in units of the last digits, ``-3.983(52)e-07``."""
+    if not (math.isfinite(value) and 0 < sigma < math.inf):
+        return f"{value:.6g}"
+    exponent = power_of_ten(max(value, sigma, key=abs))
+    scale = 10.0**exponent
+    places = decimals(sigma / scale)
+    digits = round(sigma / scale * 10**places)
+    return f"{value / scale:.{places}f}({digits})" + (f"e{exponent:+03d}" if exponent else "")
+
+
+def campaign_unit(unit: str) -> str:
+    """Return a unit as a campaign takes it: ``kg^-1 m^-1`` for ``kg-1 m-1``, nothing for ``1``."""
+    return "" if unit == "1" else re.sub(r"(?<=[A-Za-z])(-?\d)", r"^\1", unit)

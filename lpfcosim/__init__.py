@@ -9,7 +9,7 @@
     runs = fit.load("quickstart")
     lpfcosim.run(campaign, "quickstart").results            # both at once
 
-``import lpfcosim`` takes no time: a name is read in when it is first used.
+Names are imported on first use, so that ``import lpfcosim`` is fast.
 """
 
 from importlib import import_module

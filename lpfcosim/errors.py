@@ -12,7 +12,7 @@ __all__ = ["DivergenceError", "InputError", "RunError", "UnavailableError", "as_
 
 
 class UnavailableError(InputError):
-    """A quantity that cannot be computed for this input, which is otherwise sound (exit 2).
+    """A quantity that cannot be computed for this input, which is otherwise valid (exit status 2).
 
     Parameters
     ----------
@@ -31,11 +31,11 @@ class UnavailableError(InputError):
 
 
 class RunError(Exception):
-    """The input is sound but the work failed (exit 1)."""
+    """The input is valid, but the work failed (exit status 1)."""
 
 
 class DivergenceError(RunError):
-    """A loop diverged (exit 1).
+    """A loop diverged (exit status 1).
 
     Parameters
     ----------

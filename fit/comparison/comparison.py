@@ -10,7 +10,8 @@ from markupsafe import Markup
 from fit.display import Displayed, html, text
 from fit.errors import InputError
 from fit.results import Estimate, import_pandas
-from fit.tables import Table, ascii_value, campaign_unit, concise
+from fit.tables import Table, ascii_value, concise
+from fit.units import campaign_unit
 
 if TYPE_CHECKING:
     import pandas
@@ -81,7 +82,7 @@ class Agreement:
 
 @dataclass(frozen=True, repr=False)
 class Comparison(Displayed):
-    """N results side by side.
+    """Estimates of N results, compared.
 
     Attributes
     ----------
@@ -91,9 +92,9 @@ class Comparison(Displayed):
         Of the joint fits, then of inertial periods and of the cross-talk; those of experiments where a
         result has no joint fit.
     agreements : tuple of Agreement, length N - 1
-        Of every result with the first.
+        Agreement of every other result with the first.
     notes : tuple of str
-        What else matters to the comparison, a sentence each.
+        Remarks, one sentence each.
     """
 
     labels: tuple[str, ...]
@@ -195,8 +196,8 @@ class Comparison(Displayed):
 
 
 def _estimate(estimate: Estimate, sound: bool) -> dict[str, object]:
-    stated = {name: value for name, value in vars(estimate).items() if value is not None and name != "unit"}
-    return {**stated, "sound": sound}
+    numbers = {name: getattr(estimate, name) for name in ("value", "sigma", "truth", "pull")}
+    return {name: number for name, number in numbers.items() if number is not None} | {"sound": sound}
 
 
 @text.register

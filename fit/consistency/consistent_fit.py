@@ -105,7 +105,7 @@ def fit_consistent_runs(
     Raises
     ------
     FitError
-        If no trustworthy estimate comes out.
+        If no valid estimate results.
     """
     unusable, common = _unusable(experiments)
     usable = _remove(experiments, unusable)
@@ -257,7 +257,7 @@ def _contradicting(
 
 def _untested(settings: Settings) -> FitWarning:
     message = (
-        f"the sigmas of {settings.estimator} are too small to test by: whether the experiments contradict "
+        f"the sigmas of {settings.estimator} are too small for a test: whether the experiments contradict "
         "each other is not known"
     )
     return FitWarning("consistency_untested", (), message)

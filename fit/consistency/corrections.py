@@ -20,6 +20,7 @@ from fit.false_alarms import p_limit
 from fit.model import dynamics
 from fit.parameters import M_TM
 from fit.spectra import derivatives
+from fit.units import concise_value
 from fit.warnings import Cause
 from fit.whitening import Experiment
 
@@ -126,7 +127,7 @@ def scale_cause(channel: str, factor: float, sigma: float) -> tuple[Cause, float
                 return cause("unit", f"{channel} is in {name} and not in {unit}"), scale
     if channel.startswith("f") and abs(factor / M_TM - 1) < tolerance:
         return cause("unit", f"{channel} is in N and not in m s-2"), M_TM
-    return cause("scale", f"{channel} is {factor:.6g} ± {sigma:.1g} times what it should be"), factor
+    return cause("scale", f"{channel} is {concise_value(factor, sigma)} times its correct value"), factor
 
 
 def _live(x: Mapping[str, Array]) -> list[str]:
@@ -195,7 +196,9 @@ def _lag(
     if abs(lag) < SIGNIFICANT * sigma or (scaled and abs(scale - 1) < SIGNIFICANT * scale_sigma):
         return
     text = (
-        f"{abs(samples)} sample{'s' * (abs(samples) > 1)}" if is_whole else f"{abs(lag):.3g} ± {sigma:.1g} s"
+        f"{abs(samples)} sample{'s' * (abs(samples) > 1)}"
+        if is_whole
+        else f"{concise_value(abs(lag), sigma)} s"
     )
     words = f"{name} is {'late' if lag > 0 else 'early'} by {text}"
     cost = AMOUNT * (1 + scaled) + PLACE * (samples != 0)
@@ -234,8 +237,8 @@ def _filter(test: RunTest, name: str, x: Array) -> Iterator[Candidate]:
     gain = complex(1 / response(y, np.array([FILTER_FREQUENCY]))[0])
     lag = float(-np.angle(gain) / (2 * np.pi * FILTER_FREQUENCY))
     words = (
-        f"{name} has gone through a filter of its own, which at {1e3 * FILTER_FREQUENCY:g} mHz passes "
-        f"{abs(gain):.3g} of it, {abs(lag):.2g} s {'late' if lag > 0 else 'early'}"
+        f"{name} was filtered unlike the other channels: at {1e3 * FILTER_FREQUENCY:g} mHz by the factor "
+        f"{abs(gain):.3g}, and {abs(lag):.2g} s {'late' if lag > 0 else 'early'}"
     )
     cost = len(TAPS) * AMOUNT + PLACE + noise_cost  # no less than the lag that it contains
     correction = Correction({name: x + changes @ (inverse @ y)})
@@ -276,7 +279,7 @@ def _exchanges(test: RunTest, x: Mapping[str, Array], lenders: Sequence[Experime
         for name in dynamics.CHANNELS:
             series = getattr(run, name)
             if series.size == x[name].size and np.ptp(series) > 0:
-                words = f"{name} is not its own: that of {e.sysid.telemetry.run} fits"
+                words = f"{name} belongs to another run: that of {e.sysid.telemetry.run} fits"
                 cause = Cause("", name, "exchange", words=words)
                 yield Candidate(cause, Correction({name: series}), AMOUNT + PLACE)
 
@@ -304,7 +307,7 @@ def _slow_drift(test: RunTest) -> Candidate:
     columns = np.polynomial.legendre.legvander(share, DRIFT_DEGREES[-1])[:, DRIFT_DEGREES]
     drift = columns @ test.recorded.test.test(test.whitened(columns)).amounts
     size = float(np.ptp(drift))
-    words = f"o_12 or a force contains a slow drift, as if of {size:.2g} m s-2"
+    words = f"o_12 or a force contains a slow drift of {size:.2g} m s-2"
     cause = Cause("", "o_12", "slow drift", size, None, "m s-2", words)
     return Candidate(cause, Correction(acceleration=drift), len(DRIFT_DEGREES) * AMOUNT)
 
@@ -322,7 +325,7 @@ def _loud_segments(test: RunTest) -> Iterator[Candidate]:
     spans = tuple((start + BLOCK * g[0], start + BLOCK * (g[-1] + 1) + 2 * MASK_MARGIN) for g in groups)
     listed = ", ".join(f"{begin:.0f} to {end:.0f} s" for begin, end in spans[:MAX_SEGMENTS])
     count = f" in {len(spans)} segments, first" if len(spans) > MAX_SEGMENTS else ""
-    words = f"Delta g contains something else{count} from {listed}"
+    words = f"Delta g contains an unknown force{count} from {listed}"
     # every masked datum is as good as an amount
     yield Candidate(
         Cause("", "", "segments", words=words),
@@ -355,7 +358,7 @@ def _segment(
     corrected, cost = x, AMOUNT + PLACE * len(segment.edges)
     masked: tuple[tuple[float, float], ...] = ()
     if n == 0 and abs(amount - 1) < 2 * EXACT_SCALE:
-        cause, corrected = Cause("", name, "excess", words=f"{name} contains data that cannot be real"), 0 * x
+        cause, corrected = Cause("", name, "excess", words=f"{name} contains invalid data"), 0 * x
     elif n == 0:
         cause, factor = scale_cause(name, 1 / (1 - amount), sigma / (1 - amount) ** 2)
         corrected = x / factor
@@ -366,7 +369,7 @@ def _segment(
             cost += 2 * n_data * float(np.log(abs(factor)))
     else:
         lag, error = (n / channels.fs, None) if n else (amount, sigma)
-        text = f"{abs(n)} sample" if n else f"{abs(lag):.3g} ± {sigma:.1g} s"
+        text = f"{abs(n)} sample" if n else f"{concise_value(abs(lag), sigma)} s"
         words = f"{name} is {'late' if lag > 0 else 'early'} by {text}"
         cause = Cause("", name, "lag", lag, error, "s", words)
         corrected = shifted(x, channels.fs, float(np.clip(lag, -5 / channels.fs, 5 / channels.fs)))

@@ -27,6 +27,7 @@ from fit.consistency.template_effects import (
     power_of_displacement,
 )
 from fit.model import dynamics
+from fit.units import concise_value
 from fit.warnings import Cause
 
 Array = NDArray[np.float64]
@@ -90,15 +91,13 @@ class Template:
         """
         size, sigma = self.size(amount, sigma)
         words = self.words.format(
-            size=size,
-            sigma=sigma,
-            percent=100 * abs(size),
-            percent_sigma=100 * sigma,
-            magnitude=abs(size),
+            size=concise_value(size, sigma),
+            percent=concise_value(100 * abs(size), 100 * sigma),
+            magnitude=concise_value(abs(size), sigma),
             late="late" if size > 0 else "early",
             grows="grows" if size > 0 else "falls",
             force=force,
-            clock=1 + size,
+            clock=concise_value(1 + size, sigma),
         )
         size = 1 + size if self.kind == "clock" else size
         return Cause(run, self.channel, self.kind, size, sigma, self.unit, f"{words}{scope}")
@@ -108,7 +107,7 @@ READOUT_LAG = Template(
     "lag",
     "o_1",
     "s",
-    "o_1 is {late} by {magnitude:.2g} ± {sigma:.1g} s",
+    "o_1 is {late} by {magnitude} s",
     late_o_1,
     minimum=0.4,  # moves delta_ifo by about a sigma at most
     by_epoch=True,
@@ -118,7 +117,7 @@ GUIDANCE_LEAKS = tuple(
         "guidance leak",
         "o_12",
         "1",
-        f"{{size:.3g}} ± {{sigma:.1g}} of {guidance} leaks into o_12",
+        f"{{size}} of {guidance} leaks into o_12",
         guidance_leak(guidance),
     )
     for guidance in ("guidance_o_1", "guidance_o_12")
@@ -129,8 +128,8 @@ GAINS_BY_FORCE = tuple(
         "gain by force",
         f"f_x_{j}",
         "1",
-        f"the actuator of test mass {j} is not linear: f_x_{j} acts {{size:.2g}} ± {{sigma:.1g}} of itself "
-        "more at the largest force, {force:.2g} m s-2",
+        f"the actuator of test mass {j} is not linear: the gain of f_x_{j} grows by {{size}} up to the "
+        "largest force, {force:.2g} m s-2",
         gain_by_force(j, dependence),
     )
     for j in (1, 2)
@@ -141,8 +140,8 @@ SIGNED_GAINS_BY_FORCE = tuple(
         "gain by force",
         f"f_x_{j}",
         "1",
-        f"the actuator of test mass {j} is not linear: the gain of f_x_{j} differs by {{size:.2g}} ± "
-        "{sigma:.1g} at the largest force, {force:.2g} m s-2, and by the opposite for the other sign",
+        f"the actuator of test mass {j} is not linear: the gain of f_x_{j} differs by {{size}} at "
+        "the largest force, {force:.2g} m s-2, and by the opposite for the other sign",
         gain_by_force(j, lambda ratio: ratio),
     )
     for j in (1, 2)
@@ -157,7 +156,7 @@ PARAMETER_DRIFTS = tuple(
         "drift",
         name,
         unit,
-        f"{name} changes by {{size:.2g}} ± {{sigma:.1g}}{f' {unit}'.removesuffix(' 1')} from start to end",
+        f"{name} changes by {{size}}{f' {unit}'.removesuffix(' 1')} from start to end",
         coefficient_shift(weights, drift),
         coefficient_shift(weights),
     )
@@ -167,8 +166,7 @@ NONLINEAR_READ_OUT = Template(
     "non-linearity",
     "o_12",
     "1",
-    "o_12 is not linear: too large by {size:.2g} ± {sigma:.1g} of itself at 10 nm, in proportion to the "
-    "square of the distance",
+    "o_12 is not linear: its gain grows by {size} at 10 nm, in proportion to the square of the distance",
     nonlinear_read_out,
     maximum=0.1,
 )
@@ -177,8 +175,8 @@ NONLINEAR_STIFFNESSES = tuple(
         "non-linearity",
         f"omega2_{j}",
         "s-2",
-        f"the stiffness of test mass {j} is not constant: omega2_{j} differs by {{size:.3g}} ± {{sigma:.1g}} "
-        f"s-2 at 10 nm, in proportion to {dependence}",
+        f"the stiffness of test mass {j} is not constant: omega2_{j} differs by {{size}} s-2 "
+        f"at 10 nm, in proportion to {dependence}",
         coefficient_shift(PARAMETER_COLUMNS[j - 1][2], power_of_displacement(j, power)),
         maximum=1e-5,  # ten times the stiffness
     )
@@ -189,7 +187,7 @@ AVERAGED_READ_OUTS = Template(
     "averaging",
     "o_1 o_12",
     "s",
-    "both read-outs look averaged over {size:.2g} ± {sigma:.1g} s",
+    "both read-outs seem to be averaged over {size} s",
     averaged_read_outs,
     size=averaging_time,
 )
@@ -211,7 +209,7 @@ CHANNEL_DRIFTS = tuple(
             "scale drift",
             name,
             "1",
-            f"the scale of {name} {{grows}} by {{percent:.2g}} ± {{percent_sigma:.1g}} % from start to end",
+            f"the scale of {name} {{grows}} by {{percent}} % from start to end",
             channel_effect(name, lambda run, x: x * run.growth),
             channel_effect(name, lambda _, x: x),
         ),
@@ -219,7 +217,7 @@ CHANNEL_DRIFTS = tuple(
             "lag drift",
             name,
             "s",
-            f"the delay of {name} {{grows}} by {{magnitude:.2g}} ± {{sigma:.1g}} s from start to end",
+            f"the delay of {name} {{grows}} by {{magnitude}} s from start to end",
             channel_effect(name, lambda run, x: late_by_second(run, x) * run.growth),
             channel_effect(name, late_by_second),
         ),
@@ -231,7 +229,7 @@ PARAMETER_SHIFTS = (
             "stiffness" if name.startswith("omega2") else "leakage",
             name,
             unit,
-            f"{name} differs by {{size:.3g}} ± {{sigma:.1g}}{f' {unit}'.removesuffix(' 1')} from that of "
+            f"{name} differs by {{size}}{f' {unit}'.removesuffix(' 1')} from that of "
             f"{'the authority' if name.startswith('omega2') else 'its alignment epoch'}",
             coefficient_shift(weights),
         )
@@ -241,7 +239,7 @@ PARAMETER_SHIFTS = (
         "clock",
         "time",
         "1",
-        "its samples are {clock:.7g} ± {sigma:.1g} times as far apart as its time says",
+        "the interval of its samples is {clock} times that of its time",
         parameter_shift(
             {"lambda_1": 2.0, "lambda_2": 2.0, "C_1": 1.0, "C_2": 1.0, "omega2_2": 2.0, "domega2_12": 2.0}
         ),

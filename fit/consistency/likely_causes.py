@@ -21,6 +21,7 @@ from fit.model import Sharing, dynamics
 from fit.parallel import parallel_map
 from fit.parameters import experiment_parameters
 from fit.quality import Exclusion, command_jumps, noise_adaptation
+from fit.units import campaign_unit, concise_value
 from fit.warnings import Cause
 from fit.whitening import Experiment
 
@@ -265,6 +266,6 @@ def largest_pull(test: ConsistencyTest, i: int, experiment: Experiment) -> str:
     name = dynamics.PARAMETERS[k]
     units = {p.name: p.unit for p in experiment_parameters(experiment.sysid.telemetry.authority, 1).values()}
     return (
-        f"alone puts {name} at {single[k]:.6g} ± {single_sigma[k]:.1g}, the others at {theta[k]:.6g} ± "
-        f"{sigma[k]:.1g} {units.get(name, '1').removesuffix('1')}"
+        f"alone puts {name} at {concise_value(single[k], single_sigma[k])}, the others at "
+        f"{concise_value(theta[k], sigma[k])} {campaign_unit(units.get(name, '1'))}"
     ).rstrip()

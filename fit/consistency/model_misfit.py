@@ -306,7 +306,8 @@ def _template_warning(effects: Sequence[CommonEffect], largest_force: tuple[floa
     run = effects[0].run
     scope = f"shown by {run} alone" if run else "in all runs alike"
     message = (
-        f"{either(causes)}, {scope}; the equation of motion lacks that, and the uncertainties are not valid"
+        f"{either(causes)}, {scope}; the equation of motion does not contain that, and the uncertainties are "
+        "not valid"
     )
     return FitWarning(MODEL_MISFIT, (), message, causes=tuple(causes))
 
@@ -326,8 +327,8 @@ def _force_warning(misfits: Sequence[RunMisfit], n_runs: int) -> FitWarning:
     causes = tuple(_strongest_tone(run) for run in misfits)
     words = ", ".join(f"{c.run} ({c.words}, {c.size:.2g} m s-2)" for c in causes)
     message = (
-        f"{len(misfits)} of {n_runs} runs hold forces that no channel records, where driven: {words};"
-        " no template accounts for that, the equation of motion lacks something, and the uncertainties are "
+        f"{len(misfits)} of {n_runs} runs contain forces at the injections that no channel records: {words};"
+        " no known effect explains them, the equation of motion is incomplete, and the uncertainties are "
         "not valid"
     )
     return FitWarning(MODEL_MISFIT, (), message, causes=causes)
@@ -367,7 +368,7 @@ def _delay_warnings(runs: Sequence[RunMisfit]) -> list[FitWarning]:
     extra = float(np.mean([tau - DELAYS[j - 1] for j, tau in late.items()]))
     span = 2 * extra + dynamics.LOOP_PERIOD  # of n samples, whose mean is late by (n - 1) / 2 of them
     measured = " and ".join(f"{tau:.3g} s for f_x_{j}" for j, tau in late.items())
-    words = f"the read-outs look averaged over {span:.2g} s"
+    words = f"the read-outs seem to be averaged over {span:.2g} s"
     cause = Cause("", "o_1 o_12", "averaging", span, None, "s", words)
     message = (
         f"the delay C / lambda is {measured}, more than {MAX_DELAY:g} times that of the flight: {words}, or "

@@ -236,7 +236,7 @@ def apply_iv(fit: Fit, corrections: Mapping[str, IVCorrection], description: str
             value, sigma = estimate.value + corrections[name].shift, estimate.sigma * float(ratio[i])
             parameters[name] = replace(estimate, value=value, sigma=sigma)
     biases = ", ".join(f"{name} ({correction.bias:+.1f})" for name, correction in corrections.items())
-    message = f"{description}; least squares is off by so many of its sigmas: {biases}{note}"
+    message = f"{description}; bias of least squares in units of its sigma: {biases}{note}"
     return replace(
         fit,
         parameters=parameters,

@@ -12,6 +12,7 @@ from fit.false_alarms import sigma_limit
 from fit.parameters import Parameter, cross_talk_parameter
 from fit.results import Estimate
 from fit.telemetry import TOWARDS_1, TOWARDS_2, XAxis
+from fit.units import concise_value
 from fit.warnings import FitWarning
 
 NOTABLE = 0.25  # of the coefficient; torques whose gain is not known, or without angles, make 0.15
@@ -33,7 +34,7 @@ def frame_warnings(estimate: Estimate, x_axis: XAxis, n_periods: int = 1) -> lis
     n_periods : int
         Number of periods that are tested.
     """
-    observation = f"the coefficient of g_Omega comes out as {estimate.value:.3g} ± {estimate.sigma:.2g}"
+    observation = f"the coefficient of g_Omega is {concise_value(estimate.value, estimate.sigma)}"
     if abs(estimate.value - 1) <= max(sigma_limit("centrifugal force", n_periods) * estimate.sigma, NOTABLE):
         return []
     if estimate.value < -0.5:

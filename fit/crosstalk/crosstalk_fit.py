@@ -162,8 +162,8 @@ def _attenuated(
     message = (
         "the noise of the read-outs of spacecraft motion attenuates "
         + ", ".join(f"{name} ({bias})" for name, bias in biased.items())
-        + "; these coefficients subtract best but are no unbiased couplings: their sigmas include the "
-        "expected shift, and where that is unknown none is given"
+        + "; these coefficients subtract the motion best, but are biased as couplings: their sigmas include "
+        "the expected bias, or are not given where it is unknown"
     )
     if np.isfinite(shift[row]):
         message += f"; {delta_ifo} moves by {shift[row] / sigma[row]:+.2f} sigma"
@@ -185,8 +185,8 @@ def _corrected(
         return []
     ratios = ", ".join(f"{name} ({factor:.2g})" for name, factor in cost_of.items())
     message = (
-        "the two inertial sensors, each the instrument for the other, free these of the noise of the "
-        f"read-outs, at so many times the sigma of least squares: {ratios}; motion is subtracted with the "
+        "estimated with each inertial sensor as instrumental variable for the other, which removes the bias "
+        f"by read-out noise; sigma relative to least squares: {ratios}; motion is subtracted with the "
         "coefficients of least squares, which subtract better"
     )
     return [FitWarning("instrumental_variables", tuple(cost_of), message)]
@@ -252,7 +252,7 @@ def subtract_euler_force(cross_talk: Fit, misaligned: Fit, period: str, d: float
     fit, names = _shift_by_euler_force(cross_talk, misaligned, d, -1)
     message = (
         f"the Euler force of period {period}, which above 10 mHz has the shape of b_1 and b_2, has been "
-        "taken off them; their sigmas are those of d delta_phi and d delta_eta, which cancel in Delta g"
+        "subtracted from them; their sigmas are those of d delta_phi and d delta_eta, which cancel in Delta g"
     )
     kept_warnings = [warning for warning in cross_talk.warnings if warning.code != INCLUDED]
     return replace(fit, warnings=(*kept_warnings, FitWarning(SEPARATED, names, message)))

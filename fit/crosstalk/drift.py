@@ -58,7 +58,7 @@ def inflate_sigma(fit: Fit, drifts: Mapping[str, Heterogeneity]) -> Fit:
         f"{name} ({drift.width:.2g} {fit.parameters[name].unit})" for name, drift in reported.items()
     )
     message = (
-        f"these differ between the experiments of the epoch, beyond noise by: {widths}; their sigmas are "
+        f"these differ between the experiments of the epoch by more than noise: {widths}; their sigmas are "
         "those of the mean over such experiments"
     )
     warning = FitWarning("cross_talk_drift", tuple(reported), message)

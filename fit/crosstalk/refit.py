@@ -48,7 +48,7 @@ def experiments(
     provenance = results.provenance
     joint, pairs, chosen = provenance.joint_runs, provenance.noise_runs, provenance.settings
     if joint is None or pairs is None or chosen is None:
-        raise InputError(f"{path}: provenance: expected joint_runs, noise_runs and settings; fit once more")
+        raise InputError(f"{path}: provenance: expected joint_runs, noise_runs and settings; fit again")
     for name in (*joint, *pairs.values()):
         if name not in runs:
             raise InputError(f"{path}: provenance: run {name!r} is in none of the telemetry files it names")
@@ -78,7 +78,7 @@ def least_squares(prepared: Sequence[Experiment], settings_of_fit: Settings, res
     Raises
     ------
     FitError
-        If no trustworthy estimate comes out.
+        If no valid estimate results.
     """
     by_data = settings_of_fit.scatter == ["auto"]
     scatter = [*(results.provenance.scatter or {})] if by_data else settings_of_fit.scatter
@@ -112,7 +112,7 @@ def refit(results: Results, telemetries: Sequence[Telemetry], path: Path) -> IRL
     InputError
         If the results do not say how they came about, or another fit comes out.
     FitError
-        If no trustworthy estimate comes out.
+        If no valid estimate results.
     """
     prepared, fit_settings = experiments(results, telemetries, path)
     outcome = least_squares(prepared, fit_settings, results)
@@ -124,6 +124,6 @@ def refit(results: Results, telemetries: Sequence[Telemetry], path: Path) -> IRL
         if name not in estimates or abs(estimates[name] - estimate.value) > MAX_CHANGE * estimate.sigma:
             raise InputError(
                 f"{path}: joint.parameters.{name}: {estimate.value:g}, expected what a fit of the telemetry "
-                f"gives, {estimates.get(name, 'none')}; fit once more"
+                f"gives, {estimates.get(name, 'none')}; fit again"
             )
     return outcome

@@ -16,12 +16,12 @@ MAX_TOML = 2**20  # bytes; what is written by hand
 # tomllib takes minutes and gigabytes for a key of thousands of parts
 _DEEP_KEY = re.compile(r"""(?<![\w"'-])(?:[\w"'-]+[ \t]*\.[ \t]*){100}""")
 _WRITE = {  # what tomllib says, and what to write instead
-    "cannot overwrite a value": "; a key and a [table] stand once, a list of tables is written [[name]]",
+    "cannot overwrite a value": "; a key or [table] may occur once, a list of tables is written [[name]]",
     "invalid statement": ", expected key = value or [table]",
-    "invalid value": ", a text stands in quotes",
+    "invalid value": ", text must be in quotes",
     "invalid date or datetime": ", a time is written as in 2016-04-16T14:00:00Z",
     "expected newline or end of document after a statement": (
-        "; a text stands in quotes, and a time is written as in 2016-04-16T14:00:00Z"
+        "; text must be in quotes, and a time is written as in 2016-04-16T14:00:00Z"
     ),
     "unclosed array": ", a list ends with ] and has commas between its values",
 }

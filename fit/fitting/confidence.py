@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 def delta_chi2(best: MinimizerResult, new: MinimizerResult) -> float:
     """Return the probability of a smaller difference of chisqr, for `lmfit.conf_interval`.
 
-    lmfit's default, an F test, is for sigmas that are known but for a factor. Those of a calibration are
+    lmfit's default, an F test, is for sigmas that are known up to a factor. Those of a calibration are
     known: the difference that one fixed parameter makes is distributed as chi^2 with one degree of freedom.
 
     Parameters

@@ -24,6 +24,7 @@ from fit.fitting import constraints
 from fit.fitting.irls import IRLSResult
 from fit.fitting.joint_model import Prior, free_directions, parameter_values
 from fit.model import dynamics
+from fit.units import concise_value
 from fit.warnings import FitWarning
 
 if TYPE_CHECKING:
@@ -76,7 +77,7 @@ class TestedConstraint:
     def __str__(self) -> str:
         if np.isnan(self.unconstrained):
             return self.description
-        return f"{self.description} (without: {self.unconstrained:.6g} ± {self.sigma:.2g})"
+        return f"{self.description} (without: {concise_value(self.unconstrained, self.sigma)})"
 
     def bound_message(self) -> str:
         """Return at which bound the estimate is, and where the data put it."""
@@ -84,7 +85,8 @@ class TestedConstraint:
         if np.isnan(self.unconstrained):
             return message
         place = f"{self.excess:.2g} sigma beyond" if self.excess > 0 else "within it"
-        return f"{message}, the data put it at {self.unconstrained:.6g} ± {self.sigma:.2g}, {place}"
+        unconstrained = concise_value(self.unconstrained, self.sigma)
+        return f"{message}, the data put it at {unconstrained}, {place}"
 
 
 @dataclass(frozen=True)

@@ -45,7 +45,7 @@ def fit_experiment(
     Raises
     ------
     FitError
-        If no trustworthy estimate comes out.
+        If no valid estimate results.
     """
     run = experiment.sysid.telemetry
     cross_talk = experiment.parameters[len(dynamics.PARAMETERS) :]
@@ -87,7 +87,7 @@ def fit_joint(
     InputError
         If something is to scatter over a single experiment.
     FitError
-        If no trustworthy estimate comes out.
+        If no valid estimate results.
     """
     initial = _weighed(single_fits or {})
     if settings.scatter == ["auto"]:

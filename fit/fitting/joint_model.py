@@ -37,7 +37,7 @@ STEP = 1e-4  # relative, for the derivatives of expressions
 
 
 class Prior(NamedTuple):
-    """Gaussian knowledge of a parameter, given as ``user_data`` of an `lmfit.Parameter`."""
+    """A Gaussian prior of a parameter, given as ``user_data`` of an `lmfit.Parameter`."""
 
     mean: float
     sigma: float

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 def make_params(
     runs: Sequence[Telemetry], settings: Settings, angles: Sequence[Parameter] = ()
 ) -> lmfit.Parameters:
-    """Return the parameters of the joint fit, cross-talk included, and angles at the values found in flight.
+    """Return the parameters of the joint fit, cross-talk included, and angles, at their flight values.
 
     Raises
     ------

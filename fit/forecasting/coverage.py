@@ -14,6 +14,7 @@ from fit.model import separation
 from fit.parameters import stiffness
 from fit.results import Fit, Results
 from fit.telemetry import Telemetry, inertial_period, read_truth
+from fit.units import concise_value
 
 SCHEMA = "lpf-montecarlo/1"
 FALSE_ALARM = 1e-3  # probability that sound calibrations fail any of the tests of their pulls
@@ -231,14 +232,14 @@ def verdict(pulls: Mapping[str, Pulls], n: int, failed: int) -> Verdict:
     reasons = []
     for name, p in pulls.items():
         departures = [
-            (_of_mean(p), f"mean pull {p.pull_mean:+.2g} ± {p.pull_mean_error:.2g} instead of 0"),
+            (_of_mean(p), f"mean pull {concise_value(p.pull_mean, p.pull_mean_error)} instead of 0"),
             (
                 _of_std(p),
-                f"standard deviation of pulls {p.pull_std:.3g} ± {p.pull_std_error:.2g} instead of 1",
+                f"standard deviation of pulls {concise_value(p.pull_std, p.pull_std_error)} instead of 1",
             ),
             (
                 _two_sided(round(p.coverage_1sigma * p.n), p.n, COVERAGE),
-                f"{100 * p.coverage_1sigma:.0f} ± {100 * p.coverage_1sigma_error:.0f} % within 1 sigma "
+                f"{concise_value(100 * p.coverage_1sigma, 100 * p.coverage_1sigma_error)} % within 1 sigma "
                 f"instead of {100 * COVERAGE:.0f} %",
             ),
         ]

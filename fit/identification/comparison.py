@@ -20,6 +20,7 @@ from fit.model import Sharing, dynamics
 from fit.results import Fit, Results
 from fit.spectra import derivatives
 from fit.telemetry import Telemetry
+from fit.units import concise_value
 from fit.warnings import FitWarning
 from fit.whitening import Experiment, Run
 
@@ -177,9 +178,8 @@ def fixed_value_conflicts(fixed_values: Mapping[str, float], calibrated: Fit | N
         if name in calibrated.parameters:
             estimate = calibrated[name]
             if abs(value - estimate.value) > max(limit * estimate.sigma, ROUNDING * abs(value)):
-                conflicts[name] = (
-                    f"{name} is {value:.6g}, the fit finds {estimate.value:.6g} ± {estimate.sigma:.2g}"
-                )
+                estimated = concise_value(estimate.value, estimate.sigma)
+                conflicts[name] = f"{name} is {value:.6g}, the estimate of the fit {estimated}"
     if not conflicts:
         return []
     message = f"the data contradict values fixed in the simulated loop: {'; '.join(conflicts.values())}"

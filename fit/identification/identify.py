@@ -73,7 +73,7 @@ def identify(
     InputError
         If the estimator has no counterpart here, a constraint has no parameter, or a start no loop.
     FitError
-        If the loop cannot be simulated, or no trustworthy estimate comes out.
+        If the loop cannot be simulated, or no valid estimate results.
     """
     identification = _Identification(
         experiments, free, loop, calibrated, _constrained(experiments, free, calibrated, settings, params)
@@ -164,7 +164,9 @@ class _Identification:
         """Begin where the fit or the `previous` search ended, with the random effects of the fit."""
         calibrated, settings = self.calibrated, self.settings
         if settings.estimator == "flscov":
-            raise InputError('fit.estimator: "flscov" takes no simulated loop, expected another estimator')
+            raise InputError(
+                'fit.estimator: "flscov" is not available with a simulated loop, expected another estimator'
+            )
         references = [run_dynamics(e, calibrated, settings) for e in self.experiments]
         values = calibrated.joint.values if calibrated.joint else {}
         scatter = [*(calibrated.provenance.scatter or {})]  # stated, or the data ask for them
@@ -228,7 +230,7 @@ class _Identification:
         corrections = attenuation.iv_corrections({name: fitted[name] for name in names}, least_squares)
         missing = ", ".join(name for name in joint_fit.parameters if name not in fitted.parameters)
         note = f"; by how much it is for {missing} is not known" if missing else ""
-        description = "moved and widened as instruments do it to the fit"
+        description = "corrected and widened as by the instrumental variables of the fit"
         return attenuation.apply_iv(joint_fit, corrections, description, note)
 
     def _provenance(

@@ -67,7 +67,7 @@ def calibrate_lisa(
     InputError
         If there is nothing to fit, or a setting has no meaning for LISA.
     FitError
-        If no trustworthy estimate comes out.
+        If no valid estimate results.
     """
     check_settings(chosen)
     experiments = _taking_part(pair(telemetries, chosen.f_max), chosen, telemetries)
@@ -97,7 +97,7 @@ def fit(experiments: Sequence[LisaExperiment], chosen: Settings, names: Sequence
     Raises
     ------
     FitError
-        If no trustworthy estimate comes out.
+        If no valid estimate results.
     """
     return fit_of(solve(experiments, chosen, names), names, experiments)
 

@@ -71,7 +71,7 @@ def _warnings(names: Sequence[str]) -> tuple[FitWarning, ...]:
     if not names:
         return ()
     message = (
-        f"the calibration does not determine {', '.join(names)}; left at the flight value (delta_ifo: zero), "
-        "with the width of the weak prior in the sigmas"
+        f"the calibration does not determine {', '.join(names)}; left at the flight value "
+        "(delta_ifo: zero), with the width of the weak prior in the sigmas"
     )
     return (FitWarning("not_calibrated", tuple(names), message),)

@@ -51,7 +51,7 @@ class Exclusion:
     def message(self) -> str:
         """Return the observations and their causes as one sentence."""
         if self.corrected:
-            return f"{self.corrected}: {either(self.causes)}; so corrected, it agrees with the others"
+            return f"{self.corrected}: {either(self.causes)}; corrected, it agrees with the others"
         if self.causes:
             return f"{self.experiment}: perhaps {either(self.causes)}; {self.reason}"
         if self.single_fit_code == "contradiction":

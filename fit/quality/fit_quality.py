@@ -16,6 +16,7 @@ from fit.parameters import ALONG
 from fit.quality import noise_tests
 from fit.results import Fit
 from fit.telemetry import Telemetry
+from fit.units import campaign_unit, concise_value
 from fit.warnings import UNDETERMINED, Cause, FitWarning, undetermined
 from fit.whitening import Experiment
 
@@ -130,8 +131,8 @@ def _other_direction(outcome: IRLSResult, pair: Sequence[int], blind: Array) -> 
     if known is None:
         return ""
     return (
-        f"; determined is {parameter.name} {'-' if factor < 0 else '+'} {abs(factor):.4g} {partner.name} = "
-        f"{known[0]:.5g} ± {known[1]:.2g} {parameter.unit}"
+        f"; only {parameter.name} {'-' if factor < 0 else '+'} {abs(factor):.4g} {partner.name} = "
+        f"{concise_value(*known)} {campaign_unit(parameter.unit)} is determined"
     )
 
 
@@ -169,7 +170,7 @@ def scattered(outcome: IRLSResult) -> list[FitWarning]:
             continue
         verb = "scatters" if width > SIGNIFICANT * sigma else "may scatter"
         text = (
-            f"{name} {verb} between the experiments by {width:.2g} ± {sigma:.1g} beyond noise{chosen}; "
+            f"{name} {verb} between the experiments by {concise_value(width, sigma)} beyond noise{chosen}; "
             "its sigma is that of the mean over such experiments"
         )
         warnings.append(FitWarning("random_effects", (name,), text))
@@ -224,8 +225,8 @@ def acausal(outcome: IRLSResult) -> list[FitWarning]:
             early = -C / gain
             if early > max(EARLY, CERTAIN * sigma / gain):
                 early_commands[f"C_{j}"] = (
-                    f"f_x_{j} acts {early:.3g} ± {sigma / gain:.1g} s before it is commanded: it is late in "
-                    "the files of every run, or o_12 is early"
+                    f"f_x_{j} acts {concise_value(early, sigma / gain)} s before it is commanded: it is late "
+                    "in the files of every run, or o_12 is early"
                 )
     if not early_commands:
         return []

@@ -18,6 +18,7 @@ from fit.parallel import parallel_map
 from fit.quality.exclusions import Exclusion
 from fit.spectra import derivatives, windowing
 from fit.telemetry import Telemetry
+from fit.units import concise_value
 from fit.warnings import Cause
 from fit.whitening import Experiment, Run
 
@@ -96,7 +97,7 @@ def _scale_cause(run: Telemetry, response: SlowResponse) -> Cause:
     gain, sigma = float(response.series[0]), float(response.sigma[0])
     kind = "sign" if gain < 0 else "scale"
     words = (
-        f"o_1 follows guidance_o_1 by {gain:.4g} ± {sigma:.1g} times, expected 1 of slow guidance: "
+        f"the gain from slow guidance_o_1 to o_1 is {concise_value(gain, sigma)}, expected 1: "
         f"the {kind} of one of the two is wrong"
     )
     return Cause(run.run, "o_1", kind, gain, sigma, "1", words, str(run.path))

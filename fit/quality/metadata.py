@@ -241,7 +241,7 @@ def _duplicate_cause(a: Telemetry, b: Telemetry, readouts: Sequence[duplicates.D
     scaled = f", times {pair.gain:.4g}" * (abs(pair.gain - 1) > 1e-3)
     names = [readout.channel for readout in readouts]
     words = (
-        f"{' and '.join(names)} hold{'s' * (len(names) == 1)} the same noise as {a.path}{late}{scaled}: "
+        f"{' and '.join(names)} contain{'s' * (len(names) == 1)} the same noise as {a.path}{late}{scaled}: "
         f"{b.run} and {a.run} cannot be two runs"
     )
     return Cause(b.run, " ".join(names), "duplicate", words=words, file=str(b.path))
@@ -270,7 +270,7 @@ def _injections(run: Telemetry, references: Sequence[Run]) -> list[Cause]:
     readouts = [name for r in references if (name := _injected_readout(channels, r.channels))]
     if 2 * len(readouts) <= len(references):
         return []
-    words = f"attribute kind: 'noise', but {readouts[0]} holds injections, expected 'sysid'"
+    words = f"attribute kind: 'noise', but {readouts[0]} contains injections, expected 'sysid'"
     return [Cause(run.run, "kind", "attribute", words=words, file=str(run.path))]
 
 

@@ -185,7 +185,7 @@ def nonstationary_warning(name: str, variances: SegmentVariances) -> FitWarning:
     ratios: list[NDArray[np.float64]] = [variance for *_, variance in variances]
     message = (
         f"{name}: the power of its noise changes within the run, from {np.min(ratios):.2g} to "
-        f"{np.max(ratios):.2g} times its mean in quarters of the run; the sigmas allow for that"
+        f"{np.max(ratios):.2g} times its mean in quarters of the run; the sigmas take that into account"
     )
     return FitWarning("nonstationary_noise", (), message)
 

@@ -115,7 +115,7 @@ def _few_values(channel: Channel) -> list[SampleFault]:
         return []
     if period := _period(channel.head):
         seconds = period / channel.fs
-        return channel.throughout("period", f"comes again every {seconds:g} s", seconds, "s")
+        return channel.throughout("period", f"repeats every {seconds:g} s", seconds, "s")
     if channel.resolution is None:
         text = f"is rounded: it has {distinct} values in {present.size} samples"
         return channel.throughout("few values", text, distinct / present.size)

@@ -14,11 +14,11 @@ from fit.tables import (
     highlight,
     measurement,
     name_head,
-    power_of_ten,
     pull_text,
     symbol,
     unit_text,
 )
+from fit.units import power_of_ten
 
 NAME = "identified.json"
 

@@ -20,10 +20,10 @@ from fit.tables import (
     highlight,
     measurement,
     name_head,
-    power_of_ten,
     symbol,
     unit_text,
 )
+from fit.units import power_of_ten
 
 _COVERAGE = 0.6827  # of a normal variable, within 1 sigma
 

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from fit.display import Displayed
+from fit.units import concise_value
 
 if TYPE_CHECKING:
     from lmfit import Minimizer, Parameters
@@ -52,7 +53,7 @@ class Constraint:
             return f"tied to {self.expr}"
         if self.kind == "fixed":
             return FIXED
-        words = ["prior {:.9g} ± {:.3g}".format(*self.prior)] if self.prior else []
+        words = [f"prior {concise_value(*self.prior)}"] if self.prior else []
         if self.at_bound:
             words.append(f"at bound {self.min if self.at_bound == 'min' else self.max:.9g}")
         elif (self.min, self.max) != (None, None):
@@ -74,7 +75,7 @@ class Estimate(Displayed):
     truth, pull : float or None
         The simulated value and (value - truth)/sigma; None where unknown.
     constraint : Constraint or None
-        What the user states of it.
+        Constraint by the user, if there is one.
     """
 
     value: float

@@ -21,12 +21,12 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, repr=False)
 class Fit(Displayed):
-    """One fit.
+    """Estimates of one fit.
 
     Attributes
     ----------
     parameters : dict of str to Estimate
-        The determinable parameters.
+        The parameters that the data determine.
     covariance_matrix : ndarray, shape (P, P)
         In the order of `parameters`, products of their units.
     chi2 : float
@@ -44,9 +44,9 @@ class Fit(Displayed):
     centrifugal : Estimate, optional
         Of an inertial period: coefficient of g_Omega if it is free; 1 expected.
     stiffness : tuple of Stiffness
-        Of a joint fit: omega2_j at the authorities of its runs, also where the parts of that sum are lost.
+        Of a joint fit: omega2_j at the authorities of its runs, also where its parts are not determined.
     solved : SolvedModel, optional
-        The model that was fitted; no file holds it.
+        The fitted model; not in files.
     """
 
     parameters: dict[str, Estimate]

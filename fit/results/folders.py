@@ -94,12 +94,12 @@ def telemetry_of(results: Results, file: Path) -> list[Path]:
     """
     names = results.provenance.telemetry
     if not names:
-        raise InputError(f"{file}: provenance.telemetry: expected a list of file names; fit once more")
+        raise InputError(f"{file}: provenance.telemetry: expected a list of file names; fit again")
     paths = [_referenced(file, name) for name in dict.fromkeys(names)]
     for path in paths:
         if not is_file(path):
             raise InputError(
-                f"{path}: no such file, expected telemetry that {file} is of; move it back, or fit once more "
+                f"{path}: no such file, expected telemetry that {file} is of; move it back, or fit again "
                 "where it is now"
             )
     return paths

@@ -29,7 +29,7 @@ SINGLE_FITS = ("joint", "ttl")
 
 @dataclass(frozen=True, repr=False)
 class Results(Displayed):
-    """Everything one calibration yields.
+    """Results of one calibration.
 
     Attributes
     ----------
@@ -40,14 +40,14 @@ class Results(Displayed):
     cross_talk, inertial : dict of str to Fit
         By alignment epoch and by inertial period.
     provenance : Provenance
-        How they came about.
+        Software, telemetry, settings and runs that the results are of.
     ttl : Fit or None
         Tilt-to-length coupling of LISA.
 
     Raises
     ------
     InputError
-        Where a section is asked for a fit that it has not.
+        If a section is indexed by a fit that it does not have.
     """
 
     joint: Fit | None

@@ -4,7 +4,8 @@ from collections.abc import Iterator
 
 from fit.display import latex
 from fit.results import FIXED, Estimate, Fit, Results
-from fit.tables.numbers import described_parameter, estimate_text, power_of_ten
+from fit.tables.numbers import described_parameter, estimate_text
+from fit.units import power_of_ten
 
 
 @latex.register

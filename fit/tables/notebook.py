@@ -13,17 +13,16 @@ from fit.parameters import Parameter, joint_parameter
 from fit.results import FIXED, Estimate, Fit, Results
 from fit.tables.numbers import (
     ascii_value,
-    campaign_unit,
     concise,
     estimate_text,
     measurement,
-    power_of_ten,
     signed,
     unit_text,
 )
 from fit.tables.parameters import estimates, parameter_table
 from fit.tables.table import Table
 from fit.telemetry import Telemetry
+from fit.units import campaign_unit, power_of_ten
 from fit.warnings import distinct_messages
 
 

@@ -1,6 +1,5 @@
 """Numbers in print: a value with its uncertainty and unit, down to two digits of sigma."""
 
-import math
 import re
 from collections.abc import Mapping
 from contextlib import suppress
@@ -10,6 +9,7 @@ from markupsafe import Markup, escape
 
 from fit.parameters import Parameter, experiment_parameters, joint_parameter, misalignments
 from fit.results import FIXED, WITHHELD, Estimate, Fit
+from fit.units import decimals, power_of_ten
 
 _SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
@@ -76,27 +76,6 @@ def _ascii(number: str, exponent: int) -> str:
     return number.replace("−", "-") + (f"e{exponent:+03d}" if exponent else "")
 
 
-def campaign_unit(unit: str) -> str:
-    """Return a unit as a campaign takes it: ``kg^-1 m^-1`` for ``kg-1 m-1``, nothing for ``1``."""
-    return "" if unit == "1" else re.sub(r"(?<=[A-Za-z])(-?\d)", r"^\1", unit)
-
-
-def power_of_ten(value: float) -> int:
-    """Return the exponent a row shares: 0 from 0.01 to 9999, multiples of 3 above."""
-    exponent = math.floor(math.log10(abs(value))) if value else 0
-    if -2 <= exponent <= 3:
-        return 0
-    return exponent if exponent < 0 else 3 * (exponent // 3)
-
-
-def decimals(sigma: float) -> int:
-    """Return the decimals that show two digits of an uncertainty, one where it was given with one."""
-    if sigma <= 0:
-        return 6
-    digits = 1 if math.isclose(float(f"{sigma:.0e}"), sigma, rel_tol=1e-9) else 2
-    return min(12, max(0, digits - 1 - math.floor(math.log10(sigma) + 1e-9)))
-
-
 def unit_text(unit: str, exponent: int = 0) -> str:
     """Return a unit in print, ``10⁻⁷ s⁻²`` for ``s-2`` and -7."""
     factor = "10" + str(exponent).translate(_SUPERSCRIPTS) if exponent else ""
@@ -121,28 +100,13 @@ def described_parameter(name: str) -> Parameter | None:
 
 def prose(message: str) -> Markup:
     """Return a message for the page: symbols of parameters, value(uncertainty), typeset powers and units."""
-    text = re.sub(rf"{_NUMBER} ± {_NUMBER}(?! %)", _with_uncertainty, message)
-    text = re.sub(r"(?<![\w.])(-?[\d.]+(?:\(\d+\))?)e([-+]\d+)", _power, text)
+    text = re.sub(r"(?<![\w.])(-?[\d.]+(?:\(\d+\))?)e([-+]\d+)", _power, message)
     text = re.sub(r"(?<![\w.])-(?=\d)", "−", text)
     text = re.sub(
         r"\b(kg|m|s|rad|Hz|N)\^?(-?\d+(?:/2)?)\b(?! of)", lambda m: m[1] + m[2].translate(_SUPERSCRIPTS), text
     )
     words = re.split(r"\b([A-Za-z]\w*_\w+)\b", text)
     return Markup().join(symbol(word) if i % 2 else escape(word) for i, word in enumerate(words))
-
-
-_NUMBER = r"(-?\d+(?:\.\d+)?(?:e[-+]\d+)?)"
-
-
-def _with_uncertainty(match: re.Match[str]) -> str:
-    value, sigma = float(match[1]), float(match[2])
-    if not sigma > 0:
-        return match[0]
-    exponent = power_of_ten(value)
-    stated = len(match[1].partition("e")[0].partition(".")[2])
-    places = max(stated if exponent == 0 else 0, decimals(sigma / 10.0**exponent))
-    digits = f"{round(sigma / 10.0**exponent * 10**places)}"
-    return f"{value / 10.0**exponent:.{places}f}({digits})" + (f"e{exponent:+d}" if exponent else "")
 
 
 def _power(match: re.Match[str]) -> str:

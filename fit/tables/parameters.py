@@ -11,14 +11,13 @@ from fit.results import Estimate, Fit
 from fit.tables.numbers import (
     Measurement,
     ascii_value,
-    campaign_unit,
     concise,
     fit_estimate,
     measurement,
-    power_of_ten,
     unit_text,
 )
 from fit.tables.table import Table
+from fit.units import campaign_unit, power_of_ten
 
 
 @dataclass(frozen=True)

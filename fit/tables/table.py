@@ -5,7 +5,8 @@ from dataclasses import dataclass
 from markupsafe import Markup
 
 from fit.parameters import Parameter
-from fit.tables.numbers import Measurement, power_of_ten, signed, unit_text
+from fit.tables.numbers import Measurement, signed, unit_text
+from fit.units import power_of_ten
 
 LIMIT = 4.0  # sigma, beyond which page and tables flag a difference
 

@@ -50,7 +50,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, repr=False)
 class Telemetry(Displayed):
-    """One run.
+    """Telemetry of one run.
 
     Attributes
     ----------

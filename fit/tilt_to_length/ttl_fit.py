@@ -23,6 +23,7 @@ from fit.tilt_to_length.normal_equations import (
     product,
 )
 from fit.tilt_to_length.response import ResponseSpectra, response_spectra
+from fit.units import concise_value
 from fit.warnings import FitWarning
 
 if TYPE_CHECKING:
@@ -39,7 +40,7 @@ CHI2_SIGMA = 5.0  # and by how many times its scatter
 MIN_DOF = 1e-3  # of a bin that a fit takes out
 NEGLIGIBLE = 0.05  # part of a blind direction that is not named
 DWS_ASD = 7e-8 / 335  # rad Hz^-0.5, of lisainstrument: where measurements do not state it
-HELD = f"held at 0 ± {1e3 * WIDTH:g} mm/rad"
+PRIOR = f"left at the prior, {concise_value(0, 1e3 * WIDTH)} mm/rad"
 
 
 @dataclass(frozen=True)
@@ -206,7 +207,7 @@ def blind_warnings(undetermined: NDArray[np.bool_], directions: Array) -> list[F
         covered |= set(names)
         combination = {NAMES[i]: float(direction[i]) for i in part}
         text = " ".join(f"{x:+.2g} {name}" for name, x in combination.items())
-        message = f"the measurements do not determine {text}; {_cure(names)}; {HELD}"
+        message = f"the measurements do not determine {text}; {_cure(names)}; {PRIOR}"
         warnings.append(FitWarning("indeterminable", names, message, combination))
     rest = tuple(NAMES[i] for i in np.flatnonzero(undetermined) if NAMES[i] not in covered)
     if rest:

@@ -4,6 +4,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
+from fit.units import campaign_unit, concise_value
 from fit.warnings.causes import Cause
 from fit.warnings.kinds import UNKNOWN, WARNING_KINDS, WarningKind
 
@@ -20,7 +21,7 @@ class TimeSpan(NamedTuple):
 
 @dataclass(frozen=True)
 class FitWarning:
-    """Something the user must know before relying on a fit.
+    """A finding that the user must know before relying on a fit.
 
     Attributes
     ----------
@@ -63,7 +64,8 @@ def undetermined(causes: Sequence[Cause], *, is_combination: bool = False) -> st
     """Return the message on parameters, or parts of a combination, that data leave at their priors."""
     names = ", ".join(cause.channel for cause in causes) + " separately" * is_combination
     priors = ", ".join(
-        f"{c.channel} = {c.size:.4g} ± {c.sigma:.2g} {c.unit}".removesuffix(" 1") for c in causes
+        f"{c.channel} = {concise_value(c.size or 0.0, c.sigma or 0.0)} {campaign_unit(c.unit)}".rstrip()
+        for c in causes
     )
     place = "its prior" if len(causes) == 1 else "their priors"
     return f"the data do not determine {names}: {causes[0].words}; left at {place}: {priors}"

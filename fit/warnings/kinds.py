@@ -215,7 +215,7 @@ WARNING_KINDS: Mapping[str, WarningKind] = {
         severity=Severity.DOUBT,
         headline="Parameters are at their bounds",
     ),
-    "attenuation": WarningKind("Larger set points make the correction smaller; the sigmas hold."),
+    "attenuation": WarningKind("Larger set points make the correction smaller; the sigmas are valid."),
     "attenuation_bias": WarningKind(
         "Use these b_i to subtract the motion, not as couplings; a quieter inertial sensor or larger "
         "motion would reduce the bias.",

@@ -62,10 +62,10 @@ class Experiment:
 class Campaign:
     """A validated campaign; ``t0`` is the start of its first run, ISO 8601 UTC.
 
-    ``parameters`` and ``controllers`` are those of all runs, see `Run`. ``events`` happen to all runs;
-    ``tail_scatter`` is that of the 1/f noise of Delta g between experiments.
-    ``fit`` is what the file says about the fit, ``design`` what it asks of a design, ``identify`` what it
-    seeks, ``tables`` all that it says together with what it extends, as written.
+    ``parameters`` and ``controllers`` are those of all runs, see `Run`. ``events`` apply to all runs;
+    ``tail_scatter`` is the scatter of the 1/f noise of Delta g between experiments. ``fit``, ``design`` and
+    ``identify`` are the tables of these names; ``tables`` has all tables as written, including those of the
+    campaign that the file extends.
     """
 
     name: str

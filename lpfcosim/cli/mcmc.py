@@ -39,7 +39,7 @@ def _sample(
     if corrected_estimates:
         names = ", ".join(corrected_estimates)
         console.note(
-            f"sampled as least squares has it, then moved and widened as instruments have it: {names}"
+            f"sampled by least squares, then corrected and widened as by instrumental variables: {names}"
         )
     with console.stage("fit"):
         outcome = refit.refit(results, telemetries, directory / "results.json")

@@ -247,8 +247,8 @@ def design(
     UnavailableError
         If the campaign has a third-party FMU in the loop.
     InputError
-        If the campaign is wrong, has nothing to free, or asks for what cannot be reached, if the file exists
-        and is no earlier design, or the solver is not installed (``lpfcosim[design]``).
+        If the campaign is wrong, has no tones to optimise or unattainable targets, if the file exists and is
+        not an earlier design, or the solver is not installed (``lpfcosim[design]``).
     RunError
         If a run fails.
     """

@@ -11,7 +11,8 @@ from fit.lisa import expected_lisa_fit
 from fit.parameters import FLIGHT, misalignments
 from fit.results import FIXED, Estimate, Fit
 from fit.settings import Settings, settings
-from fit.tables import Table, campaign_unit
+from fit.tables import Table
+from fit.units import campaign_unit
 from fit.warnings import distinct_messages
 from lpfcosim.campaign import Campaign
 from lpfcosim.errors import InputError, prefix_errors

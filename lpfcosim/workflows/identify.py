@@ -158,7 +158,7 @@ def identify(
     Raises
     ------
     InputError, FitError, RunError
-        If the input is wrong; if no estimate comes out that can be trusted; if an FMU fails.
+        If the input is wrong; if no valid estimate results; if an FMU fails.
     """
     plan, source = resolve(campaign)
     check_options(progress, trusted=trusted)

@@ -14,6 +14,7 @@ from fit.errors import shown
 from fit.files import closest_match, documents
 from fit.forecasting import Pulls, coverage
 from fit.tables import Table
+from fit.units import concise_value
 from lpfcosim.campaign import Campaign
 from lpfcosim.errors import InputError, RunError, prefix_errors
 from lpfcosim.execution import Executor, WorkerConfig, checksums, results_folder, runner, validation
@@ -82,9 +83,9 @@ class MonteCarlo(WorkflowResult):
             (
                 name,
                 str(p.n),
-                f"{p.pull_mean:+.2f} ± {p.pull_mean_error:.2f}",
-                f"{p.pull_std:.2f} ± {p.pull_std_error:.2f}",
-                f"{100 * p.coverage_1sigma:.0f} ± {100 * p.coverage_1sigma_error:.0f} %",
+                concise_value(p.pull_mean, p.pull_mean_error),
+                concise_value(p.pull_std, p.pull_std_error),
+                f"{concise_value(100 * p.coverage_1sigma, 100 * p.coverage_1sigma_error)} %",
                 f"{p.sigma:.2g}",
             )
             for name, p in self.pulls.items()

@@ -304,7 +304,7 @@ def test_parameters_that_are_none_are_refused(runs):
     [
         ({"f_max": 0.2}, "f_max: 0.2 is too large"),
         ({"f_max": 0.001}, "f_max: 0.001 is too small, expected 0.02 Hz or more: below, delays"),
-        ({"f_min": 0.001}, "the fitted band has no lower limit: commands answer to the noise"),
+        ({"f_min": 0.001}, "the fitted band has no lower limit: commands respond to the noise"),
         ({"f_max": 0.05, "estimator": "flscov"}, "f_max: 0.05 with estimator"),
     ],
 )

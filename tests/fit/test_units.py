@@ -4,7 +4,7 @@ import time
 
 import pytest
 
-from fit.units import UnknownUnitError, factor, in_base_units, same_unit, split
+from fit.units import UnknownUnitError, concise_value, factor, in_base_units, same_unit, split
 
 
 @pytest.mark.parametrize("text", ["m s-2", "m s^-2", "m/s^2", "m/s2", "m s**-2", "m·s^-2", "m / s / s"])
@@ -74,3 +74,20 @@ def test_base_units_of_modelica(unit, powers, size):
 def test_no_base_units(unit):
     with pytest.raises(UnknownUnitError):
         in_base_units(unit)
+
+
+@pytest.mark.parametrize(
+    ("value", "sigma", "text"),
+    [
+        (1.0775874, 3.395e-5, "1.077587(34)"),
+        (-3.983e-7, 5.3e-9, "-3.983(53)e-07"),
+        (-26860.0, 930.0, "-26.86(93)e+03"),
+        (0.186, 0.001, "0.186(1)"),
+        (345.0, 12.0, "345(12)"),
+        (1e-9, 2.5e-3, "0.0(25)e-03"),
+        (4.83, 0.0, "4.83"),
+        (float("nan"), 1.0, "nan"),
+    ],
+)
+def test_a_value_is_written_with_its_sigma_in_the_last_digits(value, sigma, text):
+    assert concise_value(value, sigma) == text

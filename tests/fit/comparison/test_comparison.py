@@ -10,7 +10,7 @@ from scipy.stats import chi2 as chi2_distribution
 
 import fit
 from fit.results import Fit, Results
-from fit.results.estimates import Estimate
+from fit.results.estimates import Constraint, Estimate
 from fit.results.provenance import Provenance
 from fit.warnings import FitWarning
 from tests.oracles.contract_file import write_contract_file
@@ -308,3 +308,10 @@ def test_what_cannot_be_compared(tmp_path, monkeypatch, paths, message):
 def test_an_unknown_parameter(comparison):
     with pytest.raises(fit.InputError, match="lambda_1: in no joint fit, expected one of lambda_2"):
         comparison["lambda_1"]
+
+
+def test_json_of_a_constrained_estimate_has_its_numbers():
+    constrained = replace(make_fit([1.0], [0.1])["a"], constraint=Constraint("prior", prior=(1.0, 0.2)))
+    one = Fit({"a": constrained}, np.array([[0.01]]), 1.0, 1, True, ())
+    document = json.loads(fit.compare([results(one), results(make_fit([2.0], [0.1]))]).to_json())
+    assert document["joint"]["a"]["estimates"][0] == {"value": 1.0, "sigma": 0.1, "sound": True}

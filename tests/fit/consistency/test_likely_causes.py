@@ -70,12 +70,12 @@ FAULTS = {
     "low-pass": (
         {"f_x_2": lambda c: signal.lfilter([1 - 1 / np.e], [1, -1 / np.e], c["f_x_2"])},
         {"filter"},
-        "f_x_2 has gone through a filter of its own, which at 50 mHz passes 0.958 of it, 0.55 s late",
+        "f_x_2 was filtered unlike the other channels: at 50 mHz by the factor 0.958, and 0.55 s late",
     ),
     "low-pass of what bears the noise": (
         {"o_12": lambda c: signal.lfilter([1 - 1 / np.e], [1, -1 / np.e], c["o_12"])},
         {"filter"},
-        "o_12 has gone through a filter of its own, which at 50 mHz passes 0.958 of it, 0.55 s late",
+        "o_12 was filtered unlike the other channels: at 50 mHz by the factor 0.958, and 0.55 s late",
     ),
     "late by a minute": (
         {"f_x_2": lambda c: late(c["f_x_2"], 60)},
@@ -85,12 +85,12 @@ FAULTS = {
     "slow drift": (
         {"o_12": lambda c: c["o_12"] + 1e-6 * np.linspace(0, 1, N) ** 2},
         {"slow drift"},
-        "o_12 or a force contains a slow drift, as if of",
+        "o_12 or a force contains a slow drift of",
     ),
     "mean of three": (
         {"o_12": lambda c: np.convolve(np.pad(c["o_12"], 1, mode="edge"), np.ones(3) / 3, "valid")},
         {"filter"},
-        "o_12 has gone through a filter of its own, which at 50 mHz passes 0.967 of it",
+        "o_12 was filtered unlike the other channels: at 50 mHz by the factor 0.967",
     ),
     "read-outs exchanged": (
         {"o_1": lambda c: c["o_12"], "o_12": lambda c: c["o_1"]},

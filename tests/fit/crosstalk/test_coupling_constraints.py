@@ -6,6 +6,7 @@ import pytest
 import fit
 from fit.pipeline import calibrate
 from fit.settings import settings
+from fit.units import concise_value
 from tests.oracles.bump_synthetic import TRUTH, Motion, pair
 from tests.oracles.synthetic import World
 
@@ -37,7 +38,7 @@ def test_a_contradicted_constraint_is_not_sound(runs, unconstrained, kind, pull)
     results = constrained_fit(runs, constraint)
     (contradiction,) = results.joint.unsound
     assert contradiction.code == "constraint_contradicted" and contradiction.parameters[0] == "b_3_1"
-    assert f"(without: {unconstrained.value:.6g} ± {sigma:.2g})" in contradiction.message
+    assert f"(without: {concise_value(unconstrained.value, sigma)})" in contradiction.message
     assert f"chi2 is less by {pull**2:.4g}"[:-2] in contradiction.message
     couplings = results.cross_talk["1"]
     assert couplings["b_3"].value == pytest.approx(target, abs=0.05 * sigma)

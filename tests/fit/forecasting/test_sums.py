@@ -71,4 +71,4 @@ def test_a_sweep_of_one_authority_knows_the_stiffness_at_each():
         assert known.value == pytest.approx(background + per_force * F + per_torque * N, rel=0.01)
         assert 1e-9 < known.sigma < 2e-8
     (message,) = (w.message for w in joint.warnings if "alpha_phi_2" in w.parameters)
-    assert "determined is omega2_2_0 + 1.04e-11 alpha_phi_2 = -7.0" in message
+    assert "only omega2_2_0 + 1.04e-11 alpha_phi_2 = -7.0" in message

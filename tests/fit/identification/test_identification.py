@@ -276,7 +276,7 @@ def test_fixed_values_that_the_fit_contradicts_are_reported(flown):
         assert len(conflicts) == count
     (conflict,) = comparison.fixed_value_conflicts({"lambda_2": 1.0776}, fit)
     assert conflict.parameters == ("lambda_2",)
-    assert "lambda_2 is 1.0776, the fit finds 1.0600" in conflict.message
+    assert "lambda_2 is 1.0776, the estimate of the fit 1.0600" in conflict.message
 
 
 def test_undetermined_parameters_return_to_their_start_before_a_step_is_halved():

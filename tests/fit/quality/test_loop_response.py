@@ -1,5 +1,6 @@
 """An o_1 of another scale or sign shows in its response to slow guidance; a slow loop does not."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -44,10 +45,11 @@ def test_scale_and_sign_of_a_run_are_measured(runs, scale):
     faulty = reasons(changed(runs, ["A1"], "o_1", lambda o: scale * o))
     assert list(faulty) == ["A1"]
     reason = faulty["A1"]
-    assert reason.startswith("A1-sysid.h5: o_1 follows guidance_o_1 by ")
+    assert reason.startswith("A1-sysid.h5: the gain from slow guidance_o_1 to o_1 is ")
     assert f"the {'sign' if scale < 0 else 'scale'} of one of the two is wrong" in reason
-    value, _, sigma = reason.split(" by ")[1].split(" times")[0].split()
-    assert abs(float(value) - scale) < 5 * float(sigma) < 0.03
+    value, digits = re.search(r"is (-?[\d.]+)\((\d+)\), expected 1", reason).groups()
+    sigma = int(digits) / 10 ** len(value.partition(".")[2])
+    assert abs(float(value) - scale) < 5 * sigma < 0.03
 
 
 def test_a_scale_of_the_guidance_is_a_fault_too(runs):

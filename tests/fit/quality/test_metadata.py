@@ -48,13 +48,13 @@ def cut(run, part):
 @pytest.mark.parametrize(
     ("disguise", "words"),
     [
-        (lambda r: r, "hold the same noise as A-sysid.h5:"),
+        (lambda r: r, "contain the same noise as A-sysid.h5:"),
         (lambda r: changed(r, o_1=lambda x: 1.1 * x, o_12=lambda x: 1.1 * x), "times 1.1"),
         (lambda r: changed(r, o_1=lambda x: -x, o_12=lambda x: -x), "times -1"),
         (lambda r: cut(r, slice(1800, None)), "1800 s earlier"),
         (
             lambda r: changed(r, o_12=lambda x: np.where(np.arange(x.size) % 500, x, 1e-6)),
-            "hold the same noise",
+            "contain the same noise",
         ),
     ],
     ids=["equal", "scaled", "turned", "cut", "spoilt here and there"],
@@ -66,7 +66,7 @@ def test_one_experiment_under_two_names(disguise, words):
     }
     ((name, reason),) = faults(campaign).items()
     assert name == "B"
-    assert reason.startswith("B-sysid.h5: o_1 and o_12 hold")
+    assert reason.startswith("B-sysid.h5: o_1 and o_12 contain")
     assert words in reason
 
 
@@ -96,7 +96,7 @@ def test_kinds_that_are_exchanged():
     campaign = runs("A", "B")
     campaign |= {f"A-{kind}": replace(campaign[f"A-{label}"], kind=kind) for kind, label in _EXCHANGED}
     assert list(faults(campaign)) == ["A"]
-    assert "attribute kind: 'noise', but o_1 holds injections" in faults(campaign)["A"]
+    assert "attribute kind: 'noise', but o_1 contains injections" in faults(campaign)["A"]
 
 
 _EXCHANGED = (("sysid", "noise"), ("noise", "sysid"))

@@ -82,8 +82,8 @@ def plus(amount, start, stop=N):
         ("f_x_2", lambda x: np.where(np.arange(x.size) // 2 == 3000, 0, x), "f_x_2 is exactly 0 at 6001 s"),
         ("o_12", lambda x: np.concatenate([x[:8000], x[7999:-1]]), "o_12 repeats a sample at 8000 s"),
         ("f_x_2", stale, "f_x_2 repeats a sample 39\\d times, first at 99 s"),
-        ("o_12", lambda x: np.tile(x[:3600], 6)[:N], "o_12 comes again every 3600 s at 0 s"),
-        ("f_x_2", lambda x: np.tile(x[:60], 400)[:N], "f_x_2 comes again every 60 s"),
+        ("o_12", lambda x: np.tile(x[:3600], 6)[:N], "o_12 repeats every 3600 s at 0 s"),
+        ("f_x_2", lambda x: np.tile(x[:60], 400)[:N], "f_x_2 repeats every 60 s"),
         (
             "o_12",
             lambda x: np.tile(x[:3600], 6)[:N][::-1] * np.where(np.arange(N) == 9, 0, 1),

@@ -118,7 +118,7 @@ def test_instruments_move_and_widen_the_posterior_as_the_results(lpfcosim, calib
     path.write_text(json.dumps(document))
     status, _, err = lpfcosim("mcmc", calibrated)
     assert status == 0, err
-    assert "then moved and widened as instruments have it: lambda_2" in err
+    assert "then corrected and widened as by instrumental variables: lambda_2" in err
     sampled = json.loads((calibrated / "mcmc.json").read_text())["parameters"]["lambda_2"]
     assert abs(sampled["shift_in_sigma"]) < 5 * sampled["shift_error"]
     assert sampled["mean"] == pytest.approx(estimate["value"], abs=0.1 * estimate["sigma"])

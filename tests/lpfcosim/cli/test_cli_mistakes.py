@@ -35,7 +35,7 @@ FILES = [  # what to replace in the quick start, by what, the place, and what is
     ('["standard"]', '["standart"]', "experiments[0].sequences[0]", 'did you mean "standard"?'),
     ("[[experiments]]", "[experiments]", "line ", "a list of tables is written [[name]]"),
     ('name = "A"\n', "", "experiments[0].name", 'missing, write name = "A"'),
-    ('name = "quickstart"', "name = quickstart", "line ", "a text stands in quotes"),
+    ('name = "quickstart"', "name = quickstart", "line ", "text must be in quotes"),
     ("t0 =", 't0 = "16.4.2016" #', "t0", 'write it as in "2016-04-16T08:00:00Z"'),
     (FIT, '[fit]\nestimater = "gaussian"\n[sequences]', "fit.estimater", 'did you mean "estimator"?'),
     (FIT, '[fit]\nestimator = "gausian"\n[sequences]', "fit.estimator", 'did you mean "gaussian"?'),

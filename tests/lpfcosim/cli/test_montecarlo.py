@@ -234,7 +234,7 @@ def test_pulls_that_chance_explains_are_valid_and_others_are_not():
     assert reason == "10 of 100 failed, of sound ones 1 % may"
     *_, reason = verdict(200, mean=2.2).reasons
     assert re.fullmatch(
-        r"omega2_2_0: mean pull \+2\.\d ± 0\.0\d+ instead of 0, \d+ ± \d % within 1 sigma instead of 68 %",
+        r"omega2_2_0: mean pull 2\.\d+\(\d+\) instead of 0, [\d.]+\(\d+\) % within 1 sigma instead of 68 %",
         reason,
     )
 
@@ -256,7 +256,7 @@ def test_montecarlo_ends_with_its_verdict(small, lpfcosim, monkeypatch):
     assert document["verdict"] == {"valid": True, "false_alarm": 0.001, "reasons": []}
     status, out, err = lpfcosim(*drawn(2.2))
     assert status == 1
-    assert err.splitlines()[-1].startswith("lpfcosim: error: small: not valid: C_2: mean pull +2.")
+    assert err.splitlines()[-1].startswith("lpfcosim: error: small: not valid: C_2: mean pull 2.")
     document = json.loads((small.parent / "o2.2" / "montecarlo.json").read_text(encoding="utf-8"))
     assert not document["verdict"]["valid"]
     assert document["verdict"]["reasons"][0] in err
