@@ -146,7 +146,8 @@ def problems(
     ):
         for name in names:
             checks.append(partial(check_variable, interface, name, causality))
-            checks.append(partial(check_unit, interface, name, unit_of[name]))
+            if interface.replacement:  # ours have the units of the place, from the same Modelica
+                checks.append(partial(check_unit, interface, name, unit_of[name]))
     user_values = interface.replacement.values if interface.replacement else {}
     checks += [partial(_check_settable, interface, name) for name in user_values]
     missing = False

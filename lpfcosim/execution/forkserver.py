@@ -23,7 +23,6 @@ LIBRARIES = (
     "fmpy.validation",
     "lxml.etree",
     "pebble",
-    "pint",
     "xml.etree.ElementTree",
     "pydantic.main",
     "pydantic.types",
