@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from datetime import timedelta
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
 from fit.tables import Table
@@ -57,8 +58,8 @@ def _tones(x: Array, fs: float) -> tuple[float, ...]:
     """Return the frequencies of the strongest tones [Hz]; none of a signal that keeps its sign."""
     if x.min() >= 0 or x.max() <= 0:
         return ()
-    size = 8 * x.size
-    power = np.abs(np.fft.rfft(x * np.hanning(x.size), size))
+    size = scipy.fft.next_fast_len(8 * x.size, real=True)
+    power = np.abs(scipy.fft.rfft(x * np.hanning(x.size), size))
     inner = power[1:-1]
     is_peak = (inner > power[:-2]) & (inner >= power[2:]) & (inner > _WEAKEST * power.max())
     peaks = np.flatnonzero(is_peak) + 1
