@@ -105,17 +105,22 @@ def serve() -> None:
     _limit(task["memory"])
     validate: Validator = getattr(import_module(task["module"]), task["name"])
     for name, *arguments in task["calls"]:
-        path, rejection = Path(name), None
-        try:
-            validate(path, *arguments)
-        except InputError as error:
-            rejection = str(error)
-        except MemoryError:
-            rejection = f"{path}: takes more than {task['memory']} bytes of memory to be read, expected less"
-        except Exception as error:  # a library may raise anything
-            reason = " ".join(str(error).split())
-            rejection = f"{path}: cannot be read ({reason}), expected a file that can be read"
-        print(json.dumps({"rejection": rejection}), flush=True)
+        reason = rejection(validate, Path(name), *arguments, memory=task["memory"])
+        print(json.dumps({"rejection": reason}), flush=True)
+
+
+def rejection(validate: Validator, path: Path, *arguments: object, memory: int = MEMORY) -> str | None:
+    """Return why a file is rejected, None for a sound one; it is read in this process."""
+    try:
+        validate(path, *arguments)
+    except InputError as error:
+        return str(error)
+    except MemoryError:
+        return f"{path}: takes more than {memory} bytes of memory to be read, expected less"
+    except Exception as error:  # a library may raise anything
+        reason = " ".join(str(error).split())
+        return f"{path}: cannot be read ({reason}), expected a file that can be read"
+    return None
 
 
 def _limit(memory: int) -> None:

@@ -105,30 +105,31 @@ def test_load_takes_files_lists_and_folders_of_a_run(folder, runs):
     assert [run.run for run in fit.load(files[0])] == ["D"]
 
 
-def test_load_converts_what_a_map_describes(tmp_path, monkeypatch):
-    found = pair(World(), "E", duration=7200.0, drive_1=1e-13, experiment="E1")
-    for run in found:
+@pytest.fixture
+def archived(tmp_path, monkeypatch):
+    """An archive and its map, flight.toml, in the present folder; returns the runs in it."""
+    archived_runs = pair(World(), "E", duration=7200.0, drive_1=1e-13, experiment="E1")
+    for run in archived_runs:
         as_csv(tmp_path / f"{run.run}.csv", columns_of(run))
-    (tmp_path / "flight.toml").write_text(map_of(found, "csv"), encoding="utf-8")
+    (tmp_path / "flight.toml").write_text(map_of(archived_runs, "csv"), encoding="utf-8")
     monkeypatch.chdir(tmp_path)
+    return archived_runs
+
+
+def test_load_converts_what_a_map_describes(archived, tmp_path):
     loaded = fit.load("flight.toml")
     assert {run.path.parent for run in loaded} == {Path("flight/telemetry")}
     elsewhere = fit.load(tmp_path / "flight.toml", folder=tmp_path / "elsewhere")
     assert {run.path.parent for run in elsewhere} == {tmp_path / "elsewhere"}
     for one, other in zip(
-        sorted(loaded, key=lambda r: r.run), sorted(found, key=lambda r: r.run), strict=True
+        sorted(loaded, key=lambda r: r.run), sorted(archived, key=lambda r: r.run), strict=True
     ):
         np.testing.assert_array_equal(one.channels["o_12"], other.channels["o_12"])
 
 
 @pytest.mark.parametrize("folder", ["file", "file/telemetry", "n" * 300])
-def test_a_folder_that_cannot_be_written_is_named(folder, tmp_path, monkeypatch):
-    found = pair(World(), "E", duration=7200.0, drive_1=1e-13, experiment="E1")
-    for run in found:
-        as_csv(tmp_path / f"{run.run}.csv", columns_of(run))
-    (tmp_path / "flight.toml").write_text(map_of(found, "csv"), encoding="utf-8")
+def test_a_folder_that_cannot_be_written_is_named(folder, archived, tmp_path):
     (tmp_path / "file").write_text("not a folder", encoding="utf-8")
-    monkeypatch.chdir(tmp_path)
     with pytest.raises(fit.FitError, match=f"^{folder}: cannot be written .*, expected a folder$"):
         fit.load("flight.toml", folder=folder)
 
@@ -196,11 +197,18 @@ def test_estimates_and_covariance_as_data_frames(results):
     np.testing.assert_array_equal(results.joint.covariance(), covariance)
 
 
-def test_without_pandas_the_sentence_names_the_extra(results, monkeypatch):
-    monkeypatch.setitem(sys.modules, "pandas", None)
-    for act in (results.to_dataframe, lambda: results.joint.covariance(as_frame=True)):
-        with pytest.raises(fit.InputError, match=r"needs pandas, of the extra lpfcosim\[notebook\]"):
-            act()
+@pytest.mark.parametrize(
+    ("library", "act"),
+    [
+        ("pandas", lambda results, _: results.to_dataframe()),
+        ("pandas", lambda results, _: results.joint.covariance(as_frame=True)),
+        ("xarray", lambda _, runs: runs[0].to_xarray()),
+    ],
+)
+def test_without_a_library_the_sentence_names_the_extra(results, runs, monkeypatch, library, act):
+    monkeypatch.setitem(sys.modules, library, None)
+    with pytest.raises(fit.InputError, match=rf"needs {library}, of the extra lpfcosim\[notebook\]"):
+        act(results, runs)
 
 
 def test_the_table_of_latex_has_every_parameter_of_the_joint_fit(results):
@@ -221,18 +229,6 @@ def test_a_row_of_latex_has_symbol_power_of_ten_and_unit(results):
 def test_names_of_results_are_escaped_in_latex(results):
     single = replace(results, joint=None, experiments={"A_1 & 50%": results.experiments["D"]})
     assert r"\multicolumn{3}{l}{experiment A\_1 \& 50\%} \\" in single.to_latex()
-
-
-def test_saved_results_come_back(results, tmp_path):
-    results.save(tmp_path / "results.json")
-    again = fit.load_results(str(tmp_path / "results.json"))
-    assert again.joint.parameters == results.joint.parameters
-    np.testing.assert_array_equal(again.joint.covariance_matrix, results.joint.covariance_matrix)
-
-
-def test_telemetry_in_memory_has_no_truth_to_tell():
-    found = fit.calibrate(pair(World(), "E", duration=7200.0, drive_1=1e-13, experiment="E1"))
-    assert found.experiments["E1"]["lambda_2"].truth is None
 
 
 # Arrays with units ----------------------------------------------------------------------------------------
@@ -257,12 +253,6 @@ def test_to_xarray_keeps_what_is_unknown(tmp_path):
     )  # which this file leaves out
     with xr.open_dataset(path, engine="h5netcdf") as expected:
         xr.testing.assert_identical(found, expected.load())
-
-
-def test_without_xarray_one_sentence_says_so(runs, monkeypatch):
-    monkeypatch.setitem(sys.modules, "xarray", None)
-    with pytest.raises(fit.InputError, match=re.escape("needs xarray, of the extra lpfcosim[notebook]")):
-        runs[0].to_xarray()
 
 
 def test_delta_g_is_that_of_the_product_file(runs, results, tmp_path):

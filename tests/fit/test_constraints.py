@@ -11,6 +11,7 @@ from fit.forecasting.expected_fit import expected_fit
 from fit.settings import settings
 from lpfcosim.cli.constraints import Constraints
 from lpfcosim.workflows.calibration import constrain
+from tests.fit.conditional import assert_conditional, conditional, row_of
 from tests.fit.forecasting.test_expected_fit import SETS, expected
 from tests.oracles.synthetic import World, pair
 
@@ -31,22 +32,6 @@ def codes(found):
     return [w.code for w in found.warnings]
 
 
-def conditional(found, row, value, sigma=0.0):
-    """Estimates and sigmas once a combination of them, `row`, is known to be `value` ± `sigma`."""
-    theta, C = np.array(list(found.values.values())), found.covariance_matrix
-    gain = C @ row / (row @ C @ row + sigma**2)
-    return theta + gain * (value - row @ theta), np.sqrt(np.diag(C - np.outer(gain, row @ C)))
-
-
-def agree(found, expected, free, but=()):
-    """See that estimates are those expected to a fiftieth of a sigma, and sigmas to 1 %."""
-    names = list(free)
-    for i, name in enumerate(names):
-        if name not in but:
-            assert found[name].value == pytest.approx(expected[0][i], abs=0.02 * free[name].sigma), name
-            assert found[name].sigma == pytest.approx(expected[1][i], rel=0.01), name
-
-
 def test_parameters_are_those_of_the_results(runs, free):
     assert list(fit.make_params(runs)) == list(free.joint)
     assert codes(fit.calibrate(runs, params=fit.make_params(runs)).joint) == codes(free.joint)
@@ -57,8 +42,8 @@ def test_a_fixed_parameter(runs, free):
     params = fit.make_params(runs)
     params["C_2"].set(value=known, vary=False)
     results = fit.calibrate(runs, params=params)
-    row = np.array([float(name == "C_2") for name in free.joint])
-    agree(results.joint, conditional(free.joint, row, known), free.joint, but=["C_2"])
+    row = row_of(free.joint, C_2=1.0)
+    assert_conditional(results.joint, free.joint, conditional(free.joint, row, known), but=["C_2"])
     assert results.joint["C_2"].value == known
     assert results.joint["C_2"].is_exact and "fixed" in str(results.joint["C_2"])
     assert results.experiments["B"]["C_2"].is_exact
@@ -97,8 +82,8 @@ def test_a_tie(runs, free):
     params = fit.make_params(runs)
     params["alpha_phi_1"].set(expr="alpha_phi_2")
     found = fit.calibrate(runs, params=params).joint
-    row = np.array([{"alpha_phi_1": 1.0, "alpha_phi_2": -1.0}.get(name, 0.0) for name in free.joint])
-    agree(found, conditional(free.joint, row, 0.0), free.joint)
+    row = row_of(free.joint, alpha_phi_1=1.0, alpha_phi_2=-1.0)
+    assert_conditional(found, free.joint, conditional(free.joint, row, 0.0))
     assert found["alpha_phi_1"].value == found["alpha_phi_2"].value
 
 
@@ -107,8 +92,8 @@ def test_a_prior(runs, free):
     params = fit.make_params(runs)
     params["alpha_x_1"].user_data = fit.Prior(e.value + e.sigma, e.sigma)
     found = fit.calibrate(runs, params=params).joint
-    row = np.array([float(name == "alpha_x_1") for name in free.joint])
-    agree(found, conditional(free.joint, row, e.value + e.sigma, e.sigma), free.joint)
+    row = row_of(free.joint, alpha_x_1=1.0)
+    assert_conditional(found, free.joint, conditional(free.joint, row, e.value + e.sigma, e.sigma))
 
 
 def test_an_estimate_at_its_bound_says_so(runs, free):
@@ -117,7 +102,7 @@ def test_an_estimate_at_its_bound_says_so(runs, free):
     params = fit.make_params(runs)
     params["delta_ifo_1"].set(min=bound)
     found = fit.calibrate(runs, params=params).joint
-    row = np.array([float(name == "delta_ifo_1") for name in free.joint])
+    row = row_of(free.joint, delta_ifo_1=1.0)
     expected = conditional(free.joint, row, bound)[0]
     for name, value in zip(free.joint, expected, strict=True):
         assert found[name].value == pytest.approx(value, abs=0.02 * free.joint[name].sigma), name
@@ -188,8 +173,8 @@ def test_results_from_a_file_hold_no_model(free, tmp_path):
 def test_a_forecast_has_the_constraints_of_the_fit(runs, said, row, known):
     planned = expected(WORLD, drive_1=1e-12)
     unconstrained, constrained = (expected_fit(planned, settings(s)) for s in ({}, {"parameters": said}))
-    direction = np.array([row.get(n, 0.0) for n in unconstrained])
-    agree(constrained, conditional(unconstrained, direction, *known), unconstrained, but=said)
+    direction = row_of(unconstrained, **row)
+    assert_conditional(constrained, unconstrained, conditional(unconstrained, direction, *known), but=said)
     of_fit = fit.calibrate(runs, parameters=said).joint
     entries = forecast_document(constrained, {})["parameters"]
     for n, e in of_fit.parameters.items():
@@ -270,18 +255,6 @@ def test_what_cannot_be_said_is_refused(runs, said, message):
     with pytest.raises(fit.InputError) as refused:
         fit.calibrate(runs, parameters=said)
     assert message in str(refused.value)
-
-
-def test_an_unknown_experiment_is_refused_before_the_fit(runs):
-    with pytest.raises(fit.InputError, match=r"fit\.exclude: no experiment 'Z'"):
-        fit.calibrate(runs, exclude=["Z"])
-
-
-def test_results_are_not_saved_elsewhere(free, tmp_path):
-    with pytest.raises(fit.InputError, match="no such folder"):
-        free.save(tmp_path / "missing" / "results.json")
-    with pytest.raises(fit.InputError, match="expected the path of a file"):
-        free.save(None)
 
 
 def test_parameters_that_are_none_are_refused(runs):

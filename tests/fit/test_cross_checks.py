@@ -1,7 +1,5 @@
 """Cross-checks of a joint fit, against fits of the telemetry that remains and Gaussian limits."""
 
-from inspect import signature
-
 import pytest
 from matplotlib.figure import Figure
 
@@ -66,7 +64,3 @@ def test_estimates_as_csv(results, tmp_path):
     assert first == "section,key,parameter,unit,value,sigma,sound,constraint,truth,pull"
     (line,) = [line for line in lines if line.startswith("joint,,lambda_2,")]
     assert float(line.split(",")[4]) == results.joint["lambda_2"].value
-
-
-def test_calibrate_names_its_settings():
-    assert {"estimator", "scatter", "shared", "f_max"} <= signature(fit.calibrate).parameters.keys()

@@ -36,8 +36,3 @@ def test_limits_are_those_of_gaussian_noise(monkeypatch):
     assert np.mean(np.sum(z**2, 1) > false_alarms.chi2_limit("templates", 3)) == pytest.approx(
         0.06, abs=error
     )
-
-
-def test_an_unknown_test_has_no_budget():
-    with pytest.raises(KeyError):
-        false_alarms.p_limit("luck")

@@ -2,10 +2,8 @@
 
 import numpy as np
 import pytest
-from scipy import stats
 
-from fit.pipeline import calibrate
-from tests.oracles import closed_loop, thirteen
+from tests.oracles import closed_loop
 from tests.oracles.closed_loop import Drive, Noise, Plant
 
 QUIET = Noise(plateau=0.0, tail=0.0, oms=0.0, thruster=0.0, jitter=0.0)
@@ -50,18 +48,3 @@ def test_a_hidden_force_acts_as_one_that_is_shown():
     found = closed_loop.record(PLANT, QUIET, Drive(), 6000.0, [0], hidden=hidden)
     assert not np.any(found["f_x_1"])
     assert np.abs(found["o_12"] - shown["o_12"]).max() < 1e-3 * np.abs(shown["o_12"]).max()
-
-
-@pytest.mark.long
-@pytest.mark.stat
-def test_its_truths_are_recovered():
-    """Chi2 of the errors of three campaigns; the limits are passed by chance twice in 1,000."""
-    chi2, count = 0.0, 0
-    for seed in (1, 2, 3):
-        joint = calibrate(list(thirteen.campaign(seed).values())).joint
-        assert not joint.unsound
-        assert joint.parameters.keys() == thirteen.TRUTH.keys()
-        error = np.array([joint[name].value - thirteen.TRUTH[name] for name in joint])
-        chi2 += error @ np.linalg.solve(joint.covariance_matrix, error)
-        count += error.size
-    assert stats.chi2.ppf(0.001, count) < chi2 < stats.chi2.ppf(0.999, count)

@@ -25,8 +25,9 @@ def constrained_fit(runs, constraint):
     return calibrate(runs, settings({"parameters": {"b_3_1": constraint}}))
 
 
-@pytest.mark.parametrize("kind", ["fixed", "bound", "prior"])
-@pytest.mark.parametrize("pull", [-20.0, 20.0])
+@pytest.mark.parametrize(
+    ("kind", "pull"), [("fixed", 20.0), ("bound", -20.0), ("bound", 20.0), ("prior", -20.0)]
+)
 def test_a_contradicted_constraint_is_not_sound(runs, unconstrained, kind, pull):
     target, sigma = unconstrained.value + pull * unconstrained.sigma, unconstrained.sigma
     side = "min" if pull > 0 else "max"

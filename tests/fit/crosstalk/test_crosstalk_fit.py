@@ -90,15 +90,6 @@ def test_delta_g_is_the_simulated_one():
     assert time.size == delta_g.size
 
 
-def test_gradient_is_the_derivative_of_the_coefficients():
-    theta, tau, step = np.arange(1.0, 12.0), (0.1, 0.2), 1e-5
-    numerical = [
-        (dynamics.coefficients(theta + e, tau) - dynamics.coefficients(theta - e, tau)) / (2 * step)
-        for e in step * np.eye(theta.size)
-    ]
-    assert np.allclose(dynamics.gradient(theta, tau), np.transpose(numerical), atol=1e-8)
-
-
 def test_a_mean_needs_both_its_channels_and_nearly_all_samples():
     recorded, _ = run(Motion(), LATE, duration=7200.0)
     lacking = blind(recorded, "o_phi_12", "grs_z_1")

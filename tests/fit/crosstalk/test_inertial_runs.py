@@ -1,7 +1,6 @@
 """The Euler fit: glitches, gaps, bad attributes, which runs take part, the command."""
 
 import json
-import sys
 from dataclasses import replace
 
 import numpy as np
@@ -14,7 +13,6 @@ from fit.errors import InputError
 from fit.pipeline import calibrate, calibrate_inertial
 from fit.settings import ParameterSettings
 from fit.telemetry.reader import read_all
-from lpfcosim import cli
 from tests.fit.crosstalk.euler import DAY, LOW_NOISE, as_quaternion, codes, fitted, lacking, pulls
 from tests.oracles import synthetic
 from tests.oracles.rotation_synthetic import Plane, World, calibration, run, write
@@ -179,17 +177,11 @@ def files(tmp_path, quiet_day):
     return tmp_path
 
 
-def command(monkeypatch, *arguments):
-    monkeypatch.setattr(sys, "argv", ["lpfcosim", *map(str, arguments)])
-    with pytest.raises(SystemExit) as stopped:
-        cli.main()
-    return stopped.value.code or 0
-
-
 @pytest.mark.slow
-def test_command_with_an_earlier_calibration(files, monkeypatch, capfd):
-    monkeypatch.chdir(files)
-    assert command(monkeypatch, "fit", "inertial.h5", "--calibration", "earlier.json", "--out", "new") == 0
+def test_command_with_an_earlier_calibration(files, lpfcosim):
+    status, out, _ = lpfcosim("fit", "inertial.h5", "--calibration", "earlier.json", "--out", "new")
+    assert status == 0
+    assert "delta_eta (0)" in out
     document = json.loads((files / "new" / "results.json").read_text())
     calibration_document = json.loads((files / "earlier.json").read_text())
     assert document["joint"] == calibration_document["joint"]
@@ -198,17 +190,18 @@ def test_command_with_an_earlier_calibration(files, monkeypatch, capfd):
     assert max(abs(parameters[name]["pull"]) for name in ("delta_phi", "delta_eta")) < 4.5
     assert document["provenance"]["calibration"] == "earlier.json"
     assert (files / "new" / "report.html").is_file()
-    assert "delta_eta (0)" in capfd.readouterr().out
-    assert command(monkeypatch, "report", "new", "--quiet") == 0
+    assert lpfcosim("report", "new", "--quiet")[0] == 0
 
 
-def test_command_refuses_a_calibration_without_dynamics(files, monkeypatch, capfd):
-    monkeypatch.chdir(files)
+def test_command_refuses_a_calibration_without_dynamics(files, lpfcosim):
     document = json.loads((files / "earlier.json").read_text())
     (files / "earlier.json").write_text(json.dumps({**document, "joint": None}))
-    assert command(monkeypatch, "fit", "inertial.h5", "--calibration", "earlier.json") == 2
-    assert "earlier.json: joint: missing, expected the joint fit" in capfd.readouterr().err
-    assert command(monkeypatch, "fit", "inertial.h5", "--calibration", "nowhere.json") == 2
+    for name, message in (
+        ("earlier.json", "earlier.json: joint: missing, expected the joint fit"),
+        ("nowhere.json", "nowhere.json: no such file"),
+    ):
+        status, _, err = lpfcosim("fit", "inertial.h5", "--calibration", name)
+        assert status == 2 and message in err
 
 
 def test_files_and_memory_give_the_same(files, quiet_day):

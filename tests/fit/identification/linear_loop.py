@@ -7,11 +7,16 @@ import numpy as np
 import scipy
 
 from fit.errors import FitError, InputError
+from fit.identification.identify import identify
+from fit.identification.loop import FreeParameter
+from fit.quality import noise_adaptation
+from fit.settings import settings
 from fit.telemetry.reader import Telemetry
+from fit.whitening import pair
 from lpfcosim.execution import telemetry_file
 from lpfcosim.linear import ClosedLoop, response
 from lpfcosim.models import stimuli
-from lpfcosim.spacecraft import Noise, Sine
+from lpfcosim.spacecraft import Noise, Sine, Truth
 from tests.oracles.reference_plant import tustin
 
 TONES = (
@@ -105,3 +110,29 @@ class LinearLoop:
     def direct(self, telemetry):
         run = self._runs[telemetry.run]
         return stimuli.injections(run)["F_x_2"] / run.m_tm
+
+
+# What the tests of one experiment share -------------------------------------------------------------------
+
+CHOSEN = settings({"include_short": True, "glitches": False})
+TRUTH = Truth(lambda_2=1.06, C_2=0.2, omega2_2_0=-4.6e-7)
+FREE = (
+    FreeParameter("lambda_2"),
+    FreeParameter("C_2"),
+    FreeParameter("omega2_1_0"),
+    FreeParameter("omega2_2_0"),
+    FreeParameter("delta_ifo", shared="alignment_epoch"),
+)
+
+
+def identified(flown, free=FREE, refused=lambda _theta: False, unity_gain=1e-3, chosen=CHOSEN, params=None):
+    runs, telemetries, calibrated = flown
+    blank = [replace(run, truth=Truth(), dc=0.0) for run in runs]  # what is not sought has its flight value
+    loop = LinearLoop(
+        [replace(run, suspension=replace(run.suspension, unity_gain=unity_gain)) for run in blank]
+    )
+    loop.refused = refused
+    experiments = pair(telemetries)
+    excess = noise_adaptation.adapt_to_readout_excess(experiments, CHOSEN)
+    prepared = [excess[e.name][1] if e.name in excess else e for e in experiments]
+    return identify(prepared, free, loop, calibrated, chosen, params=params)

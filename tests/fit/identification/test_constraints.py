@@ -7,7 +7,8 @@ import fit
 from fit.errors import InputError
 from fit.identification import make_params
 from fit.settings import settings
-from tests.fit.identification.test_identification import CHOSEN, FREE, flown, identified, unconstrained  # noqa: F401
+from tests.fit.conditional import assert_conditional, conditional, row_of
+from tests.fit.identification.linear_loop import CHOSEN, FREE, identified
 
 
 def constrained(flight, constraints=None, params=None):
@@ -15,29 +16,11 @@ def constrained(flight, constraints=None, params=None):
     return identified(flight, chosen=chosen, params=params).joint
 
 
-def conditional(free, row, value, sigma=0.0):
-    """Estimates and sigmas once the combination `row` of the parameters is known to be `value` ± `sigma`."""
-    theta, C = np.array(list(free.values.values())), free.covariance_matrix
-    gain = C @ row / (row @ C @ row + sigma**2)
-    return theta + gain * (value - row @ theta), np.sqrt(np.diag(C - np.outer(gain, row @ C)))
-
-
-def assert_conditional(estimates, free, expected, fixed=()):
-    for i, name in enumerate(free):
-        if name not in fixed:
-            assert estimates[name].value == pytest.approx(expected[0][i], abs=0.02 * free[name].sigma), name
-            assert estimates[name].sigma == pytest.approx(expected[1][i], rel=0.01), name
-
-
-def row_of(free, **coefficients):
-    return np.array([coefficients.get(name, 0.0) for name in free])
-
-
-def test_a_fixed_parameter(flown, unconstrained):  # noqa: F811
+def test_a_fixed_parameter(flown, unconstrained):
     free = unconstrained.joint
     value = free["C_2"].value + free["C_2"].sigma
     fixed = constrained(flown, {"C_2": {"value": value, "vary": False}})
-    assert_conditional(fixed, free, conditional(free, row_of(free, C_2=1.0), value), fixed=["C_2"])
+    assert_conditional(fixed, free, conditional(free, row_of(free, C_2=1.0), value), but=["C_2"])
     assert fixed["C_2"].value == value and fixed["C_2"].is_exact
     assert {n for n, e in fixed.parameters.items() if e.constraint} == {"C_2"}
     (constraint,) = [w for w in fixed.warnings if w.code == "constrained"]
@@ -45,13 +28,13 @@ def test_a_fixed_parameter(flown, unconstrained):  # noqa: F811
     assert not fixed.unsound
 
 
-def test_constraints_are_in_the_provenance(flown):  # noqa: F811
+def test_constraints_are_in_the_provenance(flown):
     bound = {"C_2": {"min": 0.0}}
     chosen = settings({**CHOSEN.record(), "parameters": bound})
     assert identified(flown, chosen=chosen).provenance.settings == chosen.record()
 
 
-def test_a_tie_and_a_prior(flown, unconstrained):  # noqa: F811
+def test_a_tie_and_a_prior(flown, unconstrained):
     free = unconstrained.joint
     ratio = free["omega2_1_0"].value / free["omega2_2_0"].value
     params = make_params(FREE, [flown[1][0]])
@@ -74,7 +57,7 @@ def test_a_tie_and_a_prior(flown, unconstrained):  # noqa: F811
 
 
 @pytest.mark.slow
-def test_a_fixed_value_that_the_data_contradict_is_not_sound(flown, unconstrained):  # noqa: F811
+def test_a_fixed_value_that_the_data_contradict_is_not_sound(flown, unconstrained):
     free = unconstrained.joint
     value = free["lambda_2"].value + 30 * free["lambda_2"].sigma
     fixed = constrained(flown, {"lambda_2": {"value": value, "vary": False}})
@@ -95,6 +78,6 @@ def test_a_fixed_value_that_the_data_contradict_is_not_sound(flown, unconstraine
         ({"C_2": {"expr": "lambda_3"}}, "C_2.expr: lambda_3: no parameter of this fit"),
     ],
 )
-def test_constraints_of_parameters_that_are_not_identified_are_refused(flown, constraints, message):  # noqa: F811
+def test_constraints_of_parameters_that_are_not_identified_are_refused(flown, constraints, message):
     with pytest.raises(InputError, match=message):
         constrained(flown, constraints)

@@ -11,50 +11,11 @@ from fit.identification import comparison, linearised_run
 from fit.identification.identify import identify
 from fit.identification.loop import FreeParameter
 from fit.identification.search import Search
-from fit.quality import noise_adaptation
 from fit.settings import settings
 from fit.warnings import FitWarning
 from fit.whitening import pair
 from lpfcosim.linear import response
-from lpfcosim.spacecraft import Truth
-from tests.fit.identification.linear_loop import Feeds, LinearLoop, recorded_experiment
-
-CHOSEN = settings({"include_short": True, "glitches": False})
-TRUTH = Truth(lambda_2=1.06, C_2=0.2, omega2_2_0=-4.6e-7)
-
-
-@pytest.fixture(scope="module")
-def flown(make_run):
-    """An experiment of 5400 s and its noise run, at 10 Hz, from the reference plant."""
-    runs, telemetries = recorded_experiment(make_run, "A", TRUTH, seed=3)
-    return runs, telemetries, pipeline.calibrate(telemetries, CHOSEN)
-
-
-FREE = (
-    FreeParameter("lambda_2"),
-    FreeParameter("C_2"),
-    FreeParameter("omega2_1_0"),
-    FreeParameter("omega2_2_0"),
-    FreeParameter("delta_ifo", shared="alignment_epoch"),
-)
-
-
-def identified(flown, free=FREE, refused=lambda _theta: False, unity_gain=1e-3, chosen=CHOSEN, params=None):
-    runs, telemetries, calibrated = flown
-    blank = [replace(run, truth=Truth(), dc=0.0) for run in runs]  # what is not sought has its flight value
-    loop = LinearLoop(
-        [replace(run, suspension=replace(run.suspension, unity_gain=unity_gain)) for run in blank]
-    )
-    loop.refused = refused
-    experiments = pair(telemetries)
-    excess = noise_adaptation.adapt_to_readout_excess(experiments, CHOSEN)
-    prepared = [excess[e.name][1] if e.name in excess else e for e in experiments]
-    return identify(prepared, free, loop, calibrated, chosen, params=params)
-
-
-@pytest.fixture(scope="module")
-def unconstrained(flown):
-    return identified(flown)
+from tests.fit.identification.linear_loop import CHOSEN, FREE, Feeds, LinearLoop, identified
 
 
 def test_recovers_the_truth_as_the_equation_of_motion_does(flown, unconstrained):

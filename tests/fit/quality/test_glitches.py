@@ -15,7 +15,7 @@ from fit.settings import settings
 from fit.whitening import Experiment
 from fit.whitening.run import Run
 from lpfcosim.campaign import loading
-from lpfcosim.spacecraft.run import Noise, Pulse
+from lpfcosim.spacecraft.run import Pulse
 from tests.fit.recorded import recorded
 from tests.fit.test_pipeline import OFF
 from tests.oracles import thirteen
@@ -71,16 +71,6 @@ def test_clean_runs_are_left_alone(world, authority):
     after, warnings = search(before)
     assert both(after) == both(before)
     assert not warnings
-
-
-@pytest.mark.long
-@pytest.mark.stat
-def test_one_clean_run_in_a_thousand_at_most_is_flagged():
-    # 600 runs; at 5e-5 a run one is flagged with probability 3 %, two with 4e-4
-    flagged = 0
-    for seed in range(300):
-        flagged += len(search(experiment(pair(World(), "ABCD"[seed % 4], seed=seed)))[1])
-    assert flagged <= 1
 
 
 def test_what_lasts_is_no_glitch():
@@ -165,17 +155,6 @@ def test_twenty_glitches_in_a_campaign_move_nothing(simulated):
         assert np.all(np.abs(estimate(fit_experiment(masked))[0] - theta) < sigma)
 
 
-@pytest.mark.long
-def test_what_masks_leave_of_glitches_is_no_bias(simulated):
-    # Without noise in the sysid run, a departure from the truth is due to glitches, masked or overlooked.
-    run, noise = simulated("B", noise=Noise()), simulated("B-noise")
-    struck = experiment([simulated("B", *draw(5, 20), noise=Noise()), noise])
-    after, _ = search(struck)
-    truth, sigma = estimate(fit_experiment(experiment([run, noise])))
-    assert np.max(np.abs(estimate(fit_experiment(struck))[0] - truth) / sigma) > 20
-    assert np.all(np.abs(estimate(fit_experiment(after))[0] - truth) < 0.5 * sigma)
-
-
 def test_many_strong_ones_in_one_experiment(simulated):
     # They hide one another: in the PSD, in the coefficients, and across the two runs.
     pulses = {name: draw(seed, 20, 21000.0) for seed, name in enumerate(("B", "B-noise"))}
@@ -246,17 +225,6 @@ def test_what_is_full_of_glitches_stays_out_of_the_joint_fit(simulated):
     others = [w.message for w in results.joint.warnings if w.message != told]
     assert not [m for m in others if re.search(r"\bA\b", m)]
     assert not results.joint.unsound
-
-
-def test_masks_leave_the_channels_as_they_are():
-    run = Run(pair(World())[0])
-    masked = run.mask([(100.0, 109.0), (5000.0, 5001.0)])
-    assert masked.channels.o_12 is run.channels.o_12
-    assert np.count_nonzero(~masked.channels.valid) == 12
-    assert masked.n_masked == 10
-    assert run.channels.valid.all()
-    near = masked.spectra((0.1, 0.1))
-    assert not near.window[80:110].any()  # the stencils reach 10 s
 
 
 def test_what_the_equation_lacks_is_not_masked():

@@ -9,9 +9,6 @@ import pytest
 from fit.errors import InputError
 from fit.pipeline import calibrate
 from fit.quality import metadata
-from fit.quality.masks import mask_experiments
-from fit.quality.metadata import ScreeningReport
-from fit.settings import settings
 from fit.whitening import pair
 from tests.oracles import synthetic, thirteen
 from tests.oracles.synthetic import World
@@ -100,17 +97,6 @@ def test_kinds_that_are_exchanged():
 
 
 _EXCHANGED = (("sysid", "noise"), ("noise", "sysid"))
-
-
-@pytest.mark.long
-def test_every_experiment_that_is_called_noise_is_named():
-    campaign = thirteen.campaign().values()
-    experiments = {e.name: e for e in pair(list(campaign))}
-    for name in experiments:
-        remaining = [e for e in experiments.values() if e.name != name]
-        noise_runs = [replace(r, kind="noise") for r in campaign if r.experiment == name]
-        (fault,) = metadata.mislabelled(remaining, noise_runs)
-        assert fault.reason.startswith(f"{name}-sysid.h5: attribute kind: 'noise', but o_")
 
 
 def test_an_experiment_that_is_called_noise_is_named_in_the_joint_fit():
@@ -218,19 +204,3 @@ def test_a_noise_run_of_another_season():
 def test_equal_injections_are_no_duplicates():
     campaign = runs("A", "B", "C", "D", "E", drive_1=1e-12)
     assert not faults({name: replace(r, F_max_1=2200e-12) for name, r in campaign.items()})
-
-
-@pytest.mark.stat
-@pytest.mark.long
-def test_clean_campaigns_raise_no_alarm():
-    # 20 campaigns of 26 runs; the largest median correlation of 5,200 pairs was 0.1 where 0.5 is the limit,
-    # and chi2 of a change reached 0.45 of its limit
-    from tests.oracles import thirteen
-
-    for seed in range(20):
-        experiments = pair(list(thirteen.campaign(seed).values()))
-        assert metadata.screen(experiments) == ScreeningReport([], [])
-        assert metadata.changes(
-            [p.experiment for p in mask_experiments(experiments, settings(), ()).values()],
-            glitches_masked=True,
-        ) == ScreeningReport([], [])

@@ -11,7 +11,7 @@ import scipy
 from fit.errors import InputError
 from fit.pipeline import calibrate
 from fit.quality import rounding, samples
-from fit.quality.resolution import chance_of_equality, estimate_resolution
+from fit.quality.resolution import estimate_resolution
 from tests.oracles import thirteen
 
 CHANNELS = ("o_1", "o_12", "f_x_1", "f_x_2")
@@ -104,14 +104,6 @@ def test_steps_of_stored_numbers(function, step):
         assert resolution is None
     else:
         assert resolution.largest == pytest.approx(step, rel=0.01)
-
-
-@pytest.mark.parametrize("move", [0.05, 0.3, 1.0, 4.0])
-def test_the_chance_of_equal_neighbours(move):
-    increments = np.random.default_rng(4).normal(size=400_000) * move
-    x = np.round(np.cumsum(increments))
-    mean = np.abs(np.diff(x)).mean()  # of the rounded series: all that there is
-    assert chance_of_equality(np.array([mean]))[0] == pytest.approx(np.mean(np.diff(x) == 0), rel=0.05)
 
 
 @pytest.mark.parametrize(

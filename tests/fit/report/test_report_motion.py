@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 from fit import results as fit_results
-from fit.crosstalk import crosstalk_fit
 from fit.figures import motion as figures_motion
 from fit.pipeline import calibrate_inertial
 from fit.report import noise as report_noise
@@ -112,16 +111,3 @@ def test_cross_talk_has_a_section(calibration, tmp_path):
     assert section.title == "Cross-talk, alignment epoch 2"
     assert len(section.parameters.rows) == 6
     assert 'id="b2"' in report.write_report(tmp_path, results, []).read_text()
-
-
-def test_what_was_separated_is_put_back_for_the_correction(calibration):
-    inertial = calibration[0].inertial["3"]
-    sums = Fit(
-        {"b_1": Estimate(1e-5, 1e-7, "m rad-1"), "b_2": Estimate(2e-5, 1e-7, "m rad-1")},
-        np.eye(2) * 1e-14, 1.0, 1, True, (),
-    )  # fmt: skip
-    lengths = crosstalk_fit.subtract_euler_force(sums, inertial, "3", 0.376)
-    back = crosstalk_fit.add_euler_force(
-        {name: e.value for name, e in lengths.parameters.items()}, inertial.values, 0.376
-    )
-    assert back == pytest.approx({"b_1": 1e-5, "b_2": 2e-5})

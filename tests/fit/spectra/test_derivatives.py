@@ -20,12 +20,6 @@ def test_a_channel_is_reduced_in_parts_as_it_is_as_a_whole(monkeypatch, lost, fs
     assert np.count_nonzero(whole[2]) == len(lost)
 
 
-def test_runs_of_true_flags():
-    assert derivatives.true_runs(np.array([True, False, False, True, True])).tolist() == [[0, 1], [3, 5]]
-    assert np.all(derivatives.true_runs(np.ones(4, dtype=bool)) == [[0, 4]])
-    assert derivatives.true_runs(np.zeros(0, dtype=bool)).shape == (0, 2)
-
-
 def test_stencils_are_applied_in_parts_as_to_the_whole(monkeypatch):
     x = np.random.default_rng(3).standard_normal(1000)
     weights = np.stack([derivatives.stencil(0.3, order) for order in (0, 1, 2)])

@@ -86,13 +86,6 @@ def test_short_gaps_are_bridged_and_long_ones_masked():
     assert np.isfinite(filled).all()
 
 
-def test_nothing_missing_nothing_done():
-    x = np.arange(10.0)
-    filled, masked = derivatives.interpolate_gaps(x, 10.0)
-    assert filled is x
-    assert not masked.any()
-
-
 @given(flags=st.lists(st.booleans(), min_size=1, max_size=30))
 def test_stretches_cover_exactly_what_is_flagged(flags):
     flags = np.array(flags)
@@ -125,14 +118,6 @@ def test_parseval(f, phase, gap):
     w = spectrum.window
     power = np.sum(np.abs(spectrum.columns) ** 2) / 4000  # one-sided PSD, times the bin width
     assert power == pytest.approx(np.sum((w * x) ** 2) / np.sum(w**2), rel=5e-4)
-
-
-def test_linear():
-    rng = np.random.default_rng(1)
-    x = rng.standard_normal((1000, 3))
-    valid = np.ones(1000, dtype=bool)
-    both = windowing.transform(np.stack([x @ [1, 2, 3]], axis=1), valid, 1.0).columns[:, 0]
-    assert np.allclose(both, windowing.transform(x, valid, 1.0).columns @ [1, 2, 3])
 
 
 def test_a_sum_of_columns_is_whitened_as_its_columns_are():

@@ -3,8 +3,6 @@
 import numpy as np
 import pytest
 from astropy.io import fits
-from astropy.table import MaskedColumn
-from astropy.table import Table as AstropyTable
 
 from fit.errors import InputError
 from fit.telemetry.archives import open_table
@@ -112,17 +110,6 @@ def test_ascii_tables_of_fits(tmp_path, null):
     x[4] = n[7] = NAN
     assert_same(read(path), {"t": T, "x": x, "n": n, "label": ["ab"] * N})
     assert units(path) == {"t": "s", "x": "m"}
-
-
-def test_masked_columns_of_astropy(tmp_path):
-    mask = T == 2
-    table = AstropyTable({"n": MaskedColumn(np.arange(N), mask=mask), "x": MaskedColumn(X, mask=mask)})
-    table["x"].unit = "nm"
-    table.write(tmp_path / "a.fits")
-    assert_same(
-        read(tmp_path / "a.fits"), {"n": np.where(mask, NAN, np.arange(N)), "x": np.where(mask, NAN, X)}
-    )
-    assert units(tmp_path / "a.fits") == {"x": "nm"}
 
 
 @pytest.mark.parametrize(

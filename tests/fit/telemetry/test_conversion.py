@@ -212,16 +212,6 @@ def test_numbers_of_missing_samples(archive, channels, marker, top, key):
     assert_same(run, channels | {"o_12": expected}, rtol=1e-14)
 
 
-@pytest.mark.parametrize("name", CHANNELS)
-@pytest.mark.parametrize("marker", [-9999, 999, 1e20, 9.96921e36, -32768])
-def test_a_marker_that_the_map_does_not_state(archive, channels, name, marker):
-    write(archive.folder / "A.csv", listed(marked(channels, marker, name)))
-    message = archive.refusal(columns=SCALED)
-    place = f"A.csv: column {name} (channel {name}): {marker:.7g} at sample 50 (t = 5 s), 16 times in all"
-    assert message.startswith(place)
-    assert f"expected missing = {marker:.7g} in the map, at its top or in channels.{name}" in message
-
-
 @pytest.mark.parametrize("marker", [-9999.0, -99.0, 3e-3, 1e20, 9.96921e36])
 def test_a_marker_in_telemetry(archive, channels, marker):
     write(archive.folder / "A.csv", {"t": np.arange(N).tolist(), **listed(channels)})

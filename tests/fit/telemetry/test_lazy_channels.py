@@ -87,23 +87,6 @@ def test_what_no_channel_is_does_no_harm(tmp_path, add):
     assert read_truth(path) == {}
 
 
-@pytest.mark.parametrize(
-    ("place", "name", "value", "message"),
-    [
-        ("/", "schema", ["a", "b"], "attribute schema: array"),
-        ("/", "inertial_period", np.nan, "attribute inertial_period: nan"),
-        ("o_1", "scale_factor", [1.0, 2.0], "attribute scale_factor: array"),
-        ("o_1", "units", np.bytes_(b"\xb5m"), "units 'µm', expected 'm'"),
-    ],
-)
-def test_an_attribute_at_fault_is_named(tmp_path, place, name, value, message):
-    path = write_contract_file(tmp_path / "A1.h5", samples=N)
-    with h5py.File(path, "a") as file:
-        file[place].attrs[name] = value
-    with pytest.raises(InputError, match=message):
-        read(path)
-
-
 def test_a_pipe_is_no_file(tmp_path):
     os.mkfifo(tmp_path / "A1.h5")
     with pytest.raises(InputError, match="is not a file, expected telemetry"):

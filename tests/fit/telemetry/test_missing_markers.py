@@ -48,18 +48,22 @@ def test_a_marker_in_single_precision_or_scaled_is_found(marker):
     assert np.isnan(replace_markers(values, [marker])).tolist() == [True, True, True, False]
 
 
-@pytest.mark.parametrize(
-    "value", [-123456.789, float(np.float32(-9999.9)), float(np.float32(1e20)), 32768.0, -1e30]
-)
-def test_the_map_that_a_message_asks_for_is_enough(archive, columns, value):
-    columns["o_12"][50:900:200] = value
-    with pytest.raises(
-        InputError, match=r"missing = \S+ in the map, .* or missing = \[\] in channels"
-    ) as refused:
+FILL_VALUES = [(name, value) for name in CHANNELS for value in (-9999, 999, 1e20, 9.96921e36, -32768)]
+EXTREMES = [-123456.789, float(np.float32(-9999.9)), float(np.float32(1e20)), 32768.0, -1e30]
+
+
+@pytest.mark.parametrize(("name", "value"), FILL_VALUES + [("o_12", value) for value in EXTREMES])
+def test_the_map_that_a_message_asks_for_is_enough(archive, columns, name, value):
+    columns[name][50:900:200] = value
+    with pytest.raises(InputError) as refused:
         converted(archive, columns)
-    cure = str(refused.value).partition("expected ")[2].partition(" in the map")[0]
+    message = str(refused.value)
+    assert f"A.hdf5: column {name} (channel {name}): " in message
+    assert f"{value:.7g} at sample 50 (t = 5 s), 5 times in all" in message
+    cure, _, rest = message.partition("expected ")[2].partition(" in the map")
+    assert f"at its top or in channels.{name}, or missing = [] in channels.{name}" in rest
     run = converted(archive, columns, top=cure)
-    assert np.flatnonzero(np.isnan(run.channels["o_12"])).tolist() == list(range(50, 900, 200))
+    assert np.flatnonzero(np.isnan(run.channels[name])).tolist() == list(range(50, 900, 200))
 
 
 @pytest.mark.parametrize("value", [999.0, 32768.0, -4321.0])

@@ -100,6 +100,7 @@ ATTRIBUTE_FAULTS = [
     ("schema", None, "schema: missing"),
     ("schema", "lpf-telemetry/2", "'lpf-telemetry/2', expected 'lpf-telemetry/1'"),
     ("schema", 1, "schema: 1"),
+    ("schema", ["a", "b"], "schema: array"),
     ("run", None, "run: missing"),
     ("run", "", "run: ''"),
     ("run", 5, "run: 5"),
@@ -127,6 +128,7 @@ ATTRIBUTE_FAULTS = [
     ("alignment_epoch", "1", "alignment_epoch: '1'"),
     ("m_tm", 0.0, "m_tm: 0.0"),
     ("m_tm", h5py.Empty("f"), "m_tm: "),
+    ("inertial_period", np.nan, "inertial_period: nan"),
 ]
 
 
@@ -152,7 +154,7 @@ def test_a_frame_that_is_none(file, value):
 @pytest.mark.parametrize(("name", "value", "expected"), ATTRIBUTE_FAULTS)
 def test_faults_of_root_attributes(file, name, value, expected):
     with h5py.File(file, "a") as h5:
-        del h5.attrs[name]
+        h5.attrs.pop(name, None)
         if value is not None:
             h5.attrs[name] = value
     message = refusal(file)
@@ -177,6 +179,11 @@ CHANNEL_FAULTS = {
     "nm": (lambda h5: h5["o_12"].attrs.update(units="nm"), ["channel o_12", "'nm'", "'m'"]),
     "N": (lambda h5: h5["f_x_1"].attrs.update(units="N"), ["channel f_x_1", "'N'", "'m s-2'"]),
     "unit number": (lambda h5: h5["o_1"].attrs.update(units=1.0), ["channel o_1", "1.0"]),
+    "micro in Latin-1": (lambda h5: h5["o_1"].attrs.update(units=np.bytes_(b"\xb5m")), ["'µm'", "'m'"]),
+    "two scales": (
+        lambda h5: h5["o_1"].attrs.update(scale_factor=[1.0, 2.0]),
+        ["attribute scale_factor: array"],
+    ),
     "no unit": (lambda h5: h5["o_1"].attrs.pop("units"), ["channel o_1: without units", "'m'"]),
     "optional nm": (lambda h5: replace(h5, "guidance_o_1", np.zeros(N), "nm"), ["guidance_o_1", "'nm'"]),
     "optional torque": (lambda h5: replace(h5, "N_phi_2", np.zeros(N), "N"), ["N_phi_2", "'N m'"]),
