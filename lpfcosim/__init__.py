@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from lpfcosim.workflows.design import CampaignDesign, design
     from lpfcosim.workflows.forecast import Forecast, forecast
     from lpfcosim.workflows.identify import Identification, identify
+    from lpfcosim.workflows.manoeuvre import ManoeuvreDesign, design_manoeuvre
     from lpfcosim.workflows.margins import Margins, margins
     from lpfcosim.workflows.montecarlo import MonteCarlo, montecarlo
     from lpfcosim.workflows.progress import Progress
@@ -40,6 +41,7 @@ __all__ = [
     "Forecast",
     "Identification",
     "InputError",
+    "ManoeuvreDesign",
     "Margins",
     "MonteCarlo",
     "Progress",
@@ -49,6 +51,7 @@ __all__ = [
     "check",
     "closed_loop",
     "design",
+    "design_manoeuvre",
     "forecast",
     "identify",
     "load_campaign",
@@ -69,6 +72,7 @@ _HOME = {
     "workflows.design": ("CampaignDesign", "design"),
     "workflows.forecast": ("Forecast", "forecast"),
     "workflows.identify": ("Identification", "identify"),
+    "workflows.manoeuvre": ("ManoeuvreDesign", "design_manoeuvre"),
     "workflows.margins": ("Margins", "margins"),
     "workflows.montecarlo": ("MonteCarlo", "montecarlo"),
     "workflows.progress": ("Progress",),

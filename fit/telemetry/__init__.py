@@ -18,7 +18,7 @@ from fit.telemetry.reader import (
     root_attributes,
     validate,
 )
-from fit.telemetry.series_files import read_series
+from fit.telemetry.series_files import SeriesFile, read_series
 from fit.telemetry.validation import MAX_MISSING, check_storage
 from fit.telemetry.writer import Writer
 
@@ -29,6 +29,7 @@ __all__ = [
     "SCHEMA",
     "TOWARDS_1",
     "TOWARDS_2",
+    "SeriesFile",
     "Telemetry",
     "Writer",
     "XAxis",

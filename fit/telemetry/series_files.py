@@ -33,6 +33,8 @@ class SeriesFile:
         Of the root.
     fs : float
         Sample rate [Hz].
+    start : float
+        Time of the first sample [s].
     series : dict of str to ndarray, each of shape (N,)
         In the units that were asked for.
     truth : dict of str to float
@@ -42,6 +44,7 @@ class SeriesFile:
     path: Path
     attributes: dict[str, object]
     fs: float
+    start: float
     series: dict[str, Array]
     truth: dict[str, float]
 
@@ -74,7 +77,7 @@ def read_series(path: Path, schema: str, units: Mapping[str, str]) -> SeriesFile
         series = {name: _read(file, path, name, unit, time.size, fs) for name, unit in units.items()}
         truth = readable_attributes(file["truth"].attrs) if isinstance(file.get("truth"), h5py.Group) else {}
     numbers = {name: float(x) for name, x in truth.items() if isinstance(x, int | float) and math.isfinite(x)}
-    return SeriesFile(path, attributes, fs, series, numbers)
+    return SeriesFile(path, attributes, fs, float(time[0]), series, numbers)
 
 
 def _rate(path: Path, attributes: Mapping[str, object]) -> float:

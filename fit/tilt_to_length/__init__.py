@@ -5,6 +5,7 @@ combines these lengths; `michelson` states how, with all signs.
 """
 
 from fit.tilt_to_length.coefficients import COEFFICIENTS, NAMES
+from fit.tilt_to_length.expected_sigmas import expected_covariance, tone_information, usable_frequencies
 from fit.tilt_to_length.measurements import Measurements, read_measurements, write_measurements
 from fit.tilt_to_length.subtraction import subtraction_spectra
 from fit.tilt_to_length.ttl_fit import make_params
@@ -13,9 +14,12 @@ __all__ = [
     "COEFFICIENTS",
     "NAMES",
     "Measurements",
+    "expected_covariance",
     "make_params",
     "read_measurements",
     "subtraction_spectra",
+    "tone_information",
     "ttl_fit",
+    "usable_frequencies",
     "write_measurements",
 ]

@@ -116,7 +116,15 @@ def read_measurements(path: Path) -> Measurements:
 
 
 def _read_own(path: Path) -> Measurements:
-    file = read_series(path, SCHEMA, _UNITS)
+    try:
+        file = read_series(path, SCHEMA, _UNITS)
+    except InputError as error:
+        if any(f"series {name}: missing" in str(error) for name in VARIABLES):
+            raise InputError(
+                f"{error}: {', '.join(VARIABLES)} are Michelson variables of second generation in frequency, "
+                "as pytdi computes them; other channels are not used"
+            ) from None
+        raise
     return Measurements(
         path,
         file.fs,

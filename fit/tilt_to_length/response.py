@@ -6,6 +6,7 @@ common leaves the equation as it is.
 """
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -30,7 +31,7 @@ N_PATHS = len(NAMES) // len(SERIES)
 
 @dataclass(frozen=True)
 class ResponseSpectra:
-    """Windowed spectra of B bins; all but `angles` are divided by `_noise_shape`, so that noise is smooth.
+    """Windowed spectra of B bins; all but `angles` are divided by `noise_shape`, so that noise is smooth.
 
     Attributes
     ----------
@@ -86,7 +87,7 @@ def response_spectra(measurements: Measurements, band: tuple[float, float] = BAN
     frequencies = np.arange(size // 2 + 1) * fs / size
     bins = slice(int(np.searchsorted(frequencies, band[0])), int(np.searchsorted(frequencies, band[1])))
     f = frequencies[bins]
-    shape, inside = _noise_shape(f, delays)
+    shape, inside = noise_shape(f, delays)
     f, shape = f[inside], shape[:, inside]
 
     def spectra(series: list[Array]) -> Spectrum:
@@ -96,25 +97,49 @@ def response_spectra(measurements: Measurements, band: tuple[float, float] = BAN
 
     part = slice(lead, measurements.size - tail)
     rates = [measurements.rates[name] for name in SERIES]
-    columns, transfer = np.empty((2, 3, f.size, len(NAMES)), dtype=np.complex128)
+    columns = np.empty((3, f.size, len(NAMES)), dtype=np.complex128)
     for i, variable in enumerate(michelson.VARIABLES):
-        terms = michelson.coefficient_terms(variable, delays)
         series = [
-            michelson.delayed_sum(rates[k // N_PATHS], fs, of_one, lead, tail)
-            for k, of_one in enumerate(terms)
+            michelson.delayed_sum(rates[k // N_PATHS], fs, terms, lead, tail)
+            for k, terms in enumerate(michelson.coefficient_terms(variable, delays))
         ]
         columns[i] = spectra(series).T
-        transfer[i] = np.stack([michelson.transfer(f, of_one) for of_one in terms], axis=1)
     gain = -measurements.central_frequency / michelson.C / shape[..., None]
     data = spectra([measurements.michelson[variable][part] for variable in michelson.VARIABLES])
     return ResponseSpectra(
         f,
         np.tensordot(michelson.AET, data, axes=1) / shape,
         np.tensordot(michelson.AET, columns, axes=1) * gain,
-        np.tensordot(michelson.AET, transfer, axes=1) * gain,
+        angle_response(f, delays, measurements.central_frequency),
         spectra([x[part] for x in rates]),
         windowing.variance_factor(window),
     )
+
+
+def angle_response(f: Array, delays: Mapping[str, float], central_frequency: float) -> Spectrum:
+    """Return the response of A, E, T to an angle of 1 rad by every coefficient, divided by `noise_shape`.
+
+    Parameters
+    ----------
+    f : ndarray, shape (B,)
+        Frequencies [Hz], none near a zero of TDI.
+    delays : mapping of str to float
+        Light travel times by link [s].
+    central_frequency : float
+        Of the lasers [Hz].
+
+    Returns
+    -------
+    ndarray of complex, shape (3, B, 24)
+        Cycles rad/m.
+    """
+    shape, _ = noise_shape(f, delays)
+    transfer = [
+        np.stack([michelson.transfer(f, terms) for terms in of_variable], axis=1)
+        for of_variable in (michelson.coefficient_terms(name, delays) for name in michelson.VARIABLES)
+    ]
+    gain = -central_frequency / michelson.C / shape[..., None]
+    return np.asarray(np.tensordot(michelson.AET, transfer, axes=1) * gain)
 
 
 def margins(measurements: Measurements, band: tuple[float, float] = BAND) -> tuple[int, int]:
@@ -133,7 +158,7 @@ def margins(measurements: Measurements, band: tuple[float, float] = BAND) -> tup
     return lead, tail
 
 
-def _noise_shape(f: Array, delays: dict[str, float]) -> tuple[Array, NDArray[np.bool_]]:
+def noise_shape(f: Array, delays: Mapping[str, float]) -> tuple[Array, NDArray[np.bool_]]:
     """Return what TDI makes of white noise of the links, shape (3, B), and which bins are not near a zero.
 
     It is that of six equal arms: |(1 - D^2)(1 - D^4)| times a factor of A and E, and of T.

@@ -18,6 +18,7 @@ from lpfcosim.cli.options import (
     Trust,
     duration,
     examples,
+    length_per_angle,
 )
 
 app = typer.Typer(rich_markup_mode=None)
@@ -196,7 +197,11 @@ def montecarlo(
 
 
 @app.command(
-    epilog=examples("lpfcosim design mine.toml", "lpfcosim design mine.toml --out better.toml --json")
+    epilog=examples(
+        "lpfcosim design mine.toml",
+        "lpfcosim design mine.toml --out better.toml --json",
+        'lpfcosim design lisa-ttl.toml --ttl "10 um/rad"',
+    )
 )
 def design(
     campaign: CampaignFile,
@@ -210,6 +215,16 @@ def design(
             "--figure", metavar="FILE", help="Draw the information of tones by frequency (svg, pdf, png)."
         ),
     ] = None,
+    ttl: Annotated[
+        float | None,
+        typer.Option(
+            "--ttl",
+            metavar="SIGMA",
+            parser=length_per_angle,
+            help="LISA: the shortest manoeuvre for tilt-to-length coefficients of this sigma, such as "
+            '"10 um/rad".',
+        ),
+    ] = None,
     jobs: Jobs = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON, schema lpf-design/1.")] = False,
     quiet: Quiet = False,
@@ -220,10 +235,18 @@ def design(
     [design] gives objective and limits; without it, the limits are what each run of the campaign reaches now.
     A lower bound on the objective holds for every design within the limits on rms. The tones are checked
     through the FMUs. If interrupted, the best design so far is written. Needs lpfcosim[design].
+
+    With --ttl, the campaign moves three LISA spacecraft: the amplitudes of its sines limit the motion, and
+    their frequencies and the duration are optimised.
     """
     from lpfcosim.cli import design as cli_design
     from lpfcosim.cli.console import Console
 
+    if ttl is not None:
+        if figure:
+            raise typer.BadParameter("--figure: not available with --ttl")
+        cli_design.design_manoeuvre(campaign, out, ttl, Console(quiet=quiet, as_json=as_json))
+        return
     cli_design.design(campaign, out, figure, Console(quiet=quiet, as_json=as_json), jobs=jobs)
 
 

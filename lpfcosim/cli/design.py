@@ -5,7 +5,7 @@ from pathlib import Path
 from lpfcosim.campaign import loading
 from lpfcosim.cli.console import Console
 from lpfcosim.workflows import design as workflow
-from lpfcosim.workflows import output_paths
+from lpfcosim.workflows import manoeuvre, output_paths
 
 FORMATS = (".svg", ".pdf", ".png")
 
@@ -42,3 +42,14 @@ def design(
             f"here; limits reached up to {box.max_limit_ratio:.3f}"
         )
     console.print_line(f"{path}: written; simulate it with: lpfcosim run {path}")
+
+
+def design_manoeuvre(campaign: Path, out: Path | None, sigma: float, console: Console) -> None:
+    """Write a campaign with the shortest manoeuvre that reaches a sigma [m/rad]."""
+    designed = manoeuvre.design_manoeuvre(campaign, out, sigma=sigma, progress=console)
+    console.print_json(designed.to_json())
+    console.print_table(designed.table())
+    console.print_line("")
+    for line in designed.summary():
+        console.print_line(line)
+    console.print_line(f"{designed.path}: written; simulate it with lpfcosim.simulate")

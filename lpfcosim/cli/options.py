@@ -66,3 +66,15 @@ def duration(text: str) -> float:
         return units.Quantity("a duration", "s", "2 h", sign="positive").to_si(text)
     except PydanticCustomError as error:
         raise typer.BadParameter(str(error)) from None
+
+
+def length_per_angle(text: str) -> float:
+    """Return a tilt-to-length coefficient [m/rad] from what an option says."""
+    from pydantic_core import PydanticCustomError
+
+    from lpfcosim.campaign import units
+
+    try:
+        return units.Quantity("a length per angle", "m rad^-1", "10 um/rad", sign="positive").to_si(text)
+    except PydanticCustomError as error:
+        raise typer.BadParameter(str(error)) from None

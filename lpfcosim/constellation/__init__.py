@@ -4,15 +4,28 @@ The attitude of a LISA spacecraft is sensed locally, so that the three move inde
 itself, and the constellation begins where their telemetry ends.
 """
 
-from lpfcosim.constellation.jitter import ASSEMBLIES, SERIES, Jitter, join, read_jitter, write_jitter
-from lpfcosim.constellation.lisainstrument_adapter import simulate_measurements
+from lpfcosim.constellation.jitter import (
+    ASSEMBLIES,
+    SERIES,
+    Jitter,
+    assembly_angles,
+    join,
+    read_jitter,
+    spacecraft_motion,
+    write_jitter,
+)
+from lpfcosim.constellation.lisainstrument_adapter import LEAD, TAIL, simulate_measurements
 
 __all__ = [
     "ASSEMBLIES",
+    "LEAD",
     "SERIES",
+    "TAIL",
     "Jitter",
+    "assembly_angles",
     "join",
     "read_jitter",
     "simulate_measurements",
+    "spacecraft_motion",
     "write_jitter",
 ]

@@ -5,6 +5,7 @@ plane of the constellation; x of an assembly points to the spacecraft far away. 
 lisainstrument: assembly ij turns by ``sc_phi_i + mosa_phi_ij`` in phi.
 """
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,7 +15,7 @@ from numpy.typing import NDArray
 
 from fit.errors import shown
 from fit.telemetry import SCHEMA as TELEMETRY
-from fit.telemetry import Writer, read_series
+from fit.telemetry import SeriesFile, Writer, read_series
 from lpfcosim.errors import InputError, as_run_error
 
 Array = NDArray[np.float64]
@@ -23,6 +24,7 @@ SCHEMA = "lisa-jitter/1"
 #: Of each spacecraft the left assembly, test mass 1, and the right one, test mass 2.
 ASSEMBLIES = {"1": ("12", "13"), "2": ("23", "21"), "3": ("31", "32")}
 ANGLES = {"theta": "x", "eta": "y", "phi": "z"}
+HALF_OPENING = math.pi / 6  # rad, from the x axis to the assemblies
 _OF_RUN = {
     **{f"jitter_{angle}": "rad" for angle in ANGLES},
     **{f"{name}_{j}": unit for j in (1, 2) for name, unit in (("mosa", "rad"), ("jitter_x", "m"))},
@@ -76,56 +78,62 @@ def _descriptions() -> dict[str, tuple[str, str]]:
 SERIES: Mapping[str, tuple[str, str]] = _descriptions()
 
 
-def spacecraft_jitter(path: Path, spacecraft: str) -> tuple[float, dict[str, Array]]:
-    """Return sample rate and the nine series of a spacecraft, from the telemetry of a simulated run.
-
-    Parameters
-    ----------
-    path : Path
-        Telemetry of a LISA campaign, which records the true motion.
-    spacecraft : str
-        ``"1"``, ``"2"`` or ``"3"``.
-
-    Raises
-    ------
-    InputError
-        If the file is no such telemetry.
-    """
-    run = read_series(path, TELEMETRY, _OF_RUN)
-    series = {f"sc_{angle}_{spacecraft}": run.series[f"jitter_{angle}"] for angle in ANGLES}
+def spacecraft_motion(channels: Mapping[str, Array], spacecraft: str) -> dict[str, Array]:
+    """Return the nine series of a spacecraft from channels of its telemetry."""
+    series = {f"sc_{angle}_{spacecraft}": channels[f"jitter_{angle}"] for angle in ANGLES}
     for j, assembly in enumerate(ASSEMBLIES[spacecraft], start=1):
-        yaw = run.series[f"mosa_{j}"]
+        yaw = channels[f"mosa_{j}"]
         # the test mass is at rest: as it moves in its housing, the assembly moves the other way
-        moved = {"phi": yaw, "eta": np.zeros_like(yaw), "x": -run.series[f"jitter_x_{j}"]}
+        moved = {"phi": yaw, "eta": np.zeros_like(yaw), "x": -channels[f"jitter_x_{j}"]}
         series |= {f"mosa_{name}_{assembly}": x for name, x in moved.items()}
-    return run.fs, series
+    return series
+
+
+def assembly_angles(series: Mapping[str, Array]) -> dict[str, Array]:
+    """Return the angles of all assemblies against the incoming beams [rad], such as ``phi_12``."""
+    angles = {}
+    for sc, pair in ASSEMBLIES.items():
+        for assembly, side in zip(pair, (1, -1), strict=True):
+            tilt = math.cos(HALF_OPENING) * series[f"sc_eta_{sc}"]
+            tilt = tilt - side * math.sin(HALF_OPENING) * series[f"sc_theta_{sc}"]
+            angles[f"phi_{assembly}"] = series[f"sc_phi_{sc}"] + series[f"mosa_phi_{assembly}"]
+            angles[f"eta_{assembly}"] = tilt + series[f"mosa_eta_{assembly}"]
+    return angles
 
 
 def join(paths: Sequence[Path]) -> Jitter:
     """Return the motion of a constellation from runs of spacecraft 1, 2 and 3.
 
-    The runs are laid upon each other sample by sample, whenever they began.
+    The runs are laid upon each other sample by sample, whatever their dates.
 
     Raises
     ------
     InputError
-        If there are not three, or they differ in length or rate.
+        If there are not three telemetry files of LISA, or they differ in length, rate or first time.
     """
     if len(paths) != len(ASSEMBLIES):
         names = ", ".join(path.name for path in paths) or "none"
         raise InputError(
             f"{names}: {len(paths)} runs, expected three, of spacecraft 1, 2 and 3; name their files"
         )
-    runs = [spacecraft_jitter(path, sc) for path, sc in zip(paths, ASSEMBLIES, strict=True)]
-    series = {name: x for _, of_run in runs for name, x in of_run.items()}
-    for path, (fs, of_run) in zip(paths, runs, strict=True):
-        size, expected = next(iter(of_run.values())).size, next(iter(series.values())).size
-        if (fs, size) != (runs[0][0], expected):
-            raise InputError(
-                f"{path}: {size} samples at {fs:g} Hz, expected {expected} at {runs[0][0]:g} Hz as in "
-                f"{paths[0]}; give the three runs the same duration and rate"
+    runs = [read_series(path, TELEMETRY, _OF_RUN) for path in paths]
+    series: dict[str, Array] = {}
+    for run, sc in zip(runs, ASSEMBLIES, strict=True):
+        series |= spacecraft_motion(run.series, sc)
+        if _axis(run) != _axis(runs[0]):
+            size, expected = (
+                f"{n} samples at {fs:g} Hz from {t:g} s on" for n, fs, t in map(_axis, (run, runs[0]))
             )
-    return Jitter(runs[0][0], {name: series[name] for name in SERIES}, tuple(path.name for path in paths))
+            raise InputError(
+                f"{run.path}: {size}, expected {expected} as in {paths[0]}; give the three runs the same "
+                "duration and rate, and cut them alike"
+            )
+    return Jitter(runs[0].fs, {name: series[name] for name in SERIES}, tuple(path.name for path in paths))
+
+
+def _axis(run: SeriesFile) -> tuple[int, float, float]:
+    """Return number of samples, rate [Hz] and time of the first one [s]."""
+    return next(iter(run.series.values())).size, run.fs, run.start
 
 
 def write_jitter(jitter: Jitter, path: Path, provenance: Mapping[str, str] | None = None) -> None:

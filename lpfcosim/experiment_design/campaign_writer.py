@@ -14,7 +14,7 @@ from lpfcosim.experiment_design.tones import Tone
 from lpfcosim.spacecraft import FS, TaperedSine
 
 _TONES = ("sine", "tapered_sine")
-_MARK = ", redesigned by lpfcosim design."  # end of a line at the top of every design
+MARK = ", redesigned by lpfcosim design."  # end of a line at the top of every design
 
 
 def campaign_text(design: Design, name: str, source: str, text: str = "") -> str:
@@ -56,7 +56,7 @@ def campaign_text(design: Design, name: str, source: str, text: str = "") -> str
 def is_design(path: Path) -> bool:
     """Return whether a file is an earlier design."""
     with path.open(encoding="utf-8", errors="replace") as file:
-        return any(line.rstrip("\n").endswith(_MARK) for line in (file.readline(1000), file.readline(1000)))
+        return any(line.rstrip("\n").endswith(MARK) for line in (file.readline(1000), file.readline(1000)))
 
 
 def _tables(plan: Campaign) -> dict[str, Any]:
@@ -71,7 +71,7 @@ def _head(design: Design, source: str) -> str:
     objective = design.problem.objective
     goal = "largest ratio" if objective.minimax else "geometric mean"
     lines = [
-        f"{source}{_MARK}",
+        f"{source}{MARK}",
         "",
         f"Of the sigmas, relative to what was wanted, the {goal} is {design.value:.4g}; no tones within the",
         f"same limits on rms go below {design.optimum.bound:.4g}.",

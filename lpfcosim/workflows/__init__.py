@@ -12,6 +12,7 @@ __all__ = [
     "forecast",
     "identify",
     "jitter",
+    "manoeuvre",
     "margins",
     "montecarlo",
     "output_paths",

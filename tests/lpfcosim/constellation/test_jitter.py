@@ -45,11 +45,24 @@ def test_runs_that_do_not_belong_together_are_refused(files, tmp_path):
     with pytest.raises(InputError, match=r"2 runs, expected three, of spacecraft 1, 2 and 3"):
         join(files[:2])
     write_run(tmp_path / "long.h5", 70.0, {})
-    with pytest.raises(InputError, match=r"long.h5: 700 samples at 10 Hz, expected 600 at 10 Hz as in .*sc1"):
+    with pytest.raises(
+        InputError, match=r"long.h5: 700 samples at 10 Hz .*, expected 600 samples at 10 Hz .* as in .*sc1"
+    ):
         join([*files[:2], tmp_path / "long.h5"])
     write_run(tmp_path / "slow.h5", 120.0, {}, fs=5.0)
-    with pytest.raises(InputError, match="600 samples at 5 Hz, expected 600 at 10 Hz"):
+    with pytest.raises(
+        InputError, match=r"600 samples at 5 Hz .*, expected 600 samples at 10 Hz .* same duration and rate"
+    ):
         join([files[0], tmp_path / "slow.h5", files[2]])
+
+
+def test_runs_that_begin_at_other_times_are_refused(files):
+    with h5py.File(files[2], "r+") as file:
+        file["time"][:] += 100.0
+    with pytest.raises(
+        InputError, match=r"sc3.h5: .* from 100 s on, expected .* from 0 s on .* cut them alike"
+    ):
+        join(files)
 
 
 def test_a_file_of_another_size_than_stated_is_refused(files, tmp_path):
