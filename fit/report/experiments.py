@@ -13,7 +13,7 @@ from fit.figures import Chart, analysis
 from fit.figures import runs as figures
 from fit.parameters import Parameter, experiment_parameters
 from fit.report import injections
-from fit.report.section import FigureSpec, Section
+from fit.report.section import FigureSpec, Section, start_text
 from fit.report.verdict import failures, fit_warnings, symbols
 from fit.results import Fit, Results
 from fit.tables import Table, fit_estimate, highlight, parameter_table, symbol
@@ -136,7 +136,7 @@ def overview(results: Results, telemetries: Sequence[Telemetry]) -> Table:
         rows.append(
             (
                 Markup('<a href="#e{}">{}</a>').format(i, name),
-                run.t0[:10] if run else None,
+                start_text(run, "%Y-%m-%d") if run else None,
                 f"{run.duration / 3600:.3g}" if run else None,
                 highlight(chi2_red, "chi2" in failures(fit)),
                 _p_value(fit),
@@ -179,7 +179,7 @@ def _section(i: int, name: str, fit: Fit, experiment: AnalysedExperiment | None)
     if experiment:
         run, noise = experiment.run, experiment.noise
         facts = {
-            "Start": f"{run.t0}, {run.duration / 3600:.3g} h",
+            "Start": f"{start_text(run)} UTC, {run.duration / 3600:.3g} h",
             "Noise run": f"{noise.run}, {noise.duration / 3600:.3g} h" if noise else "none",
             _BOTH.format("F", "F"): f"{1e12 * run.F_max_1:.4g} and {1e12 * run.F_max_2:.4g} pN",
             _BOTH.format("N", "N"): f"{1e12 * run.N_max_1:.4g} and {1e12 * run.N_max_2:.4g} pN m",

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from datetime import timedelta
+from datetime import UTC, timedelta
 
 import numpy as np
 import scipy
@@ -69,14 +69,15 @@ def _tones(x: Array, fs: float) -> tuple[float, ...]:
 
 def table(run: Telemetry) -> Table:
     """Return a row for each injection; times are UTC."""
-    start, rows = utc(run.t0), []
+    start, rows = utc(run.t0).astimezone(UTC), []
     for channel, (factor, unit) in CHANNELS.items():
         if channel not in run.channels:
             continue
         for one in injections(run.channels[channel], run.fs):
             begin, end = (start + timedelta(seconds=t) for t in (one.begin, one.end))
             tones = ", ".join(f"{1e3 * f:.3g}" for f in one.frequencies)
-            times = (f"{begin:%Y-%m-%d %H:%M:%S}", f"{end:%H:%M:%S}")
-            rows.append((channel, *times, f"{factor * one.amplitude:.3g} {unit}", tones or "ramp"))
+            day = "" if end.date() == begin.date() else "%Y-%m-%d "
+            times = (f"{begin:%Y-%m-%d %H:%M:%S}", f"{end:{day}%H:%M:%S}")
+            rows.append((channel, *times, f"{factor * one.amplitude:.3g}\u00a0{unit}", tones or "ramp"))
     head = ("Injection into", "Start (UTC)", "End", "Amplitude", "Frequency [mHz]")
     return Table(head, tuple(rows), "Injections, found in the recorded channels that hold nothing else.")

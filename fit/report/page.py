@@ -31,7 +31,7 @@ from fit.report import (
     tests,
     tilt_to_length,
 )
-from fit.report.section import FigureSpec, Section
+from fit.report.section import FigureSpec, Section, start_text
 from fit.report.verdict import verdict, warning_groups
 from fit.results import Results
 from fit.tables import LIMIT, parameter_table, prose, signed
@@ -147,7 +147,7 @@ def _rendered(sections: Sequence[Section]) -> list[Section]:
 @cache
 def _template() -> Template:
     """Return the compiled template of the page."""
-    charts.ENVIRONMENT.globals.update(limit=LIMIT, prose=prose, signed=signed)
+    charts.ENVIRONMENT.globals.update(limit=LIMIT, prose=prose, signed=signed, start_text=start_text)
     return charts.ENVIRONMENT.get_template("report.html.jinja")
 
 
@@ -233,7 +233,7 @@ def _extent(results: Results, telemetries: Sequence[Telemetry]) -> str:
     hours = sum(t.duration for t in telemetries) / 3600
     noise = sum(t.kind == "noise" for t in telemetries)
     rates = " and ".join(f"{fs:g}" for fs in sorted({t.fs for t in telemetries}))
-    days = sorted({t.t0[:10] for t in telemetries})
+    days = sorted({start_text(t, "%Y-%m-%d") for t in telemetries})
     when = days[0] if len(days) == 1 else f"starting {days[0]} to {days[-1]}"
     return (
         f"{_count(len(results.experiments), 'experiment')}, {_count(noise, 'noise run')}; "

@@ -87,3 +87,8 @@ def single_fits(
 def start_time(run: Telemetry) -> np.datetime64:
     """Return the start of a run, UTC."""
     return np.datetime64(utc(run.t0).astimezone(UTC).replace(tzinfo=None))
+
+
+def start_text(run: Telemetry, form: str = "%Y-%m-%d %H:%M:%S") -> str:
+    """Return the start of a run in print, UTC."""
+    return utc(run.t0).astimezone(UTC).strftime(form)

@@ -311,12 +311,17 @@ function pinched(plane, then) {
 
 const charts = new Map();
 let printing = false;
-/** Draw what can be seen of some charts, and give those in one row of figures one height. */
+/** Draw what can be seen of some charts. */
 function draw(places) {
-  const visible = [...places].filter(place => place.offsetParent), rows = new Map();
+  const visible = [...places].filter(place => place.offsetParent);
   for (const place of visible) if (!charts.has(place)) charts.set(place, new Chart(place));
   for (const place of visible) charts.get(place).size();
-  for (const place of visible) {
+  queueMicrotask(() => level(visible));  // uPlot sets sizes in a microtask, before anything is shown
+}
+/** Give the charts in one row of figures one height. */
+function level(places) {
+  const rows = new Map();
+  for (const place of places) {
     const { parentElement: { parentElement: grid }, offsetTop } = place, row = rows.get(grid) ?? rows.set(grid, new Map()).get(grid);
     row.set(offsetTop, [...row.get(offsetTop) ?? [], place]);
   }

@@ -262,6 +262,13 @@ def test_every_foreign_text_is_escaped(tmp_path, campaign):
     assert all(re.fullmatch(r"[\w.-]+", d.name) for d in figure_specs(page.results, runs, tmp_path))
 
 
+def test_times_are_utc(tmp_path, campaign):
+    runs = campaign(t0="2016-04-16T23:30:00+02:00")
+    page = written(tmp_path, results(experiments={"A1": experiment_fit()}), runs)
+    assert "2016-04-16 21:30:00 UTC" in page.text
+    assert "23:30" not in page.text
+
+
 def test_flight_data_without_noise_run_guidance_or_joint_fit(tmp_path, campaign):
     runs = campaign(noise=False, guidance=False, truth=None)
     page = written(tmp_path, results(experiments={"A1": experiment_fit()}), runs)

@@ -144,6 +144,17 @@ def repeated(folder):
     write(folder / "figures", "pulls", studies.histograms, pulls, drawn)
 
 
+#: Charts side by side that are not of one height.
+UNEVEN = """(() => {
+  const rows = {};
+  for (const chart of document.querySelectorAll(".pair > figure > .chart:not(.grid-of)")) {
+    const { top, height } = chart.getBoundingClientRect();
+    if (height) (rows[Math.round(top)] ??= []).push(height);
+  }
+  return Object.values(rows).filter(heights => Math.max(...heights) - Math.min(...heights) > 2);
+})()"""
+
+
 def in_order(page, figures):
     """No figure missing and nothing cut off, whatever the window is wide; what the browser has to say."""
     page.evaluate("document.querySelectorAll('details').forEach(d => d.open = true)")
@@ -157,6 +168,7 @@ def in_order(page, figures):
             assert time.monotonic() < deadline
             time.sleep(0.2)
         assert page.evaluate(OVERFLOW) == []
+        assert page.evaluate(UNEVEN) == []
         rendered = page.evaluate(FIGURES)
         assert len(rendered) == figures
         for figure in rendered:

@@ -108,7 +108,7 @@ def test_run_leaves_what_the_contract_says(lpfcosim, short, tmp_path):
     assert status == 0, err
     folder = tmp_path / "short"
     promised = {"telemetry", "results.json", "report.html"}
-    ours = {"campaign.toml", "telemetry.sha256", ".lock"}
+    ours = {"campaign.toml", "telemetry.sha256", "transfer_functions.json", ".lock"}
     assert {p.name for p in folder.iterdir()} == promised | ours
     assert {p.name for p in (folder / "telemetry").iterdir()} == {"one.h5", "one-noise.h5"}
     document = json.loads((folder / "results.json").read_text())
