@@ -35,6 +35,14 @@ def of(run, fault):
     return [fault(r) if r.run == run else r for r in runs()]
 
 
+def zero(values):
+    return 0 * values
+
+
+def weak(run):
+    return replace(run, F_max_2=50e-12)
+
+
 def guided(run):
     return replace(run, channels=run.channels | {"guidance_o_1": -run.channels["o_1"]})
 
@@ -48,6 +56,13 @@ def clipped(level):
         return replace(at_limit, m_tm=run.F_max_2 / limit)
 
     return fault
+
+
+def storm(run):
+    rng = np.random.default_rng(7)
+    kicks = np.zeros(run.time.size)
+    kicks[rng.integers(0, kicks.size, 900)] = rng.choice([-1, 1], 900) * 3e-9
+    return changed(run, o_12=lambda o: o + kicks)
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,106 +79,45 @@ class Fault:
     code: str | None = None
 
 
-def storm(run):
-    rng = np.random.default_rng(7)
-    kicks = np.zeros(run.time.size)
-    kicks[rng.integers(0, kicks.size, 900)] = rng.choice([-1, 1], 900) * 3e-9
-    return changed(run, o_12=lambda o: o + kicks)
+def channels(run, **functions):
+    """Return a function that makes all runs, channels of one of them replaced."""
+    return lambda: of(run, lambda r: changed(r, **functions))
 
 
+def louder(factor):
+    return lambda values: factor * values
+
+
+def two(**second):
+    """Two experiments, the second in another world."""
+    return lambda: [*pair(World(), "A", seed=1), *pair(World(**second), "E", seed=2, drive_1=1e-12)]
+
+
+def silent_third():
+    return [*runs(), *pair(World(), "B", seed=3, tones_12=(), tones_1=())]
+
+
+LEFT_OUT, MARGINALISED = ("left out", "rejected"), ("sound", "marginalised_noise")
+BLIND = ("sound", "indeterminable")
 FAULTS = [
-    Fault(
-        "`o_12` with the wrong sign, in one experiment",
-        lambda: of("A-sysid", lambda r: changed(r, o_12=negative)),
-        "left out",
-        "rejected",
-    ),
-    Fault(
-        "the same where test mass 1 is driven too",
-        lambda: of("E-sysid", lambda r: changed(r, o_12=negative)),
-        "left out",
-        "rejected",
-    ),
-    Fault(
-        "`f_x_1` with the wrong sign",
-        lambda: of("E-sysid", lambda r: changed(r, f_x_1=negative)),
-        "left out",
-        "rejected",
-    ),
-    Fault(
-        "`f_x_2` in N instead of m s-2",
-        lambda: of("A-sysid", lambda r: changed(r, f_x_2=lambda f: 1.928 * f)),
-        "left out",
-        "rejected",
-    ),
-    Fault(
-        "`o_12` in nm, declared as m",
-        lambda: of("A-sysid", lambda r: changed(r, o_12=lambda o: 1e9 * o)),
-        "left out",
-        "rejected",
-    ),
-    Fault(
-        "`o_1` with the wrong sign, its guidance recorded",
-        lambda: of("A-sysid", guided),
-        "left out",
-        "rejected",
-    ),
-    Fault(
-        "a noise run at another authority",
-        lambda: of("A-noise", lambda r: replace(r, F_max_2=50e-12)),
-        "left out",
-        "rejected",
-    ),
-    Fault(
-        "a noise run half as loud as the experiment",
-        lambda: of("A-noise", lambda r: changed(r, o_12=lambda o: 0.5 * o)),
-        "sound",
-        "marginalised_noise",
-    ),
-    Fault(
-        "a noise run twice as loud as the experiment",
-        lambda: of("A-noise", lambda r: changed(r, o_12=lambda o: 2 * o)),
-        "sound",
-        "marginalised_noise",
-    ),
-    Fault(
-        "a noise run of nothing but zeros",
-        lambda: of("A-noise", lambda r: changed(r, o_12=np.zeros_like, f_x_2=np.zeros_like)),
-        "left out",
-        "rejected",
-    ),
+    Fault("`o_12` with the wrong sign, in one experiment", channels("A-sysid", o_12=negative), *LEFT_OUT),
+    Fault("the same where test mass 1 is driven too", channels("E-sysid", o_12=negative), *LEFT_OUT),
+    Fault("`f_x_1` with the wrong sign", channels("E-sysid", f_x_1=negative), *LEFT_OUT),
+    Fault("`f_x_2` in N instead of m s-2", channels("A-sysid", f_x_2=louder(1.928)), *LEFT_OUT),
+    Fault("`o_12` in nm, declared as m", channels("A-sysid", o_12=louder(1e9)), *LEFT_OUT),
+    Fault("`o_1` with the wrong sign, its guidance recorded", lambda: of("A-sysid", guided), *LEFT_OUT),
+    Fault("a noise run at another authority", lambda: of("A-noise", weak), *LEFT_OUT),
+    Fault("a noise run half as loud as the experiment", channels("A-noise", o_12=louder(0.5)), *MARGINALISED),
+    Fault("a noise run twice as loud as the experiment", channels("A-noise", o_12=louder(2)), *MARGINALISED),
+    Fault("a noise run of nothing but zeros", channels("A-noise", o_12=zero, f_x_2=zero), *LEFT_OUT),
     Fault("no noise run", lambda: [r for r in runs() if r.run != "A-noise"], "sound", "no_noise_run"),
-    Fault(
-        "`f_x_2` at the limit of its authority now and then",
-        lambda: of("A-sysid", clipped(0.999)),
-        "sound",
-        "saturated",
-    ),
-    Fault(
-        "`f_x_2` at the limit for much of a run", lambda: of("A-sysid", clipped(0.7)), "left out", "rejected"
-    ),
-    Fault("a storm of glitches", lambda: of("A-sysid", storm), "left out", "rejected"),
-    Fault(
-        "experiments whose actuators differ by 1 %",
-        lambda: [*pair(World(), "A", seed=1), *pair(World(lambda_2=1.0884), "E", seed=2, drive_1=1e-12)],
-        "no sigma",
-        "contradiction",
-    ),
-    Fault(
-        "one experiment, hence one authority", lambda: pair(World(), "A", seed=1), "sound", "indeterminable"
-    ),
-    Fault(
-        "two tones of test mass 2 too close to tell",
-        lambda: pair(World(), "A", seed=1, tones_12=(3e-3,)),
-        "sound",
-        "indeterminable",
-    ),
-    Fault(
-        "an experiment without injections",
-        lambda: [*runs(), *pair(World(), "B", seed=3, tones_12=(), tones_1=())],
-        "sound",
-        "indeterminable",
-    ),
+    Fault("`f_x_2` at its limit now and then", lambda: of("A-sysid", clipped(0.999)), "sound", "saturated"),
+    Fault("`f_x_2` at its limit for much of a run", lambda: of("A-sysid", clipped(0.7)), *LEFT_OUT),
+    Fault("a storm of glitches", lambda: of("A-sysid", storm), *LEFT_OUT),
+    Fault("experiments whose actuators differ by 1 %", two(lambda_2=1.0884), "no sigma", "contradiction"),
+    Fault("one experiment, hence one authority", lambda: pair(World(), "A", seed=1), *BLIND),
+    Fault("two tones too close to tell", lambda: pair(World(), "A", seed=1, tones_12=(3e-3,)), *BLIND),
+    Fault("an experiment without injections", silent_third, *BLIND),
 ]
 
 
@@ -245,12 +199,6 @@ def mission_runs():
     ]
 
 
-def test_a_sound_calibration_says_so():
-    results = calibrate(runs())
-    assert not results.joint.unsound
-    assert not any(fit.unsound for fit in results.experiments.values())
-
-
 def test_an_iteration_that_does_not_settle_is_no_result(monkeypatch):
     monkeypatch.setattr(irls, "MAX_ITERATIONS", 2)
     with pytest.raises(CalibrationError, match=r"A, E: parameters still move by .* sigma after 2 iterations"):
@@ -267,7 +215,7 @@ def test_one_that_nearly_settles_is_not_sound(monkeypatch):
 def test_no_table_shows_sigmas_that_do_not_hold(tmp_path, lpfcosim):
     wrong = next(fault for fault in FAULTS if fault.name.startswith("experiments whose actuators"))
     for run in wrong.runs():
-        names = (
+        names = [
             "run",
             "experiment",
             "kind",
@@ -277,7 +225,7 @@ def test_no_table_shows_sigmas_that_do_not_hold(tmp_path, lpfcosim):
             "N_max_1",
             "N_max_2",
             "alignment_epoch",
-        )
+        ]
         channels = {name: (values, UNITS[name]) for name, values in run.channels.items()}
         attributes = {name: getattr(run, name) for name in names}
         truth = {"lambda_2": World().lambda_2}

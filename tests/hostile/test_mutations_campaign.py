@@ -1,6 +1,5 @@
 """Campaigns, settings, maps and results that are damaged or hostile: one sentence, or sound."""
 
-import csv
 import json
 import os
 import random
@@ -18,7 +17,6 @@ from fit import settings as fit_settings
 from fit.telemetry import archive_conversion
 from fit.telemetry import maps as mapping
 from lpfcosim.campaign import loading
-from lpfcosim.errors import InputError
 from tests import ROOT
 from tests.hostile.mutations import HangError, damaged, guarded, hostile, restructured, survives, swapped
 
@@ -234,14 +232,4 @@ def test_a_table_without_line_ends(tmp_path):
 
 def test_the_guard_ends_what_hangs():
     with pytest.raises(HangError), guarded(1):
-        while True:
-            pass
-
-
-def test_what_is_written_is_what_csv_reads():
-    assert len(list(csv.reader(TABLE.splitlines()))) == 61
-
-
-def test_refusals_are_of_one_kind(tmp_path):
-    with pytest.raises(InputError):
-        loading.load(written(tmp_path, "c.toml", "schema = 1"))
+        time.sleep(60)

@@ -27,7 +27,7 @@ from tests.oracles.synthetic import World, pair
 pytestmark = pytest.mark.slow
 
 CHANNELS = {"o_1": "m", "o_12": "m", "f_x_1": "m s-2", "f_x_2": "m s-2"}
-ROOT = (
+ROOT = [
     "run",
     "experiment",
     "kind",
@@ -39,7 +39,7 @@ ROOT = (
     "N_max_2",
     "alignment_epoch",
     "m_tm",
-)
+]
 
 
 def write(run, path, changes=None):

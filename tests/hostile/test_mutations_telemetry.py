@@ -1,6 +1,5 @@
 """Telemetry that is damaged or hostile: the process that tries it may crash, this one not."""
 
-import json
 import random
 import zlib
 from dataclasses import replace
@@ -213,7 +212,7 @@ def test_memory_is_bounded(file, monkeypatch):
     assert survives(lambda: telemetry.read_all([file]), file, "bomb")
 
 
-ATTRIBUTES = (
+ATTRIBUTES = [
     "schema",
     "run",
     "experiment",
@@ -224,7 +223,7 @@ ATTRIBUTES = (
     "alignment_epoch",
     "m_tm",
     "inertial_period",
-)
+]
 
 
 def test_hostile_attributes(tmp_path, cases):
@@ -313,6 +312,5 @@ def test_own_files_are_not_tried(file, monkeypatch):
     assert telemetry.read_all([file], trusted=True)
 
 
-def test_json_of_the_other_process_is_one_line_a_file(file):
+def test_the_process_answers_for_every_file(file):
     assert rejections(telemetry.validate, [file, file]) == [None, None]
-    assert json.dumps({"rejection": None}).endswith("}")

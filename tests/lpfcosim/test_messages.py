@@ -40,6 +40,11 @@ EIGHT = [f"{name}{kind}" for name in "ABCD" for kind in ("-noise", "")]
             "campaign",
             ["campaigns 0, 1, 2, 3, 4, 5, 6, 7 and 12 more: failed"],
         ),
+        (
+            [(name, f"run '{name}' failed: please report it; see logs/{name}.log") for name in "ABC"],
+            "run",
+            ["runs A, B, C: failed: please report it; see logs/RUN.log"],
+        ),
         ([("A.1", "run 'A.1': x"), ("A+1", "run 'A+1': x")], "run", ["runs A.1, A+1: x"]),
         ([], "run", []),
     ],

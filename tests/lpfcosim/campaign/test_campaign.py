@@ -11,22 +11,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from lpfcosim.campaign import loading
-from lpfcosim.campaign.schema import CampaignTable
 from lpfcosim.errors import InputError
 from lpfcosim.execution.telemetry_file import truth
 from lpfcosim.models import stimuli
 from lpfcosim.spacecraft.control import DRAG_FREE
 from lpfcosim.spacecraft.run import Authority, HalfCosine, Noise, Pulse, Sine, Truth
-from tests import ROOT
-
-TEXT = (ROOT / "tests" / "two_experiments.toml").read_text(encoding="utf-8")
-
-
-@pytest.fixture
-def file(tmp_path):
-    path = tmp_path / "c.toml"
-    path.write_text(TEXT, encoding="utf-8")
-    return path
+from tests.lpfcosim.campaign.conftest import TWO_EXPERIMENTS
 
 
 def test_everything_arrives_in_si(file):
@@ -47,10 +37,11 @@ def test_everything_arrives_in_si(file):
 
 def test_a_glitch_is_a_pulse_of_either_sign(file):
     glitch = '{ shape = "pulse", into = "g_2", amplitude = "-2 pm s^-2", start = "9 s", duration = "30 s" },'
-    file.write_text(TEXT.replace("tone = [", f"tone = [\n  {glitch}"), encoding="utf-8")
+    file.write_text(TWO_EXPERIMENTS.replace("tone = [", f"tone = [\n  {glitch}"), encoding="utf-8")
     assert loading.load(file).runs[1].injections[0] == Pulse("g_2", -2e-12, 9.0, 30.0)
     file.write_text(
-        TEXT.replace("tone = [", f"tone = [\n  {glitch.replace('30 s', '0.1 s')}"), encoding="utf-8"
+        TWO_EXPERIMENTS.replace("tone = [", f"tone = [\n  {glitch.replace('30 s', '0.1 s')}"),
+        encoding="utf-8",
     )
     with pytest.raises(InputError, match=r'sequences.tone\[0\].duration: "0.1 s" is below 0.2 s'):
         loading.load(file)
@@ -90,34 +81,25 @@ def test_quick_start_is_the_campaign_it_should_be(quickstart):
 
 def test_digest_is_of_the_content_not_of_its_spelling(file):
     digest = loading.load(file).digest
-    file.write_text("# a comment\n" + TEXT.replace('"10 nm"', '"1e-8 m"'), encoding="utf-8")
+    file.write_text("# a comment\n" + TWO_EXPERIMENTS.replace('"10 nm"', '"1e-8 m"'), encoding="utf-8")
     assert loading.load(file).digest == digest
-    file.write_text(TEXT.replace('"10 nm"', '"11 nm"'), encoding="utf-8")
+    file.write_text(TWO_EXPERIMENTS.replace('"10 nm"', '"11 nm"'), encoding="utf-8")
     assert loading.load(file).digest != digest
     assert len(digest) == 64
 
 
 def test_toml_dates_and_byte_order_marks_are_fine(file):
-    text = TEXT.replace('"2016-04-16T08:00:00Z"', "2016-04-16T08:00:00+00:00")
+    text = TWO_EXPERIMENTS.replace('"2016-04-16T08:00:00Z"', "2016-04-16T08:00:00+00:00")
     file.write_bytes(b"\xef\xbb\xbf" + text.encode())
     assert loading.load(file).t0 == "2016-04-16T08:00:00Z"
 
 
 def test_another_alignment_epoch_may_be_given(file):
-    text = TEXT.replace("[truth]", "[truth]\ndelta_ifo_7 = 3e-5").replace(
+    text = TWO_EXPERIMENTS.replace("[truth]", "[truth]\ndelta_ifo_7 = 3e-5").replace(
         "alignment_epoch = 3", "alignment_epoch = 7"
     )
     file.write_text(text, encoding="utf-8")
     assert loading.load(file).runs[2].delta_ifo == 3e-5
-
-
-def test_schema_names_every_key_and_is_json():
-    schema = json.loads(json.dumps(CampaignTable.model_json_schema()))
-    assert {"schema", "seed", "experiments"} <= schema["properties"].keys()
-    sine = schema["$defs"]["SineTable"]["properties"]
-    assert sine["frequency"]["type"] == "string"
-    assert sine["frequency"]["examples"] == ["0.833 mHz"]
-    assert schema["$defs"]["TruthTable"]["patternProperties"]
 
 
 def toml(value):
@@ -140,11 +122,11 @@ anything = st.booleans() | st.integers() | st.floats() | plain | st.lists(st.int
 
 
 @settings(max_examples=200)
-@given(changes=st.dictionaries(st.sampled_from(list(tomllib.loads(TEXT))), anything, min_size=1))
+@given(changes=st.dictionaries(st.sampled_from(list(tomllib.loads(TWO_EXPERIMENTS))), anything, min_size=1))
 def test_whatever_a_key_holds_is_understood_or_refused(tmp_path_factory, changes):
     """A value of a wrong kind leads to InputError and to nothing else."""
     try:
-        built = load_table(tmp_path_factory.getbasetemp(), {**tomllib.loads(TEXT), **changes})
+        built = load_table(tmp_path_factory.getbasetemp(), {**tomllib.loads(TWO_EXPERIMENTS), **changes})
     except InputError as error:
         assert "\n" not in str(error)
     else:
@@ -164,7 +146,7 @@ def test_whatever_a_key_holds_is_understood_or_refused(tmp_path_factory, changes
 def test_a_campaign_written_in_si_comes_back_to_the_last_bit(
     tmp_path_factory, frequency, amplitude, cycles, phase, oms, dc, C_2
 ):
-    table = tomllib.loads(TEXT)
+    table = tomllib.loads(TWO_EXPERIMENTS)
     sine = {"into": "guidance_o_1", "shape": "sine", "cycles": cycles, "start": "100 s"}
     sine |= {"frequency": f"{frequency!r} Hz", "amplitude": f"{amplitude!r} m", "phase": f"{phase!r} rad"}
     table["experiments"][1] |= {"duration": "10 d", "dc": f"{dc!r} m s^-2", "injections": [sine]}
@@ -198,25 +180,26 @@ def test_a_campaign_adds_to_the_one_it_extends(file):
         ('extends = "c.toml"\nspeed = 1', "speed: unknown key"),
     ],
 )
-def test_what_cannot_be_extended_is_told(file, text, told):
+def test_what_cannot_be_extended_is_told(file, refusal, text, told):
     more = file.parent / "more.toml"
     more.write_text(text, encoding="utf-8")
-    with pytest.raises(InputError) as error:
-        loading.load(more)
-    assert told in str(error.value)
-    assert str(more) in str(error.value)
+    assert told in refusal(more)
 
 
 def test_an_experiment_may_have_a_start_of_its_own(file):
-    file.write_text(TEXT.replace('name = "second"', 'name = "second"\nt0 = "2016-05-01T00:00:00Z"'))
+    file.write_text(
+        TWO_EXPERIMENTS.replace('name = "second"', 'name = "second"\nt0 = "2016-05-01T00:00:00Z"')
+    )
     assert [r.t0 for r in loading.load(file).runs][2] == "2016-05-01T00:00:00Z"
-    file.write_text(TEXT.replace('name = "second"', 'name = "second"\nt0 = "2016-04-16T09:00:00Z"'))
+    file.write_text(
+        TWO_EXPERIMENTS.replace('name = "second"', 'name = "second"\nt0 = "2016-04-16T09:00:00Z"')
+    )
     with pytest.raises(InputError, match=r'experiments\[1\].t0: .* is before "first" ends'):
         loading.load(file)
 
 
 def test_gains_scatter_from_experiment_to_experiment_alone(file):
-    file.write_text(TEXT.replace("[truth]", "[truth]\nlambda_scatter = 0.005"), encoding="utf-8")
+    file.write_text(TWO_EXPERIMENTS.replace("[truth]", "[truth]\nlambda_scatter = 0.005"), encoding="utf-8")
     noise, first, second = loading.load(file).runs
     assert noise.truth == first.truth
     assert first.truth.lambda_2 != second.truth.lambda_2
@@ -230,7 +213,7 @@ def test_gains_scatter_from_experiment_to_experiment_alone(file):
 
 def test_what_is_said_of_the_fit_leaves_the_digest(file):
     digest = loading.load(file).digest
-    file.write_text(TEXT + '\n[fit]\nestimator = "student_t"\n', encoding="utf-8")
+    file.write_text(TWO_EXPERIMENTS + '\n[fit]\nestimator = "student_t"\n', encoding="utf-8")
     c = loading.load(file)
     assert c.fit == {"estimator": "student_t"}
     assert c.digest == digest

@@ -4,17 +4,7 @@ import pytest
 
 from lpfcosim.campaign import loading
 from lpfcosim.errors import InputError
-from tests import ROOT
-
-TEXT = (ROOT / "tests" / "two_experiments.toml").read_text(encoding="utf-8")
-
-
-@pytest.fixture
-def file(tmp_path):
-    path = tmp_path / "c.toml"
-    path.write_text(TEXT, encoding="utf-8")
-    return path
-
+from tests.lpfcosim.campaign.conftest import TWO_EXPERIMENTS
 
 TONE = 'frequency = "1 mHz"'
 BAD = [  # what to replace, by what, and what the sentence then begins with
@@ -106,14 +96,10 @@ BAD = [  # what to replace, by what, and what the sentence then begins with
 
 
 @pytest.mark.parametrize(("old", "new", "sentence"), BAD)
-def test_bad_input_is_one_sentence_with_its_place(file, old, new, sentence):
-    assert old in TEXT
-    file.write_text(TEXT.replace(old, new, 1), encoding="utf-8")
-    with pytest.raises(InputError) as refusal:
-        loading.load(file)
-    message = str(refusal.value)
-    assert message.startswith(f"{file}: {sentence}")
-    assert "\n" not in message
+def test_bad_input_is_one_sentence_with_its_place(file, refusal, old, new, sentence):
+    assert old in TWO_EXPERIMENTS
+    file.write_text(TWO_EXPERIMENTS.replace(old, new, 1), encoding="utf-8")
+    assert refusal(file).startswith(sentence)
 
 
 def test_what_is_no_file_at_all(tmp_path):

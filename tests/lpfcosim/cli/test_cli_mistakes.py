@@ -1,44 +1,35 @@
 """What people mistype: one sentence, exit status 2, the place, and what to write instead."""
 
-import re
-
 import pytest
+
+from tests.lpfcosim.cli.refusal import refusal
 
 TRUTH, FIT = "lambda_2 = 1.0776", "[sequences]"
 OMS, TONE = 'oms = "35 fm Hz^-0.5"', 'frequency = "0.833 mHz"'
-INTO = 'into = "guidance_o_12"'
 FILES = [  # what to replace in the quick start, by what, the place, and what is told to write
-    ("seed =", "sede =", "sede", 'did you mean "seed"?'),
-    ("[truth]", "[thruth]", "thruth", 'did you mean "truth"?'),
-    (TRUTH, "lambda2 = 1.0776", "truth.lambda2", 'did you mean "lambda_2"?'),
     (TRUTH, "delta_ifo = -2e-5", "truth.delta_ifo", 'did you mean "delta_ifo_1"?'),
     (TRUTH, 'lambda_2 = "1.0776"', "truth.lambda_2", '"1.0776" is not a number, write it without quotes'),
-    ('C_2 = "0.186 s"', "C_2 = 0.186", "truth.C_2", 'write a string with one, such as "0.186 s"'),
     (OMS, 'oms = "35 fm"', "noise.oms", 'per root hertz: write "35 fm Hz^-0.5"'),
     (OMS, 'oms = "35 fm/sqrt(Hz)"', "noise.oms", 'write "35 fm Hz^-0.5"'),
     (OMS, 'oms = "35 fm / √Hz"', "noise.oms", 'write "35 fm Hz^-0.5"'),
     (OMS, 'oms = "35 fm s^-2 Hz^-0.5"', "noise.oms", 'write it like "35 fm Hz^-0.5"'),
+    (FIT, '[control.suspension]\nunity_gain = "0.5 Hz"\n[sequences]', "", "pole"),
+    (FIT, '[control.drag_free]\nunity_gain = "1 Hz"\n[sequences]', "", "closed loop is unstable"),
     ("tail = 1.5", "tail = 1,5", "line ", "expected newline"),
-    ('F_max_2 = "2200 pN"', "F_max_2 = 2.2e-9", "authority.A.F_max_2", 'such as "2200 pN"'),
     ('N_max_1 = "10.4 pN m"', 'N_max_1 = "10.4 pN"', "authority.A.N_max_1", 'write it like "10.4 pN m"'),
     ('N_max_2 = "10.4 pN m"\n', "", "authority.A.N_max_2", 'missing, write N_max_2 = "10.4 pN m"'),
-    (INTO, 'into = "guidance_o12"', "sequences.standard[0].into", 'did you mean "guidance_o_12"?'),
-    ('"sine"', '"sin"', "sequences.standard[0].shape", 'did you mean "sine"?'),
-    (TONE, 'freq = "0.833 mHz"', "sequences.standard[0].freq", 'did you mean "frequency"?'),
     (TONE, 'frequency = "0.833 Mhz"', "sequences.standard[0].frequency", 'frequency like "0.833 mHz"'),
     ("cycles = 4", 'cycles = "4"', "sequences.standard[0].cycles", "write it without quotes"),
-    ("cycles = 4", "cycles = 4.5", "sequences.standard[0].cycles", "4.5 is not a whole number"),
     ('authority = "A"', 'authority = "a"', "experiments[0].authority", 'did you mean "A"?'),
     ("epoch = 1", "epoch = 7", "experiments[0].alignment_epoch", "known epochs: 1, 2, 3, 4"),
-    ('duration = "6 h"', "duration = 6", "experiments[0].duration", 'such as "6 h"'),
     ('["standard"]', '"standard"', "experiments[0].sequences", 'write ["standard"]'),
-    ('["standard"]', '["standart"]', "experiments[0].sequences[0]", 'did you mean "standard"?'),
     ("[[experiments]]", "[experiments]", "line ", "a list of tables is written [[name]]"),
     ('name = "A"\n', "", "experiments[0].name", 'missing, write name = "A"'),
     ('name = "quickstart"', "name = quickstart", "line ", "text must be in quotes"),
     ("t0 =", 't0 = "16.4.2016" #', "t0", 'write it as in "2016-04-16T08:00:00Z"'),
     (FIT, '[fit]\nestimater = "gaussian"\n[sequences]', "fit.estimater", 'did you mean "estimator"?'),
     (FIT, '[fit]\nestimator = "gausian"\n[sequences]', "fit.estimator", 'did you mean "gaussian"?'),
+    (FIT, '[fit]\nestimator = "best"\n[sequences]', "fit.estimator", '"best"'),
     (FIT, '[fit]\nexclude = "A"\n[sequences]', "fit.exclude", 'write ["A"]'),
     (FIT, '[fit]\nexclude = ["Z"]\n[sequences]', "fit.exclude", "there are A, B, C, D"),
     (FIT, '[fit]\nscatter = ["lamda_1"]\n[sequences]', "fit.scatter[0]", 'did you mean "lambda_1"?'),
@@ -59,6 +50,8 @@ LINES = [  # arguments, what is at fault, and what is told to write
     ("run m.toml --engine fast", "'fast' is not one of", "'compiled', 'fmpy'"),
     ("run m.toml --time-limit 2", "invalid value for '--time-limit'", 'write a duration like "2 h"'),
     ("run nowhere.toml", "nowhere.toml", "no such file"),
+    ("montecarlo nowhere.toml", "nowhere.toml", "no such file"),
+    ("fmu build Rocket", 'no model "Rocket"', "known: Actuation,"),
     ("run .", ".: is a folder", "expected a campaign file"),
     ("check note.txt", "note.txt: line 1, column 6", "expected '='"),
     ("fit nowhere", "nowhere: no such file", "expected telemetry"),
@@ -83,21 +76,12 @@ LINES = [  # arguments, what is at fault, and what is told to write
 ]  # fmt: skip
 
 
-def told(result):
-    status, out, err = result
-    assert (status, out) == (2, "")
-    lines = [line for line in err.splitlines() if not re.fullmatch(r"forecast: [\d.]+ s", line)]
-    assert len(lines) == 1, err
-    assert lines[0].startswith("lpfcosim: error: ")
-    return lines[0].removeprefix("lpfcosim: error: ")
-
-
 @pytest.mark.parametrize(("old", "new", "place", "advice"), FILES)
 def test_in_a_campaign(lpfcosim, quickstart, tmp_path, old, new, place, advice):
     text = quickstart.read_text(encoding="utf-8")
     assert old in text
     (tmp_path / "m.toml").write_text(text.replace(old, new, 1), encoding="utf-8")
-    sentence = told(lpfcosim("check", "m.toml"))
+    sentence = refusal(lpfcosim("check", "m.toml"))
     assert sentence.startswith(f"m.toml: {place}")
     assert advice in sentence
 
@@ -106,7 +90,7 @@ def test_in_a_campaign(lpfcosim, quickstart, tmp_path, old, new, place, advice):
 def test_on_a_command_line(lpfcosim, quickstart, tmp_path, arguments, place, advice):
     (tmp_path / "m.toml").write_bytes(quickstart.read_bytes())
     (tmp_path / "note.txt").write_text("Dear diary\n", encoding="utf-8")
-    sentence = told(lpfcosim(*arguments.split()))
+    sentence = refusal(lpfcosim(*arguments.split()))
     assert place in sentence
     assert advice in sentence
 

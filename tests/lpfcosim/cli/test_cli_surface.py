@@ -1,4 +1,4 @@
-"""The command line from outside: how it starts, helps, completes, shows progress and speaks JSON."""
+"""The command line from outside: how it starts, helps, completes and speaks JSON."""
 
 import json
 import os
@@ -9,7 +9,6 @@ from pathlib import Path
 
 import pytest
 
-from lpfcosim.cli.console import Console
 from tests.campaign_text import ONE_EXPERIMENT
 
 GROUPS = {
@@ -154,13 +153,6 @@ def one(tmp_path):
     return file
 
 
-def test_margins_as_json(lpfcosim, one):
-    told = parsed(lpfcosim("margins", one, "--json"))
-    assert (told["schema"], told["campaign"]) == ("lpf-margins/1", "one")
-    assert [loop["loop"] for loop in told["loops"]] == ["drag_free_x", "suspension_x"]
-    assert told["loops"][0]["phase_margin"] == pytest.approx(45.6, abs=0.1)
-
-
 def test_check_as_json_takes_quiet(lpfcosim, one):
     result = lpfcosim("check", one, "--json", "--quiet")
     assert result[2] == ""
@@ -181,48 +173,3 @@ def test_faults_of_fmus_as_json(lpfcosim, tmp_path):
     archive = Path(lpfcosim("fmu", "build", "OpticalMetrology")[1].strip())
     told = parsed(lpfcosim("fmu", "validate", archive, "--json"))
     assert told == {"schema": "lpf-faults/1", "fmus": [{"path": str(archive), "faults": []}]}
-
-
-# Progress -------------------------------------------------------------------------------------------------
-
-
-@pytest.fixture
-def terminal(monkeypatch):
-    monkeypatch.setenv("FORCE_COLOR", "1")
-    monkeypatch.setenv("TERM", "xterm")
-    monkeypatch.setenv("COLUMNS", "80")
-
-
-def test_terminal_sees_the_time_left(terminal, capsys):
-    console = Console()
-    with console.counted("campaigns", 10, 4) as progress:
-        progress(5)
-    with console.samples({"A": 36_000, "B": 36_000}) as (progress, kept):
-        kept("A")
-        progress("B", 18_000)
-    with console.stage("fit"):
-        pass
-    out, err = capsys.readouterr()
-    assert out == ""
-    for shown in ("5/10", "-:--:--", "simulation", " 50 %", "fit", "0:00:00"):
-        assert shown in err
-    assert "campaigns: 5 in 0.0 s\n" in err
-    assert "simulation: 1 h (1 runs kept) in 0.0 s\n" in err
-
-
-def test_log_sees_plain_lines(capsys):
-    console = Console()
-    with console.samples({"A": 36_000, "B": 36_000}) as (progress, kept):
-        kept("A")
-        progress("B", 18_000)
-        progress("B", 36_000)
-    with console.counted("steps", 10) as progress:
-        progress(7)
-    out, err = capsys.readouterr()
-    assert out == ""
-    assert err.splitlines() == [
-        "run A: kept",
-        "run B: 1 h",
-        "simulation: 1 h in 0.0 s",
-        "steps: 7 in 0.0 s",
-    ]

@@ -1,4 +1,4 @@
-"""What is said of work that takes its time, where there are no bars."""
+"""Progress of work that takes its time, in a terminal and in a log."""
 
 import pytest
 
@@ -61,3 +61,45 @@ def test_every_kind_of_work_says_so_unless_quiet(monkeypatch, capfd, quiet):
     said = capfd.readouterr().err
     assert (said == "") is quiet
     assert quiet or [line for line in said.splitlines() if line.startswith("campaigns: 4 in ")]
+
+
+@pytest.fixture
+def terminal(monkeypatch):
+    monkeypatch.setenv("FORCE_COLOR", "1")
+    monkeypatch.setenv("TERM", "xterm")
+    monkeypatch.setenv("COLUMNS", "80")
+
+
+def test_terminal_sees_the_time_left(terminal, clock, capsys):
+    console = Console()
+    with console.counted("campaigns", 10, 4) as progress:
+        progress(5)
+    with console.samples({"A": 36_000, "B": 36_000}) as (progress, kept):
+        kept("A")
+        progress("B", 18_000)
+    with console.stage("fit"):
+        pass
+    out, err = capsys.readouterr()
+    assert out == ""
+    for shown in ("5/10", "-:--:--", "simulation", " 50 %", "fit", "0:00:00"):
+        assert shown in err
+    assert "campaigns: 5 in 0.0 s\n" in err
+    assert "simulation: 1 h (1 runs kept) in 0.0 s\n" in err
+
+
+def test_log_sees_plain_lines(clock, capsys):
+    console = Console()
+    with console.samples({"A": 36_000, "B": 36_000}) as (progress, kept):
+        kept("A")
+        progress("B", 18_000)
+        progress("B", 36_000)
+    with console.counted("steps", 10) as progress:
+        progress(7)
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert err.splitlines() == [
+        "run A: kept",
+        "run B: 1 h",
+        "simulation: 1 h in 0.0 s",
+        "steps: 7 in 0.0 s",
+    ]

@@ -9,6 +9,7 @@ from lpfcosim.errors import InputError
 from lpfcosim.modelica import build
 from lpfcosim.workflows import output_paths
 from tests import ROOT
+from tests.lpfcosim.cli.refusal import refusal
 
 
 @pytest.fixture
@@ -20,7 +21,7 @@ def mine(tmp_path, monkeypatch):
     base = (ROOT / "campaigns" / "quickstart.toml").read_text(encoding="utf-8")
     (tmp_path / "base.toml").write_text(base, encoding="utf-8")
     (tmp_path / "mine.toml").write_text('extends = "base.toml"\nname = "mine"\n', encoding="utf-8")
-    (tmp_path / "file").touch()
+    (tmp_path / "file").write_text(base, encoding="utf-8")
     (tmp_path / "notes.toml").touch()
     (tmp_path / "older" / "telemetry").mkdir(parents=True)
     (tmp_path / "older" / "results.json").touch()
@@ -50,6 +51,17 @@ def mine(tmp_path, monkeypatch):
         ("forecast mine.toml --out file", "file: is a file, expected a folder for the results"),
         ("montecarlo mine.toml --out file/out", "file: is a file, expected a folder for the results"),
         ("run mine.toml --out file/out", "file: is a file, expected a folder for the results"),
+        ("run file", "file: is a file, expected a folder for the results"),  # its default folder
+        ("run mine.toml --out mine.toml", "mine.toml: is a file, expected a folder for the results"),
+        ("montecarlo mine.toml --out mine.toml", "mine.toml: is a file, expected a folder for the results"),
+        ("fit older --out file", "file: is a file, expected a folder"),
+        ("fmu build --out file", "file: is a file, expected a folder"),
+        ("new base.toml", "base.toml: exists already, expected a new name"),
+        ("new folder.toml", "folder.toml: exists already"),
+        ("new mine.txt", "mine.txt: expected a name that ends in .toml"),
+        ("new my|own.toml", 'my|own.toml: "my|own" cannot name a file'),
+        ("new nowhere/mine.toml", "nowhere/mine.toml: nowhere is not a folder"),
+        ("new base.toml/mine.toml", "base.toml/mine.toml: base.toml is not a folder"),
         ("fmu export-ssp mine.toml --out file/a.ssp", "file/a.ssp: file is not a folder"),
         ("fmu export-ssp mine.toml --out base.toml", "base.toml: is read by this command"),
         ("fmu container mine.toml A --out folder.fmu", "folder.fmu: is a folder, expected the name"),
@@ -57,10 +69,7 @@ def mine(tmp_path, monkeypatch):
 )  # fmt: skip
 def test_output_that_cannot_be_is_refused_first(lpfcosim, mine, command, sentence):
     before = {path: path.stat().st_mtime_ns for path in mine.rglob("*")}
-    status, out, err = lpfcosim(*command.split())
-    assert (status, out) == (2, "")
-    (line,) = err.splitlines()
-    assert line.startswith(f"lpfcosim: error: {sentence}")
+    assert refusal(lpfcosim(*command.split())).startswith(sentence)
     assert {path: path.stat().st_mtime_ns for path in mine.rglob("*")} == before
 
 

@@ -107,13 +107,3 @@ def test_only_what_an_instance_can_reach_is_unpacked(tmp_path, monkeypatch, fmi)
         files = {file.relative_to(folder).parts[1] for file in folder.rglob("*") if file.is_file()}
         assert files == {"binaries", "resources", "modelDescription.xml"}
     assert not any(folder.iterdir())
-
-
-def test_model_exchange_is_not_enough(tmp_path):
-    def change(name, content):
-        return content.replace(b"CoSimulation", b"ModelExchange") if name.endswith("tion.xml") else content
-
-    archive = build.build([MODEL])[MODEL]
-    path = tmp_path / "exchange.fmu"
-    with pytest.raises(InputError, match=r"exchange\.fmu: "):
-        start(repack(archive, path, change))

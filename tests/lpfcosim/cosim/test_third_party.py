@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from lpfcosim.cosim import fmu_instance, warnings
-from lpfcosim.cosim.variables import known
 from lpfcosim.errors import InputError, RunError
 from lpfcosim.models import model_of
 from lpfcosim.spacecraft.run import Noise, Replacement
@@ -259,11 +258,6 @@ def test_names_of_files_and_variables_do_not_change_what_is_said(run, fmus, tmp_
     assert ', did you mean "stiff (known: 1)"? expected one of ' in message
 
 
-def test_one_of_many_names_that_reads_like_a_message():
-    names = [f"x_{i}" for i in range(20)] + ["force (known: 2)"]
-    assert known(names, "forces (known: 2)") == ', did you mean "force (known: 2)"?'
-
-
 FAULTS = {
     "order of elements": [("<ModelVariables>",
                             '<VendorAnnotations><Tool name="x"/></VendorAnnotations><ModelVariables>'),
@@ -324,23 +318,6 @@ def test_fmus_that_fail_say_why(run, fmus, tmp_path, macros, said, engine):
     with pytest.raises(RunError) as refused:
         simulate(run, fmus, third_party.built(tmp_path, *macros), engine)
     assert str(refused.value) == f"run 'run': {said}"
-
-
-def test_errors_name_the_file_of_the_user_and_no_copy(run, fmus, tmp_path):
-    archive = third_party.built(tmp_path, "QUIET_FAILURE")
-    copy = tmp_path / "temporary" / "SuspensionControl.fmu"
-    copy.parent.mkdir()
-    copy.write_bytes(archive.read_bytes())
-    mine = replace(run, replacements=(replacement(archive),))
-    with pytest.raises(InputError) as refused:
-        in_memory.simulate(mine, {**fmus, MODEL: copy})
-    assert str(refused.value).startswith(
-        f"{archive}: cannot be initialised: fmi2EnterInitializationMode failed"
-    )
-    copy.write_bytes(b"no archive")
-    with pytest.raises(InputError) as refused:
-        in_memory.simulate(mine, {**fmus, MODEL: copy})
-    assert str(refused.value).startswith(f"fmus.SuspensionControl: {archive}: not a readable FMU")
 
 
 def test_warnings_at_every_step_do_not_end_a_run(run, fmus, tmp_path):

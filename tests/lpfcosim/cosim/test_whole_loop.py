@@ -65,15 +65,3 @@ def test_authority_agrees_with_the_reference_plant(run):
     for channel, values in got.items():
         expected = wanted[channel]
         assert np.abs(values - expected).max() <= 1e-9 * np.sqrt(np.mean(expected**2)), channel
-
-
-def test_engines_and_versions_give_the_same_bits(run):
-    run = replace(run, n_samples=1500)
-    wanted = in_memory.simulate(run, built(run, "3.0"))
-    others = [
-        in_memory.simulate(run, built(run, "2.0")),
-        in_memory.simulate(run, built(run, "3.0"), engine="fmpy"),
-        in_memory.simulate(run, {**built(run, "3.0"), **build.build(["WholePlant"], fmi="2.0")}),
-    ]
-    for other in others:
-        assert all(np.array_equal(other[channel], values) for channel, values in wanted.items())

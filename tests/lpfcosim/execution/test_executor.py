@@ -12,7 +12,6 @@ import pytest
 
 from lpfcosim.errors import RunError
 from lpfcosim.execution import Executor, WorkerConfig
-from lpfcosim.messages import grouped
 
 CAUSES = {
     "value": ValueError("cannot reshape array of size 3 into shape (2,)"),
@@ -90,8 +89,3 @@ def test_workers_end_with_the_server_that_forked_them(tmp_path):
     while Path(f"/proc/{mark.read_text().split()[0]}").exists():
         assert time.monotonic() < deadline
         time.sleep(0.1)
-
-
-def test_one_unexpected_exception_of_many_runs_is_one_sentence():
-    causes = [(name, f"run '{name}' failed: {INTERNAL}; see logs/{name}.log") for name in "ABC"]
-    assert grouped(causes) == [f"runs A, B, C: failed: {INTERNAL}; see logs/RUN.log"]

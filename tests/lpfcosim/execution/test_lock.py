@@ -19,7 +19,6 @@ from lpfcosim.cli.figures import figures
 from lpfcosim.cli.mcmc import mcmc
 from lpfcosim.cli.report import report
 from lpfcosim.errors import InputError, RunError
-from lpfcosim.execution import checksums as files
 from lpfcosim.execution import results_folder as folders
 from lpfcosim.workflows import output_paths
 
@@ -135,17 +134,3 @@ def test_a_folder_whose_name_is_too_long_is_wrong_input(tmp_path, inside):
     output_paths.check_folder(folder, inside)  # nothing is in the way
     with pytest.raises(InputError, match="cannot be made"), folders.lock(folder):
         pass
-
-
-def test_a_file_that_cannot_be_written_stays_as_it_was(tmp_path, monkeypatch):
-    path = tmp_path / "results.json"
-    files.write(path, "before")
-
-    def full(*_):
-        raise OSError(28, "No space left on device")
-
-    monkeypatch.setattr(atomic.os, "fsync", full)
-    with pytest.raises(RunError, match=r"results\.json: cannot be written \(No space left"):
-        files.write(path, "after")
-    assert path.read_text() == "before"
-    assert names(tmp_path) == {"results.json"}

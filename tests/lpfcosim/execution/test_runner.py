@@ -204,16 +204,6 @@ def test_a_folder_in_the_place_of_a_file_is_told_first(fmus, plan, tmp_path, mon
         runner.simulate(plan, tmp_path, fmus)
 
 
-def test_what_is_wrong_with_the_fmus_is_said_once(fmus, plan, tmp_path):
-    broken = tmp_path / "broken.fmu"
-    broken.write_bytes(b"not a zip archive")
-    with pytest.raises(InputError) as refusal:
-        runner.simulate(plan, tmp_path / "out", {**fmus, "Plant": broken}, runner.RunOptions(jobs=1))
-    message = str(refusal.value)
-    assert message.startswith(f"{broken}: not a readable FMU")
-    assert message.count("broken.fmu") == 1
-
-
 @pytest.fixture
 def scratch(tmp_path, monkeypatch):
     """The folder of temporary files, empty."""

@@ -113,10 +113,6 @@ def test_same_content_same_bytes(path, tmp_path, run, channels):
     assert again.read_bytes() == path.read_bytes()
 
 
-def test_nothing_else_is_left_in_the_folder(path):
-    assert [p.name for p in path.parent.iterdir()] == ["D.h5"]
-
-
 @pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
 def test_a_channel_that_is_not_finite_is_not_recorded(tmp_path, run, channels, value):
     bad = {**channels, "o_12": channels["o_12"].copy()}

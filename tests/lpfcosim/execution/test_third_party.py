@@ -170,18 +170,13 @@ RANGES = [
 
 
 @pytest.mark.parametrize(("of", "attribute", "said"), RANGES)
-def test_parameters_of_every_run_are_checked_before_any_is_simulated(two_forces, of, attribute, said):
+def test_parameters_of_every_run_are_checked_before_any_is_simulated_or_exported(
+    two_forces, tmp_path, of, attribute, said
+):
     plan = two_forces(of, attribute)
     with pytest.raises(InputError) as refused:
         validation.validate(plan)
     assert str(refused.value).startswith(said)
-
-
-@pytest.mark.parametrize(("of", "attribute", "said"), RANGES)
-def test_parameters_of_every_authority_are_checked_before_an_export(
-    two_forces, tmp_path, of, attribute, said
-):
-    plan = two_forces(of, attribute)
     with pytest.raises(InputError) as refused:
         ssp.export(plan, {MODEL: plan.replacements[0].archive}, tmp_path / "loop.ssp")
     assert str(refused.value).startswith(said)

@@ -72,22 +72,6 @@ def test_the_drives_have_the_spectra_they_are_drawn_with(still):
             assert ratio[band].mean() == pytest.approx(1, abs=5 / np.sqrt(averages) + 0.005), (name, low)
 
 
-def test_injections_add(still):
-    tones = (
-        Sine("guidance_o_12", 5e-9, 5e-3, 10, 300.0),
-        Sine("guidance_o_1", 4e-9, 2e-2, 30, 900.0, phase=0.3),
-        Sine("F_x_2", 1e-12, 1e-2, 12, 1500.0),
-    )
-    together = response.linear_response(replace(still, injections=tones))
-    alone = [response.linear_response(replace(still, injections=(tone,))) for tone in tones]
-    louder = [replace(tone, amplitude=-2.5 * tone.amplitude) for tone in tones]
-    scaled = response.linear_response(replace(still, injections=tuple(louder)))
-    for channel in CHANNELS:
-        x = together[channel]
-        assert np.abs(sum(one[channel] for one in alone) - x).max() <= 1e-10 * np.ptp(x), channel
-        assert np.abs(scaled[channel] + 2.5 * x).max() <= 1e-10 * np.ptp(x), channel
-
-
 @pytest.mark.parametrize(("stretch", "block"), [(7, 49), (30, 900), (60, 3600), (1000, 1000)])
 def test_response_is_that_of_one_step_after_the_other(quickstart, monkeypatch, stretch, block):
     monkeypatch.setattr(response, "CHUNK", stretch)

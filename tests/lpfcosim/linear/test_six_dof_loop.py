@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from scipy.signal import welch
 
-from lpfcosim.errors import DivergenceError
 from lpfcosim.linear import ClosedLoop, closed_loop, response
 from lpfcosim.models import stimuli
 from lpfcosim.spacecraft import Actuation
@@ -152,14 +151,6 @@ def test_read_outs_see_cross_talk_of_jitter(craft):
     mean = [(c[f"{k}_1"] + c[f"{k}_2"]) / 2 for k in ("phi", "eta", "y", "z")]
     expected = c["x_2"] - c["x_1"] + run.delta_ifo * c["x_1"] - np.dot(b[:4], mean)
     np.testing.assert_allclose(c["o_12"], expected, rtol=1e-12, atol=1e-12 * np.abs(expected).max())
-
-
-def test_divergence_is_told_with_channel_and_time(craft, flight_noise):
-    run = craft(name="lost", noise=flight_noise, truth=Truth(omega2_1_0=-1.0, omega2_2_0=-1.0))
-    with pytest.raises(
-        DivergenceError, match=r"lost: the loop diverged, o_1 left \+-0.0001 m at t = \d+(\.\d)? s"
-    ):
-        ClosedLoop(run).simulate()
 
 
 def test_run_in_blocks_is_one_run(craft, monkeypatch):

@@ -52,15 +52,6 @@ def test_same_noise_same_telemetry_of_the_whole_spacecraft(quickstart):
         assert np.abs(found[name] - x).max() < (5e-3 if name in ("o_12", "f_x_2") else 1e-5) * x.std(), name
 
 
-def test_without_noise_there_is_the_response(sysid):
-    quiet = replace(sysid, noise=Noise())
-    drawn = spectral_simulation.Simulation(quiet, CHANNELS).record(np.random.default_rng(1))
-    expected = response.linear_response(quiet, low_pass=True)
-    expected["f_x_2"] = expected["f_x_2"] + quiet.f_x_2_start
-    for name in CHANNELS:
-        assert np.array_equal(drawn[name], expected[name])
-
-
 @pytest.mark.parametrize("samples", [3600, 3601, 1125, 1124])  # at 1 Hz
 def test_noise_ends_at_a_quarter_of_a_hertz(sysid, samples):
     run = replace(sysid, n_samples=10 * samples, injections=())

@@ -5,17 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from lpfcosim.campaign.loading import load
 from lpfcosim.errors import InputError
-from lpfcosim.linear import ClosedLoop, stability
+from lpfcosim.linear import stability
 from lpfcosim.spacecraft.control import DRAG_FREE, SUSPENSION
 from lpfcosim.spacecraft.run import Noise, Truth
 from tests.reference_run import simulate_reference
-
-
-def test_every_run_of_the_quick_start_is_stable(quickstart):
-    for run in load(quickstart).runs:
-        stability.check(run)
 
 
 def test_slowest_mode_is_the_known_one(make_run):
@@ -23,15 +17,6 @@ def test_slowest_mode_is_the_known_one(make_run):
     z = stability.poles(make_run())
     assert (np.diff(np.abs(z)) <= 0).all()
     assert 2100 < -0.1 / np.log(abs(z[0])) < 2600
-
-
-@pytest.mark.parametrize(("loop", "unity_gain", "margin"), [(0, 0.080, 45), (1, 1.0e-3, 59)])
-def test_phase_margins_are_the_design_values(make_run, loop, unity_gain, margin):
-    f = unity_gain * np.linspace(0.9, 1.1, 2001)
-    L = ClosedLoop(make_run()).loop_gain().frequency_response(f)[:, loop, loop]
-    i = int(np.abs(np.abs(L) - 1).argmin())
-    assert f[i] == pytest.approx(unity_gain, rel=0.05)
-    assert 180 + np.degrees(np.angle(L[i])) == pytest.approx(margin, abs=1)
 
 
 UNSTABLE = {

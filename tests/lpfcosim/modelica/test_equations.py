@@ -29,9 +29,8 @@ def test_harmonic_oscillator_against_its_solution(tmp_path):
     assert np.abs(result["x"] - expected).max() < 1e-10 * 1e-9
 
 
-@pytest.mark.parametrize("delay", [0.0, 0.03, 0.1, 0.12345, 0.25, 0.3])
 @pytest.mark.parametrize("nonlinear", [False, True])
-def test_delayed_force_switches_inside_the_step(tmp_path, delay, nonlinear):
+def test_delayed_force_switches_inside_the_step(tmp_path, nonlinear):
     # A unit step of the command at t = 1: x = (t - 1 - delay)^2 / 2 afterwards, exactly.
     # A term that vanishes, but is not affine, sends the second model down the Runge-Kutta path.
     archive = fmu(
@@ -44,12 +43,13 @@ def test_delayed_force_switches_inside_the_step(tmp_path, delay, nonlinear):
         end M;""",
     )
     signal = np.array([(0.0, 0.0), (0.9, 0.0), (1.0, 1.0), (3.0, 1.0)], dtype=[("time", float), ("u", float)])
-    result = fmpy.simulate_fmu(
-        str(archive), stop_time=3, output_interval=0.1, input=signal, start_values={"d": delay}
-    )
-    # the input is held: the value at t_n counts from t_n on
-    expected = 0.5 * np.clip(result["time"] - 1 - delay, 0, None) ** 2
-    np.testing.assert_allclose(result["x"], expected, atol=1e-14)
+    for delay in (0.0, 0.03, 0.1, 0.12345, 0.25, 0.3):
+        result = fmpy.simulate_fmu(
+            str(archive), stop_time=3, output_interval=0.1, input=signal, start_values={"d": delay}
+        )
+        # the input is held: the value at t_n counts from t_n on
+        expected = 0.5 * np.clip(result["time"] - 1 - delay, 0, None) ** 2
+        np.testing.assert_allclose(result["x"], expected, atol=1e-14, err_msg=str(delay))
 
 
 def test_nonlinear_system_against_a_high_order_integrator(tmp_path):
@@ -151,14 +151,6 @@ def test_names_of_the_user_do_not_meet_those_of_the_generator(tmp_path):
         archive = fmu(tmp_path, text.replace("NAME", name))
         ends.append(fmpy.simulate_fmu(str(archive), stop_time=1, output_interval=0.1, output=["x"])["x"][-1])
     assert ends[0] == ends[1] == ends[2]
-
-
-def test_constants_of_mathematics(tmp_path):
-    archive = fmu(
-        tmp_path, "model M output Real y[3]; equation y = {4*atan(1.0), exp(1.0), log10(1000.0)}; end M;"
-    )
-    result = fmpy.simulate_fmu(str(archive), stop_time=0.1, output_interval=0.1)
-    np.testing.assert_allclose(result["y"][-1], [np.pi, np.e, 3], rtol=1e-15)
 
 
 def test_long_communication_step_is_divided(tmp_path):

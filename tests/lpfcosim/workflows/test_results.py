@@ -13,6 +13,7 @@ import lpfcosim
 from lpfcosim.execution import runner
 from lpfcosim.workflows.arguments import check_workers, whole_number
 from lpfcosim.workflows.campaigns import is_described_by_file
+from tests.campaign_text import SHORT_PLAN
 
 
 @pytest.fixture(scope="module")
@@ -86,8 +87,6 @@ def test_what_is_no_campaign_is_refused_in_one_sentence(name, argument, message)
 def test_other_arguments_are_checked(campaign, tmp_path):
     with pytest.raises(fit.InputError, match=r"^n: 1, expected two campaigns or more$"):
         lpfcosim.montecarlo(campaign, 1, tmp_path)
-    with pytest.raises(fit.InputError, match=r"a\.txt: expected a name that ends in \.toml"):
-        lpfcosim.design(campaign, tmp_path / "a.txt")
     with pytest.raises(fit.InputError, match=r"^4: expected the path of a folder$"):
         lpfcosim.run(campaign, 4)
     with pytest.raises(fit.InputError, match=r"^5: expected the path of telemetry$"):
@@ -133,18 +132,6 @@ def test_a_number_of_processes_is_one_or_more(name, jobs, campaign, tmp_path):
         getattr(lpfcosim, name)(campaign, *size, tmp_path / "out.toml", jobs=jobs)
 
 
-def test_a_design_replaces_no_input_and_needs_a_folder(quickstart, tmp_path):
-    path = tmp_path / "plan.toml"
-    path.write_bytes(quickstart.read_bytes())
-    with pytest.raises(fit.InputError, match="is read by this command, expected another name"):
-        lpfcosim.design(path, path)
-    with pytest.raises(fit.InputError, match="is not a folder"):
-        lpfcosim.design(path, tmp_path / "nowhere" / "a.toml")
-    with pytest.raises(fit.InputError, match="is a folder, expected the name of a file"):
-        (tmp_path / "a.toml").mkdir()
-        lpfcosim.design(path, tmp_path / "a.toml")
-
-
 def test_telemetry_from_equations_is_checked_as_that_of_fmus(campaign, tmp_path):
     experiment = replace(campaign.experiments[0], n_samples=6000, n_noise_samples=6000)
     brief = replace(campaign, experiments=(experiment,))
@@ -180,15 +167,14 @@ def test_a_campaign_whose_fit_was_changed_in_python_is_not_written(quickstart, t
     assert not is_described_by_file(replace(short, fit={"f_max": 0.02}))
 
 
-def test_a_simulated_folder_is_reproduced(quickstart, tmp_path, run_lpfcosim):
+def test_a_simulated_folder_is_reproduced(tmp_path, run_lpfcosim):
     path = tmp_path / "short.toml"
-    text = quickstart.read_text(encoding="utf-8").split("[[experiments]]")
-    path.write_text("[[experiments]]".join(text[:2]), encoding="utf-8")
+    path.write_text(SHORT_PLAN, encoding="utf-8")
     lpfcosim.simulate(path, tmp_path / "out", fmus=False)
     status, out, err = run_lpfcosim("reproduce", tmp_path / "out")
     assert status == 0, err
     assert [line.rsplit(": ")[-1] for line in out.splitlines()] == ["the same", "the same"]
-    changed = replace(lpfcosim.load_campaign(path), seed=7)
+    changed = replace(lpfcosim.load_campaign(path), seed=8)
     lpfcosim.simulate(changed, tmp_path / "changed", fmus=False)
     assert not (tmp_path / "changed" / "campaign.toml").exists()
 
