@@ -41,6 +41,7 @@ from fit.telemetry import (
     Telemetry,
     Writer,
     check_channels,
+    check_pathfinder,
     inertial_period,
     open_run,
 )
@@ -138,7 +139,8 @@ def write_delta_g(path: Path, out: Path, results: Results, provenance: Mapping[s
     Raises
     ------
     InputError
-        If the file breaks the contract or is shorter than the filters, or if there is no sound joint fit.
+        If the file is of LISA, breaks the contract or is shorter than the filters, or if there is no sound
+        joint fit.
     FitError
         If the product cannot be written.
     """
@@ -208,6 +210,7 @@ class _Product:
 
     def __init__(self, path: Path, results: Results) -> None:
         self.head = open_run(path)
+        check_pathfinder(self.head, "Delta g is")
         check_channels(self.head)
         taps, factor = derivatives.low_pass(self.head.fs)
         # the first output needs so many samples beyond its own, on both sides together

@@ -12,7 +12,7 @@ from fit.parallel import one_blas_thread
 from fit.quality import mask_experiments, noise_adaptation
 from fit.results import Results, results_folder, telemetry_of
 from fit.settings import Settings, settings
-from fit.telemetry import Telemetry, read_all
+from fit.telemetry import Telemetry, check_pathfinder, read_all
 from fit.whitening import Experiment, Run
 
 MAX_CHANGE = 0.05  # sigma: a fit that moves by more is of something else
@@ -40,10 +40,12 @@ def experiments(
     Raises
     ------
     InputError
-        If the results do not say how they came about.
+        If the telemetry is of LISA, or the results do not say how they came about.
     """
     if results.joint is None or not results.joint.parameters:
         raise InputError(f"{path}: joint: expected a joint fit that determined parameters")
+    for run in telemetries:
+        check_pathfinder(run, "a refit is")
     runs = {t.run: t for t in telemetries}
     provenance = results.provenance
     joint, pairs, chosen = provenance.joint_runs, provenance.noise_runs, provenance.settings

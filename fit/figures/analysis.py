@@ -1,4 +1,4 @@
-"""Delta g of a run and its terms over time, and their spectra."""
+"""Delta g of a run, or D of a LISA spacecraft, and its terms over time, and their spectra."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fit.figures.series import averaged, glitch_mask
-from fit.model import dynamics
+from fit.model import dynamics, lisa_dynamics
 from fit.spectra import Binned, Estimator, derivatives
 from fit.telemetry import Telemetry
 
@@ -20,7 +20,7 @@ SLOW, FAST = 200.0, 20.0  # s, lengths of the windows over which the residual is
 
 @dataclass(frozen=True)
 class Terms:
-    """Delta g of a run and its terms, up to the `HIGHEST` frequency shown.
+    """Delta g of a run, or a component of D, and its terms, up to the `HIGHEST` frequency shown.
 
     Attributes
     ----------
@@ -61,6 +61,32 @@ def split(telemetry: Telemetry, parameters: Mapping[str, float]) -> Terms:
     return Terms(run.fs, columns.time, columns.valid, dynamics.total(columns, theta), driven)
 
 
+def split_lisa(
+    telemetry: Telemetry, parameters: Mapping[str, float], component: lisa_dynamics.Component
+) -> Terms:
+    """Return the terms of a component of D; of a noise run only their sum.
+
+    Parameters
+    ----------
+    telemetry : Telemetry
+        A run of a LISA spacecraft.
+    parameters : mapping
+        Those of `fit.model.lisa_dynamics`.
+    component : str
+        ``D_x`` or ``D_y``.
+    """
+    run = lisa_dynamics.channels(telemetry)
+    names = tuple(parameters)
+    theta = np.array([parameters[name] for name in names])
+    equation = lisa_dynamics.Equation(component, names, run.half_opening, run.baseline)
+    tau = lisa_dynamics.delays(names, theta)
+    terms = equation.terms(lisa_dynamics.columns(run, tau), theta, tau)
+    total = np.sum(list(terms.values()), axis=0)
+    driven = {} if telemetry.kind == "noise" else {name: x for name, x in terms.items() if np.any(x)}
+    time = run.time[derivatives.HALF : -derivatives.HALF]
+    return Terms(run.fs, time, ~derivatives.dilate_mask(~run.valid), total, driven)
+
+
 @dataclass(frozen=True)
 class Analysis:
     """Residual of a run over time, and spectra of the terms that are not zero throughout.
@@ -77,7 +103,7 @@ class Analysis:
     fast, slow : tuple of ndarray, or None
         Delta g averaged over `FAST` and over `SLOW`.
     signal : tuple of ndarray, or None
-        Second derivative of o_12 averaged over `FAST`; None of a noise run.
+        Second derivative of o_12 (of D: relative acceleration) averaged over `FAST`; None of a noise run.
     asd : Binned or None
         Of Delta g outside the masked intervals; None of a simulation without noise.
     terms : mapping of str to Binned
@@ -97,11 +123,28 @@ class Analysis:
 def analyse(
     telemetry: Telemetry, parameters: Mapping[str, float], masked: Sequence[tuple[float, float]] = ()
 ) -> Analysis:
-    """Analyse a run for its figures; see `split`.
+    """Analyse a run of LISA Pathfinder for its figures; see `split` and `analyse_terms`."""
+    return analyse_terms(split(telemetry, parameters), float(telemetry.time[0]), "ddo_12", masked)
+
+
+def analyse_terms(
+    run: Terms, start: float, signal_term: str, masked: Sequence[tuple[float, float]] = ()
+) -> Analysis:
+    """Analyse the terms of a run for its figures.
 
     The spectrum of Delta g excludes the `masked` intervals, begin and end [s], unless they cover half of it.
+
+    Parameters
+    ----------
+    run : Terms
+        The terms of the run.
+    start : float
+        Its first time [s].
+    signal_term : str
+        The term that has the injected signal.
+    masked : sequence of tuple of float
+        Begin and end [s] of glitches.
     """
-    run, start = split(telemetry, parameters), float(telemetry.time[0])
     asd, spectra = None, {}
     if run.valid.any():
         estimator = Estimator(run.valid, run.fs, HIGHEST)
@@ -110,7 +153,7 @@ def analyse(
         if np.any(run.delta_g[run.valid]):
             is_partial = run.valid.sum() > unmasked.sum() > unmasked.size / 2
             asd = (Estimator(unmasked, run.fs, HIGHEST) if is_partial else estimator).asd(run.delta_g)
-    signal = run.terms.get("ddo_12")
+    signal = run.terms.get(signal_term)
     return Analysis(
         run.fs,
         (derivatives.true_runs(~run.valid) / run.fs + run.time[0] - start) / 3600,

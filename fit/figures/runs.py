@@ -1,4 +1,4 @@
-"""Figures of a run: responses to the injections, Delta g, its terms, and its residual over time."""
+"""Figures of a run: responses to the injections, Delta g or D, its terms, and its residual over time."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -31,11 +31,23 @@ from fit.telemetry import Telemetry
 Array = NDArray[np.float64]
 
 _SUBSCRIPTS = str.maketrans("x12", "ₓ₁₂")
+#: Responses of a LISA spacecraft: guidance by read-out.
+_LISA_GUIDANCE = {"o_1": "o_1", "o_2": "o_2", "grs_y_1": "y_1", "grs_y_2": "y_2"}
 LOWEST = 1e-4  # Hz, shown at most
 _SIGNAL = Axis("acceleration", "pm s⁻²", "value - mean")
 _RATIO = Axis("residual / noise", "", "ratio")
 _RESIDUAL = Axis("residual Δg", "fm s⁻²", "value - mean")
-#: How the terms of Delta g (`dynamics.TERMS`) are drawn.
+_SYMBOLS: Mapping[str, str] = {term.name: term.symbol for term in dynamics.TERMS}
+#: Symbols of the terms of D (`lisa_dynamics.TERMS`).
+_LISA_SYMBOLS = {
+    "dds": "s̈₁ − s̈₂",
+    "K_1 s_1": "K₁s₁",
+    "K_2 s_2": "K₂s₂",
+    "f_1": "f₁",
+    "f_2": "f₂",
+    "ddphi": "φ̈",
+}
+#: How the terms are drawn.
 _DRAWN: Mapping[str, tuple[str, Literal["-", "--", ":"]]] = {
     "ddo_12": ("grey", "-"),
     "lambda_2 f_x_2": ("violet", "-"),
@@ -45,22 +57,31 @@ _DRAWN: Mapping[str, tuple[str, Literal["-", "--", ":"]]] = {
     "delta_ifo ddo_1": ("olive", "--"),
     "delta_g_SC": ("orange", "--"),
     "torques": ("cyan", ":"),
+    "dds": ("grey", "-"),
+    "K_1 s_1": ("green", "-"),
+    "K_2 s_2": ("blue", "--"),
+    "f_1": ("violet", "-"),
+    "f_2": ("rose", "--"),
+    "ddphi": ("olive", ":"),
 }
 
 
 def responses(run: Telemetry) -> Chart:
-    """Draw the injections and the responses of o_1, o_12 (and a commanded f_x_1) against time."""
-    shown = [("o_1", "drag-free loop", "m"), ("o_12", "suspension loop", "m")]
-    shown.append(("f_x_1", "force on test mass 1", "m s⁻²"))
+    """Draw the injections and the responses of the read-outs (and of a commanded f_x_1) against time."""
+    shown = [("o_1", "o_1", "drag-free loop", "m"), ("o_12", "o_12", "suspension loop", "m")]
+    shown.append(("f_x_1", "f_x_1", "force on test mass 1", "m s⁻²"))
+    if run.spacecraft == "LISA":
+        shown = [(name, set_point, "", "m") for name, set_point in _LISA_GUIDANCE.items()]
     panels = []
-    for channel, title, unit in shown:
-        names = [name for name in (channel, f"guidance_{channel}") if name in run.channels]
+    for channel, set_point, title, unit in shown:
+        names = [name for name in (channel, f"guidance_{set_point}") if name in run.channels]
         envelopes = {name: _hourly(run, name) for name in names}
         largest = max(float(np.nanmax(np.abs(y))) for _, y in envelopes.values())
         if channel == "f_x_1" and not largest > 0:
             continue
         scale, prefix = _prefix(largest)
-        y = Axis(channel.translate(_SUBSCRIPTS).replace("_", ""), f"{prefix}{unit}", "value")
+        label = channel.removeprefix("grs_").translate(_SUBSCRIPTS).replace("_", "")
+        y = Axis(label, f"{prefix}{unit}", "value")
         curves = _response(channel, y.label, envelopes, scale)
         across = (0.0, run.duration / 3600)
         panels.append(Panel(TIME, y, curves, across, limits(y, curves), 1.05, title))
@@ -77,10 +98,9 @@ def _response(
     channel: str, label: str, envelopes: Mapping[str, tuple[Array, Array]], scale: float
 ) -> tuple[Curve, ...]:
     """Return a channel and its guidance, the one of least ink in front, so that neither hides the other."""
-    styles = {channel: (label, "blue"), f"guidance_{channel}": ("guidance", "orange")}
     curves = []
     for name, (x, y) in envelopes.items():
-        words, role = styles[name]
+        words, role = (label, "blue") if name == channel else ("guidance", "orange")
         curves.append(Curve(name=name, label=words, role=role, x=x, y=scale * y, width=0.7))
     return tuple(sorted(curves, key=lambda curve: -float(np.nansum(np.abs(np.diff(curve.y))))))
 
@@ -101,17 +121,43 @@ def acceleration(run: Analysis, noise: Analysis | None) -> Chart:
     run, noise : Analysis
         Of the experiment and of its noise run, if there is one.
     """
+    return Chart((_acceleration(run, noise, ("ddo_12", "ö₁₂"), ("Delta g", "Δg"), 2.2),))
+
+
+def lisa_acceleration(pairs: Mapping[str, tuple[Analysis, Analysis | None]]) -> Chart:
+    """Draw the ASD of relative acceleration, residual and noise run for each component of D.
+
+    Parameters
+    ----------
+    pairs : mapping of str to tuple of Analysis
+        By component, the experiment and its noise run, if there is one.
+    """
+    signal = ("dds", _LISA_SYMBOLS["dds"])
+    panels = [_acceleration(*pair, signal, (name, name), 1.7, name) for name, pair in pairs.items()]
+    return Chart(tuple(panels))
+
+
+def _acceleration(
+    run: Analysis,
+    noise: Analysis | None,
+    signal: tuple[str, str],
+    observable: tuple[str, str],
+    height: float,
+    title: str = "",
+) -> Panel:
+    """Return a panel of signal, residual and noise; `signal` and `observable` are names and symbols."""
+    name, symbol = observable
     spectra = [
-        ("signal ddo_12", "signal ö₁₂", "blue", run.terms.get("ddo_12"), 0.9),
-        ("noise run Delta g", "Δg of the noise run", "grey", noise and noise.asd, 1.4),
-        ("residual Delta g", "residual Δg", "orange", run.asd, 0.8),
+        (f"signal {signal[0]}", f"signal {signal[1]}", "blue", run.terms.get(signal[0]), 0.9),
+        (f"noise run {name}", f"{symbol} of the noise run", "grey", noise and noise.asd, 1.4),
+        (f"residual {name}", f"residual {symbol}", "orange", run.asd, 0.8),
     ]
     curves = [
         _curve(name, label, role, width, binned) for name, label, role, binned, width in spectra if binned
     ]
     across = _shown(run.fs)
     up = limits(ASD, curves, across)
-    return Chart((Panel(FREQUENCY, ASD, (*_outside(across), *curves), across, up, 2.2),))
+    return Panel(FREQUENCY, ASD, (*_outside(across), *curves), across, up, height, title)
 
 
 def residual_over_noise(pairs: Mapping[str, tuple[Binned, Binned]]) -> Chart:
@@ -170,19 +216,31 @@ def _ratio(a: Binned, b: Binned) -> Binned:
 
 def breakdown(run: Analysis) -> Chart:
     """Draw the ASD of every term of Delta g, and of the residual they add up to."""
-    styles = {term.name: (term.symbol, *_DRAWN[term.name]) for term in dynamics.TERMS}
+    return Chart((_breakdown(run, _SYMBOLS, ("Delta g", "Δg"), 2.35),))
+
+
+def lisa_breakdown(components: Mapping[str, Analysis]) -> Chart:
+    """Draw, for each component of D, the ASD of its terms and of the residual they add up to."""
+    panels = [_breakdown(run, _LISA_SYMBOLS, (name, name), 1.8, name) for name, run in components.items()]
+    return Chart(tuple(panels))
+
+
+def _breakdown(
+    run: Analysis, symbols: Mapping[str, str], observable: tuple[str, str], height: float, title: str = ""
+) -> Panel:
+    """Return a panel of the terms of an observable, by name and symbol, and of its residual."""
     curves = []
     for name, term in run.terms.items():
-        label, role, dash = styles[name]
-        curve = _curve(name, label, role, 0.8, term)
+        role, dash = _DRAWN[name]
+        curve = _curve(name, symbols[name], role, 0.8, term)
         curves.append(replace(curve, low=None, high=None, dash=dash))  # a band for each would hide the others
     if run.asd:
-        curves.append(_curve("residual Delta g", "residual Δg", "ink", 1.2, run.asd))
+        curves.append(_curve(f"residual {observable[0]}", f"residual {observable[1]}", "ink", 1.2, run.asd))
     across = _shown(run.fs)
     low, high = limits(ASD, curves, across)
     if run.asd and (level := run.asd.asd[run.asd.f > LOWEST]).any():
         low = float(10 ** np.floor(np.log10(0.03 * level[level > 0].min())))  # far below it nothing matters
-    return Chart((Panel(FREQUENCY, ASD, (*_outside(across), *curves), across, (low, high), 2.35),))
+    return Panel(FREQUENCY, ASD, (*_outside(across), *curves), across, (low, high), height, title)
 
 
 def _curve(name: str, label: str, role: str, width: float, binned: Binned) -> Curve:
@@ -233,6 +291,34 @@ def residual(run: Telemetry, analysed: Analysis, noise: Analysis | None = None) 
     if analysed.fast is None or analysed.slow is None:
         raise InputError(f"{run.path}: no data remain of the run with the parameters of the results")
     across = (0.0, run.duration / 3600)
+    return Chart((*_signal(analysed, across), _residual(across, analysed, noise, _RESIDUAL, 1.4)))
+
+
+def lisa_residual(run: Telemetry, pairs: Mapping[str, tuple[Analysis, Analysis | None]]) -> Chart:
+    """Draw the residual of each component of D over time, with that of the noise run.
+
+    Parameters
+    ----------
+    run : Telemetry
+        Of the experiment.
+    pairs : mapping of str to tuple of Analysis
+        By component, the experiment and its noise run, if there is one.
+    """
+    across = (0.0, run.duration / 3600)
+    return Chart(
+        tuple(
+            _residual(across, *pair, replace(_RESIDUAL, label=f"residual {name}"), 1.4, name)
+            for name, pair in pairs.items()
+        )
+    )
+
+
+def _residual(
+    across: Limits, analysed: Analysis, noise: Analysis | None, axis: Axis, height: float, title: str = ""
+) -> Panel:
+    """Return a panel of the averaged residual, the extremes of its fast part, and the noise run."""
+    assert analysed.fast is not None
+    assert analysed.slow is not None
     fast = _smooth(f"averaged over {FAST:g} s, extremes", f"{FAST:g} s", "grey", analysed.fast, 0.4)
     mean = _smooth(
         f"residual averaged over {SLOW:g} s", f"residual, {SLOW:g} s", "orange", analysed.slow, 0.8
@@ -247,8 +333,7 @@ def residual(run: Telemetry, analysed: Analysis, noise: Analysis | None = None) 
     unmasked = [_smoothed(analysed.fast, analysed.masked), _smoothed(analysed.slow, analysed.masked)]
     if noise is not None and noise.slow is not None:
         unmasked.append(_smoothed(noise.slow, noise.masked))
-    time_panel = Panel(TIME, _RESIDUAL, marks, across, limits(_RESIDUAL, unmasked, across), 1.4)
-    return Chart((*_signal(analysed, across), time_panel))
+    return Panel(TIME, axis, marks, across, limits(axis, unmasked, across), height, title)
 
 
 def _smoothed(series: Series, hours: Array) -> Curve:

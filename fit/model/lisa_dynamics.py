@@ -59,6 +59,13 @@ COLUMNS = (
     *(name for command in _COMMANDS for name in (command, f"d{command}")),
     "ddphi",
 )
+#: Columns of the terms of D: relative acceleration, stiffness and commands of each test mass, rotation.
+TERMS: Mapping[str, tuple[str, ...]] = {
+    "dds": COLUMNS[:4],
+    **{f"K_{j} s_{j}": (f"o_{j}", f"grs_y_{j}") for j in (1, 2)},
+    **{f"f_{j}": (f"F_y_{j}", f"dF_y_{j}", f"F_x_{j}", f"dF_x_{j}") for j in (1, 2)},
+    "ddphi": ("ddphi",),
+}
 PARAMETERS = tuple(
     f"{name}_{j}"
     for name in ("omega2_x", "omega2_xy", "omega2_y", "lambda_y", "C_y", "grs_gain_y", "x_per_y")
@@ -188,6 +195,25 @@ class Equation:
         steps = theta + 1j * _STEP * np.eye(theta.size)
         slopes = [self._weights(step, tau).imag[self.varying] / _STEP for step in steps]
         return np.concatenate([np.zeros((1, theta.size)), np.transpose(slopes)])
+
+    def terms(self, columns: Array, theta: Array, tau: tuple[float, float]) -> dict[str, Array]:
+        """Return the terms that add up to the component, of `TERMS`, each of shape (N,).
+
+        Parameters
+        ----------
+        columns : ndarray, shape (N, 17)
+            Those of `columns`, at the delays `tau`.
+        theta : ndarray, shape (P,)
+            The parameters.
+        tau : tuple of float
+            Delays of test masses 1 and 2 [s].
+        """
+        weights = self._weights(theta, tau)
+        return {
+            name: columns[:, places] @ weights[places]
+            for name, series in TERMS.items()
+            for places in ([COLUMNS.index(x) for x in series],)
+        }
 
     @cached_property
     def varying(self) -> NDArray[np.intp]:

@@ -127,7 +127,9 @@ def residual_over_noise(experiments: Mapping[str, AnalysedExperiment]) -> Figure
 
 
 def overview(results: Results, telemetries: Sequence[Telemetry]) -> Table:
-    """Return a row for every experiment: date, quality of its fit, gain and stiffness, warnings."""
+    """Return a row for every experiment: date, quality of its fit, a gain and a stiffness, warnings."""
+    is_lisa = any(run.spacecraft == "LISA" for run in telemetries)
+    gain, stiffness = ("lambda_y_1", "omega2_x_1") if is_lisa else ("lambda_2", "omega2_2")
     runs = {t.experiment: t for t in telemetries if t.kind == "sysid"}
     rows = []
     for i, (name, fit) in enumerate(results.experiments.items(), start=1):
@@ -140,13 +142,13 @@ def overview(results: Results, telemetries: Sequence[Telemetry]) -> Table:
                 f"{run.duration / 3600:.3g}" if run else None,
                 highlight(chi2_red, "chi2" in failures(fit)),
                 _p_value(fit),
-                fit_estimate(fit, "lambda_2"),
-                fit_estimate(fit, "omega2_2", -7),
+                fit_estimate(fit, gain),
+                fit_estimate(fit, stiffness, -7),
                 _warnings(fit) or None,
             )
         )
-    gain, stiffness = symbol("lambda_2"), Markup("{} [10⁻⁷ s⁻²]").format(symbol("omega2_2"))
-    head = ("Experiment", "Start", "Hours", "χ² / dof", "p", gain, stiffness, "Warnings")
+    symbols_of_columns = symbol(gain), Markup("{} [10⁻⁷ s⁻²]").format(symbol(stiffness))
+    head = ("Experiment", "Start", "Hours", "χ² / dof", "p", *symbols_of_columns, "Warnings")
     caption = (
         "Each experiment fitted on its own; its name leads to its injections, spectra and residual. p: "
         "probability of such a χ² in the noise of the noise run."
@@ -179,27 +181,53 @@ def _section(i: int, name: str, fit: Fit, experiment: AnalysedExperiment | None)
     if experiment:
         run, noise = experiment.run, experiment.noise
         facts = {
-            "Start": f"{start_text(run)} UTC, {run.duration / 3600:.3g} h",
-            "Noise run": f"{noise.run}, {noise.duration / 3600:.3g} h" if noise else "none",
+            **run_facts(run, noise),
             _BOTH.format("F", "F"): f"{1e12 * run.F_max_1:.4g} and {1e12 * run.F_max_2:.4g} pN",
             _BOTH.format("N", "N"): f"{1e12 * run.N_max_1:.4g} and {1e12 * run.N_max_2:.4g} pN m",
             "Alignment epoch": str(run.alignment_epoch),
         }
         known = list(experiment_parameters(run.authority, run.alignment_epoch).values())
-        slug = re.sub(r"[^A-Za-z0-9]+", "_", name)[:60]
-        specs = figure_specs(f"e{i}", slug, experiment)
+        specs = figure_specs(f"e{i}", slug(name), experiment)
         injected = injections.table(run)
         tables = (injected,) if injected.rows else ()
-    facts["χ² / degrees of freedom"] = f"{fit.chi2:.1f} / {fit.dof}"
+    return fit_section(i, name, fit, _DESCRIPTION, facts, known, tables, specs)
+
+
+def run_facts(run: Telemetry, noise: Telemetry | None) -> dict[str, str]:
+    """Return start and length of an experiment and of its noise run in a few words."""
+    return {
+        "Start": f"{start_text(run)} UTC, {run.duration / 3600:.3g} h",
+        "Noise run": f"{noise.run}, {noise.duration / 3600:.3g} h" if noise else "none",
+    }
+
+
+def slug(name: str) -> str:
+    """Return the part of the names of figures that an experiment gives."""
+    return re.sub(r"[^A-Za-z0-9]+", "_", name)[:60]
+
+
+def fit_section(
+    i: int,
+    name: str,
+    fit: Fit,
+    description: str,
+    facts: Mapping[str, str],
+    known: Sequence[Parameter],
+    tables: tuple[Table, ...],
+    specs: tuple[FigureSpec, ...],
+) -> Section:
+    """Return the section on experiment number `i`, with quality and warnings of its fit among the facts."""
+    complete = {**facts}
+    complete["χ² / degrees of freedom"] = f"{fit.chi2:.1f} / {fit.dof}"
     if fit.masked_samples is not None:
-        facts["Masked samples"] = str(fit.masked_samples)
+        complete["Masked samples"] = str(fit.masked_samples)
     if warnings := _warnings(fit):
-        facts["Warnings"] = Markup('<a href="#warnings">{}</a>').format(warnings)
+        complete["Warnings"] = Markup('<a href="#warnings">{}</a>').format(warnings)
     return Section(
         f"e{i}",
         f"Experiment {name}",
-        _DESCRIPTION,
-        facts,
+        description,
+        complete,
         parameter_table(fit, known),
         tables=tables,
         figures=specs,

@@ -18,6 +18,8 @@ CHANNELS = {
     "guidance_o_1": (1e9, "nm"),
     "guidance_o_12": (1e9, "nm"),
     "f_x_1": (1e12, "pm s⁻²"),
+    **{f"guidance_{name}": (1e9, "nm") for name in ("o_2", "y_1", "y_2", "z")},
+    **{f"guidance_{name}": (1e9, "nrad") for name in ("theta", "eta", "phi", "opening")},
 }
 _GAP = 10.0  # s, of zeros within one injection
 _FLOOR, _WEAKEST = 1e-3, 0.05  # of the largest value of a channel, and of the largest tone

@@ -24,6 +24,7 @@ from fit.report import (
     control_loops,
     experiments,
     identification,
+    lisa,
     mission,
     motion,
     noise,
@@ -68,13 +69,16 @@ def write_report(directory: Path, results: Results, telemetries: Sequence[Teleme
         If a telemetry file can no longer be read, or the output of another command breaks its schema.
     """
     joint = results.joint
-    is_lisa = any(run.spacecraft == "LISA" for run in telemetries)
-    names = joint_names(t.alignment_epoch for t in telemetries if t.kind == "sysid")
-    names = tuple(joint or ()) if is_lisa else names
+    is_lisa = _is_lisa(telemetries)
+    epochs = [t.alignment_epoch for t in telemetries if t.kind == "sysid"]
+    names = tuple(joint or ()) if is_lisa else joint_names(epochs)
     joint_table = joint and parameter_table(joint, list(map(joint_parameter, names)), _forecast(directory))
     progress_stage(0.3 if results.inertial else 0.8)
     analysed = {} if is_lisa else experiments.analysed(results, telemetries)
-    single_sections, sections = ([], []) if is_lisa else _pathfinder_sections(results, telemetries, analysed)
+    if is_lisa:
+        single_sections, sections = _lisa_sections(results, telemetries)
+    else:
+        single_sections, sections = _pathfinder_sections(results, telemetries, analysed)
     ratio = experiments.residual_over_noise(analysed)
     sections += control_loops.sections(directory)
     sections += [*identification.sections(results, directory), *sampling.sections(results, directory)]
@@ -92,7 +96,7 @@ def write_report(directory: Path, results: Results, telemetries: Sequence[Teleme
         warning_groups=warning_groups(results),
         joint=joint,
         joint_table=joint_table,
-        overview=None if is_lisa else experiments.overview(results, telemetries),
+        overview=experiments.overview(results, telemetries),
         experiments=single_sections,
         sections=_rendered(sections),
         runs=telemetries,
@@ -102,6 +106,15 @@ def write_report(directory: Path, results: Results, telemetries: Sequence[Teleme
     )
     atomic.write(path := directory / "report.html", page)
     return path
+
+
+def _is_lisa(telemetries: Sequence[Telemetry]) -> bool:
+    return any(run.spacecraft == "LISA" for run in telemetries)
+
+
+def _lisa_sections(results: Results, telemetries: Sequence[Telemetry]) -> tuple[list[Section], list[Section]]:
+    """Return the sections on single experiments of LISA; there are none on all of them."""
+    return _rendered(lisa.sections(results, lisa.analysed(results, telemetries))), []
 
 
 def _pathfinder_sections(
@@ -121,6 +134,10 @@ def _pathfinder_sections(
 
 def figure_specs(results: Results, telemetries: Sequence[Telemetry], directory: Path) -> list[FigureSpec]:
     """Return all figures of the report of a folder but those of other commands, not yet drawn."""
+    if _is_lisa(telemetries):
+        sections = [*lisa.sections(results, lisa.analysed(results, telemetries))]
+        sections += control_loops.sections(directory)
+        return [spec for section in sections for spec in section.figures if isinstance(spec, FigureSpec)]
     delta_g, analysed = noise.DeltaGCache(results), experiments.analysed(results, telemetries)
     sections = [
         *experiments.sections(results, analysed),

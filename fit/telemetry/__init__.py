@@ -9,6 +9,7 @@ from fit.telemetry.pieces import PIECE, pieces
 from fit.telemetry.reader import (
     Telemetry,
     check_channels,
+    check_pathfinder,
     check_runs,
     common_x_axis,
     inertial_period,
@@ -35,6 +36,7 @@ __all__ = [
     "XAxis",
     "archive_conversion",
     "check_channels",
+    "check_pathfinder",
     "check_runs",
     "check_storage",
     "common_x_axis",

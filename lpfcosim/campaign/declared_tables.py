@@ -1,7 +1,8 @@
 """Tables of a campaign file with keys that its spacecraft model declares, in units of its Modelica models."""
 
 import re
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
+from dataclasses import fields
 
 from pydantic import ConfigDict, ValidationInfo, model_validator
 from pydantic_core import PydanticCustomError
@@ -9,6 +10,7 @@ from pydantic_core import PydanticCustomError
 from fit.files import Table, closest_match, problem
 from lpfcosim.campaign.units import declared_value
 from lpfcosim.models import SpacecraftModel, registered
+from lpfcosim.spacecraft import Noise, Truth
 
 
 def spacecraft_of(info: ValidationInfo) -> SpacecraftModel:
@@ -16,6 +18,22 @@ def spacecraft_of(info: ValidationInfo) -> SpacecraftModel:
     spacecraft = info.context or registered()[type(None)]
     assert isinstance(spacecraft, SpacecraftModel)
     return spacecraft
+
+
+def unknown_name(name: str, known: Iterable[str], spacecraft: SpacecraftModel) -> str:
+    """Return what a message says of a name that a spacecraft does not know, and which other one has it."""
+    words = closest_match(name, known)
+    for model in registered().values():
+        declared = {*model.truths, *model.noise, *model.targets}
+        if isinstance(model.key, str) and model.key != spacecraft.key and name in declared:
+            return f'{words}; runs {model.name} have it, expected spacecraft = "{model.key}" for them'
+        if not isinstance(model.key, str) and isinstance(spacecraft.key, str):
+            declared |= {x.name for record in (Truth, Noise) for x in fields(record)}
+            if name in declared:
+                return (
+                    f'{words}; LISA Pathfinder has it, expected no key spacecraft = "{spacecraft.key}" for it'
+                )
+    return words
 
 
 class DeclaredTable(Table):
@@ -40,7 +58,8 @@ class DeclaredTable(Table):
     def _declared(cls, raw: object, info: ValidationInfo) -> object:
         if not isinstance(raw, dict):
             return raw
-        units = cls.declared_units(spacecraft_of(info))
+        spacecraft = spacecraft_of(info)
+        units = cls.declared_units(spacecraft)
         values = {}
         for key, value in raw.items():
             if key in cls.model_fields or cls.accepts(key):
@@ -48,7 +67,7 @@ class DeclaredTable(Table):
                 continue
             if key not in units:
                 known = [*cls.model_fields, *cls.more_known, *units]
-                raise problem(f"unknown key{closest_match(key, known)}", key)
+                raise problem(f"unknown key{unknown_name(key, known, spacecraft)}", key)
             try:
                 values[key] = declared_value(value, units[key])
             except PydanticCustomError as error:

@@ -6,10 +6,11 @@ from typing import Annotated, Literal
 from pydantic import Field, Strict, ValidationInfo, field_validator
 
 from fit.errors import quote
-from fit.files import Table, closest_match, problem
-from lpfcosim.campaign.declared_tables import spacecraft_of
+from fit.files import Table, problem
+from lpfcosim.campaign.declared_tables import spacecraft_of, unknown_name
 from lpfcosim.campaign.units import FORCE, LENGTH, YEAR, Acceleration, Angle, Quantity, Time
 from lpfcosim.campaign.values import BelowNyquist
+from lpfcosim.models import SpacecraftModel
 from lpfcosim.spacecraft import READ_OUT_RANGE, H, HalfCosine, Pulse, Sine, TaperedSine
 
 SHAPES = ("sine", "tapered_sine", "half_cosine", "pulse")
@@ -17,9 +18,9 @@ _AMPLITUDES = {quantity.unit: quantity for quantity in (LENGTH, FORCE)}
 _TARGETS = "guidance_o_1, guidance_o_12, F_x_1 or F_x_2; of another spacecraft one of its targets"
 
 
-def _checked(into: str, known: Iterable[str]) -> str:
+def _checked(into: str, known: Iterable[str], spacecraft: SpacecraftModel) -> str:
     if into not in known:
-        raise problem(f"{quote(into)} is not known{closest_match(into, known)}")
+        raise problem(f"{quote(into)} is not known{unknown_name(into, known, spacecraft)}")
     return into
 
 
@@ -31,7 +32,8 @@ class _InjectionTable(Table):
     @field_validator("into")
     @classmethod
     def _is_target(cls, into: str, info: ValidationInfo) -> str:
-        return _checked(into, spacecraft_of(info).targets)
+        spacecraft = spacecraft_of(info)
+        return _checked(into, spacecraft.targets, spacecraft)
 
     @field_validator("amplitude", mode="before")
     @classmethod
@@ -111,7 +113,8 @@ class PulseTable(Table):
     @field_validator("into")
     @classmethod
     def _is_disturbance(cls, into: str, info: ValidationInfo) -> str:
-        return _checked(into, spacecraft_of(info).disturbances)
+        spacecraft = spacecraft_of(info)
+        return _checked(into, spacecraft.disturbances, spacecraft)
 
     def record(self) -> Pulse:
         """Return the injection as the simulation knows it."""

@@ -182,6 +182,30 @@ def test_key_of_another_spacecraft_is_one_sentence(campaign, old, new, sentence)
     assert "\n" not in message
 
 
+LISA_TEXT = (ROOT / "campaigns" / "lisa.toml").read_text(encoding="utf-8")
+PATHFINDER_TEXT = (ROOT / "tests" / "two_experiments.toml").read_text(encoding="utf-8")
+OF_PATHFINDER = 'LISA Pathfinder has it, expected no key spacecraft = "lisa" for it'
+OF_LISA = 'runs of LISA have it, expected spacecraft = "lisa" for them'
+MIXED = [  # text, what to replace, by what, where, and who has it
+    (LISA_TEXT, "[truth]", "[truth]\nlambda_1 = 1.05", "truth.lambda_1: unknown key", OF_PATHFINDER),
+    (LISA_TEXT, '"guidance_o_2"', '"guidance_o_12"', '"guidance_o_12" is not known', OF_PATHFINDER),
+    (LISA_TEXT, 'spacecraft = "lisa"\n', "", '"guidance_o_2" is not known', OF_LISA),
+    (PATHFINDER_TEXT, "[truth]", "[truth]\nlambda_y_1 = 1.05", "truth.lambda_y_1: unknown key", OF_LISA),
+    (PATHFINDER_TEXT, "[noise]", '[noise]\ntmi = "1 pm Hz^-0.5"', "noise.tmi: unknown key", OF_LISA),
+]
+
+
+@pytest.mark.parametrize(("text", "old", "new", "fault", "cure"), MIXED)
+def test_keys_of_lisa_and_of_lisa_pathfinder_do_not_mix(campaign, text, old, new, fault, cure):
+    assert old in text
+    with pytest.raises(InputError) as refusal:
+        campaign(text.replace(old, new, 1))
+    message = str(refusal.value)
+    assert fault in message
+    assert message.endswith(cure)
+    assert "\n" not in message
+
+
 def test_key_of_the_probe_is_unknown_to_lisa_pathfinder(campaign):
     text = TEXT.replace('spacecraft = "probe"\n', "").replace(
         "[control.DragFreeControl]\nf_u", "[control.drag_free]\nunity_gain"

@@ -1,0 +1,69 @@
+"""The report on one LISA spacecraft: D, its terms, and its residual, and commands that have no part in it."""
+
+from functools import lru_cache
+
+import numpy as np
+import pytest
+
+import fit
+from fit.figures import analysis
+from fit.report import lisa, page
+from tests.oracles import lisa_loop
+
+WORLD = lisa_loop.World()
+FIGURES = ["e1r-A-responses", "e1s-A-spectra", "e1b-A-breakdown", "e1t-A-residual"]
+
+
+@lru_cache(maxsize=1)
+def campaign():
+    return lisa_loop.campaign(WORLD, lisa_loop.sequence(1e-6), seed=0)
+
+
+@lru_cache(maxsize=1)
+def calibrated():
+    return fit.calibrate(campaign())
+
+
+@pytest.mark.parametrize("component", lisa.COMPONENTS)
+def test_terms_of_a_run_without_noise_cancel(component):
+    run = lisa_loop.run(WORLD, lisa_loop.sequence(1e-6))
+    parts = analysis.split_lisa(run, WORLD.truth, component)
+    rotation = ["ddphi"] if component == "D_x" else []  # the baseline is along y
+    assert list(parts.terms) == ["dds", "K_1 s_1", "K_2 s_2", "f_1", "f_2", *rotation]
+    np.testing.assert_allclose(np.sum(list(parts.terms.values()), axis=0), parts.delta_g, atol=1e-25)
+    # the starts of tones have frequencies beyond the band, where delays are not expanded well
+    assert parts.delta_g.std() < 1e-3 * parts.terms["dds"].std()
+
+
+def test_residual_lies_on_the_noise():
+    (experiment,) = lisa.analysed(calibrated(), campaign()).values()
+    for run, noise in experiment.components.values():
+        f = np.geomspace(1e-3, 5e-2, 50)
+        signal, residual, level = (np.interp(f, x.f, x.asd) for x in (run.terms["dds"], run.asd, noise.asd))
+        assert np.median(residual / level) == pytest.approx(1, abs=0.15)
+        assert (signal / residual).max() > 10
+
+
+def test_page_and_figures(tmp_path):
+    text = page.write_report(tmp_path, calibrated(), campaign()).read_text(encoding="utf-8")
+    for words in ("Experiment A", "Breakdown of D", "omega2_xy_1", "χ² / dof"):
+        assert words in text
+    specs = page.figure_specs(calibrated(), campaign(), tmp_path)
+    assert [spec.name for spec in specs] == FIGURES
+    responses, spectra, breakdown, residual = (spec.draw() for spec in specs)
+    assert [len(chart.panels) for chart in (responses, spectra, breakdown, residual)] == [4, 2, 2, 2]
+    assert [panel.title for panel in spectra.panels] == ["D_x", "D_y"]
+    assert len(breakdown.panels[0].marks) == 2 + 6 + 1  # shade and note, terms, residual
+
+
+def test_page_without_telemetry_of_an_experiment(tmp_path):
+    text = page.write_report(tmp_path, calibrated(), campaign()[1:]).read_text(encoding="utf-8")
+    assert "Experiment A" in text
+    assert "Breakdown of D" not in text
+
+
+def test_delta_g_is_that_of_lisa_pathfinder(tmp_path):
+    lisa_loop.save(tmp_path, campaign()[:1])
+    (run,) = fit.load(tmp_path)
+    with pytest.raises(fit.InputError, match="telemetry of LISA, Delta g is not available for it, expected"):
+        fit.delta_g(run, calibrated())
