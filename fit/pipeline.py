@@ -367,7 +367,7 @@ def _warned(fit: Fit, warnings: Iterable[FitWarning]) -> Fit:
 
 
 def _doubted(fit: Fit, joint: Fit | None) -> Fit:
-    """Return a fit that rests on the joint fit with what keeps that from being sound."""
+    """Return a fit that depends on the joint fit, with the warnings that make the joint fit unsound."""
     return _warned(fit, joint.unsound if joint else ())
 
 

@@ -136,9 +136,6 @@ class Runner:
             words = tuple(shlex.split(line, comments=True)[:2])
             assert not words or Path(words[0]).name in NOT_RUN or words in LONG, line
 
-    def _python_notest(self, block: Block) -> None:
-        ast.parse(block.text)
-
     def _math(self, _: Block) -> None:
         self.printed = ""
 
@@ -227,11 +224,6 @@ def test_notebook(runner):
     levels = re.findall(r"([\d.]+) fm s\^-2", "".join(runner.history))
     assert len(levels) == 2
     assert float(levels[0]) == pytest.approx(float(levels[1]), rel=0.2)
-
-
-def test_hardly_any_code_is_not_run():
-    found = {page.stem: [b for b in blocks(page) if "notest" in b.language] for page in PAGES}
-    assert {stem: len(kept) for stem, kept in found.items() if kept} == {"long-runs": 1}  # needs SLURM
 
 
 # Links and build -----------------------------------------------------------------------------------------

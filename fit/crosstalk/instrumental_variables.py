@@ -377,7 +377,7 @@ def _solution(outcome: IRLSResult, runs: Sequence[MomentEquations]) -> whitened_
 
 
 def _change_within_bounds(outcome: IRLSResult, A: Array, score: Array) -> Array:
-    """Solve ``A change = -score``, shape (P + U,), with estimates beyond a bound held at it."""
+    """Solve ``A change = -score``, shape (P + U,), with estimates beyond a bound set to it."""
     theta, fixed_changes = outcome.solution.theta, dict[int, float]()
     while True:
         varying = np.array([i for i in range(len(A)) if i not in fixed_changes])

@@ -157,10 +157,10 @@ def _fitted(
 
 
 def linear_combination(outcome: IRLSResult, factors: Mapping[str, float]) -> tuple[float, float] | None:
-    """Return a sum of parameters of a fit, ``factors`` times each, and its sigma; None if the data leave it.
+    """Return a sum of parameters of a fit, ``factors`` times each, and its sigma; None if undetermined.
 
-    Weak priors hold what is lost, so that the covariance is that of all parameters. A sum of exact values
-    alone says nothing of the data.
+    Weak priors constrain what the data do not, so that the covariance is that of all parameters. A sum of
+    exact values only is not determined by the data.
     """
     names = [p.name for p in outcome.parameters]
     if not factors.keys() <= set(names):

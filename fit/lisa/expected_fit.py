@@ -1,7 +1,7 @@
 """The fit of one LISA spacecraft to expect before there are data, by Fisher information.
 
 Every run is its noise-free response to the injections; its residual has the PSD that the cross-spectra of its
-channels make. What the noise in the columns adds to the scores is taken off by the fit, and tells nothing.
+channels make. The fit subtracts what the noise in the columns adds to the scores; it carries no information.
 """
 
 from collections.abc import Callable, Mapping, Sequence

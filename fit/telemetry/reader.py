@@ -308,7 +308,7 @@ def read_all(paths: Sequence[Path], *, trusted: bool = False) -> list[Telemetry]
 
 
 def inertial_period(telemetry: Telemetry) -> str:
-    """Return the period of the Euler fit that a run belongs to, ``"0"`` where it says nothing.
+    """Return the period of the Euler fit that a run belongs to, ``"0"`` where it states none.
 
     Raises
     ------

@@ -68,7 +68,7 @@ class DesignSpec:
 
 @dataclass(frozen=True)
 class ParameterSpec:
-    """What a campaign says of a parameter that is sought; None where it says nothing."""
+    """Settings of an estimated parameter; None where the campaign has none."""
 
     start: float | None = None
     bounds: tuple[float, float] | None = None

@@ -67,7 +67,7 @@ def check_defaults(keys: Collection[str], experiments: Sequence[ExperimentTable]
     Raises
     ------
     ConflictError
-        If one says nothing.
+        If one has no effect.
     """
     for key in keys:
         if swept and key in experiments[0].model_fields_set:

@@ -94,8 +94,8 @@ def trust(
 ) -> None:
     """Approve third-party FMUs; list the approved ones.
 
-    An FMU is native code with all your rights. Digest, name and date of approved files are stored in
-    your own configuration. An FMU that changes needs a new approval.
+    An FMU is native code that runs with your permissions. Digest, name and date of approved files are stored
+    in your own configuration. An FMU that changes needs a new approval.
     """
     from lpfcosim.cli import trust as cli_trust
     from lpfcosim.cli.console import Console

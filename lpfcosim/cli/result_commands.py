@@ -180,13 +180,13 @@ def jitter(
         typer.Argument(metavar="PATH", help="Telemetry of spacecraft 1, 2, 3, or folders of it."),
     ],
     out: Annotated[Path, typer.Option("--out", metavar="J.h5", help="The file to write.")],
-    noise: Annotated[bool, typer.Option("--noise", help="Of folders, take the noise runs.")] = False,
+    noise: Annotated[bool, typer.Option("--noise", help="Take the noise runs of folders.")] = False,
     quiet: Quiet = False,
 ) -> None:
     """Write the motion of three simulated LISA spacecraft.
 
     The file (lisa-jitter/1) has 27 series: attitudes, angles and positions of the six assemblies. In Python,
-    lpfcosim.simulate_measurements moves lisainstrument by it.
+    lpfcosim.simulate_measurements simulates measurements with this motion, by lisainstrument.
     """
     from lpfcosim.cli import jitter as cli_jitter
     from lpfcosim.cli.console import Console
@@ -209,7 +209,7 @@ def ttl(
     noise: Annotated[
         Path | None,
         typer.Option(
-            "--noise", metavar="NOISE.h5", help="A run without manoeuvres, which weighs the others."
+            "--noise", metavar="NOISE.h5", help="A run without manoeuvres, whose noise gives the weights."
         ),
     ] = None,
     out: Out = None,

@@ -157,7 +157,7 @@ def write_jitter(jitter: Jitter, path: Path, provenance: Mapping[str, str] | Non
 
 
 def read_jitter(path: Path) -> Jitter:
-    """Read a file of schema ``lisa-jitter/1``, be it from telemetry or of other origin.
+    """Read a file of schema ``lisa-jitter/1``, from telemetry or any other source.
 
     Raises
     ------

@@ -104,7 +104,7 @@ def unapproved(plan: Campaign, archives: Mapping[str, Path]) -> list[str]:
         if checksums.digest(archives[model]) not in known:
             sentences.append(
                 f"fmus.{model}: {replacement.archive} is native code that lpfcosim did not build and would "
-                f"run with all your rights: if you trust it, give the command lpfcosim trust "
+                f"run with your permissions: if you trust it, give the command lpfcosim trust "
                 f"{shlex.quote(str(replacement.archive))}"
             )
     return sentences

@@ -6,7 +6,7 @@ peak. With ``I - s_i e_i e_i^T`` positive semidefinite, ``s_i`` is at most one o
 maximising ``sum w_i log s_i`` or ``min s_i`` is convex.
 
 Any Z >= 0 and multipliers mu bound the objective from the other side. Those of the programme are made
-feasible on a grid twenty times as fine, so that the bound does not rest on the few frequencies of the
+feasible on a grid twenty times as fine, so that the bound does not depend on the few frequencies of the
 programme.
 """
 

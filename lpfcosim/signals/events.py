@@ -104,7 +104,7 @@ def apply_level_drift(run: Run, signals: Mapping[str, Array], first_sample: int)
 
 
 def gaps(run: Run) -> tuple[tuple[float, float], ...]:
-    """Return begin and end [s] of what telemetry lacks, in order.
+    """Return start and end [s] of the gaps of the telemetry, in increasing order.
 
     Lengths are exponential. What a telemetry file must not lack, more than 1 % or 600 s at a time, is there.
     """

@@ -45,7 +45,7 @@ class TtlCalibration:
         return estimates({"": self.fit})
 
     def check_sound(self) -> None:
-        """Raise FitError if sigmas do not hold."""
+        """Raise FitError if the sigmas are not valid."""
         for place, warning in self.results.unsound:
             raise FitError(f"{self.path}: {place}: {warning.message}")
 

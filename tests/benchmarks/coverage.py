@@ -1,4 +1,4 @@
-"""Do the sigmas hold? Coverage at every confidence, from the campaigns of one or more Monte Carlos.
+"""Whether the sigmas are valid: coverage at every confidence, from the campaigns of one or more Monte Carlos.
 
     lpfcosim montecarlo campaigns/mission-x.toml -n 200 --redraw
     lpfcosim montecarlo campaigns/quickstart.toml -n 400 --redraw
