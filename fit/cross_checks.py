@@ -1,19 +1,28 @@
 """Cross-checks of a joint fit: without each experiment in turn, and along its profile likelihood.
 
-Both repeat the fit of the compressed runs, which takes milliseconds each.
+Both repeat the fit of the compressed runs, which takes milliseconds each, and results in a file state them.
 """
 
 import csv
+import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from io import StringIO
 from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from fit.errors import InputError
-from fit.fitting import delta_chi2
-from fit.results import Results, check_results, import_pandas, sound_joint
+from fit.results import (
+    CrossChecks,
+    Fit,
+    Profile,
+    ReducedEstimate,
+    Results,
+    check_results,
+    import_pandas,
+    sound_joint,
+)
 from fit.tables import Table
 
 if TYPE_CHECKING:
@@ -87,24 +96,30 @@ def leave_one_out(results: Results) -> CrossCheck:
         If there is no such joint fit, or the results are from a file.
     """
     check_results(results, "leave_one_out")
-    joint = sound_joint(results)
-    rows: list[tuple[str | float, ...]] = []
+    rows = (
+        (experiment, name, estimate.value, estimate.sigma, estimate.shift)
+        for experiment, reduced in _reduced_fits(results, sound_joint(results)).items()
+        for name, estimate in reduced.items()
+    )
+    return CrossCheck(("without", "parameter", "value", "sigma", "shift"), tuple(rows))
+
+
+def _reduced_fits(results: Results, joint: Fit) -> dict[str, dict[str, ReducedEstimate]]:
+    """Return the joint estimates without each experiment, by its name."""
+    reduced: dict[str, dict[str, ReducedEstimate]] = {}
     for experiment in results.experiments:
         try:
             outcome = joint.without(experiment)
         except InputError:  # it takes no part, or is the only one
             continue
         for name, estimate in joint.parameters.items():
-            parameter, has_prior = outcome.params[name], joint.lmfit.params[name].user_data is not None
-            if (
-                estimate.is_exact
-                or not parameter.stderr
-                or (parameter.user_data is not None and not has_prior)
-            ):
+            p, has_prior = outcome.params[name], joint.lmfit.params[name].user_data is not None
+            if estimate.is_exact or not p.stderr or (p.user_data is not None and not has_prior):
                 continue
-            shift = (parameter.value - estimate.value) / estimate.sigma
-            rows.append((experiment, name, float(parameter.value), float(parameter.stderr), float(shift)))
-    return CrossCheck(("without", "parameter", "value", "sigma", "shift"), tuple(rows))
+            shift = float((p.value - estimate.value) / estimate.sigma)
+            without = ReducedEstimate(float(p.value), float(p.stderr), shift)
+            reduced.setdefault(experiment, {})[name] = without
+    return reduced
 
 
 def profile_likelihood(results: Results, parameters: Sequence[str] = ()) -> CrossCheck:
@@ -127,22 +142,36 @@ def profile_likelihood(results: Results, parameters: Sequence[str] = ()) -> Cros
     InputError
         If there is no such joint fit or parameter, or the results are from a file.
     """
-    import lmfit  # slow to import
-
     check_results(results, "profile_likelihood")
     joint = sound_joint(results)
-    varying = [name for name in joint.lmfit.var_names if name in joint.parameters]
+    varying = _varying(joint)
     if unknown := [name for name in parameters if name not in varying]:
         raise InputError(
             f"profile_likelihood: {unknown[0]}: does not vary, expected one of {', '.join(varying)}"
         )
-    limits = lmfit.conf_interval(
-        joint.minimizer, joint.lmfit, list(parameters) or varying, sigmas=[1, 2], prob_func=delta_chi2
-    )
-    rows = []
-    for name, ladder in limits.items():
-        values = [float(value) for _, value in ladder]
-        rows.append(
-            (name, values[len(values) // 2], *values[: len(values) // 2], *values[len(values) // 2 + 1 :])
-        )
+    rows: list[tuple[str | float, ...]] = []
+    for name in parameters or varying:
+        profile = _profile(joint, name)
+        limits = zip(LEVELS, profile.limits, strict=True)
+        ends = (math.copysign(math.inf, level) if limit is None else limit for level, limit in limits)
+        rows.append((name, profile.value, *ends))
     return CrossCheck(("parameter", "value", *(f"{level:+d} sigma" for level in LEVELS)), tuple(rows))
+
+
+def _varying(joint: Fit) -> list[str]:
+    """Return the parameters of a joint fit that have a profile likelihood."""
+    return [name for name in joint.lmfit.var_names if name in joint.parameters]
+
+
+def _profile(joint: Fit, name: str) -> Profile:
+    low, lower, upper, high = (joint.profile_limit(name, level) for level in LEVELS)
+    return Profile(float(joint.lmfit.params[name].value), (low, lower, upper, high))
+
+
+def with_cross_checks(results: Results) -> Results:
+    """Return results with the cross-checks of their joint fit, if that is sound and solved in memory."""
+    joint = results.joint
+    if joint is None or joint.unsound or joint.solved is None:
+        return results
+    profiles = {name: _profile(joint, name) for name in _varying(joint)}
+    return replace(results, cross_checks=CrossChecks(_reduced_fits(results, joint), profiles))

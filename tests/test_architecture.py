@@ -97,7 +97,6 @@ USERS = {
     },
     "jinja2": {"fit.report"},
     "lmfit": {
-        "fit.cross_checks",
         "fit.fitting",
         "fit.crosstalk",
         "fit.identification",

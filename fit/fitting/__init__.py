@@ -18,7 +18,6 @@ from fit.fitting.joint_fit import (
 from fit.fitting.joint_model import (
     JointModel,
     Prior,
-    SolvedModel,
     free_directions,
     lmfit_symbol,
     parameter_values,
@@ -44,6 +43,7 @@ from fit.fitting.run_estimate import (
     score_whitening,
     variance_factors,
 )
+from fit.fitting.solved_model import SolvedModel
 
 __all__ = [
     "FREE",

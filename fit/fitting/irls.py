@@ -17,11 +17,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fit.errors import FitError
-from fit.fitting.joint_model import JointModel, Prior, SolvedModel, free_directions, parameter_values
+from fit.fitting.joint_model import JointModel, Prior, free_directions, parameter_values
 from fit.fitting.parameter_set import ParameterSet
 from fit.fitting.priors import PriorSet, prior_rows, weak_priors
 from fit.fitting.random_effects import ScaleParameter, n_shared
 from fit.fitting.run_estimate import RunEstimate, run_estimate
+from fit.fitting.solved_model import SolvedModel
 from fit.fitting.weighings import WARM_UP, Weighing, weighing
 from fit.parallel import parallel_map, progress_range
 from fit.parameters import Parameter

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from fit.errors import InputError
-from fit.fitting.joint_model import check_params
 from fit.fitting.parameter_set import ParameterSet
+from fit.fitting.solved_model import check_params
 from fit.model import Sharing, dynamics
 from fit.parameters import Parameter
 from fit.settings import ParameterSettings, Settings

@@ -4,7 +4,6 @@ from collections.abc import Mapping
 
 from markupsafe import escape
 
-from fit.cross_checks import leave_one_out, profile_likelihood
 from fit.false_alarms import FAMILIES
 from fit.parameters import joint_parameter
 from fit.report.section import Section
@@ -18,17 +17,15 @@ def sections(results: Results) -> list[Section]:
 
 
 def _cross_checks(results: Results) -> list[Section]:
-    """Return the section on a sound joint fit that is solved in memory."""
-    joint = results.joint
-    if joint is None or joint.unsound or joint.solved is None:
+    """Return the section, where the results state the cross-checks of their joint fit."""
+    joint, checks = results.joint, results.cross_checks
+    if joint is None or checks is None:
         return []
-    shifts: dict[str, dict[str, float]] = {}
-    for experiment, name, _, _, shift in leave_one_out(results).rows:
-        shifts.setdefault(str(experiment), {})[str(name)] = float(shift)
-    names = [name for name in joint.parameters if any(name in row for row in shifts.values())]
+    reduced = checks.leave_one_out
+    names = [name for name in joint.parameters if any(name in row for row in reduced.values())]
     rows: list[tuple[Cell, ...]] = [
-        (escape(run), *(pull_text(of_run[name], 2) if name in of_run else None for name in names))
-        for run, of_run in shifts.items()
+        (escape(run), *(pull_text(of_run[name].shift, 2) if name in of_run else None for name in names))
+        for run, of_run in reduced.items()
     ]
     without = Table(
         ("Without", *map(symbol, names)),
@@ -37,17 +34,17 @@ def _cross_checks(results: Results) -> list[Section]:
         "the others do not determine the parameter.",
     )
     limits: list[tuple[Cell, ...]] = []
-    for name, value, *ends in profile_likelihood(results).rows:
-        head, exponent = parameter_head(joint_parameter(str(name)))
-        sigma = joint[str(name)].sigma
-        cells = (signed((float(end) - float(value)) / sigma, 3) for end in ends)
-        limits.append((head, measurement(float(value), sigma, exponent), *cells))
-    profile = Table(
+    for name, profile in checks.profile_likelihood.items():
+        head, exponent = parameter_head(joint_parameter(name))
+        sigma = joint[name].sigma
+        ends = (None if x is None else signed((x - profile.value) / sigma, 3) for x in profile.limits)
+        limits.append((head, measurement(profile.value, sigma, exponent), *ends))
+    along_profile = Table(
         ("Parameter", "Estimate", "−2 σ", "−1 σ", "+1 σ", "+2 σ"),
         tuple(limits),
         "Profile likelihood: where χ² rises by 1 and 4, in units of the σ of the joint fit.",
     )
-    tables = tuple(table for table in (without, profile) if table.rows)
+    tables = tuple(table for table in (without, along_profile) if table.rows)
     summary = "Leave one out, and profile likelihood"
     return [Section("cross-checks", "Cross-checks", tables=tables, summary=summary)] if tables else []
 

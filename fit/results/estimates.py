@@ -1,4 +1,4 @@
-"""Records of a fit: estimates and their constraints, diagnostics, stiffness."""
+"""Records of a fit: estimates and their constraints, diagnostics, stiffness, cross-checks."""
 
 import math
 from dataclasses import dataclass
@@ -138,6 +138,55 @@ class Stiffness:
     sigma: float
 
 
+@dataclass(frozen=True)
+class ReducedEstimate:
+    """An estimate of the joint fit without one experiment.
+
+    Attributes
+    ----------
+    value, sigma : float
+        Estimate and its standard deviation, in the unit of the parameter.
+    shift : float
+        From the joint fit, in units of its sigma.
+    """
+
+    value: float
+    sigma: float
+    shift: float
+
+
+@dataclass(frozen=True)
+class Profile:
+    """The profile likelihood of a parameter.
+
+    Attributes
+    ----------
+    value : float
+        The estimate, in the unit of the parameter.
+    limits : tuple of float or None
+        Where chi^2 exceeds its minimum as at -2, -1, 1 and 2 sigma; None where bounds keep it from that.
+    """
+
+    value: float
+    limits: tuple[float | None, float | None, float | None, float | None]
+
+
+@dataclass(frozen=True)
+class CrossChecks:
+    """Cross-checks of a joint fit.
+
+    Attributes
+    ----------
+    leave_one_out : dict of str to dict of str to ReducedEstimate
+        By the experiment that is left out, and by parameter.
+    profile_likelihood : dict of str to Profile
+        By parameter.
+    """
+
+    leave_one_out: dict[str, dict[str, ReducedEstimate]]
+    profile_likelihood: dict[str, Profile]
+
+
 class SolvedModel(Protocol):
     """A joint model and its solution by lmfit, see `fit.fitting.SolvedModel`."""
 
@@ -154,3 +203,6 @@ class SolvedModel(Protocol):
 
     def exclude(self, *runs: str) -> "MinimizerResult":
         """Return the fit without some of the experiments."""
+
+    def profile_limit(self, name: str, level: float) -> float | None:
+        """Return where the profile likelihood of a parameter falls by a number of sigma."""

@@ -111,6 +111,13 @@ class Fit(Displayed):
         """Fit the compressed runs again without some of the experiments, which takes milliseconds."""
         return self._solved.exclude(*runs)
 
+    def profile_limit(self, name: str, level: float) -> float | None:
+        """Return where the profile likelihood of a parameter falls by a number of sigma, signed.
+
+        None beyond a bound. ``lmfit.conf_interval`` yields the same, with more fits.
+        """
+        return self._solved.profile_limit(name, level)
+
     @property
     def _solved(self) -> SolvedModel:
         if self.solved is None:

@@ -12,6 +12,7 @@ from fit.display import Displayed, latex
 from fit.errors import InputError, shown
 from fit.files import atomic
 from fit.results import data_frames
+from fit.results.estimates import CrossChecks
 from fit.results.fit_record import Fit, KeyedFits
 from fit.results.provenance import Provenance
 from fit.telemetry import Telemetry
@@ -43,6 +44,8 @@ class Results(Displayed):
         Software, telemetry, settings and runs that the results are of.
     ttl : Fit or None
         Tilt-to-length coupling of LISA.
+    cross_checks : CrossChecks or None
+        Of the joint fit.
 
     Raises
     ------
@@ -56,6 +59,7 @@ class Results(Displayed):
     inertial: dict[str, Fit]
     provenance: Provenance
     ttl: Fit | None = None
+    cross_checks: CrossChecks | None = None
 
     def __post_init__(self) -> None:
         for section, kind in SECTIONS.items():
@@ -186,7 +190,8 @@ def write(results: Results, path: Path) -> str:
         If a number is not finite: such a result must not look like one.
     """
     sections = {section: getattr(results, section) for section in ("joint", *SECTIONS)}
-    sections |= {"ttl": results.ttl} if results.ttl else {}
+    optional = {"ttl": results.ttl, "cross_checks": results.cross_checks}
+    sections |= {name: section for name, section in optional.items() if section}
     document = {"schema": SCHEMA, **_to_json(sections), "provenance": results.provenance.entries()}
     return atomic.write_json(path, document)
 

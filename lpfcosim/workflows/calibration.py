@@ -9,6 +9,7 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 from fit import api
+from fit.cross_checks import with_cross_checks
 from fit.errors import FitError, shown
 from fit.report import page
 from fit.results import Fit, Results, load, sound_joint, telemetry_files, write
@@ -154,7 +155,7 @@ def calibrate_into(
         versions={name: metadata.version(name) for name in VERSIONS},
         telemetry=[os.path.relpath(t.path, directory) for t in telemetries],
     )
-    results = amend(replace(results, provenance=details))
+    results = with_cross_checks(amend(replace(results, provenance=details)))
     with results_folder.lock(directory, alternative=True):
         write(results, directory / "results.json")
         with progress.stage("report"):

@@ -1,9 +1,14 @@
 """Cross-checks of a joint fit, against fits of the telemetry that remains and Gaussian limits."""
 
+import copy
+from dataclasses import replace
+
+import lmfit
 import pytest
 from matplotlib.figure import Figure
 
 import fit
+from fit.cross_checks import with_cross_checks
 from tests.oracles.synthetic import World, pair
 
 
@@ -40,6 +45,42 @@ def test_a_profile_of_a_linear_model_is_symmetric(results, tmp_path):
     check.to_csv(tmp_path / "profile.csv")
     assert (tmp_path / "profile.csv").read_text().startswith("parameter,value,-2 sigma,-1 sigma,+1 sigma")
     assert "lambda_2" in repr(check) and "<td" in check._repr_html_()
+
+
+def test_a_profile_is_that_of_lmfit(results):
+    joint = results.joint
+    intervals = lmfit.conf_interval(
+        joint.minimizer, joint.lmfit, ["lambda_2"], sigmas=[1, 2], prob_func=fit.delta_chi2
+    )
+    (row,) = fit.profile_likelihood(results, ["lambda_2"]).rows
+    expected = [value for probability, value in intervals["lambda_2"] if probability]
+    assert row[2:] == pytest.approx(expected, abs=0.02 * joint["lambda_2"].sigma)
+
+
+def test_a_profile_ends_at_a_bound(results):
+    solved = replace(results.joint.solved, result=copy.deepcopy(results.joint.lmfit))
+    p = solved.result.params["lambda_2"]
+    p.max = p.value + 1.5 * p.stderr
+    assert solved.profile_limit("lambda_2", 1) == pytest.approx(p.value + p.stderr, abs=0.1 * p.stderr)
+    assert solved.profile_limit("lambda_2", 2) is None
+
+
+def test_a_file_states_the_cross_checks(results, tmp_path):
+    path = tmp_path / "results.json"
+    checked = with_cross_checks(results)
+    checked.save(path)
+    assert fit.load_results(path).cross_checks == checked.cross_checks
+    assert with_cross_checks(fit.load_results(path)).cross_checks == checked.cross_checks
+    for name, value, *limits in fit.profile_likelihood(results).rows:
+        profile = checked.cross_checks.profile_likelihood[name]
+        assert (profile.value, *profile.limits) == (value, *limits)
+    shifts = checked.cross_checks.leave_one_out
+    assert {(e, name) for e in shifts for name in shifts[e]} == {
+        row[:2] for row in fit.leave_one_out(results).rows
+    }
+    path.write_text(path.read_text().replace('"profile_likelihood": {', '"profile_likelihood": {"x": null, '))
+    with pytest.raises(fit.InputError, match=r"cross_checks\.profile_likelihood"):
+        fit.load_results(path)
 
 
 def test_what_cannot_be_checked_is_refused(results):

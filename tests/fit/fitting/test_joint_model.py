@@ -12,12 +12,12 @@ from fit.errors import InputError
 from fit.fitting.joint_model import (
     JointModel,
     Prior,
-    SolvedModel,
     lmfit_names,
     lmfit_params,
     parameter_values,
 )
 from fit.fitting.run_estimate import RunEstimate, run_estimate
+from fit.fitting.solved_model import SolvedModel
 from fit.model import dynamics
 from fit.whitening import whitened_run
 from fit.whitening.likelihoods import weights
