@@ -56,6 +56,16 @@ class ParameterTable:
         return any(row.constraint for row in self.rows)
 
     @property
+    def has_flight(self) -> bool:
+        """Whether any parameter has a value of LISA Pathfinder."""
+        return any(row.flight for row in self.rows)
+
+    @property
+    def lacks_pull(self) -> bool:
+        """Whether there is truth, but not of every estimate."""
+        return self.has_truth and any(row.estimate and not row.truth for row in self.rows)
+
+    @property
     def has_forecast(self) -> bool:
         """Whether any sigma was forecast."""
         return any(row.forecast for row in self.rows)
