@@ -83,7 +83,7 @@ def notable_corrections(outcome: IRLSResult) -> list[FitWarning]:
     if not names:
         return []
     message = (
-        f"the noise of the read-outs pulls {', '.join(names)} by up to {np.abs(pulls).max():.2g} sigma, "
-        "which is corrected by what the noise run has of it"
+        f"the noise of the read-outs would bias {', '.join(names)} by up to {np.abs(pulls).max():.2g} sigma; "
+        "the fit subtracts that bias, which it estimates from the noise run"
     )
     return [FitWarning("attenuation", names, message)]

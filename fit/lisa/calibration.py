@@ -125,7 +125,7 @@ def solve(experiments: Sequence[LisaExperiment], chosen: Settings, names: Sequen
         If it does not settle.
     """
     if chosen.estimator == "flscov":  # see `check_settings`
-        raise FitError("flscov weighs the equation of LISA Pathfinder alone")
+        raise FitError("flscov is available for LISA Pathfinder only")
     weighings = [
         ComponentWeighing(e, equation, np.eye(len(names)), chosen.estimator)
         for e in experiments

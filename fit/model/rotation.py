@@ -112,7 +112,7 @@ def _deltas(*names: str) -> tuple[str, ...]:
 def _no_angle_warning(axis: str) -> FitWarning:
     message = (
         f"without o_{axis}_1 dOmega_{axis} is that of the torque alone, which overshoots "
-        f"near the bandwidth of the suspension: delta_{axis} comes out at about 0.8 of its value if that is "
+        f"near the bandwidth of the suspension: delta_{axis} is about 0.8 of its true value if that is "
         "2 mHz, 0.65 if 1 mHz, 0.94 if 5 mHz"
     )
     return FitWarning("no_wavefront_angle", (f"delta_{axis}",), message)

@@ -162,8 +162,8 @@ def _gain_faults(e: Experiment, fit: FreeFit) -> Iterator[Exclusion]:
         channel, factor = f"o_12 or {force}", gain
     kind, text, evidence = _gain_fault(e, fit, j, channel, factor)
     words = (
-        f"{text}: lambda_{j} comes out as {gain:.3g}, expected about 1 with o_12 = x_2 - x_1 in m and forces "
-        "along +x in m s-2"
+        f"{text}: lambda_{j} is estimated as {gain:.3g}, expected about 1 with o_12 = x_2 - x_1 in m and "
+        "forces along +x in m s-2"
     )
     run = e.sysid.telemetry
     channels = channel.replace(" or", "")

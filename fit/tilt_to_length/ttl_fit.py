@@ -110,7 +110,9 @@ def calibrate_ttl(
 
 
 _NO_NOISE_RUN = FitWarning(
-    "no_noise_run", (), "no noise run: the residual of the measurements weighs them, and chi2 tests nothing"
+    "no_noise_run",
+    (),
+    "no noise run: the measurements' own residual gives the weights, and chi2 tests nothing",
 )
 
 
