@@ -12,7 +12,7 @@ import shutil
 import tempfile
 import uuid
 import zipfile
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from importlib import metadata
 from pathlib import Path
@@ -54,7 +54,7 @@ MODELS = {
 STEP = 0.1  # s, internal step; shorter communication steps are taken as they are
 RUNTIME = Path(__file__).parent / "runtime"
 ENGINE = Path(__file__).parents[1] / "cosim" / "engine.c"
-_CORE = ("core.c", "core.h", "instance.c", "instance.h")
+_CORE = ("core.c", "core.h", "instance.c")
 _HEADERS = {
     "2.0": ("fmi2Functions.h", "fmi2FunctionTypes.h", "fmi2TypesPlatform.h"),
     "3.0": ("fmi3Functions.h", "fmi3FunctionTypes.h", "fmi3PlatformTypes.h"),
@@ -127,7 +127,12 @@ def tool_version(distribution: str, problem: str = "FMUs cannot be built") -> st
 
 
 def build(
-    models: Collection[str] = MODELS, package: Path = PACKAGE, *, fmi: str = "3.0", force: bool = False
+    models: Collection[str] = MODELS,
+    package: Path = PACKAGE,
+    *,
+    fmi: str = "3.0",
+    force: bool = False,
+    on_progress: Callable[[int], None] = lambda _count: None,
 ) -> dict[str, Path]:
     """Return the FMU of each model, built if it neither came with the package nor lies in the cache.
 
@@ -141,6 +146,8 @@ def build(
         Version of FMI, ``2.0`` or ``3.0``.
     force : bool
         Build again, even if it is in the cache.
+    on_progress : callable
+        Called with the number of FMUs done.
 
     Raises
     ------
@@ -150,10 +157,11 @@ def build(
         If the generated C does not compile.
     """
     archives = _cached(models, package, fmi) if force else locations(models, package, fmi=fmi)
-    for model, archive in archives.items():
+    for count, (model, archive) in enumerate(archives.items(), start=1):
         if force or not _is_whole(archive):
             folder = package_of(model, package)
             build_one(folder, class_name(model, package), archive, name=model, fmi=fmi)
+        on_progress(count)
     return archives
 
 

@@ -45,7 +45,7 @@ def shared_parameters(run: Run) -> dict[str, float | None]:
         **{name: getattr(truth, name) for name in of_truth},
         **{name: getattr(authority, name) for name in ("F_max_1", "F_max_2", "N_max_1", "N_max_2")},
         **{name: getattr(run, name) for name in ("h", "m_sc", "m_tm", "delta_ifo")},
-        "f_x_2_start": run.f_x_2_start, "F_x_sc_start": run.F_x_sc_start,
+        "f_x_2_start": run.f_x_2_start,
         "tau_1": run.tau_1 - run.h / 2, "tau_2": run.tau_2 - run.h / 2,
         "tau_sc": run.thruster_delay, "T_sc": run.thruster_lag, "arm": None, "F_ref": None,
     }  # fmt: skip

@@ -308,11 +308,6 @@ class Run:
         """Command that holds test mass 2 against ``dc`` [m s^-2]."""
         return -self.dc / self.truth.lambda_2
 
-    @property
-    def F_x_sc_start(self) -> float:
-        """Thrust at the equilibrium [N]: dc and the force that holds it cancel, nothing is left to push."""
-        return 0.0
-
 
 def stiffness(background: float, alpha_x: float, F_max: float, alpha_phi: float, N_max: float) -> float:
     """Give the stiffness of a test mass under its authority [s^-2], Eq. (8)."""

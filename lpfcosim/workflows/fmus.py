@@ -18,9 +18,5 @@ def build_fmus(
     models: Sequence[str], progress: Progress, *, fmi: str = "3.0", force: bool = False
 ) -> dict[str, Path]:
     """Build FMUs that are not in the cache; `force`: all of them."""
-    paths: dict[str, Path] = {}
     with progress.counted("FMUs", len(models)) as advance:
-        for done, model in enumerate(models, start=1):
-            paths |= build.build([model], fmi=fmi, force=force)
-            advance(done)
-    return paths
+        return build.build(models, fmi=fmi, force=force, on_progress=advance)

@@ -17,7 +17,6 @@ model Plant "Spacecraft and two test masses along x, the three-body plant"
   parameter Types.Torque N_max_2 = 10.4e-12 "Authority of the phi torque on test mass 2";
   parameter Types.Time tau_sc = 0.25 "Transport delay of the thrust command";
   parameter Types.Time T_sc = 0.1 "Lag of the thrust";
-  parameter Types.Thrust F_x_sc_start = 0 "Thrust at the start";
   Interfaces.AccelerationInput f_applied_1 "Electrostatic force per unit mass on test mass 1, before its delay";
   Interfaces.AccelerationInput f_applied_2 "Electrostatic force per unit mass on test mass 2, before its delay";
   Interfaces.ThrustInput F_x_sc "Commanded thrust";
@@ -32,7 +31,7 @@ model Plant "Spacecraft and two test masses along x, the three-body plant"
   TestMass testMass_2(m_tm = m_tm, omega2_0 = omega2_2_0, alpha_x = alpha_x_2, alpha_phi = alpha_phi_2,
     F_max = F_max_2, N_max = N_max_2) "Test mass 2, electrostatically suspended";
   Spacecraft spacecraft(m_sc = m_sc) "The spacecraft";
-  Thruster thruster(tau_sc = tau_sc, T_sc = T_sc, F_start = F_x_sc_start) "The thrusters";
+  Thruster thruster(tau_sc = tau_sc, T_sc = T_sc) "The thrusters";
 equation
   // A force that switches between two samples cannot cross an FMU boundary: the delay acts here.
   testMass_1.f = delay(f_applied_1, tau_1);

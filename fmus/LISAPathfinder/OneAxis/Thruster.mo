@@ -4,9 +4,8 @@ model Thruster "Thrusters in one degree of freedom: transport delay, then a firs
   replaceable type Effort = Types.Thrust constrainedby Real "Force or torque";
   parameter Types.Time tau_sc = 0.25 "Transport delay of the thrust command";
   parameter Types.Time T_sc = 0.1 "Lag of the thrust";
-  parameter Effort F_start = 0 "Thrust at the start";
   input Effort F "Commanded thrust, held between samples";
-  output Effort F_thrust(start = F_start, fixed = true) "Thrust";
+  output Effort F_thrust(start = 0, fixed = true) "Thrust";
 equation
   T_sc*der(F_thrust) = delay(F, tau_sc) - F_thrust;
   annotation (Documentation(info = "<html>

@@ -7,7 +7,6 @@ model DragFreeController "The thrusters make the spacecraft follow the test mass
   parameter Types.Inertia I_yy_sc = 209.7 "Inertia of the spacecraft about y";
   parameter Types.Inertia I_zz_sc = 191.7 "Inertia of the spacecraft about z";
   parameter Types.Length d = 0.376 "Distance of the test masses";
-  parameter Types.Thrust F_x_sc_start = 0 "Thrust commanded along x at zero error";
   parameter Types.Frequency f_u = 0.08 "Along x: unity gain of the nominal loop";
   parameter Types.Frequency f_z = 0.03 "Along x: lead zero";
   parameter Types.Frequency f_i = 0.006 "Along x: zero of the integrator";
@@ -49,7 +48,7 @@ equation
   theta.e = grs_theta_1;
   eta.e = (grs_z_1 - grs_z_2)/d;
   phi.e = (grs_y_2 - grs_y_1)/d;
-  F_x_sc = F_x_sc_start + m_sc*x.a;
+  F_x_sc = m_sc*x.a;
   F_y_sc = m_sc*y.a;
   F_z_sc = m_sc*z.a;
   N_x_sc = I_xx_sc*theta.a;

@@ -37,7 +37,6 @@ model Plant "Spacecraft and two test masses, six degrees of freedom each, in the
   parameter Types.AngularVelocity Omega_theta_start = 0 "Rate about x at the start";
   parameter Types.AngularVelocity Omega_eta_start = 0 "Rate about y at the start";
   parameter Types.AngularVelocity Omega_phi_start = 0 "Rate about z at the start";
-  parameter Types.Thrust F_x_sc_start = 0 "Thrust along x at the start";
   Interfaces.AccelerationInput f_applied_1 "x force per unit mass on test mass 1, before its delay";
   Interfaces.AccelerationInput f_applied_2 "x force per unit mass on test mass 2, before its delay";
   Interfaces.ForceInput F_applied_y_1 "Force on test mass 1 along y, before its delay";
@@ -106,8 +105,7 @@ model Plant "Spacecraft and two test masses, six degrees of freedom each, in the
     omega2_rot = {omega2_theta, omega2_eta + domega2_eta_12/2, omega2_phi + domega2_phi_12/2}) "Test mass 2";
   Spacecraft spacecraft(m_sc = m_sc, I_sc = {I_xx_sc, I_yy_sc, I_zz_sc}, R_1 = R_1, R_2 = R_2,
     Omega_start = {Omega_theta_start, Omega_eta_start, Omega_phi_start}) "The spacecraft";
-  OneAxis.Thruster thruster[3](each tau_sc = tau_sc, each T_sc = T_sc, F_start = {F_x_sc_start, 0, 0})
-    "The thrusters along x, y, z";
+  OneAxis.Thruster thruster[3](each tau_sc = tau_sc, each T_sc = T_sc) "The thrusters along x, y, z";
   TorqueThruster torqueThruster[3](each tau_sc = tau_sc, each T_sc = T_sc) "The thrusters about x, y, z";
 equation
   // A force that switches between two samples cannot cross an FMU boundary: the delays act here.

@@ -52,6 +52,7 @@ static void core_delayed(const State *s, double *d) {
         delayed(s, s->ring[(s->n - 1) % DELAY_CAPACITY], d);
 }
 
+/* Bring up to date all variables of this stage. */
 static void core_evaluate(State *s, int stage) {
     if (s->evaluated_stage < 1) {
         if (!s->parameters_current) update_dependent_parameters(s);
@@ -66,6 +67,7 @@ static void core_evaluate(State *s, int stage) {
     s->evaluated_stage = stage;
 }
 
+/* NULL, or the message of an assertion that does not hold. */
 static const char *core_assert(State *s) {
     double d[AT_LEAST_ONE(ND)];
     if (NM == 0) return NULL;
@@ -120,9 +122,7 @@ static void exponential(const double *a, const double *b, double dt, double *g) 
         memcpy(g, next, sizeof next);
     }
 }
-#endif
 
-#if AFFINE
 /* dx = e z; e is stored by columns, so that compilers vectorise the inner loop. */
 static void multiply(const State *s, const double *z, double *dx) {
     double sum[NX];
@@ -131,9 +131,8 @@ static void multiply(const State *s, const double *z, double *dx) {
         for (int i = 0; i < NX; i++) sum[i] += s->e[j * NX + i] * z[j];
     for (int i = 0; i < NX; i++) dx[i] = sum[i];
 }
-#endif
 
-#if AFFINE && NQ > 0
+#if NQ > 0
 /* The remainder of the derivatives in the middle of the step, extrapolated from the begins of this step and the last. */
 static void extrapolate_remainder(State *s, double *q) {
     double d[AT_LEAST_ONE(ND)], now[NQ];
@@ -144,6 +143,7 @@ static void extrapolate_remainder(State *s, double *q) {
         s->remainder[i] = now[i];
     }
 }
+#endif
 #endif
 
 /* The end of the subinterval that begins at t: the next switch of a delayed signal, or the end of the step. */
@@ -312,6 +312,7 @@ static COLD const char *check_step(State *s, double time, double step) {
     return NULL;
 }
 
+/* Returns NULL, or what went wrong. */
 static const char *core_step(State *s, double time, double step) {
     if (step != s->communication_step || time != s->v[0]) {
         const char *problem = check_step(s, time, step);

@@ -72,14 +72,4 @@ static void model_remainder(const double *v, const double *d, double *q);
 static void model_rates(const double *v, const double *d, double *rate);
 #endif
 
-static void core_reset(State *s);
-static void core_start(State *s, double time);
-static void core_initialize(State *s);
-static void core_inputs_changed(State *s);          /* a variable was set */
-static void core_parameters_changed(State *s);           /* a parameter was set after initialization */
-static void core_delayed(const State *s, double *d);
-static void core_evaluate(State *s, int stage); /* bring up to date all variables of this stage */
-static const char *core_assert(State *s); /* NULL, or the message of an assertion that does not hold */
-static const char *core_step(State *s, double time, double step); /* NULL, or what went wrong */
-
 #endif

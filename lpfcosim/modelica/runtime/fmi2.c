@@ -1,9 +1,12 @@
 /* FMI 2.0 for Co-Simulation. Every variable is a Real. */
-#include "instance.h"
 #include "fmi2Functions.h"
 
 #include <stdlib.h>
 #include <string.h>
+
+#if defined(__GNUC__)
+#pragma GCC diagnostic ignored "-Wunused-parameter"
+#endif
 
 typedef struct {
     Instance instance; /* first, so that a component is an instance */
@@ -22,13 +25,11 @@ const char *fmi2GetTypesPlatform(void) { return fmi2TypesPlatform; }
 const char *fmi2GetVersion(void) { return fmi2Version; }
 
 fmi2Status fmi2SetDebugLogging(fmi2Component c, fmi2Boolean on, size_t n, const fmi2String categories[]) {
-    (void)c, (void)on, (void)n, (void)categories;
     return fmi2OK;
 }
 
 fmi2Component fmi2Instantiate(fmi2String name, fmi2Type type, fmi2String guid, fmi2String resources,
                               const fmi2CallbackFunctions *callbacks, fmi2Boolean visible, fmi2Boolean logging) {
-    (void)resources, (void)visible, (void)logging;
     const char *problem = type != fmi2CoSimulation                ? "this FMU is for co-simulation only"
                           : !guid || strcmp(guid, model_token) ? "the GUID is not that of this FMU"
                                                                  : NULL;
@@ -52,7 +53,6 @@ void fmi2FreeInstance(fmi2Component c) { free(c); }
 
 fmi2Status fmi2SetupExperiment(fmi2Component c, fmi2Boolean tolerance_defined, fmi2Real tolerance, fmi2Real start,
                                fmi2Boolean stop_defined, fmi2Real stop) {
-    (void)tolerance_defined, (void)tolerance, (void)stop_defined, (void)stop;
     ((Component *)c)->instance.now.state.start_time = start;
     return fmi2OK;
 }
@@ -80,7 +80,6 @@ fmi2Status fmi2SetReal(fmi2Component c, const fmi2ValueReference vr[], size_t n,
 }
 
 fmi2Status fmi2DoStep(fmi2Component c, fmi2Real time, fmi2Real step, fmi2Boolean no_rollback) {
-    (void)no_rollback;
     return status_of(c, instance_step(c, time, step));
 }
 
@@ -89,13 +88,11 @@ fmi2Status fmi2GetFMUstate(fmi2Component c, fmi2FMUstate *state) { return status
 fmi2Status fmi2SetFMUstate(fmi2Component c, fmi2FMUstate state) { return status_of(c, snapshot_restore(c, state)); }
 
 fmi2Status fmi2FreeFMUstate(fmi2Component c, fmi2FMUstate *state) {
-    (void)c;
     if (state) free(*state), *state = NULL;
     return fmi2OK;
 }
 
 fmi2Status fmi2SerializedFMUstateSize(fmi2Component c, fmi2FMUstate state, size_t *size) {
-    (void)c, (void)state;
     *size = sizeof(Snapshot);
     return fmi2OK;
 }
@@ -109,15 +106,13 @@ fmi2Status fmi2DeSerializeFMUstate(fmi2Component c, const fmi2Byte bytes[], size
 }
 
 /* There are no variables of other types: reading or writing none of them is all that can succeed. */
-#define NO_VARIABLES(Type)                                                                                       \
-    fmi2Status fmi2Get##Type(fmi2Component c, const fmi2ValueReference vr[], size_t n, fmi2##Type values[]) {    \
-        (void)vr, (void)values;                                                                                  \
-        return n ? fail(c, "this FMU has no variables of type " #Type) : fmi2OK;                                 \
-    }                                                                                                            \
-    fmi2Status fmi2Set##Type(fmi2Component c, const fmi2ValueReference vr[], size_t n, const fmi2##Type values[]) { \
-        (void)vr, (void)values;                                                                                  \
-        return n ? fail(c, "this FMU has no variables of type " #Type) : fmi2OK;                                 \
+#define NONE_OF(name, Type, values)                                                     \
+    fmi2Status name(fmi2Component c, const fmi2ValueReference vr[], size_t n, values) { \
+        return n ? fail(c, "this FMU has no variables of type " #Type) : fmi2OK;        \
     }
+#define NO_VARIABLES(Type)                            \
+    NONE_OF(fmi2Get##Type, Type, fmi2##Type values[]) \
+    NONE_OF(fmi2Set##Type, Type, const fmi2##Type values[])
 
 NO_VARIABLES(Integer)
 NO_VARIABLES(Boolean)
@@ -126,10 +121,6 @@ NO_VARIABLES(String)
 /* The rest of the interface belongs to capabilities that modelDescription.xml does not claim. */
 #define NOT_OFFERED(name, ...) \
     fmi2Status name(fmi2Component c, __VA_ARGS__) { return fail(c, #name " is not offered by this FMU"); }
-
-#if defined(__GNUC__)
-#pragma GCC diagnostic ignored "-Wunused-parameter"
-#endif
 
 fmi2Status fmi2CancelStep(fmi2Component c) { return fail(c, "steps are not asynchronous here"); }
 

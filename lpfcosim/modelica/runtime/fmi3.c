@@ -1,10 +1,13 @@
 /* FMI 3.0 for Co-Simulation. Every variable is a Float64: a scalar, or an array, whose value reference is NV or more. */
-#include "instance.h"
 #include "fmi3Functions.h"
 
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+
+#if defined(__GNUC__)
+#pragma GCC diagnostic ignored "-Wunused-parameter"
+#endif
 
 typedef struct {
     Instance instance; /* first, so that a component is an instance */
@@ -21,7 +24,6 @@ static fmi3Status status_of(const Component *m, const char *problem) { return pr
 const char *fmi3GetVersion(void) { return fmi3Version; }
 
 fmi3Status fmi3SetDebugLogging(fmi3Instance instance, fmi3Boolean on, size_t n, const fmi3String categories[]) {
-    (void)instance, (void)on, (void)n, (void)categories;
     return fmi3OK;
 }
 
@@ -30,8 +32,6 @@ fmi3Instance fmi3InstantiateCoSimulation(fmi3String name, fmi3String token, fmi3
                                          const fmi3ValueReference intermediate[], size_t n_intermediate,
                                          fmi3InstanceEnvironment environment, fmi3LogMessageCallback log,
                                          fmi3IntermediateUpdateCallback update) {
-    (void)name, (void)resources, (void)visible, (void)logging, (void)event_mode, (void)early_return;
-    (void)intermediate, (void)n_intermediate, (void)update;
     if (!token || strcmp(token, model_token)) {
         if (log) log(environment, fmi3Error, "logStatusError", "the instantiation token is not that of this FMU");
         return NULL;
@@ -47,7 +47,6 @@ fmi3Instance fmi3InstantiateCoSimulation(fmi3String name, fmi3String token, fmi3
 fmi3Instance fmi3InstantiateModelExchange(fmi3String name, fmi3String token, fmi3String resources, fmi3Boolean visible,
                                           fmi3Boolean logging, fmi3InstanceEnvironment environment,
                                           fmi3LogMessageCallback log) {
-    (void)name, (void)token, (void)resources, (void)visible, (void)logging, (void)environment, (void)log;
     return NULL;
 }
 
@@ -56,8 +55,6 @@ fmi3Instance fmi3InstantiateScheduledExecution(fmi3String name, fmi3String token
                                                fmi3InstanceEnvironment environment, fmi3LogMessageCallback log,
                                                fmi3ClockUpdateCallback clock_update, fmi3LockPreemptionCallback lock,
                                                fmi3UnlockPreemptionCallback unlock) {
-    (void)name, (void)token, (void)resources, (void)visible, (void)logging, (void)environment, (void)log;
-    (void)clock_update, (void)lock, (void)unlock;
     return NULL;
 }
 
@@ -65,7 +62,6 @@ void fmi3FreeInstance(fmi3Instance instance) { free(instance); }
 
 fmi3Status fmi3EnterInitializationMode(fmi3Instance m, fmi3Boolean tolerance_defined, fmi3Float64 tolerance,
                                        fmi3Float64 start, fmi3Boolean stop_defined, fmi3Float64 stop) {
-    (void)tolerance_defined, (void)tolerance, (void)stop_defined, (void)stop;
     return status_of(m, instance_enter(m, start));
 }
 
@@ -132,7 +128,6 @@ fmi3Status fmi3SetFloat64(fmi3Instance m, const fmi3ValueReference vr[], size_t 
 fmi3Status fmi3DoStep(fmi3Instance m, fmi3Float64 time, fmi3Float64 step, fmi3Boolean no_rollback,
                       fmi3Boolean *event_needed, fmi3Boolean *terminate, fmi3Boolean *early_return,
                       fmi3Float64 *last_time) {
-    (void)no_rollback;
     if (event_needed) *event_needed = fmi3False;
     if (terminate) *terminate = fmi3False;
     if (early_return) *early_return = fmi3False;
@@ -146,13 +141,11 @@ fmi3Status fmi3GetFMUState(fmi3Instance m, fmi3FMUState *state) { return status_
 fmi3Status fmi3SetFMUState(fmi3Instance m, fmi3FMUState state) { return status_of(m, snapshot_restore(m, state)); }
 
 fmi3Status fmi3FreeFMUState(fmi3Instance m, fmi3FMUState *state) {
-    (void)m;
     if (state) free(*state), *state = NULL;
     return fmi3OK;
 }
 
 fmi3Status fmi3SerializedFMUStateSize(fmi3Instance m, fmi3FMUState state, size_t *size) {
-    (void)m, (void)state;
     *size = sizeof(Snapshot);
     return fmi3OK;
 }
@@ -166,17 +159,13 @@ fmi3Status fmi3DeserializeFMUState(fmi3Instance m, const fmi3Byte bytes[], size_
 }
 
 /* There are no variables of other types: reading or writing none of them is all that can succeed. */
-#define NO_VARIABLES(Type)                                                                                     \
-    fmi3Status fmi3Get##Type(fmi3Instance m, const fmi3ValueReference vr[], size_t n, fmi3##Type values[],     \
-                             size_t n_values) {                                                                \
-        (void)vr, (void)values, (void)n_values;                                                                \
-        return n ? fail(m, "this FMU has no variables of type " #Type) : fmi3OK;                               \
-    }                                                                                                          \
-    fmi3Status fmi3Set##Type(fmi3Instance m, const fmi3ValueReference vr[], size_t n, const fmi3##Type values[], \
-                             size_t n_values) {                                                                \
-        (void)vr, (void)values, (void)n_values;                                                                \
-        return n ? fail(m, "this FMU has no variables of type " #Type) : fmi3OK;                               \
+#define NONE_OF(name, kind, ...)                                                            \
+    fmi3Status name(fmi3Instance m, const fmi3ValueReference vr[], size_t n, __VA_ARGS__) { \
+        return n ? fail(m, "this FMU has no " kind) : fmi3OK;                               \
     }
+#define NO_VARIABLES(Type)                                                                   \
+    NONE_OF(fmi3Get##Type, "variables of type " #Type, fmi3##Type values[], size_t n_values) \
+    NONE_OF(fmi3Set##Type, "variables of type " #Type, const fmi3##Type values[], size_t n_values)
 
 NO_VARIABLES(Float32)
 NO_VARIABLES(Int8)
@@ -190,35 +179,14 @@ NO_VARIABLES(UInt64)
 NO_VARIABLES(Boolean)
 NO_VARIABLES(String)
 
-fmi3Status fmi3GetBinary(fmi3Instance m, const fmi3ValueReference vr[], size_t n, size_t sizes[], fmi3Binary values[],
-                         size_t n_values) {
-    (void)vr, (void)sizes, (void)values, (void)n_values;
-    return n ? fail(m, "this FMU has no variables of type Binary") : fmi3OK;
-}
-
-fmi3Status fmi3SetBinary(fmi3Instance m, const fmi3ValueReference vr[], size_t n, const size_t sizes[],
-                         const fmi3Binary values[], size_t n_values) {
-    (void)vr, (void)sizes, (void)values, (void)n_values;
-    return n ? fail(m, "this FMU has no variables of type Binary") : fmi3OK;
-}
-
-fmi3Status fmi3GetClock(fmi3Instance m, const fmi3ValueReference vr[], size_t n, fmi3Clock values[]) {
-    (void)vr, (void)values;
-    return n ? fail(m, "this FMU has no clocks") : fmi3OK;
-}
-
-fmi3Status fmi3SetClock(fmi3Instance m, const fmi3ValueReference vr[], size_t n, const fmi3Clock values[]) {
-    (void)vr, (void)values;
-    return n ? fail(m, "this FMU has no clocks") : fmi3OK;
-}
+NONE_OF(fmi3GetBinary, "variables of type Binary", size_t sizes[], fmi3Binary values[], size_t n_values)
+NONE_OF(fmi3SetBinary, "variables of type Binary", const size_t sizes[], const fmi3Binary values[], size_t n_values)
+NONE_OF(fmi3GetClock, "clocks", fmi3Clock values[])
+NONE_OF(fmi3SetClock, "clocks", const fmi3Clock values[])
 
 /* The rest of the interface belongs to capabilities that modelDescription.xml does not claim. */
-#define NOT_OFFERED(name, ...)                                              \
+#define NOT_OFFERED(name, ...) \
     fmi3Status name(fmi3Instance m, __VA_ARGS__) { return fail(m, #name " is not offered by this FMU"); }
-
-#if defined(__GNUC__)
-#pragma GCC diagnostic ignored "-Wunused-parameter"
-#endif
 
 fmi3Status fmi3EnterEventMode(fmi3Instance m) { return fail(m, "this FMU has no event mode"); }
 fmi3Status fmi3EnterConfigurationMode(fmi3Instance m) { return fail(m, "this FMU has no configuration mode"); }

@@ -1,7 +1,23 @@
-#include "instance.h"
-
+/* One FMU instance: the core with the life cycle that FMI 2.0 and 3.0 have in common.
+   Functions return NULL, or what went wrong. */
+#include <stddef.h>
+#include <stdint.h>
 #include <stdlib.h>
 #include <string.h>
+
+typedef enum { INSTANTIATED, INITIALIZATION, STEP, TERMINATED } Mode;
+
+/* Everything that saving and restoring has to keep. */
+typedef struct {
+    State state;
+    char token[37]; /* of the model that the state belongs to */
+    Mode mode;
+} Snapshot;
+
+typedef struct {
+    Snapshot now;
+    void *environment; /* of the importer, handed back to its log */
+} Instance;
 
 static void instance_reset(Instance *m) {
     memcpy(m->now.token, model_token, sizeof m->now.token);

@@ -77,8 +77,7 @@ CASES = {
         "DragFreeControl",
         {"o_1": 1.0, "guidance_o_1": 1.0},
         ("F_x_sc",),
-        {"h": H, "m_sc": M_SC, "F_x_sc_start": 1e-8,
-         "f_u": 0.08, "f_z": 0.03, "f_i": 0.006, "f_p": 0.8, "f_r": 2.0},
+        {"h": H, "m_sc": M_SC, "f_u": 0.08, "f_z": 0.03, "f_i": 0.006, "f_p": 0.8, "f_r": 2.0},
     ),
     "SuspensionControl": Case(
         "SuspensionControl",
@@ -298,7 +297,7 @@ def exact(name, to):
     if CASES[name].model == "Plant":
         return plant(CASES[name].parameters, drive(name), to)
     a = compensator(CASES[name].parameters, u[:, 0] - u[:, 1], to)
-    wanted = p["F_x_sc_start"] + p["m_sc"] * a if name == "DragFreeControl" else p["f_x_2_start"] - a
+    wanted = p["m_sc"] * a if name == "DragFreeControl" else p["f_x_2_start"] - a
     return wanted[:, None]
 
 

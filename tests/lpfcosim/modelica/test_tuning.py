@@ -72,7 +72,7 @@ def test_what_places_clocks_delays_and_starts_stays_as_it_was():
         for model in ALONG_X
     }
     assert fixed == {
-        "Plant": {"tau_1", "tau_2", "tau_sc", "F_x_sc_start"},
+        "Plant": {"tau_1", "tau_2", "tau_sc"},
         "Actuation": {"h", "f_x_2_start"},
         "OpticalMetrology": set(),
         "DragFreeControl": {"h"},

@@ -184,7 +184,7 @@ CONTROLLERS = {
         drag_free_inputs, (8, 3, 5, 10, 20, 40), 1000, 300,
         {"F_x_sc": (0, M_SC, K_X), "F_y_sc": (1, M_SC, K_ROT), "F_z_sc": (2, M_SC, K_ROT),
          "N_x_sc": (3, I_SC[0], K_ROT), "N_y_sc": (4, I_SC[1], K_ROT), "N_z_sc": (5, I_SC[2], K_ROT)},
-        {"F_x_sc_start": 1e-6},
+        {},
     ),
     "WholeSuspensionControl": (
         suspension_inputs, (1, 2, 3, 4, 5, 7), 10_000, 10_000,
