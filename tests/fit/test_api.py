@@ -12,6 +12,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
+import xarray as xr
 
 import fit
 import lpfcosim as simulator
@@ -235,16 +236,12 @@ def test_names_of_results_are_escaped_in_latex(results):
 
 
 def test_to_xarray_is_what_xarray_reads_from_the_file(runs):
-    xr = pytest.importorskip("xarray")
-    pytest.importorskip("h5netcdf")
     for run in runs[-2:]:
         with xr.open_dataset(run.path, engine="h5netcdf") as expected:
             xr.testing.assert_identical(run.to_xarray(), expected.load())
 
 
 def test_to_xarray_keeps_what_is_unknown(tmp_path):
-    xr = pytest.importorskip("xarray")
-    pytest.importorskip("h5netcdf")
     heat = {"temperature": (np.full(200, 21.5), "degC")}
     path = write_contract_file(tmp_path / "run.h5", channels=heat, spare_attribute="kept")
     found = fit.load(path)[0].to_xarray()
@@ -270,8 +267,6 @@ def test_delta_g_is_that_of_the_product_file(runs, results, tmp_path):
         assert found.fs == file.attrs["fs"]
         assert found.attributes["notes"] == file.attrs["notes"] == "\n".join(notes)
     assert all(note in Page(found._repr_html_()).text for note in notes)
-    xr = pytest.importorskip("xarray")
-    pytest.importorskip("h5netcdf")
     with xr.open_dataset(tmp_path / "D-deltag.h5", engine="h5netcdf") as expected:
         xr.testing.assert_identical(found.to_xarray(), expected.load())
     with pytest.raises(fit.InputError, match="expected the joint fit"):
@@ -395,15 +390,6 @@ def test_figures_show_themselves_and_their_numbers(results, runs, tmp_path):
 
 
 # Simulation -----------------------------------------------------------------------------------------------
-
-
-def test_what_is_simulated_already_is_kept(campaign, folder):
-    before = {path: path.stat().st_mtime_ns for path in (folder / "telemetry").iterdir()}
-    simulator.simulate(campaign, folder, fmus=False)
-    assert {path: path.stat().st_mtime_ns for path in (folder / "telemetry").iterdir()} == before
-    other = replace(campaign, seed=1)
-    with pytest.raises(simulator.InputError, match=r"simulated with seed \d+, now it is 1; choose another"):
-        simulator.simulate(other, folder, fmus=False)
 
 
 def test_a_folder_that_cannot_be(campaign, tmp_path):

@@ -8,11 +8,8 @@ import pytest
 from fit.figures import analysis, series
 from fit.figures import runs as figures_runs
 from fit.figures.charts import ASD, START, TIME, Chart, Curve, Panel, Points, Span, limits
-from fit.quality import glitches
 from fit.report.experiments import AnalysedExperiment, figure_specs
 from fit.warnings import FitWarning, TimeSpan, masked_spans
-from fit.whitening import Experiment
-from fit.whitening.run import Run
 from tests.oracles.synthetic import World, of_run, pair, telemetry, without
 
 TRUTH = of_run(World(), "A")
@@ -198,15 +195,6 @@ def test_the_signal_dwarfs_the_residual_which_magnified_is_the_noise(charts):
     assert noise.x[-1] <= residual_panel.across[1]
     units = np.array(charts["residual"].columns["unit"])
     assert set(units[: signal_panel.lines[0].x.size]) == {"pm s⁻²"}
-
-
-def test_a_warning_holds_where_it_masked(runs):
-    spoilt = pair(World(), "A", seed=1, drive_1=1e-12)[0]
-    kick = np.where((spoilt.time >= 8000) & (spoilt.time < 8010), 1e-12, 0.0)
-    spoilt.channels["f_x_2"] = spoilt.channels["f_x_2"] + kick  # a force that was commanded and did not act
-    warnings = glitches.remove_glitches(Experiment(Run(spoilt), Run(runs[1]))).warnings.values()
-    ((begin, end),) = masked_spans(warnings, spoilt.run)
-    assert 7980 < begin < end < 8050
 
 
 def test_runs_without_noise_can_be_drawn():

@@ -85,6 +85,12 @@ def test_constant_and_ramp_are_invisible():
     assert np.allclose(blocks[0].M, blocks[1].M, atol=1e-6)
 
 
+def test_exactly_blind_parameter():
+    undetermined, directions = null_space(np.diag([4.0, 0.0, 100.0]), np.ones(3))
+    assert undetermined.tolist() == [False, True, False]
+    assert np.allclose(directions, [[0, 1, 0]])
+
+
 def test_weakly_determined_parameter_is_lost_by_its_width():
     H = np.diag([1 / 0.9**2, 1 / 1.1**2])  # sigmas of 0.9 and 1.1 widths
     undetermined, directions = null_space(H, np.ones(2))

@@ -1,6 +1,7 @@
 import h5py
 import numpy as np
 import pytest
+import xarray
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -407,8 +408,6 @@ def test_a_number_for_missing_samples_is_refused(file, attribute):
 
 
 def test_what_xarray_writes_is_read(file, tmp_path):
-    xarray = pytest.importorskip("xarray")
-    pytest.importorskip("h5netcdf")
     with xarray.open_dataset(file, engine="h5netcdf") as dataset:
         dataset.to_netcdf(tmp_path / "again.h5", engine="h5netcdf")
     np.testing.assert_array_equal(read(tmp_path / "again.h5").channels["o_1"], read(file).channels["o_1"])
