@@ -12,6 +12,7 @@ from lpfcosim.errors import RunError
 from lpfcosim.modelica import build
 from lpfcosim.models import one_axis
 from lpfcosim.spacecraft.run import Authority, HalfCosine, Pulse, Sine
+from tests.agreement import assert_agree
 from tests.lpfcosim.cosim import in_memory
 from tests.reference_run import simulate_reference
 
@@ -21,14 +22,6 @@ pytestmark = pytest.mark.fmu
 @pytest.fixture(scope="module", params=["2.0", "3.0"])
 def fmus(request):
     return build.build(fmi=request.param)
-
-
-def assert_agree(got, wanted, tolerance=1e-9):
-    for channel, expected in wanted.items():
-        if channel not in got:
-            continue
-        difference = np.abs(got[channel] - expected).max()
-        assert difference <= tolerance * np.sqrt(np.mean(expected**2)), channel
 
 
 def test_six_hours_agree_with_the_reference_plant(fmus, quickstart):

@@ -14,6 +14,7 @@ from lpfcosim.modelica import build, numpy_models
 from lpfcosim.models import lisa, model_of
 from lpfcosim.spacecraft.run import Noise, Sine
 from tests import ROOT
+from tests.agreement import assert_agree
 from tests.lpfcosim.cosim import in_memory
 from tests.lpfcosim.models.test_lisa_plant import SKEW
 from tests.oracles.lisa_equations import by_integration
@@ -90,8 +91,7 @@ def test_everything_at_once_against_a_general_integrator(lisa_run, key):
     p = {name: value for m in models.models for name, (value, _) in numpy_models.load(m).PARAMETERS.items()}
     p |= {name: value for values in models.parameters(run).values() for name, value in values.items()}
     channels, expected = ClosedLoop(run).simulate(driven), by_integration(p, driven, run.n_samples)
-    for name, values in expected.items():
-        assert np.abs(channels[name] - values).max() <= 3e-8 * np.sqrt(np.mean(values**2)), name
+    assert_agree(channels, expected, 3e-8)
     assert channels["F_x_2"].any() == (key == FALL_BACK)
 
 
@@ -124,9 +124,7 @@ def test_fmus_agree_with_the_equations(lisa_run, key):
     run = lisa_run(key, n_samples=6000, injections=tuple(tones))
     got, expected = in_memory.simulate(run, build.build(lisa.MODEL.models)), ClosedLoop(run).simulate()
     assert set(got) == set(lisa.MODEL.record)
-    for name, values in got.items():
-        reference = expected[name]
-        assert np.abs(values - reference).max() <= 1e-9 * np.sqrt(np.mean(reference**2)) + 1e-28, name
+    assert_agree(got, expected, floor=1e-28)
 
 
 PARTS = {
