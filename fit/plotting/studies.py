@@ -13,7 +13,7 @@ from fit.forecasting import Pulls
 from fit.parameters import ALONG
 from fit.plotting.files import Plot
 from fit.plotting.style import WIDE
-from fit.tables import latex_symbol
+from fit.tables import latex_symbol, signed
 
 Array = NDArray[np.float64]
 
@@ -154,7 +154,7 @@ def histograms(coverage: Mapping[str, Pulls], drawn: Sequence[Mapping[str, Seque
         ax.text(
             0.03,
             0.96,
-            f"mean {pulls.pull_mean:+.2f}({100 * pulls.pull_mean_error:.0f})\n"
+            f"mean {signed(pulls.pull_mean, 2)}({100 * pulls.pull_mean_error:.0f})\n"
             f"std {pulls.pull_std:.2f}({100 * pulls.pull_std_error:.0f})\n"
             f"{100 * pulls.coverage_1sigma:.0f}({100 * pulls.coverage_1sigma_error:.0f}) %",
             transform=ax.transAxes,

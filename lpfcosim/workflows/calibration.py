@@ -61,7 +61,9 @@ class Calibration:
         known = {name + suffix: e for suffix, fit in fits.items() for name, e in fit.parameters.items()}
         n, n_runs = len(known), len(self.results.experiments)
         text = f"{n} parameter{'s' * (n != 1)} determined"
-        text += f" from {n_runs} experiment{'s' * (n_runs != 1)}" if n_runs else ""
+        n_joint = len(self.results.provenance.joint_runs or ()) if self.results.joint else 0
+        share = f"{n_joint} of " if 0 < n_joint < n_runs else ""
+        text += f" from {share}{n_runs} experiment{'s' * (n_runs != 1)}" if n_runs else ""
         pulls = {name: e.pull for name, e in known.items() if e.pull is not None}
         if not pulls or any(fit.unsound for fit in fits.values()):
             return text

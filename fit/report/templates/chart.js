@@ -89,7 +89,7 @@ class Chart {
       grid: { ...rule("grid", 1), filter: (u, places) => axis.log ? places.map(x => isDecade(x / axis.factor) ? x : null) : places },
       ticks: { ...rule("muted", 1), size: 5 },
       border: { show: true, ...rule("muted", 1) },
-      size: side ? (u, texts) => 16 + 6.4 * Math.max(3, ...(texts ?? []).map(t => t?.length ?? 0)) : !panel.last ? 12 : axis.dates ? 40 : 28,
+      size: side ? (u, texts) => 16 + 6.4 * Math.max(this.beside > 1 ? 3 : 5, ...(texts ?? []).map(t => t?.length ?? 0)) : !panel.last ? 12 : axis.dates ? 40 : 28,
     };
     if (panel.last || side) Object.assign(options, { label: title(axis), labelFont: FONT, labelSize: 18, labelGap: 2 });
     if (axis.dates) return { ...options, values: (u, places, k, room, step) => panel.last ? days(places, step) : places.map(() => null) };

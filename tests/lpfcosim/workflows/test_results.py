@@ -12,8 +12,11 @@ import fit
 import lpfcosim
 from lpfcosim.execution import runner
 from lpfcosim.workflows.arguments import check_workers, whole_number
+from lpfcosim.workflows.calibration import Calibration
 from lpfcosim.workflows.campaigns import is_described_by_file
 from tests.campaign_text import SHORT_PLAN
+from tests.fit.report.test_report import experiment_fit, joint_fit
+from tests.fit.report.test_report import results as fit_results
 
 
 @pytest.fixture(scope="module")
@@ -202,3 +205,12 @@ def test_a_run_from_python_is_that_of_the_command(quickstart, tmp_path, run_lpfc
     assert finished.to_json() == (tmp_path / "out" / "results.json").read_text(encoding="utf-8")
     assert "lambda_2" in repr(finished)
     assert run_lpfcosim("reproduce", tmp_path / "out")[0] == 0
+
+
+@pytest.mark.parametrize(("joint_runs", "share"), [(["A1"], "1 of 2"), (["A1", "B2"], "2"), (None, "2")])
+def test_the_headline_counts_the_experiments_of_the_joint_fit(tmp_path, joint_runs, share):
+    provenance = fit.results.Provenance(joint_runs=joint_runs)
+    experiments = {"A1": experiment_fit(), "B2": experiment_fit()}
+    results = fit_results(joint=joint_fit(), experiments=experiments, provenance=provenance)
+    headline = Calibration(results, tmp_path / "results.json", tmp_path / "report.html").headline()
+    assert headline.startswith(f"11 parameters determined from {share} experiments")
