@@ -1,4 +1,4 @@
-"""The layout of the thrusters: what each nozzle gives of force and torque, and what commands ask of it."""
+"""The layout of the thrusters: the force and torque of each nozzle."""
 
 import math
 from dataclasses import dataclass
@@ -29,15 +29,6 @@ class Layout:
     def matrix(self) -> Array:
         """Give force [1] and torque [m] on the spacecraft per thrust of each of n nozzles, shape (6, n)."""
         return np.vstack([np.transpose(self.directions), np.cross(self.places, self.directions).T])
-
-    @cached_property
-    def allocation(self) -> Array:
-        """Give the thrust of each nozzle per commanded force [1] and torque [m^-1], shape (n, 6).
-
-        It is the pseudo-inverse of `matrix`: of all thrusts that give what is commanded, the least. Nozzles
-        have one delay and one lag, so that what they give together is what was commanded.
-        """
-        return np.asarray(np.linalg.pinv(self.matrix))
 
 
 def _eight_nozzles() -> Layout:
