@@ -99,6 +99,12 @@ def read_measurements(path: Path) -> Measurements:
     attributes = root_attributes(path) or {}
     read = _read_lisainstrument if "schema" not in attributes and "metadata_json" in attributes else _read_own
     measurements = read(path)
+    for name, x in (measurements.michelson | measurements.rates).items():
+        if np.ptp(x) == 0:
+            raise InputError(
+                f"{path}: {name}: {x[0]:g} throughout, expected what is measured; the fit needs all three "
+                "variables and the wavefront sensing of all six assemblies"
+            )
     for name, rate in measurements.rates.items():
         angle = np.cumsum(rate - rate.mean()) / measurements.fs
         if (largest := float(np.ptp(angle)) / 2) > LINEAR_RANGE:

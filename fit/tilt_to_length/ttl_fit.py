@@ -14,6 +14,7 @@ from fit.errors import FitError, InputError
 from fit.fitting import JointModel, Prior, RunEstimate, SolvedModel, null_space, parameter_values
 from fit.results import Constraint, Estimate, Fit
 from fit.spectra import NoiseModel, fit_noise
+from fit.tilt_to_length import michelson
 from fit.tilt_to_length.coefficients import COEFFICIENTS, NAMES, WIDTH
 from fit.tilt_to_length.measurements import Measurements
 from fit.tilt_to_length.normal_equations import (
@@ -35,10 +36,11 @@ ITERATIONS = 4  # of weights: the noise run is freed of coupling by the last est
 MAX_BIAS = (
     0.3  # sigma, of least squares by noise of wavefront sensing, beyond which instruments take its place
 )
-MAX_CHI2 = 0.2  # by which chi^2 per degree of freedom may exceed 1
+MAX_CHI2 = 0.2  # by which chi^2 per degree of freedom may differ from 1
 CHI2_SIGMA = 5.0  # and by how many times its scatter
 MIN_DOF = 1e-3  # of a bin that a fit takes out
 NEGLIGIBLE = 0.05  # part of a blind direction that is not named
+LINK_NOISE = (1e-18, 1e-6)  # m Hz^-0.5, of a link: a range that a wrong unit leaves (choice)
 DWS_ASD = 7e-8 / 335  # rad Hz^-0.5, of lisainstrument: where measurements do not state it
 PRIOR = f"left at the prior, {concise_value(0, 1e3 * WIDTH)} mm/rad"
 
@@ -87,10 +89,16 @@ def calibrate_ttl(
             f"{noise.path}: central_frequency: {noise.central_frequency:.7g} Hz, expected "
             f"{measurements.central_frequency:.7g} Hz as in {measurements.path}"
         )
+    if noise is not None and np.array_equal(noise.michelson["X2"], measurements.michelson["X2"]):
+        raise InputError(
+            f"{noise.path}: holds the measurements themselves, expected a run without manoeuvre; leave the "
+            "noise run out if there is none"
+        )
     spectra = response_spectra(measurements)
     reference = spectra if noise is None else response_spectra(noise)
     dws_asd = measurements.dws_asd or DWS_ASD
     weights = 1 / np.stack([_psd(reference.f, x, np.zeros(x.size))(spectra.f) for x in reference.data])
+    _check_unit(measurements, weights)
     estimate = least_squares(spectra, weights, dws_asd)
     for _ in range(ITERATIONS):
         leverage = _leverage(spectra, weights) if noise is None else np.zeros(reference.data.shape)
@@ -107,6 +115,16 @@ def calibrate_ttl(
     chi2, dof = float(2 * np.sum(weights * np.abs(residual) ** 2)), 2 * weights.size - len(NAMES)
     warnings += [*blind, *_misfit_warnings(chi2 / dof, math.sqrt(2 * spectra.variance_factor / dof))]
     return _fit(solved, reported, measurements.truth, chi2, dof, warnings)
+
+
+def _check_unit(measurements: Measurements, weights: Array) -> None:
+    """Refuse noise that no link has, such as that of Michelson variables in another unit."""
+    asd = michelson.C / measurements.central_frequency / math.sqrt(2 * float(np.median(weights)))
+    if not LINK_NOISE[0] < asd < LINK_NOISE[1]:
+        raise InputError(
+            f"{measurements.path}: X2, Y2, Z2 have a noise of {asd:.1g} m Hz^-0.5 in a link, expected "
+            f"{LINK_NOISE[0]:g} to {LINK_NOISE[1]:g}; give them as frequencies of the beat notes in Hz"
+        )
 
 
 _NO_NOISE_RUN = FitWarning(
@@ -235,11 +253,11 @@ def _instruments_warning(ratio: float) -> FitWarning:
 
 
 def _misfit_warnings(chi2_red: float, scatter: float) -> list[FitWarning]:
-    """Return a warning where the residual has more power than the noise."""
-    if chi2_red < 1 + max(MAX_CHI2, CHI2_SIGMA * scatter):
+    """Return a warning where the residual has another power than the noise."""
+    if abs(chi2_red - 1) < max(MAX_CHI2, CHI2_SIGMA * scatter):
         return []
     message = (
-        f"the residual has {chi2_red:.2f} times the power of the noise; expected light travel times to "
-        "0.1 %, and noise as in the noise run"
+        f"the residual has {chi2_red:.2g} times the power of the noise; expected light travel times to "
+        "0.1 %, and noise and units as in the noise run"
     )
     return [FitWarning("noise_mismatch", (), message)]

@@ -54,6 +54,10 @@ def _motion(file):
     file["dws_eta_21"][:] += 1e-6 * np.sin(np.arange(file["time"].size) / 10)
 
 
+def _constant(file):
+    file["dws_phi_12"][:] = 0.0
+
+
 def _step(file):
     file.attrs["dt"] = 0.5
 
@@ -71,6 +75,7 @@ def _noise(file):
         (_nan, r"series X2: sample 7 is missing, expected all"),
         (_delay, r"d_12: 8.3e\+09 s, expected a light travel time of 1 to 60 s"),
         (_motion, r"eta_21: moves by .* rad, .*repeat the manoeuvre with a smaller amplitude"),
+        (_constant, r"phi_12: 0 throughout, expected what .* wavefront sensing of all six assemblies"),
         (_step, r"time: "),
         (_noise, r"attribute dws_asd: -1.0, expected a positive number"),
     ],

@@ -111,6 +111,27 @@ def test_wrong_light_travel_times_do_not_pass():
     assert ttl.unsound
 
 
+def test_a_residual_below_the_noise_does_not_pass():
+    run, noise = manoeuvre(6, noise_duration=1200.0)
+    quieter = replace(run, michelson={name: 0.1 * x for name, x in run.michelson.items()})
+    assert "noise_mismatch" in {w.code for w in calibrated(quieter, noise).warnings}
+
+
+def test_variables_relative_to_the_laser_frequency_are_refused():
+    pair = (
+        replace(m, michelson={name: x / m.central_frequency for name, x in m.michelson.items()})
+        for m in manoeuvre(6, noise_duration=1200.0)
+    )
+    with pytest.raises(InputError, match=r"X2, Y2, Z2 have a noise of .* give them as frequencies .* in Hz"):
+        calibrated(*pair)
+
+
+def test_measurements_are_no_noise_run_of_their_own():
+    run, _ = manoeuvre(6, noise_duration=1200.0)
+    with pytest.raises(InputError, match="holds the measurements themselves, expected a run without"):
+        calibrated(run, run)
+
+
 def test_a_short_run_is_refused():
     rng = np.random.default_rng(1)
     run = measurements(rng, 100.0, coefficients(rng))
