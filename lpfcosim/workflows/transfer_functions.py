@@ -162,13 +162,13 @@ def campaign_loops(plan: Campaign, runs: Sequence[Telemetry]) -> tuple[bode.Loop
             if read_out not in modelled:
                 modelled[read_out] = loop.frequency_response(FREQUENCIES)[:, 0, 0]
             time = np.arange(responses[read_out].size) / RATE
+            guidance, y = (_filled(telemetry.channels[name]) for name in (GUIDANCE + read_out, read_out))
+            noise_values = _filled(quiet.channels[read_out])
             for sine in injections:
-                if (power := _noise_power(sine, quiet.channels[read_out], quiet.fs)) is None:
+                power = _noise_power(sine, noise_values, quiet.fs)
+                X, Y = (_transform(sine, telemetry.time, x) for x in (guidance, y))
+                if not (power and X):
                     continue
-                X, Y = (
-                    _transform(sine, telemetry.time, telemetry.channels[name])
-                    for name in (GUIDANCE + read_out, read_out)
-                )
                 Y -= _transform(sine, time, responses[read_out])
                 expected = complex(loop.frequency_response([sine.frequency])[0, 0, 0])
                 tone = (
@@ -203,18 +203,18 @@ def _transform(sine: Sine, time: Array, x: Array) -> complex:
     """Return the Fourier transform of a series, times s, at a sine and under its Hann window."""
     part = slice(*np.searchsorted(time, (sine.start, sine.end)))
     kernel = _kernel(sine, time[part])
-    return complex(_filled(x)[part] @ kernel * (time[1] - time[0]))
+    return complex(x[part] @ kernel * (time[1] - time[0]))
 
 
-def _noise_power(sine: Sine, noise: Array, fs: float) -> float | None:
-    """Return the mean power of such a transform of a noise run; None if it is too short.
+def _noise_power(sine: Sine, noise: Array, fs: float) -> float:
+    """Return the mean power of such a transform of a noise run; zero if it is too short.
 
     It is averaged over half-overlapping stretches as long as the sine.
     """
     n = round((sine.end - sine.start) * fs)
-    kernel, x = _kernel(sine, sine.start + np.arange(n) / fs), _filled(noise)
-    powers = [abs(x[i : i + n] @ kernel / fs) ** 2 for i in range(0, x.size - n + 1, n // 2)]
-    return float(np.mean(powers)) if len(powers) >= LEAST_STRETCHES else None
+    kernel = _kernel(sine, sine.start + np.arange(n) / fs)
+    powers = [abs(noise[i : i + n] @ kernel / fs) ** 2 for i in range(0, noise.size - n + 1, n // 2)]
+    return float(np.mean(powers)) if len(powers) >= LEAST_STRETCHES else 0.0
 
 
 def _kernel(sine: Sine, time: Array) -> Complex:

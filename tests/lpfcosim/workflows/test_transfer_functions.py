@@ -131,3 +131,9 @@ def test_the_report_and_the_figures_have_them(folder, runs, measured):
 def test_without_a_noise_run_there_is_nothing_to_measure(folder, runs):
     with pytest.raises(fit.InputError, match="loops: no run with a sine in the guidance"):
         lpfcosim.transfer_functions(folder / "campaign.toml", [run for run in runs if run.kind == "sysid"])
+
+
+def test_a_sine_that_was_not_injected_has_no_point(folder, runs):
+    silent = [replace(run, channels={**run.channels, "guidance_o_1": 0 * run.time}) for run in runs]
+    measured = lpfcosim.transfer_functions(folder / "campaign.toml", silent)
+    assert [loop.read_out for loop in measured] == ["o_12"]
