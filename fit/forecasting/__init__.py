@@ -13,4 +13,5 @@ __all__ = [
     "expected_fit",
     "expected_run",
     "fisher",
+    "frequency_responses",
 ]

@@ -9,6 +9,7 @@ priors, torque noise, errors of the calibration.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 import scipy
@@ -16,8 +17,9 @@ from numpy.typing import NDArray
 
 from fit.crosstalk import euler_fit, torque_noise
 from fit.fitting import Convergence, constraints, iterate, reported_estimates
-from fit.forecasting.expected_fit import GRID, CrossSpectra, NoiselessError, responses
+from fit.forecasting.expected_fit import CrossSpectra, NoiselessError
 from fit.forecasting.expected_run import CompressedRun
+from fit.forecasting.frequency_responses import GRID, responses
 from fit.model import dynamics, dynamics_of, rotation, separation
 from fit.model import inertial_forces as forces
 from fit.results import Fit
@@ -236,7 +238,10 @@ def _rows(
     channel = {name: row.astype(np.complex128) for name, row in zip(names, np.eye(len(names)), strict=True)}
     tau = dynamics.delays(theta)
     still = np.zeros(1)
-    at_rest = dynamics.Channels(RATE, still, still, still, still, still, {}, np.ones(1, dtype=bool), 0)
+    valid = np.ones(1, dtype=bool)
+    at_rest = dynamics.Channels(
+        RATE, still, valid, 0, **dict[str, Any].fromkeys(dynamics.CHANNELS, still), means={}
+    )
     terms = np.zeros((f.size, len(dynamics.COLUMNS), len(names)), dtype=np.complex128)
     terms[:, :, : len(dynamics.CHANNELS)] = responses(at_rest, tau, dynamics.CHANNELS, f)
 

@@ -32,6 +32,7 @@ from fit.fitting import (
     weak_priors,
 )
 from fit.forecasting.expected_run import CompressedRun, compress
+from fit.forecasting.frequency_responses import channels_of, frequencies, responses
 from fit.model import Sharing, dynamics
 from fit.parallel import one_blas_thread, parallel_map, progress_range
 from fit.parameters import Parameter
@@ -39,7 +40,6 @@ from fit.quality import as_fit
 from fit.results import Estimate, Fit
 from fit.settings import ParameterSettings, Settings
 from fit.settings import settings as default_settings
-from fit.spectra import derivatives
 from fit.warnings import FitWarning
 from fit.whitening import (
     Experiment,
@@ -57,7 +57,6 @@ CrossSpectra = Callable[[Sequence[str], Array], Spectrum]
 
 SCHEMA = "lpf-forecast/1"
 MIN_EXPERIMENTS = 4  # of which a scatter is not estimated
-GRID = 40  # frequencies per decade at which cross-spectra are asked for; a spline leads from one to the next
 MAX_RESIDUAL = (
     0.3  # root of the chi^2 of what a move leaves in a run, below which its weights stay as they are
 )
@@ -301,10 +300,7 @@ class ExpectedWeighing:
 
     def noise(self, run: Run, tau: tuple[float, float], theta: Array) -> tuple[Array, Array, Array]:
         """Return frequencies, cross powers of the columns there, and the power of the residual."""
-        names = channels_of(run)
-        lowest = 0.9 / run.telemetry.duration
-        n = int(GRID * np.log10(derivatives.F_MAX / lowest)) + 2
-        f = np.geomspace(lowest, 1.01 * derivatives.F_MAX, n)
+        names, f = channels_of(run), frequencies(run.telemetry)
         c = dynamics.coefficients(theta, tau)
         T = responses(run.channels, tau, names, f)
         noise = self.plan.cross_spectra(names, f)
@@ -336,47 +332,3 @@ class ExpectedWeighing:
         # The weight a fit expects of a noise run is 1 / S: `NoiseModel.expected` widens by what makes it so.
         of_residual = scipy.interpolate.CubicSpline(np.log(f), np.log(residual))
         return lambda f: (of_columns(np.log(f)), np.exp(of_residual(np.log(f))))
-
-
-def channels_of(run: Run) -> tuple[str, ...]:
-    """Return the names of the channels that the columns of a run are made of."""
-    of_means = (name for mean in run.channels.means for name in dynamics.MEANS[mean])
-    return (*dynamics.CHANNELS, *of_means)
-
-
-def responses(run: dynamics.Channels, tau: tuple[float, float], names: Sequence[str], f: Array) -> Spectrum:
-    """Return the frequency responses of the K columns of a run to channels, shape (B, K, C).
-
-    Parameters
-    ----------
-    run : Channels
-        Of the run, at 1 to 2 Hz.
-    tau : tuple of float
-        The delays [s] about which the columns are expanded.
-    names : sequence of str
-        The C channels.
-    f : ndarray, shape (B,)
-        Hz.
-    """
-    fs, still = run.fs, np.zeros(4 * derivatives.HALF + 1)
-    lags = np.arange(-derivatives.HALF, derivatives.HALF + 1) / fs
-    pulse = still.copy()
-    pulse[2 * derivatives.HALF] = 1.0
-    weights_of = []
-    for name in names:
-        channels = {channel: pulse if channel == name else still for channel in names}
-        impulse_run = replace(
-            run,
-            time=np.arange(still.size) / fs,
-            valid=np.ones(still.size, dtype=bool),
-            o_1=channels["o_1"],
-            o_12=channels["o_12"],
-            f_x_1=channels["f_x_1"],
-            f_x_2=channels["f_x_2"],
-            means={
-                mean: np.sum([weight * channels[key] for key, weight in dynamics.MEANS[mean].items()], axis=0)
-                for mean in run.means  # those of the run, also where they are still
-            },
-        )
-        weights_of.append(dynamics.columns(impulse_run, tau).values)
-    return np.asarray(np.einsum("bm,cmk->bkc", np.exp(-2j * np.pi * f[:, None] * lags), weights_of))

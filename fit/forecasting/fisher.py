@@ -17,13 +17,12 @@ from fit.fitting import ParameterSet, constraints, free_directions
 from fit.forecasting.expected_fit import (
     ExpectedWeighing,
     PlannedExperiment,
-    channels_of,
     constraints_of_joint,
     expected_result,
     joint_weighings,
-    responses,
     share_parameters,
 )
+from fit.forecasting.frequency_responses import channels_of, responses
 from fit.model import dynamics
 from fit.settings import Settings
 from fit.spectra import windowing

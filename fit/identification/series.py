@@ -116,15 +116,15 @@ def force(o_12: Array, f_x_2: Array, theta: Array) -> Array:
     motion_series, command_series = (derivatives.decimate(x, taps, factor) for x in (o_12, f_x_2))
     zeros = np.zeros(motion_series.size)
     run = dynamics.Channels(
-        RATE / factor,
-        zeros,
-        zeros,
-        motion_series,
-        zeros,
-        command_series,
-        {},
-        np.ones(zeros.size, dtype=bool),
-        0,
+        fs=RATE / factor,
+        time=zeros,
+        valid=np.ones(zeros.size, dtype=bool),
+        missing=0,
+        o_1=zeros,
+        o_12=motion_series,
+        f_x_1=zeros,
+        f_x_2=command_series,
+        means={},
     )
     return dynamics.total(dynamics.columns(run, dynamics.delays(theta)), theta)
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from fit.errors import InputError
 from fit.fitting import IRLSResult, constraints, iterate
-from fit.forecasting import expected_fit, expected_run
+from fit.forecasting import expected_fit, expected_run, frequency_responses
 from fit.lisa.calibration import check_settings, fit_of, fitted_names
 from fit.lisa.experiment import LisaExperiment, component
 from fit.model import lisa_dynamics
@@ -21,11 +21,10 @@ from fit.parallel import one_blas_thread
 from fit.parameters import LISA
 from fit.results import Fit
 from fit.settings import Settings
-from fit.spectra import Spectra, derivatives
+from fit.spectra import Spectra
 from fit.whitening import Likelihood, expected_weights, whitened_run
 
 Array = NDArray[np.float64]
-Spectrum = NDArray[np.complex128]
 
 
 @dataclass(frozen=True)
@@ -149,29 +148,16 @@ def _residual_psd(
     """Return the PSD of the residual as a function of frequency."""
     telemetry = planned.experiment.sysid.telemetry
     names = [name for name in lisa_dynamics.CHANNELS if name in telemetry.channels]
-    lowest = 0.9 / telemetry.duration
-    n = int(expected_fit.GRID * np.log10(derivatives.F_MAX / lowest)) + 2
-    f = np.geomspace(lowest, 1.01 * derivatives.F_MAX, n)
-    T = _responses(planned.experiment, tau, names, f) @ (equation.basis @ c)
+    f = frequency_responses.frequencies(telemetry)
+
+    def columns_of(time: Array, channels: Mapping[str, Array]) -> Array:
+        run = replace(telemetry, time=time, channels=channels)
+        return lisa_dynamics.columns(lisa_dynamics.channels(run), tau)
+
+    responses = frequency_responses.impulse_responses(columns_of, telemetry.fs, names, f)
+    T = np.einsum("bkc,k->bc", responses, equation.basis @ c)
     S = np.einsum("bi,bij,bj->b", T.conj(), planned.cross_spectra(names, f), T).real
     if not np.all(S > 0):
         raise expected_fit.NoiselessError(telemetry.run)
     spline = scipy.interpolate.CubicSpline(np.log(f), np.log(S))
     return lambda f: np.asarray(np.exp(spline(np.log(f))), dtype=np.float64)
-
-
-def _responses(
-    experiment: LisaExperiment, tau: tuple[float, float], names: Sequence[str], f: Array
-) -> Spectrum:
-    """Return the frequency responses of the columns of a run to its C channels at f, shape (B, C, 17)."""
-    telemetry = experiment.sysid.telemetry
-    fs, still = telemetry.fs, np.zeros(4 * derivatives.HALF + 1)
-    lags = np.arange(-derivatives.HALF, derivatives.HALF + 1) / fs
-    pulse = still.copy()
-    pulse[2 * derivatives.HALF] = 1.0
-    weights = []
-    for name in names:
-        channels = {channel: pulse if channel == name else still for channel in names}
-        run = replace(telemetry, time=np.arange(still.size) / fs, channels=channels)
-        weights.append(lisa_dynamics.columns(lisa_dynamics.channels(run), tau))
-    return np.asarray(np.einsum("bm,cmk->bck", np.exp(-2j * np.pi * f[:, None] * lags), weights))

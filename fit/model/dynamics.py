@@ -28,10 +28,12 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import reduce
 from itertools import chain
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from fit.model.run_channels import RunChannels, reduce_channels
 from fit.spectra import derivatives
 from fit.telemetry import MAX_MISSING, Telemetry
 
@@ -149,36 +151,26 @@ def run_parameters(available: Iterable[str]) -> tuple[str, ...]:
 
 
 @dataclass(frozen=True)
-class Channels:
+class Channels(RunChannels):
     """The channels of one run, low-passed and decimated alike.
 
     Attributes
     ----------
-    fs : float
-        Sample rate [Hz], 1 to 2 Hz for anything archived faster.
-    time : ndarray, shape (N,)
-        Seconds since the start of the run.
+    fs, time, valid, missing
+        See `RunChannels`.
     o_1, o_12 : ndarray, shape (N,)
         Read-outs [m].
     f_x_1, f_x_2 : ndarray, shape (N,)
         Commanded force per unit mass [m s^-2].
     means : mapping of str to ndarray, each of shape (N,)
         Those of `MEANS` that the run has [rad], [m] or [N m].
-    valid : ndarray of bool, shape (N,)
-        False where missing samples reach.
-    missing : int
-        Number of missing samples in the file.
     """
 
-    fs: float
-    time: Array
     o_1: Array
     o_12: Array
     f_x_1: Array
     f_x_2: Array
     means: Mapping[str, Array]
-    valid: NDArray[np.bool_]
-    missing: int
 
     @property
     def parameters(self) -> tuple[str, ...]:
@@ -197,20 +189,11 @@ def wideband_channels(telemetry: Telemetry, f_max: float) -> Channels:
 
 
 def _channels(telemetry: Telemetry, taps: Array, factor: int, motion: bool) -> Channels:
-    series, raw_channels = {}, ((name, telemetry.channels[name]) for name in CHANNELS)
-    touched = gone = np.zeros(1, dtype=bool)
-    # one by one: as archived, all of them fill the memory
-    for name, raw in chain(raw_channels, means(telemetry) if motion else ()):
-        series[name], masked, missing = derivatives.preprocess(raw, telemetry.fs, taps, factor)
-        touched, gone = touched | masked, gone | missing
-    return Channels(
-        fs=telemetry.fs / factor,
-        time=telemetry.time[taps.size // 2 :: factor][: touched.size],
-        **{name: series.pop(name) for name in CHANNELS},
-        means=series,
-        valid=~touched,
-        missing=int(np.count_nonzero(gone)),
-    )
+    raw = ((name, telemetry.channels[name]) for name in CHANNELS)
+    raw_and_means = chain(raw, means(telemetry) if motion else ())
+    axis, series = reduce_channels(telemetry, raw_and_means, taps, factor)
+    read_outs = {name: series.pop(name) for name in CHANNELS}
+    return Channels(**vars(axis), **dict[str, Any](read_outs), means=series)
 
 
 @dataclass(frozen=True)

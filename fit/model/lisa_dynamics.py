@@ -38,6 +38,7 @@ from numpy.typing import NDArray
 
 from fit.errors import InputError, shown
 from fit.model.dynamics import LOOP_PERIOD
+from fit.model.run_channels import RunChannels, reduce_channels
 from fit.spectra import derivatives
 from fit.telemetry import Telemetry
 
@@ -81,32 +82,22 @@ _STEP = 1e-30  # imaginary, of a derivative: too small to matter in the real par
 
 
 @dataclass(frozen=True)
-class Channels:
+class Channels(RunChannels):
     """The channels of one run, low-passed and decimated alike.
 
     Attributes
     ----------
-    fs : float
-        Sample rate [Hz], 1 to 2 Hz for anything archived faster.
-    time : ndarray, shape (N,)
-        Seconds since the start of the run.
+    fs, time, valid, missing
+        See `RunChannels`.
     series : mapping of str to ndarray, each of shape (N,)
         Read-outs [m]; commanded forces per unit mass [m s^-2], those that vary; ``phi`` [rad].
-    valid : ndarray of bool, shape (N,)
-        False where missing samples reach.
-    missing : int
-        Number of missing samples in the file.
     half_opening : float
         Half of the angle between the telescopes [rad].
     baseline : tuple of float
         r_1 - r_2 along x and y of the spacecraft [m].
     """
 
-    fs: float
-    time: Array
     series: Mapping[str, Array]
-    valid: NDArray[np.bool_]
-    missing: int
     half_opening: float = HALF_OPENING
     baseline: tuple[float, float] = BASELINE
 
@@ -120,25 +111,16 @@ class Channels:
 def channels(telemetry: Telemetry) -> Channels:
     """Low-pass and decimate what D needs."""
     taps, factor = derivatives.low_pass(telemetry.fs)
-    series: dict[str, Array] = {}
-    touched = absent = np.zeros(1, dtype=bool)
-    for name in CHANNELS:
-        if name not in telemetry.channels or (name[:3] == "F_x" and not np.any(telemetry.channels[name])):
-            continue
-        series[name], masked, missing = derivatives.preprocess(
-            telemetry.channels[name], telemetry.fs, taps, factor
-        )
-        touched, absent = touched | masked, absent | missing
-        if name in _COMMANDS:
-            series[name] = series[name] / telemetry.m_tm
+    raw = ((name, telemetry.channels[name]) for name in CHANNELS if name in telemetry.channels)
+    varying = ((name, x) for name, x in raw if name[:3] != "F_x" or np.any(x))
+    axis, series = reduce_channels(telemetry, varying, taps, factor)
+    for name in set(_COMMANDS) & series.keys():
+        series[name] = series[name] / telemetry.m_tm
     turns = [weight * series.pop(name) for name, weight in _ATTITUDE.items() if name in series]
     series["phi"] = np.sum(turns, axis=0)
     return Channels(
-        fs=telemetry.fs / factor,
-        time=telemetry.time[taps.size // 2 :: factor][: touched.size],
+        **vars(axis),
         series=series,
-        valid=~touched,
-        missing=int(np.count_nonzero(absent)),
         half_opening=_stated(telemetry, "half_opening", HALF_OPENING),
         baseline=(_stated(telemetry, "d_x", BASELINE[0]), _stated(telemetry, "d_y", BASELINE[1])),
     )
