@@ -128,7 +128,12 @@ def analyse(
 
 
 def analyse_terms(
-    run: Terms, start: float, signal_term: str, masked: Sequence[tuple[float, float]] = ()
+    run: Terms,
+    start: float,
+    signal_term: str,
+    masked: Sequence[tuple[float, float]] = (),
+    *,
+    windowed_trend: bool = False,
 ) -> Analysis:
     """Analyse the terms of a run for its figures.
 
@@ -144,10 +149,12 @@ def analyse_terms(
         The term that has the injected signal.
     masked : sequence of tuple of float
         Begin and end [s] of glitches.
+    windowed_trend : bool
+        See `fit.spectra.Estimator`.
     """
     asd, spectra = None, {}
     if run.valid.any():
-        estimator = Estimator(run.valid, run.fs, HIGHEST)
+        estimator = Estimator(run.valid, run.fs, HIGHEST, windowed_trend=windowed_trend)
         spectra = {name: estimator.asd(term) for name, term in run.terms.items()}
         unmasked = run.valid & ~glitch_mask(run.time, masked)
         if np.any(run.delta_g[run.valid]):

@@ -64,7 +64,7 @@ class AnalysedExperiment:
 
     def _analyse(self, run: Telemetry, component: str) -> analysis.Analysis:
         terms = analysis.split_lisa(run, self.parameters, "D_x" if component == "D_x" else "D_y")
-        return analysis.analyse_terms(terms, float(run.time[0]), "dds")
+        return analysis.analyse_terms(terms, float(run.time[0]), "dds", windowed_trend=True)
 
 
 def analysed(results: Results, telemetries: Sequence[Telemetry]) -> dict[str, AnalysedExperiment]:

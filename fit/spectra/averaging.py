@@ -79,9 +79,14 @@ class Estimator:
         Sample rate [Hz].
     highest : float
         Frequency up to which to go [Hz].
+    windowed_trend : bool
+        Whether mean and slope are fitted to the windowed series. Where noise rises with frequency, the ends
+        of a run would give it a slope otherwise.
     """
 
-    def __init__(self, valid: NDArray[np.bool_], fs: float, highest: float) -> None:
+    def __init__(
+        self, valid: NDArray[np.bool_], fs: float, highest: float, *, windowed_trend: bool = False
+    ) -> None:
         n = scipy.fft.prev_fast_len(valid.size)  # the fit leaves out the same
         self._valid = valid[:n]
         self._window = window(self._valid, fs)
@@ -94,6 +99,9 @@ class Estimator:
         self._ramp[~self._valid] = 0.0
         mean = self._ramp.sum() / np.count_nonzero(self._valid)
         np.subtract(self._ramp, mean, out=self._ramp, where=self._valid)
+        self._trend = None
+        if windowed_trend:
+            self._trend = np.stack([self._window, self._window * np.linspace(-1, 1, n)], axis=1)
         self._f = np.arange(1, min(math.floor(highest * n / fs), (n - 1) // 2) + 1) * fs / n
 
     def asd(self, values: Array) -> Binned:
@@ -130,7 +138,10 @@ class Estimator:
         u = self._ramp
         np.subtract(x, x.sum() / np.count_nonzero(self._valid), out=x, where=self._valid)
         x -= u * float(np.sum(u * x)) / float(np.sum(u * u))  # no @: its last bits depend on threads
-        spectrum = scipy.fft.rfft(self._window * x)[1 : self._f.size + 1]
+        windowed = self._window * x
+        if self._trend is not None:
+            windowed -= self._trend @ np.linalg.lstsq(self._trend, windowed)[0]
+        spectrum = scipy.fft.rfft(windowed)[1 : self._f.size + 1]
         return np.asarray(np.abs(spectrum) ** 2 * self._scale, dtype=np.float64)
 
     def _degrees_of_freedom(self, count: NDArray[np.intp]) -> Array:

@@ -8,6 +8,7 @@ import pytest
 import fit
 from fit.figures import analysis
 from fit.report import lisa, page
+from fit.spectra import Estimator
 from tests.oracles import lisa_loop
 
 WORLD = lisa_loop.World()
@@ -42,6 +43,15 @@ def test_residual_lies_on_the_noise():
         signal, residual, level = (np.interp(f, x.f, x.asd) for x in (run.terms["dds"], run.asd, noise.asd))
         assert np.median(residual / level) == pytest.approx(1, abs=0.15)
         assert (signal / residual).max() > 10
+
+
+def test_ends_of_a_run_give_blue_noise_no_slope():
+    n = 20000
+    blue = np.diff(np.random.default_rng(1).standard_normal(n + 2), 2)  # as f^2
+    level = Estimator(np.ones(n, bool), 1.0, 0.5, windowed_trend=True).asd(blue)
+    slow = (level.f > 3e-4) & (level.f < 3e-3)
+    expected = np.sqrt(2) * (2 * np.pi * level.f[slow]) ** 2
+    assert np.median(level.asd[slow] / expected) == pytest.approx(1, abs=0.3)
 
 
 def test_page_and_figures(tmp_path):
