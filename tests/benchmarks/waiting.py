@@ -78,7 +78,7 @@ def machine() -> str:
     memory = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") / 2**30
     name = model[1] if model else platform.machine()
     return (
-        f"{os.cpu_count()} processors ({name}), {memory:.0f} GB of memory, {platform.system()}, "
+        f"a machine with {os.cpu_count()} processors ({name}), {memory:.0f} GB, {platform.system()} and "
         f"Python {platform.python_version()}"
     )
 
@@ -94,7 +94,7 @@ def sentence(description: str, figures: Figures) -> str:
     """Return the figures that stand in the README."""
     runs = {name.removeprefix("run "): of for name, of in figures.items() if name.startswith("run ")}
     seconds = ", ".join(f"`{name}` {of['s']:.0f} s" for name, of in runs.items())
-    return f"`lpfcosim run` takes, on {description}: {seconds}.\n"
+    return f"Run times of [campaigns](docs/campaigns.md) on {description}: {seconds}.\n"
 
 
 def write(texts: Mapping[Path, str]) -> None:
