@@ -6,13 +6,14 @@ Both repeat the fit of the compressed runs, which takes milliseconds each, and r
 import csv
 import math
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from io import StringIO
 from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from fit.errors import InputError
+from fit.errors import FitError, InputError
 from fit.results import (
     CrossChecks,
     Fit,
@@ -24,6 +25,7 @@ from fit.results import (
     sound_joint,
 )
 from fit.tables import Table
+from fit.units import concise_value
 
 if TYPE_CHECKING:
     import pandas
@@ -47,9 +49,17 @@ class CrossCheck:
     rows: tuple[tuple[str | float, ...], ...]
 
     def table(self) -> Table:
-        """Return the numbers in print."""
-        rows = [[cell if isinstance(cell, str) else f"{cell:.6g}" for cell in row] for row in self.rows]
-        return Table(self.head, tuple(map(tuple, rows)))
+        """Return the numbers in print; a value and its sigma share a column."""
+        head, rows = self.head, self.rows
+        if "sigma" in head:
+            i = head.index("sigma")  # after its value
+            head = head[:i] + head[i + 1 :]
+            rows = tuple(
+                (*row[: i - 1], concise_value(float(row[i - 1]), float(row[i])), *row[i + 1 :])
+                for row in rows
+            )
+        texts = ((cell if isinstance(cell, str) else f"{cell:.6g}" for cell in row) for row in rows)
+        return Table(head, tuple(map(tuple, texts)))
 
     def to_dataframe(self) -> "pandas.DataFrame":
         """Return a data frame.
@@ -110,7 +120,7 @@ def _reduced_fits(results: Results, joint: Fit) -> dict[str, dict[str, ReducedEs
     for experiment in results.experiments:
         try:
             outcome = joint.without(experiment)
-        except InputError:  # it takes no part, or is the only one
+        except (InputError, FitError):  # it takes no part, is the only one, or the others have no solution
             continue
         for name, estimate in joint.parameters.items():
             p, has_prior = outcome.params[name], joint.lmfit.params[name].user_data is not None
@@ -173,5 +183,8 @@ def with_cross_checks(results: Results) -> Results:
     joint = results.joint
     if joint is None or joint.unsound or joint.solved is None:
         return results
-    profiles = {name: _profile(joint, name) for name in _varying(joint)}
+    profiles: dict[str, Profile] = {}
+    for name in _varying(joint):
+        with suppress(FitError):  # along one parameter, which costs no result
+            profiles[name] = _profile(joint, name)
     return replace(results, cross_checks=CrossChecks(_reduced_fits(results, joint), profiles))

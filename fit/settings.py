@@ -11,7 +11,7 @@ from pydantic import BeforeValidator, ConfigDict, Field, ValidationError, field_
 from fit.errors import InputError, quote
 from fit.files import Table, closest_match, documents, key, problem, validation_messages
 from fit.parameters import FLIGHT
-from fit.units import concise_value
+from fit.units import prior_text
 
 Estimator = Literal["gaussian", "student_t", "marginalised", "flscov"]  # of the likelihood, or LTPDA's
 Group = Literal["campaign", "alignment_epoch", "experiment"]  # over which a parameter has one value
@@ -102,7 +102,7 @@ class ParameterSettings(Table):
         low, high = self.limits
         words = []
         if self.prior:
-            words.append(f"with the prior {concise_value(*self.prior)}")
+            words.append(f"with the prior {prior_text(*self.prior)}")
         if math.isfinite(low) and math.isfinite(high):
             words.append(f"between {low:.9g} and {high:.9g}")
         elif self.limits != _UNBOUNDED:

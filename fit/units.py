@@ -17,6 +17,7 @@ _PRODUCT = re.compile(r"·|\.(?=[^\W\d_])")  # as in N·m and N.m
 # No unit needs 9^9^9^9 or (9 m)^9999, and none may take for ever.
 _ENDLESS = re.compile(r"\d\s*(?:\^|\*\*)|\d{4}|(?:\)\s*(?:\^|\*\*).*){2}")
 _LONGEST = 80  # letters
+MAX_DECIMALS = 12  # of a value with its sigma in print
 _SPELLING = re.compile(r"[\w°·⁺⁻%^*/.(){}+\-\s]*")  # pint ignores any other sign
 
 
@@ -167,18 +168,29 @@ def decimals(sigma: float) -> int:
     if sigma <= 0:
         return 6
     digits = 1 if math.isclose(float(f"{sigma:.0e}"), sigma, rel_tol=1e-9) else 2
-    return min(12, max(0, digits - 1 - math.floor(math.log10(sigma) + 1e-9)))
+    rounded = float(f"{sigma:.1e}")  # 0.0996 is 0.10
+    return max(0, digits - 1 - math.floor(math.log10(rounded or sigma) + 1e-9))
 
 
 def concise_value(value: float, sigma: float) -> str:
-    """Return a value with its sigma in units of the last digits, ``-3.983(52)e-07``."""
+    """Return a value with its sigma in units of the last digits, ``-3.983(52)e-07``.
+
+    Beyond `MAX_DECIMALS` both are written in full, ``1 ± 3.1e-15``.
+    """
     if not (math.isfinite(value) and 0 < sigma < math.inf):
         return f"{value:.6g}"
     exponent = power_of_ten(max(value, sigma, key=abs))
     scale = 10.0**exponent
     places = decimals(sigma / scale)
-    digits = round(sigma / scale * 10**places)
+    if places > MAX_DECIMALS:
+        return f"{value:.9g} ± {sigma:.1e}"
+    digits = f"{sigma / scale:.{places}f}".replace(".", "").lstrip("0")
     return f"{value / scale:.{places}f}({digits})" + (f"e{exponent:+03d}" if exponent else "")
+
+
+def prior_text(mean: float, sigma: float, unit: str = "") -> str:
+    """Return mean and sigma of a prior as they were stated, not rounded: ``1.07634 ± 0.02``."""
+    return f"{mean:.9g} ± {sigma:.3g} {campaign_unit(unit)}".rstrip()
 
 
 def campaign_unit(unit: str) -> str:

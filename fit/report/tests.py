@@ -5,10 +5,19 @@ from collections.abc import Mapping
 from markupsafe import escape
 
 from fit.false_alarms import FAMILIES
-from fit.parameters import joint_parameter
 from fit.report.section import Section
 from fit.results import Results
-from fit.tables import Cell, Table, measurement, parameter_head, pull_text, signed, symbol
+from fit.tables import (
+    Cell,
+    Table,
+    described_parameter,
+    measurement,
+    parameter_head,
+    pull_text,
+    signed,
+    symbol,
+    unlisted_parameter,
+)
 
 
 def sections(results: Results) -> list[Section]:
@@ -35,7 +44,8 @@ def _cross_checks(results: Results) -> list[Section]:
     )
     limits: list[tuple[Cell, ...]] = []
     for name, profile in checks.profile_likelihood.items():
-        head, exponent = parameter_head(joint_parameter(name))
+        parameter = described_parameter(name) or unlisted_parameter(name, joint[name])
+        head, exponent = parameter_head(parameter)
         sigma = joint[name].sigma
         ends = (None if x is None else signed((x - profile.value) / sigma, 3) for x in profile.limits)
         limits.append((head, measurement(profile.value, sigma, exponent), *ends))

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from fit.display import Displayed
-from fit.units import concise_value
+from fit.units import prior_text
 
 if TYPE_CHECKING:
     from lmfit import Minimizer, Parameters
@@ -53,7 +53,7 @@ class Constraint:
             return f"tied to {self.expr}"
         if self.kind == "fixed":
             return FIXED
-        words = [f"prior {concise_value(*self.prior)}"] if self.prior else []
+        words = [f"prior {prior_text(*self.prior)}"] if self.prior else []
         if self.at_bound:
             words.append(f"at bound {self.min if self.at_bound == 'min' else self.max:.9g}")
         elif (self.min, self.max) != (None, None):

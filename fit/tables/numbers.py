@@ -9,7 +9,7 @@ from markupsafe import Markup, escape
 
 from fit.parameters import Parameter, experiment_parameters, joint_parameter, misalignments
 from fit.results import FIXED, WITHHELD, Estimate, Fit
-from fit.units import decimals, power_of_ten
+from fit.units import MAX_DECIMALS, decimals, power_of_ten
 
 _SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
@@ -26,7 +26,9 @@ class Measurement:
 
     @property
     def concise(self) -> str:
-        """The sigma in brackets, in units of the last digit: ``1.0776(3)``."""
+        """The sigma in brackets, in units of the last digit: ``1.0776(3)``; very small ones in full."""
+        if "e" in self.sigma:
+            return f"{self.value} ± {self.sigma}"
         digits = self.sigma.replace(".", "").lstrip("0") if self.sigma[:1].isdigit() else self.sigma
         return f"{self.value}({digits or 0})"
 
@@ -37,6 +39,8 @@ def measurement(value: float, sigma: float, exponent: int = 0) -> Measurement:
     if sigma == 0:
         return Measurement(f"{value / scale:.9g}".replace("-", "−"), "0")
     places = decimals(sigma / scale)
+    if places > MAX_DECIMALS:
+        return Measurement(f"{value / scale:.9g}".replace("-", "−"), f"{sigma / scale:.1e}")
     return Measurement(signed(value / scale, places), f"{sigma / scale:.{places}f}")
 
 
@@ -73,7 +77,9 @@ def ascii_value(value: float, sigma: float) -> str:
 
 
 def _ascii(number: str, exponent: int) -> str:
-    return number.replace("−", "-") + (f"e{exponent:+03d}" if exponent else "")
+    text = number.replace("−", "-").replace("±", "+/-")
+    power = f"e{exponent:+03d}" if exponent else ""
+    return f"({text}){power}" if "+/-" in text and power else text + power
 
 
 def unit_text(unit: str, exponent: int = 0) -> str:
@@ -101,10 +107,12 @@ def described_parameter(name: str) -> Parameter | None:
 def prose(message: str) -> Markup:
     """Return a message for the page: symbols of parameters, value(uncertainty), typeset powers and units."""
     text = re.sub(r"(?<![\w.])(-?[\d.]+(?:\(\d+\))?)e([-+]\d+)", _power, message)
-    text = re.sub(r"(?<![\w.])-(?=\d)", "−", text)
     text = re.sub(
-        r"\b(kg|m|s|rad|Hz|N)\^?(-?\d+(?:/2)?)\b(?! of)", lambda m: m[1] + m[2].translate(_SUPERSCRIPTS), text
+        r"\b(kg|m|s|rad|Hz|N)\^?(-?\d+(?:/2)?)\b(?! of|\.\d)",
+        lambda m: m[1] + m[2].translate(_SUPERSCRIPTS),
+        text,
     )
+    text = re.sub(r"(?<![\w.])-(?=\d)", "−", text)
     words = re.split(r"\b([A-Za-z]\w*_\w+)\b", text)
     return Markup().join(symbol(word) if i % 2 else escape(word) for i, word in enumerate(words))
 

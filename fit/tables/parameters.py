@@ -83,11 +83,11 @@ def parameter_table(
     undetermined = fit.undetermined
     rows = [p for p in parameters if p.name in fit.parameters or p.name in undetermined]
     names = {p.name for p in rows}
-    rows += [_unlisted(name, e) for name, e in fit.parameters.items() if name not in names]
+    rows += [unlisted_parameter(name, e) for name, e in fit.parameters.items() if name not in names]
     return ParameterTable(tuple(_row(p, fit, has_truth, forecast.get(p.name)) for p in rows), has_truth)
 
 
-def _unlisted(name: str, estimate: Estimate) -> Parameter:
+def unlisted_parameter(name: str, estimate: Estimate) -> Parameter:
     """Return a parameter of which nothing is known but its estimate."""
     return Parameter(name, estimate.value, 0.0, estimate.unit, 0.0, 0, escape(name), "", "", flown=False)
 

@@ -24,7 +24,7 @@ from fit.tilt_to_length.normal_equations import (
     product,
 )
 from fit.tilt_to_length.response import ResponseSpectra, response_spectra
-from fit.units import concise_value
+from fit.units import prior_text
 from fit.warnings import FitWarning
 
 if TYPE_CHECKING:
@@ -42,7 +42,7 @@ MIN_DOF = 1e-3  # of a bin that a fit takes out
 NEGLIGIBLE = 0.05  # part of a blind direction that is not named
 LINK_NOISE = (1e-18, 1e-6)  # m Hz^-0.5, of a link: a range that a wrong unit leaves (choice)
 DWS_ASD = 7e-8 / 335  # rad Hz^-0.5, of lisainstrument: where measurements do not state it
-PRIOR = f"left at the prior, {concise_value(0, 1e3 * WIDTH)} mm/rad"
+PRIOR = f"left at the prior, {prior_text(0, 1e3 * WIDTH)} mm/rad"
 
 
 @dataclass(frozen=True)

@@ -4,7 +4,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from fit.units import campaign_unit, concise_value
+from fit.units import prior_text
 from fit.warnings.causes import Cause
 from fit.warnings.kinds import UNKNOWN, WARNING_KINDS, WarningKind
 
@@ -63,10 +63,7 @@ def distinct_messages(warnings: Iterable[FitWarning]) -> tuple[str, ...]:
 def undetermined(causes: Sequence[Cause], *, is_combination: bool = False) -> str:
     """Return the message on parameters, or parts of a combination, that data leave at their priors."""
     names = ", ".join(cause.channel for cause in causes) + " separately" * is_combination
-    priors = ", ".join(
-        f"{c.channel} = {concise_value(c.size or 0.0, c.sigma or 0.0)} {campaign_unit(c.unit)}".rstrip()
-        for c in causes
-    )
+    priors = ", ".join(f"{c.channel} = {prior_text(c.size or 0.0, c.sigma or 0.0, c.unit)}" for c in causes)
     place = "its prior" if len(causes) == 1 else "their priors"
     return f"the data do not determine {names}: {causes[0].words}; left at {place}: {priors}"
 

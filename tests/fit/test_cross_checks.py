@@ -1,6 +1,7 @@
 """Cross-checks of a joint fit, against fits of the telemetry that remains and Gaussian limits."""
 
 import copy
+import re
 from dataclasses import replace
 
 import lmfit
@@ -8,7 +9,10 @@ import pytest
 from matplotlib.figure import Figure
 
 import fit
+from fit import cross_checks
 from fit.cross_checks import with_cross_checks
+from fit.fitting import SolvedModel
+from fit.report import tests
 from tests.oracles.synthetic import World, pair
 
 
@@ -33,6 +37,43 @@ def test_without_an_experiment_the_fit_is_that_of_the_others(runs, results):
     assert sigma == pytest.approx(others["lambda_2"].sigma, rel=0.1)
     joint = results.joint["lambda_2"]
     assert shift == pytest.approx((value - joint.value) / joint.sigma)
+    table = check.table()
+    assert table.head == ("without", "parameter", "value", "shift")
+    (text,) = [row[2] for row in table.rows if row[:2] == ("C", "lambda_2")]
+    assert re.fullmatch(r"1\.\d+\(\d\d?\)", text)
+
+
+def test_a_check_without_solution_is_left_out(results, monkeypatch):
+    solve, profile = SolvedModel.exclude, cross_checks._profile
+
+    def exclude(model, *runs):
+        if "C" in runs:
+            raise fit.FitError("no solution")
+        return solve(model, *runs)
+
+    def scan(joint, name):
+        if name == "C_2":
+            raise fit.FitError("no solution")
+        return profile(joint, name)
+
+    monkeypatch.setattr(SolvedModel, "exclude", exclude)
+    monkeypatch.setattr(cross_checks, "_profile", scan)
+    checks = with_cross_checks(results).cross_checks
+    assert set(checks.leave_one_out) == {"A", "B"}
+    assert "lambda_2" in checks.profile_likelihood and "C_2" not in checks.profile_likelihood
+
+
+def test_an_unknown_parameter_has_a_row_in_the_report(results):
+    checked = with_cross_checks(results)
+    joint, checks = checked.joint, checked.cross_checks
+    other = {"other": joint["C_2"]}
+    unknown = replace(
+        checked,
+        joint=replace(joint, parameters={**joint.parameters, **other}),
+        cross_checks=replace(checks, profile_likelihood={"other": checks.profile_likelihood["C_2"]}),
+    )
+    (section, *_) = tests.sections(unknown)
+    assert "other" in section.tables[1].rows[0][0]
 
 
 def test_a_profile_of_a_linear_model_is_symmetric(results, tmp_path):

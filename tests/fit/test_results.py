@@ -122,7 +122,7 @@ def test_every_float_survives_to_the_last_bit(tmp_path_factory, value, sigma):
     [
         (Constraint("fixed"), 0.0, "fixed"),
         (Constraint("tied", expr="2 * C_1"), 0.0, "tied to 2 * C_1"),
-        (Constraint("prior", prior=(0.2, 0.1), max=0.3), 0.5, "prior 0.2(1), bounds :0.3"),
+        (Constraint("prior", prior=(0.2, 0.1), max=0.3), 0.5, "prior 0.2 ± 0.1, bounds :0.3"),
         (Constraint("bounds", min=0.2, at_bound="min"), 0.5, "at bound 0.2"),
     ],
 )

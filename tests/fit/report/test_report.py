@@ -25,7 +25,7 @@ from fit.results.estimates import Estimate, Stiffness
 from fit.results.provenance import Provenance
 from fit.tables import numbers, parameter_table
 from fit.telemetry.reader import read
-from fit.warnings import FitWarning
+from fit.warnings import Cause, FitWarning, undetermined
 from tests.oracles.contract_file import write_contract_file
 
 SAMPLES = 3600
@@ -343,6 +343,18 @@ def test_numbers_in_print_read_back(value, places):
 @given(sigma=st.floats(1e-9, 1e6))
 def test_decimals_resolve_a_sigma_to_ten_per_cent(sigma):
     assert abs(round(sigma, numbers.decimals(sigma)) - sigma) <= 0.05 * sigma + 0.5 * (sigma >= 10)
+
+
+def test_units_in_messages_are_typeset():
+    cause = Cause("", "alpha", "undetermined", -2e3, 1e-6, "kg-1 m-1", "nothing drives it")
+    assert str(numbers.prose(undetermined([cause]))).endswith("alpha = −2000 ± 1·10⁻⁶ kg⁻¹ m⁻¹")
+    assert str(numbers.prose("-2 fm s^-2 Hz^-0.5")) == "−2 fm s⁻² Hz^−0.5"
+
+
+def test_a_sigma_beyond_the_decimals_is_printed_in_full():
+    assert numbers.measurement(1.0, 3.1e-15).concise == "1 ± 3.1e-15"
+    assert numbers.concise(Estimate(1e-7, 3e-21, "m")) == "(1 +/- 3.0e-14)e-07"
+    assert numbers.measurement(0.5, 0.0996).concise == "0.50(10)"
 
 
 def test_combinations_in_print():

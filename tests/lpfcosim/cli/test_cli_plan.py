@@ -72,7 +72,7 @@ def test_constraints_of_the_fit_are_printed(lpfcosim, quickstart, tmp_path):
         "SuspensionControl.f_p = { vary = false, value = 5.5e-3 }\n"
     )
     (tmp_path / "mine.toml").write_text(quickstart.read_text(encoding="utf-8") + parameters, encoding="utf-8")
-    stated = "with constraints: C_2 fixed at its flight value; lambda_2 with the prior 1.07760(1)"
+    stated = "with constraints: C_2 fixed at its flight value; lambda_2 with the prior 1.0776 ± 1e-05"
     status, out, err = lpfcosim("forecast", "mine.toml")
     assert status == 0, err
     assert stated in out.splitlines()
