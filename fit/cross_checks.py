@@ -174,7 +174,7 @@ def _varying(joint: Fit) -> list[str]:
 
 
 def _profile(joint: Fit, name: str) -> Profile:
-    low, lower, upper, high = (joint.profile_limit(name, level) for level in LEVELS)
+    low, lower, upper, high = joint.profile_limits(name, LEVELS)
     return Profile(float(joint.lmfit.params[name].value), (low, lower, upper, high))
 
 

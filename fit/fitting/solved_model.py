@@ -9,7 +9,6 @@ from numbers import Real
 from typing import TYPE_CHECKING
 
 import numpy as np
-import scipy
 
 from fit.errors import InputError
 from fit.files import closest_match
@@ -20,7 +19,8 @@ if TYPE_CHECKING:
     import lmfit
     from lmfit.minimizer import MinimizerResult
 
-PROFILE_TOLERANCE = 0.01  # sigma: beyond the last secant, whose error is that squared
+PROFILE_TOLERANCE = 0.01  # of the distance from the estimate: the last step, whose error is that squared
+PROFILE_STEPS = 20
 
 
 @dataclass(frozen=True)
@@ -89,29 +89,39 @@ class SolvedModel:
             raise InputError(f"{', '.join(runs)}: all experiments of this fit, expected one that remains")
         return self._fit(self.model.exclude(*runs), self.result.params)
 
-    def profile_limit(self, name: str, level: float) -> float | None:
-        """Return where the profile likelihood of a parameter that varies falls by a number of sigma.
+    def profile_limits(self, name: str, levels: Sequence[float]) -> tuple[float | None, ...]:
+        """Return where the profile likelihood of a parameter that varies falls by numbers of sigma.
 
         There chi^2 exceeds its minimum by ``level**2``, whatever the other parameters; a negative level is
         that below the estimate. None beyond a bound of the parameter.
         """
         estimate, fixed = self.result.params[name], self.result.params.copy()
         fixed[name].set(vary=False, min=-np.inf, max=np.inf)
+        sigma, limits = float(estimate.stderr), []
+        for level in levels:
+            limit, sigma = self._profile_limit(fixed, name, level, sigma)
+            is_valid = limit is not None and estimate.min <= limit <= estimate.max
+            limits.append(limit if is_valid else None)
+        return tuple(limits)
 
-        def excess(value: float) -> float:
-            fixed[name].value = value
-            return math.sqrt(max(self.model.fit(fixed).chisqr - self.result.chisqr, 0.0)) - abs(level)
+    def _profile_limit(
+        self, fixed: lmfit.Parameters, name: str, level: float, sigma: float
+    ) -> tuple[float | None, float]:
+        """Return a limit, None if it is not reached, and its distance from the estimate per sigma of `level`.
 
-        start = estimate.value + level * estimate.stderr
-        limit = scipy.optimize.root_scalar(  # all but linear
-            excess,
-            method="secant",
-            x0=start,
-            x1=start - 0.02 * level * estimate.stderr,
-            xtol=PROFILE_TOLERANCE * estimate.stderr,
-        )
-        is_valid = limit.converged and estimate.min <= limit.root <= estimate.max
-        return float(limit.root) if is_valid else None
+        The root of the increase of chi^2 is all but proportional to the distance, `sigma` a first guess of
+        its slope: each step scales the distance to the level.
+        """
+        estimate = self.result.params[name]
+        for _ in range(PROFILE_STEPS):
+            fixed[name].value = estimate.value + level * sigma
+            increase = self.model.fit(fixed).chisqr - self.result.chisqr
+            if increase <= 0:
+                break
+            previous, sigma = sigma, sigma * abs(level) / math.sqrt(increase)
+            if abs(sigma - previous) < PROFILE_TOLERANCE * sigma:
+                return float(estimate.value + level * sigma), sigma
+        return None, float(estimate.stderr)
 
     def _fit(self, model: JointModel, params: lmfit.Parameters) -> MinimizerResult:
         """Fit with weak priors of what is not determined."""

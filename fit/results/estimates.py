@@ -1,6 +1,7 @@
 """Records of a fit: estimates and their constraints, diagnostics, stiffness, cross-checks."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated, Literal, Protocol
 
@@ -204,5 +205,5 @@ class SolvedModel(Protocol):
     def exclude(self, *runs: str) -> "MinimizerResult":
         """Return the fit without some of the experiments."""
 
-    def profile_limit(self, name: str, level: float) -> float | None:
-        """Return where the profile likelihood of a parameter falls by a number of sigma."""
+    def profile_limits(self, name: str, levels: Sequence[float]) -> tuple[float | None, ...]:
+        """Return where the profile likelihood of a parameter falls by numbers of sigma."""

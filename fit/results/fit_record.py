@@ -1,6 +1,6 @@
 """The record of one fit, and those of a section of results by their key."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Literal, NoReturn, overload
 
@@ -111,12 +111,12 @@ class Fit(Displayed):
         """Fit the compressed runs again without some of the experiments, which takes milliseconds."""
         return self._solved.exclude(*runs)
 
-    def profile_limit(self, name: str, level: float) -> float | None:
-        """Return where the profile likelihood of a parameter falls by a number of sigma, signed.
+    def profile_limits(self, name: str, levels: Sequence[float]) -> tuple[float | None, ...]:
+        """Return where the profile likelihood of a parameter falls by numbers of sigma, which are signed.
 
         None beyond a bound. ``lmfit.conf_interval`` yields the same, with more fits.
         """
-        return self._solved.profile_limit(name, level)
+        return self._solved.profile_limits(name, levels)
 
     @property
     def _solved(self) -> SolvedModel:

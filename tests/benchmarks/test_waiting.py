@@ -40,6 +40,6 @@ def test_figures_come_between_their_marks(tmp_path, monkeypatch, capsys):
 def test_a_command_is_measured(tmp_path):
     figures = waiting.measure(["--version"], tmp_path)
     assert 0 < figures["cpu"] < 60
-    assert 5 < figures["mb"] < 500
+    assert figures["mb"] > 5  # a child begins with the peak of its parent, here that of the tests
     with pytest.raises(SystemExit, match="status 2"):
         waiting.measure(["no-such-command"], tmp_path)

@@ -102,8 +102,9 @@ def test_a_profile_ends_at_a_bound(results):
     solved = replace(results.joint.solved, result=copy.deepcopy(results.joint.lmfit))
     p = solved.result.params["lambda_2"]
     p.max = p.value + 1.5 * p.stderr
-    assert solved.profile_limit("lambda_2", 1) == pytest.approx(p.value + p.stderr, abs=0.1 * p.stderr)
-    assert solved.profile_limit("lambda_2", 2) is None
+    limit, beyond = solved.profile_limits("lambda_2", [1, 2])
+    assert limit == pytest.approx(p.value + p.stderr, abs=0.1 * p.stderr)
+    assert beyond is None
 
 
 def test_a_file_states_the_cross_checks(results, tmp_path):

@@ -116,7 +116,7 @@ def test_commands_late_in_every_run_leave_out_none():
     results = calibrate([channel("f_x_2", lambda f: np.roll(f, 5))(run) for run in campaign()])
     (warning,) = results.joint.unsound
     assert (warning.code, warning.parameters) == ("acausal", ("C_2",))
-    assert warning.message.startswith("f_x_2 acts 4.83")
+    assert warning.message.startswith("f_x_2 acts 4.827")
     assert not left_out(results)
     assert "glitches" not in {w.code for w in results.joint.warnings}
     check_estimates(results.joint, but=("C_2",))
@@ -155,7 +155,7 @@ def test_an_exchange_of_two_runs_is_named():
 @pytest.mark.parametrize(
     ("counts", "expected"),  # from 1e11 or 1e12 on, rounding leaves nothing of what they say
     [
-        (3e9, r"A-sysid.*: o_12 is 3\.?\d*e\+09 .*times its correct value"),
+        (3e9, r"A-sysid.*: o_12 is 3\.\d*\(\d+\)e\+09 times its correct value"),
         (3e13, "channels do not follow the equation"),
     ],
 )

@@ -122,7 +122,7 @@ def test_without_angles_the_bias_is_the_reported_one(quiet_day):
     fit = fitted(lacking(quiet_day[0], "o_phi", "o_eta"), world=LOW_NOISE)
     warnings = [w for w in fit.warnings if w.code == "no_wavefront_angle"]
     assert [w.parameters for w in warnings] == [("delta_phi",), ("delta_eta",)]
-    assert "0.8 of its value" in warnings[0].message
+    assert "0.8 of its true value" in warnings[0].message
     for name, estimate in fit.parameters.items():
         assert estimate.value / TRUTH[name] == pytest.approx(0.8, abs=0.08)
 

@@ -13,11 +13,9 @@ import fit
 from fit.errors import InputError
 from fit.telemetry.archive_conversion import convert
 from fit.telemetry.reader import read, read_all
-from tests import ROOT
 from tests.oracles.contract_file import write_contract_file
 from tests.oracles.synthetic import World, pair
 
-DOCUMENT = ROOT / "docs" / "archives.md"
 COLUMNS = {"o_1": "OMS_x1", "o_12": "OMS_x12", "f_x_1": "a1", "f_x_2": "a2"}
 UNITS = {"o_1": "m", "o_12": "m", "f_x_1": "m s-2", "f_x_2": "m s-2"}
 SHARED = ("F_max_1", "F_max_2", "N_max_1", "N_max_2", "alignment_epoch", "m_tm")
@@ -211,22 +209,6 @@ def test_delta_g_is_had_of_a_run_with_many_gaps(archive, tmp_path):
         assert np.isnan(h5["f_x_2"][:]).sum() == 2000
     with pytest.raises(InputError, match=r"E1-sysid\.csv: column a2 \(channel f_x_2\): nan from sample 998 "):
         convert([map_path], tmp_path / "reference", any_gaps=False)
-
-
-def test_the_example_of_the_documentation(tmp_path):
-    text, *_ = re.findall(r"```toml\n(.*?)```", DOCUMENT.read_text(encoding="utf-8"), re.DOTALL)
-    (tmp_path / "mission.toml").write_text(text)
-    values = np.arange(100.0)
-    names = ("t", "OMS_x1", "OMS_x12", "a1_cmd", "a2_cmd", "torque")
-    for file in ("2016-04-16.csv", "quiet.csv"):
-        as_csv(tmp_path / file, dict.fromkeys(names, values) | {"t": 500.0 * values}, ";")
-    converted = read_all(convert([tmp_path / "mission.toml"], tmp_path / "telemetry", any_gaps=False))
-    assert [(run.run, run.fs, run.F_max_2) for run in converted] == [
-        ("A1-noise", 2.0, 2.2e-9),
-        ("A1", 2.0, 2.2e-9),
-    ]
-    np.testing.assert_allclose(converted[0].channels["f_x_1"], 1e-12 * values, rtol=1e-15)
-    np.testing.assert_array_equal(converted[0].channels["N_phi_1"], values)
 
 
 def in_map(old, new):
