@@ -11,8 +11,9 @@ from fit.errors import InputError
 from fit.forecasting.expected_euler_fit import expected_periods
 from fit.settings import settings
 from lpfcosim.campaign import loading
-from lpfcosim.linear import spectral_simulation
+from lpfcosim.linear import ClosedLoop, spectral_simulation
 from lpfcosim.planned_experiments import planned_noise_runs, telemetry_of
+from lpfcosim.signals import decimation
 from lpfcosim.spacecraft import Noise
 from lpfcosim.workflows.montecarlo_trial import SpectralSimulator
 from tests import ROOT
@@ -50,6 +51,18 @@ def test_sigmas_are_those_of_the_campaign_through_fmus(plan):
         truth = {"delta_phi": drawn.delta_phi, "delta_eta": drawn.delta_eta}
         for name, estimate in fit.parameters.items():
             assert abs(estimate.value - truth[name]) < 0.2 * estimate.sigma
+
+
+@pytest.mark.long
+def test_agrees_with_a_fit_of_the_reference_plant(plan):
+    run = next(run for run in plan.runs if run.experiment == "P3a")
+    run = replace(run, n_samples=run.n_samples // 3 * 2)
+    channels = ClosedLoop(run).simulate()
+    low_pass = decimation.taps(10)
+    filtered = {name: np.convolve(channels[name], low_pass, "valid")[::10] for name in CHANNELS}
+    fit = fit_period([telemetry_of(run, filtered)], calibration().joint)
+    # the spacecraft turns by noise of few bins, and by how much happens
+    assert sigmas(expected_fits(run)["3"]) == pytest.approx(sigmas(fit), rel=0.2)
 
 
 @pytest.mark.slow

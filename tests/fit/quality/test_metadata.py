@@ -99,6 +99,17 @@ def test_kinds_that_are_exchanged():
 _EXCHANGED = (("sysid", "noise"), ("noise", "sysid"))
 
 
+@pytest.mark.long
+def test_every_experiment_that_is_called_noise_is_named():
+    campaign = thirteen.campaign().values()
+    experiments = {e.name: e for e in pair(list(campaign))}
+    for name in experiments:
+        remaining = [e for e in experiments.values() if e.name != name]
+        noise_runs = [replace(r, kind="noise") for r in campaign if r.experiment == name]
+        (fault,) = metadata.mislabelled(remaining, noise_runs)
+        assert fault.reason.startswith(f"{name}-sysid.h5: attribute kind: 'noise', but o_")
+
+
 def test_an_experiment_that_is_called_noise_is_named_in_the_joint_fit():
     campaign = thirteen.campaign(names=("A1", "B2"))
     campaign["B2-sysid"] = replace(campaign["B2-sysid"], kind="noise")

@@ -1,6 +1,7 @@
 """Telemetry in CSV, MATLAB and FITS: the same numbers as in HDF5, and one sentence for whatever is wrong."""
 
 import gzip
+import json
 import re
 
 import h5py
@@ -184,6 +185,29 @@ def test_no_time_column(runs, tmp_path):
     (tmp_path / "map.toml").write_text(text.replace("[attributes]", '[attributes]\nfs = "500 mHz"'))
     (path,) = convert([tmp_path / "map.toml"], tmp_path / "telemetry", any_gaps=False)
     np.testing.assert_allclose(read(path).time, 2.0 * runs[0].time)
+
+
+@pytest.mark.slow
+def test_fit_report_and_delta_g_of_a_map(lpfcosim, archive, contract, tmp_path):
+    map_path = archive("csv")
+    for paths, out in (([contract], "plain"), ([map_path], "mapped")):
+        status, _, err = lpfcosim("fit", *paths, "--include-short", "--out", out)
+        assert status == 0, err
+    plain, mapped = (json.loads((tmp_path / d / "results.json").read_text()) for d in ("plain", "mapped"))
+    assert mapped["joint"] == plain["joint"]
+    assert mapped["experiments"] == plain["experiments"]
+    assert mapped["provenance"]["telemetry"] == ["telemetry/E1-noise.h5", "telemetry/E1-sysid.h5"]
+    status, _, err = lpfcosim("report", "mapped")
+    assert status == 0, err
+    for paths, out in (([contract], "plain-g"), ([map_path], "mapped-g")):
+        status, _, err = lpfcosim("deltag", *paths, "--calibration", "plain/results.json", "--out", out)
+        assert status == 0, err
+    with (
+        h5py.File("plain-g/E1-noise-deltag.h5") as plain_run,
+        h5py.File("mapped-g/E1-noise-deltag.h5") as second,
+    ):
+        np.testing.assert_array_equal(plain_run["delta_g"][:], second["delta_g"][:])
+        assert second.attrs["archive"] == "E1-noise.csv"
 
 
 def test_what_was_converted_before_is_replaced_other_telemetry_never(lpfcosim, archive, contract, tmp_path):

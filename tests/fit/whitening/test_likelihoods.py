@@ -54,3 +54,21 @@ def test_bands_hold_every_bin_once_and_enough_of_them():
     assert np.concatenate([np.arange(f.size)[b] for b in bands]).tolist() == list(range(f.size))
     assert min(b.stop - b.start for b in bands) >= likelihoods.BAND
     assert likelihoods.frequency_bands(f[:10]) == [slice(0, 10)]
+
+
+def test_student_t_bears_outliers():
+    f = np.arange(1, 2001) * 5e-5
+    rng = np.random.default_rng(3)
+    x = rng.standard_normal((2000, 2)) @ [1, 1j]
+    errors = {}
+    for kind in ("gaussian", "student_t"):
+        estimates = []
+        for _ in range(50):
+            y = rng.standard_normal((2000, 2)) @ [1, 1j] * np.where(rng.random(2000) < 0.02, 20.0, 1.0)
+            a = 0.0
+            for _ in range(30):
+                w = likelihoods.weights(kind, f, np.abs(y - a * x) ** 2).fit
+                a = np.sum(w * (x.conj() * y).real) / np.sum(w * np.abs(x) ** 2)
+            estimates.append(a)
+        errors[kind] = np.std(estimates)
+    assert errors["student_t"] < 0.5 * errors["gaussian"]

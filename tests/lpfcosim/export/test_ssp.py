@@ -3,6 +3,8 @@
 import sys
 import zipfile
 from collections import Counter
+from io import BytesIO
+from pathlib import Path
 
 import fmpy.ssp
 import pytest
@@ -20,6 +22,7 @@ from tests.campaign_text import ONE_EXPERIMENT
 
 pytestmark = pytest.mark.fmu
 
+SCHEMAS = Path(fmpy.ssp.__file__).parent / "schema"  # of the standard
 SSD = "{http://ssp-standard.org/SSP1/SystemStructureDescription}"
 SSV = "{http://ssp-standard.org/SSP1/SystemStructureParameterValues}"
 SSC = "{http://ssp-standard.org/SSP1/SystemStructureCommon}"
@@ -58,6 +61,16 @@ def expected_connections():
         for variable, source in component.inputs.items()
         if "." in source
     ]
+
+
+@pytest.mark.parametrize("kind", ["ssd", "ssv"])
+def test_fits_the_schema(members, kind):
+    schema = {"ssd": "Description", "ssv": "ParameterValues"}[kind]
+    schema = etree.XMLSchema(file=str(SCHEMAS / f"SystemStructure{schema}.xsd"))
+    checked = [name for name in members if name.endswith(kind)]
+    for name in checked:
+        schema.assertValid(etree.parse(BytesIO(members[name])))
+    assert len(checked) == {"ssd": 1, "ssv": 4}[kind]
 
 
 def test_components_stand_in_the_order_of_the_steps(archive):

@@ -131,7 +131,175 @@ def test_momentum_is_conserved_without_external_forces(simulate):
         assert smaller == pytest.approx(lost / 4, rel=0.01)
 
 
+MODES = {
+    # degree of freedom: what multiplies omega2 if both test masses move alike, and oppositely
+    "x": (1 + 2 * M_TM / M_SC, 1),
+    "y": (1 + 2 * M_TM / M_SC, 1 + M_TM * D**2 / (2 * I_SC[2])),
+    "z": (1 + 2 * M_TM / M_SC, 1 + M_TM * D**2 / (2 * I_SC[1])),
+    **{k: (1 + 2 * I_TM / I_k, 1) for k, I_k in zip(ANGLES, I_SC, strict=True)},
+}
+
+
+@pytest.mark.parametrize("freedom", MODES)
+@pytest.mark.parametrize("alike", [True, False])
+@pytest.mark.parametrize("omega2", [9e-4, -4e-4])
+def test_each_degree_of_freedom_is_an_oscillator(simulate, freedom, alike, omega2):
+    i = [*AXES, *ANGLES].index(freedom)
+    state, one = "s" if i < 3 else "angle", 1e-9 * np.eye(3)[i % 3]
+    stiffness = ("omega2_1_0", "omega2_2_0") if freedom == "x" else (f"omega2_{freedom}",)
+    start = {
+        **LOOSE, **dict.fromkeys(stiffness, omega2),
+        **vector(f"testMass_1.{state}", one if alike else -one), **vector(f"testMass_2.{state}", one),
+    }  # fmt: skip
+    got = simulate("WholePlant", 100, start, output=(f"{freedom}_2",))
+    omega = np.sqrt(complex(omega2 * MODES[freedom][not alike]))
+    expected = 1e-9 * np.cos(omega * got["time"]).real
+    np.testing.assert_allclose(got[f"{freedom}_2"], expected, atol=1e-9 * 1e-13)
+
+
+def ramp(t):
+    """Integral of the response of the thrusters, of lag 0.15 s, to a step."""
+    return t + 0.15 * np.expm1(-t / 0.15)
+
+
+MOTION = [f"{k}_{j}" for j in (1, 2) for k in (*AXES, *ANGLES)]
+THRUST = [*(f"a_{k}_sc" for k in AXES), *(f"Omega_{k}" for k in ANGLES)]
+FORCES = {  # input: outputs that could move, the one that does, its delay, its response to a step of 1
+    **{f"F_{k}_sc": (THRUST, f"a_{k}_sc", 0.234, lambda t: -np.expm1(-t / 0.15) / M_SC) for k in AXES},
+    **{
+        f"N_{k}_sc": (THRUST, f"Omega_{angle}", 0.234, lambda t, I_k=I_k: ramp(t) / I_k)
+        for k, angle, I_k in zip(AXES, ANGLES, I_SC, strict=True)
+    },
+    "f_applied_1": (MOTION, "x_1", 0.14, lambda t: t**2 / 2),
+    "f_applied_2": (MOTION, "x_2", 0.16, lambda t: t**2 / 2),
+    **{
+        f"F_applied_{k}_{j}": (MOTION, f"{k}_{j}", 0.123, lambda t: t**2 / 2 / M_TM)
+        for j in (1, 2)
+        for k in "yz"
+    },
+    **{
+        f"N_applied_{k}_{j}": (MOTION, f"{k}_{j}", 0.123, lambda t: t**2 / 2 / I_TM)
+        for j in (1, 2)
+        for k in ANGLES
+    },
+}
+
+
+@pytest.mark.parametrize("force", FORCES)
+def test_each_force_acts_after_its_delay_and_lag(simulate, force):
+    output, moved, delay, response = FORCES[force]
+    size = 1e-6 if output is THRUST else 1e-9
+    start = {**LOOSE, "tau_sc": 0.234, "T_sc": 0.15, "tau_1": 0.14, "tau_2": 0.16, "tau_es": 0.123}
+    if output is MOTION:  # without recoil of the spacecraft
+        start |= dict.fromkeys(("m_sc", "I_xx_sc", "I_yy_sc", "I_zz_sc"), 1e15)
+    step = {"time": np.array([0, 0.9, 1, 5]), force: np.array([0, 0, size, size])}
+    got = simulate("WholePlant", 5, start, step, output=output)
+    expected = size * response(np.clip(got["time"] - 1 - delay, 0, None))
+    for name in output:
+        np.testing.assert_allclose(got[name], expected if name == moved else 0, atol=1e-12 * expected.max())
+
+
+def test_along_x_it_is_the_plant_along_x(simulate):
+    sizes = {"f_applied_1": 1e-11, "f_applied_2": 1e-11, "F_x_sc": 1e-6, "g_1": 1e-13, "g_2": 1e-13,
+             "F_noise_x_sc": 1e-6}  # fmt: skip
+    rng = np.random.default_rng(5)
+    signals = {name: size * rng.standard_normal(5001) for name, size in sizes.items()}
+    start = {"F_max_1": 1e-9, "tau_1": 0.17, "T_sc": 0.3}
+    wanted = simulate("Plant", 500, start, signals, output=("x_1", "x_2", "a_SC"))
+    got = simulate("WholePlant", 500, start, signals, output=("x_1", "x_2", "a_x_sc", "y_1", "Omega_eta"))
+    for name, other in (("x_1", "x_1"), ("x_2", "x_2"), ("a_x_sc", "a_SC")):
+        np.testing.assert_allclose(got[name], wanted[other], atol=1e-12 * np.abs(wanted[other]).max())
+    assert not got["y_1"].any()
+    assert not got["Omega_eta"].any()
+
+
+APPARENT = {  # rate [rad/s] and angular acceleration [rad/s2]: apparent acceleration x_2'' - x_1''
+    "centrifugal phi": (rate([0, 0, 2e-5]), {}, 4e-10 * D),
+    "centrifugal eta": (rate([0, -2e-5, 0]), {}, 4e-10 * D),
+    "none by theta": (rate([3e-5, 0, 0]), {}, 0),
+    "Euler phi": ({}, {"N_noise_z_sc": 1e-9}, 1e-9 * 2e-3),
+    "Euler eta": ({}, {"N_noise_y_sc": 1e-9}, 1e-9 * 1e-3),
+    "none by dOmega_theta": ({}, {"N_noise_x_sc": 1e-9}, 0),
+}
+
+
+@pytest.mark.parametrize("case", APPARENT)
+def test_rotation_pulls_the_test_masses_apart(simulate, case):
+    start, torques, expected = APPARENT[case]
+    signals = {name: np.full(101, 200 * dOmega) for name, dOmega in torques.items()}
+    offsets = {"delta_y": 2e-3, "delta_z": -1e-3}
+    got = simulate("WholePlant", 10, {**LOOSE, **ROUND, **offsets, **start}, signals, ("x_1", "x_2"))
+    apart = got["x_2"] - got["x_1"]
+    np.testing.assert_allclose(apart, expected * got["time"] ** 2 / 2, atol=1e-3 * 50 * max(expected, 1e-12))
+
+
+def test_lateral_place_pulls_along_x(simulate):
+    places = {**vector("testMass_1.s", [0, 2e-6, 0]), **vector("testMass_2.s", [0, 0, 4e-6])}
+    start = {**LOOSE, **places, "m_sc": 1e9, "b_5": 3e-7, "b_6": -2e-7}
+    got = simulate("WholePlant", 10, start, output=("x_1", "x_2"))
+    expected = -(3e-7 * 1e-6 - 2e-7 * 2e-6) * got["time"] ** 2 / 2
+    np.testing.assert_allclose(got["x_2"], expected, atol=1e-9 * np.abs(expected).max())
+    assert np.abs(got["x_1"]).max() < 1e-7 * np.abs(expected).max()
+
+
 # Sensors and actuators ------------------------------------------------------------------------------------
+
+
+def test_read_outs_are_positions_and_noise(simulate):
+    names = [f"{k}_{j}" for j in (1, 2) for k in (*AXES, *ANGLES)]
+    true = {n: (i + 1) * 1e-9 for i, n in enumerate(names)}
+    noise = {f"n_grs_{n}": (3 * i + 1) * 1e-10 for i, n in enumerate(names)}
+    got = simulate("InertialSensor", 0.1, {**true, **noise}, output=[f"grs_{n}" for n in names])
+    for n in names:
+        assert got[f"grs_{n}"][-1] == true[n] + noise[f"n_grs_{n}"]
+    true = {"Theta": 1e-3, "Eta": 2e-3, "Phi": 4e-3}
+    noise = {"n_ast_theta": 5e-5, "n_ast_eta": 6e-5, "n_ast_phi": 7e-5}
+    got = simulate("StarTracker", 0.1, {**true, **noise}, output=[f"ast_{k}" for k in ANGLES])
+    assert [got[f"ast_{k}"][-1] for k in ANGLES] == [1e-3 + 5e-5, 2e-3 + 6e-5, 4e-3 + 7e-5]
+
+
+def test_jitter_couples_into_the_differential_read_out(simulate):
+    still = simulate("WholeMetrology", 0.1, {"x_1": 2e-9, "x_2": 5e-9, "delta_ifo": 1e-2}, output=("o_12",))
+    assert still["o_12"][-1] == pytest.approx(3e-9 + 2e-11, rel=1e-12)
+    b = {"phi": "b_1", "eta": "b_2", "y": "b_3", "z": "b_4"}
+    for k, coefficient in b.items():
+        start = {"delta_ifo": 0, coefficient: 2e-5, f"{k}_1": 1e-8, f"{k}_2": 5e-8, "n_12": 7e-14}
+        got = simulate("WholeMetrology", 0.1, start, output=("o_12",))
+        assert got["o_12"][-1] == pytest.approx(7e-14 - 2e-5 * 3e-8, rel=1e-12), k
+    true = {"phi_1": 1e-8, "phi_2": 4e-8, "eta_1": 2e-8}
+    noise = {"n_phi_1": 1e-10, "n_phi_12": 2e-10, "n_eta_12": 3e-10}
+    got = simulate(
+        "WholeMetrology", 0.1, {**true, **noise}, output=("o_phi_1", "o_phi_12", "o_eta_1", "o_eta_12")
+    )
+    expected = [1.01e-8, 3.02e-8, 2e-8, -1.97e-8]
+    np.testing.assert_allclose([got[n][-1] for n in got if n != "time"], expected, rtol=1e-12)
+
+
+def test_commands_stay_within_their_authority(simulate):
+    start = {"F_max_yz": 5e-11, "N_max_theta": 1e-12, "N_max_eta": 2e-12, "N_max_1": 3e-12, "N_max_2": 4e-12,
+             "F_max_1": 6e-12, "F_max_2": 7e-12, "lambda_1": 1.1, "lambda_2": 1.2, "lambda_N": 1.3,
+             "leak_phi_1": 40.0, "kappa_phi": 30.0, "kappa_eta": -20.0, "f_x_1_jitter": 1e-14}  # fmt: skip
+    limits = {
+        **{f"F_{k}_{j}": 5e-11 for j in (1, 2) for k in "yz"},
+        **{f"N_theta_{j}": 1e-12 for j in (1, 2)}, **{f"N_eta_{j}": 2e-12 for j in (1, 2)},
+        "N_phi_1": 3e-12, "N_phi_2": 4e-12,
+    }  # fmt: skip
+    gains = {n: 1.3 if n[0] == "N" else {"1": 1.1, "2": 1.2}[n[-1]] for n in limits}
+    output = [*limits, *(n.replace("_", "_applied_", 1) for n in limits)]
+    along_x = ("f_x_1", "f_x_2", "f_applied_1", "f_applied_2")
+    for share in (-3, -0.5, 0.25, 2):
+        asked = {n.replace("_", "_control_", 1): share * limit for n, limit in limits.items()}
+        asked |= {"F_x_1": share * 6e-12, "F_x_2": 2 * share * 7e-12, "f_control_2": -share * 7e-12 / M_TM}
+        got = simulate("WholeActuation", 0.1, {**start, **asked}, output=(*output, *along_x))
+        within = np.clip(share, -1, 1)
+        for n, limit in limits.items():
+            assert got[n][-1] == pytest.approx(within * limit, rel=1e-14), n
+            assert got[n.replace("_", "_applied_", 1)][-1] == pytest.approx(gains[n] * within * limit), n
+        f_x_1 = within * (6e-12 + 40 * 3e-12) / M_TM + 1e-14
+        f_x_2 = within * 7e-12 / M_TM
+        crossed = within * (30 * 4e-12 - 20 * 2e-12) / M_TM
+        expected = f_x_1, f_x_2, 1.1 * f_x_1, 1.2 * f_x_2 + crossed
+        np.testing.assert_allclose([got[n][-1] for n in along_x], expected, rtol=1e-13)
 
 
 # Controllers ----------------------------------------------------------------------------------------------

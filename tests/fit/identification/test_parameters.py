@@ -1,0 +1,54 @@
+"""The map from joint parameters to those of an experiment where gains and delays deviate."""
+
+import numpy as np
+import pytest
+
+from fit.fitting import random_effects
+from fit.identification.parameters import _view
+from fit.parameters import FLIGHT
+
+RATIO = FLIGHT["C_2"].value / FLIGHT["lambda_2"].value
+
+
+def view(loop_names, deviating):
+    """Return the view of the second of two experiments with parameters of its loop and deviations."""
+    return _view(np.eye(len(loop_names)), loop_names, [], deviating, 1, 2)
+
+
+@pytest.mark.parametrize(
+    ("loop_names", "deviating", "along", "entries"),
+    [
+        (("lambda_2", "C_2"), ["lambda_2"], (), {"lambda_2": 1.0, "C_2": RATIO}),
+        # the loop keeps its delay
+        (("lambda_2",), ["lambda_2"], (), {"lambda_2": 1.0}),
+        # of a gain that the loop holds, force and delay come from what was measured
+        (("omega2_2_0",), ["lambda_2"], ("lambda_2", "C_2"), {"lambda_2": 1.0, "C_2": RATIO}),
+        (("C_2",), ["lambda_2"], ("lambda_2",), {"lambda_2": 1.0, "C_2": RATIO}),
+    ],
+)
+def test_a_gain_deviates_with_the_delay_of_its_force(loop_names, deviating, along, entries):
+    experiment_view = view(loop_names, deviating)
+    assert experiment_view.measured_names == along
+    of_run = [*loop_names, *along]
+    expected = np.zeros((len(of_run), len(loop_names) + 2))
+    expected[: len(loop_names), : len(loop_names)] = np.eye(len(loop_names))
+    for name, value in entries.items():
+        expected[of_run.index(name), -1] = value  # the deviation of the second experiment
+    np.testing.assert_array_equal(experiment_view.parameter_map, expected)
+
+
+def test_a_delay_that_deviates_with_a_gain_of_the_loop_counts_once():
+    experiment_view = view(("lambda_2",), ["lambda_2", "C_2"])
+    assert experiment_view.measured_names == ("C_2",)
+    np.testing.assert_array_equal(experiment_view.parameter_map, [[1, 0, 1, 0, 0], [0, 0, 0, 0, 1]])
+
+
+def test_the_map_of_the_fit_is_the_same():
+    plain = np.arange(16.0).reshape(8, 2)
+    names = ("lambda_1", "C_2")
+    share = random_effects.extend_map(plain, names, 0, 2)
+    assert share.shape == (8, 6)
+    np.testing.assert_array_equal(share[:, :2], plain)
+    deviations = share[:, 2:]
+    assert [int(i) for i in np.flatnonzero(deviations.any(axis=1))] == [0, 2, 3]
+    assert deviations[2, 0] == pytest.approx(FLIGHT["C_1"].value / FLIGHT["lambda_1"].value)
