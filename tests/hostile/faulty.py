@@ -18,7 +18,7 @@ FAULTS = {
     "nan": "broken = 1;",
 }
 _HEAD = "#include <math.h>\n#include <signal.h>\n#include <stdio.h>\nstatic int broken;\n"
-_LOAD = "    (void)intermediate, (void)n_intermediate, (void)update;\n"
+_LOAD = "    if (!token || strcmp(token, model_token)) {\n"
 _STEP = "    const char *problem = instance_step(m, time, step);\n"
 _GET = "    return status_of(m, instance_get(m, vr, n, values));\n"
 _SPOILT_GET = """\
