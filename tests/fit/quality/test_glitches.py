@@ -105,9 +105,9 @@ def simulated(quickstart):
     runs = {run.name: run for run in loading.load(quickstart).runs}
 
     @cache
-    def simulate(name, *pulses, noise=None):
+    def simulate(name, *pulses, noise=True):
         run = replace(runs[name], injections=(*runs[name].injections, *pulses))
-        run = replace(run, noise=noise or run.noise)
+        run = run if noise else replace(run, noise=Noise())
         return recorded(run, simulate_reference(run))
 
     return simulate
@@ -158,8 +158,8 @@ def test_twenty_glitches_in_a_campaign_move_nothing(simulated):
 @pytest.mark.long
 def test_what_masks_leave_of_glitches_is_no_bias(simulated):
     # Without noise in the sysid run, a departure from the truth is due to glitches, masked or overlooked.
-    run, noise = simulated("B", noise=Noise()), simulated("B-noise")
-    struck = experiment([simulated("B", *draw(5, 20), noise=Noise()), noise])
+    run, noise = simulated("B", noise=False), simulated("B-noise")
+    struck = experiment([simulated("B", *draw(5, 20), noise=False), noise])
     after, _ = search(struck)
     truth, sigma = estimate(fit_experiment(experiment([run, noise])))
     assert np.max(np.abs(estimate(fit_experiment(struck))[0] - truth) / sigma) > 20
