@@ -147,8 +147,7 @@ def margins(measurements: Measurements, band: tuple[float, float] = BAND) -> tup
     fs = measurements.fs
     if fs < 5 * band[1]:
         raise InputError(f"{measurements.path}: sampled at {fs:g} Hz, expected {5 * band[1]:g} Hz or more")
-    longest = michelson.longest_delay(measurements.delays)
-    lead, tail = (math.ceil((x + SETTLING) * fs) + derivatives.HALF for x in (longest, 0.0))
+    lead, tail = _ends(fs, measurements.delays)
     shortest = SHORTEST + (lead + tail) / fs
     if measurements.duration < shortest:
         raise InputError(
@@ -156,6 +155,27 @@ def margins(measurements: Measurements, band: tuple[float, float] = BAND) -> tup
             "which the delays take a part"
         )
     return lead, tail
+
+
+def _ends(fs: float, delays: Mapping[str, float]) -> tuple[int, int]:
+    """Return how many samples delays and interpolation take at the beginning and at the end."""
+    longest = michelson.longest_delay(delays)
+    lead, tail = (math.ceil((x + SETTLING) * fs) + derivatives.HALF for x in (longest, 0.0))
+    return lead, tail
+
+
+def filter_duration(fs: float, delays: Mapping[str, float]) -> float:
+    """Return what delays and filters take of measurements before they are fitted [s].
+
+    Parameters
+    ----------
+    fs : float
+        Sample rate [Hz].
+    delays : mapping of str to float
+        Light travel times by link [s].
+    """
+    taps, _ = derivatives.low_pass(fs, BAND[1])
+    return (sum(_ends(fs, delays)) + taps.size - 1) / fs
 
 
 def noise_shape(f: Array, delays: Mapping[str, float]) -> tuple[Array, NDArray[np.bool_]]:

@@ -98,7 +98,7 @@ def calibrate_ttl(
     reference = spectra if noise is None else response_spectra(noise)
     dws_asd = measurements.dws_asd or DWS_ASD
     weights = 1 / np.stack([_psd(reference.f, x, np.zeros(x.size))(spectra.f) for x in reference.data])
-    _check_unit(measurements, weights)
+    _check_unit(noise or measurements, weights)
     estimate = least_squares(spectra, weights, dws_asd)
     for _ in range(ITERATIONS):
         leverage = _leverage(spectra, weights) if noise is None else np.zeros(reference.data.shape)

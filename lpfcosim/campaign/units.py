@@ -112,6 +112,9 @@ def _measures(text: str, unit: str) -> bool:
 
 LENGTH = Quantity("a length", "m", "10 nm", "positive")
 FORCE = Quantity("a force", "N", "0.6 pN", "positive", largest=1)
+LENGTH_PER_ANGLE = Quantity(
+    "a length per angle", "m rad^-1", "10 um/rad", "positive", smallest=1e-12, largest=1
+)
 _DESTABILISING = "by the sign convention a negative value is destabilising, as in flight"
 
 Stiffness = Annotated[

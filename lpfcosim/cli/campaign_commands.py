@@ -226,7 +226,10 @@ def design(
         ),
     ] = None,
     jobs: Jobs = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print JSON, schema lpf-design/1.")] = False,
+    as_json: Annotated[
+        bool,
+        typer.Option("--json", help="Print JSON, schema lpf-design/1; with --ttl, lpf-manoeuvre/1."),
+    ] = False,
     quiet: Quiet = False,
 ) -> None:
     """Optimise the injections within limits.
@@ -243,8 +246,9 @@ def design(
     from lpfcosim.cli.console import Console
 
     if ttl is not None:
-        if figure:
-            raise typer.BadParameter("--figure: not available with --ttl")
+        if figure or jobs is not None:
+            option = "--figure" if figure else "--jobs"
+            raise typer.BadParameter(f"{option}: not available with --ttl")
         cli_design.design_manoeuvre(campaign, out, ttl, Console(quiet=quiet, as_json=as_json))
         return
     cli_design.design(campaign, out, figure, Console(quiet=quiet, as_json=as_json), jobs=jobs)

@@ -75,6 +75,6 @@ def length_per_angle(text: str) -> float:
     from lpfcosim.campaign import units
 
     try:
-        return units.Quantity("a length per angle", "m rad^-1", "10 um/rad", sign="positive").to_si(text)
+        return units.LENGTH_PER_ANGLE.to_si(text)
     except PydanticCustomError as error:
         raise typer.BadParameter(str(error)) from None

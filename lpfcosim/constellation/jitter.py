@@ -24,7 +24,6 @@ SCHEMA = "lisa-jitter/1"
 #: Of each spacecraft the left assembly, test mass 1, and the right one, test mass 2.
 ASSEMBLIES = {"1": ("12", "13"), "2": ("23", "21"), "3": ("31", "32")}
 ANGLES = {"theta": "x", "eta": "y", "phi": "z"}
-HALF_OPENING = math.pi / 6  # rad, from the x axis to the assemblies
 _OF_RUN = {
     **{f"jitter_{angle}": "rad" for angle in ANGLES},
     **{f"{name}_{j}": unit for j in (1, 2) for name, unit in (("mosa", "rad"), ("jitter_x", "m"))},
@@ -89,13 +88,21 @@ def spacecraft_motion(channels: Mapping[str, Array], spacecraft: str) -> dict[st
     return series
 
 
-def assembly_angles(series: Mapping[str, Array]) -> dict[str, Array]:
-    """Return the angles of all assemblies against the incoming beams [rad], such as ``phi_12``."""
+def assembly_angles(series: Mapping[str, Array], half_openings: Mapping[str, float]) -> dict[str, Array]:
+    """Return the angles of all assemblies against the incoming beams [rad], such as ``phi_12``.
+
+    Parameters
+    ----------
+    series : mapping of str to ndarray
+        Those of `spacecraft_motion`, of all three.
+    half_openings : mapping of str to float
+        By spacecraft, the angle from its x axis to an assembly [rad].
+    """
     angles = {}
     for sc, pair in ASSEMBLIES.items():
         for assembly, side in zip(pair, (1, -1), strict=True):
-            tilt = math.cos(HALF_OPENING) * series[f"sc_eta_{sc}"]
-            tilt = tilt - side * math.sin(HALF_OPENING) * series[f"sc_theta_{sc}"]
+            tilt = math.cos(half_openings[sc]) * series[f"sc_eta_{sc}"]
+            tilt = tilt - side * math.sin(half_openings[sc]) * series[f"sc_theta_{sc}"]
             angles[f"phi_{assembly}"] = series[f"sc_phi_{sc}"] + series[f"mosa_phi_{assembly}"]
             angles[f"eta_{assembly}"] = tilt + series[f"mosa_eta_{assembly}"]
     return angles

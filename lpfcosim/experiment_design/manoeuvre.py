@@ -17,31 +17,33 @@ from fit.tilt_to_length import (
     NAMES,
     Measurements,
     expected_covariance,
+    filter_duration,
+    michelson,
     tone_information,
     usable_frequencies,
 )
 from lpfcosim.campaign import Campaign, Experiment
 from lpfcosim.constellation import ASSEMBLIES, LEAD, TAIL, assembly_angles, spacecraft_motion
 from lpfcosim.errors import InputError
+from lpfcosim.experiment_design.manoeuvre_runs import (
+    HOUR,
+    LONGEST,
+    MOTIONS,
+    check_runs,
+    half_openings,
+    motion_limits,
+)
 from lpfcosim.linear import response
-from lpfcosim.spacecraft import FS, Run, Sine, TaperedSine
+from lpfcosim.spacecraft import FS, Run, TaperedSine
 
 Array = NDArray[np.float64]
 
-#: By set point, the motion of the spacecraft that it commands.
-MOTIONS: dict[str, dict[str, float]] = {
-    "guidance_theta": {"jitter_theta": 1.0},
-    "guidance_eta": {"jitter_eta": 1.0},
-    "guidance_phi": {"jitter_phi": 1.0},
-    "guidance_opening": {"mosa_1": 1.0, "mosa_2": -1.0},
-}
 PAIRS = (("guidance_theta", "guidance_eta"), ("guidance_phi", "guidance_opening"))
-LINK_DELAY = 2.5e9 / 299792458.0  # s, of an arm of 2.5 Gm
+LINK_DELAY = 2.5e9 / michelson.C  # s, of an arm of 2.5 Gm
 SPACING = 1e-3  # Hz, of two tones at least: one part in a manoeuvre of 1000 s
 PAIR_SPACING = 3e-3  # Hz, of two tones that move the same assemblies, so that they add information alone
 HIGHEST = 0.06  # Hz, of a tone; torques grow with the square of it (choice)
 RATE = 5.0  # Hz, of simulated motion
-TDI = 140.0  # s, that the delays and filters of the fit take
 SHORTEST = 300.0  # s, of what is left
 START, RAMP = 150.0, 100.0  # s, of the tones; they are steady when the measurements begin
 ROUND = 10.0  # s, to which the duration is rounded
@@ -138,16 +140,24 @@ def design_manoeuvre(plan: Campaign, target: float) -> Manoeuvre:
     Raises
     ------
     InputError
-        If the campaign is none of three spacecraft with such tones.
+        If the campaign is none of three spacecraft with such tones, or the manoeuvre would take too long.
     """
     runs = [run for run in plan.runs if run.kind == "sysid"]
-    limits = _motion_limits(runs)
+    check_runs(runs)
+    openings = half_openings(runs)
+    limits = motion_limits(runs)
     delays = _delays()
     f = usable_frequencies(np.arange(SPACING, HIGHEST, SPACING), delays)
     candidates = [
-        _candidates(run, sc, f, delays, limits[run.experiment])
+        _candidates(run, sc, f, delays, limits[run.experiment], openings)
         for run, sc in zip(runs, ASSEMBLIES, strict=True)
     ]
+    variance = 1 / sum(  # [m^2 s rad^-2], each with the others known, at its best frequency
+        np.diagonal(x, axis1=1, axis2=2).max(axis=0) for c in candidates for x in c.information.values()
+    )
+    overhead = LEAD + TAIL + filter_duration(RATE, delays)
+    used = float(variance.max()) / target**2
+    _check_duration(overhead + used, target)
     assignment = _assign(candidates, f)
     tones = {
         c.experiment: tuple(
@@ -156,20 +166,9 @@ def design_manoeuvre(plan: Campaign, target: float) -> Manoeuvre:
         )
         for i, c in enumerate(candidates)
     }
-    before = _sigmas(_motions(plan))
-    variance = 1 / sum(  # [m^2 s rad^-2], each with the others known, at its best frequency
-        np.diagonal(x, axis1=1, axis2=2).max(axis=0) for c in candidates for x in c.information.values()
-    )
-    overhead, used = LEAD + TAIL + TDI, float(variance.max()) / target**2
-    duration = ROUND * np.ceil((overhead + max(used, SHORTEST)) / ROUND)
-    for _ in range(ITERATIONS):
-        campaign = _with_tones(plan, tones, float(duration))
-        motions = _motions(campaign)
-        after = _sigmas(motions)
-        excess = (max(after.values()) / target) ** 2
-        if excess <= 1:
-            break
-        duration = ROUND * np.ceil((overhead + (duration - overhead) * MARGIN * excess) / ROUND)
+    before = _sigmas(_motions(plan), openings)
+    duration = _rounded(overhead + max(used, SHORTEST))
+    duration, campaign, motions, after = _shortest(plan, tones, target, (duration, overhead), openings)
     bounds = np.sqrt(variance / (duration - overhead))
     return Manoeuvre(
         plan,
@@ -180,10 +179,52 @@ def design_manoeuvre(plan: Campaign, target: float) -> Manoeuvre:
         dict(zip(NAMES, bounds.tolist(), strict=True)),
         limits,
         {run.experiment: _amplitudes(motion) for run, motion in zip(runs, motions, strict=True)},
-        float(duration),
+        duration,
         overhead + (runs[0].n_samples / FS - overhead) * (max(before.values()) / target) ** 2,
         overhead + used,
     )
+
+
+def _shortest(
+    plan: Campaign,
+    tones: Mapping[str, Sequence[ManoeuvreTone]],
+    target: float,
+    durations: tuple[float, float],
+    openings: Mapping[str, float],
+) -> tuple[float, Campaign, list[dict[str, Array]], dict[str, float]]:
+    """Return duration [s], campaign, motions and sigmas of the tones once they reach the target.
+
+    Durations are that of the first attempt and, of it, what the fit does not use [s].
+    """
+    duration, overhead = durations
+    for _ in range(ITERATIONS):
+        campaign = _with_tones(plan, tones, duration)
+        motions = _motions(campaign)
+        after = _sigmas(motions, openings)
+        excess = (max(after.values()) / target) ** 2
+        if excess <= 1:
+            return duration, campaign, motions, after
+        duration = _rounded(overhead + (duration - overhead) * MARGIN * excess)
+        _check_duration(duration, target)
+    raise InputError(
+        f"sigma: {max(after.values()):.4g} m/rad after {ITERATIONS} attempts at the duration, expected "
+        f"{target:g} m/rad; raise the amplitudes or sigma"
+    )
+
+
+def _rounded(duration: float) -> float:
+    """Return the next round duration [s]."""
+    return float(ROUND * np.ceil(duration / ROUND))
+
+
+def _check_duration(duration: float, target: float) -> None:
+    """Refuse a manoeuvre that would take too long [s], or for ever."""
+    if not duration <= LONGEST:
+        needed = f"takes {duration / HOUR:.3g} h" if duration < np.inf else "is out of reach"
+        raise InputError(
+            f"sigma: {target:g} m/rad {needed} with these amplitudes, expected {LONGEST / HOUR:g} h or less; "
+            "raise the amplitudes or sigma"
+        )
 
 
 def _motions(plan: Campaign) -> list[dict[str, Array]]:
@@ -191,13 +232,14 @@ def _motions(plan: Campaign) -> list[dict[str, Array]]:
     return [response.linear_response(run, rate=RATE) for run in plan.runs if run.kind == "sysid"]
 
 
-def _sigmas(motions: Sequence[Mapping[str, Array]]) -> dict[str, float]:
+def _sigmas(motions: Sequence[Mapping[str, Array]], openings: Mapping[str, float]) -> dict[str, float]:
     """Return the sigmas [m/rad] that three spacecraft with these motions are expected to give."""
     series: dict[str, Array] = {}
     for channels, sc in zip(motions, ASSEMBLIES, strict=True):
         series |= spacecraft_motion(channels, sc)
     lead, tail = round(LEAD * RATE), round(TAIL * RATE)
-    rates = {name: np.gradient(x, 1 / RATE)[lead:-tail] for name, x in assembly_angles(series).items()}
+    angles = assembly_angles(series, openings)
+    rates = {name: np.gradient(x, 1 / RATE)[lead:-tail] for name, x in angles.items()}
     michelson = dict.fromkeys(("X2", "Y2", "Z2"), np.zeros(next(iter(rates.values())).size))
     covariance = expected_covariance(Measurements(Path("plan"), RATE, michelson, rates, _delays()))
     return dict(zip(NAMES, np.sqrt(np.diag(covariance)).tolist(), strict=True))
@@ -216,30 +258,13 @@ def _amplitudes(channels: Mapping[str, Array]) -> dict[str, float]:
     }
 
 
-def _motion_limits(runs: Sequence[Run]) -> dict[str, dict[str, float]]:
-    """Return the largest amplitude of the tones into each set point [rad], by experiment."""
-    if len(runs) != len(ASSEMBLIES):
-        raise InputError(
-            f"experiments: {len(runs)} with injections, expected three, of spacecraft 1, 2 and 3"
-        )
-    limits = {}
-    for run in runs:
-        tones = [i for i in run.injections if isinstance(i, Sine)]
-        limits[run.experiment] = {
-            into: max((tone.amplitude for tone in tones if tone.into == into), default=0.0)
-            for into in MOTIONS
-        }
-        for into, limit in limits[run.experiment].items():
-            if limit == 0:
-                raise InputError(
-                    f"experiments: {run.experiment}: no sine into {into}, expected one, whose amplitude "
-                    "limits the motion; without it coefficients are not determined"
-                )
-    return limits
-
-
 def _candidates(
-    run: Run, spacecraft: str, f: Array, delays: Mapping[str, float], limits: dict[str, float]
+    run: Run,
+    spacecraft: str,
+    f: Array,
+    delays: Mapping[str, float],
+    limits: dict[str, float],
+    openings: Mapping[str, float],
 ) -> _Candidates:
     """Return the information of the tones of one spacecraft."""
     system = response.recorded_system(run)
@@ -257,7 +282,7 @@ def _candidates(
             for sc in ASSEMBLIES
             for name, x in spacecraft_motion(motions if sc == spacecraft else others, sc).items()
         }
-        amplitudes = {name: float(x) for name, x in assembly_angles(series).items()}
+        amplitudes = {name: float(x) for name, x in assembly_angles(series, openings).items()}
         information[into] = tone_information(f, delays, amplitudes)
     return _Candidates(run.experiment, gains, limits, information)
 
@@ -316,7 +341,6 @@ def _with_tones(plan: Campaign, tones: Mapping[str, Sequence[ManoeuvreTone]], du
     """Return the campaign with other tones and another duration [s]."""
 
     def changed(experiment: Experiment) -> Experiment:
-        others = tuple(i for i in experiment.injections if not isinstance(i, Sine))
         sines = tuple(
             TaperedSine(
                 tone.into,
@@ -328,6 +352,6 @@ def _with_tones(plan: Campaign, tones: Mapping[str, Sequence[ManoeuvreTone]], du
             )
             for tone in tones[experiment.name]
         )
-        return replace(experiment, n_samples=round(duration * FS), injections=(*others, *sines))
+        return replace(experiment, n_samples=round(duration * FS), injections=sines)
 
     return replace(plan, experiments=tuple(changed(e) if e.n_samples else e for e in plan.experiments))

@@ -7,11 +7,13 @@ from pathlib import Path
 from typing import Any
 
 import tomlkit
+from pydantic_core import PydanticCustomError
 
+from fit.errors import shown
 from fit.files import atomic
 from fit.settings import settings
 from fit.tables import Table
-from lpfcosim.campaign import loading, names
+from lpfcosim.campaign import loading, names, units
 from lpfcosim.errors import InputError, prefix_errors
 from lpfcosim.execution import validation
 from lpfcosim.experiment_design import MARK, Manoeuvre, is_design
@@ -24,7 +26,7 @@ from lpfcosim.workflows.output_paths import check_file
 from lpfcosim.workflows.progress import LOG, Progress
 from lpfcosim.workflows.result import WorkflowResult
 
-SCHEMA = "lpf-design/1"
+SCHEMA = "lpf-manoeuvre/1"
 HEAD = ("coefficient", "sigma [um/rad]", "designed", "bound")
 MICRO, NANO, HOUR, MINUTE = 1e6, 1e9, 3600.0, 60.0
 
@@ -69,7 +71,7 @@ class ManoeuvreDesign(WorkflowResult):
         return Table(HEAD, tuple(rows))
 
     def document(self) -> dict[str, Any]:
-        """Return the content of `to_json`, schema ``lpf-design/1``."""
+        """Return the content of `to_json`, schema ``lpf-manoeuvre/1``."""
         m = self.manoeuvre
         return {
             "schema": SCHEMA,
@@ -111,7 +113,7 @@ def design_manoeuvre(
     campaign: PathLike,
     out: PathLike | None = None,
     *,
-    sigma: float = 1e-5,
+    sigma: float | str = 1e-5,
     progress: Progress = LOG,
 ) -> ManoeuvreDesign:
     """Find the manoeuvre of three LISA spacecraft that reaches a sigma in the least time; write its campaign.
@@ -125,15 +127,16 @@ def design_manoeuvre(
         Three experiments, spacecraft 1, 2 and 3.
     out : path, optional
         The file to write, which must end in ``.toml``; by default ``NAME-designed.toml``.
-    sigma : float
-        That no coefficient exceeds [m/rad].
+    sigma : float or str
+        That no coefficient exceeds, in m/rad, or with its unit: ``"10 um/rad"``.
     progress : Progress, optional
         By default warnings are logged.
 
     Raises
     ------
     InputError
-        If the campaign is no manoeuvre of three LISA spacecraft, or the file exists and is no earlier design.
+        If the campaign is no manoeuvre of three LISA spacecraft, sigma is not reached within two days, or the
+        file exists and is no earlier design.
     """
     source = as_path(campaign, "a campaign file")
     plan = loading.load(source)
@@ -142,19 +145,38 @@ def design_manoeuvre(
     names.check_stem(path)
     if path.is_file() and not is_design(path):
         raise InputError(f"{path}: is there already and is no design, expected a new name")
-    if not 0 < sigma < 1:
-        raise InputError(f"sigma: {sigma:g} m/rad, expected a positive number such as 1e-5")
+    target = _target(sigma)
     check_options(progress)
     with prefix_errors(source):
         settings(plan.fit, "fit")
         validation.check_linear_model(plan, "a design is")
         validation.check_equation(plan, "a manoeuvre for tilt-to-length coupling is", LISA)
+        if "sweep" in plan.tables:
+            raise InputError("sweep: not available for a manoeuvre, write its three experiments instead")
         with progress.stage("search"):
-            manoeuvre = find_manoeuvre(plan, sigma)
-    design = ManoeuvreDesign(manoeuvre, sigma, path)
+            manoeuvre = find_manoeuvre(plan, target)
+    design = ManoeuvreDesign(manoeuvre, target, path)
     atomic.write(path, _text(design, source))
     loading.load(path)
     return design
+
+
+def _target(sigma: object) -> float:
+    """Return a sigma in m/rad."""
+    quantity = units.LENGTH_PER_ANGLE
+    if isinstance(sigma, str):
+        try:
+            return quantity.to_si(sigma)
+        except PydanticCustomError as error:
+            raise InputError(f"sigma: {error}") from None
+    if isinstance(sigma, bool) or not isinstance(sigma, int | float) or not sigma > 0:
+        raise InputError(
+            f"sigma: {shown(sigma)}, expected a positive number in m/rad such as 1e-5, or one with its unit "
+            f'such as "{quantity.example}"'
+        )
+    if not quantity.smallest <= sigma <= quantity.largest:
+        raise InputError(f"sigma: {sigma:g} m/rad, expected {quantity.smallest:g} to {quantity.largest:g}")
+    return float(sigma)
 
 
 def _text(design: ManoeuvreDesign, source: Path) -> str:

@@ -7,9 +7,11 @@ from fit.tilt_to_length import (
     NAMES,
     expected_covariance,
     expected_sigmas,
+    filter_duration,
     tone_information,
     usable_frequencies,
 )
+from fit.tilt_to_length.response import response_spectra
 from fit.tilt_to_length.ttl_fit import calibrate_ttl
 from tests.fit.tilt_to_length.records import TONES, manoeuvre
 from tests.oracles import constellation
@@ -67,3 +69,9 @@ def test_without_motion_of_an_assembly_no_sigma_is_finite():
     tones = {place: tone for place, tone in TONES.items() if len(place[0]) == 1}
     run, _ = manoeuvre(2, tones=tones, sc_asd=0.0, assembly_asd=0.0, dws=0.0)
     assert not np.isfinite(expected_covariance(run)).any()
+
+
+def test_delays_and_filters_take_what_the_spectra_lack():
+    run, _ = manoeuvre(2, noise_duration=1200.0)
+    fitted = 1 / float(np.diff(response_spectra(run).f[:2])[0])  # s, from the spacing of bins
+    assert run.duration - fitted == pytest.approx(filter_duration(run.fs, run.delays))

@@ -1,6 +1,7 @@
 """The fit of tilt-to-length coupling against the oracle's constellation."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -118,12 +119,14 @@ def test_a_residual_below_the_noise_does_not_pass():
 
 
 def test_variables_relative_to_the_laser_frequency_are_refused():
-    pair = (
+    run, noise = (
         replace(m, michelson={name: x / m.central_frequency for name, x in m.michelson.items()})
         for m in manoeuvre(6, noise_duration=1200.0)
     )
-    with pytest.raises(InputError, match=r"X2, Y2, Z2 have a noise of .* give them as frequencies .* in Hz"):
-        calibrated(*pair)
+    with pytest.raises(InputError, match=r"m.h5: X2, Y2, Z2 have a noise of .* as frequencies .* in Hz"):
+        calibrated(run)
+    with pytest.raises(InputError, match=r"n.h5: X2, Y2, Z2 have a noise of"):
+        calibrated(run, replace(noise, path=Path("n.h5")))
 
 
 def test_measurements_are_no_noise_run_of_their_own():

@@ -2,9 +2,15 @@
 
 import json
 
+import numpy as np
 import pytest
 
+from fit.tilt_to_length import NAMES
+from lpfcosim import design_manoeuvre
 from lpfcosim.campaign import loading
+from lpfcosim.constellation import ASSEMBLIES, assembly_angles
+from lpfcosim.errors import InputError
+from lpfcosim.experiment_design import manoeuvre
 from tests import ROOT
 
 CAMPAIGN = ROOT / "campaigns" / "lisa-ttl.toml"
@@ -16,7 +22,7 @@ def test_the_manoeuvre_reaches_its_sigma_in_less_time(lpfcosim, tmp_path):
     status, printed, _ = lpfcosim("design", CAMPAIGN, "--ttl", "10 um/rad", "--out", out, "--json")
     assert status == 0
     document = json.loads(printed)
-    assert document["schema"] == "lpf-design/1"
+    assert document["schema"] == "lpf-manoeuvre/1"
     assert len(document["parameters"]) == 24
     for sigma in document["parameters"].values():
         assert 0.99 * sigma["sigma_bound"] < sigma["sigma_after"] <= 10e-6
@@ -58,3 +64,100 @@ def test_what_is_no_manoeuvre_of_three_spacecraft_is_refused(lpfcosim, tmp_path)
     assert status == 2
     assert "a manoeuvre for tilt-to-length coupling is not available for runs along x" in message
     assert lpfcosim("design", CAMPAIGN, "--ttl", "10 um", "--out", tmp_path / "d.toml")[0] == 2
+
+
+@pytest.mark.parametrize(
+    ("sigma", "message"),
+    [
+        ("10 um", 'sigma: "10 um" is not a length per angle, write it like "10 um/rad"'),
+        ("-1 um/rad", "sigma: .* must be above zero"),
+        (0.0, "sigma: 0.0, expected a positive number in m/rad such as 1e-5, or one with its unit"),
+        (None, "sigma: .*, expected a positive number"),
+        (1e-300, "sigma: 1e-300 m/rad, expected 1e-12 to 1"),
+        ("20 nm/rad", "sigma: 2e-08 m/rad takes .* h with these amplitudes, expected 48 h or less; raise"),
+    ],
+)
+def test_a_sigma_that_is_none_or_takes_too_long_is_refused(tmp_path, sigma, message):
+    with pytest.raises(InputError, match=message):
+        design_manoeuvre(CAMPAIGN, tmp_path / "d.toml", sigma=sigma)
+    assert not (tmp_path / "d.toml").exists()
+
+
+@pytest.fixture
+def search(monkeypatch):
+    """Search as if the largest sigma after any duration were that of `sigmas`, one after the other."""
+
+    def run(*sigmas):
+        remaining = iter(sigmas)
+        monkeypatch.setattr(manoeuvre, "_assign", lambda candidates, f: _ASSIGNMENT)
+        monkeypatch.setattr(manoeuvre, "_motions", lambda plan: [])
+        monkeypatch.setattr(manoeuvre, "_amplitudes", lambda channels: {})
+        monkeypatch.setattr(
+            manoeuvre, "_sigmas", lambda motions, openings: dict.fromkeys(NAMES, next(remaining))
+        )
+        return manoeuvre.design_manoeuvre(loading.load(CAMPAIGN), 1e-5)
+
+    return run
+
+
+_ASSIGNMENT = [{into: 4 * i + k for k, into in enumerate(manoeuvre.MOTIONS)} for i in range(3)]
+
+
+def test_a_sigma_that_no_attempt_reaches_is_refused(search):
+    with pytest.raises(InputError, match=r"1.01e-05 m/rad after 8 attempts .*, expected 1e-05 m/rad; raise"):
+        search(1e-5, *[1.01e-5] * manoeuvre.ITERATIONS)
+
+
+@pytest.mark.parametrize("sigma", [np.inf, np.nan])
+def test_coefficients_that_the_tones_do_not_determine_are_refused(search, sigma):
+    with pytest.raises(InputError, match="sigma: 1e-05 m/rad is out of reach with these amplitudes"):
+        search(1e-5, sigma)
+
+
+def test_glitches_sweeps_and_unequal_durations_are_refused(lpfcosim, tmp_path):
+    experiments = "".join(_experiment(f"SC{i}", f"sc{i}") for i in (1, 2, 3))
+    step = (
+        '{ into = "guidance_phi", shape = "half_cosine", amplitude = "1 nrad", start = "9 s", end = "99 s" }'
+    )
+    for changed, expected in (
+        (
+            experiments.replace('["sc2"]', f'["sc2"]\ninjections = [{step}]'),
+            "SC2: an injection into guidance_phi that is no sine, expected sines only",
+        ),
+        (
+            experiments.replace("30 min", "40 min", 1),
+            "SC2: 1800 s, expected the same duration in all three experiments, 48 h or less",
+        ),
+        (
+            experiments + '[sweep]\nduration = ["30 min", "31 min", "32 min"]\n',
+            "sweep: not available for a manoeuvre, write its three experiments instead",
+        ),
+    ):
+        out = tmp_path / "d.toml"
+        status, _, message = lpfcosim(
+            "design", _campaign(tmp_path, changed), "--ttl", "10 um/rad", "--out", out
+        )
+        assert status == 2
+        assert expected in message
+        assert not out.exists()
+
+
+def test_options_that_a_manoeuvre_does_not_use_are_refused(lpfcosim):
+    status, _, message = lpfcosim("design", CAMPAIGN, "--ttl", "10 um/rad", "--jobs", "2")
+    assert status == 2
+    assert "--jobs: not available with --ttl" in message
+
+
+def test_the_opening_of_each_spacecraft_turns_theta_into_eta_of_its_assemblies(tmp_path):
+    wide = _campaign(
+        tmp_path, '[truth]\nhalf_opening = "40 deg"\n' + _experiment("SC1", "sc1").replace("SC1", "SC0")
+    )
+    (run,) = [run for run in loading.load(wide).runs if run.kind == "sysid"]
+    openings = manoeuvre.half_openings([run] * 3)
+    assert openings == pytest.approx(dict.fromkeys(ASSEMBLIES, np.radians(40.0)))
+    names = [f"sc_{angle}_{sc}" for sc in ASSEMBLIES for angle in ("theta", "eta", "phi")]
+    names += [f"mosa_{a}_{name}" for pair in ASSEMBLIES.values() for name in pair for a in ("phi", "eta")]
+    angles = assembly_angles(dict.fromkeys(names, np.zeros(1)) | {"sc_theta_2": np.ones(1)}, openings)
+    assert angles["eta_23"] == pytest.approx(-np.sin(np.radians(40.0)))
+    assert angles["eta_21"] == pytest.approx(np.sin(np.radians(40.0)))
+    assert angles["eta_12"] == 0
