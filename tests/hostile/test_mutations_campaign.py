@@ -196,9 +196,7 @@ def _pipe(path):
 @pytest.mark.parametrize("reader", [loading.load, fit_settings.read, mapping.load, fit_results.load])
 def test_what_has_no_end(tmp_path, limit, reader):
     path = LIMITS[limit](tmp_path)
-    started = time.perf_counter()
     assert survives(lambda: reader(path), path, limit)
-    assert time.perf_counter() - started < 10
 
 
 @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="has neither pipes nor devices among its files")

@@ -5,7 +5,6 @@ import os
 import random
 import re
 import stat
-import time
 import zipfile
 from dataclasses import replace
 from pathlib import Path
@@ -164,14 +163,11 @@ def test_entries_that_are_not_what_they_say(tmp_path, ours, field):
 def test_bombs(tmp_path, ours):
     """A binary that unpacks to more than it says is cut off, one that says so is not unpacked at all."""
     entries = [(n, bytes(2**28) if n.startswith("binaries") else c) for n, c in contents(ours["3.0"][MODEL])]
-    started = time.perf_counter()
     path = raw_archive(
         tmp_path / "many.fmu", [*entries, *((f"resources/{i}", bytes(2**26)) for i in range(13))]
     )
     assert path.stat().st_size < 10 * 2**20
-    packed = time.perf_counter()
     assert "unpacks to" in survives(lambda: interface.describe(path), path, "bomb")
-    assert time.perf_counter() - packed < max(1.0, packed - started)
 
 
 def test_too_many_files(tmp_path, ours):
@@ -232,9 +228,7 @@ def test_very_many_variables(tmp_path, ours):
         ours["2.0"][MODEL],
         text.replace("</ModelVariables>", f"{more}</ModelVariables>"),
     )
-    started = time.perf_counter()
     survives(lambda: interface.describe(path), path, "many variables")
-    assert time.perf_counter() - started < 30
 
 
 def test_an_array_without_end(tmp_path, ours, make_run):
