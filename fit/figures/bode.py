@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import cycle
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,7 +27,7 @@ class LoopResponse:
     Attributes
     ----------
     read_out : str
-        Name of the channel; that of the injections is ``guidance_`` and this name.
+        Name of the channel; `fit.telemetry.GUIDANCE` has that of the injections.
     frequency : ndarray, shape (N,)
         Of the model [Hz].
     modelled : ndarray of complex, shape (N,)
@@ -69,7 +70,7 @@ def bode(loops: Sequence[LoopResponse]) -> Chart:
     magnitudes: list[Mark] = []
     phases: list[Mark] = []
     differences: list[Mark] = [Span(low=-_WIDEST, high=_WIDEST, role="grey", opacity=0.2, along="y")]
-    for loop, role in zip(loops, _ROLES, strict=False):
+    for loop, role in zip(loops, cycle(_ROLES), strict=False):
         label = loop.read_out
         phase = np.unwrap(np.angle(loop.modelled))
         measured = np.interp(loop.tones, loop.frequency, phase) + np.angle(loop.measured / loop.expected)

@@ -26,13 +26,12 @@ from fit.figures.charts import (
 from fit.figures.series import envelope, glitch_mask
 from fit.model import dynamics
 from fit.spectra import Binned, derivatives
-from fit.telemetry import Telemetry
+from fit.telemetry import GUIDANCE, Telemetry
 
 Array = NDArray[np.float64]
 
 _SUBSCRIPTS = str.maketrans("x12", "ₓ₁₂")
-#: Responses of a LISA spacecraft: guidance by read-out.
-_LISA_GUIDANCE = {"o_1": "o_1", "o_2": "o_2", "grs_y_1": "y_1", "grs_y_2": "y_2"}
+_LISA_READ_OUTS = ("o_1", "o_2", "grs_y_1", "grs_y_2")
 LOWEST = 1e-4  # Hz, shown at most
 _SIGNAL = Axis("acceleration", "pm s⁻²", "value - mean")
 _RATIO = Axis("residual / noise", "", "ratio")
@@ -68,13 +67,13 @@ _DRAWN: Mapping[str, tuple[str, Literal["-", "--", ":"]]] = {
 
 def responses(run: Telemetry) -> Chart:
     """Draw the injections and the responses of the read-outs (and of a commanded f_x_1) against time."""
-    shown = [("o_1", "o_1", "drag-free loop", "m"), ("o_12", "o_12", "suspension loop", "m")]
-    shown.append(("f_x_1", "f_x_1", "force on test mass 1", "m s⁻²"))
+    shown = [("o_1", "drag-free loop", "m"), ("o_12", "suspension loop", "m")]
+    shown.append(("f_x_1", "force on test mass 1", "m s⁻²"))
     if run.spacecraft == "LISA":
-        shown = [(name, set_point, "", "m") for name, set_point in _LISA_GUIDANCE.items()]
+        shown = [(name, "", "m") for name in _LISA_READ_OUTS]
     panels = []
-    for channel, set_point, title, unit in shown:
-        names = [name for name in (channel, f"guidance_{set_point}") if name in run.channels]
+    for channel, title, unit in shown:
+        names = [name for name in (channel, GUIDANCE.get(channel, "")) if name in run.channels]
         envelopes = {name: _hourly(run, name) for name in names}
         largest = max(float(np.nanmax(np.abs(y))) for _, y in envelopes.values())
         if channel == "f_x_1" and not largest > 0:

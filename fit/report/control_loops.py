@@ -3,12 +3,13 @@
 from collections.abc import Mapping, Sequence
 from functools import partial
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
-from pydantic import BaseModel
+from pydantic import AfterValidator, BaseModel, Field
 
 from fit.figures import bode
-from fit.files import documents
+from fit.files import documents, problem
 from fit.report.section import FigureSpec, Section
 
 NAME, SCHEMA = "transfer_functions.json", "lpf-transfer-functions/1"
@@ -19,34 +20,52 @@ _CAPTION = (
 )
 
 
-class _Curve(BaseModel):
-    frequency: list[float]
-    magnitude: list[float]
+_Positive = Annotated[float, Field(gt=0)]
+
+
+class _Content(BaseModel, allow_inf_nan=False):
+    pass
+
+
+class _Curve(_Content):
+    frequency: Annotated[list[_Positive], Field(min_length=2)]
+    magnitude: list[_Positive]
     phase: list[float]
 
 
-class _Tone(BaseModel):
+def _equally_long(curve: _Curve) -> _Curve:
+    n = len(curve.frequency)
+    if not n == len(curve.magnitude) == len(curve.phase):
+        raise problem(f"magnitude and phase must have as many values as frequency, which has {n}")
+    if any(np.diff(curve.frequency) <= 0):
+        raise problem("frequency must increase")
+    return curve
+
+
+class _Tone(_Content):
     experiment: str
-    frequency: float
-    magnitude: float
+    frequency: _Positive
+    magnitude: _Positive
     phase: float
-    sigma: float
-    expected_magnitude: float
+    sigma: _Positive
+    expected_magnitude: _Positive
     expected_phase: float
 
 
-class _Loop(BaseModel):
-    modelled: _Curve
-    measured: list[_Tone]
+class _Loop(_Content):
+    modelled: Annotated[_Curve, AfterValidator(_equally_long)]
+    measured: Annotated[list[_Tone], Field(min_length=1)]
 
 
-class _Document(BaseModel):
-    loops: dict[str, _Loop]
+class _Document(_Content):
+    campaign_digest: str = ""
+    loops: Annotated[dict[str, _Loop], Field(min_length=1)]
 
 
-def document(loops: Sequence[bode.LoopResponse]) -> dict[str, object]:
-    """Return control loops as `transfer_functions.json` has them; phases in rad."""
-    return {"schema": SCHEMA, "loops": {loop.read_out: _entry(loop) for loop in loops}}
+def document(loops: Sequence[bode.LoopResponse], campaign_digest: str) -> dict[str, object]:
+    """Return the control loops of a campaign as `transfer_functions.json` has them; phases in rad."""
+    entries = {loop.read_out: _entry(loop) for loop in loops}
+    return {"schema": SCHEMA, "campaign_digest": campaign_digest, "loops": entries}
 
 
 def _entry(loop: bode.LoopResponse) -> Mapping[str, object]:
@@ -71,8 +90,20 @@ def _polar(response: bode.Complex) -> dict[str, bode.Array]:
     return {"magnitude": np.abs(response), "phase": np.angle(response)}
 
 
-def load(directory: Path) -> list[bode.LoopResponse]:
-    """Return the control loops of which a folder has the document, none without.
+def load(directory: Path, campaign_digest: object) -> list[bode.LoopResponse]:
+    """Return the control loops of a campaign, of which a folder has the document.
+
+    Parameters
+    ----------
+    directory : Path
+        The folder.
+    campaign_digest : object
+        Of the campaign, if there is one.
+
+    Returns
+    -------
+    list of LoopResponse
+        None without the document, or if it is that of another campaign.
 
     Raises
     ------
@@ -82,8 +113,10 @@ def load(directory: Path) -> list[bode.LoopResponse]:
     path = directory / NAME
     if not path.exists():
         return []
-    loops = documents.from_json(path, "transfer functions", SCHEMA, _Document).loops
-    return [_loop(name, loop) for name, loop in loops.items()]
+    content = documents.from_json(path, "transfer functions", SCHEMA, _Document)
+    if content.campaign_digest != campaign_digest:
+        return []
+    return [_loop(name, loop) for name, loop in content.loops.items()]
 
 
 def _loop(name: str, loop: _Loop) -> bode.LoopResponse:
@@ -104,15 +137,15 @@ def _response(magnitude: Sequence[float], phase: Sequence[float]) -> bode.Comple
     return np.asarray(np.array(magnitude) * np.exp(1j * np.array(phase)))
 
 
-def sections(directory: Path) -> list[Section]:
-    """Return a section with the Bode diagram, if `directory` holds the document.
+def sections(directory: Path, campaign_digest: object) -> list[Section]:
+    """Return a section with the Bode diagram, if `directory` holds the document of the campaign.
 
     Raises
     ------
     InputError
         If it breaks its schema.
     """
-    loops = load(directory)
+    loops = load(directory, campaign_digest)
     if not loops:
         return []
     spec = FigureSpec(

@@ -13,14 +13,8 @@ from fit.telemetry import Telemetry, utc
 
 Array = NDArray[np.float64]
 
-#: Channels that hold nothing but injections: factor and unit in print.
-CHANNELS = {
-    "guidance_o_1": (1e9, "nm"),
-    "guidance_o_12": (1e9, "nm"),
-    "f_x_1": (1e12, "pm s⁻²"),
-    **{f"guidance_{name}": (1e9, "nm") for name in ("o_2", "y_1", "y_2", "z")},
-    **{f"guidance_{name}": (1e9, "nrad") for name in ("theta", "eta", "phi", "opening")},
-}
+#: Factor and unit in print, by unit of a channel.
+_PRINTED = {"m": (1e9, "nm"), "rad": (1e9, "nrad"), "m s-2": (1e12, "pm s⁻²")}
 _GAP = 10.0  # s, of zeros within one injection
 _FLOOR, _WEAKEST = 1e-3, 0.05  # of the largest value of a channel, and of the largest tone
 _MOST_TONES = 8
@@ -70,11 +64,13 @@ def _tones(x: Array, fs: float) -> tuple[float, ...]:
 
 
 def table(run: Telemetry) -> Table:
-    """Return a row for each injection; times are UTC."""
+    """Return a row for each injection into set points and into f_x_1; times are UTC."""
     start, rows = utc(run.t0).astimezone(UTC), []
-    for channel, (factor, unit) in CHANNELS.items():
-        if channel not in run.channels:
+    for channel in run.channels:
+        if not (channel.startswith("guidance_") or channel == "f_x_1"):
             continue
+        unit = run.units.get(channel, "")
+        factor, unit = _PRINTED.get(unit, (1.0, unit))
         for one in injections(run.channels[channel], run.fs):
             begin, end = (start + timedelta(seconds=t) for t in (one.begin, one.end))
             tones = ", ".join(f"{1e3 * f:.3g}" for f in one.frequencies)

@@ -34,8 +34,8 @@ from fit.report import (
 )
 from fit.report.section import FigureSpec, Section, start_text
 from fit.report.verdict import verdict, warning_groups
-from fit.results import Results
-from fit.tables import LIMIT, parameter_table, prose, signed
+from fit.results import Fit, Results
+from fit.tables import LIMIT, ParameterTable, parameter_table, prose, signed
 from fit.telemetry import Telemetry
 
 #: In the order in which the page runs them.
@@ -70,9 +70,8 @@ def write_report(directory: Path, results: Results, telemetries: Sequence[Teleme
     """
     joint = results.joint
     is_lisa = _is_lisa(telemetries)
-    epochs = [t.alignment_epoch for t in telemetries if t.kind == "sysid"]
-    names = tuple(joint or ()) if is_lisa else joint_names(epochs)
-    joint_table = joint and parameter_table(joint, list(map(joint_parameter, names)), _forecast(directory))
+    digest = _entry("campaign_digest", results, telemetries)
+    joint_table = joint and _joint_table(joint, telemetries, _forecast(directory, digest))
     progress_stage(0.3 if results.inertial else 0.8)
     analysed = {} if is_lisa else experiments.analysed(results, telemetries)
     if is_lisa:
@@ -80,7 +79,7 @@ def write_report(directory: Path, results: Results, telemetries: Sequence[Teleme
     else:
         single_sections, sections = _pathfinder_sections(results, telemetries, analysed)
     ratio = experiments.residual_over_noise(analysed)
-    sections += control_loops.sections(directory)
+    sections += control_loops.sections(directory, digest)
     sections += [*identification.sections(results, directory), *sampling.sections(results, directory)]
     sections += tests.sections(results)
     sections += (ttl_sections := tilt_to_length.sections(results))
@@ -106,6 +105,15 @@ def write_report(directory: Path, results: Results, telemetries: Sequence[Teleme
     )
     atomic.write(path := directory / "report.html", page)
     return path
+
+
+def _joint_table(
+    joint: Fit, telemetries: Sequence[Telemetry], expected: Mapping[str, float]
+) -> ParameterTable:
+    """Return the table of the joint fit, with the expected sigmas by parameter."""
+    epochs = [t.alignment_epoch for t in telemetries if t.kind == "sysid"]
+    names = tuple(joint) if _is_lisa(telemetries) else joint_names(epochs)
+    return parameter_table(joint, list(map(joint_parameter, names)), expected)
 
 
 def _is_lisa(telemetries: Sequence[Telemetry]) -> bool:
@@ -134,9 +142,10 @@ def _pathfinder_sections(
 
 def figure_specs(results: Results, telemetries: Sequence[Telemetry], directory: Path) -> list[FigureSpec]:
     """Return all figures of the report of a folder but those of other commands, not yet drawn."""
+    digest = _entry("campaign_digest", results, telemetries)
     if _is_lisa(telemetries):
         sections = [*lisa.sections(results, lisa.analysed(results, telemetries))]
-        sections += control_loops.sections(directory)
+        sections += control_loops.sections(directory, digest)
         return [spec for section in sections for spec in section.figures if isinstance(spec, FigureSpec)]
     delta_g, analysed = noise.DeltaGCache(results), experiments.analysed(results, telemetries)
     sections = [
@@ -144,7 +153,7 @@ def figure_specs(results: Results, telemetries: Sequence[Telemetry], directory: 
         *motion.sections(results, telemetries, delta_g),
         *mission.sections(results, telemetries),
         *noise.sections(results, telemetries, delta_g),
-        *control_loops.sections(directory),
+        *control_loops.sections(directory, digest),
     ]
     ratio = experiments.residual_over_noise(analysed)
     drawn = [spec for section in sections for spec in section.figures if isinstance(spec, FigureSpec)]
@@ -182,15 +191,18 @@ class _Expected(BaseModel):
 
 
 class _Forecast(BaseModel):
+    campaign_digest: str = ""
     parameters: dict[str, _Expected] | None
 
 
-def _forecast(directory: Path) -> dict[str, float]:
-    """Return the sigmas that ``forecast.json`` in the folder expects, none without the file."""
+def _forecast(directory: Path, campaign_digest: object) -> dict[str, float]:
+    """Return the sigmas that ``forecast.json`` in the folder expects of a campaign, none of another one."""
     if not (path := directory / "forecast.json").exists():
         return {}
-    expected = documents.from_json(path, "a forecast", expected_fit.SCHEMA, _Forecast).parameters or {}
-    return {name: p.sigma for name, p in expected.items() if p.sigma}
+    expected = documents.from_json(path, "a forecast", expected_fit.SCHEMA, _Forecast)
+    if expected.campaign_digest != campaign_digest:
+        return {}
+    return {name: p.sigma for name, p in (expected.parameters or {}).items() if p.sigma}
 
 
 def _facts(results: Results, telemetries: Sequence[Telemetry]) -> dict[str, str]:

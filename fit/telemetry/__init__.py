@@ -4,7 +4,7 @@ A run is a `Telemetry`. A channel is read from the file when it is used. Another
 elsewhere first, since they may crash a library (`sandbox`).
 """
 
-from fit.telemetry.contract import CHANNELS, SCHEMA, TOWARDS_1, TOWARDS_2, XAxis, utc
+from fit.telemetry.contract import CHANNELS, GUIDANCE, SCHEMA, TOWARDS_1, TOWARDS_2, XAxis, utc
 from fit.telemetry.pieces import PIECE, pieces
 from fit.telemetry.reader import (
     Telemetry,
@@ -25,6 +25,7 @@ from fit.telemetry.writer import Writer
 
 __all__ = [
     "CHANNELS",
+    "GUIDANCE",
     "MAX_MISSING",
     "PIECE",
     "SCHEMA",

@@ -66,6 +66,16 @@ CHANNELS: Mapping[str, Channel] = {
         for i in (1, 2, 3, 4)
     },
 }
+#: The channel that holds the set points of a read-out, by the read-out.
+GUIDANCE: Mapping[str, str] = {
+    **{name: f"guidance_{name}" for name in ("o_1", "o_2", "o_12")},
+    **{f"grs_y_{j}": f"guidance_y_{j}" for j in _MASSES},
+    **{
+        f"{read_out}_{j}": f"guidance_{angle}_{j}"
+        for j in _MASSES
+        for read_out, angle in (("grs_theta", "theta"), ("o_eta", "eta"), ("o_phi", "phi"))
+    },
+}
 #: The channels a calibration needs: of LISA Pathfinder, and of one LISA spacecraft.
 REQUIRED = ("o_1", "o_12", "f_x_1", "f_x_2")
 LISA_REQUIRED = ("o_1", "o_2", "grs_y_1", "grs_y_2", "F_y_1", "F_y_2", "dws_phi_1", "dws_phi_2")

@@ -49,12 +49,15 @@ class Forecast(WorkflowResult):
         Constraints of parameters of the fit, in words.
     warnings : tuple of str
         Sentences about the campaign, and about what its data will not determine.
+    campaign_digest : str
+        SHA-256 of what would be simulated.
     """
 
     joint: Fit
     inertial: Mapping[str, Fit]
     constraints: tuple[str, ...]
     warnings: tuple[str, ...]
+    campaign_digest: str
 
     @property
     def estimates(self) -> dict[str, Estimate]:
@@ -121,7 +124,10 @@ class Forecast(WorkflowResult):
 
     def document(self) -> dict[str, Any]:
         """Return the content of `to_json`, schema ``lpf-forecast/1``."""
-        return expected_fit.document(self.joint, self.inertial)
+        return {
+            **expected_fit.document(self.joint, self.inertial),
+            "campaign_digest": self.campaign_digest,
+        }
 
 
 def forecast(campaign: CampaignLike) -> Forecast:
@@ -167,6 +173,7 @@ def expected_results(plan: Campaign, fit_settings: Settings, doubts: tuple[str, 
             {},
             fit_settings.without_fmu_parameters().constraints,
             (*doubts, *distinct_messages(joint.warnings)),
+            plan.digest,
         )
     gain_scatter = dict.fromkeys(("lambda_1", "lambda_2"), plan.truth.lambda_scatter)
     joint = expected_fit.expected_fit(planned_experiments(plan), fit_settings, gain_scatter)
@@ -180,4 +187,4 @@ def expected_results(plan: Campaign, fit_settings: Settings, doubts: tuple[str, 
     of_periods = [(period, w.message) for period, fit in inertial.items() for w in fit.warnings]
     messages = [*distinct_messages(joint.warnings), *grouped(of_periods, "inertial period")]
     constraints = fit_settings.without_fmu_parameters().constraints
-    return Forecast(joint, inertial, constraints, (*doubts, *ignored, *messages))
+    return Forecast(joint, inertial, constraints, (*doubts, *ignored, *messages), plan.digest)

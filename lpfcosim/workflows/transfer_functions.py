@@ -12,11 +12,13 @@ from fit.figures import bode
 from fit.files import closest_match
 from fit.report import control_loops
 from fit.tables import Table
-from fit.telemetry import Telemetry, check_runs
+from fit.telemetry import GUIDANCE, Telemetry, check_runs
 from lpfcosim.campaign import Campaign
 from lpfcosim.errors import InputError, prefix_errors
 from lpfcosim.execution import validation
-from lpfcosim.linear import ClosedLoop, response
+from lpfcosim.linear import ClosedLoop, StateSpace, response
+from lpfcosim.messages import grouped
+from lpfcosim.signals import decimation
 from lpfcosim.spacecraft import Run, Sine
 from lpfcosim.workflows.campaigns import CampaignLike, resolve
 from lpfcosim.workflows.result import WorkflowResult
@@ -28,10 +30,10 @@ Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 _Tone: TypeAlias = tuple[str, float, complex, complex, float]
 
-GUIDANCE = "guidance_"
 FREQUENCIES = np.geomspace(1e-4, 1.0, 241)  # Hz
-RATE = 1.0  # Hz, of the simulated responses
-LEAST_STRETCHES = 4  # of a noise run, as long as a sine
+LARGEST_CUT = 0.01  # of a sine at its ends, which archive filters shorten: hardly any of its Hann window
+SHORTEST_NOISE = 2.5  # times a sine: four half-overlapping stretches
+HIGHEST_TONE = (decimation.PASSBAND + decimation.STOPBAND) / 2  # of the sample rate: attenuated by half
 HEAD = ("read-out", "experiment", "frequency", "magnitude", "phase", "difference")
 
 
@@ -43,11 +45,14 @@ class TransferFunctions(WorkflowResult):
     ----------
     campaign : str
         Name of the campaign.
+    campaign_digest : str
+        SHA-256 of what is simulated.
     loops : tuple of bode.LoopResponse
         One for each read-out whose guidance has sines: the modelled response and that measured at the tones.
     """
 
     campaign: str
+    campaign_digest: str
     loops: tuple[bode.LoopResponse, ...]
 
     def __getitem__(self, name: str) -> bode.LoopResponse:
@@ -108,7 +113,7 @@ class TransferFunctions(WorkflowResult):
 
     def document(self) -> dict[str, Any]:
         """Return the content of `to_json`, schema ``lpf-transfer-functions/1``."""
-        return control_loops.document(self.loops)
+        return control_loops.document(self.loops, self.campaign_digest)
 
 
 def transfer_functions(campaign: CampaignLike, runs: Sequence[Telemetry]) -> TransferFunctions:
@@ -118,7 +123,8 @@ def transfer_functions(campaign: CampaignLike, runs: Sequence[Telemetry]) -> Tra
     the modelled one and the ratio of the Fourier transforms of residual and guidance under a Hann window over
     the sine. The residual is the read-out minus the linear response to all injections, so that neither
     transients nor other injections bias the ratio. The uncertainty is that of the noise run of the
-    experiment, which there must be.
+    experiment. Sines are skipped without a noise run of at least 2.5 times their length, if telemetry does
+    not contain all of them, and at frequencies above 1 Hz or 0.35 of the sample rate.
 
     Parameters
     ----------
@@ -132,54 +138,97 @@ def transfer_functions(campaign: CampaignLike, runs: Sequence[Telemetry]) -> Tra
     UnavailableError
         If the campaign has a third-party FMU in the loop.
     InputError
-        If the campaign is wrong, or no run of it has a sine in its guidance.
+        If the campaign is wrong, telemetry has another sample rate, or no sine can be measured.
     """
     check_runs(runs, "transfer_functions")
     plan, source = resolve(campaign)
     with prefix_errors(source):
         validation.check_linear_model(plan, "transfer functions are")
-        loops = campaign_loops(plan, runs)
-    if not loops:
-        raise InputError(f"{plan.name}: no run with a sine in the guidance of a read-out, and a noise run")
-    return TransferFunctions(plan.name, loops)
+        return TransferFunctions(plan.name, plan.digest, _campaign_loops(plan, runs))
 
 
-def campaign_loops(plan: Campaign, runs: Sequence[Telemetry]) -> tuple[bode.LoopResponse, ...]:
-    """Return the control loops of a campaign whose guidance has sines."""
+def _campaign_loops(plan: Campaign, runs: Sequence[Telemetry]) -> tuple[bode.LoopResponse, ...]:
+    """Return the control loops of a campaign whose guidance has sines; InputError if there are none."""
     telemetries = {telemetry.run: telemetry for telemetry in runs}
-    noise = {telemetry.experiment: telemetry for telemetry in runs if telemetry.kind == "noise"}
+    noise_runs = {telemetry.experiment: telemetry for telemetry in runs if telemetry.kind == "noise"}
     modelled: dict[str, Complex] = {}
     tones: dict[str, list[_Tone]] = {}
+    obstacles: list[tuple[str, str]] = []
     for run in plan.runs:
-        telemetry = telemetries.get(run.name)
-        if not telemetry or run.experiment not in noise or not (sines := _sines(run, telemetry)):
+        telemetry, noise = telemetries.get(run.name), noise_runs.get(run.experiment)
+        if not telemetry or not (sines := _sines(run, telemetry)):
             continue
-        quiet = noise[run.experiment]
-        system = ClosedLoop(run).linearize()
-        responses = response.linear_response(run, rate=RATE, low_pass=True)
+        measurable = {}
         for read_out, injections in sines.items():
-            loop = system.select([GUIDANCE + read_out], [read_out])
+            causes = [_obstacle(sine, read_out, telemetry, noise) for sine in injections]
+            obstacles += [(run.name, cause) for cause in causes if cause]
+            if clear := [sine for sine, cause in zip(injections, causes, strict=True) if not cause]:
+                measurable[read_out] = clear
+        if not measurable or noise is None:
+            continue
+        system, responses = ClosedLoop(run).linearize(), _linear_response(run, telemetry)
+        for read_out, injections in measurable.items():
+            loop = system.select([GUIDANCE[read_out]], [read_out])
             if read_out not in modelled:
                 modelled[read_out] = loop.frequency_response(FREQUENCIES)[:, 0, 0]
-            time = np.arange(responses[read_out].size) / RATE
-            guidance, y = (_filled(telemetry.channels[name]) for name in (GUIDANCE + read_out, read_out))
-            noise_values = _filled(quiet.channels[read_out])
-            for sine in injections:
-                power = _noise_power(sine, noise_values, quiet.fs)
-                X, Y = (_transform(sine, telemetry.time, x) for x in (guidance, y))
-                if not (power and X):
-                    continue
-                Y -= _transform(sine, time, responses[read_out])
-                expected = complex(loop.frequency_response([sine.frequency])[0, 0, 0])
-                tone = (
-                    run.experiment,
-                    sine.frequency,
-                    expected + Y / X,
-                    expected,
-                    (power / 2) ** 0.5 / abs(X),
-                )
-                tones.setdefault(read_out, []).append(tone)
+            measured = _measure(loop, injections, telemetry, noise, responses[read_out])
+            tones.setdefault(read_out, []).extend(measured)
+    if not tones:
+        causes = grouped(obstacles) or ["no run with a sine in the guidance of a read-out"]
+        raise InputError(f"{plan.name}: no response can be measured: {'; '.join(causes)}")
     return tuple(_loop(name, modelled[name], rows) for name, rows in tones.items())
+
+
+def _linear_response(run: Run, telemetry: Telemetry) -> dict[str, Array]:
+    """Return the response of a run to its injections, sampled and filtered as its telemetry is."""
+    rate = telemetry.fs
+    if rate != run.sample_rate:
+        raise InputError(f"{telemetry.path}: is sampled at {rate:g} Hz, expected {run.sample_rate:g} Hz")
+    return response.linear_response(run, rate=rate, low_pass=rate < run.fs)
+
+
+def _obstacle(sine: Sine, read_out: str, telemetry: Telemetry, noise: Telemetry | None) -> str:
+    """Return why the response to a sine cannot be measured; empty if it can."""
+    tone, duration = f"sine of {1e3 * sine.frequency:g} mHz", sine.end - sine.start
+    if noise is None:
+        return f"experiment {telemetry.experiment} has no noise run, expected one"
+    if noise.duration < SHORTEST_NOISE * duration:
+        return (
+            f"noise run {noise.run}: {noise.duration:g} s, expected at least {SHORTEST_NOISE:g} times the "
+            f"{duration:.6g} s of the {tone}"
+        )
+    begin, end = telemetry.time[0], telemetry.time[-1] + 1 / telemetry.fs
+    cut = LARGEST_CUT * duration
+    if not begin - cut <= sine.start <= sine.end <= end + cut:
+        return f"{telemetry.path}: lacks a part of the {tone}, expected {sine.start:g} s to {sine.end:.6g} s"
+    highest = min(FREQUENCIES[-1], HIGHEST_TONE * telemetry.fs)
+    if not sine.frequency <= highest:
+        return f"{tone} in {GUIDANCE[read_out]}, expected a frequency up to {1e3 * highest:g} mHz"
+    if not _transform(sine, telemetry.time, _filled(telemetry.channels[GUIDANCE[read_out]])):
+        return f"{telemetry.path}: channel {GUIDANCE[read_out]}: expected a {tone}"
+    if not _noise_power(sine, _filled(noise.channels[read_out]), noise.fs):
+        return f"noise run {noise.run}: channel {read_out}: no noise, expected some"
+    return ""
+
+
+def _measure(
+    loop: StateSpace, sines: Sequence[Sine], telemetry: Telemetry, noise: Telemetry, linear: Array
+) -> list[_Tone]:
+    """Return the responses of a read-out to sines; `linear` is that of the model to all injections."""
+    (read_out,) = loop.outputs
+    names = GUIDANCE[read_out], read_out
+    guidance, y = (_filled(telemetry.channels[name]) for name in names)
+    noise_values, time = _filled(noise.channels[read_out]), np.arange(linear.size) / telemetry.fs
+    recorded = slice(*np.searchsorted(time, (telemetry.time[0], telemetry.time[-1] + 0.5 / telemetry.fs)))
+    tones = []
+    for sine in sines:
+        power = _noise_power(sine, noise_values, noise.fs)
+        X, Y = (_transform(sine, telemetry.time, x) for x in (guidance, y))
+        residual = Y - _transform(sine, time[recorded], linear[recorded])
+        expected = complex(loop.frequency_response([sine.frequency])[0, 0, 0])
+        sigma = (power / 2) ** 0.5 / abs(X)
+        tones.append((telemetry.experiment, sine.frequency, expected + residual / X, expected, sigma))
+    return tones
 
 
 def _loop(read_out: str, modelled: Complex, rows: Sequence[_Tone]) -> bode.LoopResponse:
@@ -190,12 +239,12 @@ def _loop(read_out: str, modelled: Complex, rows: Sequence[_Tone]) -> bode.LoopR
 
 def _sines(run: Run, telemetry: Telemetry) -> dict[str, list[Sine]]:
     """Return the sines in the guidance of each read-out that telemetry has."""
+    read_outs = {guidance: read_out for read_out, guidance in GUIDANCE.items()}
     sines: dict[str, list[Sine]] = {}
     for injection in run.injections:
-        if isinstance(injection, Sine) and injection.into.startswith(GUIDANCE):
-            read_out = injection.into.removeprefix(GUIDANCE)
-            if {read_out, injection.into} <= {*telemetry.channels}:
-                sines.setdefault(read_out, []).append(injection)
+        read_out = read_outs.get(injection.into)
+        if isinstance(injection, Sine) and read_out and {read_out, injection.into} <= {*telemetry.channels}:
+            sines.setdefault(read_out, []).append(injection)
     return sines
 
 
@@ -207,14 +256,14 @@ def _transform(sine: Sine, time: Array, x: Array) -> complex:
 
 
 def _noise_power(sine: Sine, noise: Array, fs: float) -> float:
-    """Return the mean power of such a transform of a noise run; zero if it is too short.
+    """Return the mean power of such a transform of a noise run.
 
     It is averaged over half-overlapping stretches as long as the sine.
     """
     n = round((sine.end - sine.start) * fs)
     kernel = _kernel(sine, sine.start + np.arange(n) / fs)
     powers = [abs(noise[i : i + n] @ kernel / fs) ** 2 for i in range(0, noise.size - n + 1, n // 2)]
-    return float(np.mean(powers)) if len(powers) >= LEAST_STRETCHES else 0.0
+    return float(np.mean(powers))
 
 
 def _kernel(sine: Sine, time: Array) -> Complex:
@@ -228,4 +277,6 @@ def _kernel(sine: Sine, time: Array) -> Complex:
 def _filled(x: Array) -> Array:
     """Return a channel with its missing samples interpolated."""
     known = np.flatnonzero(np.isfinite(x))
+    if not known.size:
+        return np.zeros(x.size)
     return x if known.size == x.size else np.interp(np.arange(x.size), known, x[known])

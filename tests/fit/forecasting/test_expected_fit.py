@@ -339,6 +339,7 @@ def test_command_line(lpfcosim, quickstart, tmp_path):
     document = json.loads(out)
     assert document["schema"] == "lpf-forecast/1"
     assert json.loads((tmp_path / "told" / "forecast.json").read_text()) == document
+    assert document["campaign_digest"] == loading.load(quickstart).digest
     assert list(document["parameters"]) == document["names"]
     assert document["parameters"]["delta_ifo_2"]["sigma"] == pytest.approx(2.34e-7, rel=0.02)
     assert np.diag(document["correlation"]) == pytest.approx(np.ones(len(document["names"])))

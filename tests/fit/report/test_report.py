@@ -1,5 +1,6 @@
 import base64
 import hashlib
+import json
 import math
 import re
 import subprocess
@@ -267,6 +268,15 @@ def test_times_are_utc(tmp_path, campaign):
     page = written(tmp_path, results(experiments={"A1": experiment_fit()}), runs)
     assert "2016-04-16 21:30:00 UTC" in page.text
     assert "23:30" not in page.text
+
+
+@pytest.mark.parametrize("digest", ["same", "another"])
+def test_a_forecast_of_another_campaign_is_not_shown(tmp_path, campaign, digest):
+    forecast = {"schema": "lpf-forecast/1", "parameters": {"lambda_2": {"sigma": 1e-4}}}
+    (tmp_path / "forecast.json").write_text(json.dumps({**forecast, "campaign_digest": digest}))
+    known = results(joint=joint_fit(), provenance=Provenance(extra={"campaign_digest": "same"}))
+    text = write_report(tmp_path, known, campaign()).read_text(encoding="utf-8")
+    assert ("Forecast σ" in text) == (digest == "same")
 
 
 def test_flight_data_without_noise_run_guidance_or_joint_fit(tmp_path, campaign):

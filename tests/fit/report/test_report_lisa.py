@@ -1,14 +1,18 @@
 """The report on one LISA spacecraft: D, its terms, and its residual, and commands that have no part in it."""
 
+import re
+from dataclasses import replace
 from functools import lru_cache
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 import fit
 from fit.figures import analysis
-from fit.report import lisa, page
+from fit.report import injections, lisa, page
 from fit.spectra import Estimator
+from fit.telemetry import GUIDANCE
 from tests.oracles import lisa_loop
 
 WORLD = lisa_loop.World()
@@ -64,6 +68,35 @@ def test_page_and_figures(tmp_path):
     assert [len(chart.panels) for chart in (responses, spectra, breakdown, residual)] == [4, 2, 2, 2]
     assert [panel.title for panel in spectra.panels] == ["D_x", "D_y"]
     assert len(breakdown.panels[0].marks) == 2 + 6 + 1  # shade and note, terms, residual
+
+
+def test_equation_of_motion_is_that_of_lisa(tmp_path):
+    text = page.write_report(tmp_path, calibrated(), campaign()).read_text(encoding="utf-8")
+    equations = text[text.index('class="equations') : text.index('id="overview"')]
+    assert equations.count("<math") == 3
+    assert "in the difference of both" in equations
+    assert "δ" not in equations
+    assert "LISA Pathfinder" not in text[text.index('id="joint"') : text.index('id="overview"')]
+
+
+def test_table_of_injections_has_all_set_points():
+    run, size = campaign()[0], campaign()[0].size
+    pulse = np.where(np.arange(size) < size // 2, 30e-9 * np.sin(0.1 * np.arange(size)), 0.0)
+    units = {f"guidance_{k}_{j}": "rad" for j in (1, 2) for k in ("theta", "eta", "phi")}
+    units |= {"guidance_opening": "rad", "guidance_z": "m"}
+    channels = {**{name: run.channels[name] for name in run.channels}, **dict.fromkeys(units, pulse)}
+    rows = injections.table(replace(run, channels=channels, units={**run.units, **units})).rows
+    amplitudes = {row[0]: row[3] for row in rows}
+    assert {name: amplitudes[name] for name in units} == {
+        name: "30\u00a0nrad" if unit == "rad" else "30\u00a0nm" for name, unit in units.items()
+    }
+
+
+def test_set_points_are_those_of_the_controllers():
+    folder = Path(__file__).parents[3] / "fmus" / "LISA"
+    models = "".join((folder / f"{name}Control.mo").read_text() for name in ("DragFree", "Suspension"))
+    stated = dict(re.findall(r'(guidance_\w+) "Set point of (\w+)"', models))
+    assert {GUIDANCE[read_out]: read_out for read_out in stated.values()} == stated
 
 
 def test_page_without_telemetry_of_an_experiment(tmp_path):

@@ -1,5 +1,6 @@
 """Transfer functions of the control loops, against sine fits to simulated telemetry."""
 
+import json
 from dataclasses import replace
 
 import numpy as np
@@ -7,6 +8,7 @@ import pytest
 
 import fit
 import lpfcosim
+from fit.figures import bode
 from fit.report import control_loops, page
 from tests.campaign_text import ONE_EXPERIMENT
 
@@ -119,18 +121,104 @@ def test_they_travel_and_are_drawn(measured, tmp_path):
 
 def test_the_report_and_the_figures_have_them(folder, runs, measured):
     (folder / control_loops.NAME).write_text(measured.to_json())
-    for loop, again in zip(measured, control_loops.load(folder), strict=True):
+    for loop, again in zip(measured, control_loops.load(folder, measured.campaign_digest), strict=True):
         np.testing.assert_allclose(again.measured, loop.measured, rtol=1e-12)
         np.testing.assert_array_equal(again.sigma, loop.sigma)
         assert again.names == loop.names
     results = fit.calibrate(runs, include_short=True)
     assert "bode" in {spec.name for spec in page.figure_specs(results, runs, folder)}
     assert 'id="loops"' in fit.save_report(results, runs, folder).read_text()
+    extra = {**results.provenance.extra, "campaign_digest": "another"}
+    other = replace(results, provenance=replace(results.provenance, extra=extra))
+    assert "bode" not in {spec.name for spec in page.figure_specs(other, runs, folder)}
+    assert 'id="loops"' not in fit.save_report(other, runs, folder).read_text()
 
 
 def test_without_a_noise_run_there_is_nothing_to_measure(folder, runs):
-    with pytest.raises(fit.InputError, match="loops: no run with a sine in the guidance"):
+    with pytest.raises(fit.InputError, match=r"loops: no .* be measured: .*experiment one has no noise run"):
         lpfcosim.transfer_functions(folder / "campaign.toml", [run for run in runs if run.kind == "sysid"])
+
+
+def test_a_short_noise_run_is_named(folder, runs):
+    short = [run.part(slice(1200 * round(run.fs))) if run.kind == "noise" else run for run in runs]
+    with pytest.raises(fit.InputError, match=r"noise run one-noise: 1200 s, expected at least 2.5 times the"):
+        lpfcosim.transfer_functions(folder / "campaign.toml", short)
+
+
+@pytest.mark.parametrize("samples", [slice(1500, None), slice(None, 5500), slice(1500, 5500)])
+def test_a_sine_that_telemetry_cuts_has_no_point(folder, runs, measured, samples):
+    fs = round(runs[0].fs)
+    part = slice(*(None if i is None else i * fs for i in (samples.start, samples.stop)))
+    cut = [run.part(part) if run.kind == "sysid" else run for run in runs]
+    whole = {"o_12": samples.start is None, "o_1": samples.stop is None}
+    if not any(whole.values()):
+        with pytest.raises(fit.InputError, match="lacks a part of the sine of 4 mHz, expected 100 s to 4100"):
+            lpfcosim.transfer_functions(folder / "campaign.toml", cut)
+        return
+    loops = lpfcosim.transfer_functions(folder / "campaign.toml", cut)
+    assert [loop.read_out for loop in loops] == [name for name, is_whole in whole.items() if is_whole]
+    for loop in loops:
+        np.testing.assert_allclose(loop.measured, measured[loop.read_out].measured, rtol=1e-12)
+
+
+def test_another_sample_rate_is_refused(folder, runs):
+    slow = [replace(run, fs=run.fs / 2) for run in runs]
+    with pytest.raises(fit.InputError, match="is sampled at 5 Hz, expected 10 Hz"):
+        lpfcosim.transfer_functions(folder / "campaign.toml", slow)
+
+
+@pytest.mark.parametrize(("rate", "frequencies"), [(10, [0.05, 0.3, 0.9]), (1, [0.05, 0.3])])
+def test_fast_sines_are_those_of_the_model(tmp_path, rate, frequencies):
+    """At 10 Hz, and filtered to 1 Hz, where a sine near the Nyquist frequency has no point."""
+    head = PLAN[: PLAN.index("[[experiments.injections]]")]
+    sines = "".join(
+        f'''
+[[experiments.injections]]
+into = "guidance_o_1"
+shape = "sine"
+frequency = "{frequency} Hz"
+amplitude = "100 nm"
+cycles = {round(1000 * frequency)}
+start = "{1000 + 1500 * i} s"
+'''
+        for i, frequency in enumerate([0.05, 0.3, 0.9 if rate == 10 else 0.45])
+    )
+    path = tmp_path / "campaign.toml"
+    path.write_text(head.replace("noise_duration", f'sample_rate = "{rate} Hz"\nnoise_duration') + sines)
+    lpfcosim.simulate(path, tmp_path, fmus=False, jobs=1)
+    (loop,) = lpfcosim.transfer_functions(path, fit.load(tmp_path))
+    assert loop.tones == pytest.approx(frequencies)
+    assert np.abs(loop.differences).max() < 4
+    assert (loop.sigma < 0.02 * np.abs(loop.measured)).all()
+
+
+DAMAGES = {
+    "loops: ": lambda document: document["loops"].clear(),
+    "loops.o_1.measured: ": lambda document: document["loops"]["o_1"]["measured"].clear(),
+    "loops.o_1.modelled: magnitude and phase must": lambda document: document["loops"]["o_1"]["modelled"][
+        "phase"
+    ].pop(),
+    "loops.o_1.measured.*sigma": lambda document: document["loops"]["o_1"]["measured"][0].update(sigma=0),
+    "loops.o_1.measured.*magnitude": lambda document: document["loops"]["o_1"]["measured"][0].update(
+        magnitude=0
+    ),
+}
+
+
+@pytest.mark.parametrize("place", DAMAGES)
+def test_a_damaged_document_is_refused(measured, tmp_path, place):
+    document = measured.document()
+    DAMAGES[place](document)
+    (tmp_path / control_loops.NAME).write_text(json.dumps(document))
+    with pytest.raises(fit.InputError, match=place) as refusal:
+        control_loops.load(tmp_path, measured.campaign_digest)
+    assert "\n" not in str(refusal.value)
+
+
+def test_more_loops_than_colours_are_drawn(measured):
+    loops = [replace(measured["o_1"], read_out=f"o_{i}") for i in range(10)]
+    names = {mark.name for mark in bode.bode(loops).panels[0].marks}
+    assert {"o_8, modelled", "o_9, measured"} <= names
 
 
 def test_a_sine_that_was_not_injected_has_no_point(folder, runs):
