@@ -15,6 +15,7 @@ Array = NDArray[np.float64]
 KNOTS_PER_DECADE = 10
 BINS_PER_KNOT = 12
 MAX_STEP = 1.0  # in log S, up to which a known PSD serves as the initial one
+MAX_ITERATIONS = 300  # short series with next to no data at the lowest knot take more than a hundred
 
 
 @dataclass(frozen=True)
@@ -218,7 +219,7 @@ def fit_noise(
         values = _log_fit(basis, power)
         value, relative = cost(values)
         step = newton_step(relative)
-    for _ in range(100):
+    for _ in range(MAX_ITERATIONS):
         size, previous = 1.0, value
         value, relative = cost(values + step)
         while value > previous and size > 1e-6:
