@@ -95,10 +95,20 @@ class AnalysedExperiment:
 
 def analysed(results: Results, telemetries: Sequence[Telemetry]) -> dict[str, AnalysedExperiment]:
     """Return the experiments of which there is telemetry."""
+    return {
+        name: AnalysedExperiment(run, noise, parameters(results, run), results.experiments[name].warnings)
+        for name, (run, noise) in experiment_runs(results, telemetries).items()
+    }
+
+
+def experiment_runs(
+    results: Results, telemetries: Sequence[Telemetry]
+) -> dict[str, tuple[Telemetry, Telemetry | None]]:
+    """Return the run and the noise run of the experiments of which there is telemetry."""
     runs = {(t.experiment, t.kind): t for t in telemetries}
     return {
-        name: AnalysedExperiment(run, runs.get((name, "noise")), parameters(results, run), fit.warnings)
-        for name, fit in results.experiments.items()
+        name: (run, runs.get((name, "noise")))
+        for name in results.experiments
         if (run := runs.get((name, "sysid")))
     }
 

@@ -72,14 +72,12 @@ def analysed(results: Results, telemetries: Sequence[Telemetry]) -> dict[str, An
 
     Their parameters are those of the joint fit; undetermined ones have the values of their weak priors.
     """
-    runs = {(t.experiment, t.kind): t for t in telemetries}
     joint = results.joint
     names = dict.fromkeys((*(joint.undetermined if joint else ()), *(joint.parameters if joint else ())))
     values = {name: LISA[name].value for name in names} | (joint.values if joint else {})
     return {
-        name: AnalysedExperiment(run, runs.get((name, "noise")), values)
-        for name in results.experiments
-        if (run := runs.get((name, "sysid")))
+        name: AnalysedExperiment(run, noise, values)
+        for name, (run, noise) in experiments.experiment_runs(results, telemetries).items()
     }
 
 

@@ -1,6 +1,7 @@
 """Tables of a campaign file with keys that its spacecraft model declares, in units of its Modelica models."""
 
 import re
+from abc import abstractmethod
 from collections.abc import Iterable, Mapping
 from dataclasses import fields
 
@@ -43,9 +44,9 @@ class DeclaredTable(Table):
     more_keys = re.compile(r".*", re.DOTALL)
 
     @classmethod
+    @abstractmethod
     def declared_units(cls, spacecraft: SpacecraftModel) -> Mapping[str, str]:
         """Return the units of the keys that a spacecraft model declares; ``""`` of a pure number."""
-        raise NotImplementedError
 
     @classmethod
     def accepts(cls, key: str) -> bool:

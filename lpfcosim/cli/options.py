@@ -1,5 +1,6 @@
 """What the commands have in common. Every call reads it in, so it imports little."""
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated
 
@@ -58,23 +59,22 @@ def help_without_command(context: typer.Context) -> None:
 
 def duration(text: str) -> float:
     """Return a duration [s] from what an option says."""
-    from pydantic_core import PydanticCustomError
-
     from lpfcosim.campaign import units
 
-    try:
-        return units.Quantity("a duration", "s", "2 h", sign="positive").to_si(text)
-    except PydanticCustomError as error:
-        raise typer.BadParameter(str(error)) from None
+    return _converted(units.Quantity("a duration", "s", "2 h", sign="positive").to_si, text)
 
 
 def length_per_angle(text: str) -> float:
     """Return a tilt-to-length coefficient [m/rad] from what an option says."""
-    from pydantic_core import PydanticCustomError
-
     from lpfcosim.campaign import units
 
+    return _converted(units.LENGTH_PER_ANGLE.to_si, text)
+
+
+def _converted(to_si: Callable[[str], float], text: str) -> float:
+    from pydantic_core import PydanticCustomError
+
     try:
-        return units.LENGTH_PER_ANGLE.to_si(text)
+        return to_si(text)
     except PydanticCustomError as error:
         raise typer.BadParameter(str(error)) from None

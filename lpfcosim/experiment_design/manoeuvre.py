@@ -26,13 +26,13 @@ from lpfcosim.campaign import Campaign, Experiment
 from lpfcosim.constellation import ASSEMBLIES, LEAD, TAIL, assembly_angles, spacecraft_motion
 from lpfcosim.errors import InputError
 from lpfcosim.experiment_design.manoeuvre_runs import (
-    HOUR,
     LONGEST,
     MOTIONS,
     check_runs,
     half_openings,
     motion_limits,
 )
+from lpfcosim.experiment_design.schedule import HOUR
 from lpfcosim.linear import response
 from lpfcosim.spacecraft import FS, Run, TaperedSine
 
@@ -240,8 +240,8 @@ def _sigmas(motions: Sequence[Mapping[str, Array]], openings: Mapping[str, float
     lead, tail = round(LEAD * RATE), round(TAIL * RATE)
     angles = assembly_angles(series, openings)
     rates = {name: np.gradient(x, 1 / RATE)[lead:-tail] for name, x in angles.items()}
-    michelson = dict.fromkeys(("X2", "Y2", "Z2"), np.zeros(next(iter(rates.values())).size))
-    covariance = expected_covariance(Measurements(Path("plan"), RATE, michelson, rates, _delays()))
+    variables = dict.fromkeys(("X2", "Y2", "Z2"), np.zeros(next(iter(rates.values())).size))
+    covariance = expected_covariance(Measurements(Path("plan"), RATE, variables, rates, _delays()))
     return dict(zip(NAMES, np.sqrt(np.diag(covariance)).tolist(), strict=True))
 
 
@@ -270,18 +270,15 @@ def _candidates(
     system = response.recorded_system(run)
     channels = list(dict.fromkeys(name for motion in MOTIONS.values() for name in motion))
     transfer = system.select(list(MOTIONS), channels).frequency_response(f)
+    at_rest = dict.fromkeys((*channels, "jitter_x_1", "jitter_x_2"), np.array(0.0))
     gains, information = {}, {}
     for i, (into, motion) in enumerate(MOTIONS.items()):
         share = np.array([motion.get(name, 0.0) for name in channels])
         gains[into] = np.abs(transfer[:, :, i] @ share)
-        moved = {name: limits[into] * x / (share @ share) for name, x in motion.items()}
-        motions = {name: np.array(moved.get(name, 0.0)) for name in (*channels, "jitter_x_1", "jitter_x_2")}
-        others = {name: np.array(0.0) for name in (*channels, "jitter_x_1", "jitter_x_2")}
-        series = {
-            name: x
-            for sc in ASSEMBLIES
-            for name, x in spacecraft_motion(motions if sc == spacecraft else others, sc).items()
-        }
+        moving = {name: np.array(limits[into] * x / (share @ share)) for name, x in motion.items()}
+        series: dict[str, Array] = {}
+        for sc in ASSEMBLIES:
+            series |= spacecraft_motion(at_rest | moving if sc == spacecraft else at_rest, sc)
         amplitudes = {name: float(x) for name, x in assembly_angles(series, openings).items()}
         information[into] = tone_information(f, delays, amplitudes)
     return _Candidates(run.experiment, gains, limits, information)

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 
 from lpfcosim.constellation import ASSEMBLIES
 from lpfcosim.errors import InputError
+from lpfcosim.experiment_design.schedule import HOUR
 from lpfcosim.models import model_of
 from lpfcosim.spacecraft import FS, Run, Sine
 
@@ -14,8 +15,7 @@ MOTIONS: dict[str, dict[str, float]] = {
     "guidance_phi": {"jitter_phi": 1.0},
     "guidance_opening": {"mosa_1": 1.0, "mosa_2": -1.0},
 }
-HOUR = 3600.0  # s
-LONGEST = 48 * 3600.0  # s, of a manoeuvre (choice): series of a longer one take gigabytes of memory
+LONGEST = 48 * HOUR  # s, of a manoeuvre (choice): series of a longer one take gigabytes of memory
 
 
 def half_openings(runs: Sequence[Run]) -> dict[str, float]:

@@ -171,8 +171,10 @@ def _campaign_loops(plan: Campaign, runs: Sequence[Telemetry]) -> tuple[bode.Loo
             loop = system.select([GUIDANCE[read_out]], [read_out])
             if read_out not in modelled:
                 modelled[read_out] = loop.frequency_response(FREQUENCIES)[:, 0, 0]
-            measured = _measure(loop, injections, telemetry, noise, responses[read_out])
-            tones.setdefault(read_out, []).extend(measured)
+            measured, causes = _measure(loop, injections, telemetry, noise, responses[read_out])
+            obstacles += [(run.name, cause) for cause in causes]
+            if measured:
+                tones.setdefault(read_out, []).extend(measured)
     if not tones:
         causes = grouped(obstacles) or ["no run with a sine in the guidance of a read-out"]
         raise InputError(f"{plan.name}: no response can be measured: {'; '.join(causes)}")
@@ -188,7 +190,7 @@ def _linear_response(run: Run, telemetry: Telemetry) -> dict[str, Array]:
 
 
 def _obstacle(sine: Sine, read_out: str, telemetry: Telemetry, noise: Telemetry | None) -> str:
-    """Return why the response to a sine cannot be measured; empty if it can."""
+    """Return why the runs do not allow to measure the response to a sine; empty if they do."""
     tone, duration = f"sine of {1e3 * sine.frequency:g} mHz", sine.end - sine.start
     if noise is None:
         return f"experiment {telemetry.experiment} has no noise run, expected one"
@@ -204,31 +206,37 @@ def _obstacle(sine: Sine, read_out: str, telemetry: Telemetry, noise: Telemetry 
     highest = min(FREQUENCIES[-1], HIGHEST_TONE * telemetry.fs)
     if not sine.frequency <= highest:
         return f"{tone} in {GUIDANCE[read_out]}, expected a frequency up to {1e3 * highest:g} mHz"
-    if not _transform(sine, telemetry.time, _filled(telemetry.channels[GUIDANCE[read_out]])):
-        return f"{telemetry.path}: channel {GUIDANCE[read_out]}: expected a {tone}"
-    if not _noise_power(sine, _filled(noise.channels[read_out]), noise.fs):
-        return f"noise run {noise.run}: channel {read_out}: no noise, expected some"
     return ""
 
 
 def _measure(
     loop: StateSpace, sines: Sequence[Sine], telemetry: Telemetry, noise: Telemetry, linear: Array
-) -> list[_Tone]:
-    """Return the responses of a read-out to sines; `linear` is that of the model to all injections."""
+) -> tuple[list[_Tone], list[str]]:
+    """Return the responses of a read-out to sines, and why others cannot be measured.
+
+    `linear` is the response of the model to all injections.
+    """
     (read_out,) = loop.outputs
     names = GUIDANCE[read_out], read_out
     guidance, y = (_filled(telemetry.channels[name]) for name in names)
     noise_values, time = _filled(noise.channels[read_out]), np.arange(linear.size) / telemetry.fs
     recorded = slice(*np.searchsorted(time, (telemetry.time[0], telemetry.time[-1] + 0.5 / telemetry.fs)))
-    tones = []
+    tones, obstacles = [], []
     for sine in sines:
         power = _noise_power(sine, noise_values, noise.fs)
         X, Y = (_transform(sine, telemetry.time, x) for x in (guidance, y))
+        if not X:
+            tone = f"sine of {1e3 * sine.frequency:g} mHz"
+            obstacles.append(f"{telemetry.path}: channel {GUIDANCE[read_out]}: expected a {tone}")
+            continue
+        if not power:
+            obstacles.append(f"noise run {noise.run}: channel {read_out}: no noise, expected some")
+            continue
         residual = Y - _transform(sine, time[recorded], linear[recorded])
         expected = complex(loop.frequency_response([sine.frequency])[0, 0, 0])
         sigma = (power / 2) ** 0.5 / abs(X)
         tones.append((telemetry.experiment, sine.frequency, expected + residual / X, expected, sigma))
-    return tones
+    return tones, obstacles
 
 
 def _loop(read_out: str, modelled: Complex, rows: Sequence[_Tone]) -> bode.LoopResponse:
