@@ -14,7 +14,7 @@ HOMES = {
     2: "fit/model/dynamics.py",
     3: "fit/model/dynamics.py",
     4: "fit/deltag.py",
-    5: "fit/fitting/joint_fit.py",
+    5: "fit/fitting/experiment_and_joint_fit.py",
     6: "fit/model/dynamics.py",
     7: "fit/fitting/irls.py",
     8: "fit/parameters.py",

@@ -6,8 +6,7 @@ iteration, `irls.iterate`, moves weights, delays and parameters until nothing mo
 """
 
 from fit.fitting.confidence import delta_chi2
-from fit.fitting.irls import Convergence, IRLSResult, iterate
-from fit.fitting.joint_fit import (
+from fit.fitting.experiment_and_joint_fit import (
     constraints_of,
     fit_experiment,
     fit_joint,
@@ -15,6 +14,7 @@ from fit.fitting.joint_fit import (
     linear_combination,
     stiffnesses,
 )
+from fit.fitting.irls import Convergence, IRLSResult, iterate
 from fit.fitting.joint_model import (
     JointModel,
     Prior,
@@ -68,7 +68,6 @@ __all__ = [
     "estimate_widths",
     "fit_experiment",
     "fit_joint",
-    "flscov",
     "free_directions",
     "heterogeneity",
     "irls",
@@ -76,6 +75,7 @@ __all__ = [
     "joint_parameters",
     "linear_combination",
     "lmfit_symbol",
+    "ltpda_flscov",
     "moments",
     "null_space",
     "parameter_values",

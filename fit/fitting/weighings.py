@@ -6,7 +6,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from fit.fitting import flscov, nonstationary_noise, readout_excess_noise
+from fit.fitting import ltpda_flscov, nonstationary_noise, readout_excess_noise
 from fit.model import dynamics
 from fit.settings import Estimator
 from fit.spectra import NoiseModel
@@ -122,7 +122,7 @@ class _Flscov:
         of_run = self._share @ theta
         terms = self._experiment.sysid.columns(dynamics.delays(of_run))
         c = dynamics.coefficients(of_run, terms.tau) if iteration else None
-        block, total = flscov.block(terms, self._share, c)
-        self.converged = abs(total - self._total) < flscov.TOLERANCE * total
+        block, total = ltpda_flscov.block(terms, self._share, c)
+        self.converged = abs(total - self._total) < ltpda_flscov.TOLERANCE * total
         self._total = total
         return block

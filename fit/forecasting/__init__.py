@@ -12,6 +12,6 @@ __all__ = [
     "expected_euler_fit",
     "expected_fit",
     "expected_run",
-    "fisher",
+    "fisher_information",
     "frequency_responses",
 ]

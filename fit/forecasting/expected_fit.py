@@ -25,9 +25,9 @@ from fit.fitting import (
     IRLSResult,
     ScaleParameter,
     constraints,
-    flscov,
     iterate,
     joint_parameters,
+    ltpda_flscov,
     random_effects,
     weak_priors,
 )
@@ -312,7 +312,9 @@ class ExpectedWeighing:
         share = np.eye(theta.size)
         if self._by_stretches:
             columns = run.columns(dynamics.delays(theta))
-            return compress(flscov.expected(columns, self._noise_functions(run, columns.tau, theta), share))
+            return compress(
+                ltpda_flscov.expected(columns, self._noise_functions(run, columns.tau, theta), share)
+            )
         terms = run.spectra(dynamics.delays(theta))
         power, S = self._noise_functions(run, terms.tau, theta)(terms.f)
         U, fraction = whitened_run.whiten(terms, S)

@@ -7,7 +7,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from fit.forecasting import fisher
+from fit.forecasting import fisher_information
 from lpfcosim.experiment_design.limits import QUANTITIES, Limit
 from lpfcosim.linear import StateSpace, response
 from lpfcosim.spacecraft import Run
@@ -28,7 +28,7 @@ class DesignedExperiment:
     ----------
     run : Run
         With nothing injected but what is no tone.
-    model : fisher.ExperimentInformation
+    model : fisher_information.ExperimentInformation
         Its information.
     limits : tuple of Limit
         What it must not exceed.
@@ -37,7 +37,7 @@ class DesignedExperiment:
     """
 
     run: Run
-    model: fisher.ExperimentInformation
+    model: fisher_information.ExperimentInformation
     limits: tuple[Limit, ...]
     scale: Array
 

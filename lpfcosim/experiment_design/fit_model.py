@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 
-from fit.forecasting import expected_euler_fit, expected_fit, fisher
+from fit.forecasting import expected_euler_fit, expected_fit, fisher_information
 from fit.parallel import follow_progress
 from fit.results import Fit
 from fit.settings import ParameterSettings, Settings
@@ -43,18 +43,18 @@ class FitModel:
         """Return the inertial calibration of a variant, whose joint fit stays as it is."""
         return InertialModel(self.joint_fit(campaign), self.settings.parameters)
 
-    def information(self, campaign: Campaign) -> fisher.CampaignInformation:
+    def information(self, campaign: Campaign) -> fisher_information.CampaignInformation:
         """Return the information of the experiments of a variant, frequency by frequency."""
         experiments = [
             replace(p, truth={**p.truth, **self._cross_talk}) for p in planned_experiments(campaign)
         ]
-        return fisher.fisher_information(experiments, self.settings)
+        return fisher_information.fisher_information(experiments, self.settings)
 
     @cached_property
     def _cross_talk(self) -> dict[str, float]:
         """Coefficients of cross-talk as the campaign determines them, which noise alone does less well."""
         with follow_progress(None):
-            return fisher.expected_parameters(planned_experiments(self.campaign), self.settings)
+            return fisher_information.expected_parameters(planned_experiments(self.campaign), self.settings)
 
 
 @dataclass(frozen=True)

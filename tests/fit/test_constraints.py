@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 import fit
-from fit.forecasting import fisher
+from fit.forecasting import fisher_information
 from fit.forecasting.expected_fit import document as forecast_document
 from fit.forecasting.expected_fit import expected_fit
 from fit.settings import settings
@@ -189,7 +189,7 @@ def test_a_forecast_has_the_constraints_of_the_fit(runs, said, row, known):
             assert entries[n]["sigma"] == pytest.approx(e.sigma, rel=0.1), n
 
 
-@pytest.mark.parametrize("function", [expected_fit, fisher.fisher_information])
+@pytest.mark.parametrize("function", [expected_fit, fisher_information.fisher_information])
 def test_a_forecast_refuses_parameters_it_does_not_have(function):
     said = settings({"parameters": {"lambda_3": {"vary": False}}})
     with pytest.raises(fit.InputError, match="lambda_3: no parameter of this fit"):
@@ -200,7 +200,7 @@ def test_the_information_of_experiments_is_that_of_what_varies():
     planned = expected(WORLD, drive_1=1e-12)
     said = {"lambda_2": {"vary": False}, "C_1": {"expr": "C_2"}, "alpha_x_2": {"prior": [-317.0, 1.0]}}
     chosen = settings({"parameters": said})
-    campaign, joint = fisher.fisher_information(planned, chosen), expected_fit(planned, chosen)
+    campaign, joint = fisher_information.fisher_information(planned, chosen), expected_fit(planned, chosen)
     assert {"lambda_2", "C_1"}.isdisjoint(campaign.names)
     of_data = sum(e.information for e in campaign.experiments)
     lost = [n not in joint.parameters for n in campaign.names] & (np.diag(campaign.prior) == 0)

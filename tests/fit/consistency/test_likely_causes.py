@@ -9,7 +9,7 @@ from scipy import interpolate, signal
 
 from fit.consistency.likely_causes import rank_causes
 from fit.consistency.run_test import RunTest
-from fit.fitting.joint_fit import fit_joint
+from fit.fitting.experiment_and_joint_fit import fit_joint
 from fit.model.sharing import Sharing
 from fit.settings import settings
 from fit.whitening import pair as paired

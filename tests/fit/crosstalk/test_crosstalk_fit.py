@@ -9,7 +9,7 @@ import pytest
 from fit.crosstalk import attenuation, crosstalk_fit, instrumental_variables, readout_noise
 from fit.crosstalk.crosstalk_fit import cross_talk
 from fit.crosstalk.fitted_run import fitted_runs
-from fit.fitting.joint_fit import fit_experiment, fit_joint
+from fit.fitting.experiment_and_joint_fit import fit_experiment, fit_joint
 from fit.model import dynamics
 from fit.model.sharing import Sharing
 from fit.pipeline import calibrate

@@ -8,7 +8,7 @@ import pytest
 from fit.figures import noise
 from fit.figures.noise import BANDS, LOW, PLAIN, NoisePoint
 from fit.parameters import ARM, M_TM, PLATEAU, effective_authority, lisa
-from fit.spectra.averaging import Estimator, Level
+from fit.spectra.averaged_spectra import Estimator, Level
 
 NOMINAL, LOWEST = ((0.0, 10.4e-12), (2200e-12, 10.4e-12)), ((0.0, 1.5e-12), (50e-12, 1.0e-12))
 

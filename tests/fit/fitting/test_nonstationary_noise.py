@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fit.fitting.joint_fit import fit_experiment
+from fit.fitting.experiment_and_joint_fit import fit_experiment
 from fit.fitting.nonstationary_noise import with_segment_variances
 from fit.quality.noise_adaptation import segment_variances
 from fit.spectra import windowing

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from fit.crosstalk.refit import refit
-from fit.fitting.joint_fit import fit_experiment
+from fit.fitting.experiment_and_joint_fit import fit_experiment
 from fit.pipeline import calibrate
 from fit.quality.noise_adaptation import adapt_to_readout_excess
 from fit.quality.noise_tests import readout_excess

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from fit.errors import InputError
-from fit.fitting import flscov
-from fit.fitting.joint_fit import fit_joint
+from fit.fitting import ltpda_flscov
+from fit.fitting.experiment_and_joint_fit import fit_joint
 from fit.forecasting.expected_fit import PlannedExperiment
 from fit.forecasting.expected_fit import expected_fit as forecast
 from fit.model.dynamics import Columns
@@ -316,7 +316,9 @@ def test_flscov_scatters_as_forecast():
 
 def test_flscov_weighs_stretches_that_do_not_overlap_by_closed_forms():
     # of ten independent powers E[1 / sum] = 1 / 9, E[one / sum^2] = 1 / 90
-    for factor, closed in zip(flscov._expected_weights(np.ones(10)), (10 / 9, 1.0, 10 / 9), strict=True):
+    for factor, closed in zip(
+        ltpda_flscov._expected_weights(np.ones(10)), (10 / 9, 1.0, 10 / 9), strict=True
+    ):
         assert factor == pytest.approx(np.full(10, closed), rel=1e-6)
 
 
@@ -324,11 +326,11 @@ def test_flscov_knows_how_its_stretches_overlap():
     rng, tau = np.random.default_rng(2), (0.0, 0.0)
     noise, names = rng.standard_normal((30000, 24)), tuple(map(str, range(24)))
     white = Columns(tau, names, 1.0, np.arange(30000.0), noise, np.ones(30000, bool))
-    f, spectra = flscov.transform(white)
-    w, starts = flscov._stretches(30000)
+    f, spectra = ltpda_flscov.transform(white)
+    w, starts = ltpda_flscov._stretches(30000)
     spectra = spectra * np.exp(-2j * np.pi * np.outer(starts, f))[:, :, None]
     drawn = np.einsum("sbp,tbp->st", spectra.conj(), spectra) / f.size / 24 / 2  # one-sided PSD of 2
-    values, vectors = flscov._modes(w, starts)
+    values, vectors = ltpda_flscov._modes(w, starts)
     assert (vectors * values) @ vectors.T == pytest.approx(drawn, abs=0.06)
     assert values.sum() == pytest.approx(10)
 

@@ -7,7 +7,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from fit.fitting.joint_fit import fit_experiment, fit_joint
+from fit.fitting.experiment_and_joint_fit import fit_experiment, fit_joint
 from fit.pipeline import calibrate
 from fit.quality import glitches, injections
 from fit.quality.masks import mask_experiments

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fit.fitting.joint_fit import fit_experiment, fit_joint
+from fit.fitting.experiment_and_joint_fit import fit_experiment, fit_joint
 from fit.model import dynamics
 from fit.quality import glitches
 from fit.settings import settings

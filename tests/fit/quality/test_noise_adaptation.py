@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from fit.errors import InputError
-from fit.fitting.joint_fit import fit_experiment
+from fit.fitting.experiment_and_joint_fit import fit_experiment
 from fit.pipeline import calibrate
 from fit.quality import noise_tests
 from fit.settings import settings

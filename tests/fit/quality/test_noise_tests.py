@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fit.fitting.joint_fit import fit_experiment
+from fit.fitting.experiment_and_joint_fit import fit_experiment
 from fit.quality.fit_quality import as_fit
 from fit.quality.noise_tests import NORMAL_SCORES, WhitenedResidual, diagnose, diagnostics
 from fit.results import Results, load, write

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from fit.errors import FitError
-from fit.fitting.joint_fit import fit_joint
+from fit.fitting.experiment_and_joint_fit import fit_joint
 from fit.fitting.joint_model import JointModel
 from fit.fitting.run_estimate import variance_factor, variance_factors
 from fit.parameters import FLIGHT

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy import signal
 
-from fit.spectra.averaging import Estimator
+from fit.spectra.averaged_spectra import Estimator
 
 FS = 10.0
 

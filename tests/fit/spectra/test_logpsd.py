@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from fit.spectra.averaging import _kernel, _power, log_psd, log_psds
+from fit.spectra.averaged_spectra import _kernel, _power, log_psd, log_psds
 
 N = 100_000
 

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fit.forecasting import fisher
+from fit.forecasting import fisher_information
 from fit.forecasting.expected_fit import expected_fit
 from fit.settings import settings
 from lpfcosim.campaign import loading
@@ -32,7 +32,7 @@ def plan():
 def test_information_of_tones_is_that_of_the_forecast(plan):
     expected = expected_fit(planned_experiments(plan))
     bare = replace(plan, experiments=tuple(replace(e, injections=()) for e in plan.experiments))
-    campaign = fisher.fisher_information(planned_experiments(bare), settings())
+    campaign = fisher_information.fisher_information(planned_experiments(bare), settings())
     undetermined = np.array([name not in expected.parameters for name in campaign.names])
     information = np.diag(np.where(undetermined, campaign.widths**-2.0, 0.0))
     t = np.linspace(0, 21600, 5000)
@@ -55,7 +55,7 @@ def test_information_of_tones_is_that_of_the_forecast(plan):
 
 
 def test_a_tone_clear_of_the_window_is_worth_its_time(plan):
-    (experiment, _) = fisher.fisher_information(planned_experiments(plan), settings()).experiments
+    (experiment, _) = fisher_information.fisher_information(planned_experiments(plan), settings()).experiments
     power = np.zeros(20000)
     power[4000:12000] = 1.0
     assert experiment.equivalent_duration(power) == pytest.approx(0.4 * experiment.duration, rel=1e-3)
@@ -64,7 +64,7 @@ def test_a_tone_clear_of_the_window_is_worth_its_time(plan):
 
 def test_flscov_is_designed_for_as_the_default(plan):
     flscov, gaussian = (
-        fisher.fisher_information(planned_experiments(plan), settings(s))
+        fisher_information.fisher_information(planned_experiments(plan), settings(s))
         for s in ({"estimator": "flscov"}, {})
     )
     for one, reference in zip(flscov.experiments, gaussian.experiments, strict=True):
