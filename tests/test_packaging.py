@@ -17,6 +17,7 @@ import pytest
 from lpfcosim.cosim import checks
 from lpfcosim.errors import InputError
 from lpfcosim.modelica import build, compiler, prebuilt
+from lpfcosim.models import fmu_names
 from tests.oracles.binaries import READERS
 
 ROOT = Path(__file__).parents[1]
@@ -189,10 +190,10 @@ def test_wheel_carries_every_platform(wheel, tmp_path):
     with zipfile.ZipFile(wheel) as stored:
         names = {n for n in stored.namelist() if n.startswith("lpfcosim/prebuilt/")}
         files = {n.removeprefix("lpfcosim/prebuilt/"): stored.read(n) for n in names}
-    archives = {f"fmi{v}/{m}.fmu" for v in "23" for m in build.MODELS}
+    archives = {f"fmi{v}/{m}.fmu" for v in "23" for m in fmu_names()}
     extension = {"linux": ".so", "darwin": ".dylib", "windows": ".dll"}
     engines = {f"engine/{p}{extension[p.split('-')[1]]}" for p in PLATFORMS}
-    modules = {f"numpy/{m}.py" for m in build.MODELS}
+    modules = {f"numpy/{m}.py" for m in fmu_names()}
     assert set(files) == {"manifest.json", *archives, *engines, *modules}
     for name in engines:
         platform, exported = READERS[Path(name).suffix](files[name])
@@ -271,7 +272,7 @@ def test_edited_model_of_an_installed_wheel_is_refused_with_the_remedy(installed
         model.write_bytes(original)
     assert done.returncode == 2
     assert re.search(r"Plant\.mo has changed .*'rumoca' .*pip install 'lpfcosim\[build\]'", done.stderr)
-    assert lpfcosim(installed, tmp_path, "fmu", "list").stdout.count("prebuilt") == len(build.MODELS)
+    assert lpfcosim(installed, tmp_path, "fmu", "list").stdout.count("prebuilt/") == len(fmu_names())
 
 
 @pytest.mark.slow
