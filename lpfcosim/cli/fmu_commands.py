@@ -75,8 +75,9 @@ def list_(as_json: AsJson = False) -> None:
     if as_json:
         print(json.dumps({"schema": "lpf-fmus/1", "fmus": results}, indent=1))
         return
+    width = max(map(len, fmu_names()))
     for fmu in results:
-        print(f"{fmu['model']:18s} {'built    ' if fmu['built'] else 'not built'} {fmu['path']}")
+        print(f"{fmu['model']:{width}} {'built    ' if fmu['built'] else 'not built'} {fmu['path']}")
 
 
 @app.command(
