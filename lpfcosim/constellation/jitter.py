@@ -24,6 +24,8 @@ SCHEMA = "lisa-jitter/1"
 #: Of each spacecraft the left assembly, test mass 1, and the right one, test mass 2.
 ASSEMBLIES = {"1": ("12", "13"), "2": ("23", "21"), "3": ("31", "32")}
 ANGLES = {"theta": "x", "eta": "y", "phi": "z"}
+#: Angle from the x axis of a spacecraft to an assembly in lisainstrument [rad].
+HALF_OPENING = math.radians(30.0)
 _OF_RUN = {
     **{f"jitter_{angle}": "rad" for angle in ANGLES},
     **{f"{name}_{j}": unit for j in (1, 2) for name, unit in (("mosa", "rad"), ("jitter_x", "m"))},
@@ -77,35 +79,44 @@ def _descriptions() -> dict[str, tuple[str, str]]:
 SERIES: Mapping[str, tuple[str, str]] = _descriptions()
 
 
-def spacecraft_motion(channels: Mapping[str, Array], spacecraft: str) -> dict[str, Array]:
-    """Return the nine series of a spacecraft from channels of its telemetry."""
+def spacecraft_motion(
+    channels: Mapping[str, Array], spacecraft: str, half_opening: float = HALF_OPENING
+) -> dict[str, Array]:
+    """Return the nine series of a spacecraft from channels of its telemetry.
+
+    Another half opening [rad] than `HALF_OPENING` projects other shares of theta and eta of the spacecraft
+    onto the assemblies; ``mosa_eta`` contains the difference.
+    """
     series = {f"sc_{angle}_{spacecraft}": channels[f"jitter_{angle}"] for angle in ANGLES}
-    for j, assembly in enumerate(ASSEMBLIES[spacecraft], start=1):
-        yaw = channels[f"mosa_{j}"]
+    for j, (assembly, side) in enumerate(zip(ASSEMBLIES[spacecraft], (1, -1), strict=True), start=1):
+        eta = _eta(channels["jitter_theta"], channels["jitter_eta"], side * half_opening)
+        eta = eta - _eta(channels["jitter_theta"], channels["jitter_eta"], side * HALF_OPENING)
         # the test mass is at rest: as it moves in its housing, the assembly moves the other way
-        moved = {"phi": yaw, "eta": np.zeros_like(yaw), "x": -channels[f"jitter_x_{j}"]}
+        moved = {"phi": channels[f"mosa_{j}"], "eta": eta, "x": -channels[f"jitter_x_{j}"]}
         series |= {f"mosa_{name}_{assembly}": x for name, x in moved.items()}
     return series
 
 
-def assembly_angles(series: Mapping[str, Array], half_openings: Mapping[str, float]) -> dict[str, Array]:
+def assembly_angles(series: Mapping[str, Array]) -> dict[str, Array]:
     """Return the angles of all assemblies against the incoming beams [rad], such as ``phi_12``.
 
     Parameters
     ----------
     series : mapping of str to ndarray
         Those of `spacecraft_motion`, of all three.
-    half_openings : mapping of str to float
-        By spacecraft, the angle from its x axis to an assembly [rad].
     """
     angles = {}
     for sc, pair in ASSEMBLIES.items():
         for assembly, side in zip(pair, (1, -1), strict=True):
-            tilt = math.cos(half_openings[sc]) * series[f"sc_eta_{sc}"]
-            tilt = tilt - side * math.sin(half_openings[sc]) * series[f"sc_theta_{sc}"]
+            eta = _eta(series[f"sc_theta_{sc}"], series[f"sc_eta_{sc}"], side * HALF_OPENING)
             angles[f"phi_{assembly}"] = series[f"sc_phi_{sc}"] + series[f"mosa_phi_{assembly}"]
-            angles[f"eta_{assembly}"] = tilt + series[f"mosa_eta_{assembly}"]
+            angles[f"eta_{assembly}"] = eta + series[f"mosa_eta_{assembly}"]
     return angles
+
+
+def _eta(theta: Array, eta: Array, azimuth: float) -> Array:
+    """Return the rotation of a spacecraft about y of an axis turned by `azimuth` [rad] about z."""
+    return math.cos(azimuth) * eta - math.sin(azimuth) * theta
 
 
 def join(paths: Sequence[Path]) -> Jitter:
@@ -126,7 +137,7 @@ def join(paths: Sequence[Path]) -> Jitter:
     runs = [read_series(path, TELEMETRY, _OF_RUN) for path in paths]
     series: dict[str, Array] = {}
     for run, sc in zip(runs, ASSEMBLIES, strict=True):
-        series |= spacecraft_motion(run.series, sc)
+        series |= spacecraft_motion(run.series, sc, _half_opening(run))
         if _axis(run) != _axis(runs[0]):
             size, expected = (
                 f"{n} samples at {fs:g} Hz from {t:g} s on" for n, fs, t in map(_axis, (run, runs[0]))
@@ -136,6 +147,16 @@ def join(paths: Sequence[Path]) -> Jitter:
                 "duration and rate, and cut them alike"
             )
     return Jitter(runs[0].fs, {name: series[name] for name in SERIES}, tuple(path.name for path in paths))
+
+
+def _half_opening(run: SeriesFile) -> float:
+    """Return the attribute of this name [rad], `HALF_OPENING` without it."""
+    value = run.attributes.get("half_opening", HALF_OPENING)
+    if not (isinstance(value, float | int | np.number) and 0 < value < math.pi / 2):
+        raise InputError(
+            f"{run.path}: attribute half_opening: {shown(value)}, expected an angle in rad between 0 and pi/2"
+        )
+    return float(value)
 
 
 def _axis(run: SeriesFile) -> tuple[int, float, float]:

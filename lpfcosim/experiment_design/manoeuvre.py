@@ -236,9 +236,9 @@ def _sigmas(motions: Sequence[Mapping[str, Array]], openings: Mapping[str, float
     """Return the sigmas [m/rad] that three spacecraft with these motions are expected to give."""
     series: dict[str, Array] = {}
     for channels, sc in zip(motions, ASSEMBLIES, strict=True):
-        series |= spacecraft_motion(channels, sc)
+        series |= spacecraft_motion(channels, sc, openings[sc])
     lead, tail = round(LEAD * RATE), round(TAIL * RATE)
-    angles = assembly_angles(series, openings)
+    angles = assembly_angles(series)
     rates = {name: np.gradient(x, 1 / RATE)[lead:-tail] for name, x in angles.items()}
     variables = dict.fromkeys(("X2", "Y2", "Z2"), np.zeros(next(iter(rates.values())).size))
     covariance = expected_covariance(Measurements(Path("plan"), RATE, variables, rates, _delays()))
@@ -278,8 +278,8 @@ def _candidates(
         moving = {name: np.array(limits[into] * x / (share @ share)) for name, x in motion.items()}
         series: dict[str, Array] = {}
         for sc in ASSEMBLIES:
-            series |= spacecraft_motion(at_rest | moving if sc == spacecraft else at_rest, sc)
-        amplitudes = {name: float(x) for name, x in assembly_angles(series, openings).items()}
+            series |= spacecraft_motion(at_rest | moving if sc == spacecraft else at_rest, sc, openings[sc])
+        amplitudes = {name: float(x) for name, x in assembly_angles(series).items()}
         information[into] = tone_information(f, delays, amplitudes)
     return _Candidates(run.experiment, gains, limits, information)
 

@@ -30,6 +30,27 @@ def test_motion_has_the_signs_of_the_assemblies(files):
         np.testing.assert_array_equal(jitter.series[f"sc_theta_{i + 1}"], motions[i]["jitter_theta"](t))
 
 
+def test_another_opening_projects_the_attitude_otherwise(files):
+    with h5py.File(files[0], "r+") as file:
+        file.attrs["half_opening"] = np.radians(40.0)
+        theta, eta = file["jitter_theta"][:], file["jitter_eta"][:]
+    series = join(files).series
+    for assembly, azimuth in (("12", 30.0), ("13", -30.0)):  # as lisainstrument projects
+        pitch = np.cos(np.radians(azimuth)) * eta - np.sin(np.radians(azimuth)) * theta
+        wide = np.radians(azimuth * 4 / 3)
+        np.testing.assert_allclose(
+            pitch + series[f"mosa_eta_{assembly}"], np.cos(wide) * eta - np.sin(wide) * theta, atol=1e-22
+        )
+    assert not series["mosa_eta_23"].any()
+
+
+def test_an_opening_that_is_no_angle_is_refused(files):
+    with h5py.File(files[0], "r+") as file:
+        file.attrs["half_opening"] = 30.0  # degrees
+    with pytest.raises(InputError, match=r"sc1.h5: attribute half_opening: 30.0, expected an angle in rad"):
+        join(files)
+
+
 def test_a_file_comes_back_and_documents_itself(files, tmp_path):
     jitter = join(files)
     write_jitter(jitter, tmp_path / "j.h5", {"campaign": "lisa"})

@@ -8,7 +8,7 @@ import pytest
 from fit.tilt_to_length import NAMES
 from lpfcosim import design_manoeuvre
 from lpfcosim.campaign import loading
-from lpfcosim.constellation import ASSEMBLIES, assembly_angles
+from lpfcosim.constellation import ASSEMBLIES, assembly_angles, spacecraft_motion
 from lpfcosim.errors import InputError
 from lpfcosim.experiment_design import manoeuvre
 from tests import ROOT
@@ -155,9 +155,13 @@ def test_the_opening_of_each_spacecraft_turns_theta_into_eta_of_its_assemblies(t
     (run,) = [run for run in loading.load(wide).runs if run.kind == "sysid"]
     openings = manoeuvre.half_openings([run] * 3)
     assert openings == pytest.approx(dict.fromkeys(ASSEMBLIES, np.radians(40.0)))
-    names = [f"sc_{angle}_{sc}" for sc in ASSEMBLIES for angle in ("theta", "eta", "phi")]
-    names += [f"mosa_{a}_{name}" for pair in ASSEMBLIES.values() for name in pair for a in ("phi", "eta")]
-    angles = assembly_angles(dict.fromkeys(names, np.zeros(1)) | {"sc_theta_2": np.ones(1)}, openings)
+    at_rest = dict.fromkeys(
+        ("jitter_theta", "jitter_eta", "jitter_phi", "jitter_x_1", "jitter_x_2"), np.zeros(1)
+    )
+    at_rest |= {"mosa_1": np.zeros(1), "mosa_2": np.zeros(1)}
+    series = spacecraft_motion(at_rest, "1", openings["1"])
+    series |= spacecraft_motion(at_rest | {"jitter_theta": np.ones(1)}, "2", openings["2"])
+    angles = assembly_angles(series | spacecraft_motion(at_rest, "3", openings["3"]))
     assert angles["eta_23"] == pytest.approx(-np.sin(np.radians(40.0)))
     assert angles["eta_21"] == pytest.approx(np.sin(np.radians(40.0)))
     assert angles["eta_12"] == 0
