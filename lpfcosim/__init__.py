@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from lpfcosim.workflows.design import CampaignDesign, design
     from lpfcosim.workflows.forecast import Forecast, forecast
     from lpfcosim.workflows.identify import Identification, identify
+    from lpfcosim.workflows.local_design import SpacecraftDesign
     from lpfcosim.workflows.manoeuvre import ManoeuvreDesign, design_manoeuvre
     from lpfcosim.workflows.margins import Margins, margins
     from lpfcosim.workflows.montecarlo import MonteCarlo, montecarlo
@@ -46,6 +47,7 @@ __all__ = [
     "MonteCarlo",
     "Progress",
     "RunError",
+    "SpacecraftDesign",
     "TransferFunctions",
     "UnavailableError",
     "check",
@@ -72,6 +74,7 @@ _HOME = {
     "workflows.design": ("CampaignDesign", "design"),
     "workflows.forecast": ("Forecast", "forecast"),
     "workflows.identify": ("Identification", "identify"),
+    "workflows.local_design": ("SpacecraftDesign",),
     "workflows.manoeuvre": ("ManoeuvreDesign", "design_manoeuvre"),
     "workflows.margins": ("Margins", "margins"),
     "workflows.montecarlo": ("MonteCarlo", "montecarlo"),

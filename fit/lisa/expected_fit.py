@@ -146,18 +146,59 @@ def _residual_psd(
     planned: PlannedLisaExperiment, equation: lisa_dynamics.Equation, c: Array, tau: tuple[float, float]
 ) -> Callable[[Array], Array]:
     """Return the PSD of the residual as a function of frequency."""
+    f = frequency_responses.frequencies(planned.experiment.sysid.telemetry)
+    names, responses = _responses(planned, tau, f)
+    T = np.einsum("bkc,k->bc", responses, equation.basis @ c)
+    S = np.einsum("bi,bij,bj->b", T.conj(), planned.cross_spectra(names, f), T).real
+    if not np.all(S > 0):
+        raise expected_fit.NoiselessError(planned.experiment.sysid.telemetry.run)
+    spline = scipy.interpolate.CubicSpline(np.log(f), np.log(S))
+    return lambda f: np.asarray(np.exp(spline(np.log(f))), dtype=np.float64)
+
+
+def _responses(
+    planned: PlannedLisaExperiment, tau: tuple[float, float], f: Array
+) -> tuple[list[str], NDArray[np.complex128]]:
+    """Return the C channels of D, and the responses of the K `COLUMNS` to them, shape (B, K, C)."""
     telemetry = planned.experiment.sysid.telemetry
     names = [name for name in lisa_dynamics.CHANNELS if name in telemetry.channels]
-    f = frequency_responses.frequencies(telemetry)
 
     def columns_of(time: Array, channels: Mapping[str, Array]) -> Array:
         run = replace(telemetry, time=time, channels=channels)
         return lisa_dynamics.columns(lisa_dynamics.channels(run), tau)
 
-    responses = frequency_responses.impulse_responses(columns_of, telemetry.fs, names, f)
-    T = np.einsum("bkc,k->bc", responses, equation.basis @ c)
-    S = np.einsum("bi,bij,bj->b", T.conj(), planned.cross_spectra(names, f), T).real
-    if not np.all(S > 0):
-        raise expected_fit.NoiselessError(telemetry.run)
-    spline = scipy.interpolate.CubicSpline(np.log(f), np.log(S))
-    return lambda f: np.asarray(np.exp(spline(np.log(f))), dtype=np.float64)
+    return names, frequency_responses.impulse_responses(columns_of, telemetry.fs, names, f)
+
+
+def tone_information(
+    planned: PlannedLisaExperiment,
+    parameters: Sequence[str],
+    f: Array,
+    motions: Mapping[str, NDArray[np.complex128]],
+) -> Array:
+    """Return the Fisher information per second of sines about the parameters, shape (B, P, P).
+
+    A residual that a parameter changes by a sine of amplitude g per unit, in noise of one-sided PSD S, gives
+    the information ``Re[g^* g^T] / S`` per second; transients are left out.
+
+    Parameters
+    ----------
+    planned : PlannedLisaExperiment
+        Whose noise and parameters count.
+    parameters : sequence of str
+        The P parameters.
+    f : ndarray, shape (B,)
+        Frequencies of the sines [Hz].
+    motions : mapping of str to ndarray, each of shape (B,)
+        Complex amplitudes of the channels.
+    """
+    theta = np.array([planned.truth.get(name, LISA[name].value) for name in parameters])
+    tau = lisa_dynamics.delays(parameters, theta)
+    names, responses = _responses(planned, tau, f)
+    columns = np.einsum("bkc,cb->bk", responses, [motions[name] for name in names])
+    information = np.zeros((f.size, theta.size, theta.size))
+    for equation in lisa_dynamics.equations(planned.experiment.sysid.channels, parameters):
+        g = columns @ equation.basis @ equation.gradient(theta, tau)
+        S = _residual_psd(planned, equation, equation.coefficients(theta, tau), tau)(f)
+        information += np.einsum("bi,bj,b->bij", g.conj(), g, 1 / S).real
+    return information

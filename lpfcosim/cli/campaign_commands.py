@@ -239,6 +239,9 @@ def design(
     A lower bound on the objective holds for every design within the limits on rms. The tones are checked
     through the FMUs. If interrupted, the best design so far is written. Needs lpfcosim[design].
 
+    For a LISA spacecraft, the frequencies of the tones that move its test masses are optimised; amplitudes,
+    starts and lengths remain, and no frequency exceeds the highest one of the campaign into its set point.
+
     With --ttl, the campaign moves three LISA spacecraft: the amplitudes of its sines limit the motion, and
     their frequencies and the duration are optimised.
     """

@@ -4,9 +4,12 @@ from pathlib import Path
 
 from lpfcosim.campaign import loading
 from lpfcosim.cli.console import Console
+from lpfcosim.errors import InputError
+from lpfcosim.planned_experiments import is_lisa
 from lpfcosim.workflows import design as workflow
-from lpfcosim.workflows import manoeuvre, output_paths
+from lpfcosim.workflows import local_design, manoeuvre, output_paths
 
+_Design = workflow.CampaignDesign | local_design.SpacecraftDesign | manoeuvre.ManoeuvreDesign
 FORMATS = (".svg", ".pdf", ".png")
 
 
@@ -14,19 +17,24 @@ def design(
     campaign: Path, out: Path | None, figure: Path | None, console: Console, *, jobs: int | None
 ) -> None:
     """Write a campaign with the best injections that are found."""
-    loading.load(campaign)
+    plan = loading.load(campaign)
     path = out or Path(f"{campaign.stem}-designed.toml")
     inputs = loading.sources(campaign)
+    if figure and is_lisa(plan):
+        raise InputError("--figure: not available for a campaign of LISA; leave it out")
     if figure:
         output_paths.check_file(figure, [*inputs, path], FORMATS)
     designed = workflow.design(campaign, path, jobs=jobs, progress=console)
-    console.print_json(designed.to_json())
-    console.print_table(designed.table())
+    _print_design(designed, console)
+    if isinstance(designed, workflow.CampaignDesign):
+        _print_checks(designed, figure, console)
+    console.print_line(f"{path}: written; simulate it with: lpfcosim run {path}")
+
+
+def _print_checks(designed: workflow.CampaignDesign, figure: Path | None, console: Console) -> None:
+    """Print what the FMUs reach, and what other truths do; draw the figure."""
     if figure:
         designed.draw(figure)
-    console.print_line("")
-    for line in designed.summary():
-        console.print_line(line)
     designed.check_valid()
     largest = max(ratio for ratios in designed.limits_reached.values() for ratio in ratios.values())
     console.print_line(
@@ -41,15 +49,19 @@ def design(
             f"(half to twice): sigmas up to {100 * box.loss:.1f} % larger, relative to the best there, than "
             f"here; limits reached up to {box.max_limit_ratio:.3f}"
         )
-    console.print_line(f"{path}: written; simulate it with: lpfcosim run {path}")
 
 
 def design_manoeuvre(campaign: Path, out: Path | None, sigma: float, console: Console) -> None:
     """Write a campaign with the shortest manoeuvre that reaches a sigma [m/rad]."""
     designed = manoeuvre.design_manoeuvre(campaign, out, sigma=sigma, progress=console)
+    _print_design(designed, console)
+    console.print_line(f"{designed.path}: written; simulate it with lpfcosim.simulate")
+
+
+def _print_design(designed: _Design, console: Console) -> None:
+    """Print the sigmas before and after, and the sentences about them."""
     console.print_json(designed.to_json())
     console.print_table(designed.table())
     console.print_line("")
     for line in designed.summary():
         console.print_line(line)
-    console.print_line(f"{designed.path}: written; simulate it with lpfcosim.simulate")

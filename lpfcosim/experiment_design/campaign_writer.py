@@ -1,6 +1,7 @@
 """A design as a campaign file: the campaign with other tones, and the reason for each."""
 
-from collections.abc import Mapping, MutableMapping, Sequence
+import os
+from collections.abc import Iterable, Mapping, MutableMapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -57,6 +58,34 @@ def is_design(path: Path) -> bool:
     """Return whether a file is an earlier design."""
     with path.open(encoding="utf-8", errors="replace") as file:
         return any(line.rstrip("\n").endswith(MARK) for line in (file.readline(1000), file.readline(1000)))
+
+
+def extending_text(path: Path, source: Path, head: Iterable[str], tables: Iterable[Mapping[str, Any]]) -> str:
+    """Return a campaign file that extends the one it was made from, with other experiments.
+
+    Parameters
+    ----------
+    path, source : Path
+        The file to write, and the campaign it was made from.
+    head : iterable of str
+        Comments at its top.
+    tables : iterable of mapping
+        The experiments; their injections get a line each.
+    """
+    document = tomlkit.document()
+    for line in (f"{source.name}{MARK}", *head):
+        document.add(tomlkit.comment(line))
+    document["extends"] = os.path.relpath(source, path.parent)
+    document["name"] = path.stem
+    experiments = tomlkit.aot()
+    for content in tables:
+        table = tomlkit.table()
+        table.update({key: value for key, value in content.items() if key != "injections"})
+        if "injections" in content:
+            table["injections"] = _array(content["injections"], ())
+        experiments.append(table)
+    document["experiments"] = experiments
+    return tomlkit.dumps(document)
 
 
 def _tables(plan: Campaign) -> dict[str, Any]:

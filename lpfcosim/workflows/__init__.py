@@ -12,6 +12,7 @@ __all__ = [
     "forecast",
     "identify",
     "jitter",
+    "local_design",
     "manoeuvre",
     "margins",
     "montecarlo",

@@ -1,12 +1,10 @@
 """The manoeuvre that calibrates tilt-to-length coupling in the least time, as a campaign to run."""
 
-import os
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import tomlkit
 from pydantic_core import PydanticCustomError
 
 from fit.errors import shown
@@ -16,7 +14,7 @@ from fit.tables import Table
 from lpfcosim.campaign import loading, names, units
 from lpfcosim.errors import InputError, prefix_errors
 from lpfcosim.execution import validation
-from lpfcosim.experiment_design import MARK, Manoeuvre, is_design
+from lpfcosim.experiment_design import Manoeuvre, extending_text, is_design
 from lpfcosim.experiment_design import design_manoeuvre as find_manoeuvre
 from lpfcosim.planned_experiments import LISA
 from lpfcosim.spacecraft import FS, TaperedSine
@@ -156,7 +154,7 @@ def design_manoeuvre(
         with progress.stage("search"):
             manoeuvre = find_manoeuvre(plan, target)
     design = ManoeuvreDesign(manoeuvre, target, path)
-    atomic.write(path, _text(design, source))
+    atomic.write(path, extending_text(path, source, design.summary(), _tables(manoeuvre)))
     loading.load(path)
     return design
 
@@ -179,44 +177,24 @@ def _target(sigma: object) -> float:
     return float(sigma)
 
 
-def _text(design: ManoeuvreDesign, source: Path) -> str:
-    """Return the campaign file, which extends the one it was made from."""
-    document = tomlkit.document()
-    for line in (f"{source.name}{MARK}", *design.summary()):
-        document.add(tomlkit.comment(line))
-    document["extends"] = os.path.relpath(source, design.path.parent)
-    document["name"] = design.path.stem
-    tables = tomlkit.aot()
-    written = design.manoeuvre.plan.tables["experiments"]
-    for experiment, before in zip(design.manoeuvre.campaign.experiments, written, strict=True):
-        table = tomlkit.table()
-        table.update({key: value for key, value in before.items() if key not in ("sequences", "injections")})
-        if experiment.name in design.manoeuvre.tones:
+def _tables(manoeuvre: Manoeuvre) -> Iterator[dict[str, Any]]:
+    """Yield the experiments of the campaign file."""
+    written = manoeuvre.plan.tables["experiments"]
+    for experiment, before in zip(manoeuvre.campaign.experiments, written, strict=True):
+        table = {key: value for key, value in before.items() if key not in ("sequences", "injections")}
+        if experiment.name in manoeuvre.tones:
             table["duration"] = f"{experiment.n_samples / FS:.12g} s"
-            table["injections"] = _injections(
-                [i for i in experiment.injections if isinstance(i, TaperedSine)]
-            )
-        tables.append(table)
-    document["experiments"] = tables
-    return tomlkit.dumps(document)
+            table["injections"] = [_injection(i) for i in experiment.injections if isinstance(i, TaperedSine)]
+        yield table
 
 
-def _injections(tones: list[TaperedSine]) -> tomlkit.items.Array:
-    """Return tones as an array with a line for each."""
-    array = tomlkit.array()
-    for tone in tones:
-        table = tomlkit.inline_table()
-        table.update(
-            {
-                "into": tone.into,
-                "shape": "tapered_sine",
-                "frequency": f"{1e3 * tone.frequency:.12g} mHz",
-                "amplitude": f"{NANO * tone.amplitude:.6g} nrad",
-                "cycles": tone.cycles,
-                "start": f"{tone.start:.12g} s",
-                "ramp": f"{tone.ramp:.12g} s",
-            }
-        )
-        array.add_line(table, indent="  ")
-    array.add_line(indent="")
-    return array
+def _injection(tone: TaperedSine) -> dict[str, object]:
+    return {
+        "into": tone.into,
+        "shape": "tapered_sine",
+        "frequency": f"{1e3 * tone.frequency:.12g} mHz",
+        "amplitude": f"{NANO * tone.amplitude:.6g} nrad",
+        "cycles": tone.cycles,
+        "start": f"{tone.start:.12g} s",
+        "ramp": f"{tone.ramp:.12g} s",
+    }

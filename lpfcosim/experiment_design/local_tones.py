@@ -1,0 +1,211 @@
+"""Better frequencies of the tones that calibrate one LISA spacecraft.
+
+Amplitude, start and length of every tone are those of the campaign; its frequency is free, in whole cycles.
+It does not exceed the highest one that the campaign injects into the same set point, so that no tone needs
+more force. The information of a tone follows from the linear closed loop; information of tones whose
+frequencies differ by a cycle or more is added. The result is forecast in full.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fit.lisa import PlannedLisaExperiment, expected_lisa_fit, tone_information
+from fit.parameters import LISA
+from fit.results import Fit
+from fit.settings import Settings
+from lpfcosim.campaign import Campaign
+from lpfcosim.errors import InputError
+from lpfcosim.experiment_design.design_problem import with_tones
+from lpfcosim.experiment_design.manoeuvre_runs import MOTIONS
+from lpfcosim.linear import response
+from lpfcosim.planned_experiments import planned_lisa_experiments
+from lpfcosim.spacecraft import Run, Sine
+
+Array = NDArray[np.float64]
+
+MIN_CYCLES = 2  # of a tone, by which a window resolves it
+MAX_CANDIDATES = 60  # frequencies of a tone
+N_STARTS = 8  # of the search: the campaign, and random ones
+
+
+@dataclass(frozen=True)
+class LocalDesign:
+    """Tones of one LISA spacecraft.
+
+    Attributes
+    ----------
+    plan, campaign : Campaign
+        Before and after.
+    before, after : Fit
+        The fits to expect.
+    sigma_bounds : dict of str to float
+        By parameter, what no frequencies within the limits go below: the others known, each tone at its best.
+    max_frequencies : dict of str to float
+        By set point [Hz].
+    """
+
+    plan: Campaign
+    campaign: Campaign
+    before: Fit
+    after: Fit
+    sigma_bounds: dict[str, float]
+    max_frequencies: dict[str, float]
+
+    @property
+    def parameters(self) -> tuple[str, ...]:
+        """The parameters whose sigmas count: all but fixed ones."""
+        return tuple(name for name, e in self.before.parameters.items() if not e.is_exact)
+
+    @property
+    def value(self) -> float:
+        """Geometric mean of the sigmas relative to those of the campaign."""
+        return _geometric_mean([self.after[name].sigma / self.before[name].sigma for name in self.parameters])
+
+    @property
+    def bound(self) -> float:
+        """What `value` is not below, whatever the frequencies."""
+        return _geometric_mean([self.sigma_bounds[n] / self.before[n].sigma for n in self.parameters])
+
+
+@dataclass(frozen=True)
+class _Tone:
+    """A tone whose frequency is free, with the information of each of its candidates, shape (B, P, P)."""
+
+    experiment: str
+    sine: Sine
+    frequencies: Array
+    information: Array
+
+    @property
+    def duration(self) -> float:
+        return self.sine.end - self.sine.start
+
+    def redesigned(self, candidate: int) -> Sine:
+        """Return the sine with the frequency of a candidate, in whole cycles."""
+        cycles = round(self.frequencies[candidate] * self.duration)
+        return replace(self.sine, frequency=cycles / self.duration, cycles=cycles)
+
+
+def design_local_tones(plan: Campaign, settings: Settings) -> LocalDesign:
+    """Find frequencies that determine the parameters best.
+
+    The geometric mean of all sigmas, relative to those of the campaign, is minimised.
+
+    Raises
+    ------
+    InputError
+        If no sine of the campaign moves a test mass.
+    """
+    planned = planned_lisa_experiments(plan)
+    before = expected_lisa_fit(planned, settings)
+    names = tuple(name for name, e in before.parameters.items() if not e.is_exact)
+    runs = [run for run in plan.runs if run.kind == "sysid"]
+    highest: dict[str, float] = {}
+    for sine in (i for run in runs for i in _free_sines(run)):
+        highest[sine.into] = max(sine.frequency, highest.get(sine.into, 0.0))
+    if not highest:
+        raise InputError(
+            "experiments: no sine moves a test mass, expected one into guidance_o_1, guidance_y_1 or another "
+            "set point of a test mass; its frequency is optimised"
+        )
+    tones = [
+        tone
+        for run, expected in zip(runs, planned, strict=True)
+        if run.experiment not in settings.exclude
+        for tone in _tones(run, expected, names, tuple(before.parameters), highest)
+    ]
+    prior = np.diag([LISA[name].sigma ** -2.0 for name in names])
+    chosen = _search(tones, prior)
+    campaign = with_tones(plan, _sines(runs, tones, chosen))
+    after = expected_lisa_fit(planned_lisa_experiments(campaign), settings)
+    most = np.diag(prior) + sum(np.diagonal(t.information, axis1=1, axis2=2).max(axis=0) for t in tones)
+    bounds = dict(zip(names, (most**-0.5).tolist(), strict=True))
+    design = LocalDesign(plan, campaign, before, after, bounds, highest)
+    return design if design.value < 1 else replace(design, campaign=plan, after=before)
+
+
+def _free_sines(run: Run) -> list[Sine]:
+    """Return the sines of a run that move test masses; those of attitude and opening serve other purposes."""
+    return [i for i in run.injections if isinstance(i, Sine) and i.into not in MOTIONS]
+
+
+def _tones(
+    run: Run,
+    planned: PlannedLisaExperiment,
+    names: Sequence[str],
+    parameters: Sequence[str],
+    highest: Mapping[str, float],
+) -> list[_Tone]:
+    """Return the free tones of a run with the information of their candidates about the named parameters."""
+    system, tones = response.recorded_system(run), []
+    places = [parameters.index(name) for name in names]
+    for sine in _free_sines(run):
+        duration = sine.end - sine.start
+        most = max(sine.cycles, int(highest[sine.into] * duration + 1e-6))
+        least = min(sine.cycles, MIN_CYCLES)
+        cycles = np.unique(np.geomspace(least, most, min(MAX_CANDIDATES, most - least + 1)).round())
+        f = np.union1d(cycles, [sine.cycles]) / duration
+        transfer = system.select([sine.into], system.outputs).frequency_response(f)[:, :, 0]
+        motions = dict(zip(system.outputs, sine.amplitude * transfer.T, strict=True))
+        information = duration * tone_information(planned, parameters, f, motions)
+        tones.append(_Tone(run.experiment, sine, f, information[:, places][:, :, places]))
+    return tones
+
+
+def _search(tones: Sequence[_Tone], prior: Array) -> list[int]:
+    """Return a candidate of every tone, by moving one tone at a time as long as that helps."""
+    rng = np.random.default_rng(0)
+    starts = [[int(np.argmin(abs(t.frequencies - t.sine.frequency))) for t in tones]]
+    starts += [[int(rng.integers(t.frequencies.size)) for t in tones] for _ in range(N_STARTS - 1)]
+    return min((_descent(tones, prior, start) for start in starts), key=lambda end: end[0])[1]
+
+
+def _descent(tones: Sequence[_Tone], prior: Array, start: list[int]) -> tuple[float, list[int]]:
+    chosen, value = list(start), np.inf
+    while True:
+        before = value
+        for i, tone in enumerate(tones):
+            others = [(t, k) for j, (t, k) in enumerate(zip(tones, chosen, strict=True)) if j != i]
+            rest = prior + sum(t.information[k] for t, k in others)
+            values = _objective(rest + tone.information)
+            values[_conflicts(tone, others)] = np.inf
+            chosen[i] = int(values.argmin())
+            value = float(values.min())
+        if not value < before - 1e-9:
+            return value, chosen
+
+
+def _conflicts(tone: _Tone, others: Sequence[tuple[_Tone, int]]) -> NDArray[np.bool_]:
+    """Return which candidates are less than a cycle from another tone at the same time."""
+    conflicts = np.zeros(tone.frequencies.size, dtype=bool)
+    for other, k in others:
+        together = other.experiment == tone.experiment and (
+            other.sine.start < tone.sine.end and tone.sine.start < other.sine.end
+        )
+        if together:
+            spacing = 0.999 / min(tone.duration, other.duration)
+            conflicts |= abs(tone.frequencies - other.frequencies[k]) < spacing
+    return conflicts
+
+
+def _objective(information: Array) -> Array:
+    """Return the mean logarithm of the variances, shape (B,)."""
+    scale = np.sqrt(np.diagonal(information, axis1=1, axis2=2))
+    inverse = np.linalg.inv(information / (scale[:, :, None] * scale[:, None, :]))
+    return np.asarray(np.log(np.diagonal(inverse, axis1=1, axis2=2) / scale**2).mean(axis=1))
+
+
+def _sines(runs: Sequence[Run], tones: Sequence[_Tone], chosen: Sequence[int]) -> dict[str, list[Sine]]:
+    """Return all sines of each experiment in their order, those of the tones with new frequencies."""
+    designed = {(t.experiment, t.sine): t.redesigned(k) for t, k in zip(tones, chosen, strict=True)}
+    return {
+        run.experiment: [designed.get((run.experiment, i), i) for i in run.injections if isinstance(i, Sine)]
+        for run in runs
+    }
+
+
+def _geometric_mean(ratios: Sequence[float]) -> float:
+    return float(np.exp(np.mean(np.log(ratios))))
