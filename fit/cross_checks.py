@@ -103,12 +103,13 @@ def leave_one_out(results: Results) -> CrossCheck:
     Raises
     ------
     InputError
-        If there is no such joint fit, or the results are from a file.
+        If there is no such joint fit.
     """
-    check_results(results, "leave_one_out")
+    joint, known = _joint(results, "leave_one_out"), results.cross_checks
+    reduced_fits = known.leave_one_out if known else _reduced_fits(results, joint)
     rows = (
         (experiment, name, estimate.value, estimate.sigma, estimate.shift)
-        for experiment, reduced in _reduced_fits(results, sound_joint(results)).items()
+        for experiment, reduced in reduced_fits.items()
         for name, estimate in reduced.items()
     )
     return CrossCheck(("without", "parameter", "value", "sigma", "shift"), tuple(rows))
@@ -150,22 +151,33 @@ def profile_likelihood(results: Results, parameters: Sequence[str] = ()) -> Cros
     Raises
     ------
     InputError
-        If there is no such joint fit or parameter, or the results are from a file.
+        If there is no such joint fit or parameter.
     """
-    check_results(results, "profile_likelihood")
-    joint = sound_joint(results)
-    varying = _varying(joint)
+    joint = _joint(results, "profile_likelihood")
+    known = results.cross_checks.profile_likelihood if results.cross_checks else {}
+    varying = _varying(joint) if joint.solved else list(known)
     if unknown := [name for name in parameters if name not in varying]:
         raise InputError(
             f"profile_likelihood: {unknown[0]}: does not vary, expected one of {', '.join(varying)}"
         )
     rows: list[tuple[str | float, ...]] = []
     for name in parameters or varying:
-        profile = _profile(joint, name)
+        profile = known.get(name) or _profile(joint, name)
         limits = zip(LEVELS, profile.limits, strict=True)
         ends = (math.copysign(math.inf, level) if limit is None else limit for level, limit in limits)
         rows.append((name, profile.value, *ends))
     return CrossCheck(("parameter", "value", *(f"{level:+d} sigma" for level in LEVELS)), tuple(rows))
+
+
+def _joint(results: Results, function: str) -> Fit:
+    """Return the joint fit whose cross-checks are known, or can be computed."""
+    check_results(results, function)
+    joint = sound_joint(results)
+    if joint.solved is None and results.cross_checks is None:
+        raise InputError(
+            f"{function}: results from a file without cross_checks, expected those of fit.calibrate"
+        )
+    return joint
 
 
 def _varying(joint: Fit) -> list[str]:

@@ -6,13 +6,13 @@ Its keys are those that its `SpacecraftModel` declares, in the units of its Mode
 from collections.abc import Mapping
 from typing import Annotated, Any
 
-from pydantic import Field, Strict
+from pydantic import Field, Strict, model_validator
 
 from fit.errors import quote
-from fit.files import closest_match
+from fit.files import closest_match, problem
 from lpfcosim.campaign.declared_tables import DeclaredTable, LevelTable, ParameterTable
 from lpfcosim.campaign.resolved_experiments import ConflictError, ResolvedExperiment
-from lpfcosim.campaign.schema import CommonTables, ExperimentTable
+from lpfcosim.campaign.schema import CampaignTable, CommonTables, ExperimentTable
 from lpfcosim.models import SpacecraftModel
 from lpfcosim.spacecraft import DRAG_FREE, SUSPENSION, Truth
 
@@ -43,6 +43,17 @@ class OtherCampaignTable(CommonTables):
     control: dict[str, ControllerTable] = {}
     noise: LevelTable = LevelTable.model_construct()
     experiments: Annotated[list[OtherExperimentTable], Field(min_length=1, examples=["[[experiments]] …"])]
+
+    @model_validator(mode="before")
+    @classmethod
+    def _keys_of_lisa_pathfinder(cls, raw: object) -> object:
+        """Name the spacecraft whose key is given here."""
+        if isinstance(raw, dict):
+            for key in raw:
+                if key in CampaignTable.model_fields.keys() - cls.model_fields.keys():
+                    words = "unknown key; LISA Pathfinder has it, expected no key spacecraft"
+                    raise problem(f"{words} = {quote(raw['spacecraft'])} for it", key)
+        return raw
 
 
 def campaign_fields(table: OtherCampaignTable, spacecraft: SpacecraftModel) -> dict[str, Any]:

@@ -38,6 +38,11 @@ def check_runs(runs: Sequence[Run]) -> None:
                 f"experiments: {run.experiment}: an injection into {injections[0].into} that is no sine, "
                 "expected sines only; leave it out of the manoeuvre"
             )
+        if into := [i.into for i in run.injections if i.into not in MOTIONS]:
+            raise InputError(
+                f"experiments: {run.experiment}: a sine into {into[0]}, expected {', '.join(MOTIONS)}; "
+                "leave it out of the manoeuvre"
+            )
         if run.n_samples != runs[0].n_samples or run.n_samples / FS > LONGEST:
             raise InputError(
                 f"experiments: {run.experiment}: {run.n_samples / FS:g} s, expected the same duration in all "

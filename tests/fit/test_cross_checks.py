@@ -116,6 +116,13 @@ def test_a_file_states_the_cross_checks(results, tmp_path):
     for name, value, *limits in fit.profile_likelihood(results).rows:
         profile = checked.cross_checks.profile_likelihood[name]
         assert (profile.value, *profile.limits) == (value, *limits)
+    stored = fit.load_results(path)
+    assert fit.profile_likelihood(stored).rows == fit.profile_likelihood(results).rows
+    assert fit.leave_one_out(stored).rows == fit.leave_one_out(results).rows
+    with pytest.raises(fit.InputError, match="profile_likelihood: lambda_9: does not vary"):
+        fit.profile_likelihood(stored, ["lambda_9"])
+    with pytest.raises(fit.InputError, match="leave_one_out: results from a file without cross_checks"):
+        fit.leave_one_out(replace(stored, cross_checks=None))
     shifts = checked.cross_checks.leave_one_out
     assert {(e, name) for e in shifts for name in shifts[e]} == {
         row[:2] for row in fit.leave_one_out(results).rows

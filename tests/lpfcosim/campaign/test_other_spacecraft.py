@@ -188,6 +188,7 @@ OF_PATHFINDER = 'LISA Pathfinder has it, expected no key spacecraft = "lisa" for
 OF_LISA = 'runs of LISA have it, expected spacecraft = "lisa" for them'
 MIXED = [  # text, what to replace, by what, where, and who has it
     (LISA_TEXT, "[truth]", "[truth]\nlambda_1 = 1.05", "truth.lambda_1: unknown key", OF_PATHFINDER),
+    (LISA_TEXT, "[noise]", '[design]\nobjective = "minimax"\n[noise]', "design: unknown key", OF_PATHFINDER),
     (LISA_TEXT, '"guidance_o_2"', '"guidance_o_12"', '"guidance_o_12" is not known', OF_PATHFINDER),
     (LISA_TEXT, 'spacecraft = "lisa"\n', "", '"guidance_o_2" is not known', OF_LISA),
     (PATHFINDER_TEXT, "[truth]", "[truth]\nlambda_y_1 = 1.05", "truth.lambda_y_1: unknown key", OF_LISA),

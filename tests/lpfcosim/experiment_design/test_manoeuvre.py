@@ -58,6 +58,14 @@ def test_what_is_no_manoeuvre_of_three_spacecraft_is_refused(lpfcosim, tmp_path)
         "design", _campaign(tmp_path, other), "--ttl", "10 um/rad", "--out", tmp_path / "d.toml"
     )
     assert status == 2
+    assert "SC1: a sine into guidance_o_1, expected guidance_theta, guidance_eta, " in message
+    tone = 'injections = [{ into = "guidance_phi", shape = "sine", frequency = "41 mHz", '
+    tone += 'amplitude = "30 nrad", cycles = 50, start = "300 s" }]'
+    few = "".join(_experiment(f"SC{i}", "sc1").replace('sequences = ["sc1"]', tone) for i in (1, 2, 3))
+    status, _, message = lpfcosim(
+        "design", _campaign(tmp_path, few), "--ttl", "10 um/rad", "--out", tmp_path / "d.toml"
+    )
+    assert status == 2
     assert "SC1: no sine into guidance_theta, expected one, whose amplitude limits the motion" in message
     pathfinder = ROOT / "campaigns" / "quickstart.toml"
     status, _, message = lpfcosim("design", pathfinder, "--ttl", "10 um/rad", "--out", tmp_path / "d.toml")
