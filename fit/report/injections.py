@@ -78,4 +78,4 @@ def table(run: Telemetry) -> Table:
             times = (f"{begin:%Y-%m-%d %H:%M:%S}", f"{end:{day}%H:%M:%S}")
             rows.append((channel, *times, f"{factor * one.amplitude:.3g}\u00a0{unit}", tones or "ramp"))
     head = ("Injection into", "Start (UTC)", "End", "Amplitude", "Frequency [mHz]")
-    return Table(head, tuple(rows), "Injections, found in the recorded channels that hold nothing else.")
+    return Table(head, tuple(rows), "Injections, from the channels that record nothing else.")

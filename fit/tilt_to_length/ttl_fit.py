@@ -130,7 +130,7 @@ def _check_unit(measurements: Measurements, weights: Array) -> None:
 _NO_NOISE_RUN = FitWarning(
     "no_noise_run",
     (),
-    "no noise run: the measurements' own residual gives the weights, and chi2 tests nothing",
+    "no noise run: the measurements' own residual gives the weights, and chi2 does not test the fit",
 )
 
 

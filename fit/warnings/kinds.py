@@ -185,7 +185,7 @@ WARNING_KINDS: Mapping[str, WarningKind] = {
     "no_noise_run": WarningKind(
         "Record a noise run at the same authority next to the experiment and fit both together.",
         severity=Severity.DOUBT,
-        headline="Without a noise run χ² tests nothing",
+        headline="Without a noise run χ² does not test the fit",
     ),
     "too_many_glitches": WarningKind(
         "Treat the experiment as failed: repeat it, or pair it with a noise run of the same noise.",
