@@ -103,10 +103,10 @@ def design_local_tones(plan: Campaign, settings: Settings) -> LocalDesign:
     before = expected_lisa_fit(planned, settings)
     names = tuple(name for name, e in before.parameters.items() if not e.is_exact)
     runs = [run for run in plan.runs if run.kind == "sysid"]
-    highest: dict[str, float] = {}
+    max_frequencies: dict[str, float] = {}
     for sine in (i for run in runs for i in _free_sines(run)):
-        highest[sine.into] = max(sine.frequency, highest.get(sine.into, 0.0))
-    if not highest:
+        max_frequencies[sine.into] = max(sine.frequency, max_frequencies.get(sine.into, 0.0))
+    if not max_frequencies:
         raise InputError(
             "experiments: no sine moves a test mass, expected one into guidance_o_1, guidance_y_1 or another "
             "set point of a test mass; its frequency is optimised"
@@ -115,15 +115,17 @@ def design_local_tones(plan: Campaign, settings: Settings) -> LocalDesign:
         tone
         for run, expected in zip(runs, planned, strict=True)
         if run.experiment not in settings.exclude
-        for tone in _tones(run, expected, names, tuple(before.parameters), highest)
+        for tone in _tones(run, expected, names, tuple(before.parameters), max_frequencies)
     ]
     prior = np.diag([LISA[name].sigma ** -2.0 for name in names])
     chosen = _search(tones, prior)
     campaign = with_tones(plan, _sines(runs, tones, chosen))
     after = expected_lisa_fit(planned_lisa_experiments(campaign), settings)
-    most = np.diag(prior) + sum(np.diagonal(t.information, axis1=1, axis2=2).max(axis=0) for t in tones)
-    bounds = dict(zip(names, (most**-0.5).tolist(), strict=True))
-    design = LocalDesign(plan, campaign, before, after, bounds, highest)
+    max_information = np.diag(prior) + sum(
+        np.diagonal(t.information, axis1=1, axis2=2).max(axis=0) for t in tones
+    )
+    bounds = dict(zip(names, (max_information**-0.5).tolist(), strict=True))
+    design = LocalDesign(plan, campaign, before, after, bounds, max_frequencies)
     return design if design.value < 1 else replace(design, campaign=plan, after=before)
 
 
@@ -137,16 +139,17 @@ def _tones(
     planned: PlannedLisaExperiment,
     names: Sequence[str],
     parameters: Sequence[str],
-    highest: Mapping[str, float],
+    max_frequencies: Mapping[str, float],
 ) -> list[_Tone]:
     """Return the free tones of a run with the information of their candidates about the named parameters."""
     system, tones = response.recorded_system(run), []
     places = [parameters.index(name) for name in names]
     for sine in _free_sines(run):
         duration = sine.end - sine.start
-        most = max(sine.cycles, int(highest[sine.into] * duration + 1e-6))
-        least = min(sine.cycles, MIN_CYCLES)
-        cycles = np.unique(np.geomspace(least, most, min(MAX_CANDIDATES, most - least + 1)).round())
+        max_cycles = max(sine.cycles, int(max_frequencies[sine.into] * duration + 1e-6))
+        min_cycles = min(sine.cycles, MIN_CYCLES)
+        size = min(MAX_CANDIDATES, max_cycles - min_cycles + 1)
+        cycles = np.unique(np.geomspace(min_cycles, max_cycles, size).round())
         f = np.union1d(cycles, [sine.cycles]) / duration
         transfer = system.select([sine.into], system.outputs).frequency_response(f)[:, :, 0]
         motions = dict(zip(system.outputs, sine.amplitude * transfer.T, strict=True))
@@ -166,26 +169,26 @@ def _search(tones: Sequence[_Tone], prior: Array) -> list[int]:
 def _descent(tones: Sequence[_Tone], prior: Array, start: list[int]) -> tuple[float, list[int]]:
     chosen, value = list(start), np.inf
     while True:
-        before = value
+        previous_value = value
         for i, tone in enumerate(tones):
-            others = [(t, k) for j, (t, k) in enumerate(zip(tones, chosen, strict=True)) if j != i]
-            rest = prior + sum(t.information[k] for t, k in others)
-            values = _objective(rest + tone.information)
-            values[_conflicts(tone, others)] = np.inf
+            other_tones = [(t, k) for j, (t, k) in enumerate(zip(tones, chosen, strict=True)) if j != i]
+            known = prior + sum(t.information[k] for t, k in other_tones)
+            values = _objective(known + tone.information)
+            values[_conflicts(tone, other_tones)] = np.inf
             chosen[i] = int(values.argmin())
             value = float(values.min())
-        if not value < before - 1e-9:
+        if not value < previous_value - 1e-9:
             return value, chosen
 
 
-def _conflicts(tone: _Tone, others: Sequence[tuple[_Tone, int]]) -> NDArray[np.bool_]:
+def _conflicts(tone: _Tone, other_tones: Sequence[tuple[_Tone, int]]) -> NDArray[np.bool_]:
     """Return which candidates are less than a cycle from another tone at the same time."""
     conflicts = np.zeros(tone.frequencies.size, dtype=bool)
-    for other, k in others:
-        together = other.experiment == tone.experiment and (
+    for other, k in other_tones:
+        overlap = other.experiment == tone.experiment and (
             other.sine.start < tone.sine.end and tone.sine.start < other.sine.end
         )
-        if together:
+        if overlap:
             spacing = 0.999 / min(tone.duration, other.duration)
             conflicts |= abs(tone.frequencies - other.frequencies[k]) < spacing
     return conflicts
