@@ -126,7 +126,8 @@ def design_local_tones(plan: Campaign, settings: Settings) -> LocalDesign:
     )
     bounds = dict(zip(names, (max_information**-0.5).tolist(), strict=True))
     design = LocalDesign(plan, campaign, before, after, bounds, max_frequencies)
-    return design if design.value < 1 else replace(design, campaign=plan, after=before)
+    is_better = after.parameters.keys() >= set(names) and design.value < 1
+    return design if is_better else replace(design, campaign=plan, after=before)
 
 
 def _free_sines(run: Run) -> list[Sine]:
