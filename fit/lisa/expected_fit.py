@@ -186,19 +186,21 @@ def tone_information(
     planned : PlannedLisaExperiment
         Whose noise and parameters count.
     parameters : sequence of str
-        The P parameters.
+        The P parameters; the information about one that the run does not have is zero.
     f : ndarray, shape (B,)
         Frequencies of the sines [Hz].
     motions : mapping of str to ndarray, each of shape (B,)
         Complex amplitudes of the channels.
     """
-    theta = np.array([planned.truth.get(name, LISA[name].value) for name in parameters])
-    tau = lisa_dynamics.delays(parameters, theta)
+    of_run = planned.experiment.sysid.channels.parameters
+    selection = np.array([[float(name == wanted) for wanted in parameters] for name in of_run])
+    theta = np.array([planned.truth.get(name, LISA[name].value) for name in of_run])
+    tau = lisa_dynamics.delays(of_run, theta)
     names, responses = _responses(planned, tau, f)
     columns = np.einsum("bkc,cb->bk", responses, [motions[name] for name in names])
-    information = np.zeros((f.size, theta.size, theta.size))
-    for equation in lisa_dynamics.equations(planned.experiment.sysid.channels, parameters):
-        g = columns @ equation.basis @ equation.gradient(theta, tau)
+    information = np.zeros((f.size, len(parameters), len(parameters)))
+    for equation in lisa_dynamics.equations(planned.experiment.sysid.channels):
+        g = columns @ equation.basis @ equation.gradient(theta, tau) @ selection
         S = _residual_psd(planned, equation, equation.coefficients(theta, tau), tau)(f)
         information += np.einsum("bi,bj,b->bij", g.conj(), g, 1 / S).real
     return information

@@ -102,6 +102,12 @@ def design_local_tones(plan: Campaign, settings: Settings) -> LocalDesign:
     planned = planned_lisa_experiments(plan)
     before = expected_lisa_fit(planned, settings)
     names = tuple(name for name, e in before.parameters.items() if not e.is_exact)
+    undetermined = dict.fromkeys(
+        name
+        for p in planned
+        for name in p.experiment.sysid.channels.parameters
+        if name not in before.parameters
+    )
     runs = [run for run in plan.runs if run.kind == "sysid"]
     max_frequencies: dict[str, float] = {}
     for sine in (i for run in runs for i in _free_sines(run)):
@@ -115,16 +121,16 @@ def design_local_tones(plan: Campaign, settings: Settings) -> LocalDesign:
         tone
         for run, expected in zip(runs, planned, strict=True)
         if run.experiment not in settings.exclude
-        for tone in _tones(run, expected, names, tuple(before.parameters), max_frequencies)
+        for tone in _tones(run, expected, (*names, *undetermined), max_frequencies)
     ]
-    prior = np.diag([LISA[name].sigma ** -2.0 for name in names])
-    chosen = _search(tones, prior)
+    prior = np.diag([LISA[name].sigma ** -2.0 for name in (*names, *undetermined)])
+    chosen = _search(tones, prior, len(names))
     campaign = with_tones(plan, _sines(runs, tones, chosen))
     after = expected_lisa_fit(planned_lisa_experiments(campaign), settings)
     max_information = np.diag(prior) + sum(
         np.diagonal(t.information, axis1=1, axis2=2).max(axis=0) for t in tones
     )
-    bounds = dict(zip(names, (max_information**-0.5).tolist(), strict=True))
+    bounds = dict(zip(names, (max_information[: len(names)] ** -0.5).tolist(), strict=True))
     design = LocalDesign(plan, campaign, before, after, bounds, max_frequencies)
     is_better = after.parameters.keys() >= set(names) and design.value < 1
     return design if is_better else replace(design, campaign=plan, after=before)
@@ -138,13 +144,11 @@ def _free_sines(run: Run) -> list[Sine]:
 def _tones(
     run: Run,
     planned: PlannedLisaExperiment,
-    names: Sequence[str],
     parameters: Sequence[str],
     max_frequencies: Mapping[str, float],
 ) -> list[_Tone]:
-    """Return the free tones of a run with the information of their candidates about the named parameters."""
+    """Return the free tones of a run with the information of their candidates about the parameters."""
     system, tones = response.recorded_system(run), []
-    places = [parameters.index(name) for name in names]
     for sine in _free_sines(run):
         duration = sine.end - sine.start
         max_cycles = max(sine.cycles, int(max_frequencies[sine.into] * duration + 1e-6))
@@ -155,26 +159,31 @@ def _tones(
         transfer = system.select([sine.into], system.outputs).frequency_response(f)[:, :, 0]
         motions = dict(zip(system.outputs, sine.amplitude * transfer.T, strict=True))
         information = duration * tone_information(planned, parameters, f, motions)
-        tones.append(_Tone(run.experiment, sine, f, information[:, places][:, :, places]))
+        tones.append(_Tone(run.experiment, sine, f, information))
     return tones
 
 
-def _search(tones: Sequence[_Tone], prior: Array) -> list[int]:
-    """Return a candidate of every tone, by moving one tone at a time as long as that helps."""
+def _search(tones: Sequence[_Tone], prior: Array, n_counting: int) -> list[int]:
+    """Return a candidate of every tone, by moving one tone at a time as long as that helps.
+
+    The first `n_counting` parameters count; the others are those that the campaign does not determine.
+    """
     rng = np.random.default_rng(0)
     starts = [[int(np.argmin(abs(t.frequencies - t.sine.frequency))) for t in tones]]
     starts += [[int(rng.integers(t.frequencies.size)) for t in tones] for _ in range(N_STARTS - 1)]
-    return min((_descent(tones, prior, start) for start in starts), key=lambda end: end[0])[1]
+    return min((_descent(tones, prior, start, n_counting) for start in starts), key=lambda end: end[0])[1]
 
 
-def _descent(tones: Sequence[_Tone], prior: Array, start: list[int]) -> tuple[float, list[int]]:
+def _descent(
+    tones: Sequence[_Tone], prior: Array, start: list[int], n_counting: int
+) -> tuple[float, list[int]]:
     chosen, value = list(start), np.inf
     while True:
         previous_value = value
         for i, tone in enumerate(tones):
             other_tones = [(t, k) for j, (t, k) in enumerate(zip(tones, chosen, strict=True)) if j != i]
             known = prior + sum(t.information[k] for t, k in other_tones)
-            values = _objective(known + tone.information)
+            values = _objective(known + tone.information, n_counting)
             values[_conflicts(tone, other_tones)] = np.inf
             chosen[i] = int(values.argmin())
             value = float(values.min())
@@ -195,11 +204,12 @@ def _conflicts(tone: _Tone, other_tones: Sequence[tuple[_Tone, int]]) -> NDArray
     return conflicts
 
 
-def _objective(information: Array) -> Array:
-    """Return the mean logarithm of the variances, shape (B,)."""
+def _objective(information: Array, n_counting: int) -> Array:
+    """Return the mean logarithm of the variances that count, shape (B,)."""
     scale = np.sqrt(np.diagonal(information, axis1=1, axis2=2))
     inverse = np.linalg.inv(information / (scale[:, :, None] * scale[:, None, :]))
-    return np.asarray(np.log(np.diagonal(inverse, axis1=1, axis2=2) / scale**2).mean(axis=1))
+    variances = np.diagonal(inverse, axis1=1, axis2=2) / scale**2
+    return np.asarray(np.log(variances[:, :n_counting]).mean(axis=1))
 
 
 def _sines(runs: Sequence[Run], tones: Sequence[_Tone], chosen: Sequence[int]) -> dict[str, list[Sine]]:

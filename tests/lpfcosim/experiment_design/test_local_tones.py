@@ -86,6 +86,16 @@ def test_the_information_of_a_tone_is_that_of_its_forecast(tmp_path):
     assert expected["omega2_x_1"].sigma == pytest.approx(sigmas[0], rel=0.05)
 
 
+def test_parameters_that_the_campaign_does_not_determine_do_not_count(lpfcosim, tmp_path):
+    out = tmp_path / "d.toml"
+    path = campaign(tmp_path, sine("guidance_o_1", 2, 40))
+    status, printed, _ = lpfcosim("design", path, "--out", out, "--json")
+    assert status == 0
+    document = json.loads(printed)
+    assert "omega2_x_1" in document["parameters"] and "lambda_y_1" not in document["parameters"]
+    assert 0 < document["objective"]["bound"] < document["objective"]["value"] <= 1
+
+
 def test_other_injections_remain(lpfcosim, tmp_path):
     path = campaign(
         tmp_path,
