@@ -31,10 +31,13 @@ def unknown_name(name: str, known: Iterable[str], spacecraft: SpacecraftModel) -
         if not isinstance(model.key, str) and isinstance(spacecraft.key, str):
             declared |= {x.name for record in (Truth, Noise) for x in fields(record)}
             if name in declared:
-                return (
-                    f'{words}; LISA Pathfinder has it, expected no key spacecraft = "{spacecraft.key}" for it'
-                )
+                return words + known_to_lisa_pathfinder(spacecraft.key)
     return words
+
+
+def known_to_lisa_pathfinder(key: str) -> str:
+    """Return what a message adds of a name that only LISA Pathfinder has; `key` is the spacecraft's."""
+    return f'; LISA Pathfinder has it, expected no key spacecraft = "{key}" for it'
 
 
 class DeclaredTable(Table):

@@ -10,7 +10,12 @@ from pydantic import Field, Strict, model_validator
 
 from fit.errors import quote
 from fit.files import closest_match, problem
-from lpfcosim.campaign.declared_tables import DeclaredTable, LevelTable, ParameterTable
+from lpfcosim.campaign.declared_tables import (
+    DeclaredTable,
+    LevelTable,
+    ParameterTable,
+    known_to_lisa_pathfinder,
+)
 from lpfcosim.campaign.resolved_experiments import ConflictError, ResolvedExperiment
 from lpfcosim.campaign.schema import CampaignTable, CommonTables, ExperimentTable
 from lpfcosim.models import SpacecraftModel
@@ -49,10 +54,10 @@ class OtherCampaignTable(CommonTables):
     def _keys_of_lisa_pathfinder(cls, raw: object) -> object:
         """Name the spacecraft whose key is given here."""
         if isinstance(raw, dict):
+            of_pathfinder = CampaignTable.model_fields.keys() - cls.model_fields.keys()
             for key in raw:
-                if key in CampaignTable.model_fields.keys() - cls.model_fields.keys():
-                    words = "unknown key; LISA Pathfinder has it, expected no key spacecraft"
-                    raise problem(f"{words} = {quote(raw['spacecraft'])} for it", key)
+                if key in of_pathfinder:
+                    raise problem(f"unknown key{known_to_lisa_pathfinder(raw['spacecraft'])}", key)
         return raw
 
 

@@ -4,7 +4,13 @@ A convex programme finds the best power by frequency, and a bound that no design
 sought that come near to it. `FitModel` forecasts what a fit will determine.
 """
 
-from lpfcosim.experiment_design.campaign_writer import campaign_text, extending_text, is_design
+from lpfcosim.experiment_design.campaign_writer import (
+    TONES,
+    campaign_text,
+    extending_text,
+    is_design,
+    written_injections,
+)
 from lpfcosim.experiment_design.design_problem import with_tones
 from lpfcosim.experiment_design.fit_model import FitModel
 from lpfcosim.experiment_design.information_spectrum import information_spectrum
@@ -15,6 +21,7 @@ from lpfcosim.experiment_design.robustness import Robustness, robustness
 from lpfcosim.experiment_design.search import Design, SearchProgress
 
 __all__ = [
+    "TONES",
     "Design",
     "FitModel",
     "LocalDesign",
@@ -31,4 +38,5 @@ __all__ = [
     "limits",
     "robustness",
     "with_tones",
+    "written_injections",
 ]

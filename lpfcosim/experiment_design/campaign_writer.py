@@ -14,7 +14,7 @@ from lpfcosim.experiment_design.search import Design
 from lpfcosim.experiment_design.tones import Tone
 from lpfcosim.spacecraft import FS, TaperedSine
 
-_TONES = ("sine", "tapered_sine")
+TONES = ("sine", "tapered_sine")  # shapes
 MARK = ", redesigned by lpfcosim design."  # end of a line at the top of every design
 
 
@@ -58,6 +58,13 @@ def is_design(path: Path) -> bool:
     """Return whether a file is an earlier design."""
     with path.open(encoding="utf-8", errors="replace") as file:
         return any(line.rstrip("\n").endswith(MARK) for line in (file.readline(1000), file.readline(1000)))
+
+
+def written_injections(document: Mapping[str, Any], experiment: Mapping[str, Any]) -> list[Mapping[str, Any]]:
+    """Return the injections of an experiment as a campaign has them, those of its sequences first."""
+    complete = {**document.get("defaults", {}), **experiment}
+    of_sequences = [i for name in complete.get("sequences", ()) for i in document["sequences"][name]]
+    return [*of_sequences, *complete.get("injections", ())]
 
 
 def extending_text(path: Path, source: Path, head: Iterable[str], tables: Iterable[Mapping[str, Any]]) -> str:
@@ -161,13 +168,12 @@ def _change_experiment(
             table[key] = f"{n_samples / FS / 60:.12g} min"
     if tones is None:
         return
-    injections = [one for name in complete.get("sequences", ()) for one in document["sequences"][name]]
-    injections += complete.get("injections", ())
+    injections = written_injections(document, table)
     for key in ("sequences", "injections"):
         table.pop(key, None)
     if "sequences" in defaults:
         table["sequences"] = []
-    table["injections"] = _array([i for i in injections if i["shape"] not in _TONES], tones)
+    table["injections"] = _array([i for i in injections if i["shape"] not in TONES], tones)
 
 
 def _array(injections: Sequence[Mapping[str, Any]], tones: Sequence[Tone]) -> Array:

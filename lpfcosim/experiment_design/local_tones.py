@@ -148,19 +148,32 @@ def _tones(
     max_frequencies: Mapping[str, float],
 ) -> list[_Tone]:
     """Return the free tones of a run with the information of their candidates about the parameters."""
-    system, tones = response.recorded_system(run), []
-    for sine in _free_sines(run):
-        duration = sine.end - sine.start
-        max_cycles = max(sine.cycles, int(max_frequencies[sine.into] * duration + 1e-6))
-        min_cycles = min(sine.cycles, MIN_CYCLES)
-        size = min(MAX_CANDIDATES, max_cycles - min_cycles + 1)
-        cycles = np.unique(np.geomspace(min_cycles, max_cycles, size).round())
-        f = np.union1d(cycles, [sine.cycles]) / duration
-        transfer = system.select([sine.into], system.outputs).frequency_response(f)[:, :, 0]
-        motions = dict(zip(system.outputs, sine.amplitude * transfer.T, strict=True))
-        information = duration * tone_information(planned, parameters, f, motions)
-        tones.append(_Tone(run.experiment, sine, f, information))
-    return tones
+    sines = _free_sines(run)
+    if not sines:
+        return []
+    system = response.recorded_system(run)
+    frequencies = [_candidates(sine, max_frequencies[sine.into]) for sine in sines]
+    transfers = [
+        sine.amplitude * system.select([sine.into], system.outputs).frequency_response(f)[:, :, 0]
+        for sine, f in zip(sines, frequencies, strict=True)
+    ]
+    motions = dict(zip(system.outputs, np.concatenate(transfers).T, strict=True))
+    information = tone_information(planned, parameters, np.concatenate(frequencies), motions)
+    ends = np.cumsum([f.size for f in frequencies])[:-1]
+    return [
+        _Tone(run.experiment, sine, f, (sine.end - sine.start) * per_second)
+        for sine, f, per_second in zip(sines, frequencies, np.split(information, ends), strict=True)
+    ]
+
+
+def _candidates(sine: Sine, max_frequency: float) -> Array:
+    """Return the frequencies [Hz] that give whole cycles in the time of a sine, its own among them."""
+    duration = sine.end - sine.start
+    max_cycles = max(sine.cycles, int(max_frequency * duration + 1e-6))
+    min_cycles = min(sine.cycles, MIN_CYCLES)
+    size = min(MAX_CANDIDATES, max_cycles - min_cycles + 1)
+    cycles = np.unique(np.geomspace(min_cycles, max_cycles, size).round())
+    return np.asarray(np.union1d(cycles, [sine.cycles]) / duration)
 
 
 def _search(tones: Sequence[_Tone], prior: Array, n_counting: int) -> list[int]:

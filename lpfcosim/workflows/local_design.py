@@ -11,10 +11,16 @@ from fit.tables import Table
 from lpfcosim.campaign import Campaign, loading
 from lpfcosim.errors import InputError
 from lpfcosim.execution import validation
-from lpfcosim.experiment_design import LocalDesign, design_local_tones, extending_text
+from lpfcosim.experiment_design import (
+    TONES,
+    LocalDesign,
+    design_local_tones,
+    extending_text,
+    written_injections,
+)
 from lpfcosim.spacecraft import Sine
 from lpfcosim.workflows.progress import Progress
-from lpfcosim.workflows.result import WorkflowResult
+from lpfcosim.workflows.result import WorkflowResult, by_parameter
 
 SCHEMA = "lpf-design/1"
 HEAD = ("parameter", "sigma", "designed", "ratio", "ratio bound")
@@ -62,10 +68,7 @@ class SpacecraftDesign(WorkflowResult):
         d = self.design
         return {
             "schema": SCHEMA,
-            "parameters": {
-                row["parameter"]: {key: x for key, x in row.items() if key != "parameter"}
-                for row in self.records()
-            },
+            "parameters": by_parameter(self.records()),
             "objective": {"value": d.value, "bound": d.bound},
             "limits": {
                 experiment.name: {
@@ -124,12 +127,10 @@ def _tables(design: LocalDesign) -> Iterator[dict[str, Any]]:
     tables = design.plan.tables
     after = {experiment.name: experiment for experiment in design.campaign.experiments}
     for written in tables["experiments"]:
-        complete = {**tables.get("defaults", {}), **written}
-        injections = [i for name in complete.get("sequences", ()) for i in tables["sequences"][name]]
-        injections += complete.get("injections", ())
         sines = iter(i for i in after[written["name"]].injections if isinstance(i, Sine))
         changed = [
-            _retuned(i, next(sines)) if i["shape"] in ("sine", "tapered_sine") else i for i in injections
+            _retuned(i, next(sines)) if i["shape"] in TONES else i
+            for i in written_injections(tables, written)
         ]
         yield {**written, "sequences": [], "injections": changed}
 

@@ -22,7 +22,7 @@ from lpfcosim.workflows.arguments import check_options
 from lpfcosim.workflows.campaigns import PathLike, as_path
 from lpfcosim.workflows.output_paths import check_file
 from lpfcosim.workflows.progress import LOG, Progress
-from lpfcosim.workflows.result import WorkflowResult
+from lpfcosim.workflows.result import WorkflowResult, by_parameter
 
 SCHEMA = "lpf-manoeuvre/1"
 HEAD = ("coefficient", "sigma [um/rad]", "designed", "bound")
@@ -73,12 +73,7 @@ class ManoeuvreDesign(WorkflowResult):
         m = self.manoeuvre
         return {
             "schema": SCHEMA,
-            "parameters": {
-                record["parameter"]: {
-                    k: x if x < float("inf") else None for k, x in record.items() if k != "parameter"
-                }
-                for record in self.records()
-            },
+            "parameters": by_parameter(self.records()),
             "objective": {"target": self.target, "value": max(m.sigmas_after.values())},
             "limits": {
                 experiment: {

@@ -1,7 +1,9 @@
 """What the results of all workflows have in common: a table, JSON, and a data frame of pandas."""
 
 import json
+import math
 from abc import ABC, abstractmethod
+from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING, Any
 
 from fit.results import import_pandas
@@ -49,3 +51,13 @@ class WorkflowResult(ABC):
     def _repr_html_(self) -> str:
         """Return what Jupyter shows."""
         return str(self.table().html(1))
+
+
+def by_parameter(records: Iterable[Mapping[str, Any]]) -> dict[str, dict[str, float | None]]:
+    """Return the numbers of rows by their parameter, as a document of JSON has them: None if not finite."""
+    return {
+        row["parameter"]: {
+            key: x if math.isfinite(x) else None for key, x in row.items() if key != "parameter"
+        }
+        for row in records
+    }
