@@ -133,7 +133,7 @@ def analyse_terms(
     signal_term: str,
     masked: Sequence[tuple[float, float]] = (),
     *,
-    windowed_trend: bool = False,
+    rising_noise: bool = False,
 ) -> Analysis:
     """Analyse the terms of a run for its figures.
 
@@ -149,12 +149,12 @@ def analyse_terms(
         The term that has the injected signal.
     masked : sequence of tuple of float
         Begin and end [s] of glitches.
-    windowed_trend : bool
+    rising_noise : bool
         See `fit.spectra.Estimator`.
     """
     asd, spectra = None, {}
     if run.valid.any():
-        estimator = Estimator(run.valid, run.fs, HIGHEST, windowed_trend=windowed_trend)
+        estimator = Estimator(run.valid, run.fs, HIGHEST, rising_noise=rising_noise)
         spectra = {name: estimator.asd(term) for name, term in run.terms.items()}
         unmasked = run.valid & ~glitch_mask(run.time, masked)
         if np.any(run.delta_g[run.valid]):

@@ -167,7 +167,7 @@ def residual_over_noise(pairs: Mapping[str, tuple[Binned, Binned]]) -> Chart:
     pairs : mapping of str to tuple of Binned
         By experiment, ASD of residual and of noise run.
     """
-    f = next(iter(pairs.values()))[0].f
+    f = max((residual.f for residual, _ in pairs.values()), key=len)
     residuals, noises = ([_at(f, pair[i]) for pair in pairs.values()] for i in (0, 1))
     across = (LOWEST, derivatives.F_MAX)
     spectra = [
@@ -193,16 +193,19 @@ def residual_over_noise(pairs: Mapping[str, tuple[Binned, Binned]]) -> Chart:
 
 
 def _at(f: Array, binned: Binned) -> Binned:
-    """Return a spectrum at other frequencies, shape (B,)."""
-    x = np.log(f), np.log(binned.f)
-    return Binned(f, *(np.exp(np.interp(*x, np.log(y))) for y in (binned.asd, binned.low, binned.high)))
+    """Return a spectrum at other frequencies, shape (B,), NaN outside its own."""
+    x, outside = (np.log(f), np.log(binned.f)), {"left": np.nan, "right": np.nan}
+    values = (np.exp(np.interp(*x, np.log(y), **outside)) for y in (binned.asd, binned.low, binned.high))
+    return Binned(f, *values)
 
 
 def _mean(f: Array, spectra: Sequence[Binned]) -> Binned:
-    """Return the root of the mean power of spectra, with its error."""
-    asd = np.sqrt(np.mean([s.asd**2 for s in spectra], axis=0))
-    variance = np.sum([(s.asd * (s.high - s.low) / 2) ** 2 for s in spectra], axis=0)
-    error = np.sqrt(variance) / len(spectra) / asd
+    """Return the root of the mean power of the spectra that reach a frequency, with its error."""
+    n = np.sum([np.isfinite(s.asd) for s in spectra], axis=0)
+    n = np.where(n > 0, n, np.nan)
+    asd = np.sqrt(np.nansum([s.asd**2 for s in spectra], axis=0) / n)
+    variance = np.nansum([(s.asd * (s.high - s.low) / 2) ** 2 for s in spectra], axis=0)
+    error = np.sqrt(variance) / n / asd
     return Binned(f, asd, np.maximum(asd - error, 1e-3 * asd), asd + error)
 
 

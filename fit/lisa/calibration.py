@@ -20,6 +20,7 @@ from fit.requirements import TAPER
 from fit.results import Fit, Provenance, Results
 from fit.settings import Settings, settings
 from fit.telemetry import Telemetry
+from fit.warnings import FitWarning
 
 if TYPE_CHECKING:
     import lmfit
@@ -73,9 +74,26 @@ def calibrate_lisa(
     experiments = _taking_part(pair(telemetries, chosen.f_max), chosen, telemetries)
     used = fitted_names(experiments) if names is None else tuple(names)
     constraints.check(chosen.parameters, used, PARAMETERS)
-    single = {e.name: fit([e], chosen, used) for e in experiments}
-    joint = fit(experiments, chosen, used) if len(experiments) > 1 else single[experiments[0].name]
+    joint = fit(experiments, chosen, used)
+    if len(experiments) == 1:
+        return Results(joint, {experiments[0].name: joint}, {}, {}, _provenance(experiments, chosen))
+    single, failures = _fit_each(experiments, chosen, used)
+    joint = replace(joint, warnings=(*joint.warnings, *failures))
     return Results(joint, single, {}, {}, _provenance(experiments, chosen))
+
+
+def _fit_each(
+    experiments: Sequence[LisaExperiment], chosen: Settings, names: Sequence[str]
+) -> tuple[dict[str, Fit], list[FitWarning]]:
+    """Return the fit of each experiment by itself, and a warning for each that has none."""
+    fits: dict[str, Fit] = {}
+    failures = []
+    for experiment in experiments:
+        try:
+            fits[experiment.name] = fit([experiment], chosen, names)
+        except FitError as error:  # what one experiment does not yield must not cost the others
+            failures.append(FitWarning("no_single_fit", (), str(error)))
+    return fits, failures
 
 
 def fitted_names(experiments: Sequence[LisaExperiment]) -> tuple[str, ...]:
@@ -172,5 +190,5 @@ def _provenance(experiments: Sequence[LisaExperiment], chosen: Settings) -> Prov
         noise_runs=dict(noise_runs),
         f_max=chosen.f_max,
         window=f"Tukey {TAPER:g}",
-        settings=chosen.record(),
+        settings={name: value for name, value in chosen.record().items() if name not in _WITHOUT_MEANING},
     )

@@ -30,8 +30,8 @@ _DESCRIPTION = (
 # Description and caption of the figures.
 _RESPONSES = (
     "Guidance injections and read-outs of both loops against time",
-    "Injections and responses. A loop makes its read-out follow the guidance while it has gain; the scatter "
-    "of o₁ is the jitter of the spacecraft. Every stroke spans the extremes of its samples.",
+    "Injections and responses. Within the bandwidth of a loop, the read-out follows the guidance; the "
+    "scatter of o₁ is the jitter of the spacecraft. Curves show the minimum and maximum of short intervals.",
 )
 _SPECTRA = tuple(
     (
@@ -43,7 +43,7 @@ _SPECTRA = tuple(
     for level in (
         "There is no noise run to compare with; a peak at an injected frequency is an effect missing from "
         "the model.",
-        "The residual should lie on the noise at every frequency; a peak at an injected one is "
+        "The residual should match the noise at every frequency; a peak at an injected frequency is "
         "an effect missing from the model.",
     )
 )
@@ -121,16 +121,33 @@ def sections(results: Results, experiments: Mapping[str, AnalysedExperiment]) ->
     ]
 
 
-def residual_over_noise(experiments: Mapping[str, AnalysedExperiment]) -> FigureSpec | None:
-    """Return the figure of the residual of all experiments over their noise, None without noise runs."""
-    pairs = {name: (e.of_run.asd, e.of_noise.asd) for name, e in experiments.items() if e.of_noise}
-    known = {name: (a, b) for name, (a, b) in pairs.items() if a and b}
+def spectra_pairs(
+    experiments: Mapping[str, AnalysedExperiment],
+) -> dict[str, tuple[analysis.Analysis, analysis.Analysis | None]]:
+    """Return, by experiment, the analyses of Delta g in the run and in its noise run."""
+    return {name: (e.of_run, e.of_noise) for name, e in experiments.items()}
+
+
+def residual_over_noise(
+    pairs: Mapping[str, tuple[analysis.Analysis, analysis.Analysis | None]], averaged: str = "the experiments"
+) -> FigureSpec | None:
+    """Return the figure of residuals over noise, None without noise runs.
+
+    Parameters
+    ----------
+    pairs : mapping of str to tuple of Analysis
+        The run and its noise run, if there is one.
+    averaged : str
+        What the mean is taken over, in the words of the caption.
+    """
+    spectra = {name: (run.asd, noise.asd) for name, (run, noise) in pairs.items() if noise}
+    known = {name: (a, b) for name, (a, b) in spectra.items() if a and b}
     if not known:
         return None
     return FigureSpec(
         "residual-over-noise",
         "Amplitude spectral densities of residuals and noise runs, and their ratio",
-        "Residuals and noise runs, mean of the experiments, and their ratio; 1 is expected. A peak at an "
+        f"Residuals and noise runs, mean of {averaged}, and their ratio; 1 is expected. A peak at an "
         "injected frequency is an effect missing from the model.",
         partial(figures.residual_over_noise, known),
     )
@@ -151,19 +168,21 @@ def overview(results: Results, telemetries: Sequence[Telemetry]) -> Table:
                 start_text(run, "%Y-%m-%d") if run else None,
                 f"{run.duration / 3600:.3g}" if run else None,
                 highlight(chi2_red, "chi2" in failures(fit)),
-                _p_value(fit),
+                *(() if is_lisa else (_p_value(fit),)),
                 fit_estimate(fit, gain),
                 fit_estimate(fit, stiffness, -7),
                 _warnings(fit) or None,
             )
         )
     symbols_of_columns = symbol(gain), Markup("{} [10⁻⁷ s⁻²]").format(symbol(stiffness))
-    head = ("Experiment", "Start", "Hours", "χ² / dof", "p", *symbols_of_columns, "Warnings")
-    caption = (
-        "Each experiment fitted on its own; its name leads to its injections, spectra and residual. p: "
-        "probability of such a χ² in the noise of the noise run."
-    )
-    return Table(head, tuple(rows), caption)
+    head = ("Experiment", "Start", "Hours", "χ² / dof", *(() if is_lisa else ("p",)), *symbols_of_columns)
+    caption = "Each experiment fitted on its own; its name leads to its injections, spectra and residual."
+    if not is_lisa:
+        caption += (
+            " p: probability of a χ² that differs from its expectation at least as much, if the residual has "
+            "the noise of the noise run."
+        )
+    return Table((*head, "Warnings"), tuple(rows), caption)
 
 
 def _p_value(fit: Fit) -> str | None:

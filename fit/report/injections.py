@@ -73,9 +73,10 @@ def table(run: Telemetry) -> Table:
         factor, unit = _PRINTED.get(unit, (1.0, unit))
         for one in injections(run.channels[channel], run.fs):
             begin, end = (start + timedelta(seconds=t) for t in (one.begin, one.end))
+            amplitude = np.format_float_positional(factor * one.amplitude, 3, fractional=False, trim="-")
             tones = ", ".join(f"{1e3 * f:.3g}" for f in one.frequencies)
             day = "" if end.date() == begin.date() else "%Y-%m-%d "
             times = (f"{begin:%Y-%m-%d %H:%M:%S}", f"{end:{day}%H:%M:%S}")
-            rows.append((channel, *times, f"{factor * one.amplitude:.3g}\u00a0{unit}", tones or "ramp"))
+            rows.append((channel, *times, f"{amplitude}\u00a0{unit}", tones or "ramp"))
     head = ("Injection into", "Start (UTC)", "End", "Amplitude", "Frequency [mHz]")
-    return Table(head, tuple(rows), "Injections, from the channels that record nothing else.")
+    return Table(head, tuple(rows), "Injections, as recorded in these channels.")

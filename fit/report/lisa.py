@@ -17,14 +17,14 @@ COMPONENTS = ("D_x", "D_y")
 _DESCRIPTION = "Fit of this experiment only."
 _RESPONSES = (
     "Guidance injections and read-outs along x and y of both test masses against time",
-    "Injections and responses. The thrusters follow x₁ and x₂, the suspensions y₁ and y₂. Every stroke spans "
-    "the extremes of its samples.",
+    "Injections and responses. The thrusters follow x₁ and x₂, the suspensions y₁ and y₂. Curves show "
+    "the minimum and maximum of short intervals.",
 )
 _SPECTRA = (
     "Amplitude spectral densities of relative acceleration, residual and noise run for both components of D",
-    "Signal (relative acceleration of the test masses), residual and noise. The residual should lie on the "
-    "noise at every frequency; a peak at an injected one is an effect missing from the model. Bands: ±1 σ of "
-    "the averaged spectra.",
+    "Signal (relative acceleration of the test masses), residual and noise. The residual should match the "
+    "noise at every frequency; a peak at an injected frequency is an effect missing from the model. Bands: "
+    "±1 σ of the averaged spectra.",
 )
 _BREAKDOWN = (
     "Amplitude spectral densities of the terms that add up to each component of D",
@@ -64,7 +64,7 @@ class AnalysedExperiment:
 
     def _analyse(self, run: Telemetry, component: str) -> analysis.Analysis:
         terms = analysis.split_lisa(run, self.parameters, "D_x" if component == "D_x" else "D_y")
-        return analysis.analyse_terms(terms, float(run.time[0]), "dds", windowed_trend=True)
+        return analysis.analyse_terms(terms, float(run.time[0]), "dds", rising_noise=True)
 
 
 def analysed(results: Results, telemetries: Sequence[Telemetry]) -> dict[str, AnalysedExperiment]:
@@ -79,6 +79,16 @@ def analysed(results: Results, telemetries: Sequence[Telemetry]) -> dict[str, An
         name: AnalysedExperiment(run, noise, values)
         for name, (run, noise) in experiments.experiment_runs(results, telemetries).items()
     }
+
+
+def residual_over_noise(analysed_experiments: Mapping[str, AnalysedExperiment]) -> FigureSpec | None:
+    """Return the figure of the residuals of D over their noise, None without noise runs."""
+    pairs = {
+        f"{name}, {component}": pair
+        for name, experiment in analysed_experiments.items()
+        for component, pair in experiment.components.items()
+    }
+    return experiments.residual_over_noise(pairs, "both components of D and all experiments")
 
 
 def sections(results: Results, analysed_experiments: Mapping[str, AnalysedExperiment]) -> list[Section]:

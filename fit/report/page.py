@@ -73,12 +73,10 @@ def write_report(directory: Path, results: Results, telemetries: Sequence[Teleme
     digest = _entry("campaign_digest", results, telemetries)
     joint_table = joint and _joint_table(joint, telemetries, _forecast(directory, digest))
     progress_stage(0.3 if results.inertial else 0.8)
-    analysed = {} if is_lisa else experiments.analysed(results, telemetries)
     if is_lisa:
-        single_sections, sections = _lisa_sections(results, telemetries)
+        single_sections, sections, ratio = _lisa_sections(results, telemetries)
     else:
-        single_sections, sections = _pathfinder_sections(results, telemetries, analysed)
-    ratio = experiments.residual_over_noise(analysed)
+        single_sections, sections, ratio = _pathfinder_sections(results, telemetries)
     sections += control_loops.sections(directory, digest)
     sections += [*identification.sections(results, directory), *sampling.sections(results, directory)]
     sections += tests.sections(results)
@@ -120,42 +118,46 @@ def _is_lisa(telemetries: Sequence[Telemetry]) -> bool:
     return any(run.spacecraft == "LISA" for run in telemetries)
 
 
-def _lisa_sections(results: Results, telemetries: Sequence[Telemetry]) -> tuple[list[Section], list[Section]]:
-    """Return the sections on single experiments of LISA; there are none on all of them."""
-    return _rendered(lisa.sections(results, lisa.analysed(results, telemetries))), []
+def _lisa_sections(
+    results: Results, telemetries: Sequence[Telemetry]
+) -> tuple[list[Section], list[Section], FigureSpec | None]:
+    """Return the same for LISA, which has no sections on all experiments."""
+    analysed = lisa.analysed(results, telemetries)
+    return _rendered(lisa.sections(results, analysed)), [], lisa.residual_over_noise(analysed)
 
 
 def _pathfinder_sections(
-    results: Results,
-    telemetries: Sequence[Telemetry],
-    analysed: Mapping[str, experiments.AnalysedExperiment],
-) -> tuple[list[Section], list[Section]]:
-    """Return the sections on single experiments, and those on all of them."""
+    results: Results, telemetries: Sequence[Telemetry]
+) -> tuple[list[Section], list[Section], FigureSpec | None]:
+    """Return the sections on single experiments, those on all of them, and the figure at the top."""
+    analysed = experiments.analysed(results, telemetries)
     delta_g = noise.DeltaGCache(results)
     single_sections = _rendered(experiments.sections(results, analysed))
     progress_stage(0.8)
     motion_sections = motion.sections(results, telemetries, delta_g)
     progress_stage(1.0)
     of_mission = [*mission.sections(results, telemetries), *noise.sections(results, telemetries, delta_g)]
-    return single_sections, [*motion_sections, *of_mission]
+    ratio = experiments.residual_over_noise(experiments.spectra_pairs(analysed))
+    return single_sections, [*motion_sections, *of_mission], ratio
 
 
 def figure_specs(results: Results, telemetries: Sequence[Telemetry], directory: Path) -> list[FigureSpec]:
     """Return all figures of the report of a folder but those of other commands, not yet drawn."""
     digest = _entry("campaign_digest", results, telemetries)
     if _is_lisa(telemetries):
-        sections = [*lisa.sections(results, lisa.analysed(results, telemetries))]
-        sections += control_loops.sections(directory, digest)
-        return [spec for section in sections for spec in section.figures if isinstance(spec, FigureSpec)]
-    delta_g, analysed = noise.DeltaGCache(results), experiments.analysed(results, telemetries)
-    sections = [
-        *experiments.sections(results, analysed),
-        *motion.sections(results, telemetries, delta_g),
-        *mission.sections(results, telemetries),
-        *noise.sections(results, telemetries, delta_g),
-        *control_loops.sections(directory, digest),
-    ]
-    ratio = experiments.residual_over_noise(analysed)
+        of_lisa = lisa.analysed(results, telemetries)
+        sections = lisa.sections(results, of_lisa)
+        ratio = lisa.residual_over_noise(of_lisa)
+    else:
+        delta_g, analysed = noise.DeltaGCache(results), experiments.analysed(results, telemetries)
+        sections = [
+            *experiments.sections(results, analysed),
+            *motion.sections(results, telemetries, delta_g),
+            *mission.sections(results, telemetries),
+            *noise.sections(results, telemetries, delta_g),
+        ]
+        ratio = experiments.residual_over_noise(experiments.spectra_pairs(analysed))
+    sections += control_loops.sections(directory, digest)
     drawn = [spec for section in sections for spec in section.figures if isinstance(spec, FigureSpec)]
     return [*([ratio] if ratio else []), *drawn]
 

@@ -159,19 +159,19 @@ def _agreement(shown: Sequence[ParameterTable], has_truth: bool, kind: str) -> t
     if not pulls:
         if has_truth:
             return Markup(
-                "Estimates are not compared with truth, since their uncertainties are not valid."
+                "Estimates are not compared with true values, since their uncertainties are not valid."
             ), False
         return Markup("Nothing to compare the estimates with."), False
-    known = " of known truth" if has_truth else " with a flight value"
+    known = f" with a {'true' if has_truth else 'flight'} value"
     subject = f"{kind} parameters{known * (len(pulls) < len(rows))}"
-    target = f"{LIMIT:g} σ of {'truth' if has_truth else 'the flight values'}"
+    reference = f"the {'true' if has_truth else 'flight'} values"
     outliers = [name for name, pull in pulls if abs(pull) > LIMIT]
     if outliers:
-        head = Markup("{} of {} {} lie further than {}: {}").format(
-            len(outliers), len(pulls), subject, target, Markup(", ").join(outliers)
+        head = Markup("{} of {} {} lie further than {:g} σ from {}: {}").format(
+            len(outliers), len(pulls), subject, LIMIT, reference, Markup(", ").join(outliers)
         )
     else:
-        head = Markup("All {} {} lie within {}").format(len(pulls), subject, target)
+        head = Markup("All {} {} lie within {:g} σ of {}").format(len(pulls), subject, LIMIT, reference)
     worst, largest = max(pulls, key=lambda item: abs(item[1]))
     measure = "pull" if has_truth else "difference / σ"
     return Markup("{}; largest |{}| {:.1f} ({}).").format(head, measure, abs(largest), worst), bool(outliers)
@@ -205,7 +205,7 @@ def _outliers(fits: Mapping[str, Fit]) -> list[Markup]:
         if e.pull is not None and abs(e.pull) > LIMIT and key not in biased(fit)
     ]
     return (
-        [Markup("Further than {:g} σ of truth: {}.").format(LIMIT, Markup(", ").join(outliers))]
+        [Markup("Further than {:g} σ from their true values: {}.").format(LIMIT, Markup(", ").join(outliers))]
         if outliers
         else []
     )

@@ -22,6 +22,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from fit.errors import InputError, shown
 from fit.parallel import parallel_map
+from fit.requirements import TAPER
 from fit.spectra.windowing import window
 
 Array = NDArray[np.float64]
@@ -79,17 +80,18 @@ class Estimator:
         Sample rate [Hz].
     highest : float
         Frequency up to which to go [Hz].
-    windowed_trend : bool
-        Whether mean and slope are fitted to the windowed series. Where noise rises with frequency, the ends
-        of a run would give it a slope otherwise.
+    rising_noise : bool
+        Whether the noise rises steeply with frequency. A Hann window then replaces the Tukey window, whose
+        sidelobes carry noise to the lowest frequencies, and mean and slope are fitted to the windowed series,
+        because the ends of the run determine those of the series itself.
     """
 
     def __init__(
-        self, valid: NDArray[np.bool_], fs: float, highest: float, *, windowed_trend: bool = False
+        self, valid: NDArray[np.bool_], fs: float, highest: float, *, rising_noise: bool = False
     ) -> None:
         n = scipy.fft.prev_fast_len(valid.size)  # the fit leaves out the same
         self._valid = valid[:n]
-        self._window = window(self._valid, fs)
+        self._window = window(self._valid, fs, 1.0 if rising_noise else TAPER)
         w2 = self._window**2
         self._scale = 2 / (fs * float(w2.sum()))
         spectrum = scipy.fft.rfft(w2)[: CORRELATED + 1].copy()  # of all of it, the memory would be full
@@ -100,7 +102,7 @@ class Estimator:
         mean = self._ramp.sum() / np.count_nonzero(self._valid)
         np.subtract(self._ramp, mean, out=self._ramp, where=self._valid)
         self._trend = None
-        if windowed_trend:
+        if rising_noise:
             self._trend = np.stack([self._window, self._window * np.linspace(-1, 1, n)], axis=1)
         self._f = np.arange(1, min(math.floor(highest * n / fs), (n - 1) // 2) + 1) * fs / n
 

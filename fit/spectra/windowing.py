@@ -18,11 +18,11 @@ Array = NDArray[np.float64]
 Spectrum = NDArray[np.complex128]
 
 
-def window(valid: NDArray[np.bool_], fs: float) -> Array:
+def window(valid: NDArray[np.bool_], fs: float, taper: float = TAPER) -> Array:
     """Return a Tukey window over the run with a smooth notch at every masked stretch, shape (N,)."""
     if valid.all():
-        return _tukey(valid.size, TAPER)
-    n, w = np.arange(valid.size), _tukey(valid.size, TAPER).copy()
+        return _tukey(valid.size, taper)
+    n, w = np.arange(valid.size), _tukey(valid.size, taper).copy()
     for start, stop in true_runs(~valid):
         distance = np.maximum(np.maximum(start - n, n - stop + 1), 0) / (GAP_TAPER * fs)
         w *= np.sin(np.pi / 2 * np.minimum(distance, 1)) ** 2

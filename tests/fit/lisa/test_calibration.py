@@ -79,6 +79,17 @@ def test_two_experiments_are_fitted_jointly():
     assert len(results.joint.without("B").params) == len(PARAMETERS)
 
 
+def test_experiment_without_injection_does_not_cost_the_joint_fit():
+    still = lisa_loop.campaign(WORLD, lisa_loop.sequence(1e-13), seed=1)
+    results = fit.calibrate(
+        [*campaign(), *(replace(run, run=f"B-{run.kind}", experiment="B") for run in still)]
+    )
+    assert list(results.experiments) == ["A"]
+    (warning,) = results.joint.warnings
+    assert (warning.code, warning.message[:2]) == ("no_single_fit", "B:")
+    assert np.abs(pulls(results.joint)).max() < 3.5
+
+
 def test_parameters_can_be_fixed():
     params = fit.make_params(campaign())
     assert list(params) == list(PARAMETERS)

@@ -34,7 +34,7 @@ def test_all_parameters_within_the_limit():
     conclusion = judged(joint_fit({"C_2": 1.7}))
     assert conclusion.state == "good"
     assert conclusion.text == (
-        "All 11 joint parameters lie within 4 σ of truth; largest |pull| 1.7 (C<sub>2</sub>). "
+        "All 11 joint parameters lie within 4 σ of the true values; largest |pull| 1.7 (C<sub>2</sub>). "
         "Not determined by these data: λ<sub>1</sub>."
     )
 
@@ -43,7 +43,7 @@ def test_a_parameter_beyond_the_limit():
     conclusion = judged(joint_fit({"C_2": -4.2, "alpha_x_1": 9.0}))
     assert conclusion.state == "bad"
     assert conclusion.text.startswith(
-        "2 of 11 joint parameters lie further than 4 σ of truth: C<sub>2</sub>, α"
+        "2 of 11 joint parameters lie further than 4 σ from the true values: C<sub>2</sub>, α"
     )
     assert "largest |pull| 9.0 (α<sub>x,1</sub>)" in conclusion.text
 
@@ -92,7 +92,9 @@ def test_other_fits_must_find_the_truth_unless_they_say_they_do_not():
         joint_fit(), cross_talk={"1": replace(off, warnings=(warned("attenuation_bias", "b_3"),))}
     )
     assert conclusion.state == "doubtful"
-    assert conclusion.text.endswith("Further than 4 σ of truth: b<sub>1</sub> of cross-talk of epoch 1.")
+    assert conclusion.text.endswith(
+        "Further than 4 σ from their true values: b<sub>1</sub> of cross-talk of epoch 1."
+    )
     warnings = (warned("attenuation_bias", "b_3"), warned("euler_included", "b_1", "b_2"))
     assert judged(joint_fit(), cross_talk={"1": replace(off, warnings=warnings)}).state == "good"
 

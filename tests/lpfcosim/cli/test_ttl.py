@@ -31,7 +31,7 @@ def test_coefficients_are_printed_and_written(lpfcosim, files, tmp_path):
     tones = (spectra["f"] > 36e-3) & (spectra["f"] < 50e-3)
     assert np.all(spectra["after"][tones] < 0.1 * spectra["before"][tones])
     report = (out / "report.html").read_text(encoding="utf-8")
-    assert "All 24 tilt-to-length parameters lie within 4 σ of truth" in report
+    assert "All 24 tilt-to-length parameters lie within 4 σ of the true values" in report
     assert "measured, and after subtraction of the coupling" in report
 
 
