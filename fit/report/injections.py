@@ -60,7 +60,26 @@ def _tones(x: Array, fs: float) -> tuple[float, ...]:
     is_peak = (inner > power[:-2]) & (inner >= power[2:]) & (inner > _WEAKEST * power.max())
     peaks = np.flatnonzero(is_peak) + 1
     strongest = sorted(peaks, key=lambda k: -power[k])[:_MOST_TONES]
+    if len(strongest) == 1:
+        return (_frequency_of_tone(x, fs, strongest[0] * fs / size),)
     return tuple(float(k * fs / size) for k in sorted(strongest))
+
+
+def _frequency_of_tone(x: Array, fs: float, peak: float) -> float:
+    """Return the frequency of a sine [Hz], whose `peak` in a spectrum is biased if it has few cycles."""
+    t = np.arange(x.size) / fs
+
+    def unexplained(f: float) -> float:
+        phase = 2 * np.pi * f * t
+        sines = np.column_stack([np.cos(phase), np.sin(phase)])
+        return float(np.sum((x - sines @ np.linalg.lstsq(sines, x)[0]) ** 2))
+
+    reach = 0.5 * fs / x.size
+    bounds = (peak - reach, peak + reach)
+    best = scipy.optimize.minimize_scalar(
+        unexplained, bounds=bounds, method="bounded", options={"xatol": 1e-4 * peak}
+    )
+    return float(best.x)
 
 
 def table(run: Telemetry) -> Table:
