@@ -125,26 +125,3 @@ def test_whole_arrays_are_set_and_read_in_any_company(array_fmus):
         fmu.setFloat64([vr["p"]], [3, 2, 1])  # tunable
         with pytest.raises(FMICallException):
             fmu.setFloat64([vr["y"]], [3, 2])
-
-
-@pytest.mark.slow
-def test_the_whole_plant_shows_its_vectors():
-    path = build.build(["WholePlant"])["WholePlant"]
-    description = fmpy.read_model_description(str(path))
-    arrays = {v.name: v.shape for v in description.modelVariables if v.shape}
-    assert arrays["testMass_1.s"] == arrays["spacecraft.attitude"] == arrays["der(spacecraft.Omega)"] == (3,)
-    # What crosses the boundary keeps the names that channels and parameters have everywhere.
-    assert not {v.name for v in description.modelVariables if v.causality != "local" and v.shape} - {
-        v.name for v in description.modelVariables if v.causality == "calculatedParameter"
-    }
-    single = fmpy.simulate_fmu(
-        str(build.build(["WholePlant"], fmi="2.0")["WholePlant"]), stop_time=1.0, output_interval=0.1,
-        start_values={"Omega_phi_start": 1e-6, "F_x_sc": 1e-6}, output=["testMass_1.s[1]", "testMass_1.s[2]"],
-    )  # fmt: skip
-    whole = fmpy.simulate_fmu(
-        str(path), stop_time=1.0, output_interval=0.1, output=["testMass_1.s"],
-        start_values={"Omega_phi_start": 1e-6, "F_x_sc": 1e-6},
-    )  # fmt: skip
-    for k in range(2):
-        np.testing.assert_array_equal(whole["testMass_1.s"][:, k], single[f"testMass_1.s[{k + 1}]"])
-    assert whole["testMass_1.s"].any()

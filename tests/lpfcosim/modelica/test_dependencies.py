@@ -1,16 +1,9 @@
 """What an FMU says of what follows from what, against what moves when one variable is poked."""
 
-import graphlib
-import zipfile
-
 import numpy as np
 import pytest
-from lxml import etree
 
 from lpfcosim.modelica import build
-from lpfcosim.models import model_of
-from lpfcosim.network import endpoint
-from lpfcosim.spacecraft import Spacecraft
 from tests.lpfcosim.modelica.fmu_instance import fmu_instance, read_description
 
 pytestmark = pytest.mark.fmu
@@ -89,52 +82,3 @@ def test_nothing_moves_that_is_not_said_to_depend(model, version):
     # No dependence is declared without effect: a factor that does not vary is seen, unless rounding hides it.
     unaffected -= observed
     assert len(unaffected) <= 0.02 * sum(map(len, [*initial.values(), *running.values()])), unaffected
-
-
-@pytest.mark.parametrize("version", VERSIONS)
-def test_structure_is_that_of_the_equations(version):
-    plant = read_description(archive("Plant", version)).structure
-    inputs = {"f_applied_1", "f_applied_2", "F_x_sc", "g_1", "g_2", "F_noise_x_sc"}
-    assert set(plant["Output"]["x_1"]) == {"testMass_1.x"}
-    # Delayed commands do not reach the acceleration at once, what is not delayed does.
-    assert inputs & set(plant["Output"]["a_SC"]) == {"g_1", "g_2", "F_noise_x_sc"}
-    assert plant["ContinuousStateDerivative"]["der(testMass_1.x)"] == {"testMass_1.v": "constant"}
-    assert plant["ContinuousStateDerivative"]["der(testMass_2.v)"]["testMass_2.x"] == "tunable"
-    # At the start a delay hands on what is set; the thrusters lag behind.
-    assert inputs - set(plant["InitialUnknown"]["a_SC"]) == {"F_x_sc"}
-    assert set(read_description(archive("Actuation", version)).structure["Output"]["f_x_2"]) == set()
-    metrology = read_description(archive("OpticalMetrology", version)).structure["Output"]["o_12"]
-    assert {k: v for k, v in metrology.items() if k != "delta_ifo"} == {
-        "x_1": "tunable", "x_2": "constant", "n_12": "constant",
-    }  # fmt: skip
-    assert ("delta_ifo" in metrology) == (version == "3.0")  # to FMI 2.0 parameters are no knowns
-    assert set(read_description(archive("SuspensionControl", version)).structure["Output"]["f_control_2"]) & {
-        "o_12", "guidance_o_12",
-    } == set()  # fmt: skip
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("version", VERSIONS)
-@pytest.mark.parametrize("spacecraft", [None, Spacecraft()], ids=["one_axis", "six_dof"])
-def test_a_tool_that_sorts_connections_sees_no_loop_around_the_spacecraft(make_run, spacecraft, version):
-    previous = {}
-    run = make_run(spacecraft=spacecraft)
-    components = model_of(run).components(run)
-    for component in components:
-        with zipfile.ZipFile(archive(component.model, version)) as stored:
-            root = etree.fromstring(stored.read("modelDescription.xml"))
-        for variable, source in component.inputs.items():
-            if endpoint(source)[0]:
-                previous.setdefault((component.model, variable), set()).add(endpoint(source))
-        inputs = {v.get("name") for v in root.find("ModelVariables") if v.get("causality") == "input"}
-        for output, known in read_description(archive(component.model, version)).structure["Output"].items():
-            previous[component.model, output] = {(component.model, v) for v in inputs & set(known)}
-    order = list(graphlib.TopologicalSorter(previous).static_order())  # raises for a loop
-    assert len(order) > 2 * len(components)
-    # With the dependencies left open there is one.
-    opened = dict(previous)
-    for component in components:
-        for output in component.outputs:
-            opened[component.model, output] = {(component.model, v) for v in component.inputs}
-    with pytest.raises(graphlib.CycleError):
-        graphlib.TopologicalSorter(opened).prepare()

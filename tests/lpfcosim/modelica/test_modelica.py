@@ -31,25 +31,19 @@ def value(system, name, **numbers):
 
 
 @pytest.mark.parametrize("file", SOURCES, ids=lambda p: p.name)
-def test_package_parses_with_an_independent_front_end(file):
-    parser = pytest.importorskip("pymoca.parser")
-    tree = parser.parse(file.read_text(encoding="utf-8"))
-    scope = tree
-    for name in file.relative_to(LIBRARY).with_suffix("").parts:
-        scope = scope if name == "package" else scope.classes[name]
-
-
-@pytest.mark.parametrize("file", SOURCES, ids=lambda p: p.name)
-def test_package_stands_alone_and_files_are_where_tools_look_for_them(file):
+def test_file_stands_alone_where_tools_look_for_it_and_parses_with_another_front_end(file):
     text = file.read_text(encoding="utf-8")
     assert "Modelica." not in text
-    folder = file.parent if file.name != "package.mo" else file.parent.parent
-    name = file.stem if file.name != "package.mo" else file.parent.name
+    folder, name = file.parent, file.stem
+    if name == "package":
+        folder, name = folder.parent, folder.name
     assert f"end {name};" in text
     if folder != LIBRARY:
-        within = ".".join(folder.relative_to(LIBRARY).parts)
-        assert text.startswith(f"within {within};\n")
+        assert text.startswith(f"within {'.'.join(folder.relative_to(LIBRARY).parts)};\n")
         assert name in (folder / "package.order").read_text().split()
+    scope = pytest.importorskip("pymoca.parser").parse(text)
+    for part in (*folder.relative_to(LIBRARY).parts, name):
+        scope = scope.classes[part]
 
 
 def test_nested_for_equation(tmp_path):

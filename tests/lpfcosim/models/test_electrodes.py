@@ -6,7 +6,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from lpfcosim.campaign import loading
 from lpfcosim.cosim import compatibility
 from lpfcosim.linear import ClosedLoop, response
 from lpfcosim.modelica import build
@@ -133,37 +132,3 @@ def test_common_noise_follows_the_force(make_run):
         assert np.sqrt(power) == pytest.approx(4e-6 * gain * 4e-9 / M_TM, rel=0.07)
     steady = psd(replace(quiet, dc=1e-11), 0.02)
     assert np.sqrt(steady[1]) == pytest.approx(4e-6 * 1e-11, rel=0.07)
-
-
-TEXT = """\
-schema = "lpf-campaign/1"
-name = "gains"
-seed = 1
-
-[truth]
-lambda_drift_2 = "1e-4 day^-1"
-lambda_bend_1 = 2e-4
-
-[actuation]
-electrode = "2e-6 Hz^-0.5"
-
-[authority.A]
-F_max_1 = "0 pN"
-F_max_2 = "2200 pN"
-N_max_1 = "10.4 pN m"
-N_max_2 = "10.4 pN m"
-
-[[experiments]]
-name = "A"
-authority = "A"
-duration = "1 h"
-noise_duration = "1 h"
-"""
-
-
-def test_campaign_asks_by_a_few_keys(tmp_path):
-    file = tmp_path / "c.toml"
-    file.write_text(TEXT, encoding="utf-8")
-    for run in loading.load(file).runs:
-        assert run.actuation == Actuation(electrode=2e-6)
-        assert (run.truth.lambda_drift_2, run.truth.lambda_bend_1) == (1e-4, 2e-4)

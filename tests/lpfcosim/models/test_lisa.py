@@ -1,9 +1,5 @@
 """One spacecraft of LISA: margins, spectra, the loop by a general integrator, FMUs, the packaged example."""
 
-import re
-from dataclasses import replace
-
-import fmpy
 import numpy as np
 import pytest
 
@@ -125,51 +121,3 @@ def test_fmus_agree_with_the_equations(lisa_run, key):
     got, expected = in_memory.simulate(run, build.build(lisa.MODEL.models)), ClosedLoop(run).simulate()
     assert set(got) == set(lisa.MODEL.record)
     assert_agree(got, expected, floor=1e-28)
-
-
-PARTS = {
-    "LISAMetrology": "metrology", "InertialSensor": "inertialSensor", "LISADragFreeControl": "dragFree",
-    "LISASuspensionControl": "suspension", "LISAPointingControl": "pointing", "LISAActuation": "actuation",
-    "LISAPlant": "plant",
-}  # fmt: skip
-
-
-def test_example_is_wired_as_the_co_simulation(lisa_run):
-    text = (build.PACKAGE.parent / "LISA" / "Examples" / "ClosedLoop.mo").read_text(encoding="utf-8")
-    wired = dict(reversed(pair) for pair in re.findall(r"connect\(([\w.]+), ([\w.]+)\);", text))
-    for c in lisa.MODEL.components(lisa_run()):
-        for name, source in c.inputs.items():
-            model, dot, output = source.partition(".")
-            if dot:
-                assert wired.pop(f"{PARTS[c.model]}.{name}") == f"{PARTS[model]}.{output}"
-    assert wired == {"dragFree.guidance_o_1": "guidance.y"}
-
-
-@pytest.mark.fmu
-@pytest.mark.slow
-@pytest.mark.parametrize("key", ["lisa", FALL_BACK])
-def test_example_steps_like_the_co_simulation(lisa_run, key):
-    sine = Sine("guidance_o_1", amplitude=10e-9, frequency=0.01, cycles=100, start=0)
-    run = replace(lisa_run(key, n_samples=1500), noise=Noise(), injections=(sine,))
-    expected = ClosedLoop(run).simulate()
-    parameters = model_of(run).parameters(run)
-    start = {f"{PARTS[m]}.{name}": x for m, values in parameters.items() for name, x in values.items()}
-    start |= {"guidance.amplitude": 10e-9, "guidance.f": 0.01}
-    channels = {
-        name: f"{PARTS[model]}.{variable}"
-        for name, (model, dot, variable) in ((n, s.partition(".")) for n, s in lisa.MODEL.record.items())
-        if dot
-    }
-    example = "LISAExamples.ClosedLoop"
-    result = fmpy.simulate_fmu(
-        str(build.build([example])[example]), stop_time=run.n_samples * run.h, output_interval=run.h,
-        start_values=start, output=list(channels.values()),
-    )  # fmt: skip
-    for name, variable in channels.items():
-        part = variable.partition(".")[0]
-        # A command that follows from the read-outs at t_n is seen at the end of the step from t_n.
-        values = (
-            result[variable][1:] if part in ("actuation", "dragFree", "pointing") else result[variable][:-1]
-        )
-        tolerance = 1e-9 * np.sqrt(np.mean(expected[name] ** 2)) + 1e-28
-        np.testing.assert_allclose(values, expected[name], rtol=0, atol=tolerance, err_msg=name)

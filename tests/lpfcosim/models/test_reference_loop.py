@@ -10,54 +10,10 @@ from scipy.signal import bilinear, lfilter
 from lpfcosim.models import stimuli
 from lpfcosim.spacecraft.run import Authority, HalfCosine, Noise, Sine, Truth
 from tests.agreement import assert_agree
-from tests.oracles import reference_plant
 from tests.reference_run import simulate_reference
 
 H = 0.1
 RATIO = 1.928 / 422.7
-
-
-def exact_loop_gain(run, f):
-    """Give L at one frequency from the continuous plant: hold, delays and aliases summed one by one."""
-    truth, authority = run.truth, run.authority
-    s0 = 2j * np.pi * f
-    k = np.arange(-4000, 4001)
-    s = s0 + 2j * np.pi * k / H
-    hold = (1 - np.exp(-s * H)) / (s * H)
-    # (s^2 + w) x = B a: two test masses and the recoil of the spacecraft, solved by Cramer's rule
-    w_1 = truth.omega2_1_0 + truth.alpha_phi_1 * authority.N_max_1
-    w_2 = truth.omega2_2_0 + truth.alpha_x_2 * authority.F_max_2 + truth.alpha_phi_2 * authority.N_max_2
-    m11, m12, m21, m22 = s**2 + (1 + RATIO) * w_1, RATIO * w_2, RATIO * w_1, s**2 + (1 + RATIO) * w_2
-    det = m11 * m22 - m12 * m21
-    out = np.empty((2, 2), complex)
-    thrust = -np.exp(-0.25 * s) / (1 + 0.1 * s) / 422.7
-    push_2 = truth.lambda_2 * np.exp(-(truth.C_2 / truth.lambda_2 - H / 2) * s)
-    for column, (b_1, b_2) in enumerate([(thrust, thrust), (RATIO * push_2, (1 + RATIO) * push_2)]):
-        x_1 = ((m22 * b_1 - m12 * b_2) / det * hold).sum()
-        x_2 = ((m11 * b_2 - m21 * b_1) / det * hold).sum()
-        out[:, column] = x_1, x_2 - x_1 + run.delta_ifo * x_1
-    z = np.exp(s0 * H)
-    p = 2 / H * (z - 1) / (z + 1)  # bilinear
-
-    def shape(s, u):
-        return (
-            (s + 2 * np.pi * u[0])
-            * (s + 2 * np.pi * u[1])
-            / (s * (1 + s / (2 * np.pi * u[2])) * (1 + s / (2 * np.pi * u[3])))
-        )
-
-    df, sus = (30e-3, 6e-3, 0.8, 2.0), (0.30e-3, 0.06e-3, 6e-3, 30e-3)
-    K_df = (2 * np.pi * 0.08) ** 2 * shape(p, df) / abs(shape(2j * np.pi * 0.08, df))
-    K_sus = (2 * np.pi * 1e-3) ** 2 * shape(p, sus) / abs(shape(2j * np.pi * 1e-3, sus))
-    return -out * np.array([422.7 * K_df, -K_sus])
-
-
-@pytest.mark.parametrize("f", [0.3e-3, 0.833e-3, 3.333e-3, 26.7e-3, 0.2, 1.7, 4.0])
-def test_loop_gain_matches_the_continuous_plant(make_run, f):
-    run = make_run(alignment_epoch=4)
-    expected = exact_loop_gain(run, f)
-    got = reference_plant.open_loop(run)(np.array([f]))[0]
-    np.testing.assert_allclose(got, expected, rtol=1e-7, atol=1e-9 * np.abs(expected).max())
 
 
 def by_integration(run):
