@@ -3,7 +3,6 @@
 import contextlib
 import errno
 import os
-import tempfile
 import zipfile
 
 import fmpy
@@ -88,22 +87,3 @@ def test_a_full_disk_is_not_the_fault_of_the_archive(tmp_path, monkeypatch):
     monkeypatch.setattr(fmpy, "extract", full)
     with pytest.raises(RunError, match=r"cannot be unpacked in .*: No space left on device$"):
         start(archive)
-
-
-@FMI
-def test_only_what_an_instance_can_reach_is_unpacked(tmp_path, monkeypatch, fmi):
-    """An instance is told of its resources; all else but its library is for people and tools."""
-    archive = build.build([MODEL], fmi=fmi)[MODEL]
-    path = tmp_path / "more.fmu"
-    repack(archive, path, lambda _, content: content)
-    with zipfile.ZipFile(path, "a") as more:
-        more.writestr("resources/table.csv", "1\n")
-        more.writestr("extra/org.example/table.csv", "1\n")
-    folder = tmp_path / "unpacked"
-    folder.mkdir()
-    monkeypatch.setattr(tempfile, "tempdir", str(folder))
-    with contextlib.ExitStack() as stack:
-        load(stack, path)
-        files = {file.relative_to(folder).parts[1] for file in folder.rglob("*") if file.is_file()}
-        assert files == {"binaries", "resources", "modelDescription.xml"}
-    assert not any(folder.iterdir())

@@ -7,16 +7,12 @@ import subprocess
 import sys
 import threading
 import time
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
-from lpfcosim.campaign import loading
 from lpfcosim.errors import InputError, RunError
-from lpfcosim.execution import dask_executor, runner
-from lpfcosim.modelica import build
-from tests.hostile.faulty import SEGFAULT, after, faulty
+from lpfcosim.execution import dask_executor
 from tests.lpfcosim.cli.test_montecarlo import SMALL
 
 pytestmark = pytest.mark.long
@@ -122,26 +118,6 @@ def test_a_scheduler_lost_is_told(tmp_path):
         scheduler.wait()
 
 
-def test_montecarlo_is_that_of_one_process_though_workers_die(address, tmp_path, lpfcosim, pytestconfig):
-    (tmp_path / "small.toml").write_text(SMALL, encoding="utf-8")
-    kills = max(1, pytestconfig.getoption("--kills") // 5)
-    command = ("montecarlo", "small.toml", "-n", 8 * kills, "--redraw", "--quiet")
-    assert lpfcosim(*command, "--out", "alone", "--jobs", 1)[0] == 0
-
-    log = tmp_path / "spread" / "campaigns.jsonl"
-    killer = threading.Thread(target=kill_workers, args=(address, log, kills, 2))
-    killer.start()
-    status, _, error = lpfcosim(*command, "--out", "spread", "--scheduler", address)
-    killer.join()
-    assert (status, error) == (0, "")
-    alone, spread = (
-        json.loads((tmp_path / name / "montecarlo.json").read_text(encoding="utf-8"))
-        for name in ("alone", "spread")
-    )
-    assert spread == alone
-    assert (spread["n"], spread["failed"]) == (8 * kills, {})
-
-
 def kill_workers(address, log, kills, first):
     """Kill a worker once a file has its `first` lines, and another after every seven more."""
     with distributed.Client(address, set_as_default=False) as client:
@@ -172,15 +148,3 @@ def test_run_is_that_of_one_process_though_workers_die(address, tmp_path, lpfcos
         for folder in ("alone", "spread")
     )
     assert first == second
-
-
-@pytest.mark.fmu
-def test_a_crash_on_the_cluster_fails_its_own_run(address, tmp_path):
-    (tmp_path / "two.toml").write_text(SMALL, encoding="utf-8")
-    plan = loading.load(tmp_path / "two.toml")
-    ours, model = build.build(), "OpticalMetrology"
-    bad = {**ours, model: faulty(ours[model], tmp_path / "bad.fmu", step=after(10000.0, SEGFAULT))}
-    plan = replace(plan, experiments=tuple(replace(e, n_noise_samples=60000) for e in plan.experiments))
-    done = runner.simulate(plan, tmp_path / "out" / "telemetry", bad, runner.RunOptions(scheduler=address))
-    assert (list(done.files), list(done.failures)) == (["one-noise"], ["one"])
-    assert "every worker that took it on died" in str(done.failures["one"])

@@ -6,21 +6,13 @@ import re
 import signal
 import subprocess
 import sys
-from functools import partial
 from pathlib import Path
 
 import pytest
 
-from fit.crosstalk import refit
 from fit.files import atomic
-from fit.report import page
-from lpfcosim.cli.console import Console
-from lpfcosim.cli.figures import figures
-from lpfcosim.cli.mcmc import mcmc
-from lpfcosim.cli.report import report
 from lpfcosim.errors import InputError, RunError
 from lpfcosim.execution import results_folder as folders
-from lpfcosim.workflows import output_paths
 
 HOLD = """
 import sys, time
@@ -70,18 +62,6 @@ def test_the_second_is_told_who_is_first_and_touches_nothing(other, tmp_path):
     assert len(before) == 6
 
 
-@pytest.mark.parametrize(
-    "command",
-    [report, partial(figures, names=(), jobs=1), partial(mcmc, steps=1, seed=1)],
-    ids=["report", "figures", "mcmc"],
-)
-def test_a_command_without_a_folder_to_choose_is_told_to_wait(command, other, tmp_path, monkeypatch):
-    monkeypatch.setattr(refit, "load", lambda _: (None, []))
-    monkeypatch.setattr(page, "figure_specs", lambda *_: [])
-    with pytest.raises(InputError, match=rf"\(process {other.pid} on .*\); wait for it$"):
-        command(tmp_path / "out", console=Console(quiet=True))
-
-
 @pytest.mark.skipif(os.name != "posix", reason="needs SIGKILL")
 def test_a_lock_does_not_outlive_its_holder_nor_do_unfinished_files(other, tmp_path):
     other.send_signal(signal.SIGKILL)
@@ -104,15 +84,6 @@ def test_a_lock_does_not_outlive_its_holder_nor_do_unfinished_files(other, tmp_p
         assert "another process works in it" in done.stderr
 
 
-def test_what_cannot_be_locked_is_told(tmp_path):
-    (tmp_path / "file").write_text("")
-    with (
-        pytest.raises(InputError, match=r"file: is a file or lies in one"),
-        folders.lock(tmp_path / "file"),
-    ):
-        pass
-
-
 @pytest.mark.parametrize(
     ("number", "kind"), [(errno.EACCES, InputError), (errno.EROFS, InputError), (errno.ENOSPC, RunError)]
 )
@@ -124,13 +95,4 @@ def test_a_folder_that_cannot_be_made_is_wrong_input_but_a_full_disk_is_not(
 
     monkeypatch.setattr(Path, "mkdir", refuse)
     with pytest.raises(kind, match=re.escape(os.strerror(number))), folders.lock(tmp_path / "out"):
-        pass
-
-
-@pytest.mark.parametrize("inside", ["", "logs"])
-def test_a_folder_whose_name_is_too_long_is_wrong_input(tmp_path, inside):
-    """As is one where another may not look; a name has 255 bytes at most."""
-    folder = tmp_path / ("n" * 300)
-    output_paths.check_folder(folder, inside)  # nothing is in the way
-    with pytest.raises(InputError, match="cannot be made"), folders.lock(folder):
         pass

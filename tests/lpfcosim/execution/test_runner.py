@@ -1,6 +1,5 @@
 """Runs on several processes: all there, once, resumed, and honest about failure."""
 
-import errno
 import multiprocessing as mp
 import os
 import re
@@ -19,7 +18,7 @@ import pytest
 
 from fit.files import atomic
 from lpfcosim.errors import InputError
-from lpfcosim.execution import Executor, Provenance, provenance, runner
+from lpfcosim.execution import Executor, provenance, runner
 from lpfcosim.spacecraft.run import Authority, Sine
 from tests.campaign_text import SHORT_PLAN
 from tests.reference_run import simulate_reference
@@ -65,39 +64,11 @@ def test_neither_processes_nor_the_engine_change_a_byte(fmus, plan, files, tmp_p
         assert a.read_bytes() == b.read_bytes()
 
 
-def test_nor_does_the_engine_below_ten_hertz(fmus, plan, tmp_path):
-    run = replace(plan.runs[0], n_samples=1000, sample_rate=1.0)
-    compiled, plain = tmp_path / "compiled.h5", tmp_path / "plain.h5"
-    runner.write_telemetry(run, fmus, compiled, {}, "compiled")
-    runner.write_telemetry(run, fmus, plain, {}, "fmpy")
-    assert compiled.read_bytes() == plain.read_bytes()
-
-
 @pytest.fixture
 def copied(files, tmp_path):
     """A copy of what the simulation of `files` left: its two files of telemetry."""
     shutil.copytree(files[0].parent.parent, tmp_path, dirs_exist_ok=True)
     return [tmp_path / "telemetry" / f.name for f in files]
-
-
-@pytest.mark.slow
-def test_finished_runs_are_kept_and_others_are_simulated_again(fmus, plan, copied):
-    kept, lost = copied
-    stamp, content = kept.stat().st_mtime_ns, lost.read_bytes()
-    for damage in (content[: len(content) // 2], content[:-100] + b"?" + content[-99:], b"", None):
-        lost.unlink()
-        if damage is not None:
-            lost.write_bytes(damage)
-        seen, again, told = set(), [], []
-        callbacks = runner.ProgressCallbacks(
-            lambda name, _, seen=seen: seen.add(name), again.append, told.append
-        )
-        runner.simulate(plan, kept.parent, fmus, callbacks=callbacks)
-        assert (seen, again) == ({lost.stem}, [kept.stem])
-        wanted = [f"run one: {lost} has changed since, and is simulated again"]
-        assert told == ([] if damage is None else wanted)
-        assert kept.stat().st_mtime_ns == stamp
-        assert lost.read_bytes() == content
 
 
 def test_a_byte_changed_anywhere_is_noticed(fmus, plan, copied, monkeypatch):
@@ -122,13 +93,6 @@ def test_a_ledger_that_is_lost_or_damaged_costs_time_only(fmus, plan, copied, mo
         ledger.write_bytes(damage)
         runner.simulate(plan, copied[0].parent, fmus)
     assert asked == [{"one-noise"}, {"one-noise", "one"}, {"one-noise", "one"}]
-
-
-def test_sha256sum_reads_the_ledger(copied):
-    if shutil.which("sha256sum") is None:
-        pytest.skip("no sha256sum here")
-    folder = copied[0].parent.parent
-    subprocess.run(["sha256sum", "--strict", "-c", "telemetry.sha256"], cwd=folder, check=True)
 
 
 def test_what_comes_from_elsewhere_is_refused_or_simulated_anew(fmus, plan, copied, monkeypatch):
@@ -185,25 +149,6 @@ def test_failing_run_does_not_take_the_others_along(fmus, plan, tmp_path):
     assert folder_of(tmp_path / "telemetry") == [f"{good.name}.h5"]
 
 
-def test_a_foreign_file_is_not_ours_whatever_its_attributes(fmus, plan, tmp_path):
-    path = tmp_path / "one.h5"
-    for odd in (np.arange(3), h5py.Empty("f8"), [b"a", b"b"], np.void(b"raw"), np.nan, None):
-        with h5py.File(path, "w") as file:
-            file.attrs.update(Provenance.of(plan, fmus).attributes())
-            del file.attrs["seed"]
-            if odd is not None:
-                file.attrs["seed"] = odd
-        with pytest.raises(InputError, match=r"one\.h5: .* seed.*; choose another folder, or .* \(rerun\)"):
-            runner.simulate(plan, tmp_path, fmus)
-
-
-def test_a_folder_in_the_place_of_a_file_is_told_first(fmus, plan, tmp_path, monkeypatch):
-    monkeypatch.setattr(Executor, "results", None)
-    (tmp_path / "one.h5").mkdir()
-    with pytest.raises(InputError, match=r"one\.h5: is a folder"):
-        runner.simulate(plan, tmp_path, fmus)
-
-
 @pytest.fixture
 def scratch(tmp_path, monkeypatch):
     """The folder of temporary files, empty."""
@@ -218,27 +163,6 @@ def long(plan):
     """The campaign with its sysid run so long that something can happen to it."""
     first = plan.experiments[0]
     return replace(plan, experiments=(replace(first, n_samples=65 * 36_000, injections=()),))
-
-
-@pytest.mark.skipif(os.name != "posix", reason="needs SIGKILL")
-def test_workers_that_are_killed_fail_their_runs_only(fmus, long, tmp_path, scratch):
-    noise, sysid = (tmp_path / "telemetry" / f"{run.name}.h5" for run in long.runs)
-
-    def progress(name, done):
-        if noise.exists() and name == sysid.stem and done:
-            for worker in mp.active_children():
-                os.kill(worker.pid, signal.SIGKILL)
-
-    # the plain loop, which takes minutes
-    done = runner.simulate(
-        long, noise.parent, fmus, runner.RunOptions(2, engine="fmpy"), runner.ProgressCallbacks(progress)
-    )
-    assert list(done.files) == [noise.stem]
-    killed = r"run 'one': its process was killed \(SIGKILL; out of memory\?\)"
-    assert re.match(killed, str(done.failures["one"]))
-    assert mp.active_children() == []
-    assert folder_of(noise.parent) == [noise.name]
-    assert list(scratch.iterdir()) == []
 
 
 def test_an_interrupt_leaves_what_is_finished_and_nothing_else(fmus, long, tmp_path, scratch):
@@ -282,22 +206,6 @@ def test_an_interrupt_before_the_ledger_knows_a_file_leaves_none(fmus, plan, tmp
         plan, folder, fmus, runner.RunOptions(jobs=1), runner.ProgressCallbacks(on_message=told.append)
     )
     assert (told, folder_of(folder)) == ([], sorted(path.name for path in done.files.values()))
-
-
-def test_a_file_that_cannot_get_its_name_fails_its_run_alone(fmus, plan, tmp_path, monkeypatch):
-    settle, folder = atomic.settle, tmp_path / "telemetry"
-
-    def full(partial, path):
-        if path.name == "one.h5":
-            raise OSError(errno.ENOSPC, "No space left on device")
-        settle(partial, path)
-
-    with monkeypatch.context() as patch:
-        patch.setattr(atomic, "settle", full)
-        done = runner.simulate(plan, folder, fmus, runner.RunOptions(jobs=1))
-    assert list(done.failures) == ["one"]
-    assert "one.h5: cannot be written (No space left on device)" in str(done.failures["one"])
-    assert sorted(path.name for path in folder.iterdir()) == sorted(p.name for p in done.files.values())
 
 
 ORPHANS = """

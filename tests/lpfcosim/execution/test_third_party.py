@@ -6,7 +6,6 @@ import h5py
 import numpy as np
 import pytest
 
-import lpfcosim
 from lpfcosim.campaign import loading
 from lpfcosim.errors import InputError
 from lpfcosim.execution import fmus as archives
@@ -67,15 +66,6 @@ def test_values_make_a_campaign_and_the_switch_of_validation_does_not(load, tmp_
     assert len(set(digests)) == 4
 
 
-@pytest.mark.parametrize("more", ["values = { mode = [1] }", "values = { mode = nan }", "validate = 'no'"])
-def test_what_is_neither_a_value_nor_a_switch(load, tmp_path, more):
-    third_party.built(tmp_path)
-    with pytest.raises(
-        InputError, match=r"own\.toml: fmus\.SuspensionControl\.(values\.mode|validate): .*expected"
-    ):
-        load(more)
-
-
 def test_log_is_limited_and_counts_the_rest(load, fmus, tmp_path):
     third_party.built(tmp_path, "WARNS")
     assert not simulate(load(), fmus, tmp_path / "out").failures
@@ -117,16 +107,6 @@ def test_sources_are_compiled_only_where_they_may_run(load, fmus, tmp_path, monk
     with h5py.File(done.files["one"]) as file:  # of the user's archive, not of what was made of it
         assert re.fullmatch("[0-9a-f]{64}", file.attrs["fmu_SuspensionControl"])
         assert file.attrs["fmu_SuspensionControl"] == runner.digest(archive)
-
-
-def test_simulate_logs_what_the_command_warns_of(load, tmp_path, caplog):
-    third_party.built(tmp_path, changes=[('generationTool="By hand"', 'generationTool="By hand" colour="x"')])
-    plan = load("validate = false")
-    paths = lpfcosim.simulate(plan, tmp_path / "out", jobs=1, trusted=True)
-    assert [path.is_file() for path in paths] == [True]
-    (said,) = [r.getMessage() for r in caplog.records if r.levelname == "WARNING"]
-    assert said == validation.validate(plan, fitted=False).warnings[0]
-    assert "accepted because of validate = false" in said
 
 
 #: Experiments that differ in the force to be held, and so in a start value, and in their authority.

@@ -48,14 +48,6 @@ def test_approvals_are_withdrawn_by_file_or_digest(fmu):
             trust_store.revoke([name])
 
 
-def test_nothing_is_approved_that_is_no_fmu(fmu, tmp_path):
-    (tmp_path / "text.fmu").write_text("no archive")
-    for wrong in ("text.fmu", "nowhere.fmu", "."):
-        with pytest.raises(InputError, match="not a readable FMU"):
-            trust_store.approve([fmu("one.fmu"), tmp_path / wrong])
-    assert trust_store.digests() == set()
-
-
 @pytest.mark.parametrize(
     ("text", "sentence"),
     [

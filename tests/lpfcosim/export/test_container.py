@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from fmpy.fmi2 import FMU2Slave
 
-from lpfcosim.cosim import checks, compatibility
+from lpfcosim.cosim import checks
 from lpfcosim.errors import InputError
 from lpfcosim.export.container import container
 from lpfcosim.modelica import build
-from lpfcosim.models import SpacecraftModel, model_of, one_axis, stimuli
+from lpfcosim.models import model_of, one_axis, stimuli
 from lpfcosim.spacecraft.run import Authority, HalfCosine, Pulse, Sine
 from tests.lpfcosim.cosim import in_memory
 
@@ -84,12 +84,6 @@ def test_container_gives_the_same_bits(archive, run, tmp_path):
     assert_same_bits(driven(archive, run, tmp_path), in_memory.simulate(run, build.build(fmi="2.0")))
 
 
-def test_fmi_3_inside_gives_the_same_bits(run, tmp_path):
-    fmus = build.build(fmi="3.0")
-    path = container(run, {**fmus, **build.build(["Plant"], fmi="2.0")}, tmp_path / "loop.fmu")
-    assert_same_bits(driven(path, run, tmp_path / "unpacked"), in_memory.simulate(run, fmus))
-
-
 def test_delays_start_at_the_equilibrium(make_run, tmp_path):
     # Without signals nothing may move: the dc is held from before the first sample.
     run = make_run(n_samples=50, dc=8e-12)
@@ -130,16 +124,6 @@ def test_bytes_are_reproducible(archive, run, tmp_path):
     assert list(tmp_path.iterdir()) == [again]
     other = container(replace(run, dc=0.0), build.build(fmi="2.0"), tmp_path / "other.fmu")
     assert fmpy.read_model_description(str(other)).guid != fmpy.read_model_description(str(archive)).guid
-
-
-def test_what_the_toolbox_refuses_is_told(run, tmp_path, monkeypatch):
-    # An output where an input is due, which our own check would find first.
-    monkeypatch.setattr(compatibility, "problems", lambda *_: ())
-    sensors, *others = one_axis.MODEL.components(run)
-    wrong = replace(sensors, inputs={**sensors.inputs, "o_1": "n_1"})
-    monkeypatch.setattr(SpacecraftModel, "components", lambda *_: (wrong, *others))
-    with pytest.raises(InputError, match=r"^the FMUs do not fit into a container: .*o_1.*output"):
-        container(run, build.build(fmi="2.0"), tmp_path / "loop.fmu")
 
 
 def test_missing_toolbox_is_told(run, tmp_path, monkeypatch):

@@ -16,13 +16,6 @@ from lpfcosim.spacecraft.run import Truth
 from lpfcosim.spacecraft.spacecraft import Spacecraft
 
 
-def test_order_of_ours_is_that_of_the_signals(make_run):
-    names = [c.model for c in model_of(make_run()).components(make_run())]
-    assert names[0] == "OpticalMetrology"
-    assert names[-2:] == ["Actuation", "Plant"]
-    assert set(names) == set(one_axis.MODEL.models)
-
-
 @given(st.data())
 def test_order_does_not_depend_on_how_they_are_listed(make_run, data):
     done = set()

