@@ -19,20 +19,32 @@ authority = "A"
 alignment_epoch = 1
 """
 
-#: A campaign of one short experiment and its noise run.
-SHORT_PLAN = f"""
-schema = "lpf-campaign/1"
-name = "short"
-seed = 7
 
-{ONE_EXPERIMENT}duration = "200 s"
-noise_duration = "100 s"
-
+def sine(into: str, frequency: str, amplitude: str, cycles: int, start: str) -> str:
+    """Return the table of a sine that is injected into the last experiment of a text."""
+    return f"""
 [[experiments.injections]]
-into = "guidance_o_1"
+into = "{into}"
 shape = "sine"
-frequency = "50 mHz"
-amplitude = "1 nm"
-cycles = 5
-start = "10 s"
+frequency = "{frequency}"
+amplitude = "{amplitude}"
+cycles = {cycles}
+start = "{start}"
 """
+
+
+def campaign(
+    keys: str, *sines: tuple[str, str, str, int, str], name: str = "one", seed: int = 1, tables: str = ""
+) -> str:
+    """Return a campaign of one experiment: its keys, the sines injected into it, tables before it."""
+    head = f'schema = "lpf-campaign/1"\nname = "{name}"\nseed = {seed}\n\n{tables}\n'
+    return f"{head}{ONE_EXPERIMENT}{keys}\n" + "".join(sine(*arguments) for arguments in sines)
+
+
+#: A campaign of one short experiment and its noise run.
+SHORT_PLAN = campaign(
+    'duration = "200 s"\nnoise_duration = "100 s"',
+    ("guidance_o_1", "50 mHz", "1 nm", 5, "10 s"),
+    name="short",
+    seed=7,
+)

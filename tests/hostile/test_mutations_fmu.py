@@ -20,7 +20,7 @@ from lpfcosim.execution import trust_store
 from lpfcosim.modelica import build
 from lpfcosim.models import model_of
 from lpfcosim.spacecraft.run import Replacement
-from tests.campaign_text import ONE_EXPERIMENT
+from tests.campaign_text import campaign
 from tests.hostile.mutations import NUMBERS, TEXTS, damaged, raw_archive, survives
 from tests.lpfcosim.cosim.foreign import edited
 
@@ -267,10 +267,9 @@ def plan(tmp_path, ours):
     path = edited(ours["3.0"][MODEL], tmp_path / "theirs.fmu", ('description="', 'description="Theirs: '))
 
     def make(more=""):
-        text = 'schema = "lpf-campaign/1"\nname = "theirs"\nseed = 1\n'
         file = tmp_path / "plan.toml"
-        fmu = f'[fmus.{MODEL}]\npath = "theirs.fmu"\n{more}\n'
-        file.write_text(f'{text}{fmu}{ONE_EXPERIMENT}noise_duration = "20 min"\n')
+        table = f'[fmus.{MODEL}]\npath = "theirs.fmu"\n{more}\n'
+        file.write_text(campaign('noise_duration = "20 min"', tables=table))
         return file
 
     return make, files.digest(path)

@@ -1,18 +1,13 @@
 """What a campaign says of the whole spacecraft: cross-talk by period, its compensation and drift, layout."""
 
-from dataclasses import replace
-
-import numpy as np
 import pytest
 
 from lpfcosim.campaign import loading
 from lpfcosim.errors import InputError
-from lpfcosim.linear import response
 from lpfcosim.models import model_of
 from lpfcosim.spacecraft import EIGHT_NOZZLES, Lead
-from tests.campaign_text import ONE_EXPERIMENT
+from tests.campaign_text import campaign
 
-HEAD = 'schema = "lpf-campaign/1"\nname = "whole"\nseed = 1\n'
 EXPERIMENT = 'inertial_period = 1\nnoise_duration = "10 d"\n'
 PERIOD = '[spacecraft.period.1]\ndelta_phi = "-0.47 mrad"\ndelta_eta = "-0.066 mrad"\n'
 LENGTHS = 'b_1 = "12 um/rad"\nb_2 = "-9 um/rad"\nb_3 = 2.2e-5\n'
@@ -25,7 +20,7 @@ def make(tmp_path):
         path = tmp_path / "c.toml"
         table = f"[spacecraft]\n{spacecraft}\n{PERIOD}{period}\n" if spacecraft is not None else ""
         one = EXPERIMENT if table else EXPERIMENT.replace("inertial_period = 1", "")
-        path.write_text(f"{HEAD}{head}\n{table}{ONE_EXPERIMENT}{one}{more}", encoding="utf-8")
+        path.write_text(campaign(f"{one}{more}", tables=f"{head}\n{table}"), encoding="utf-8")
         return loading.load(path).runs
 
     return load
@@ -63,27 +58,6 @@ def test_cross_talk_follows_the_temperature_of_an_experiment(make):
     text = LENGTHS + 'b_2_per_kelvin = "8 um rad^-1 K^-1"\n'
     assert lengths(make(text)) == (1.2e-5, -0.9e-5, 2.2e-5)
     assert lengths(make(text, more='temperature = "-0.5 K"\n')) == pytest.approx((1.2e-5, -1.3e-5, 2.2e-5))
-
-
-def bump(run, frequency):
-    """ASD of -(2 pi f)^2 o_12, which above 10 mHz is Delta g, where torques alone shake the spacecraft."""
-    S = response.cross_spectra(run, ("o_12",), frequency)[:, 0, 0].real
-    return (2 * np.pi * frequency) ** 2 * np.sqrt(S)
-
-
-def test_the_bump_of_a_compensated_lever_arm_is_that_of_what_is_left(make):
-    """At 20 mHz the test masses still follow a little: of the lever arm a ninth is left there."""
-    f = np.array([20e-3, 30e-3, 50e-3, 70e-3])
-    noise = 'noise = { oms = "0 m Hz^-0.5", thruster = "0 N Hz^-0.5", plateau = "0 m s^-2 Hz^-0.5", tail = 0'
-    shaken = noise + ', thruster_torque = "0.08 uN m Hz^-0.5" }\n'
-    as_it_is, compensated = (
-        bump(make(f"{LENGTHS}lever_arm_compensated = {told}\n", more=shaken)[0], f)
-        for told in ("false", "true")
-    )
-    craft = make(LENGTHS, more=shaken)[0]
-    meant = bump(replace(craft, spacecraft=replace(craft.spacecraft, delta_phi=0.0, delta_eta=0.0)), f)
-    assert np.all(as_it_is > 3 * meant)
-    assert np.all(abs(compensated / meant - 1) < [0.6, 0.3, 0.1, 0.05])
 
 
 def test_layout_and_attitude_are_as_asked(make):

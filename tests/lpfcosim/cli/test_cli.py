@@ -2,7 +2,6 @@
 
 import json
 import os
-import re
 import signal
 import subprocess
 import sys
@@ -18,41 +17,17 @@ from lpfcosim.errors import InputError, RunError
 from lpfcosim.execution import runner, telemetry_file
 from lpfcosim.modelica import build as fmu_build
 from lpfcosim.models import fmu_names
-from tests.campaign_text import ONE_EXPERIMENT
+from tests.campaign_text import campaign
 from tests.reference_run import simulate_reference
 
-SHORT = f"""
-schema = "lpf-campaign/1"
-name = "short"
-seed = 3
-
-{ONE_EXPERIMENT}duration = "7200 s"
-noise_duration = "7200 s"
-
-[[experiments.injections]]
-into = "guidance_o_12"
-shape = "sine"
-frequency = "3 mHz"
-amplitude = "10 nm"
-cycles = 8
-start = "900 s"
-
-[[experiments.injections]]
-into = "guidance_o_1"
-shape = "sine"
-frequency = "10 mHz"
-amplitude = "5 nm"
-cycles = 20
-start = "4000 s"
-
-[[experiments.injections]]
-into = "guidance_o_12"
-shape = "sine"
-frequency = "0.8 mHz"
-amplitude = "80 nm"
-cycles = 3
-start = "3400 s"
-"""
+SHORT = campaign(
+    'duration = "7200 s"\nnoise_duration = "7200 s"',
+    ("guidance_o_12", "3 mHz", "10 nm", 8, "900 s"),
+    ("guidance_o_1", "10 mHz", "5 nm", 20, "4000 s"),
+    ("guidance_o_12", "0.8 mHz", "80 nm", 3, "3400 s"),
+    name="short",
+    seed=3,
+)
 
 
 @pytest.fixture
@@ -139,17 +114,6 @@ def test_interchange_commands(lpfcosim, short, tmp_path):
     status, out, err = lpfcosim("fmu", "container", short, "one", "--out", "loop.fmu")
     assert (status, out.strip()) == (0, "loop.fmu"), err
     assert {"short.ssp", "loop.fmu"} <= {p.name for p in tmp_path.iterdir()}
-
-
-def test_margins_of_the_loops(lpfcosim, short, tmp_path):
-    status, out, _ = lpfcosim("margins", short)
-    assert status == 0
-    assert re.search(r"^ drag_free_x +79\.\d+ mHz +45\.\d deg +14\.\d dB *$", out, flags=re.MULTILINE)
-    assert len(out.splitlines()) == 3
-    whole = tmp_path / "whole.toml"
-    whole.write_text(SHORT.replace("[noise]", "[spacecraft]\n\n[noise]"))
-    status, out, _ = lpfcosim("margins", whole)
-    assert len(out.splitlines()) == 16
 
 
 @pytest.mark.parametrize(

@@ -1,15 +1,14 @@
-"""The command line from outside: how it starts, helps, completes and speaks JSON."""
+"""The command line from outside: how it starts, helps and speaks JSON."""
 
 import json
 import os
-import shutil
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
 
-from tests.campaign_text import ONE_EXPERIMENT
+from tests.campaign_text import campaign
 
 GROUPS = {
     (): "new trust schema check forecast margins run montecarlo design identify "
@@ -26,7 +25,6 @@ def python(code, *arguments, **options):
     )
 
 
-CONTINUING = ("run", "montecarlo", "mcmc")  # after an interrupt; the others begin anew
 CONTINUES = "what is finished is kept, the same command continues"
 
 
@@ -53,8 +51,7 @@ def test_what_needs_no_numbers_reads_no_heavy_library(arguments, tmp_path):
     [
         ("typer", ["--help"], "interrupted"),
         ("scipy", ["margins", "one.toml"], "interrupted"),
-        ("typer", ["figures", "one"], "interrupted"),
-        *(("typer", [command, "one"], f"interrupted; {CONTINUES}") for command in CONTINUING),
+        ("typer", ["montecarlo", "one"], f"interrupted; {CONTINUES}"),
     ],
 )
 def test_interrupt_while_it_starts_is_one_sentence(module, arguments, message, tmp_path):
@@ -96,46 +93,6 @@ def test_version(lpfcosim):
     assert lpfcosim("--version") == (0, f"lpfcosim {metadata.version('lpfcosim')}\n", "")
 
 
-# Completion -----------------------------------------------------------------------------------------------
-
-
-@pytest.fixture
-def complete(tmp_path):
-    """Press the tabulator key twice in bash; returns what it offers."""
-    bash = shutil.which("bash")
-    program = Path(sys.executable).with_name("lpfcosim")
-    if os.name != "posix" or bash is None or not program.is_file():
-        pytest.skip("needs bash and an installed lpfcosim")
-    environment = {**os.environ, "PATH": f"{program.parent}{os.pathsep}{os.environ['PATH']}"}
-    code = "from typer._completion_shared import get_completion_script as script; "
-    code += "print(script(prog_name='lpfcosim', complete_var='_LPFCOSIM_COMPLETE', shell='bash'))"
-    installed = python(code, check=True).stdout
-
-    def press(*words):
-        line = f"""{installed}
-COMP_WORDS=(lpfcosim {" ".join(f"'{word}'" for word in words)}); COMP_CWORD={len(words)}
-_lpfcosim_completion lpfcosim; printf '%s\\n' "${{COMPREPLY[@]}}"; complete -p lpfcosim"""
-        done = subprocess.run(
-            [bash, "--norc", "-c", line], env=environment, cwd=tmp_path, capture_output=True, text=True
-        )
-        assert done.stderr == ""
-        *offered, rule = done.stdout.splitlines()
-        assert "-o default" in rule  # where nothing is offered bash completes names of files
-        return [word for word in offered if word]
-
-    return press
-
-
-def test_bash_completes_commands_options_and_files(complete):
-    assert complete("") == GROUPS[()].split()
-    assert complete("m") == ["margins", "montecarlo", "mcmc"]
-    assert complete("fmu", "") == GROUPS[("fmu",)].split()
-    assert complete("run", "--q") == ["--quiet"]
-    assert {"--out", "--jobs", "--json", "--help"} < set(complete("run", "--"))
-    assert complete("run", "--engine", "") == ["compiled", "fmpy"]
-    assert complete("run", "") == complete("run", "quick") == complete("fit", "a.h5", "") == []  # files
-
-
 # JSON -----------------------------------------------------------------------------------------------------
 
 
@@ -145,15 +102,9 @@ def parsed(result, status=0):
     return json.loads(out, parse_constant=pytest.fail)
 
 
-@pytest.fixture
-def one(tmp_path):
-    file = tmp_path / "one.toml"
-    head = 'schema = "lpf-campaign/1"\nname = "one"\nseed = 1\n'
-    file.write_text(f'{head}{ONE_EXPERIMENT}noise_duration = "12 h"\n', encoding="utf-8")
-    return file
-
-
-def test_check_as_json_takes_quiet(lpfcosim, one):
+def test_check_as_json_takes_quiet(lpfcosim, tmp_path):
+    one = tmp_path / "one.toml"
+    one.write_text(campaign('noise_duration = "12 h"'))
     result = lpfcosim("check", one, "--json", "--quiet")
     assert result[2] == ""
     assert parsed(result)["campaign"] == "one"

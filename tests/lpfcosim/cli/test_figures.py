@@ -1,12 +1,10 @@
 """The command ``figures``: figures for a journal when they are asked for."""
 
-import json
 import shutil
 
 import pytest
 
 import fit
-from lpfcosim.cli import figures
 from tests.oracles import synthetic
 from tests.oracles.contract_file import write_contract_file
 
@@ -59,10 +57,6 @@ def test_without_names_all_are_drawn(lpfcosim, fitted):
     shutil.rmtree(fitted / "figures")
 
 
-def test_words_of_names_are_known():
-    figures.check_names([*ALL, "residual-over-noise"], ["D"], "results")
-
-
 def test_names_that_no_figure_has(lpfcosim, fitted, tmp_path):
     status, _, err = lpfcosim("figures", fitted, "nonsense")
     assert status == 2
@@ -76,14 +70,3 @@ def test_names_that_no_figure_has(lpfcosim, fitted, tmp_path):
     status, _, err = lpfcosim("figures", tmp_path)
     assert status == 2
     assert "results.json" in err
-
-
-def test_a_file_in_the_way(lpfcosim, fitted, tmp_path):
-    for name in ("telemetry", "results.json"):
-        copy = shutil.copytree if (fitted / name).is_dir() else shutil.copy
-        copy(fitted / name, tmp_path / name)
-    (tmp_path / "figures").touch()
-    status, _, err = lpfcosim("figures", tmp_path, "corr")
-    assert status == 2
-    assert err.endswith("figures: is a file, expected a folder for the results\n")
-    assert json.loads((tmp_path / "results.json").read_text())["joint"]

@@ -43,21 +43,6 @@ def test_a_file_and_all_that_it_has(lpfcosim, tmp_path, fmi):
     assert "local variable" in out
 
 
-@pytest.mark.parametrize(
-    ("changes", "fault"),
-    [
-        ([("CoSimulation", "ModelExchange")], "is not for co-simulation"),
-        ([(r"(?s)<UnitDefinitions>.*</UnitDefinitions>", "")], "does not conform to the FMI schema"),
-        ([('modelIdentifier="\\w+"', 'modelIdentifier="Other"')], "has a binary for "),
-    ],
-)
-def test_what_is_wrong_with_a_file(lpfcosim, tmp_path, changes, fault):
-    archive = third_party.built(tmp_path, changes=changes)
-    status, out, _ = lpfcosim("fmu", "show", archive)
-    assert status == 0
-    assert f"not usable as it is: {fault}" in out or fault in out
-
-
 def test_a_proposal_that_a_campaign_takes(lpfcosim, tmp_path):
     names = [('name="distance"', 'name="o12"'), ('name="wanted"', 'name="guidance_o12"')]
     archive = third_party.built(tmp_path, changes=names)
@@ -74,13 +59,6 @@ def test_names_that_only_the_user_can_tell_apart(lpfcosim, tmp_path):
     status, out, _ = lpfcosim("fmu", "show", "SuspensionControl", third_party.built(tmp_path))
     assert status == 1
     assert '# o_12 = "distance" or "wanted": to be added to variables' in out
-
-
-def test_a_file_that_fits_no_such_place(lpfcosim, tmp_path):
-    status, out, _ = lpfcosim("fmu", "show", "Plant", third_party.built(tmp_path), "--json")
-    match = json.loads(out)["match"]
-    assert status == 1
-    assert match["candidates"] == {"x_1": [], "x_2": []}
 
 
 @pytest.mark.parametrize(

@@ -5,8 +5,6 @@ import multiprocessing as mp
 import os
 import re
 import signal
-import subprocess
-import sys
 import threading
 import time
 from dataclasses import replace
@@ -15,7 +13,6 @@ import numpy as np
 import pytest
 from scipy.stats import norm
 
-from fit.files import atomic
 from fit.forecasting import coverage
 from fit.results import Fit, Results
 from fit.results.estimates import Estimate
@@ -23,23 +20,18 @@ from fit.results.provenance import Provenance
 from fit.settings import settings
 from lpfcosim.campaign import loading, montecarlo
 from lpfcosim.cosim import SimulationProgress
-from lpfcosim.errors import RunError
 from lpfcosim.workflows import montecarlo as workflow
 from lpfcosim.workflows.montecarlo_trial import MonteCarloTask
-from tests.campaign_text import ONE_EXPERIMENT
+from tests.campaign_text import campaign
 from tests.lpfcosim.cli.refusal import refusal
 
-HEAD = 'schema = "lpf-campaign/1"\nname = "small"\nseed = 3\n'
-EXPERIMENT = 'duration = "6 h"\nnoise_duration = "6 h"\nsequences = ["few"]\n[sequences]\nfew = [\n'
-SINE = '  {{ into = "{}", shape = "sine", frequency = "{}", amplitude = "{}", cycles = {}, start = "{}" }},\n'
-SMALL = (
-    HEAD
-    + ONE_EXPERIMENT
-    + EXPERIMENT
-    + SINE.format("guidance_o_12", "1 mHz", "10 nm", 6, "900 s")
-    + SINE.format("guidance_o_12", "10 mHz", "5 nm", 40, "7000 s")
-    + SINE.format("guidance_o_1", "5 mHz", "10 nm", 40, "12000 s")
-    + "]\n"
+SMALL = campaign(
+    'duration = "6 h"\nnoise_duration = "6 h"',
+    ("guidance_o_12", "1 mHz", "10 nm", 6, "900 s"),
+    ("guidance_o_12", "10 mHz", "5 nm", 40, "7000 s"),
+    ("guidance_o_1", "5 mHz", "10 nm", 40, "12000 s"),
+    name="small",
+    seed=3,
 )
 
 
@@ -116,21 +108,6 @@ def test_redrawn_truths_stay_near_and_valid(small):
     assert len({t.delta_ifo[1] for t in truths}) == 200
 
 
-def test_a_log_that_cannot_be_replaced_stays_as_it_is(tmp_path, monkeypatch):
-    log, header = tmp_path / "campaigns.jsonl", {"redraw": False}
-    record = {"number": 0, "estimates": {"lambda_2": [0.1, 1.0]}}
-    content = "".join(json.dumps(line) + "\n" for line in (header, record))
-    log.write_text(content, encoding="utf-8")
-
-    def fail(_partial, _path):
-        raise OSError(28, "No space left on device")
-
-    monkeypatch.setattr(atomic, "settle", fail)
-    with pytest.raises(RunError, match="No space left on device"):
-        workflow.read_log(log, header)
-    assert log.read_text(encoding="utf-8") == content
-
-
 @pytest.mark.slow
 def test_the_command_leaves_what_the_contract_says_and_continues(small, tmp_path, lpfcosim):
     once, twice = tmp_path / "once", tmp_path / "twice"
@@ -182,27 +159,6 @@ def test_a_process_that_is_killed_loses_its_campaign_only(small, tmp_path, lpfco
     assert lpfcosim(*command)[0] == 0
     assert not lost.parent.exists()
     assert json.loads((log.parent / "montecarlo.json").read_text(encoding="utf-8"))["n"] == 6
-
-
-@pytest.mark.skipif(os.name != "posix", reason="needs SIGKILL")
-@pytest.mark.slow
-def test_killed_with_all_its_processes_it_continues_to_the_same_document(small, tmp_path, lpfcosim):
-    options = ("-n", "5", "--jobs", "2", "--redraw", "--quiet")
-    assert lpfcosim("montecarlo", small, *options, "--out", tmp_path / "sound")[0] == 0
-    command = [sys.executable, "-m", "lpfcosim", "montecarlo", str(small), *options, "--out", "struck"]
-    log = tmp_path / "struck" / "campaigns.jsonl"
-    process = subprocess.Popen(command, cwd=tmp_path, stderr=subprocess.DEVNULL, start_new_session=True)
-    while process.poll() is None and not (log.exists() and log.read_text(encoding="utf-8").count("\n") > 2):
-        time.sleep(0.02)
-    assert process.poll() is None, "it was done before it was killed"
-    os.killpg(process.pid, signal.SIGKILL)
-    process.wait()
-    before = log.read_bytes()
-    before = before[: before.rfind(b"\n") + 1]
-    assert lpfcosim("montecarlo", small, *options, "--out", log.parent)[0] == 0
-    assert log.read_bytes().startswith(before), "what was finished was done again"
-    documents = [(log.parent.parent / name / "montecarlo.json").read_bytes() for name in ("sound", "struck")]
-    assert documents[0] == documents[1]
 
 
 def test_a_command_at_its_limit_is_no_campaign_that_counts(small):

@@ -14,7 +14,7 @@ from lpfcosim.campaign import loading
 from lpfcosim.modelica import build
 from tests.hostile.faulty import SEGFAULT, after, faulty
 from tests.hostile.test_resume import PLAN, content
-from tests.lpfcosim.cli.refusal import refusal, sentence
+from tests.lpfcosim.cli.refusal import refusal
 from tests.lpfcosim.cli.test_cli import SHORT
 
 pytestmark = [pytest.mark.fmu, pytest.mark.slow]
@@ -91,26 +91,6 @@ def test_what_cannot_be_reproduced_is_refused(lpfcosim, copied, tmp_path):
     ):
         shutil.rmtree(folder / "telemetry", ignore_errors=True)
         assert re.search(expected, refusal(lpfcosim("reproduce", folder)))
-
-
-@pytest.mark.slow
-def test_another_campaign_in_the_same_folder_is_refused(copied, lpfcosim):
-    before = content(copied)
-    plan = copied.parent / "plan.toml"
-    plan.write_text((copied / "campaign.toml").read_text().replace("seed = 5", "seed = 6"))
-    plan.write_text(plan.read_text().replace("fmus/", "copy/fmus/"))
-    status, _, err = lpfcosim("run", plan, "--out", copied, "--quiet")
-    assert status == 2
-    wanted = r"one-noise\.h5: simulated with seed 5, now it is 6; choose another folder, or have it simul"
-    assert re.search(wanted, sentence(err))
-    assert content(copied) == before
-    status, _, err = lpfcosim("run", plan, "--out", copied, "--rerun")
-    assert status == 0, err
-    assert "run one: 2 h" in err
-    after = content(copied)
-    assert after.keys() == before.keys()
-    assert not [n for n in before if n.startswith("telemetry") and after[n] == before[n]]
-    assert json.loads(after["results.json"])["provenance"]["seed"] == 6
 
 
 @pytest.mark.skipif(os.name != "posix", reason="the fault is one of POSIX")

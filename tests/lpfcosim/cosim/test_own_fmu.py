@@ -18,7 +18,7 @@ from lpfcosim.models import model_of
 from lpfcosim.spacecraft.run import Noise, Replacement, Sine
 from lpfcosim.spacecraft.spacecraft import Spacecraft
 from tests import ROOT
-from tests.campaign_text import ONE_EXPERIMENT
+from tests.campaign_text import campaign
 from tests.lpfcosim.cosim import in_memory
 from tests.lpfcosim.cosim.foreign import edited, renamed
 from tests.odd_controller import built
@@ -160,19 +160,6 @@ def test_elements_that_are_not_there(name):
         resolve(Path("own.fmu"), variables, name, "Plant")
 
 
-TOML = f"""
-schema = "lpf-campaign/1"
-name = "own"
-seed = 3
-
-[fmus.SuspensionControl]
-path = "mine.fmu"
-{{keys}}
-{ONE_EXPERIMENT}
-duration = "60 s"
-"""
-
-
 @pytest.mark.parametrize(
     ("keys", "sentence"),
     [
@@ -193,7 +180,8 @@ duration = "60 s"
 def test_fault_of_the_campaign_file_is_one_sentence(tmp_path, keys, sentence):
     (tmp_path / "mine.fmu").write_bytes(b"")
     file = tmp_path / "own.toml"
-    file.write_text(TOML.format(keys=keys))
+    table = f'[fmus.SuspensionControl]\npath = "mine.fmu"\n{keys}\n'
+    file.write_text(campaign('duration = "60 s"', tables=table))
     with pytest.raises(InputError) as refusal:
         loading.load(file)
     assert str(refusal.value).startswith(f"{file}: ")

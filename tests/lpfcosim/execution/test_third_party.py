@@ -11,8 +11,7 @@ from lpfcosim.errors import InputError
 from lpfcosim.execution import fmus as archives
 from lpfcosim.execution import runner, validation
 from lpfcosim.export import ssp
-from tests import third_party
-from tests.campaign_text import ONE_EXPERIMENT
+from tests import campaign_text, third_party
 
 pytestmark = pytest.mark.fmu
 MODEL = "SuspensionControl"
@@ -22,8 +21,8 @@ MODEL = "SuspensionControl"
 def load(tmp_path):
     def campaign(more="", duration="300 s"):
         file = tmp_path / "own.toml"
-        head = 'schema = "lpf-campaign/1"\nname = "own"\nseed = 3\n'
-        file.write_text(f'{head}{third_party.TABLE}{more}\n{ONE_EXPERIMENT}duration = "{duration}"\n')
+        tables = third_party.TABLE + more
+        file.write_text(campaign_text.campaign(f'duration = "{duration}"', seed=3, tables=tables))
         return loading.load(file)
 
     return campaign
@@ -134,8 +133,8 @@ def two_forces(tmp_path):
         """Write it with an FMU that states a range of a parameter."""
         stated = (rf'(name="{of}"[^>]*>\s*<Real unit="[^"]*" start="[^"]*")[^/]*', rf"\1 {attribute}")
         third_party.built(tmp_path, changes=[stated])
-        head = 'schema = "lpf-campaign/1"\nname = "own"\nseed = 3\n'
-        (tmp_path / "own.toml").write_text(f"{head}{third_party.TABLE}\n{ONE_EXPERIMENT}{TWO_FORCES}")
+        text = campaign_text.campaign(TWO_FORCES, seed=3, tables=third_party.TABLE)
+        (tmp_path / "own.toml").write_text(text)
         return loading.load(tmp_path / "own.toml")
 
     return campaign

@@ -18,7 +18,7 @@ from lpfcosim.modelica import build
 from lpfcosim.models import model_of, one_axis
 from lpfcosim.spacecraft.run import Authority, Run
 from tests import third_party
-from tests.campaign_text import ONE_EXPERIMENT
+from tests.campaign_text import campaign
 
 pytestmark = pytest.mark.fmu
 
@@ -176,8 +176,7 @@ def test_values_are_written_with_their_types(fmus, tmp_path):
     third_party.built(tmp_path)
     values = "values = { mode = 2, enabled = false, label = 'half', law = 2, state = 1e-9 }"
     file = tmp_path / "own.toml"
-    head = 'schema = "lpf-campaign/1"\nname = "own"\nseed = 3\n'
-    file.write_text(f'{head}{third_party.TABLE}{values}\n{ONE_EXPERIMENT}duration = "60 s"\n')
+    file.write_text(campaign('duration = "60 s"', tables=third_party.TABLE + values))
     archives = {**fmus, "SuspensionControl": tmp_path / "ThirdParty.fmu"}
     with zipfile.ZipFile(ssp.export(loading.load(file), archives, tmp_path / "loop.ssp")) as archive:
         name = next(n for n in archive.namelist() if n.endswith(".ssv"))

@@ -8,41 +8,21 @@ import h5py
 import pytest
 
 from lpfcosim.modelica import build as fmu_build
-from tests import ROOT, third_party
-from tests.campaign_text import ONE_EXPERIMENT
+from tests import ROOT, campaign_text, third_party
 from tests.odd_controller import built
 from tests.oracles import turned
 
 pytestmark = pytest.mark.fmu
 
-CAMPAIGN = f"""
-schema = "lpf-campaign/1"
-name = "short"
-seed = 7
-
-[fit]
-include_short = true
-glitches = false
-
-{ONE_EXPERIMENT.replace('"one"', '"A"')}duration = "100 min"
-noise_duration = "100 min"
-dc = "5e-12 m s^-2"
-"""
-TONES = (
+CAMPAIGN = campaign_text.campaign(
+    'duration = "100 min"\nnoise_duration = "100 min"\ndc = "5e-12 m s^-2"',
     ("guidance_o_12", "1.5 mHz", "10 nm", 4, "300 s"),
     ("guidance_o_12", "13 mHz", "5 nm", 12, "3100 s"),
     ("guidance_o_1", "6 mHz", "5 nm", 20, "1000 s"),
-)
-TONE = """
-[[experiments.injections]]
-into = "{}"
-shape = "sine"
-frequency = "{}"
-amplitude = "{}"
-cycles = {}
-start = "{}"
-"""
-CAMPAIGN += "".join(TONE.format(*tone) for tone in TONES)
+    name="short",
+    seed=7,
+    tables="[fit]\ninclude_short = true\nglitches = false\n",
+).replace('"one"', '"A"')
 SOUGHT = """
 [identify]
 lambda_2 = {}
@@ -155,7 +135,7 @@ def test_a_run_may_begin_in_the_midst_of_a_tone(lpfcosim, done, tmp_path):
 
 @pytest.mark.slow
 def test_what_is_clipped_is_masked(lpfcosim, campaign):
-    loud = TONE.format("guidance_o_12", "40 mHz", "300 nm", 60, "3100 s")
+    loud = campaign_text.sine("guidance_o_12", "40 mHz", "300 nm", 60, "3100 s")
     campaign.write_text(CAMPAIGN.replace("2200 pN", "50 pN") + loud)
     assert lpfcosim("run", campaign, "--quiet")[0] == 0
     status, out, err = lpfcosim("identify", campaign, "--json")

@@ -10,32 +10,13 @@ import fit
 import lpfcosim
 from fit.figures import bode
 from fit.report import control_loops, page
-from tests.campaign_text import ONE_EXPERIMENT
+from tests.campaign_text import campaign
 
-PLAN = f"""
-schema = "lpf-campaign/1"
-name = "loops"
-seed = 11
-
-{ONE_EXPERIMENT}duration = "2 h"
-noise_duration = "3 h"
-
-[[experiments.injections]]
-into = "guidance_o_12"
-shape = "sine"
-frequency = "4 mHz"
-amplitude = "10 nm"
-cycles = 16
-start = "100 s"
-
-[[experiments.injections]]
-into = "guidance_o_1"
-shape = "sine"
-frequency = "20 mHz"
-amplitude = "10 nm"
-cycles = 20
-start = "5000 s"
-"""
+TIMES = 'duration = "2 h"\nnoise_duration = "3 h"'
+SINES = (
+    ("guidance_o_12", "4 mHz", "10 nm", 16, "100 s"),
+    ("guidance_o_1", "20 mHz", "10 nm", 20, "5000 s"),
+)
 
 
 @pytest.fixture(scope="module")
@@ -43,7 +24,7 @@ def folder(tmp_path_factory):
     """A folder with simulated telemetry of the campaign, and the campaign."""
     folder = tmp_path_factory.mktemp("loops")
     path = folder / "campaign.toml"
-    path.write_text(PLAN)
+    path.write_text(campaign(TIMES, *SINES, name="loops", seed=11))
     lpfcosim.simulate(path, folder, fmus=False, jobs=1)
     return folder
 
@@ -170,21 +151,12 @@ def test_another_sample_rate_is_refused(folder, runs):
 @pytest.mark.parametrize(("rate", "frequencies"), [(10, [0.05, 0.3, 0.9]), (1, [0.05, 0.3])])
 def test_fast_sines_are_those_of_the_model(tmp_path, rate, frequencies):
     """At 10 Hz, and filtered to 1 Hz, where a sine near the Nyquist frequency has no point."""
-    head = PLAN[: PLAN.index("[[experiments.injections]]")]
-    sines = "".join(
-        f'''
-[[experiments.injections]]
-into = "guidance_o_1"
-shape = "sine"
-frequency = "{frequency} Hz"
-amplitude = "100 nm"
-cycles = {round(1000 * frequency)}
-start = "{1000 + 1500 * i} s"
-'''
-        for i, frequency in enumerate([0.05, 0.3, 0.9 if rate == 10 else 0.45])
-    )
+    sines = [
+        ("guidance_o_1", f"{f} Hz", "100 nm", round(1000 * f), f"{1000 + 1500 * i} s")
+        for i, f in enumerate([0.05, 0.3, 0.9 if rate == 10 else 0.45])
+    ]
     path = tmp_path / "campaign.toml"
-    path.write_text(head.replace("noise_duration", f'sample_rate = "{rate} Hz"\nnoise_duration') + sines)
+    path.write_text(campaign(f'sample_rate = "{rate} Hz"\n{TIMES}', *sines, seed=11))
     lpfcosim.simulate(path, tmp_path, fmus=False, jobs=1)
     (loop,) = lpfcosim.transfer_functions(path, fit.load(tmp_path))
     assert loop.tones == pytest.approx(frequencies)
