@@ -11,7 +11,7 @@ is kept of it is a few kilobytes.
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import partial
+from functools import cached_property, partial
 
 import numpy as np
 import scipy
@@ -40,8 +40,10 @@ from fit.quality import as_fit
 from fit.results import Estimate, Fit
 from fit.settings import ParameterSettings, Settings
 from fit.settings import settings as default_settings
+from fit.spectra import Spectra
 from fit.warnings import FitWarning
 from fit.whitening import (
+    MAX_DELAY_SHIFT,
     Experiment,
     Likelihood,
     Run,
@@ -266,13 +268,14 @@ class ExpectedWeighing:
         if experiment.sysid.telemetry.experiment in settings.levels:
             self._likelihood = "marginalised"
         self.parameter_map = sharing.matrix(run, experiment.parameters, [p.name for p in parameters])
-        self._theta = self.parameter_map @ [plan.truth.get(p.name, p.value) for p in parameters]
-        if divide([experiment], settings.model_copy(update={"exclude": []}))[0]:  # it is long enough
-            self._sums = self._compressed(experiment.sysid, self._theta)
         self.name = experiment.name
         self.experiment = Experiment(
             experiment.sysid.without_samples(), experiment.noise and experiment.noise.without_samples()
         )
+        self._theta = self.parameter_map @ [plan.truth.get(p.name, p.value) for p in parameters]
+        self._spectra: Spectra | None = None  # of a run that has moved, and so will move again
+        if divide([experiment], settings.model_copy(update={"exclude": []}))[0]:  # it is long enough
+            self._sums = self._compressed(experiment.sysid, self._theta)
 
     def block(self, theta: Array, _: Array, __: int) -> CompressedRun:
         """As that of `weighings.Weighing`."""
@@ -280,8 +283,7 @@ class ExpectedWeighing:
         c, previous = (dynamics.coefficients(x, sums.tau) for x in (of_run, self._theta))
         if np.linalg.norm(sums.R @ (c - previous)) > MAX_RESIDUAL:
             self._theta = of_run
-            run = self.plan.make().sysid.limit_band(self._f_max)
-            self._sums = self._compressed(run, of_run)
+            self._sums = self._moved(of_run)
         return self.sums
 
     @property
@@ -298,38 +300,55 @@ class ExpectedWeighing:
         """Return the weights of bins at the frequencies f, shape (B,), that its likelihood expects."""
         return expected_weights(self._likelihood, f)
 
-    def noise(self, run: Run, tau: tuple[float, float], theta: Array) -> tuple[Array, Array, Array]:
+    def noise(self, tau: tuple[float, float], theta: Array) -> tuple[Array, Array, Array]:
         """Return frequencies, cross powers of the columns there, and the power of the residual."""
-        names, f = channels_of(run), frequencies(run.telemetry)
+        names, f, noise = self._channel_noise
         c = dynamics.coefficients(theta, tau)
-        T = responses(run.channels, tau, names, f)
-        noise = self.plan.cross_spectra(names, f)
+        T = responses(self.experiment.sysid.channels, tau, names, f)
         power = np.einsum("bki,bij,blj->bkl", T.conj(), noise, T, optimize=True)
         return f, power.real, np.einsum("k,bkl,l->b", c, power.real, c)
 
+    @cached_property
+    def _channel_noise(self) -> tuple[tuple[str, ...], Array, Spectrum]:
+        """Names of the C channels, B frequencies, and the cross-spectra of their noise, shape (B, C, C)."""
+        run = self.experiment.sysid
+        names, f = channels_of(run), frequencies(run.telemetry)
+        return names, f, self.plan.cross_spectra(names, f)
+
+    def _moved(self, theta: Array) -> CompressedRun:
+        """Return the expected sums of the run at other parameters of its own, shape (K,)."""
+        tau, spectra = dynamics.delays(theta), self._spectra
+        if spectra and np.allclose(tau, spectra.tau, rtol=0.0, atol=MAX_DELAY_SHIFT):
+            return self._weighed(spectra, theta)
+        run = self.plan.make().sysid.limit_band(self._f_max)
+        if not self._by_stretches:
+            self._spectra = run.spectra(tau)
+        return self._compressed(run, theta)
+
     def _compressed(self, run: Run, theta: Array) -> CompressedRun:
         """Return the expected sums of a run at its own parameters theta, shape (K,)."""
-        share = np.eye(theta.size)
-        if self._by_stretches:
-            columns = run.columns(dynamics.delays(theta))
-            return compress(
-                ltpda_flscov.expected(columns, self._noise_functions(run, columns.tau, theta), share)
-            )
-        terms = run.spectra(dynamics.delays(theta))
-        power, S = self._noise_functions(run, terms.tau, theta)(terms.f)
+        tau = dynamics.delays(theta)
+        if not self._by_stretches:
+            return self._weighed(run.spectra(tau), theta)
+        columns, share = run.columns(tau), np.eye(theta.size)
+        return compress(ltpda_flscov.expected(columns, self._noise_functions(columns.tau, theta), share))
+
+    def _weighed(self, terms: Spectra, theta: Array) -> CompressedRun:
+        """Return the expected sums of spectra of the run."""
+        power, S = self._noise_functions(terms.tau, theta)(terms.f)
         U, fraction = whitened_run.whiten(terms, S)
         of_bin = power * (2 * fraction / S)[:, None, None]
         bin_weights = self.expected_weights(terms.f)
-        block = whitened_run.WhitenedRun(terms.tau, U, bin_weights, terms.window, share)
+        block = whitened_run.WhitenedRun(terms.tau, U, bin_weights, terms.window, np.eye(theta.size))
         return compress(block, of_bin.sum(axis=0))
 
     def _noise_functions(
-        self, run: Run, tau: tuple[float, float], theta: Array
+        self, tau: tuple[float, float], theta: Array
     ) -> Callable[[Array], tuple[Array, Array]]:
         """Return a function for cross powers of the columns and PSD of the residual at any frequencies."""
-        f, power, residual = self.noise(run, tau, theta)
+        f, power, residual = self.noise(tau, theta)
         if not np.all(residual > 0):
-            raise NoiselessError(run.telemetry.run)
+            raise NoiselessError(self.experiment.sysid.telemetry.run)
         of_columns = scipy.interpolate.CubicSpline(np.log(f), power)
         # The weight a fit expects of a noise run is 1 / S: `NoiseModel.expected` widens by what makes it so.
         of_residual = scipy.interpolate.CubicSpline(np.log(f), np.log(residual))

@@ -171,7 +171,7 @@ def _information(weighing: ExpectedWeighing, share: Array) -> ExperimentInformat
     """Return the information of an experiment; `share` maps the P joint parameters to its own."""
     run, sums = weighing.experiment.sysid, weighing.sums
     theta = weighing.theta
-    f, _, residual = weighing.noise(run, sums.tau, theta)
+    f, _, residual = weighing.noise(sums.tau, theta)
     slope = dynamics.gradient(theta, sums.tau) @ share
     n = max(2, round(run.telemetry.duration * run.channels.fs))
     window = windowing.window(np.ones(n, dtype=bool), run.channels.fs)

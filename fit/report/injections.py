@@ -18,6 +18,7 @@ _PRINTED = {"m": (1e9, "nm"), "rad": (1e9, "nrad"), "m s-2": (1e12, "pm s⁻²")
 _GAP = 10.0  # s, of zeros within one injection
 _FLOOR, _WEAKEST = 1e-3, 0.05  # of the largest value of a channel, and of the largest tone
 _MOST_TONES = 8
+_SAMPLES_PER_CYCLE = 20  # that a sine is fitted to
 
 
 @dataclass(frozen=True)
@@ -51,22 +52,28 @@ def injections(x: Array, fs: float) -> Iterator[Injection]:
 
 
 def _tones(x: Array, fs: float) -> tuple[float, ...]:
-    """Return the frequencies of the strongest tones [Hz]; none of a signal that keeps its sign."""
+    """Return the frequencies of the strongest tones [Hz]; none of a signal that keeps its sign.
+
+    A parabola through the logarithms of a peak and its neighbours has its maximum at the tone.
+    """
     if x.min() >= 0 or x.max() <= 0:
         return ()
-    size = scipy.fft.next_fast_len(8 * x.size, real=True)
+    size = scipy.fft.next_fast_len(2 * x.size, real=True)
     power = np.abs(scipy.fft.rfft(x * np.hanning(x.size), size))
     inner = power[1:-1]
     is_peak = (inner > power[:-2]) & (inner >= power[2:]) & (inner > _WEAKEST * power.max())
     peaks = np.flatnonzero(is_peak) + 1
-    strongest = sorted(peaks, key=lambda k: -power[k])[:_MOST_TONES]
-    if len(strongest) == 1:
-        return (_frequency_of_tone(x, fs, strongest[0] * fs / size),)
-    return tuple(float(k * fs / size) for k in sorted(strongest))
+    strongest = np.sort(peaks[np.argsort(-power[peaks])][:_MOST_TONES])
+    below, peak, above = np.log(power[strongest + np.array([[-1], [0], [1]])])
+    bins = strongest + (below - above) / (2 * (below - 2 * peak + above))
+    tones = tuple((bins * fs / size).tolist())
+    return (_frequency_of_tone(x, fs, tones[0]),) if len(tones) == 1 else tones
 
 
 def _frequency_of_tone(x: Array, fs: float, peak: float) -> float:
     """Return the frequency of a sine [Hz], whose `peak` in a spectrum is biased if it has few cycles."""
+    every = max(1, int(fs / (_SAMPLES_PER_CYCLE * peak)))
+    x, fs = x[::every], fs / every
     t = np.arange(x.size) / fs
 
     def unexplained(f: float) -> float:

@@ -8,10 +8,11 @@ from fit.whitening.experiment import Experiment, divide, pair, pair_runs
 from fit.whitening.glitch_templates import Glitch, Shape
 from fit.whitening.likelihoods import Likelihood, Weights, expected_weights, frequency_bands, weights
 from fit.whitening.residual_psd import ResidualSpectrum, fit_residual_noise, noise_model
-from fit.whitening.run import Run, check_coverage
+from fit.whitening.run import MAX_DELAY_SHIFT, Run, check_coverage
 from fit.whitening.whitened_run import WhitenedRun
 
 __all__ = [
+    "MAX_DELAY_SHIFT",
     "Experiment",
     "Glitch",
     "Likelihood",

@@ -33,9 +33,9 @@ def fit_files(
     # a campaign constrains parameters of FMUs for lpfcosim identify
     chosen = workflow.constrain(chosen.without_fmu_parameters(), constraints.tables(), band)
     fit_settings.refuse_fmu_parameters(chosen, "options.parameters")
-    files = workflow.find_telemetry(paths, directory, console)
+    runs = workflow.read_telemetry(paths, directory, console)
     console.show_calibration(
-        workflow.calibrate_into(directory, files, chosen, console, calibration=calibration)
+        workflow.calibrate_into(directory, runs, chosen, console, calibration=calibration)
     )
 
 

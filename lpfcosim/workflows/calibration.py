@@ -105,14 +105,12 @@ def main_fits(results: Results) -> dict[str, Fit]:
 
 def calibrate_into(
     directory: Path,
-    paths: Sequence[Path],
+    telemetries: Sequence[Telemetry],
     fit_settings: Settings,
     progress: Progress,
     *,
-    trusted_files: bool = False,
     calibration: Path | None = None,
     provenance: Mapping[str, str | int | float] | None = None,
-    check_telemetry: Callable[[Sequence[Telemetry]], None] = lambda _: None,
     amend: Callable[[Results], Results] = lambda results: results,
 ) -> Calibration:
     """Fit telemetry, and write results and report to a folder.
@@ -121,20 +119,16 @@ def calibrate_into(
     ----------
     directory : Path
         The folder.
-    paths : sequence of Path
-        Telemetry files.
+    telemetries : sequence of Telemetry
+        The runs.
     fit_settings : Settings
         Of the fit. Constraints of parameters of FMUs in it are those of an identification, and not used.
     progress : Progress
         Its callbacks.
-    trusted_files : bool
-        Whether the files were written here, and need not be read by another process first.
     calibration : Path, optional
         A file of results, from which the dynamics are taken: only the inertial forces are fitted.
     provenance : mapping, optional
         Of the telemetry.
-    check_telemetry : callable
-        Refuses telemetry before it is fitted.
     amend : callable
         Adds warnings to the results before they are written.
     """
@@ -142,9 +136,6 @@ def calibrate_into(
         dynamics = load(calibration)
         sound_joint(dynamics, str(calibration))
         provenance = {"calibration": str(calibration), "calibration_sha256": checksums.digest(calibration)}
-    with progress.stage("reading"):
-        telemetries = read_all(paths, trusted=trusted_files)
-    check_telemetry(telemetries)
     fit_settings = fit_settings.without_fmu_parameters()
     with progress.stage("fit"):
         if calibration is not None:
@@ -202,3 +193,10 @@ def find_telemetry(
         with progress.stage("conversion"):
             paths = archive_conversion.convert(paths, directory / "telemetry", any_gaps=any_gaps)
     return telemetry_files(paths)
+
+
+def read_telemetry(paths: Sequence[Path], directory: Path, progress: Progress) -> list[Telemetry]:
+    """Read the telemetry that paths mean, see `find_telemetry`."""
+    files = find_telemetry(paths, directory, progress)
+    with progress.stage("reading"):
+        return read_all(files)

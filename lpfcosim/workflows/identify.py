@@ -25,7 +25,7 @@ from lpfcosim.execution import fmus as fmu_archives
 from lpfcosim.identification import ClosedLoopResponse, Target, check, targets
 from lpfcosim.models import DELTA_G
 from lpfcosim.workflows.arguments import check_options
-from lpfcosim.workflows.calibration import Calibration, calibrate_into, constrain, find_telemetry
+from lpfcosim.workflows.calibration import Calibration, calibrate_into, constrain, read_telemetry
 from lpfcosim.workflows.campaigns import CampaignLike, PathLike, as_paths, resolve
 from lpfcosim.workflows.fmus import campaign_fmus
 from lpfcosim.workflows.progress import LOG, Progress
@@ -231,16 +231,10 @@ def _calibrate(
     plan: Campaign, files: Sequence[Path], directory: Path, fit_settings: Settings, progress: Progress
 ) -> None:
     """Fit telemetry by the equation of motion; results that are not sound do not preclude a better model."""
-    path = directory / "results.json"
-
-    def check_telemetry(telemetries: Sequence[Telemetry]) -> None:
-        check(plan, telemetries)
-        path.unlink(missing_ok=True)
-
-    telemetry = find_telemetry(files, directory, progress)
-    calibration = calibrate_into(
-        directory, telemetry, fit_settings, progress, check_telemetry=check_telemetry
-    )
+    telemetries = read_telemetry(files, directory, progress)
+    check(plan, telemetries)
+    (directory / "results.json").unlink(missing_ok=True)
+    calibration = calibrate_into(directory, telemetries, fit_settings, progress)
     try:
         calibration.check_sound()
     except FitError as error:

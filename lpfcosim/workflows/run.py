@@ -11,7 +11,7 @@ from fit.files import atomic
 from fit.report import control_loops
 from fit.results import Fit, Results
 from fit.settings import Settings, settings
-from fit.telemetry import read_all
+from fit.telemetry import Telemetry, read_all
 from fit.warnings import FitWarning
 from lpfcosim.campaign import Campaign
 from lpfcosim.cosim import Engine
@@ -163,15 +163,16 @@ def _fit(
     if not complete:
         raise failure
     _write_forecast(plan, directory, fit_settings)
-    with progress.stage("loops"):
-        _write_transfer_functions(plan, directory, complete)
     try:
+        with progress.stage("reading"):
+            telemetries = read_all(complete, trusted=True)
+        with progress.stage("loops"):
+            _write_transfer_functions(plan, directory, telemetries)
         fitted = calibrate_into(
             directory,
-            complete,
+            telemetries,
             fit_settings,
             progress,
-            trusted_files=True,
             provenance=simulated.provenance.attributes(),
             amend=partial(_with_missing, missing=missing, causes="; ".join(causes)),
         )
@@ -192,13 +193,12 @@ def _write_forecast(plan: Campaign, directory: Path, fit_settings: Settings) -> 
         atomic.write(path, expected_results(plan, fit_settings.without_fmu_parameters(), ()).to_json() + "\n")
 
 
-def _write_transfer_functions(plan: Campaign, directory: Path, paths: Sequence[Path]) -> None:
+def _write_transfer_functions(plan: Campaign, directory: Path, telemetries: Sequence[Telemetry]) -> None:
     """Write the transfer functions of the control loops, for the report, if they are known and measured."""
     path = directory / control_loops.NAME
     path.unlink(missing_ok=True)
     with suppress(CalibrationError):
-        measured = transfer_functions(plan, read_all(paths, trusted=True))
-        atomic.write(path, measured.to_json() + "\n")
+        atomic.write(path, transfer_functions(plan, telemetries).to_json() + "\n")
 
 
 def _divide(plan: Campaign, simulated: runner.SimulationResult) -> tuple[list[Path], dict[str, str]]:

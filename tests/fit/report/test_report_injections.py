@@ -1,0 +1,23 @@
+"""The table of injections."""
+
+import numpy as np
+import pytest
+
+from fit.report.injections import injections
+
+
+@pytest.mark.parametrize(("frequency", "cycles"), [(0.833e-3, 4), (3.333e-3, 5), (53.33e-3, 24)])
+def test_frequency_of_a_sine_is_exact_in_print(frequency, cycles):
+    fs, start = 10.0, 300.0
+    time = np.arange(round((2 * start + cycles / frequency) * fs)) / fs - start
+    is_on = (time >= 0) & (time < cycles / frequency)
+    (injection,) = injections(np.where(is_on, 1e-8 * np.sin(2 * np.pi * frequency * time), 0.0), fs)
+    assert injection.begin == pytest.approx(start, abs=1.0)
+    assert injection.frequencies == pytest.approx((frequency,), rel=2e-3)
+
+
+def test_tones_of_one_injection_are_separated():
+    time = np.arange(60000) / 10.0
+    tones = (2e-3, 3e-3, 10e-3)
+    (injection,) = injections(sum(np.sin(2 * np.pi * f * time + f) for f in tones), 10.0)
+    assert injection.frequencies == pytest.approx(tones, rel=2e-3)
