@@ -41,7 +41,7 @@ from fit.tables import (
 )
 from fit.telemetry import Telemetry
 
-_FLIGHT_HEAD = ("Parameter", "This calibration", "Flight", "σ / σ flight", "Difference / both σ")
+_FLIGHT_HEAD = ("Parameter", "This calibration", "Flight", "σ / σ flight", "Difference / combined σ")
 STRONG = 0.9  # correlation that is pointed out
 DOUBTFUL = 1e-3  # p-value below which chance is no explanation
 N_CORRELATIONS = 10  # of the strongest ones
@@ -266,14 +266,14 @@ def _residuals(results: Results) -> Section | None:
         return None
     rows = tuple((escape(name), *_diagnostics(d)) for name, d in diagnostics.items())
     doubtful = sum(d.whiteness < 0.05 for d in diagnostics.values())
-    text = Markup("{} of {} residuals have a whiteness below 0.05; {:.1f} are expected.").format(
+    text = Markup("Residuals whose whiteness is below 0.05: {} of {}; {:.1f} expected.").format(
         doubtful, len(diagnostics), 0.05 * len(diagnostics)
     )
     caption = (
         "Residual of each experiment on its own, whitened by the model of its noise. Level: χ² per degree of "
-        "freedom and, as ±, the scatter to expect of it. Whiteness: p-value of the cumulative periodogram "
+        "freedom, with its expected standard deviation. Whiteness: p-value of the cumulative periodogram "
         "(Kolmogorov-Smirnov), window and error of the noise model taken into account. Tails: excess "
-        "kurtosis and, as ±, its scatter; if it is significant, the degrees of freedom ν of a Student-t "
+        "kurtosis with its standard deviation; if it is significant, the degrees of freedom ν of a Student-t "
         "distribution with the same kurtosis."
     )
     head = ("Experiment", "χ² / degrees of freedom", "(χ² − 1) / σ", "Whiteness", "Excess kurtosis", "ν")
@@ -281,8 +281,8 @@ def _residuals(results: Results) -> Section | None:
         "quantiles",
         "Quantiles of the normalised residual of every experiment less those of a normal variable",
         "Quantiles of the normalised residual (real and imaginary part of each frequency) less those of a "
-        "normal variable. The band holds 95 % of normal samples at each quantile. A slope means a wrong "
-        "level, ends that bend away from it mean tails.",
+        "normal variable. The band holds 95 % of normal samples at each quantile. A slope indicates a wrong "
+        "level; ends that bend away from the line indicate heavy tails.",
         partial(figures_mission.quantiles, diagnostics, {n: results.experiments[n].dof for n in diagnostics}),
     )
     table = Table(head, rows, caption)

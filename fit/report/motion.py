@@ -59,7 +59,7 @@ def _inertial(period: str, fit: Fit, x_axis: XAxis) -> Section:
     if fit.centrifugal:
         coefficient = measurement(fit.centrifugal.value, fit.centrifugal.sigma)
         caption += (
-            f" The coefficient of the centrifugal term, left free, comes out as {coefficient}; 1 is expected "
+            f" If fitted, the coefficient of the centrifugal term is {coefficient}; 1 is expected "
             f"with +x {x_axis}, −1 in the other frame."
         )
     table = parameter_table(fit, misalignments(period))
@@ -81,7 +81,7 @@ def _specs(
     days = sum(run.duration for run in runs) / 86400
     loud_runs = [run.run for run, term in zip(runs, terms, strict=True) if "louder_bands" in term.attributes]
     loud_text = (
-        f" In {', '.join(loud_runs)} Δg is louder than Δg_x in some band: lpfcosim deltag names it."
+        f" In {', '.join(loud_runs)} Δg is noisier than Δg_x in some band: lpfcosim deltag names it."
         if loud_runs
         else ""
     )
@@ -89,8 +89,8 @@ def _specs(
         FigureSpec(
             f"p{period}i-inertial",
             "Amplitude spectral densities before and after the correction for rotation",
-            f"Correction for rotation, {days:.3g} days in {counted}. The centrifugal and the Euler "
-            f"term make up what Δg loses: at 0.1 mHz its spectral density falls by a factor of {ratio:.2f} "
+            f"Correction for rotation, {days:.3g} days in {counted}. The centrifugal and Euler "
+            f"terms are subtracted; at 0.1 mHz, the spectral density of Δg falls by a factor of {ratio:.2f} "
             f"± {error:.2f}. Bands: ±1 σ of the averages.{loud_text}",
             partial(figures_motion.rotation, log_spectra),
         ),
@@ -98,7 +98,7 @@ def _specs(
             f"p{period}b-breakdown",
             "Amplitude spectral densities of the terms that add up to the differential acceleration",
             "Breakdown of Δg in the same runs: second derivative of the read-out, commanded force, the two "
-            "stiffness terms and the cross-talk of the spacecraft's motion, and what remains.",
+            "stiffness terms and the cross-talk of the spacecraft's motion, and their sum Δg.",
             partial(figures_motion.breakdown, log_spectra),
         ),
     )

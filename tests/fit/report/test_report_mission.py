@@ -251,7 +251,7 @@ def test_predicted_stiffness(mission):
 def test_residuals(mission):
     results, runs = mission
     part = sections(results, runs)["residuals"]
-    assert part.text.startswith("1 of 4 residuals have a whiteness below 0.05")
+    assert part.text.startswith("Residuals whose whiteness is below 0.05: 1 of 4")
     lines = cells(part.tables[0])
     assert lines["A"] == ["1.01(3)", "0.3", "0.400", "0.020(75)", None]
     assert lines["D"] == ["1.50(3)", "16.7", "< 0.001", "3.000(75)", "6"]
