@@ -1,5 +1,6 @@
 """Fixtures shared by the tests: runs that need no campaign file."""
 
+import json
 import signal
 import sys
 from collections.abc import Callable, Iterator
@@ -122,6 +123,18 @@ def lpfcosim(monkeypatch, capfd, tmp_path):
             cli.main()
         captured = capfd.readouterr()
         return stopped.value.code or 0, captured.out, captured.err
+
+    return run
+
+
+@pytest.fixture
+def lpfcosim_json(lpfcosim):
+    """Return what a command prints with ``--json``; it must end with the given status."""
+
+    def run(*arguments, status=0):
+        actual, out, err = lpfcosim(*arguments, "--json")
+        assert actual == status, err
+        return json.loads(out, parse_constant=pytest.fail)
 
     return run
 

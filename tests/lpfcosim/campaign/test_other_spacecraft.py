@@ -109,12 +109,6 @@ def test_truth_is_that_of_the_models_with_their_defaults(campaign):
     assert "f_u" not in truth
 
 
-def test_channels_take_unit_and_description_from_the_models():
-    assert PROBE.labels["o_1"][0] == "m"
-    assert PROBE.labels["f_control_2"] == ("m s-2", "Force per unit mass demanded on test mass 2")
-    assert PROBE.record["f_applied_1"] == "Actuation.f_applied_1"
-
-
 def test_run_is_simulated(campaign):
     sysid = campaign(TEXT).runs[1]
     stability.check(sysid)
@@ -156,15 +150,10 @@ def test_lisa_pathfinder_takes_what_its_models_declare(campaign, tmp_path):
 BAD = [  # what to replace, by what, and the sentence
     ('"probe"\n\n[truth]', '"prob"\n\n[truth]', 'spacecraft: no spacecraft "prob", did you mean "probe"?'),
     ("lambda_1 = 1.1", "lambda_scatter = 0.01", "truth.lambda_scatter: unknown key"),
-    ("lambda_1 = 1.1", 'lambda_1 = "1.1"', 'truth.lambda_1: "1.1" is not a finite number, write it without'),
     ('"500 kg"', '"500 m"', 'truth.m_sc: "500 m" is not a value in kg, write it like "1 kg"'),
-    ('"500 kg"', "500", 'truth.m_sc: 500 has no unit, write a string with one, such as "1 kg"'),
-    ("m_sc", "f_u", "truth.f_u: unknown key"),
     ("DragFreeControl", "Control", 'control.Control: no such controller, did you mean "DragFreeControl"?'),
-    ("f_u =", "f_x =", 'control.DragFreeControl.f_x: unknown key, did you mean "f_'),
     ("readout = \"2", "oms = \"2", "noise.oms: unknown key (known: readout, thruster)"),
     ('"2 pm Hz^-0.5"', '"2 pm"', 'noise.readout: "2 pm" is not a value in m Hz^-0.5, which is per'),
-    ("{ readout", "{ dws", "experiments[0].noise.dws: unknown key"),
     ("[noise]", '[actuation]\nelectrode = "2e-6 Hz^-0.5"\n[noise]', "actuation: unknown key"),
     ('duration = "2 h"', 'duration = "2 h"\ndc = "1e-12 m s^-2"', "experiments[0].dc: only LISA Pathfinder"),
     ('"guidance_o_1"', '"F_x_1"', 'experiments[0].injections[0].into: "F_x_1" is not known, did you mean'),
@@ -189,10 +178,8 @@ OF_LISA = 'runs of LISA have it, expected spacecraft = "lisa" for them'
 MIXED = [  # text, what to replace, by what, where, and who has it
     (LISA_TEXT, "[truth]", "[truth]\nlambda_1 = 1.05", "truth.lambda_1: unknown key", OF_PATHFINDER),
     (LISA_TEXT, "[noise]", '[design]\nobjective = "minimax"\n[noise]', "design: unknown key", OF_PATHFINDER),
-    (LISA_TEXT, '"guidance_o_2"', '"guidance_o_12"', '"guidance_o_12" is not known', OF_PATHFINDER),
     (LISA_TEXT, 'spacecraft = "lisa"\n', "", '"guidance_o_2" is not known', OF_LISA),
     (PATHFINDER_TEXT, "[truth]", "[truth]\nlambda_y_1 = 1.05", "truth.lambda_y_1: unknown key", OF_LISA),
-    (PATHFINDER_TEXT, "[noise]", '[noise]\ntmi = "1 pm Hz^-0.5"', "noise.tmi: unknown key", OF_LISA),
 ]
 
 
@@ -205,11 +192,3 @@ def test_keys_of_lisa_and_of_lisa_pathfinder_do_not_mix(campaign, text, old, new
     assert fault in message
     assert message.endswith(cure)
     assert "\n" not in message
-
-
-def test_key_of_the_probe_is_unknown_to_lisa_pathfinder(campaign):
-    text = TEXT.replace('spacecraft = "probe"\n', "").replace(
-        "[control.DragFreeControl]\nf_u", "[control.drag_free]\nunity_gain"
-    )
-    with pytest.raises(InputError, match=r"truth\.m_sc: unknown key"):
-        campaign(text)

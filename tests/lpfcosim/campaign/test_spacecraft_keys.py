@@ -26,38 +26,28 @@ def make(tmp_path):
     return load
 
 
-def lengths(runs):
-    return runs[0].spacecraft.b[:3]
+ALONE = (1.2e-5, -0.9e-5, 2.2e-5)
+COMPENSATED = LENGTHS + "lever_arm_compensated = true\n"
+DRIFT, WARM = LENGTHS + 'b_1_drift = "1 um rad^-1 d^-1"\n', LENGTHS + 'b_2_per_kelvin = "8 um rad^-1 K^-1"\n'
+CROSS_TALK = [  # keys of the spacecraft, of the period, of the experiment, and the first of its lengths
+    (LENGTHS, "", "", ALONE),
+    (LENGTHS, 'b_2 = "3 um/rad"\n', "", (1.2e-5, 3e-6, 2.2e-5)),
+    (COMPENSATED, "", "", (1.2e-5 + 0.47e-3 * D, -0.9e-5 - 0.066e-3 * D, 2.2e-5)),
+    (COMPENSATED, 'b_2 = "3 um/rad"\n', "", (1.2e-5 + 0.47e-3 * D, 3e-6 - 0.066e-3 * D, 2.2e-5)),
+    (DRIFT, "", "", (1.2e-5 + 5e-6, -0.9e-5, 2.2e-5)),  # middle of ten days
+    (DRIFT, "", 't0 = "2016-03-11T00:00:00Z"\n', (1.2e-5 + 15e-6, -0.9e-5, 2.2e-5)),
+    (WARM, "", "", ALONE),
+    (WARM, "", 'temperature = "-0.5 K"\n', (1.2e-5, -1.3e-5, 2.2e-5)),
+]
 
 
-def test_cross_talk_is_that_of_the_read_out_unless_asked(make):
-    assert lengths(make(LENGTHS)) == (1.2e-5, -0.9e-5, 2.2e-5)
-
-
-def test_cross_talk_may_be_what_is_left_after_the_lever_arm(make):
-    runs = make(LENGTHS + "lever_arm_compensated = true\n")
-    assert lengths(runs) == pytest.approx((1.2e-5 + 0.47e-3 * D, -0.9e-5 - 0.066e-3 * D, 2.2e-5))
-    assert model_of(runs[0]).truth(runs[0])["b_1"] == lengths(runs)[0]  # what the read-out has
-
-
-def test_a_period_may_have_cross_talk_of_its_own(make):
-    runs = make(LENGTHS, 'b_2 = "3 um/rad"\nb_5 = "1e-8 s^-2"\n')
-    assert runs[0].spacecraft.b == (1.2e-5, 3e-6, 2.2e-5, 0.0, 1e-8, 0.0)
-    runs = make(LENGTHS + "lever_arm_compensated = true\n", 'b_2 = "3 um/rad"\n')
-    assert lengths(runs) == pytest.approx((1.2e-5 + 0.47e-3 * D, 3e-6 - 0.066e-3 * D, 2.2e-5))
-
-
-def test_cross_talk_drifts_from_the_start_of_the_campaign(make):
-    text = LENGTHS + 'b_1_drift = "1 um rad^-1 d^-1"\n'
-    assert lengths(make(text)) == pytest.approx((1.2e-5 + 5e-6, -0.9e-5, 2.2e-5))  # middle of ten days
-    later = make(text, more='t0 = "2016-03-11T00:00:00Z"\n')
-    assert lengths(later) == pytest.approx((1.2e-5 + 15e-6, -0.9e-5, 2.2e-5))
-
-
-def test_cross_talk_follows_the_temperature_of_an_experiment(make):
-    text = LENGTHS + 'b_2_per_kelvin = "8 um rad^-1 K^-1"\n'
-    assert lengths(make(text)) == (1.2e-5, -0.9e-5, 2.2e-5)
-    assert lengths(make(text, more='temperature = "-0.5 K"\n')) == pytest.approx((1.2e-5, -1.3e-5, 2.2e-5))
+@pytest.mark.parametrize(("spacecraft", "period", "more", "expected"), CROSS_TALK)
+def test_cross_talk_of_a_period_is_compensated_drifts_and_follows_temperature(
+    make, spacecraft, period, more, expected
+):
+    run = make(spacecraft, period, more=more)[0]
+    assert run.spacecraft.b[:3] == pytest.approx(expected)
+    assert model_of(run).truth(run)["b_1"] == run.spacecraft.b[0]
 
 
 def test_layout_and_attitude_are_as_asked(make):

@@ -1,10 +1,5 @@
 """Designs with free hours and settings, interrupted ones, and what becomes of them elsewhere."""
 
-import os
-import signal
-import subprocess
-import sys
-from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
@@ -27,7 +22,6 @@ from lpfcosim.experiment_design.design_problem import build_problem, design_prob
 from lpfcosim.experiment_design.optimize import design
 from lpfcosim.experiment_design.search import search
 from tests import ROOT
-from tests.lpfcosim.experiment_design.conftest import PAIR
 
 SILENT = SearchProgress(lambda value, bound: None, lambda step, value: None, lambda share: None)
 
@@ -150,58 +144,6 @@ def test_the_least_hours_reach_what_is_wanted(pair, fit_model):
     assert found.duration == pytest.approx(2 * 21600, rel=1e-3)
     written = campaign_text(found, "soon", "pair.toml")
     assert "[design]" not in written
-
-
-@pytest.mark.long
-def test_an_experiment_that_need_not_be_is_left_out(pair, fit_model, tmp_path):
-    path = tmp_path / "three.toml"
-    base = (ROOT / "campaigns" / "quickstart.toml").as_posix()
-    spare = '[[experiments]]\nname = "spare"\nauthority = "A"\n'
-    path.write_text(f'extends = "{base}"\n{PAIR}\n{spare}', encoding="utf-8")
-    three, sigmas_before = loading.load(path), fit_model.sigmas(pair)
-    spec = replace(
-        three.design, goal="least hours", held="rms", sines=3, shortest=21600.0, sigmas=sigmas_before
-    )
-    found = design(replace(three, design=spec), fit_model, SILENT)
-    assert found.duration == pytest.approx(2 * 21600, rel=1e-3)
-    assert found.value <= 1
-    assert found.sigmas_after.keys() == sigmas_before.keys()
-    path.write_text(campaign_text(found, "two", "three.toml"), encoding="utf-8")
-    names = [experiment.name for experiment in loading.load(path).experiments]
-    assert names == [experiment.name for experiment in found.campaign.experiments]
-    assert len(names) == 2
-    assert "D" in names
-
-
-@pytest.mark.slow
-@pytest.mark.fmu
-@pytest.mark.skipif(os.name != "posix", reason="a terminal sends SIGINT to a process group on POSIX")
-def test_interrupted_on_the_command_line_what_there_is_is_written(tmp_path):
-    path = tmp_path / "pair.toml"
-    base = (ROOT / "campaigns" / "quickstart.toml").as_posix()
-    path.write_text(f'extends = "{base}"\n{PAIR}', encoding="utf-8")
-    command = [sys.executable, "-m", "lpfcosim", "design", path, "--out", tmp_path / "best.toml"]
-    with subprocess.Popen(
-        command,
-        cwd=tmp_path,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        start_new_session=True,
-    ) as process:
-        try:
-            for line in process.stderr:
-                if line.startswith("trial 2"):
-                    os.killpg(process.pid, signal.SIGINT)
-                    break
-            out, err = process.communicate(timeout=120)
-        finally:
-            with suppress(ProcessLookupError):
-                os.killpg(process.pid, signal.SIGKILL)
-    assert process.returncode == 0, err
-    assert "interrupted: these are the best tones so far" in out
-    assert "every limit is respected" in out
-    assert len(loading.load(tmp_path / "best.toml").experiments) == 2
 
 
 @pytest.mark.slow

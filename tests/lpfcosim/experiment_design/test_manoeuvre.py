@@ -5,7 +5,6 @@ import json
 import numpy as np
 import pytest
 
-from fit.tilt_to_length import NAMES
 from lpfcosim import design_manoeuvre
 from lpfcosim.campaign import loading
 from lpfcosim.constellation import ASSEMBLIES, assembly_angles, spacecraft_motion
@@ -48,30 +47,39 @@ def _experiment(name, sequence):
     )
 
 
-def test_what_is_no_manoeuvre_of_three_spacecraft_is_refused(lpfcosim, tmp_path):
-    two = _campaign(tmp_path, _experiment("SC1", "sc1") + _experiment("SC2", "sc2"))
-    status, _, message = lpfcosim("design", two, "--ttl", "10 um/rad", "--out", tmp_path / "d.toml")
+THREE = "".join(_experiment(f"SC{i}", f"sc{i}") for i in (1, 2, 3))
+STEP = '{ into = "guidance_phi", shape = "half_cosine", amplitude = "1 nrad", start = "9 s", end = "99 s" }'
+TONE = (
+    'injections = [{ into = "guidance_phi", shape = "sine", frequency = "41 mHz", amplitude = "30 nrad", '
+    'cycles = 50, start = "300 s" }]'
+)
+BAD = {  # experiments by the sentence that refuses them
+    "2 with injections, expected three, of spacecraft 1, 2 and 3": THREE[: THREE.rindex("[[")],
+    "SC1: a sine into guidance_o_1, expected guidance_theta, guidance_eta, ": "".join(
+        _experiment(f"SC{i}", "calibration").replace("30 min", "6 h") for i in (1, 2, 3)
+    ),
+    "SC1: no sine into guidance_theta, expected one, whose amplitude limits the motion": "".join(
+        _experiment(f"SC{i}", "sc1").replace('sequences = ["sc1"]', TONE) for i in (1, 2, 3)
+    ),
+    "SC2: an injection into guidance_phi that is no sine, expected sines only": THREE.replace(
+        '["sc2"]', f'["sc2"]\ninjections = [{STEP}]'
+    ),
+    "SC2: 1800 s, expected the same duration in all three experiments, 48 h or less": THREE.replace(
+        "30 min", "40 min", 1
+    ),
+    "sweep: not available for a manoeuvre, write its three experiments instead": (
+        f'{THREE}[sweep]\nduration = ["30 min", "31 min", "32 min"]\n'
+    ),
+}
+
+
+@pytest.mark.parametrize("message", BAD)
+def test_what_is_no_manoeuvre_of_three_spacecraft_is_refused(lpfcosim, tmp_path, message):
+    out = tmp_path / "d.toml"
+    status, _, err = lpfcosim("design", _campaign(tmp_path, BAD[message]), "--ttl", "10 um/rad", "--out", out)
     assert status == 2
-    assert "2 with injections, expected three, of spacecraft 1, 2 and 3" in message
-    other = "".join(_experiment(f"SC{i}", "calibration") for i in (1, 2, 3)).replace("30 min", "6 h")
-    status, _, message = lpfcosim(
-        "design", _campaign(tmp_path, other), "--ttl", "10 um/rad", "--out", tmp_path / "d.toml"
-    )
-    assert status == 2
-    assert "SC1: a sine into guidance_o_1, expected guidance_theta, guidance_eta, " in message
-    tone = 'injections = [{ into = "guidance_phi", shape = "sine", frequency = "41 mHz", '
-    tone += 'amplitude = "30 nrad", cycles = 50, start = "300 s" }]'
-    few = "".join(_experiment(f"SC{i}", "sc1").replace('sequences = ["sc1"]', tone) for i in (1, 2, 3))
-    status, _, message = lpfcosim(
-        "design", _campaign(tmp_path, few), "--ttl", "10 um/rad", "--out", tmp_path / "d.toml"
-    )
-    assert status == 2
-    assert "SC1: no sine into guidance_theta, expected one, whose amplitude limits the motion" in message
-    pathfinder = ROOT / "campaigns" / "quickstart.toml"
-    status, _, message = lpfcosim("design", pathfinder, "--ttl", "10 um/rad", "--out", tmp_path / "d.toml")
-    assert status == 2
-    assert "a manoeuvre for tilt-to-length coupling is not available for runs along x" in message
-    assert lpfcosim("design", CAMPAIGN, "--ttl", "10 um", "--out", tmp_path / "d.toml")[0] == 2
+    assert message in err
+    assert not out.exists()
 
 
 @pytest.mark.parametrize(
@@ -91,69 +99,13 @@ def test_a_sigma_that_is_none_or_takes_too_long_is_refused(tmp_path, sigma, mess
     assert not (tmp_path / "d.toml").exists()
 
 
-@pytest.fixture
-def search(monkeypatch):
-    """Search as if the largest sigma after any duration were that of `sigmas`, one after the other."""
-
-    def run(*sigmas):
-        remaining = iter(sigmas)
-        monkeypatch.setattr(manoeuvre, "_assign", lambda candidates, f: _ASSIGNMENT)
-        monkeypatch.setattr(manoeuvre, "_motions", lambda plan: [])
-        monkeypatch.setattr(manoeuvre, "_amplitudes", lambda channels: {})
-        monkeypatch.setattr(
-            manoeuvre, "_sigmas", lambda motions, openings: dict.fromkeys(NAMES, next(remaining))
-        )
-        return manoeuvre.design_manoeuvre(loading.load(CAMPAIGN), 1e-5)
-
-    return run
-
-
-_ASSIGNMENT = [{into: 4 * i + k for k, into in enumerate(manoeuvre.MOTIONS)} for i in range(3)]
-
-
-def test_a_sigma_that_no_attempt_reaches_is_refused(search):
-    with pytest.raises(InputError, match=r"1.01e-05 m/rad after 8 attempts .*, expected 1e-05 m/rad; raise"):
-        search(1e-5, *[1.01e-5] * manoeuvre.ITERATIONS)
-
-
-@pytest.mark.parametrize("sigma", [np.inf, np.nan])
-def test_coefficients_that_the_tones_do_not_determine_are_refused(search, sigma):
-    with pytest.raises(InputError, match="sigma: 1e-05 m/rad is out of reach with these amplitudes"):
-        search(1e-5, sigma)
-
-
-def test_glitches_sweeps_and_unequal_durations_are_refused(lpfcosim, tmp_path):
-    experiments = "".join(_experiment(f"SC{i}", f"sc{i}") for i in (1, 2, 3))
-    step = (
-        '{ into = "guidance_phi", shape = "half_cosine", amplitude = "1 nrad", start = "9 s", end = "99 s" }'
-    )
-    for changed, expected in (
-        (
-            experiments.replace('["sc2"]', f'["sc2"]\ninjections = [{step}]'),
-            "SC2: an injection into guidance_phi that is no sine, expected sines only",
-        ),
-        (
-            experiments.replace("30 min", "40 min", 1),
-            "SC2: 1800 s, expected the same duration in all three experiments, 48 h or less",
-        ),
-        (
-            experiments + '[sweep]\nduration = ["30 min", "31 min", "32 min"]\n',
-            "sweep: not available for a manoeuvre, write its three experiments instead",
-        ),
-    ):
-        out = tmp_path / "d.toml"
-        status, _, message = lpfcosim(
-            "design", _campaign(tmp_path, changed), "--ttl", "10 um/rad", "--out", out
-        )
-        assert status == 2
-        assert expected in message
-        assert not out.exists()
-
-
 def test_options_that_a_manoeuvre_does_not_use_are_refused(lpfcosim):
     status, _, message = lpfcosim("design", CAMPAIGN, "--ttl", "10 um/rad", "--jobs", "2")
     assert status == 2
     assert "--jobs: not available with --ttl" in message
+    status, _, message = lpfcosim("design", ROOT / "campaigns" / "quickstart.toml", "--ttl", "10 um/rad")
+    assert status == 2
+    assert "a manoeuvre for tilt-to-length coupling is not available for runs along x" in message
 
 
 def test_the_opening_of_each_spacecraft_turns_theta_into_eta_of_its_assemblies(tmp_path):

@@ -1,6 +1,5 @@
 """Designs: bound, tones, forecast, limits, and the file that says all of it."""
 
-import re
 from dataclasses import replace
 
 import numpy as np
@@ -9,7 +8,7 @@ import pytest
 from fit.forecasting.expected_fit import NoneTakesPartError
 from lpfcosim.campaign import loading
 from lpfcosim.errors import InputError
-from lpfcosim.experiment_design import campaign_text, limits
+from lpfcosim.experiment_design import limits
 from lpfcosim.experiment_design.design_problem import design_problem
 from lpfcosim.experiment_design.objective import Objective
 from lpfcosim.experiment_design.search import search
@@ -92,26 +91,6 @@ def test_few_tones_begin_and_end_together(designed):
             assert 0 < len([i for i in injections if i.into in into]) <= 4
         f = sorted({i.frequency for i in injections})
         assert min(np.diff(f)) > 1.9e-4
-
-
-@pytest.mark.slow
-def test_the_file_is_that_campaign_with_reasons(designed, tmp_path):
-    found, _ = designed
-    path = tmp_path / "better.toml"
-    path.write_text(campaign_text(found, "better", "pair.toml"), encoding="utf-8")
-    written = loading.load(path)
-    assert written.name == "better"
-    for experiment in found.campaign.experiments:
-        (same,) = (e for e in written.experiments if e.name == experiment.name)
-        assert replace(same, injections=()) == replace(experiment, injections=())
-        for a, b in zip(same.injections, experiment.injections, strict=True):
-            assert a.into == b.into
-            numbers = [{k: v for k, v in vars(one).items() if k != "into"} for one in (a, b)]
-            assert numbers[0] == pytest.approx(numbers[1], rel=1e-5)
-    said = re.findall(r"tapered_sine.*# (.*)", path.read_text())
-    assert len(said) == sum(map(len, found.tones.values()))
-    assert any("without it C_2" in line for line in said)
-    assert "no tones within the" in path.read_text()
 
 
 @pytest.mark.slow

@@ -54,11 +54,6 @@ def test_other_experiments_and_authorities_are_refused_with_file_and_place(plan,
         check(plan, [noise, replace(sysid, **change)])
 
 
-def test_a_noise_run_beside_no_experiment_is_nobodys_business(plan, flown):
-    noise, sysid = flown
-    check(plan, [replace(noise, experiment="other", F_max_2=0.0), sysid])
-
-
 def test_a_guidance_that_is_not_the_injected_one_is_refused(plan, flown):
     noise, sysid = flown
     louder = {**sysid.channels, "guidance_o_1": 1.3 * sysid.channels["guidance_o_1"]}
