@@ -174,9 +174,10 @@ def analyse_terms(
 
 
 def _averages(run: Terms, x: Array, length: float, start: float) -> Series | None:
-    """Return averages over windows of `length` [s]: hours since `start`, and fm s^-2 less the mean."""
+    """Return averages over windows of `length` [s]: hours since `start`, and fm s^-2 less their mean."""
     if not run.valid.any():
         return None
     stride = max(1, round(length / 4 * run.fs))
-    centred = np.where(run.valid, x - x[run.valid].mean(), np.nan)
-    return (run.time[::stride] - start) / 3600, 1e15 * averaged(centred, length * run.fs, stride)
+    means = averaged(np.where(run.valid, x, np.nan), length * run.fs, stride)
+    mean = np.nansum(means) / max(np.isfinite(means).sum(), 1)
+    return (run.time[::stride] - start) / 3600, 1e15 * (means - mean)

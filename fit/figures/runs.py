@@ -299,6 +299,8 @@ def residual(run: Telemetry, analysed: Analysis, noise: Analysis | None = None) 
 def lisa_residual(run: Telemetry, pairs: Mapping[str, tuple[Analysis, Analysis | None]]) -> Chart:
     """Draw the residual of each component of D over time, with that of the noise run.
 
+    Fast averages are not drawn: the noise of D rises with frequency, and they would hide the slow ones.
+
     Parameters
     ----------
     run : Telemetry
@@ -306,35 +308,33 @@ def lisa_residual(run: Telemetry, pairs: Mapping[str, tuple[Analysis, Analysis |
     pairs : mapping of str to tuple of Analysis
         By component, the experiment and its noise run, if there is one.
     """
-    across = (0.0, run.duration / 3600)
-    return Chart(
-        tuple(
-            _residual(across, *pair, replace(_RESIDUAL, label=f"residual {name}"), 1.4, name)
-            for name, pair in pairs.items()
-        )
-    )
+    across, panels = (0.0, run.duration / 3600), []
+    for name, (analysed, noise) in pairs.items():
+        axis = replace(_RESIDUAL, label=f"residual {name}")
+        panels.append(_residual(across, replace(analysed, fast=None), noise, axis, 1.4, name))
+    return Chart(tuple(panels))
 
 
 def _residual(
     across: Limits, analysed: Analysis, noise: Analysis | None, axis: Axis, height: float, title: str = ""
 ) -> Panel:
-    """Return a panel of the averaged residual, the extremes of its fast part, and the noise run."""
-    assert analysed.fast is not None
-    assert analysed.slow is not None
-    fast = _smooth(f"averaged over {FAST:g} s, extremes", f"{FAST:g} s", "grey", analysed.fast, 0.4)
-    mean = _smooth(
-        f"residual averaged over {SLOW:g} s", f"residual, {SLOW:g} s", "orange", analysed.slow, 0.8
-    )
-    curves = [fast, mean]
+    """Return a panel of the averaged residual, the extremes of its fast part if any, and the noise run."""
+    curves, unmasked = [], []
+    if analysed.fast is not None:
+        name = f"averaged over {FAST:g} s, extremes"
+        curves.append(_smooth(name, f"{FAST:g} s", "grey", analysed.fast, 0.4))
+        unmasked.append(_smoothed(analysed.fast, analysed.masked))
     if noise is not None and noise.slow is not None:
         x, y = noise.slow
         is_inside = x <= across[1]
         name = f"noise run averaged over {SLOW:g} s"
-        curves.insert(1, _smooth(name, f"noise run, {SLOW:g} s", "blue", (x[is_inside], y[is_inside]), 0.7))
-    marks: tuple[Mark, ...] = (*curves, *_missing(analysed))
-    unmasked = [_smoothed(analysed.fast, analysed.masked), _smoothed(analysed.slow, analysed.masked)]
-    if noise is not None and noise.slow is not None:
+        curves.append(_smooth(name, f"noise run, {SLOW:g} s", "blue", (x[is_inside], y[is_inside]), 0.7))
         unmasked.append(_smoothed(noise.slow, noise.masked))
+    if analysed.slow is not None:
+        name = f"residual averaged over {SLOW:g} s"
+        curves.append(_smooth(name, f"residual, {SLOW:g} s", "orange", analysed.slow, 0.8))
+        unmasked.append(_smoothed(analysed.slow, analysed.masked))
+    marks: tuple[Mark, ...] = (*curves, *_missing(analysed))
     return Panel(TIME, axis, marks, across, limits(axis, unmasked, across), height, title)
 
 

@@ -33,8 +33,7 @@ _BREAKDOWN = (
 )
 _RESIDUAL = (
     "Residual of both components of D against time, with that of the noise run",
-    f"Residual and noise run over time, averaged with Hann windows of {analysis.SLOW:g} s; grey, the "
-    f"extremes of the residual averaged over {analysis.FAST:g} s.",
+    f"Residual and noise run over time, averaged with Hann windows of {analysis.SLOW:g} s.",
 )
 
 

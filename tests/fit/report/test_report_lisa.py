@@ -95,14 +95,6 @@ def test_table_of_injections_has_all_set_points():
     }
 
 
-@pytest.mark.parametrize("cycles", [1, 2, 3.5, 20])
-def test_frequency_of_a_tone_of_few_cycles(cycles):
-    x = np.zeros(4000)
-    x[500:3500] = 1e-6 * np.sin(2 * np.pi * cycles * np.arange(3000) / 3000 + 0.3)
-    (injection,) = injections.injections(x, 1.0)
-    assert injection.frequencies == pytest.approx((cycles / 3000,), rel=2e-3)
-
-
 def test_set_points_are_those_of_the_controllers():
     folder = Path(__file__).parents[3] / "fmus" / "LISA"
     models = "".join((folder / f"{name}Control.mo").read_text() for name in ("DragFree", "Suspension"))
