@@ -22,17 +22,9 @@ from tests.hostile.judging import FAR, judge
 TABLE, PAGE = ROOT / "docs" / "faults.csv", ROOT / "docs" / "faults.md"
 KINDS, DETECTORS = ROOT / "docs" / "faults-by-kind.csv", ROOT / "docs" / "faults-by-detector.csv"
 COLUMNS = (
-    "kind",
-    "size",
-    "channel",
-    "experiments",
-    "outcome",
-    "left_out",
-    "error",
-    "verdict",
-    "detectors",
+    "kind", "size", "channel", "experiments", "outcome", "left_out", "error", "verdict", "detectors",
     "message",
-)
+)  # fmt: skip
 OUTCOMES = ("sound", "left out", "no sigma", "failed", "refused")
 HEADING = ("fault", "cases", "sound", "left out", "not sound", "failed", "refused", "largest error [σ]")
 LONGEST = 300  # characters of a message

@@ -9,8 +9,8 @@ from fit.errors import CalibrationError, InputError
 from fit.pipeline import calibrate
 from fit.results import Fit
 from tests.hostile.catalogue import Fault
-from tests.hostile.spoiling import Runs, clean
-from tests.oracles.thirteen import PLANS, TRUTH, plant_of
+from tests.hostile.spoiling import clean
+from tests.oracles.thirteen import PLANS, TRUTH
 
 FAR = 5.0  # sigma
 UNNAMED = ("no single cause", "no channel alone", "does not fit either")
@@ -29,8 +29,6 @@ class Judged:
         "refused" (exit status 2), "failed" (1), "no sigma" or "sound".
     pull : float
         Largest error of the joint fit in its sigmas, 0 without one.
-    worst : str
-        The parameter that has it.
     checked : float
         The same over the parameters that are not reported to depend on a run of the fault.
     width : float
@@ -39,8 +37,6 @@ class Judged:
         Experiments that are not in the joint fit.
     minority : bool
         Whether these are more than half of all.
-    alone : tuple of str
-        Experiments whose own fit is called sound and is off by more than `FAR`, with the pull.
     names_run, names_cause : bool
         Whether what is said of the joint fit names an experiment of the fault, and words for its cause.
     said : tuple of str
@@ -51,12 +47,10 @@ class Judged:
 
     outcome: str
     pull: float
-    worst: str
     checked: float
     width: float
     left_out: tuple[str, ...]
     minority: bool
-    alone: tuple[str, ...]
     names_run: bool
     names_cause: bool
     said: tuple[str, ...]
@@ -112,7 +106,6 @@ def judge(fault: Fault, names: Iterable[str] | None = None) -> Judged:
     if joint is None or not joint.parameters:
         said = joint.warnings[0].message if joint and joint.warnings else "no joint fit"
         return _without_result("failed", said, fault)
-    pull, worst = _pull(joint, TRUTH)
     taking_part = set(results.provenance.joint_runs or ())
     said = tuple(w.message for w in (*joint.unsound, *joint.warnings) if w.code != RESTS or fault.blind)
     resting = {
@@ -125,13 +118,11 @@ def judge(fault: Fault, names: Iterable[str] | None = None) -> Judged:
     left_out = tuple(r.experiment for r in experiments if r.run not in taking_part)
     return Judged(
         outcome="no sigma" if joint.unsound else "sound",
-        pull=pull,
-        worst=worst,
-        checked=_pull(joint, {n: value for n, value in TRUTH.items() if n not in resting})[0],
+        pull=_pull(joint, TRUTH),
+        checked=_pull(joint, {n: value for n, value in TRUTH.items() if n not in resting}),
         width=1.0 if runs.keys() == clean(names).keys() else _width(joint, _sigmas(names)),
         left_out=left_out,
         minority=2 * len(left_out) > len(experiments),
-        alone=_alone(results.experiments, runs),
         names_run=_names(said, fault),
         names_cause=any(re.search(fault.cause, words) for words in said),
         said=tuple(dict.fromkeys(said)),
@@ -158,7 +149,7 @@ def _width(joint: Fit, clean: dict[str, float]) -> float:
 
 def _without_result(outcome: str, message: str, fault: Fault) -> Judged:
     named, cause = _names([message], fault), bool(re.search(fault.cause, message))
-    return Judged(outcome, 0.0, "", 0.0, 1.0, (), False, (), named, cause, (message,))
+    return Judged(outcome, 0.0, 0.0, 1.0, (), False, named, cause, (message,))
 
 
 def _names(said: Iterable[str], fault: Fault) -> bool:
@@ -166,23 +157,7 @@ def _names(said: Iterable[str], fault: Fault) -> bool:
     return bool(runs) and any(re.search(rf"\b({runs})(x\d)?\b", words) for words in said)
 
 
-def _pull(fit: Fit, truth: dict[str, float]) -> tuple[float, str]:
-    """Return the largest error in sigmas and whose it is."""
-    errors = {n: abs(e.value - truth[n]) / e.sigma for n, e in fit.parameters.items() if n in truth}
-    worst = max(errors, key=lambda name: errors[name], default="")
-    return errors.get(worst, 0.0), worst
-
-
-def _alone(fits: dict[str, Fit], runs: Runs) -> tuple[str, ...]:
-    """Name the experiments that are called sound by themselves and are off."""
-    found = []
-    for name, fit in fits.items():
-        if fit.unsound or name not in PLANS:
-            continue
-        plant = plant_of(PLANS[name], TRUTH)
-        truth = {n: getattr(plant, n) for n in ("lambda_1", "lambda_2", "omega2_2", "delta_ifo")}
-        truth |= {"C_1": TRUTH["C_1"], "C_2": TRUTH["C_2"], "domega2_12": plant.omega2_2 - plant.omega2_1}
-        pull, worst = _pull(fit, truth)
-        if pull > FAR:
-            found.append(f"{name} {worst} {pull:.0f}")
-    return tuple(found)
+def _pull(fit: Fit, truth: dict[str, float]) -> float:
+    """Return the largest error in sigmas."""
+    errors = (abs(e.value - truth[name]) / e.sigma for name, e in fit.parameters.items() if name in truth)
+    return max(errors, default=0.0)

@@ -6,6 +6,7 @@ Of whatever it is given, a reader says one sentence (`InputError`, `FitError`, `
 `LONGEST`), or succeeds; it raises nothing else, ends in time, and takes no more memory than allowed.
 """
 
+import copy
 import math
 import random
 import signal
@@ -37,21 +38,8 @@ NUMBERS = (
 
 
 _SYNTAX = (
-    "=",
-    "[",
-    "]",
-    "[[",
-    '"',
-    '"""',
-    "{",
-    "}",
-    ".",
-    ".a" * 500,
-    "[" * 2000,
-    "\\u0000",
-    "true",
-    "1979-05-27",
-)
+    "=", "[", "]", "[[", '"', '"""', "{", "}", ".", ".a" * 500, "[" * 2000, "\\u0000", "true", "1979-05-27",
+)  # fmt: skip
 
 
 class HangError(BaseException):
@@ -78,24 +66,25 @@ def guarded(seconds: int = PATIENCE) -> Iterator[None]:
 
 
 def survives(reader: Callable[[], object], path: Path | None, case: object) -> str | None:
-    """Return the sentence a reader refuses its input with, None if it succeeds; fail with the case otherwise.
-
-    The sentence must be one line for a terminal and name the file, if there is one, or one beside it.
-    """
+    """Return the sentence with which a reader refuses its input, None if it succeeds; fail otherwise."""
     try:
         with guarded():
             reader()
     except REFUSALS as refusal:
-        said = str(refusal)
-        assert said.isprintable(), f"{case}: {said!r}"
-        assert len(said) <= LONGEST, f"{case}: {len(said)} letters: {said[:300]}"
-        assert path is None or str(path.parent) in said, f"{case}: names no file: {said}"
-        return said
+        check_sentence(str(refusal), path, case)
+        return str(refusal)
     except HangError:
         raise AssertionError(f"{case}: hangs") from None
     except Exception as error:
         raise AssertionError(f"{case}: {type(error).__name__}: {error}") from error
     return None
+
+
+def check_sentence(sentence: str, path: Path | None, case: object) -> None:
+    """Fail unless a refusal is one line for a terminal that names the file, if there is one."""
+    assert sentence.isprintable(), f"{case}: {sentence!r}"
+    assert len(sentence) <= LONGEST, f"{case}: {len(sentence)} letters: {sentence[:300]}"
+    assert path is None or str(path.parent) in sentence, f"{case}: names no file: {sentence}"
 
 
 def damaged(content: bytes, rng: random.Random) -> bytes:
@@ -166,9 +155,7 @@ def restructured(document: dict, rng: random.Random) -> dict:
     places = list(_places(document))
     for _ in range(rng.choice((1, 1, 1, 2, 3))):
         holder, key = rng.choice(places)
-        if (isinstance(holder, dict) and key not in holder) or (
-            isinstance(holder, list) and key >= len(holder)
-        ):
+        if not _is_there(holder, key):
             continue
         how = rng.randrange(6)
         if how == 0:
@@ -176,11 +163,9 @@ def restructured(document: dict, rng: random.Random) -> dict:
         elif how == 1 and isinstance(holder, dict):
             holder[rng.choice(TEXTS)] = holder.pop(key)
         elif how == 2:
-            other, there = rng.choice(places)
-            if (isinstance(other, dict) and there in other) or (
-                isinstance(other, list) and there < len(other)
-            ):
-                holder[key] = _copied(other[there])
+            other, place = rng.choice(places)
+            if _is_there(other, place):
+                holder[key] = copy.deepcopy(other[place])
         elif how == 3 and isinstance(holder[key], list):
             holder[key] = holder[key] * rng.choice((0, 2, 50))
         else:
@@ -195,10 +180,8 @@ def _places(value: object) -> Iterator[tuple]:
             yield from _places(inner)
 
 
-def _copied(value: object) -> object:
-    if isinstance(value, dict):
-        return {key: _copied(inner) for key, inner in value.items()}
-    return [_copied(inner) for inner in value] if isinstance(value, list) else value
+def _is_there(holder: dict | list, key: str | int) -> bool:
+    return key in holder if isinstance(holder, dict) else key < len(holder)
 
 
 def raw_archive(path: Path, entries: list[tuple[str, bytes]], **fields: int) -> Path:
@@ -246,11 +229,7 @@ def try_all(made: dict[Path, str], reader: Callable[[Path], object], validate: V
         if said is None:
             said = survives(lambda path=path: reader(path), path, made[path])
         else:
-            survives(lambda said=said: _raise(fit.errors.InputError(said)), path, made[path])
+            check_sentence(said, path, made[path])
         outcome = "sound" if said is None else "ended the process" if "damaged: " in said else "refused"
         counts[outcome] += 1
     return counts
-
-
-def _raise(error):
-    raise error

@@ -18,7 +18,7 @@ QUICK = (
     "lambda_2 differs, 1e-3, B4",
     "wrong sign, second half, o_12, B4",
 )
-JUDGED = Judged("sound", 6.0, "lambda_2", 6.0, 1.0, (), False, (), False, False, ("nothing",))
+JUDGED = Judged("sound", 6.0, 6.0, 1.0, (), False, False, False, ("nothing",))
 
 
 def of(name):

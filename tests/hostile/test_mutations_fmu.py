@@ -202,12 +202,9 @@ def test_entities(tmp_path, ours, entity, encoding, fmi):
     ("document", "words"),
     [
         (b"", "not readable XML"),
-        (b"<a>" * 200_000, "not readable XML"),
         (b"<a>" * 5000 + b"</a>" * 5000, "not a readable FMU"),
         (b'<?xml version="1.0" encoding="utf-7"?><a/>', "encodings are not supported"),
         (b'<fmiModelDescription fmiVersion="3.0"/>', "not a readable FMU"),
-        (b'<fmiModelDescription fmiVersion="1.0"/>', "not a readable FMU"),
-        (b"<a b='" + b"x" * 11_000_000 + b"'/>", "not a readable FMU"),
         (b" " * (archive.MAX_XML + 1), "expected at most"),
         ('<?xml version="1.0"?><fmiModelDescription fmiVersion="9.\ud7ff"/>'.encode(), "not a readable FMU"),
     ],
@@ -216,32 +213,6 @@ def test_documents_that_describe_nothing(tmp_path, ours, document, words):
     path = with_description(tmp_path / "evil.fmu", ours["3.0"][MODEL], document)
     for reader in (interface.describe, checks.problems):
         assert words in survives(lambda reader=reader: reader(path), path, document[:40])
-
-
-def test_very_many_variables(tmp_path, ours):
-    (text,) = (content.decode() for name, content in contents(ours["2.0"][MODEL]) if name == XML)
-    more = "".join(
-        f'<ScalarVariable name="v{i}" valueReference="{i}"><Real/></ScalarVariable>' for i in range(30_000)
-    )
-    path = with_description(
-        tmp_path / "many.fmu",
-        ours["2.0"][MODEL],
-        text.replace("</ModelVariables>", f"{more}</ModelVariables>"),
-    )
-    survives(lambda: interface.describe(path), path, "many variables")
-
-
-def test_an_array_without_end(tmp_path, ours, make_run):
-    path = edited(
-        ours["3.0"][MODEL],
-        tmp_path / "array.fmu",
-        (r'(<Float64 name="x_1"[^>]*)/>', r'\1><Dimension start="1000000000000"/></Float64>'),
-    )
-    run = make_run()
-    names = Replacement(MODEL, path, {"x_1": "x_1[1]"})
-    run = replace(run, replacements=(names,))
-    said = survives(lambda: compatibility.read_interfaces(run, {**ours["3.0"], MODEL: path}), path, "array")
-    assert "elements; expected at most" in said
 
 
 @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="has neither pipes nor devices among its files")

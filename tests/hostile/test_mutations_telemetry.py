@@ -15,7 +15,6 @@ from fit.pipeline import calibrate
 from fit.telemetry import reader as telemetry
 from fit.telemetry import sandbox
 from fit.telemetry.contract import REQUIRED
-from fit.telemetry.sandbox import rejections
 from tests.hostile.mutations import NUMBERS, TEXTS, damaged, survives, try_all
 from tests.oracles.contract_file import write_contract_file
 from tests.oracles.synthetic import World, pair
@@ -43,16 +42,6 @@ def packed(path):
                 name, data=values, chunks=(64,), compression="gzip", shuffle=True, fletcher32=True
             )
             h5[name].attrs["units"] = "m" if name == "o_1" else "m s-2"
-    return path
-
-
-def latest(path):
-    with h5py.File(write_contract_file(path.with_suffix(".old"), samples=N)) as old, \
-            h5py.File(path, "w", libver="latest") as new:  # fmt: skip
-        new.attrs.update(dict(old.attrs))
-        for name in old:
-            new.create_dataset(name, data=old[name][()], chunks=(50,), compression="lzf")
-            new[name].attrs["units"] = old[name].attrs["units"]
     return path
 
 
@@ -89,17 +78,16 @@ def test_damaged_telemetry(tmp_path, cases, monkeypatch):
     sources = [
         write_contract_file(tmp_path / "plain.source", samples=N, truth={"lambda_1": 1.07}).read_bytes(),
         packed(tmp_path / "packed.source").read_bytes(),
-        latest(tmp_path / "latest.source").read_bytes(),
     ]
-    readers = (use, use_packed(tmp_path / "packed.source"), use)
+    readers = (use, use_packed(tmp_path / "packed.source"))
     total = cases(0.25, 150)
     for first in range(0, total, 100):
         made = {}
         for n in range(first, min(first + 100, total)):
             path = tmp_path / f"{n}.h5"
-            path.write_bytes(damaged(sources[n % 3], random.Random(n)))
+            path.write_bytes(damaged(sources[n % 2], random.Random(n)))
             made[path] = f"telemetry {n}"
-        counts = try_all(made, lambda path: readers[int(path.stem) % 3](path), telemetry.validate)
+        counts = try_all(made, lambda path: readers[int(path.stem) % 2](path), telemetry.validate)
         assert min(counts["sound"], counts["refused"]) > 0
         for path in made:
             path.unlink()
@@ -212,18 +200,10 @@ def test_memory_is_bounded(file, monkeypatch):
     assert survives(lambda: telemetry.read_all([file]), file, "bomb")
 
 
-ATTRIBUTES = [
-    "schema",
-    "run",
-    "experiment",
-    "kind",
-    "fs",
-    "t0",
-    "F_max_1",
-    "alignment_epoch",
-    "m_tm",
+ATTRIBUTES = (
+    "schema", "run", "experiment", "kind", "fs", "t0", "F_max_1", "alignment_epoch", "m_tm",
     "inertial_period",
-]
+)  # fmt: skip
 
 
 def test_hostile_attributes(tmp_path, cases):
@@ -305,12 +285,3 @@ def test_calibrations_of_hostile_numbers(cases):
             place = rng.randrange(len(runs))
             runs[place] = spoilt(runs[place], rng)
         survives(lambda runs=runs: calibrate(runs), None, f"calibration {n}")
-
-
-def test_own_files_are_not_tried(file, monkeypatch):
-    monkeypatch.setattr(sandbox, "rejections", lambda *_: pytest.fail("tried"))
-    assert telemetry.read_all([file], trusted=True)
-
-
-def test_the_process_answers_for_every_file(file):
-    assert rejections(telemetry.validate, [file, file]) == [None, None]
