@@ -115,19 +115,6 @@ class Page:
             text = {"text": name} if len(name) == 1 and kind == "keyDown" else {}
             self.send("Input.dispatchKeyEvent", type=kind, key=name, windowsVirtualKeyCode=code, **text)
 
-    def screenshot(self, path: Path, *, whole: bool = False):
-        """Write a PNG of what is seen, or of the whole page."""
-        told = self.send(
-            "Page.captureScreenshot", format="png", captureBeyondViewport=whole, **self._clip(whole)
-        )
-        Path(path).write_bytes(base64.b64decode(told["data"]))
-
-    def _clip(self, whole: bool):
-        if not whole:
-            return {}
-        size = self.send("Page.getLayoutMetrics")["cssContentSize"]
-        return {"clip": {"x": 0, "y": 0, "width": size["width"], "height": size["height"], "scale": 1}}
-
     def pdf(self, path: Path):
         """Write what a printer would get."""
         told = self.send("Page.printToPDF", printBackground=False)

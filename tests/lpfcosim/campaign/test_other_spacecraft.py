@@ -150,6 +150,7 @@ def test_lisa_pathfinder_takes_what_its_models_declare(campaign, tmp_path):
 BAD = [  # what to replace, by what, and the sentence
     ('"probe"\n\n[truth]', '"prob"\n\n[truth]', 'spacecraft: no spacecraft "prob", did you mean "probe"?'),
     ("lambda_1 = 1.1", "lambda_scatter = 0.01", "truth.lambda_scatter: unknown key"),
+    ("lambda_1 = 1.1", 'lambda_1 = "1.1"', 'truth.lambda_1: "1.1" is not a finite number, write it without'),
     ('"500 kg"', '"500 m"', 'truth.m_sc: "500 m" is not a value in kg, write it like "1 kg"'),
     ("DragFreeControl", "Control", 'control.Control: no such controller, did you mean "DragFreeControl"?'),
     ("readout = \"2", "oms = \"2", "noise.oms: unknown key (known: readout, thruster)"),

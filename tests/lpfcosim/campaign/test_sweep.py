@@ -65,6 +65,10 @@ BAD = [  # the table, and what the sentence then says
         "sweep.F_max_2[1]: experiments[0].dc: compensating it takes 14.31 pN of the 10 pN that authority set",
     ),
     (
+        'F_max_2 = ["16 pN", "50 pN"]',
+        'sweep.F_max_2[0]: the injections of "F_max_2-16pN" take f_x_2 to 106 % of its authority',
+    ),
+    (
         'duration = ["6 h", "3 h"]',
         "sweep.duration[1]: sequences.standard[4]: ends at 11194.03 s, past the end",
     ),

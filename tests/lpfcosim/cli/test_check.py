@@ -166,6 +166,15 @@ def test_commands_that_stay_at_their_limits_are_refused(lpfcosim, tone, monkeypa
     )
 
 
+def test_a_step_beyond_the_range_of_the_interferometers_is_refused(lpfcosim, tone):
+    path = tone("10 nm", 2)
+    step = (
+        'into = "guidance_o_12"\nshape = "half_cosine"\namplitude = "90 um"\nstart = "1000 s"\nend = "1001 s"'
+    )
+    path.write_text(f"{path.read_text()}\n[[experiments.injections]]\n{step}\n")
+    assert "the step of 90 um into guidance_o_12 from 1000 s" in refusal(lpfcosim("check", path))
+
+
 def test_a_command_at_its_limit_for_a_while_is_doubtful(lpfcosim, tone):
     path = tone("1 um", 2)
     status, out, err = lpfcosim("check", path)

@@ -1,12 +1,7 @@
 """``lpfcosim montecarlo``: statistics, seeds, resuming, and the command as a whole."""
 
 import json
-import multiprocessing as mp
-import os
 import re
-import signal
-import threading
-import time
 from dataclasses import replace
 
 import numpy as np
@@ -131,34 +126,6 @@ def test_the_command_leaves_what_the_contract_says_and_continues(small, tmp_path
     assert status == 2
     assert "expected another folder" in error
     assert "Traceback" not in error
-
-
-@pytest.mark.skipif(os.name != "posix", reason="needs SIGKILL")
-@pytest.mark.slow
-def test_a_process_that_is_killed_loses_its_campaign_only(small, tmp_path, lpfcosim):
-    log = tmp_path / "out" / "campaigns.jsonl"
-
-    def kill():
-        while not log.exists() or log.read_text(encoding="utf-8").count("\n") < 2:
-            time.sleep(0.02)
-        os.kill(max(process.pid for process in mp.active_children()), signal.SIGKILL)
-
-    killer = threading.Thread(target=kill)
-    killer.start()
-    command = ("montecarlo", small, "-n", 6, "--out", log.parent, "--jobs", 2, "--quiet")
-    status, _, error = lpfcosim(*command)
-    killer.join()
-    assert status == 1
-    assert "its process was killed (SIGKILL; out of memory?)" in error
-    assert error.strip().endswith("; what is finished is kept, the same command continues")
-    done = [json.loads(line) for line in log.read_text(encoding="utf-8").splitlines()[1:]]
-    assert len(done) == 5
-    assert all("estimates" in line for line in done)
-    (lost,) = (log.parent / "logs").iterdir()
-    assert lost.read_text(encoding="utf-8").strip() in error
-    assert lpfcosim(*command)[0] == 0
-    assert not lost.parent.exists()
-    assert json.loads((log.parent / "montecarlo.json").read_text(encoding="utf-8"))["n"] == 6
 
 
 def test_a_command_at_its_limit_is_no_campaign_that_counts(small):

@@ -107,13 +107,6 @@ def test_step_of_an_fmi_2_fmu_that_takes_no_other(run, fmus, tmp_path):
             assert "steps by 0.2 s" in refusal(run, fmus, Replacement(SUSPENSION, archive))
 
 
-@pytest.mark.parametrize("step", ["0", "NaN", "1e-320", "-0.1", "INF"])
-def test_steps_that_are_none(run, fmus, tmp_path, step):
-    change = ('fixedInternalStepSize="0.1"', f'fixedInternalStepSize="{step}"')
-    archive = edited(fmus[SUSPENSION], tmp_path / "mine.fmu", change)
-    assert "mine.fmu: " in refusal(run, fmus, Replacement(SUSPENSION, archive))
-
-
 def test_variable_that_is_set_from_two_sides_is_told(run, fmus, tmp_path):
     ours = fmus[SUSPENSION]
     twin = (r'(<Float64 name="o_12" [^>]*)/>', r'\1><Alias name="twin"/></Float64>')
@@ -123,14 +116,6 @@ def test_variable_that_is_set_from_two_sides_is_told(run, fmus, tmp_path):
     # The name of another parameter of ours: that one is then not set.
     mine = replace(run, replacements=(Replacement(SUSPENSION, ours, {"f_u": "f_z"}),))
     assert "f_z" in compatibility.ignored_names(compatibility.read_interfaces(mine, fmus))[SUSPENSION]
-
-
-@pytest.mark.parametrize(("name", "unused"), [("bandwidth", ()), ("f_u", ("f_u",))])
-def test_value_of_a_parameter_takes_the_place_of_ours(run, fmus, tmp_path, name, unused):
-    archive = renamed(fmus[SUSPENSION], tmp_path / "mine.fmu", {"f_u": name})
-    wanted = in_memory.simulate(replace(run, suspension=replace(run.suspension, unity_gain=2e-3)), fmus)
-    got = simulate(run, fmus, Replacement(SUSPENSION, archive, unused=unused, values={name: 2e-3}))
-    assert np.array_equal(got["o_12"], wanted["o_12"])
 
 
 def test_variables_without_a_unit_are_taken_as_ours(run, fmus, tmp_path):

@@ -2,7 +2,6 @@
 
 import importlib
 import importlib.util
-import multiprocessing.context
 import os
 import pickle
 import subprocess
@@ -53,13 +52,6 @@ def test_an_interrupt_of_the_process_group_ends_neither_server_nor_worker():
     command = [sys.executable, "-c", INTERRUPTED]
     done = subprocess.run(command, capture_output=True, text=True, check=True, start_new_session=True)
     assert (done.stdout, done.stderr) == ("0 True True\n", "")
-
-
-def test_it_can_be_imported_where_there_is_no_such_server(monkeypatch):
-    """As on Windows, whose standard library lacks its context."""
-    monkeypatch.delattr(multiprocessing.context, "ForkServerContext")
-    spec = importlib.util.find_spec("lpfcosim.execution.forkserver")
-    spec.loader.exec_module(importlib.util.module_from_spec(spec))
 
 
 @pytest.mark.parametrize("name", [*forkserver.LIBRARIES, *forkserver.FITTING])

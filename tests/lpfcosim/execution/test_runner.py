@@ -16,9 +16,8 @@ import h5py
 import numpy as np
 import pytest
 
-from fit.files import atomic
 from lpfcosim.errors import InputError
-from lpfcosim.execution import Executor, provenance, runner
+from lpfcosim.execution import Executor, Provenance, provenance, runner
 from lpfcosim.spacecraft.run import Authority, Sine
 from tests.campaign_text import SHORT_PLAN
 from tests.reference_run import simulate_reference
@@ -132,8 +131,21 @@ def test_telemetry_of_no_run_of_the_campaign_is_left_alone(fmus, plan, tmp_path)
     stranger.write_bytes(b"somebody's")
     with pytest.raises(InputError, match=r"two\.h5: belongs to no run of this campaign; choose"):
         runner.simulate(plan, stranger.parent, fmus)
-    assert folder_of(tmp_path) == ["telemetry"]
     assert folder_of(stranger.parent) == ["two.h5"]
+    stranger.unlink()
+    stranger.with_name("one.h5").mkdir()
+    with pytest.raises(InputError, match=r"one\.h5: is a folder"):
+        runner.simulate(plan, stranger.parent, fmus)
+
+
+@pytest.mark.parametrize("seed", [None, np.arange(3)])
+def test_telemetry_without_a_seed_is_not_that_of_the_campaign(fmus, plan, tmp_path, seed):
+    with h5py.File(tmp_path / "one.h5", "w") as file:
+        file.attrs.update({**Provenance.of(plan, fmus).attributes(), "seed": np.arange(3)})
+        if seed is None:
+            del file.attrs["seed"]
+    with pytest.raises(InputError, match=r"one\.h5: .* seed.*; choose another folder, or .* \(rerun\)"):
+        runner.simulate(plan, tmp_path, fmus)
 
 
 def test_failing_run_does_not_take_the_others_along(fmus, plan, tmp_path):
@@ -184,28 +196,6 @@ def test_an_interrupt_leaves_what_is_finished_and_nothing_else(fmus, long, tmp_p
     with pytest.raises(InputError, match="simulated with another version of the campaign"):
         callbacks = runner.ProgressCallbacks(on_existing=kept.append)
         runner.simulate(short, noise.parent, fmus, callbacks=callbacks)
-
-
-def test_an_interrupt_before_the_ledger_knows_a_file_leaves_none(fmus, plan, tmp_path, monkeypatch):
-    settle = atomic.settle
-    folder, told = tmp_path / "telemetry", []
-    for kind in (".sha256", ".h5"):  # as its line is written, and as it gets its name
-
-        def interrupted(partial, path, kind=kind):
-            if path.suffix == kind and (kind == ".h5" or b"one" in partial.read_bytes()):
-                raise KeyboardInterrupt
-            settle(partial, path)
-
-        with monkeypatch.context() as patch:
-            patch.setattr(atomic, "settle", interrupted)
-            with pytest.raises(KeyboardInterrupt):
-                runner.simulate(plan, folder, fmus, runner.RunOptions(jobs=1))
-        assert mp.active_children() == []
-        assert folder_of(folder) == []
-    done = runner.simulate(
-        plan, folder, fmus, runner.RunOptions(jobs=1), runner.ProgressCallbacks(on_message=told.append)
-    )
-    assert (told, folder_of(folder)) == ([], sorted(path.name for path in done.files.values()))
 
 
 ORPHANS = """

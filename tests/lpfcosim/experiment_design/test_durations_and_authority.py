@@ -14,7 +14,6 @@ from lpfcosim.experiment_design import (
     campaign_text,
     convex_bound,
     duration_allocation,
-    information_spectrum,
     robustness,
 )
 from lpfcosim.experiment_design.cvxpy_problem import TimeBudget
@@ -152,17 +151,6 @@ def test_elsewhere_a_design_loses_little(designed, fit_model):
     lost = robustness(found, fit_model, lambda share: None)
     assert -0.01 < lost.loss < 0.1
     assert 0.9 < lost.max_limit_ratio < 1.2
-
-
-@pytest.mark.slow
-def test_what_one_tone_would_tell(designed):
-    found, _ = designed
-    f = np.geomspace(5e-4, 0.09, 40)
-    told = information_spectrum(found, f)
-    assert told.keys() == set(found.problem.parameters)
-    peak = {name: f[np.argmax(x)] for name, x in told.items()}
-    assert peak["omega2_1_0"] < 1e-2 < peak["C_2"]
-    assert peak["delta_ifo_1"] > 1e-2
 
 
 @pytest.mark.slow

@@ -123,23 +123,6 @@ def test_every_authority_set_has_its_values(archive, members, plan, fmus):
     assert sum(name.endswith(".ssv") for name in members) == 4
 
 
-def test_first_authority_set_is_bound_to_the_system(archive, plan):
-    system = read_ssd(str(archive)).system
-    (binding,) = system.parameterBindings
-    assert binding.source == f"resources/authority_{plan.runs[0].authority.name}.ssv"
-    assert not binding.prefix
-    # Each component has the same again, for tools that know no parameters of a system.
-    values = {p.name: p.value for p in read_ssv(str(archive), binding.source).parameters}
-    with zipfile.ZipFile(archive) as stored:
-        root = etree.fromstring(stored.read("SystemStructure.ssd"))
-    own = {
-        f"{component.get('name')}.{p.get('name')}": p[0].get("value")
-        for component in root.iter(f"{SSD}Component")
-        for p in component.iter(f"{SSV}Parameter")
-    }
-    assert {name: float(v) for name, v in own.items()} == {name: float(v) for name, v in values.items()}
-
-
 def test_bytes_are_reproducible(archive, plan, fmus, tmp_path):
     again = ssp.export(plan, fmus, tmp_path / "again.ssp")
     assert again.read_bytes() == archive.read_bytes()

@@ -6,7 +6,7 @@ import pytest
 
 from lpfcosim.campaign import ParameterSpec
 from lpfcosim.cosim import compatibility
-from lpfcosim.identification import parameters, targets
+from lpfcosim.identification import targets
 from lpfcosim.identification.parameters import settings
 from lpfcosim.spacecraft.run import Replacement
 from tests import third_party
@@ -25,15 +25,6 @@ def resolved(make_run, plan, fmus):
     return made
 
 
-def test_without_a_table_all_of_the_fit_is_sought(resolved):
-    found = {t.name: (t.model, t.variable) for t in resolved({})}
-    assert list(found)[:4] == ["lambda_1", "lambda_2", "C_1", "C_2"]
-    assert found["C_2"] == ("Plant", "tau_2")
-    assert found["lambda_2"] == ("Actuation", "lambda_2")
-    assert found["delta_ifo"] == ("OpticalMetrology", "delta_ifo")
-    assert len(found) == 11
-
-
 def test_a_delay_coefficient_is_a_gain_times_a_delay(resolved):
     both = resolved({"C_2": ParameterSpec(), "lambda_2": ParameterSpec()})
     theta = {"C_2": 0.2, "lambda_2": 1.25}
@@ -44,18 +35,6 @@ def test_a_delay_coefficient_is_a_gain_times_a_delay(resolved):
     alone = resolved({"C_2": ParameterSpec()})
     values = settings(alone, {"C_2": 0.2}, {"lambda_2": 1.25, "lambda_1": 1.0})
     assert values["Plant"]["tau_2"] == pytest.approx(0.16 - half_sample, rel=1e-14)
-
-
-def test_what_is_not_sought_is_held_by_the_loop(make_run, plan, fmus):
-    run = make_run()
-    found = compatibility.read_interfaces(run, fmus)
-    some = {"lambda_2": ParameterSpec(), "Plant.omega2_2_0": ParameterSpec()}
-    held = parameters.fixed_values(run, found, targets(replace(plan, identify=some), run, found))
-    assert held["lambda_1"] == 1.0748
-    assert held["C_1"] == pytest.approx(0.149, rel=1e-12)
-    assert not {"lambda_2", "C_2", "omega2_2_0", "delta_ifo"} & set(
-        held
-    )  # a gain makes its delay coefficient
 
 
 @pytest.mark.parametrize("key", ["SuspensionControl.f_u", "SuspensionControl.bandwidth"])

@@ -87,17 +87,6 @@ def test_frequency_response_leaves_delays_out_of_the_solution(driven, spacecraft
     assert len(system._memory) > len(system.A) // 3
 
 
-def test_loop_without_authority_is_linear_all_the_same(driven):
-    run = driven(authority=Authority("none", 0.0, 2.2e-9, 1e-11, 1e-11), noise=Noise())
-    loop = ClosedLoop(run)
-    system = loop.linearize()
-    assert system.D[system.outputs.index("f_x_1"), system.inputs.index("F_x_1")] == 1 / run.m_tm
-    assert loop.limits == {"f_x_2": 2.2e-9 / run.m_tm}
-    channels = loop.simulate()
-    assert not channels["f_x_1"].any()
-    assert channels["f_x_2"].any()
-
-
 def test_gain_of_noise_takes_the_command_it_multiplies(driven):
     run = driven(actuation=Actuation(electrode=1e-6))
     loop = ClosedLoop(run)

@@ -46,20 +46,6 @@ def test_file_stands_alone_where_tools_look_for_it_and_parses_with_another_front
         scope = scope.classes[part]
 
 
-def test_nested_for_equation(tmp_path):
-    system = translate(
-        tmp_path,
-        """model M
-          Real x[4, 3]; input Real u[4];
-        equation
-          for i in 1:4 loop for j in 1:3 loop der(x[i, j]) = u[i]*j; end for; end for;
-        end M;""",
-    )
-    for i in range(1, 5):
-        for j in range(1, 4):
-            assert value(system, f"x[{i},{j}]", **{f"u[{i}]": i + 0.5}) == (i + 0.5) * j
-
-
 def test_algebraic_loop_is_solved(tmp_path):
     system = translate(
         tmp_path,
@@ -227,25 +213,6 @@ def test_fault_in_the_source_is_one_sentence_with_its_place(tmp_path, capfd, tex
         translate(tmp_path, f"{text}\nend M;")
     assert "\n" not in str(refusal.value)
     assert not capfd.readouterr().err
-
-
-def test_several_vector_subscripts(tmp_path):
-    system = translate(
-        tmp_path,
-        """function f
-          input Real u; output Real y[2, 3];
-        algorithm
-          y[1] := {u, 2*u, 3*u}; y[2, :] := {4*u, 5*u, 6*u};
-        end f;
-        model M
-          input Real u; Real A[2, 3]; Real y[2, 2];
-        equation
-          A = f(u); y = A[{2, 1}, 2:3];
-        end M;""",
-    )
-    for i, row in enumerate(([5, 6], [2, 3]), start=1):
-        for j, factor in enumerate(row, start=1):
-            assert value(system, f"y[{i},{j}]", u=0.5) == factor * 0.5
 
 
 def test_description_cannot_end_a_comment_of_the_c(tmp_path):
