@@ -309,10 +309,9 @@ def _judged(
         return None, {name: _warned(fit, failures) for name, fit in fits.items()}
     of_joint += [w for e in campaign.in_joint_fit for w in campaign.prepared[e.name].warnings]
     codes = {w.code for w in together.fit.warnings}
+    in_joint = [(e.name, fits[e.name]) for e in campaign.in_joint_fit if e.name in fits]
     if "constraint_contradicted" not in codes:
-        of_joint += [
-            w for w in fit_quality.of_joint(together.fit, fits, campaign.in_joint_fit) if w.code not in codes
-        ]
+        of_joint += [w for w in fit_quality.of_joint(together.fit, in_joint) if w.code not in codes]
     return _warned(together.fit, of_joint), fits
 
 
@@ -331,13 +330,14 @@ def _of_experiment(
         error = next(e for e in (judged, single_fit) if isinstance(e, FitError))
         return FitWarning("no_single_fit", (), str(error))
     fit = fit_quality.as_fit(single_fit, [experiment])
+    of_data = fit_quality.as_fit(judged, [experiment])
     untested = unit_faults(experiment) if experiment.name in chosen.exclude else ()
     warnings = (
         *campaign.warnings_of(experiment.name),
         *campaign.notes_of(experiment.name),
         *(warning for fault in untested for warning in fault.single_fit_warnings),
         *campaign.prepared[experiment.name].warnings,
-        *fit_quality.of_experiment(experiment, fit_quality.as_fit(judged, [experiment])),
+        *(fit_quality.of_experiment(experiment.name, of_data) if experiment.noise else ()),
         *constraint_test.refit_unconstrained(single_fit, reference=judged).warnings(),
     )
     diagnostics = noise_tests.diagnose(experiment, single_fit)

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from fit.errors import FitError, InputError
-from fit.fitting import IRLSResult, constraints, iterate, user_params
-from fit.lisa import attenuation
+from fit.fitting import IRLSResult, constraint_test, constraints, iterate, user_params
+from fit.lisa import attenuation, plausibility
 from fit.lisa.experiment import ComponentWeighing, LisaExperiment, pair
 from fit.model import lisa_dynamics
 from fit.parallel import one_blas_thread
@@ -66,11 +67,13 @@ def calibrate_lisa(
     Raises
     ------
     InputError
-        If there is nothing to fit, or a setting has no meaning for LISA.
+        If there is nothing to fit, a channel is in another unit, or a setting has no meaning for LISA.
     FitError
         If no valid estimate results.
     """
     check_settings(chosen)
+    for run in telemetries:
+        plausibility.check_levels(run)
     experiments = _taking_part(pair(telemetries, chosen.f_max), chosen, telemetries)
     used = fitted_names(experiments) if names is None else tuple(names)
     constraints.check(chosen.parameters, used, PARAMETERS)
@@ -78,6 +81,8 @@ def calibrate_lisa(
     if len(experiments) == 1:
         return Results(joint, {experiments[0].name: joint}, {}, {}, _provenance(experiments, chosen))
     single, failures = _fit_each(experiments, chosen, used)
+    if not joint.unsound:
+        failures += fit_quality.of_joint(joint, single.items())
     joint = replace(joint, warnings=(*joint.warnings, *failures))
     return Results(joint, single, {}, {}, _provenance(experiments, chosen))
 
@@ -110,14 +115,35 @@ def make_lisa_params(telemetries: Sequence[Telemetry]) -> lmfit.Parameters:
 
 
 def fit(experiments: Sequence[LisaExperiment], chosen: Settings, names: Sequence[str]) -> Fit:
-    """Fit experiments together, D_x and D_y of each, for the named parameters.
+    """Fit experiments together, D_x and D_y of each, for the named parameters, and test their constraints.
 
     Raises
     ------
     FitError
         If no valid estimate results.
     """
-    return fit_of(solve(experiments, chosen, names), names, experiments)
+    outcome = solve(experiments, chosen, names)
+    estimates = fit_of(outcome, names, experiments)
+    warnings = [
+        *_test_constraints(outcome, experiments, chosen, names).warnings(),
+        *plausibility.implausible_estimates(outcome),
+    ]
+    (name, *others), has_noise = [e.name for e in experiments], all(e.noise for e in experiments)
+    if has_noise and not others and not any(w.kind.unsound for w in warnings):
+        warnings += fit_quality.of_experiment(name, estimates)
+    return replace(estimates, warnings=(*warnings, *estimates.warnings))
+
+
+def _test_constraints(
+    outcome: IRLSResult, experiments: Sequence[LisaExperiment], chosen: Settings, names: Sequence[str]
+) -> constraint_test.ConstraintTest:
+    """Test the constraints of a fit, with the noise of the fit without constraints if there is one."""
+    if outcome.parameter_set is None or not outcome.parameter_set.constrained.any():
+        return constraint_test.ConstraintTest()
+    reference = None
+    with suppress(FitError):
+        reference = solve(experiments, chosen.model_copy(update={"parameters": {}}), names)
+    return constraint_test.refit_unconstrained(outcome, reference=reference)
 
 
 def fit_of(outcome: IRLSResult, names: Sequence[str], experiments: Sequence[LisaExperiment]) -> Fit:

@@ -252,9 +252,9 @@ def is_off(fit: Fit) -> bool:
     return not noise_tests.is_plausible(fit.chi2 / max(fit.dof, 1))
 
 
-def of_experiment(experiment: Experiment, fit: Fit) -> list[FitWarning]:
+def of_experiment(name: str, fit: Fit) -> list[FitWarning]:
     """Doubt the noise run of an experiment that was fitted on its own."""
-    if experiment.noise is None or not is_off(fit):
+    if not is_off(fit):
         return []
     excess = fit.chi2 / fit.dof
     cause = (
@@ -263,19 +263,15 @@ def of_experiment(experiment: Experiment, fit: Fit) -> list[FitWarning]:
         else ("its noise run is louder than the run itself and does not match it")
     )
     message = (
-        f"{experiment.name}: the residual has {excess:.3g} times the power of the noise run: {cause}; the "
+        f"{name}: the residual has {excess:.3g} times the power of the noise run: {cause}; the "
         "uncertainties are not valid"
     )
     return [FitWarning("noise_mismatch", (), message)]
 
 
-def of_joint(joint: Fit, fits: Mapping[str, Fit], taking_part: Sequence[Experiment]) -> list[FitWarning]:
-    """Doubt the joint fit for the sake of its experiments, or for what they say together."""
-    mismatched = [
-        e.name
-        for e in taking_part
-        if e.name in fits and any(w.code == "noise_mismatch" for w in fits[e.name].warnings)
-    ]
+def of_joint(joint: Fit, fits: Iterable[tuple[str, Fit]]) -> list[FitWarning]:
+    """Doubt the joint fit for the sake of its experiments, by name, or for what they say together."""
+    mismatched = [name for name, fit in fits if any(w.code == "noise_mismatch" for w in fit.warnings)]
     if mismatched:
         names = ", ".join(mismatched)
         message = f"the noise of {names} is not that of the noise run, on which weights and sigmas depend"
@@ -283,9 +279,8 @@ def of_joint(joint: Fit, fits: Mapping[str, Fit], taking_part: Sequence[Experime
     if is_off(joint):
         message = (
             f"each experiment fits on its own, but the joint fit leaves {joint.chi2 / joint.dof:.3g} times "
-            "the "
-            "power of the noise: the parameters that they share differ between them; the uncertainties are "
-            "not valid"
+            "the power of the noise: the parameters that they share differ between them; the uncertainties "
+            "are not valid"
         )
         return [FitWarning("contradiction", (), message)]
     return []

@@ -1,0 +1,67 @@
+"""Telemetry of LISA whose channels are not what they are called, and constraints that it contradicts."""
+
+from dataclasses import replace
+from functools import lru_cache
+
+import numpy as np
+import pytest
+
+import fit
+from tests.oracles import lisa_loop
+
+WORLD = lisa_loop.World()
+
+
+@lru_cache(maxsize=1)
+def campaign():
+    return lisa_loop.campaign(WORLD, lisa_loop.sequence(1e-6))
+
+
+def with_channels(**changes):
+    """Return the campaign with channels replaced by functions of the channels of the same run."""
+    return [
+        replace(run, channels={**run.channels, **{name: f(run.channels) for name, f in changes.items()}})
+        for run in campaign()
+    ]
+
+
+@pytest.mark.parametrize(
+    ("changes", "code", "words"),
+    [
+        ({"F_y_1": lambda c: -c["F_y_1"]}, "invalid_data", "F_y_1: lambda_y_1 is estimated as -"),
+        (
+            {"F_y_1": lambda c: c["F_y_2"], "F_y_2": lambda c: c["F_y_1"]},
+            "invalid_data",
+            "F_y_1: x_per_y_1 is estimated as ",
+        ),
+        ({"grs_y_2": lambda c: 4 * c["grs_y_2"]}, "invalid_data", "grs_y_2: grs_gain_y_2 is estimated as "),
+        ({"F_y_2": lambda c: np.roll(c["F_y_2"], 5)}, "acausal", "F_y_2 acts "),
+        ({"o_1": lambda c: 1.02 * c["o_1"]}, "noise_mismatch", "A: the residual has "),
+    ],
+)
+def test_estimates_from_faulty_channels_are_not_sound(changes, code, words):
+    joint = fit.calibrate(with_channels(**changes)).joint
+    assert any(w.code == code and w.message.startswith(words) for w in joint.unsound)
+
+
+@pytest.mark.parametrize("channel", ["o_2", "grs_y_1", "F_y_2"])
+def test_channel_in_another_unit_is_named(channel):
+    runs = with_channels(**{channel: lambda c: 1e3 * c[channel]})
+    with pytest.raises(fit.InputError, match=rf"\.h5: {channel}: its noise is .* in another unit$"):
+        fit.calibrate(runs)
+
+
+@pytest.mark.parametrize(
+    ("setting", "is_contradicted"),
+    [
+        ({"value": WORLD.truth["lambda_y_1"], "vary": False}, False),
+        ({"value": 1.0, "vary": False}, True),
+        ({"expr": "lambda_y_2"}, True),
+        ({"prior": [1.06, 1e-5]}, True),
+        ({"max": 1.04}, True),
+    ],
+)
+def test_constraints_are_tested_against_the_data(setting, is_contradicted):
+    joint = fit.calibrate(campaign(), parameters={"lambda_y_1": setting}).joint
+    assert ("constraint_contradicted" in {w.code for w in joint.unsound}) == is_contradicted
+    assert any(w.code == "constrained" and "lambda_y_1" in w.message for w in joint.warnings)
