@@ -144,7 +144,10 @@ def write_delta_g(path: Path, out: Path, results: Results, provenance: Mapping[s
     FitError
         If the product cannot be written.
     """
-    product = _Product(path, results)
+    run = open_run(path)
+    check_pathfinder(run, "Delta g is")
+    check_channels(run)
+    product = _Product(run, results)
     head, described = product.head, {name: (UNIT, text) for name, text in product.descriptions.items()}
     attributes = {**head.root, **provenance, "fs": product.fs}
     with Writer(out, product.n_outputs, described, attributes) as writer:
@@ -182,7 +185,8 @@ def delta_g(run: Telemetry, results: Results) -> Telemetry:
     if not isinstance(run, Telemetry):
         raise InputError(f"delta_g: run: {shown(run)}, expected Telemetry (fit.load)")
     check_results(results, "delta_g")
-    product = _Product(run.path, results)
+    check_pathfinder(run, "Delta g is")
+    product = _Product(run, results)
     times, series = zip(*product.stretches(), strict=True)
     return replace(
         product.head,
@@ -196,28 +200,26 @@ def delta_g(run: Telemetry, results: Results) -> Telemetry:
 
 
 class _Product:
-    """Delta g of the run in a file, computed stretch by stretch.
+    """Delta g of a run, computed stretch by stretch.
 
     Attributes
     ----------
     head : Telemetry
-        As it is read.
+        The run.
     n_samples, n_outputs : int
-        Number of samples of the file and of Delta g.
+        Number of samples of the run and of Delta g.
     fs : float
         Sample rate of Delta g [Hz].
     """
 
-    def __init__(self, path: Path, results: Results) -> None:
-        self.head = open_run(path)
-        check_pathfinder(self.head, "Delta g is")
-        check_channels(self.head)
+    def __init__(self, head: Telemetry, results: Results) -> None:
+        self.head = head
         taps, factor = derivatives.low_pass(self.head.fs)
         # the first output needs so many samples beyond its own, on both sides together
         self._reach = taps.size - 1 + 2 * derivatives.HALF * factor
         self._factor, self.n_samples = factor, self.head.size
         if self.n_samples <= self._reach:
-            raise InputError(f"{path}: {self.n_samples} samples, expected more than {self._reach}")
+            raise InputError(f"{head.path}: {self.n_samples} samples, expected more than {self._reach}")
         self.n_outputs = (self.n_samples - 1 - self._reach) // factor + 1
         joint = sound_joint(results)
         check_frame(results, self.head)

@@ -88,17 +88,17 @@ class JointModel:
         """
         if not any(p.vary for p in params.values()):
             return self._evaluate(params)
-        bounded, unbounded = params.copy(), params.copy()
+        unbounded = params.copy()
         limits = {p.name: (p.min, p.max) for p in params.values() if p.vary and not p.expr}
         for name, (low, high) in limits.items():
-            bounded[name].value = min(max(params[name].value, low), high)
-            unbounded[name].set(value=bounded[name].value, min=-np.inf, max=np.inf)
+            unbounded[name].set(value=min(max(params[name].value, low), high), min=-np.inf, max=np.inf)
         try:
             result = self.minimizer(unbounded).leastsq()
             if all(low <= result.params[name].value <= high for name, (low, high) in limits.items()):
                 for name, (low, high) in limits.items():
                     result.params[name].set(min=low, max=high)
             else:
+                bounded = params.copy()
                 for name, value in self._values_within(unbounded, limits).items():
                     bounded[name].value = value
                 with np.errstate(all="ignore"):  # its own covariance is that of badly scaled parameters

@@ -273,7 +273,8 @@ class ExpectedWeighing:
             experiment.sysid.without_samples(), experiment.noise and experiment.noise.without_samples()
         )
         self._theta = self.parameter_map @ [plan.truth.get(p.name, p.value) for p in parameters]
-        self._spectra: Spectra | None = None  # of a run that has moved, and so will move again
+        self._will_move = any(p.name not in plan.truth for p in parameters)
+        self._spectra: Spectra | None = None
         if divide([experiment], settings.model_copy(update={"exclude": []}))[0]:  # it is long enough
             self._sums = self._compressed(experiment.sysid, self._theta)
 
@@ -320,18 +321,18 @@ class ExpectedWeighing:
         tau, spectra = dynamics.delays(theta), self._spectra
         if spectra and np.allclose(tau, spectra.tau, rtol=0.0, atol=MAX_DELAY_SHIFT):
             return self._weighed(spectra, theta)
-        run = self.plan.make().sysid.limit_band(self._f_max)
-        if not self._by_stretches:
-            self._spectra = run.spectra(tau)
-        return self._compressed(run, theta)
+        return self._compressed(self.plan.make().sysid.limit_band(self._f_max), theta)
 
     def _compressed(self, run: Run, theta: Array) -> CompressedRun:
         """Return the expected sums of a run at its own parameters theta, shape (K,)."""
-        tau = dynamics.delays(theta)
-        if not self._by_stretches:
-            return self._weighed(run.spectra(tau), theta)
-        columns, share = run.columns(tau), np.eye(theta.size)
-        return compress(ltpda_flscov.expected(columns, self._noise_functions(columns.tau, theta), share))
+        tau, share = dynamics.delays(theta), np.eye(theta.size)
+        if self._by_stretches:
+            noise = self._noise_functions(tau, theta)
+            return compress(ltpda_flscov.expected(run.columns(tau), noise, share))
+        spectra = run.spectra(tau)
+        if self._will_move:  # else hardly anything is kept of a run, of which there may be hundreds
+            self._spectra = spectra
+        return self._weighed(spectra, theta)
 
     def _weighed(self, terms: Spectra, theta: Array) -> CompressedRun:
         """Return the expected sums of spectra of the run."""

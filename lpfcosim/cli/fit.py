@@ -26,7 +26,7 @@ def fit_files(
     """Fit telemetry files from anywhere, report."""
     directory = out or default_folder(paths[0])
     output_paths.check_folder(directory, "telemetry")
-    calibration = results_file(calibration) if calibration else None
+    dynamics, provenance = workflow.read_dynamics(results_file(calibration)) if calibration else (None, None)
     chosen = fit_settings.read(settings) if settings else fit_settings.settings()
     if include_short:
         chosen = chosen.model_copy(update={"include_short": True})
@@ -35,7 +35,7 @@ def fit_files(
     fit_settings.refuse_fmu_parameters(chosen, "options.parameters")
     runs = workflow.read_telemetry(paths, directory, console)
     console.show_calibration(
-        workflow.calibrate_into(directory, runs, chosen, console, calibration=calibration)
+        workflow.calibrate_into(directory, runs, chosen, console, dynamics=dynamics, provenance=provenance)
     )
 
 

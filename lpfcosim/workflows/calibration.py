@@ -109,7 +109,7 @@ def calibrate_into(
     fit_settings: Settings,
     progress: Progress,
     *,
-    calibration: Path | None = None,
+    dynamics: Results | None = None,
     provenance: Mapping[str, str | int | float] | None = None,
     amend: Callable[[Results], Results] = lambda results: results,
 ) -> Calibration:
@@ -125,20 +125,16 @@ def calibrate_into(
         Of the fit. Constraints of parameters of FMUs in it are those of an identification, and not used.
     progress : Progress
         Its callbacks.
-    calibration : Path, optional
-        A file of results, from which the dynamics are taken: only the inertial forces are fitted.
+    dynamics : Results, optional
+        Results from which the dynamics are taken: only the inertial forces are fitted.
     provenance : mapping, optional
-        Of the telemetry.
+        Of the telemetry and the dynamics.
     amend : callable
         Adds warnings to the results before they are written.
     """
-    if calibration is not None:
-        dynamics = load(calibration)
-        sound_joint(dynamics, str(calibration))
-        provenance = {"calibration": str(calibration), "calibration_sha256": checksums.digest(calibration)}
     fit_settings = fit_settings.without_fmu_parameters()
     with progress.stage("fit"):
-        if calibration is not None:
+        if dynamics is not None:
             results = api.calibrate_inertial(telemetries, dynamics, parameters=fit_settings.parameters)
         else:
             results = api.calibrate(telemetries, **fit_settings.record())
@@ -193,6 +189,13 @@ def find_telemetry(
         with progress.stage("conversion"):
             paths = archive_conversion.convert(paths, directory / "telemetry", any_gaps=any_gaps)
     return telemetry_files(paths)
+
+
+def read_dynamics(calibration: Path) -> tuple[Results, dict[str, str]]:
+    """Return the results of a file, whose joint fit must be sound, and their provenance."""
+    dynamics = load(calibration)
+    sound_joint(dynamics, str(calibration))
+    return dynamics, {"calibration": str(calibration), "calibration_sha256": checksums.digest(calibration)}
 
 
 def read_telemetry(paths: Sequence[Path], directory: Path, progress: Progress) -> list[Telemetry]:
