@@ -28,12 +28,7 @@ EXCHANGED = (
         ("sysid", "all", *exchange("B4", "C4", "sysid")),
         ("sysid", "f_x_2", *exchange("B2", "C2", "sysid", channels=("f_x_2",))),
     ),
-    *faults(
-        "data exchanged",
-        "",
-        ("same authority and epoch", "all", *exchange("A1", "A1b")),
-        harmless=True,
-    ),
+    *faults("data exchanged", "", ("same authority and epoch", "all", *exchange("A1", "A1b")), harmless=True),
     *faults("noise runs exchanged", "noise", ("", "all", *exchange("A1", "C4", "noise"))),
 )
 ATTRIBUTES = (
@@ -126,11 +121,7 @@ COPIES = (
         ("", "all", "B4 C4", lent("C4-noise", "B4-noise")),
         ("of another season", "all", "C4 A1", lent("C4-noise", "A1-noise")),
     ),
-    *faults(
-        "run cut short",
-        "short",
-        ("half", "all", "A2", cut("A2-sysid", 0, 10800)),
-    ),
+    *faults("run cut short", "short", ("half", "all", "A2", cut("A2-sysid", 0, 10800))),
     *faults("noise run cut short", "", ("2 h", "all", "A2", cut("A2-noise", 0, 7200)), harmless=True),
 )
 LABELS = (Fault("nothing is wrong", "", "", "", all_of(), harmless=True), *EXCHANGED, *ATTRIBUTES, *COPIES)

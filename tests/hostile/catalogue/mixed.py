@@ -78,11 +78,7 @@ MIXED = (
         ("", "all", "F3", closed_up(7000, 60)),
     ),
     *changes("late and of the wrong sign", f"late.*{SIGN}", ("3 s", "f_x_2", "A1", lambda x: -late(x, 3))),
-    *changes(
-        "clipped",
-        "stops|stuck",
-        ("at 50 %", "f_x_1", "G3", lambda x: np.clip(x, -1e-9, 1e-9)),
-    ),
+    *changes("clipped", "stops|stuck", ("at 50 %", "f_x_1", "G3", lambda x: np.clip(x, -1e-9, 1e-9))),
     *changes("dead band", "constant", ("1e-13 m s-2", "f_x_2", "B2", dead(1e-13))),
     *changes("bent", "", ("1 % at 10 nm", "o_12", "B4", lambda x: x + 1e6 * x * np.abs(x))),
     *changes("sign of guidance", "guidance", ("", "guidance_o_1", "D2", times(-1))),
@@ -100,9 +96,7 @@ MIXED = (
         ("second half", "all", "B2 C2", spliced("B2-sysid", "C2-sysid", HALF)),
     ),
     *faults(
-        "channel of another run",
-        "",
-        ("its noise run", "f_x_2", "D4", lent("D4-sysid", "D4-noise", "f_x_2")),
+        "channel of another run", "", ("its noise run", "f_x_2", "D4", lent("D4-sysid", "D4-noise", "f_x_2"))
     ),
     *faults(
         "leaks, the only run that drives it",

@@ -93,17 +93,11 @@ def many_glitches(t):
 
 GAINS = (
     *faults(
-        "lambda_2 wanders over the mission",
-        GAIN,
-        ("1e-3", *wandering(1e-3)),
-        ("1e-4", *wandering(1e-4)),
+        "lambda_2 wanders over the mission", GAIN, ("1e-3", *wandering(1e-3)), ("1e-4", *wandering(1e-4))
     ),
     *faults("lambda_2 wanders over the mission", "", ("1e-6", *wandering(1e-6)), harmless=True),
     *faults(
-        "lambda_2 scatters by experiment",
-        GAIN,
-        ("0.28 %", *scattering(2.8e-3)),
-        ("2e-4", *scattering(2e-4)),
+        "lambda_2 scatters by experiment", GAIN, ("0.28 %", *scattering(2.8e-3)), ("2e-4", *scattering(2e-4))
     ),
     *faults(
         "lambda_2 differs",
@@ -151,10 +145,7 @@ DYNAMICS = (
     *faults(
         "stiffness drifts in the run",
         STIFFNESS,
-        (
-            "2e-7 s-2",
-            *hidden("B2", "", softened(lambda t: 2e-7 * np.clip(t / DURATION - 0.5, -0.5, 0.5))),
-        ),
+        ("2e-7 s-2", *hidden("B2", "", softened(lambda t: 2e-7 * np.clip(t / DURATION - 0.5, -0.5, 0.5)))),
     ),
     *faults(
         "delay differs",

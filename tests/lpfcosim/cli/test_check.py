@@ -86,19 +86,20 @@ def tone(tmp_path):
 # Third-party FMUs -------------------------------------------------------------------------------------------
 
 
-def test_what_rests_on_our_loop_is_not_available_with_another_one(lpfcosim, third_party, monkeypatch):
+def test_what_rests_on_our_loop_is_not_available_with_another_one(
+    lpfcosim, lpfcosim_json, third_party, monkeypatch
+):
     monkeypatch.setattr(build, "build", None)  # none of ours is needed
     path = third_party()
     archive = path.with_name("Mine.fmu")
     third_party(keys=f'sha256 = "{hashlib.sha256(archive.read_bytes()).hexdigest()}"\n')
-    status, out, err = lpfcosim("check", path)
-    assert status == 0, err
+    _, out, err = lpfcosim("check", path, status=0)
     assert out.startswith(f"{path}: valid: 8 runs along x, 48 h\n")
     assert not re.search("drag_free_x|lambda_2|run: about", out)
     reason = f"not available, since the dynamics of {archive} are not known beforehand"
     assert reason in err
     assert f"give the command lpfcosim trust {archive}" in err
-    document = json.loads(lpfcosim("check", path, "--json")[1])
+    document = lpfcosim_json("check", path)
     assert (document["valid"], document["loops"], document["forecast"]) == (True, None, None)
     assert (document["wall_time"], reason in document["unavailable"]) == (None, True)
     for command, key in (("margins", "loops"), ("forecast", "parameters")):
@@ -177,8 +178,7 @@ def test_a_step_beyond_the_range_of_the_interferometers_is_refused(lpfcosim, ton
 
 def test_a_command_at_its_limit_for_a_while_is_doubtful(lpfcosim, tone):
     path = tone("1 um", 2)
-    status, out, err = lpfcosim("check", path)
-    assert status == 0, err
+    _, out, err = lpfcosim("check", path, status=0)
     assert out.startswith(f"{path}: doubtful (see the warnings): 2 runs along x, 2 h\n")
     (line,) = (line for line in err.splitlines() if "reaches its limit" in line)
     assert line.startswith(
@@ -228,8 +228,7 @@ def test_shipped_campaigns_are_valid(quickstart, name):
 )
 def test_injection_that_tells_a_fit_nothing_is_doubtful(lpfcosim, campaign, old, new, sentence):
     path = campaign((old, new))
-    status, out, err = lpfcosim("check", path, "--json")
-    assert status == 0, err
+    out = lpfcosim("check", path, "--json", status=0)[1]
     document, line = json.loads(out), f"warning: runs A, B, C, D: {sentence}"
     assert (document["valid"], f"warning: {document['warnings'][0]}") == (False, line)
     assert line in lpfcosim("forecast", path)[2].splitlines()

@@ -51,8 +51,7 @@ def recorded(short, tmp_path):
 
 def test_fit_then_report(lpfcosim, recorded, tmp_path):
     before = sorted(p.name for p in recorded.iterdir())
-    status, out, err = lpfcosim("fit", recorded, "--include-short")
-    assert status == 0, err
+    out = lpfcosim("fit", recorded, "--include-short", status=0)[1]
     assert sorted(p.name for p in recorded.iterdir()) == before  # the folder by default is another one
     result = tmp_path / "recorded-fit"
     assert str(result.name) in out
@@ -61,16 +60,14 @@ def test_fit_then_report(lpfcosim, recorded, tmp_path):
     assert abs(document["joint"]["parameters"]["lambda_2"]["pull"]) < 4
     page = (result / "report.html").read_text(encoding="utf-8")
     (result / "report.html").unlink()
-    status, _, err = lpfcosim("report", result)
-    assert status == 0, err
+    lpfcosim("report", result, status=0)
     assert 'id="cross-checks"' in page
     assert (result / "report.html").read_text(encoding="utf-8").split() == page.split()
 
 
 @pytest.mark.fmu
 def test_run_leaves_what_the_contract_says(lpfcosim, short, tmp_path):
-    status, out, err = lpfcosim("run", short, "--jobs", "2")
-    assert status == 0, err
+    _, out, err = lpfcosim("run", short, "--jobs", "2", status=0)
     folder = tmp_path / "short"
     promised = {"telemetry", "results.json", "report.html"}
     ours = {"campaign.toml", "telemetry.sha256", "transfer_functions.json", ".lock"}
@@ -83,8 +80,7 @@ def test_run_leaves_what_the_contract_says(lpfcosim, short, tmp_path):
     assert "run one: 2 h" in err
     # nothing is simulated twice
     stamps = [p.stat().st_mtime_ns for p in (folder / "telemetry").iterdir()]
-    status, _, err = lpfcosim("run", short)
-    assert status == 0, err
+    err = lpfcosim("run", short, status=0)[2]
     assert "run one: kept" in err
     assert "simulation: 0 h" in err
     assert [p.stat().st_mtime_ns for p in (folder / "telemetry").iterdir()] == stamps
@@ -92,18 +88,14 @@ def test_run_leaves_what_the_contract_says(lpfcosim, short, tmp_path):
 
 @pytest.mark.fmu
 def test_fmu_commands(lpfcosim, tmp_path):
-    status, out, _ = lpfcosim("fmu", "build", "--out", "here")
-    assert status == 0
-    status, out, _ = lpfcosim("fmu", "build", "OpticalMetrology", "--fmi", "2.0", "--out", "older")
-    assert status == 0
+    lpfcosim("fmu", "build", "--out", "here", status=0)
+    lpfcosim("fmu", "build", "OpticalMetrology", "--fmi", "2.0", "--out", "older", status=0)
     assert fmpy.read_model_description("older/OpticalMetrology.fmu").fmiVersion == "2.0"
     assert len(list((tmp_path / "here").glob("*.fmu"))) == len(fmu_names())
-    status, out, _ = lpfcosim("fmu", "list")
-    assert status == 0
+    out = lpfcosim("fmu", "list", status=0)[1]
     assert out.count("built") == len(fmu_names())
     assert "not built" not in out
-    status, out, _ = lpfcosim("fmu", "validate", "here/Plant.fmu")
-    assert status == 0
+    out = lpfcosim("fmu", "validate", "here/Plant.fmu", status=0)[1]
     assert "no fault found" in out
 
 

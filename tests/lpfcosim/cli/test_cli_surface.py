@@ -8,8 +8,6 @@ from pathlib import Path
 
 import pytest
 
-from tests.campaign_text import campaign
-
 GROUPS = {
     (): "new trust schema check forecast margins run montecarlo design identify "
     "fit report figures deltag compare jitter ttl mcmc reproduce fmu",
@@ -102,25 +100,9 @@ def parsed(result, status=0):
     return json.loads(out, parse_constant=pytest.fail)
 
 
-def test_check_as_json_takes_quiet(lpfcosim, tmp_path):
-    one = tmp_path / "one.toml"
-    one.write_text(campaign('noise_duration = "12 h"'))
-    result = lpfcosim("check", one, "--json", "--quiet")
-    assert result[2] == ""
-    assert parsed(result)["campaign"] == "one"
-    assert lpfcosim("check", one, "--quiet") == (0, "", "")
-
-
 def test_list_of_fmus_as_json(lpfcosim):
     told = parsed(lpfcosim("fmu", "list", "--json"))
     assert told["schema"] == "lpf-fmus/1"
     plain = lpfcosim("fmu", "list")[1].splitlines()
     assert [fmu["path"] for fmu in told["fmus"]] == [line.split()[-1] for line in plain]
     assert all(fmu["built"] == Path(fmu["path"]).is_file() for fmu in told["fmus"])
-
-
-@pytest.mark.fmu
-def test_faults_of_fmus_as_json(lpfcosim, tmp_path):
-    archive = Path(lpfcosim("fmu", "build", "OpticalMetrology")[1].strip())
-    told = parsed(lpfcosim("fmu", "validate", archive, "--json"))
-    assert told == {"schema": "lpf-faults/1", "fmus": [{"path": str(archive), "faults": []}]}

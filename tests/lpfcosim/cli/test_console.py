@@ -64,9 +64,4 @@ def test_log_sees_plain_lines(clock, capsys):
         progress(7)
     out, err = capsys.readouterr()
     assert out == ""
-    assert err.splitlines() == [
-        "run A: kept",
-        "run B: 1 h",
-        "simulation: 1 h in 0.0 s",
-        "steps: 7 in 0.0 s",
-    ]
+    assert err.splitlines() == ["run A: kept", "run B: 1 h", "simulation: 1 h in 0.0 s", "steps: 7 in 0.0 s"]

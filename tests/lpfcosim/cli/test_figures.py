@@ -39,8 +39,7 @@ def stems(folder):
 
 def test_figures_are_drawn_when_asked_for(lpfcosim, fitted):
     assert not (fitted / "figures").exists()
-    status, out, err = lpfcosim("figures", fitted, "breakdown", "corr", "--jobs", "1")
-    assert status == 0, err
+    out = lpfcosim("figures", fitted, "breakdown", "corr", "--jobs", "1", status=0)[1]
     assert stems(fitted) == {"correlation", "e1b-D-breakdown"}
     assert len([*(fitted / "figures").iterdir()]) == 6
     assert f"2 figures: {fitted / 'figures'}" in out
@@ -58,8 +57,7 @@ def test_without_names_all_are_drawn(lpfcosim, fitted):
 
 
 def test_names_that_no_figure_has(lpfcosim, fitted, tmp_path):
-    status, _, err = lpfcosim("figures", fitted, "nonsense")
-    assert status == 2
+    err = lpfcosim("figures", fitted, "nonsense", status=2)[2]
     assert "no figure is called 'nonsense', did you mean \"noise\"? (known: authority, bode" in err
     assert lpfcosim("figures", fitted, "spectar")[2].startswith(
         f"lpfcosim: error: {fitted}: no figure is called 'spectar', did you mean \"spectra\""
@@ -67,6 +65,5 @@ def test_names_that_no_figure_has(lpfcosim, fitted, tmp_path):
     _, _, err = lpfcosim("figures", fitted, "inertial")
     assert "no figure is called 'inertial', expected a part of " in err
     assert not (fitted / "figures").exists()
-    status, _, err = lpfcosim("figures", tmp_path)
-    assert status == 2
+    err = lpfcosim("figures", tmp_path, status=2)[2]
     assert "results.json" in err

@@ -24,8 +24,7 @@ def test_a_place_and_all_that_it_needs(lpfcosim, make_run):
         "name": "f_u", "causality": "parameter", "unit": "Hz", "default": parameters["f_u"],
         "description": "Unity gain of the nominal loop", "optional": False,
     }  # fmt: skip
-    status, out, _ = lpfcosim("fmu", "show", "Actuation")
-    assert status == 0
+    out = lpfcosim("fmu", "show", "Actuation", status=0)[1]
     assert "input (optional)  e_x_1" in out
 
 
@@ -46,8 +45,7 @@ def test_a_file_and_all_that_it_has(lpfcosim, tmp_path, fmi):
 def test_a_proposal_that_a_campaign_takes(lpfcosim, tmp_path):
     names = [('name="distance"', 'name="o12"'), ('name="wanted"', 'name="guidance_o12"')]
     archive = third_party.built(tmp_path, changes=names)
-    status, out, _ = lpfcosim("fmu", "show", archive, "SuspensionControl")
-    assert status == 0
+    out = lpfcosim("fmu", "show", archive, "SuspensionControl", status=0)[1]
     table = tomllib.loads(out[out.index("[fmus.") :])["fmus"]["SuspensionControl"]
     wanted = {"o_12": "o12", "guidance_o_12": "guidance_o12", "f_control_2": "force", "f_x_2_start": "hold"}
     assert table["variables"] == wanted
@@ -56,8 +54,7 @@ def test_a_proposal_that_a_campaign_takes(lpfcosim, tmp_path):
 
 
 def test_names_that_only_the_user_can_tell_apart(lpfcosim, tmp_path):
-    status, out, _ = lpfcosim("fmu", "show", "SuspensionControl", third_party.built(tmp_path))
-    assert status == 1
+    out = lpfcosim("fmu", "show", "SuspensionControl", third_party.built(tmp_path), status=1)[1]
     assert '# o_12 = "distance" or "wanted": to be added to variables' in out
 
 
@@ -70,6 +67,5 @@ def test_names_that_only_the_user_can_tell_apart(lpfcosim, tmp_path):
     ],
 )
 def test_what_is_neither(lpfcosim, given, said):
-    status, _, err = lpfcosim("fmu", "show", *given)
-    assert status == 2
+    err = lpfcosim("fmu", "show", *given, status=2)[2]
     assert said in err

@@ -106,8 +106,7 @@ def test_redrawn_truths_stay_near_and_valid(small):
 @pytest.mark.slow
 def test_the_command_leaves_what_the_contract_says_and_continues(small, tmp_path, lpfcosim):
     once, twice = tmp_path / "once", tmp_path / "twice"
-    status, out, _ = lpfcosim("montecarlo", small, "-n", 4, "--out", once, "--jobs", 2)
-    assert status == 0
+    out = lpfcosim("montecarlo", small, "-n", 4, "--out", once, "--jobs", 2, status=0)[1]
     assert "lambda_2" in out
     document = json.loads((once / "montecarlo.json").read_text(encoding="utf-8"))
     assert (document["schema"], document["n"], document["failed"]) == ("lpf-montecarlo/1", 4, {})
@@ -115,15 +114,14 @@ def test_the_command_leaves_what_the_contract_says_and_continues(small, tmp_path
     assert abs(document["parameters"]["lambda_2"]["pull_mean"]) < 2.5
     assert (once / "figures" / "pulls.svg").stat().st_size > 1000
 
-    assert lpfcosim("montecarlo", small, "-n", 2, "--out", twice, "--jobs", 1, "--quiet")[0] == 0
+    lpfcosim("montecarlo", small, "-n", 2, "--out", twice, "--jobs", 1, "--quiet", status=0)
     log = twice / "campaigns.jsonl"
     log.write_text(log.read_text(encoding="utf-8") + '{"number": 2, "est', encoding="utf-8")  # killed
-    assert lpfcosim("montecarlo", small, "-n", 4, "--out", twice, "--jobs", 1, "--quiet")[0] == 0
+    lpfcosim("montecarlo", small, "-n", 4, "--out", twice, "--jobs", 1, "--quiet", status=0)
     again = json.loads((twice / "montecarlo.json").read_text(encoding="utf-8"))
     assert again == document  # neither interruption nor number of processes counts
 
-    status, _, error = lpfcosim("montecarlo", small, "-n", 4, "--out", twice, "--redraw")
-    assert status == 2
+    error = lpfcosim("montecarlo", small, "-n", 4, "--out", twice, "--redraw", status=2)[2]
     assert "expected another folder" in error
     assert "Traceback" not in error
 
@@ -167,16 +165,14 @@ def test_montecarlo_ends_with_its_verdict(small, lpfcosim, monkeypatch):
         monkeypatch.setattr(workflow, "_outcomes", lambda *_: (line for line in lines))
         return "montecarlo", small, "-n", 40, "--out", f"o{mean}"
 
-    status, out, err = lpfcosim(*drawn(0.0))
-    assert status == 0, err
+    out = lpfcosim(*drawn(0.0), status=0)[1]
     assert (
         out.splitlines()[-1]
         == "valid: pulls and coverage of 1 parameter are consistent with valid uncertainties"
     )
     document = json.loads((small.parent / "o0.0" / "montecarlo.json").read_text(encoding="utf-8"))
     assert document["verdict"] == {"valid": True, "false_alarm": 0.001, "reasons": []}
-    status, out, err = lpfcosim(*drawn(2.2))
-    assert status == 1
+    err = lpfcosim(*drawn(2.2), status=1)[2]
     assert err.splitlines()[-1].startswith("lpfcosim: error: small: not valid: C_2: mean pull 2.")
     document = json.loads((small.parent / "o2.2" / "montecarlo.json").read_text(encoding="utf-8"))
     assert not document["verdict"]["valid"]

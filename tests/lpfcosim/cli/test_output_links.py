@@ -4,12 +4,8 @@ import os
 
 import pytest
 
-import fit
-import lpfcosim as package
 from fit.errors import InputError
 from fit.files.outputs import refuse_links
-from fit.results import Results
-from fit.results.provenance import Provenance
 from tests.campaign_text import SHORT_PLAN
 from tests.lpfcosim.cli.refusal import refusal
 
@@ -57,15 +53,6 @@ def test_no_command_writes_behind_a_link(lpfcosim, linked, tmp_path, command, pl
     before, files = mine(), sorted(tmp_path.rglob("*"))
     assert refusal(lpfcosim(*command.split())).startswith(f"{place}: is a symbolic link, expected ")
     assert (mine(), sorted(tmp_path.rglob("*"))) == (before, files)
-
-
-def test_nor_does_a_script(linked, tmp_path):
-    mine = linked("out/telemetry")
-    with pytest.raises(package.InputError, match="telemetry: is a symbolic link"):
-        package.simulate(tmp_path / "plan.toml", tmp_path / "out", fmus=False)
-    with pytest.raises(InputError, match="telemetry: is a symbolic link"):
-        fit.save_report(Results(None, {}, {}, {}, Provenance()), [], tmp_path / "out")
-    assert mine() == []
 
 
 def test_links_above_and_links_of_the_user_s_own_are_nobody_s_business(tmp_path):

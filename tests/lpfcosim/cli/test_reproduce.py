@@ -47,15 +47,13 @@ def test_a_folder_holds_what_makes_it_again(made, copied, lpfcosim):
     assert plan.digest == loading.load(made.parent / "plan.toml").digest
     assert plan.fit == loading.load(made.parent / "plan.toml").fit
     before = content(copied)
-    status, out, err = lpfcosim("reproduce", copied, "--jobs", "2", "--trust")
-    assert status == 0, err
+    out = lpfcosim("reproduce", copied, "--jobs", "2", "--trust", status=0)[1]
     told = [line.removeprefix(f"{copied}{os.sep}") for line in out.splitlines()]
     files = ("telemetry/one-noise.h5", "telemetry/one.h5", "results.json")
     assert told == [f"{name}: the same" for name in files]
     assert content(copied) == before
     # and for another way to run it, every byte of the folder
-    status, _, err = lpfcosim("run", copied / "campaign.toml", "--out", "again", "--jobs", "2")
-    assert status == 0, err
+    lpfcosim("run", copied / "campaign.toml", "--out", "again", "--jobs", "2", status=0)
     assert content(Path("again")) == before
 
 
@@ -69,8 +67,7 @@ def test_what_is_not_reproduced_is_told(copied, lpfcosim):
     document = json.loads(results.read_text())
     document["joint"]["chi2"] *= 1 + 1e-12
     results.write_text(json.dumps(document))
-    status, out, err = lpfcosim("reproduce", copied, "--trust")
-    assert status == 1
+    _, out, err = lpfcosim("reproduce", copied, "--trust", status=1)
     told = [line.removeprefix(f"{copied}{os.sep}") for line in out.splitlines()]
     assert told == [
         "telemetry/one-noise.h5: is missing",
@@ -83,10 +80,7 @@ def test_what_is_not_reproduced_is_told(copied, lpfcosim):
 
 def test_what_cannot_be_reproduced_is_refused(lpfcosim, copied, tmp_path):
     for folder, expected in (
-        (
-            tmp_path / "nowhere",
-            r"nowhere: no such folder, expected the folder of an earlier run",
-        ),
+        (tmp_path / "nowhere", r"nowhere: no such folder, expected the folder of an earlier run"),
         (copied, "telemetry: no telemetry, expected the folder of an earlier run"),
     ):
         shutil.rmtree(folder / "telemetry", ignore_errors=True)
@@ -102,8 +96,7 @@ def test_a_run_that_fails_is_missing_in_the_report(lpfcosim, tmp_path):
     longer = longer.replace('noise_duration = "7300 s"', 'noise_duration = "7200 s"')
     plan.write_text(f'{longer}\n[fmus.{MODEL}]\npath = "bad.fmu"\n')
     faulty(build.build([MODEL])[MODEL], tmp_path / "bad.fmu", step=after(7250.0, SEGFAULT))
-    status, _, err = lpfcosim("run", plan, "--trust")
-    assert status == 1
+    err = lpfcosim("run", plan, "--trust", status=1)[2]
     why = rf"run 'two': the {MODEL} FMU crashed \(SIGSEGV, [^)]*\) at 7250\.0 s"
     last = err.splitlines()[-1]
     assert re.fullmatch(rf"lpfcosim: error: 1 of 4 runs failed, see plan.logs: {why}", last)

@@ -24,10 +24,7 @@ from tests.lpfcosim.cosim.foreign import edited, renamed
 from tests.odd_controller import built
 
 pytestmark = [pytest.mark.fmu, pytest.mark.slow]
-FMI = pytest.mark.parametrize("fmi", ["2.0", "3.0"])
 ENGINE = pytest.mark.parametrize("engine", ["compiled", "fmpy"])
-
-NAMES = {"o_12": "measured", "guidance_o_12": "wanted", "f_control_2": "u", "f_u": "bandwidth"}
 
 
 @pytest.fixture

@@ -29,12 +29,7 @@ def work(cause, fmus, progress):
 
 @pytest.mark.parametrize(
     ("cause", "said"),
-    [
-        ("value", INTERNAL),
-        ("key", INTERNAL),
-        ("disk", "one.h5: No space left on device"),
-        ("bare", INTERNAL),
-    ],
+    [("value", INTERNAL), ("key", INTERNAL), ("disk", "one.h5: No space left on device"), ("bare", INTERNAL)],
 )
 def test_an_unexpected_exception_is_one_sentence_and_a_traceback_in_the_log(tmp_path, cause, said):
     config = WorkerConfig(work, tmp_path, tmp_path / "logs")

@@ -191,11 +191,6 @@ def test_an_interrupt_leaves_what_is_finished_and_nothing_else(fmus, long, tmp_p
     assert mp.active_children() == []
     assert folder_of(noise.parent) == [noise.name]
     assert list(scratch.iterdir()) == []
-    kept = []
-    short = replace(long, experiments=(replace(long.experiments[0], n_samples=0),))
-    with pytest.raises(InputError, match="simulated with another version of the campaign"):
-        callbacks = runner.ProgressCallbacks(on_existing=kept.append)
-        runner.simulate(short, noise.parent, fmus, callbacks=callbacks)
 
 
 ORPHANS = """

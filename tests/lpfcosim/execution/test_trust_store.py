@@ -1,6 +1,5 @@
 """The FMUs that a user has approved: where they stand, what is taken, what a damaged list does."""
 
-import threading
 import tomllib
 import zipfile
 
@@ -63,13 +62,3 @@ def test_a_damaged_list_approves_nothing(text, sentence):
     with pytest.raises(InputError, match=sentence) as refused:
         trust_store.digests()
     assert str(trust_store.location()) in str(refused.value)
-
-
-def test_approvals_at_the_same_time_are_all_kept(fmu):
-    files = [fmu(f"{n}.fmu", n) for n in range(8)]
-    threads = [threading.Thread(target=trust_store.approve, args=([file],)) for file in files]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join()
-    assert trust_store.digests() == {checksums.digest(file) for file in files}

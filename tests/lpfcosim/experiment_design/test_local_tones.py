@@ -1,7 +1,5 @@
 """The design of tones of one LISA spacecraft: against its forecast, a known case, and what is refused."""
 
-import json
-
 import numpy as np
 import pytest
 
@@ -44,11 +42,9 @@ def two_tones(tmp_path):
     return campaign(tmp_path, tones, f"[fit.parameters]\n{known}")
 
 
-def test_two_tones_become_better_than_published(lpfcosim, tmp_path, two_tones):
+def test_two_tones_become_better_than_published(lpfcosim_json, tmp_path, two_tones):
     out = tmp_path / "d.toml"
-    status, printed, _ = lpfcosim("design", two_tones, "--out", out, "--json")
-    assert status == 0
-    document = json.loads(printed)
+    document = lpfcosim_json("design", two_tones, "--out", out)
     assert document["schema"] == "lpf-design/1"
     assert tuple(document["parameters"]) == STIFFNESS
     plan = loading.load(out)
@@ -86,12 +82,10 @@ def test_the_information_of_a_tone_is_that_of_its_forecast(tmp_path):
     assert expected["omega2_x_1"].sigma == pytest.approx(sigmas[0], rel=0.05)
 
 
-def test_parameters_that_the_campaign_does_not_determine_do_not_count(lpfcosim, tmp_path):
+def test_parameters_that_the_campaign_does_not_determine_do_not_count(lpfcosim_json, tmp_path):
     out = tmp_path / "d.toml"
     path = campaign(tmp_path, sine("guidance_o_1", 2, 40))
-    status, printed, _ = lpfcosim("design", path, "--out", out, "--json")
-    assert status == 0
-    document = json.loads(printed)
+    document = lpfcosim_json("design", path, "--out", out)
     assert "omega2_x_1" in document["parameters"] and "lambda_y_1" not in document["parameters"]
     assert 0 < document["objective"]["bound"] < document["objective"]["value"] <= 1
 
@@ -102,7 +96,7 @@ def test_other_injections_remain(lpfcosim, tmp_path):
         sine("guidance_phi", 41, 50, "30 nrad") + sine("guidance_o_1", 2, 40) + sine("guidance_y_1", 3, 60),
     )
     out = tmp_path / "d.toml"
-    assert lpfcosim("design", path, "--out", out)[0] == 0
+    lpfcosim("design", path, "--out", out, status=0)
     (before,), (after,) = (loading.load(p).experiments for p in (path, out))
     assert after.injections[0] == before.injections[0]
     assert [i.into for i in after.injections] == [i.into for i in before.injections]
@@ -111,21 +105,12 @@ def test_other_injections_remain(lpfcosim, tmp_path):
 @pytest.mark.parametrize(
     ("injections", "options", "message"),
     [
-        (
-            sine("guidance_phi", 41, 50, "30 nrad"),
-            (),
-            "no sine moves a test mass, expected one",
-        ),
-        (
-            sine("guidance_o_1", 2, 40),
-            ("--figure", "f.svg"),
-            "--figure: not available",
-        ),
+        (sine("guidance_phi", 41, 50, "30 nrad"), (), "no sine moves a test mass, expected one"),
+        (sine("guidance_o_1", 2, 40), ("--figure", "f.svg"), "--figure: not available"),
     ],
 )
 def test_what_cannot_be_designed_is_refused(lpfcosim, tmp_path, injections, options, message):
     out = tmp_path / "d.toml"
-    status, _, printed = lpfcosim("design", campaign(tmp_path, injections), "--out", out, *options)
-    assert status == 2
+    printed = lpfcosim("design", campaign(tmp_path, injections), "--out", out, *options, status=2)[2]
     assert message in printed
     assert not out.exists()

@@ -1,7 +1,5 @@
 """The manoeuvre for tilt-to-length coupling: its tones, its limits, and what is refused."""
 
-import json
-
 import numpy as np
 import pytest
 
@@ -16,11 +14,9 @@ CAMPAIGN = ROOT / "campaigns" / "lisa-ttl.toml"
 
 
 @pytest.mark.slow
-def test_the_manoeuvre_reaches_its_sigma_in_less_time(lpfcosim, tmp_path):
+def test_the_manoeuvre_reaches_its_sigma_in_less_time(lpfcosim_json, tmp_path):
     out = tmp_path / "d.toml"
-    status, printed, _ = lpfcosim("design", CAMPAIGN, "--ttl", "10 um/rad", "--out", out, "--json")
-    assert status == 0
-    document = json.loads(printed)
+    document = lpfcosim_json("design", CAMPAIGN, "--ttl", "10 um/rad", "--out", out)
     assert document["schema"] == "lpf-manoeuvre/1"
     assert len(document["parameters"]) == 24
     for sigma in document["parameters"].values():
@@ -76,9 +72,8 @@ BAD = {  # experiments by the sentence that refuses them
 @pytest.mark.parametrize("message", BAD)
 def test_what_is_no_manoeuvre_of_three_spacecraft_is_refused(lpfcosim, tmp_path, message):
     out = tmp_path / "d.toml"
-    status, _, err = lpfcosim("design", _campaign(tmp_path, BAD[message]), "--ttl", "10 um/rad", "--out", out)
-    assert status == 2
-    assert message in err
+    plan = _campaign(tmp_path, BAD[message])
+    assert message in lpfcosim("design", plan, "--ttl", "10 um/rad", "--out", out, status=2)[2]
     assert not out.exists()
 
 
@@ -100,11 +95,9 @@ def test_a_sigma_that_is_none_or_takes_too_long_is_refused(tmp_path, sigma, mess
 
 
 def test_options_that_a_manoeuvre_does_not_use_are_refused(lpfcosim):
-    status, _, message = lpfcosim("design", CAMPAIGN, "--ttl", "10 um/rad", "--jobs", "2")
-    assert status == 2
+    message = lpfcosim("design", CAMPAIGN, "--ttl", "10 um/rad", "--jobs", "2", status=2)[2]
     assert "--jobs: not available with --ttl" in message
-    status, _, message = lpfcosim("design", ROOT / "campaigns" / "quickstart.toml", "--ttl", "10 um/rad")
-    assert status == 2
+    message = lpfcosim("design", ROOT / "campaigns" / "quickstart.toml", "--ttl", "10 um/rad", status=2)[2]
     assert "a manoeuvre for tilt-to-length coupling is not available for runs along x" in message
 
 

@@ -87,7 +87,7 @@ def test_every_connection_is_there_once(archive):
     assert Counter(found) == Counter(expected_connections())
 
 
-def test_units_are_those_of_the_fmus_and_agree_along_connections(members, fmus):
+def test_units_agree_along_connections(members):
     root = etree.fromstring(members["SystemStructure.ssd"])
     units = {
         (element.get("name"), connector.get("name")): connector.find(f"{SSC}Real").get("unit")
@@ -96,13 +96,6 @@ def test_units_are_those_of_the_fmus_and_agree_along_connections(members, fmus):
     }
     for start, output, end, variable in expected_connections():
         assert units[start, output] == units[end, variable] is not None
-    for model, path in fmus.items():
-        for variable in fmpy.read_model_description(str(path)).modelVariables:
-            assert units.get((model, variable.name), variable.unit) == variable.unit
-    newton = root.find(f"{SSD}Units/{SSC}Unit[@name='N']/{SSC}BaseUnit")
-    assert dict(newton.attrib) == {"kg": "1", "m": "1", "s": "-2"}
-    defined = [u.get("name") for u in root.iterfind(f"{SSD}Units/{SSC}Unit")]
-    assert sorted(defined) == sorted(set(units.values()))
 
 
 def test_every_authority_set_has_its_values(archive, members, plan, fmus):

@@ -43,8 +43,7 @@ def done(lpfcosim, campaign, tmp_path_factory):
     """The folder of a campaign that was run, simulated once a session."""
     kept = tmp_path_factory.getbasetemp() / "identify-short"
     if not kept.exists():
-        status, _, err = lpfcosim("run", campaign, "--quiet", "--out", kept)
-        assert status == 0, err
+        lpfcosim("run", campaign, "--quiet", "--out", kept, status=0)
     shutil.copytree(kept, campaign.with_suffix(""))
     return campaign
 
@@ -63,8 +62,7 @@ def identify(lpfcosim_json, done):
 
 def test_parameters_of_the_fmus_are_those_that_the_fit_finds(lpfcosim, done):
     done.write_text(CAMPAIGN + SOUGHT)
-    status, out, err = lpfcosim("identify", done, "--json")
-    assert status == 0, err
+    _, out, err = lpfcosim("identify", done, "--json", status=0)
     said = list(dict.fromkeys(line.split(":")[0] for line in err.splitlines()))
     assert said[-5:] == ["reading", "preparation", "loading", "simulations", "report"]
     found = json.loads(out)
@@ -117,9 +115,8 @@ def test_a_run_may_begin_in_the_midst_of_a_tone(identify, done, tmp_path):
 def test_what_is_clipped_is_masked(lpfcosim, campaign):
     loud = campaign_text.sine("guidance_o_12", "40 mHz", "300 nm", 60, "3100 s")
     campaign.write_text(CAMPAIGN.replace("2200 pN", "50 pN") + loud)
-    assert lpfcosim("run", campaign, "--quiet")[0] == 0
-    status, out, err = lpfcosim("identify", campaign, "--json")
-    assert status == 0, err
+    lpfcosim("run", campaign, "--quiet", status=0)
+    _, out, err = lpfcosim("identify", campaign, "--json", status=0)
     assert "at the limit of its authority: f_x_2 in" in err
     found = json.loads(out)
     fitted = json.loads((campaign.with_suffix("") / "results.json").read_text())["joint"]["parameters"]
@@ -161,14 +158,8 @@ def test_what_cannot_be_sought_is_refused(lpfcosim, done, sought, said):
 def test_a_start_that_cannot_be_simulated_is_refused(lpfcosim, done):
     loop = "lambda_2 = { start = 0, bounds = [-1, 2] }\nC_2 = {}\nSuspensionControl.f_p = { start = -0.006 }"
     for sought, said in (
-        (
-            loop,
-            "lambda_2 = 0, SuspensionControl.f_p = -0.006: C_2 has no delay where lambda_2 is 0; ",
-        ),
-        (
-            loop.replace("0,", "1,"),
-            "lambda_2 = 1, SuspensionControl.f_p = -0.006: run 'A' diverges: o_12 ",
-        ),
+        (loop, "lambda_2 = 0, SuspensionControl.f_p = -0.006: C_2 has no delay where lambda_2 is 0; "),
+        (loop.replace("0,", "1,"), "lambda_2 = 1, SuspensionControl.f_p = -0.006: run 'A' diverges: o_12 "),
     ):
         done.write_text(f"{CAMPAIGN}\n[identify]\n{sought}\n")
         status, out, err = lpfcosim("identify", done)
@@ -216,22 +207,19 @@ def test_where_nothing_is_determined_the_command_fails_and_says_why(identify, lp
 def test_from_noise_runs_alone_nothing_is_identified(lpfcosim, campaign):
     alone = CAMPAIGN[: CAMPAIGN.index("[[experiments.injections]]")]
     campaign.write_text(alone.replace("\nduration", "\n# "))
-    status, _, err = lpfcosim("identify", campaign)
-    assert status == 2
+    err = lpfcosim("identify", campaign, status=2)[2]
     assert f"{campaign}: experiments: only noise runs, expected one with injections" in err
 
 
 def test_without_telemetry_there_is_nothing_to_identify_from(lpfcosim, campaign):
-    status, _, err = lpfcosim("identify", campaign)
-    assert status == 2
+    err = lpfcosim("identify", campaign, status=2)[2]
     assert f"give the command lpfcosim run {campaign}" in err
 
 
 def test_fmus_are_approved_before_anything_is_read_or_written(lpfcosim, campaign, tmp_path):
     third_party.built(tmp_path)
     campaign.write_text(CAMPAIGN + third_party.TABLE)
-    status, _, err = lpfcosim("identify", campaign, "none.h5", "--out", "new")
-    assert status == 2
+    err = lpfcosim("identify", campaign, "none.h5", "--out", "new", status=2)[2]
     assert "native code that lpfcosim did not build" in err
     assert "none.h5" not in err
     assert not (tmp_path / "new").exists()
@@ -279,8 +267,7 @@ def test_an_fmu_that_fails_in_a_trial_is_named(lpfcosim, done, tmp_path, name, w
     unused = '["h", "f_u", "f_z", "f_i", "f_p", "f_r", "f_x_2_start"]'
     done.write_text(f'{CAMPAIGN}\n[fmus.SuspensionControl]\npath = "{name}.fmu"\nunused = {unused}\n')
     before = (done.with_suffix("") / "results.json").read_bytes()
-    status, _, err = lpfcosim("identify", done, "--trust")
-    assert status == 1
+    err = lpfcosim("identify", done, "--trust", status=1)[2]
     assert said in err.splitlines()[-1]
     assert "Traceback" not in err
     assert (done.with_suffix("") / "results.json").read_bytes() == before
@@ -321,7 +308,7 @@ def test_an_fmu_that_did_not_fly_makes_the_result_unsound(
     archive = fmu_build.build([model], package)[model]
     campaign, text = tmp_path / "quickstart.toml", (ROOT / "campaigns" / "quickstart.toml").read_text()
     campaign.write_text(text)
-    assert lpfcosim("run", campaign, "--quiet")[0] == 0
+    lpfcosim("run", campaign, "--quiet", status=0)
     campaign.write_text(f'{text}\n[fmus.{model}]\npath = "{archive}"\n')
     joint = lpfcosim_json("identify", campaign, "--trust", status=1)["joint"]
     assert not joint["sound"]

@@ -14,9 +14,7 @@ from lpfcosim.spacecraft.spacecraft import Spacecraft
 from tests.reference_run import simulate_reference
 
 H = 0.1
-M_TM, M_SC, I_TM, D = 1.928, 422.7, 6.80e-4, 0.376
-I_SC = {"theta": 202.5, "eta": 209.7, "phi": 191.7}
-W_Y, W_ANGLE = -8e-7, -1.5e-6
+I_TM, W_ANGLE = 6.80e-4, -1.5e-6
 UNIT_GAIN = Truth(lambda_1=1.0, lambda_2=1.0, C_1=0.139, C_2=0.173)
 
 

@@ -152,8 +152,7 @@ def test_a_simulated_folder_is_reproduced(tmp_path, run_lpfcosim):
     path = tmp_path / "short.toml"
     path.write_text(SHORT_PLAN, encoding="utf-8")
     lpfcosim.simulate(path, tmp_path / "out", fmus=False)
-    status, out, err = run_lpfcosim("reproduce", tmp_path / "out")
-    assert status == 0, err
+    out = run_lpfcosim("reproduce", tmp_path / "out", status=0)[1]
     assert [line.rsplit(": ")[-1] for line in out.splitlines()] == ["the same", "the same"]
     changed = replace(lpfcosim.load_campaign(path), seed=8)
     lpfcosim.simulate(changed, tmp_path / "changed", fmus=False)
@@ -182,4 +181,4 @@ def test_a_run_from_python_is_that_of_the_command(quickstart, tmp_path, run_lpfc
     assert finished.results.experiments["A"]["lambda_2"].pull is not None
     assert finished.to_json() == (tmp_path / "out" / "results.json").read_text(encoding="utf-8")
     assert "lambda_2" in repr(finished)
-    assert run_lpfcosim("reproduce", tmp_path / "out")[0] == 0
+    run_lpfcosim("reproduce", tmp_path / "out", status=0)
