@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from fit.lisa import attenuation
 from fit.model import lisa_dynamics
+from fit.requirements import STEEP_GAP_TAPER
 from fit.spectra import NoiseModel, Spectra, derivatives, windowing
 from fit.telemetry import Telemetry
 from fit.whitening import (
@@ -73,7 +74,7 @@ class LisaRun:
             valid = ~derivatives.dilate_mask(~run.valid)
             band = None if self.f_max >= derivatives.F_MAX else (0.0, self.f_max)
             columns = lisa_dynamics.columns(run, tau)
-            latest = windowing.transform(columns, valid, run.fs, tau, band=band)
+            latest = windowing.transform(columns, valid, run.fs, tau, band=band, gap_taper=STEEP_GAP_TAPER)
             check_coverage(self.telemetry, latest.window, f"{run.missing} missing samples")
             self._latest.spectra = latest
         return latest

@@ -18,13 +18,13 @@ Array = NDArray[np.float64]
 Spectrum = NDArray[np.complex128]
 
 
-def window(valid: NDArray[np.bool_], fs: float, taper: float = TAPER) -> Array:
+def window(valid: NDArray[np.bool_], fs: float, taper: float = TAPER, gap_taper: float = GAP_TAPER) -> Array:
     """Return a Tukey window over the run with a smooth notch at every masked stretch, shape (N,)."""
     if valid.all():
         return _tukey(valid.size, taper)
     n, w = np.arange(valid.size), _tukey(valid.size, taper).copy()
     for start, stop in true_runs(~valid):
-        distance = np.maximum(np.maximum(start - n, n - stop + 1), 0) / (GAP_TAPER * fs)
+        distance = np.maximum(np.maximum(start - n, n - stop + 1), 0) / (gap_taper * fs)
         w *= np.sin(np.pi / 2 * np.minimum(distance, 1)) ** 2
     return w
 
@@ -92,6 +92,7 @@ def transform(
     nuisance: Iterable[Array] = (),
     impulses: NDArray[np.intp] | None = None,
     band: tuple[float, float] | None = None,
+    gap_taper: float = GAP_TAPER,
 ) -> Spectra:
     """Window and transform columns, shape (N, P), of sample rate `fs`, expanded about the delays `tau`.
 
@@ -113,9 +114,11 @@ def transform(
         Samples with an impulse to be projected out, see `masked_segments`.
     band : tuple of float, optional
         Ends of the part of the fitted band to transform [Hz].
+    gap_taper : float
+        Flank of the window beside masked samples [s].
     """
     n = scipy.fft.prev_fast_len(valid.size)
-    w, bins = window(valid[:n], fs), _bins(n, fs, band)
+    w, bins = window(valid[:n], fs, gap_taper=gap_taper), _bins(n, fs, band)
     if valid[:n].all():
         projected = [_unmasked_constant_and_ramp(n, fs, bins.start, bins.stop)]
     else:

@@ -90,6 +90,18 @@ def test_experiment_without_injection_does_not_cost_the_joint_fit():
     assert np.abs(pulls(results.joint)).max() < 3.5
 
 
+@pytest.mark.parametrize(("channel", "begin", "duration"), [("grs_y_2", 9100, 30), ("o_1", 5000, 300)])
+@pytest.mark.parametrize("kind", ["sysid", "noise"])
+def test_gap_does_not_carry_noise_of_high_frequencies_into_the_band(channel, begin, duration, kind):
+    runs = {run.kind: run for run in campaign()}
+    x = runs[kind].channels[channel].copy()
+    x[begin : begin + duration] = np.nan
+    runs[kind] = replace(runs[kind], channels={**runs[kind].channels, channel: x})
+    joint = fit.calibrate(list(runs.values())).joint
+    assert np.abs(pulls(joint)).max() < 3.5
+    assert joint.chi2 / joint.dof == pytest.approx(1, abs=0.05)
+
+
 def test_parameters_can_be_fixed():
     params = fit.make_params(campaign())
     assert list(params) == list(PARAMETERS)
