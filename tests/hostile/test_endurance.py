@@ -20,7 +20,7 @@ from lpfcosim.errors import InputError, RunError
 from lpfcosim.modelica import build
 from lpfcosim.spacecraft.run import Truth
 from tests.lpfcosim.cosim import in_memory
-from tests.lpfcosim.cosim.test_fmu_instance import repack
+from tests.lpfcosim.cosim.archives import repack
 
 PROCESS = Path("/proc/self")
 ALLOWANCE = 2048  # kB

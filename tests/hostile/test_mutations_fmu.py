@@ -22,7 +22,7 @@ from lpfcosim.models import model_of
 from lpfcosim.spacecraft.run import Replacement
 from tests.campaign_text import campaign
 from tests.hostile.mutations import NUMBERS, TEXTS, damaged, raw_archive, survives
-from tests.lpfcosim.cosim.foreign import edited
+from tests.lpfcosim.cosim.archives import edited, repack
 
 pytestmark = [pytest.mark.fmu, pytest.mark.slow]
 
@@ -44,10 +44,7 @@ def contents(path):
 def with_description(path, original, text):
     """Copy an archive with another description."""
     described = text if isinstance(text, bytes) else text.encode("utf-8", "surrogatepass")
-    with zipfile.ZipFile(path, "w") as target:
-        for name, content in contents(original):
-            target.writestr(name, described if name == XML else content)
-    return path
+    return repack(original, path, lambda name, content: described if name == XML else content)
 
 
 def use(path, run, fmus, validate=True):

@@ -9,7 +9,7 @@ import pytest
 from lpfcosim.cosim import compatibility, compilation, warnings
 from lpfcosim.errors import InputError
 from tests import third_party
-from tests.lpfcosim.cosim.foreign import edited
+from tests.lpfcosim.cosim.archives import edited
 from tests.lpfcosim.cosim.third_party_fmu import FMI, MODEL, placed, refusal, replacement, simulate
 
 pytestmark = [pytest.mark.fmu]

@@ -3,7 +3,6 @@
 import contextlib
 import errno
 import os
-import zipfile
 
 import fmpy
 import pytest
@@ -14,6 +13,7 @@ from lpfcosim.modelica import build
 from lpfcosim.network import Component
 from lpfcosim.spacecraft.run import Truth
 from tests.lpfcosim.cosim import in_memory
+from tests.lpfcosim.cosim.archives import edited, repack
 
 pytestmark = pytest.mark.fmu
 
@@ -30,14 +30,6 @@ def load(stack, archive):
 def start(archive):
     with contextlib.ExitStack() as stack:
         load(stack, archive)
-
-
-def repack(archive, path, change):
-    """Copy an archive; ``change`` maps the name and the bytes of a file to its new bytes."""
-    with zipfile.ZipFile(archive) as source, zipfile.ZipFile(path, "w") as target:
-        for name in source.namelist():
-            target.writestr(name, change(name, source.read(name)))
-    return path
 
 
 @FMI
@@ -57,13 +49,8 @@ def test_a_library_that_does_not_load(tmp_path, fmi):
 @FMI
 def test_an_fmu_that_refuses_to_be_instantiated_says_why(tmp_path, capfd, fmi):
     archive = build.build([MODEL], fmi=fmi)[MODEL]
-    description = fmpy.read_model_description(archive)
-    token = description.guid.encode()
-    path = repack(
-        archive,
-        tmp_path / "other.fmu",
-        lambda n, b: b.replace(token, b"another") if n == "modelDescription.xml" else b,
-    )
+    token = fmpy.read_model_description(archive).guid
+    path = edited(archive, tmp_path / "other.fmu", (token, "another"))
     with pytest.raises(InputError, match=r"other\.fmu: cannot be loaded: .* is not that of this FMU\)$"):
         start(path)
     assert capfd.readouterr().out == ""

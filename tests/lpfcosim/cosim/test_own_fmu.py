@@ -20,11 +20,11 @@ from lpfcosim.spacecraft.spacecraft import Spacecraft
 from tests import ROOT
 from tests.campaign_text import campaign
 from tests.lpfcosim.cosim import in_memory
-from tests.lpfcosim.cosim.foreign import edited, renamed
+from tests.lpfcosim.cosim.archives import edited, renamed
+from tests.lpfcosim.cosim.third_party_fmu import ENGINE, placed, refusal, simulate
 from tests.odd_controller import built
 
 pytestmark = [pytest.mark.fmu, pytest.mark.slow]
-ENGINE = pytest.mark.parametrize("engine", ["compiled", "fmpy"])
 
 
 @pytest.fixture
@@ -35,20 +35,6 @@ def run(make_run):
         injections=(Sine("guidance_o_12", amplitude=10e-9, frequency=0.01, cycles=2, start=10),),
         dc=4e-12,
     )
-
-
-def simulate(run, fmus, replacement, **options):
-    run = replace(run, replacements=(replacement,))
-    return in_memory.simulate(run, {**fmus, replacement.model: replacement.archive}, **options)
-
-
-def refusal(run, fmus, replacement):
-    run = replace(run, replacements=(replacement,))
-    with pytest.raises(InputError) as refused:
-        compatibility.read_interfaces(run, {**fmus, replacement.model: replacement.archive})
-    message = str(refused.value)
-    assert "\n" not in message
-    return message
 
 
 @pytest.mark.parametrize("model", build.MODELS)
@@ -111,8 +97,8 @@ def test_variable_that_is_set_from_two_sides_is_told(run, fmus, tmp_path):
     told = refusal(run, fmus, Replacement(SUSPENSION, alias, {"guidance_o_12": "twin"}))
     assert "'o_12' and 'twin' are one variable; expected two" in told
     # The name of another parameter of ours: that one is then not set.
-    mine = replace(run, replacements=(Replacement(SUSPENSION, ours, {"f_u": "f_z"}),))
-    assert "f_z" in compatibility.ignored_names(compatibility.read_interfaces(mine, fmus))[SUSPENSION]
+    _, interfaces = placed(run, fmus, Replacement(SUSPENSION, ours, {"f_u": "f_z"}))
+    assert "f_z" in compatibility.ignored_names(interfaces)[SUSPENSION]
 
 
 def test_variables_without_a_unit_are_taken_as_ours(run, fmus, tmp_path):

@@ -13,7 +13,6 @@ from lpfcosim.errors import RunError
 from lpfcosim.models import model_of
 from lpfcosim.spacecraft.run import Noise, Replacement
 from tests import third_party
-from tests.lpfcosim.cosim import in_memory
 from tests.lpfcosim.cosim.third_party_fmu import ENGINE, FMI, MODEL, placed, refusal, replacement, simulate
 
 pytestmark = [pytest.mark.fmu]
@@ -75,8 +74,7 @@ def test_start_value_of_an_input_that_nothing_feeds(run, fmus, tmp_path):
     found = {}
     for start in (0.0, 5e-9):
         mine = Replacement(MODEL, archive, names, unused, {"wanted": start})
-        quiet = replace(run, replacements=(mine,), noise=Noise())
-        found[start] = in_memory.simulate(quiet, {**fmus, MODEL: archive})["o_12"]
+        found[start] = simulate(replace(run, noise=Noise()), fmus, mine)["o_12"]
     assert not np.array_equal(found[0.0], found[5e-9])
 
 
@@ -93,7 +91,7 @@ def test_values_of_an_input_array_beside_an_element_that_is_fed(run, fmus, tmp_p
     archive = third_party.built(tmp_path, fmi="3.0", changes=WEIGHTS_AS_INPUT, name="array")
     names = {**third_party.VARIABLES, "guidance_o_12": "weights[1]"}
     mine = Replacement(MODEL, archive, names, third_party.UNUSED, values={"weights[2]": 7.0})
-    got = in_memory.simulate(replace(quiet, replacements=(mine,)), {**fmus, MODEL: archive}, engine)
+    got = simulate(quiet, fmus, mine, engine)
     parameter = third_party.built(tmp_path, fmi="3.0")
     wanted = simulate(quiet, fmus, parameter, values={"weights[1]": 0.0, "weights[2]": 7.0})
     assert np.ptp(wanted["f_x_2"]) > 0
@@ -258,6 +256,6 @@ def test_resources_in_a_folder_with_a_space(run, fmus, tmp_path, monkeypatch):
     stiff = replace(run, suspension=replace(run.suspension, unity_gain=2e-3))
     names = {ours: theirs for ours, theirs in third_party.VARIABLES.items() if ours != "f_u"}
     mine = Replacement(MODEL, archive, names, third_party.UNUSED)
-    got = in_memory.simulate(replace(run, replacements=(mine,)), {**fmus, MODEL: archive})
+    got = simulate(run, fmus, mine)
     wanted = simulate(stiff, fmus, third_party.built(tmp_path))
     assert np.array_equal(got["f_x_2"], wanted["f_x_2"])

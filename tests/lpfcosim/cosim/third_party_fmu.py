@@ -19,18 +19,22 @@ def replacement(archive, *, unused=third_party.UNUSED, **fields):
     return Replacement(MODEL, archive, third_party.VARIABLES, unused, **fields)
 
 
-def placed(run, fmus, mine, archive=None):
+def placed(run, fmus, mine):
+    """Return the run with an FMU of its own, a Replacement, and the interfaces of its loop."""
     run = replace(run, replacements=(mine,))
-    return run, read_interfaces(run, {**fmus, MODEL: archive or mine.archive})
+    return run, read_interfaces(run, {**fmus, mine.model: mine.archive})
 
 
-def simulate(run, fmus, archive, engine="compiled", **fields):
-    run = replace(run, replacements=(replacement(archive, **fields),))
-    return in_memory.simulate(run, {**fmus, MODEL: archive}, engine=engine)
+def simulate(run, fmus, mine, engine="compiled", **fields):
+    """Simulate a run with an FMU of its own: a Replacement, or the archive of a controller and its fields."""
+    mine = mine if isinstance(mine, Replacement) else replacement(mine, **fields)
+    run = replace(run, replacements=(mine,))
+    return in_memory.simulate(run, {**fmus, mine.model: mine.archive}, engine=engine)
 
 
-def refusal(run, fmus, archive, **fields):
+def refusal(run, fmus, mine, **fields):
+    """Return the sentence that refuses an FMU; arguments as `simulate`."""
     with pytest.raises(InputError) as refused:
-        placed(run, fmus, replacement(archive, **fields))
+        placed(run, fmus, mine if isinstance(mine, Replacement) else replacement(mine, **fields))
     assert "\n" not in str(refused.value)
     return str(refused.value)

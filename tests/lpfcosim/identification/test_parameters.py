@@ -10,7 +10,7 @@ from lpfcosim.identification import targets
 from lpfcosim.identification.parameters import settings
 from lpfcosim.spacecraft.run import Replacement
 from tests import third_party
-from tests.lpfcosim.cosim.foreign import renamed
+from tests.lpfcosim.cosim.archives import renamed
 
 pytestmark = pytest.mark.fmu
 

@@ -11,6 +11,7 @@ from lpfcosim.errors import InputError, RunError
 from lpfcosim.modelica import build
 from lpfcosim.modelica import compiler as compiling
 from lpfcosim.modelica.compiler import compiler
+from tests.lpfcosim.cosim.archives import edited
 from tests.lpfcosim.modelica.modelica_source import write
 
 pytestmark = pytest.mark.fmu
@@ -23,14 +24,8 @@ def test_no_checker_finds_a_fault(model, fmi):
 
 
 def test_checker_finds_a_fault_in_a_broken_description(fmus, tmp_path):
-    broken = tmp_path / "Plant.fmu"
-    with zipfile.ZipFile(fmus["Plant"]) as source, zipfile.ZipFile(broken, "w") as target:
-        for item in source.infolist():
-            data = source.read(item)
-            if item.filename == "modelDescription.xml":
-                data = data.replace(b'variability="fixed"', b'variability="continuous"', 1)
-            target.writestr(item, data)
-    assert checks.problems(broken)
+    fault = ('variability="fixed"', 'variability="continuous"')
+    assert checks.problems(edited(fmus["Plant"], tmp_path / "Plant.fmu", fault))
 
 
 @pytest.mark.parametrize("model", build.MODELS)

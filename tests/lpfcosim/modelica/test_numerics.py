@@ -31,7 +31,7 @@ import numpy as np
 import pytest
 
 from lpfcosim.modelica import build, compiler
-from tests.lpfcosim.modelica.fmu_instance import fmu_instance, read_description
+from tests.lpfcosim.modelica.fmu_instance import Description, fmu_instance
 
 pytestmark = pytest.mark.fmu
 
@@ -121,7 +121,7 @@ def others(name):
 @contextlib.contextmanager
 def stepper(name, path, parameters):
     """Yield an instance and a function that steps it, its inputs zero until the first step."""
-    description = read_description(path)
+    description = Description(path)
     inputs, outputs = (description.vr(names) for names in (CASES[name].inputs, CASES[name].outputs))
     with fmu_instance(path, **parameters) as fmu:
         fmu.exitInitializationMode()

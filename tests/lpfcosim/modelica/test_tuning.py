@@ -5,7 +5,7 @@ import math
 import pytest
 from fmpy.fmi1 import FMICallException
 
-from tests.lpfcosim.modelica.fmu_instance import fmu_instance, read_description
+from tests.lpfcosim.modelica.fmu_instance import Description, fmu_instance
 from tests.lpfcosim.modelica.modelica_source import fmu
 from tests.lpfcosim.modelica.test_dependencies import archive
 
@@ -22,7 +22,7 @@ def test_tuned_parameter_acts_from_the_next_step_on(tmp_path):
       der(x) = -r*x; when sample(0, h) then n = pre(n) + 1; end when;
     end M;"""
     path = fmu(tmp_path, text)
-    description = read_description(path)
+    description = Description(path)
     assert description.names(variability=("tunable",)) == ["k", "r"]
     with fmu_instance(path) as instance:
         instance.exitInitializationMode()
