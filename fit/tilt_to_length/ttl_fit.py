@@ -11,7 +11,16 @@ import scipy
 from numpy.typing import NDArray
 
 from fit.errors import FitError, InputError
-from fit.fitting import JointModel, Prior, RunEstimate, SolvedModel, null_space, parameter_values
+from fit.fitting import (
+    JointModel,
+    Prior,
+    RunEstimate,
+    SolvedModel,
+    constraint_test,
+    constraints,
+    null_space,
+    parameter_values,
+)
 from fit.results import Constraint, Estimate, Fit
 from fit.spectra import NoiseModel, fit_noise
 from fit.tilt_to_length import michelson
@@ -29,6 +38,7 @@ from fit.warnings import FitWarning
 
 if TYPE_CHECKING:
     import lmfit
+    from lmfit.minimizer import MinimizerResult
 
 Array = NDArray[np.float64]
 
@@ -160,11 +170,38 @@ def _solve(
     from lmfit.minimizer import MinimizerResult  # slow to import
 
     initial = make_params()
-    result = SolvedModel(model, MinimizerResult(params=initial), weak).refit(params or initial)
+    result = free = SolvedModel(model, MinimizerResult(params=initial), weak).refit(initial)
+    if params:
+        result = SolvedModel(model, MinimizerResult(params=initial), weak).refit(params)
     undetermined, directions = null_space.null_space(estimate.information, np.full(len(NAMES), WIDTH))
     is_free = [p.vary and not p.expr for p in result.params.values()]
     reported = [i for i in range(len(NAMES)) if not (is_free[i] and undetermined[i])]
-    return SolvedModel(model, result, weak), reported, blind_warnings(undetermined, directions)
+    warnings = [*_test_constraints(result, free).warnings(), *blind_warnings(undetermined, directions)]
+    return SolvedModel(model, result, weak), reported, warnings
+
+
+def _test_constraints(constrained: MinimizerResult, free: MinimizerResult) -> constraint_test.ConstraintTest:
+    """Compare the fit with what the user states of coefficients and the fit without."""
+    sigma = np.sqrt(np.diag(free.covar))
+    bounds = constraints.at_bound(constrained.params, sigma)
+    tested = []
+    for i, (name, p) in enumerate(constrained.params.items()):
+        if (stated := _constraint(p)) is None:
+            continue
+        value = f" at {p.value:.6g}" if stated.kind == "fixed" else ""
+        tested.append(
+            constraint_test.TestedConstraint(
+                name=name,
+                description=f"{name} {stated}{value}",
+                value=float(p.value),
+                unconstrained=float(free.params[name].value),
+                sigma=float(sigma[i]),
+                bound=bounds.get(i, ""),
+                is_declared=True,
+                is_active=stated.kind != "bounds" or i in bounds,
+            )
+        )
+    return constraint_test.ConstraintTest(tuple(tested), max(float(constrained.chisqr - free.chisqr), 0.0))
 
 
 def _fit(

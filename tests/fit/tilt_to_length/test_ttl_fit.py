@@ -105,6 +105,23 @@ def test_parameters_of_lmfit_go_in_and_come_out():
         calibrated(run, noise, params)
 
 
+@pytest.mark.parametrize("shift", [0.0, 10.0])
+@pytest.mark.parametrize("statement", ["fixed", "prior", "tied"])
+def test_constraints_are_tested_against_the_data(shift, statement):
+    run, noise = manoeuvre(3)
+    name, (free, params) = "c_12_phi_rx", (calibrated(run, noise), make_params())
+    value = free[name].value + shift * free[name].sigma
+    if statement == "fixed":
+        params[name].set(value=value, vary=False)
+    elif statement == "prior":
+        params[name].user_data = fit.Prior(value, 0.1 * free[name].sigma)
+    else:
+        params[name].set(expr=f"c_13_phi_rx + {value - free['c_13_phi_rx'].value:.12g}")
+    ttl = calibrated(run, noise, params)
+    assert "constrained" in {w.code for w in ttl.warnings}
+    assert bool(ttl.unsound) == (shift > 0)
+
+
 def test_wrong_light_travel_times_do_not_pass():
     run, noise = manoeuvre(4)
     ttl = calibrated(replace(run, delays={link: 1.01 * d for link, d in run.delays.items()}), noise)
