@@ -29,7 +29,7 @@ Array = npt.NDArray[np.float64]
 Engine = Literal["compiled", "fmpy"]
 ENGINES = get_args(Engine)
 
-BLOCK = 10_000  # samples that are in memory at a time
+BLOCK = 40_000  # samples that are in memory at a time
 LOADING, _IDLE = -1, -2
 _LARGEST = float(np.finfo(float).max)
 _STATUS_DESCRIPTIONS = {
