@@ -1,4 +1,4 @@
-"""A controller of the distance of the test masses, a PID with one pole, as an FMU: see first-hour.md.
+"""A PID controller of the distance between the test masses, as an FMU: see first-hour.md.
 
 ``pythonfmu3 build -f docs/my_controller.py`` writes MyController.fmu.
 """

@@ -138,9 +138,8 @@ class Comparison(Displayed):
         for agreement in self.agreements:
             if agreement.dependence:
                 statements.append(
-                    f"{agreement.label} is not independent of {reference} ({agreement.dependence}): the "
-                    "estimates are correlated, so that sqrt(sigma_1^2 + sigma_2^2) is not the standard "
-                    "deviation of a difference, and no chi2 is given"
+                    f"{agreement.label} is not independent of {reference} ({agreement.dependence}): "
+                    "difference/sigma does not follow a standard normal distribution, and chi2 is not given"
                 )
             statements += [
                 f"{agreement.label}: {place}: chi2 = {chi2:.1f} of {dof} differences from {reference}, "

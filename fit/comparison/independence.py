@@ -71,7 +71,7 @@ def dependence(a: Source, b: Source) -> str:
         return f"the same telemetry: {_list(runs)}"
     pairs = [(x, y) for x in a.runs for y in b.runs]
     if runs := [x.run for x, y in pairs if _seed(x) is not None and (_seed(x), x.run) == (_seed(y), y.run)]:
-        return f"the same simulated noise, as seed and name of runs are the same: {_list(runs)}"
+        return f"the same simulated noise, since seed and run names are the same: {_list(runs)}"
     for x, y in pairs:
         (begin_x, end_x), (begin_y, end_y) = _interval(x), _interval(y)
         if (_seed(x) is None or _seed(y) is None) and begin_x < end_y and begin_y < end_x:

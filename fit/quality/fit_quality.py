@@ -142,8 +142,8 @@ def _reason(names: Sequence[str], runs: Sequence[Telemetry]) -> str:
         return "its contribution is smaller than the noise"
     if {"lambda_1", "C_1"} & set(names):
         if not any(np.any(run.channels["f_x_1"]) for run in runs):
-            return "no run drives test mass 1; one with an injection into F_x_1 would determine it"
-        return "test mass 1 is hardly driven; a larger injection into F_x_1 would determine it"
+            return "no run drives test mass 1, expected one with an injection into F_x_1"
+        return "test mass 1 is hardly driven, expected a larger injection into F_x_1"
     if any("." in name for name in names):  # of an FMU, nothing but its name is known
         if len(names) > 1:
             return "the read-outs depend only on their combination"

@@ -14,7 +14,7 @@ from fit.report.section import FigureSpec, Section
 
 NAME, SCHEMA = "transfer_functions.json", "lpf-transfer-functions/1"
 _CAPTION = (
-    "Response of the read-outs to their guidance. Lines: the loops of the campaign, that of the first "
+    "Response of the read-outs to their guidance. Lines: the loops of the first "
     "experiment; points: estimates from telemetry at the injected frequencies, with the noise of the noise "
     "runs. Below: differences of magnitude and phase from the loops of each experiment; grey, ±2 σ."
 )

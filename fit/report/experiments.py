@@ -23,8 +23,8 @@ from fit.warnings import FitWarning, masked_spans
 RESIDUAL_LEVEL = 1e-6  # scatter of chi2, below which it was measured on the residual itself
 _BOTH = Markup("{}<sub>max,1</sub> and {}<sub>max,2</sub>")
 _DESCRIPTION = (
-    "Fit of this experiment only. Flight: stiffness at the authority of this run, with σ added without "
-    "correlations."
+    "Fit of this experiment only. Flight: stiffness at the authority of this run, with σ from uncorrelated "
+    "parameters."
 )
 
 # Description and caption of the figures.
@@ -179,8 +179,8 @@ def overview(results: Results, telemetries: Sequence[Telemetry]) -> Table:
     caption = "Each experiment fitted on its own; its name leads to its injections, spectra and residual."
     if not is_lisa:
         caption += (
-            " p: probability of a χ² that differs from its expectation at least as much, if the residual has "
-            "the noise of the noise run."
+            " p: probability of a χ² at least as far from its expectation, if the residual has the noise of "
+            "the noise run."
         )
     return Table((*head, "Warnings"), tuple(rows), caption)
 

@@ -251,10 +251,8 @@ def _leakage(results: Results, telemetries: Sequence[Telemetry]) -> Section | No
     picture = FigureSpec(
         "leakage",
         "Leakage of x1 into the differential read-out by alignment epoch, with the limits of the design",
-        "δ_ifo by alignment epoch, ±1 σ, below magnified: joint fit, each experiment on its own, and flight. "
-        "Simulations of "
-        f"the optical bench predict {1e5 * rms:g}·10⁻⁵ rms within ±{1e5 * limit:g}·10⁻⁵ in "
-        "the design.",
+        "δ_ifo by alignment epoch, ±1 σ; below: magnified. Joint fit, single experiments, and flight. "
+        f"Simulations of the optical bench predict {1e5 * rms:g}·10⁻⁵ rms, at most {1e5 * limit:g}·10⁻⁵.",
         partial(figures_leakage.leakage, joint, single, flight),
     )
     return Section("leakage", "Leakage of the read-out", figures=(picture,))

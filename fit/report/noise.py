@@ -84,8 +84,8 @@ def sections(results: Results, telemetries: Sequence[Telemetry], products: Delta
             "noise-date",
             "Level of Delta g in every noise run against date, in two bands",
             "Level of Δg in every noise run (root of the mean power) outside glitches, with all "
-            "corrections, against date. Squares: flight, above 1 and 2 mHz. Dashed: LISA requirement for two "
-            "test masses.",
+            "corrections, against date. Squares: flight, from 1 mHz (2016) and 2 mHz (2017). Dashed: LISA "
+            "requirement for two test masses.",
             partial(figures.by_date, points),
         ),
         FigureSpec(

@@ -265,7 +265,7 @@ def _extent(results: Results, telemetries: Sequence[Telemetry]) -> str:
     noise = sum(t.kind == "noise" for t in telemetries)
     rates = " and ".join(f"{fs:g}" for fs in sorted({t.fs for t in telemetries}))
     days = sorted({start_text(t, "%Y-%m-%d") for t in telemetries})
-    when = days[0] if len(days) == 1 else f"starting {days[0]} to {days[-1]}"
+    when = days[0] if len(days) == 1 else f"{days[0]} to {days[-1]}"
     return (
         f"{_count(len(results.experiments), 'experiment')}, {_count(noise, 'noise run')}; "
         f"{hours:.4g} h at {rates} Hz, {when}"

@@ -79,9 +79,9 @@ def _figure_spec(j: int, points: Mapping[str, figures.StiffnessPoint], joint: Fi
         f"stiffness-{j}",
         f"Stiffness of test mass {j} against {against}, one point per experiment",
         f"Stiffness of test mass {j}, ±1 σ. {note}Dots: each experiment on its own. "
-        "Squares: stiffness model of the joint fit at the same authority, where it is determined (the sum "
-        "may be when its parts are not); lines: the model at each torque authority. Lower panel: differences "
-        "in units of their σ, with the correlation of the two fits.",
+        "Squares: stiffness model of the joint fit at the same authority, where determined (a sum "
+        "can be, even if its terms are not); lines: the model at each torque authority. Lower panel: "
+        "differences in units of their σ, with the correlation of the two fits.",
         partial(figures.against_authority, list(points.values()), joint),
     )
 

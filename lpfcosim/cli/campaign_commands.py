@@ -36,8 +36,8 @@ def check(
     loops, commands at their limits for too long. A campaign with a command at its limit, or with a tone
     that the fit does not use, is reported as doubtful instead of valid (exit status 0). Printed are its
     runs, the stability margins of its loops, the expected sigmas (those of `lpfcosim forecast`), and the
-    expected run time. With a third-party FMU in the loop these are not available. Nothing is simulated, and
-    no FMU is built.
+    expected run time. With a third-party FMU in the loop, margins, sigmas and run time are not
+    available. Nothing is simulated, and no FMU is built.
     """
     from lpfcosim.cli import check as cli_check
     from lpfcosim.cli.console import Console

@@ -33,7 +33,7 @@ def new(files: Sequence[Path]) -> None:
     text = starter().replace('name = "quickstart"', f'name = "{file.stem}"')
     text = text.replace("campaigns/quickstart.toml", file.name)
     _write(file, text, JSON_SCHEMA, json.dumps(json_schema(), indent=1))
-    print(f"{file}: written; see what to expect of it: lpfcosim check {file}")
+    print(f"{file}: written; to check it: lpfcosim check {file}")
 
 
 def new_map(files: Sequence[Path]) -> None:

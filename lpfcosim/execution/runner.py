@@ -251,7 +251,7 @@ def _completed_runs(
             continue  # missing or damaged
         mismatch = provenance.mismatch(attributes)
         if mismatch and not rerun:
-            raise InputError(f"{path}: {mismatch}; choose another folder, or have it simulated again (rerun)")
+            raise InputError(f"{path}: {mismatch}; use another folder (--out), or simulate again (--rerun)")
         if matches[name] and not mismatch:
             complete.add(name)
     return complete

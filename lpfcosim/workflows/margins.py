@@ -17,7 +17,7 @@ from lpfcosim.workflows.campaigns import CampaignLike, resolve
 from lpfcosim.workflows.result import WorkflowResult
 
 SCHEMA = "lpf-margins/1"
-HEAD = ("loop", "unity gain", "phase margin", "gain margin")
+HEAD = ("loop", "crossover", "phase margin", "gain margin")
 
 
 @dataclass(frozen=True, repr=False)

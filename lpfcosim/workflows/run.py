@@ -166,7 +166,7 @@ def _fit(
     try:
         with progress.stage("reading"):
             telemetries = read_all(complete, trusted=True)
-        with progress.stage("loops"):
+        with progress.stage("loop responses"):
             _write_transfer_functions(plan, directory, telemetries)
         fitted = calibrate_into(
             directory,
