@@ -83,7 +83,7 @@ class Judged:
             if fault.run and not self.names_run:
                 return "wrong run"
             if fault.cause and not self.names_cause:
-                unknown = any(words in said for words in UNNAMED for said in self.said)
+                unknown = any(words in sentence for words in UNNAMED for sentence in self.said)
                 return "no cause" if unknown else "wrong cause"
         return "ok"
 

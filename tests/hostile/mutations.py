@@ -214,22 +214,22 @@ def raw_archive(path: Path, entries: list[tuple[str, bytes]], **fields: int) -> 
 
 def all_refusals(validate: Validator, files: list[Path]) -> dict[Path, str | None]:
     """Look at many files, with as few processes as they leave."""
-    found: dict[Path, str | None] = {}
+    result: dict[Path, str | None] = {}
     while files:
         said = rejections(validate, files)
-        found.update(zip(files, said, strict=False))
+        result.update(zip(files, said, strict=False))
         files = files[len(said) :]
-    return found
+    return result
 
 
 def try_all(made: dict[Path, str], reader: Callable[[Path], object], validate: Validator) -> dict[str, int]:
     """Try files in the other process, and those it gets through in this one; count what becomes of them."""
     counts = {"sound": 0, "refused": 0, "ended the process": 0}
-    for path, said in all_refusals(validate, list(made)).items():
-        if said is None:
-            said = survives(lambda path=path: reader(path), path, made[path])
+    for path, sentence in all_refusals(validate, list(made)).items():
+        if sentence is None:
+            sentence = survives(lambda path=path: reader(path), path, made[path])
         else:
-            check_sentence(said, path, made[path])
-        outcome = "sound" if said is None else "ended the process" if "damaged: " in said else "refused"
-        counts[outcome] += 1
+            check_sentence(sentence, path, made[path])
+        refusal = "ended the process" if sentence and "damaged: " in sentence else "refused"
+        counts[refusal if sentence else "sound"] += 1
     return counts

@@ -31,10 +31,10 @@ def _runs_of(name: str) -> Runs:
 
 def clean(names: Iterable[str] = PLANS) -> Runs:
     """Return the campaign, or some experiments of it, without a fault."""
-    found: Runs = {}
+    result: Runs = {}
     for name in names:
-        found |= _runs_of(name)
-    return found
+        result |= _runs_of(name)
+    return result
 
 
 # What was recorded.
@@ -75,13 +75,13 @@ def exchanged(first: str, second: str, *kinds: str, channels: tuple[str, ...] = 
     """Exchange the data of two experiments, their attributes stay."""
 
     def spoil(runs: Runs) -> Runs:
-        found = dict(runs)
+        result = dict(runs)
         for kind in kinds or ("sysid", "noise"):
             a, b = runs[f"{first}-{kind}"], runs[f"{second}-{kind}"]
             for mine, other in ((a, b), (b, a)):
                 taken = {name: other.channels[name] for name in channels}
-                found[mine.run] = replace(mine, channels=mine.channels | taken)
-        return found
+                result[mine.run] = replace(mine, channels=mine.channels | taken)
+        return result
 
     return spoil
 
@@ -90,13 +90,13 @@ def copied(name: str, times: int, **attributes: object) -> Spoil:
     """Give an experiment again under other names."""
 
     def spoil(runs: Runs) -> Runs:
-        found = dict(runs)
+        result = dict(runs)
         for n in range(times):
             for kind in ("sysid", "noise"):
                 run, experiment = f"{name}x{n}-{kind}", f"{name}x{n}"
                 told = {"run": run, "experiment": experiment, "path": Path(f"{run}.h5")}
-                found[run] = replace(runs[f"{name}-{kind}"], **told, **attributes)
-        return found
+                result[run] = replace(runs[f"{name}-{kind}"], **told, **attributes)
+        return result
 
     return spoil
 
@@ -170,11 +170,11 @@ def stretched(epsilon: float, *, names: tuple[str, ...] = READ_OUTS) -> Callable
     """Sample with a clock that is slow by a part in 1 / epsilon, for use before the archive."""
 
     def function(channels: dict[str, Array]) -> dict[str, Array]:
-        found = {}
+        result = {}
         for name in names:
             n = np.arange(channels[name].size)
-            found[name] = interpolate.CubicSpline(n, channels[name])(np.minimum(n * (1 + epsilon), n[-1]))
-        return found
+            result[name] = interpolate.CubicSpline(n, channels[name])(np.minimum(n * (1 + epsilon), n[-1]))
+        return result
 
     return function
 

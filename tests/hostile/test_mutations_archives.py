@@ -98,7 +98,7 @@ def text(path):
 
 
 def read_table(path):
-    found = {}
+    result = {}
     with open_table(path, None) as table:
         for name, column in table.columns.items():
             if column.is_text:
@@ -106,10 +106,10 @@ def read_table(path):
                 assert len(texts) == column.size
                 assert all(isinstance(each, str) for each in texts), name
             elif column.size:
-                found[name] = table.numbers(name)
-                assert found[name].size == column.size, name
+                result[name] = table.numbers(name)
+                assert result[name].size == column.size, name
     # a compressed file has a checksum: it is read as it was, or not at all
-    assert not path.name.endswith(".fits.gz") or np.array_equal(found["o1"], np.arange(50.0))
+    assert not path.name.endswith(".fits.gz") or np.array_equal(result["o1"], np.arange(50.0))
 
 
 def test_damaged_archives(tmp_path, cases, monkeypatch):

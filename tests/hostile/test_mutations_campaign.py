@@ -85,8 +85,8 @@ def test_campaigns(tmp_path, cases):
     for n in range(cases(0.2, 250)):
         rng = random.Random(n)
         path = written(tmp_path, "c.toml", mutated(rng.choice(CAMPAIGNS), rng))
-        said = survives(lambda path=path: loading.load(path).runs, path, f"campaign {n}")
-        told[said is None] += 1
+        sentence = survives(lambda path=path: loading.load(path).runs, path, f"campaign {n}")
+        told[sentence is None] += 1
     assert min(told) > 0  # some are refused, and some survive
 
 

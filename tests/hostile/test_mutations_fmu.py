@@ -50,11 +50,11 @@ def with_description(path, original, text):
 def use(path, run, fmus, validate=True):
     """Do with an FMU what a run does before its first step."""
     replaced = replace(run, replacements=(Replacement(MODEL, path, validate=validate),))
-    for found in compatibility.read_interfaces(replaced, {**fmus, MODEL: path}):
-        if found.archive == path:
-            parameters = found.parameters(model_of(replaced).parameters(replaced)[MODEL])
+    for result in compatibility.read_interfaces(replaced, {**fmus, MODEL: path}):
+        if result.archive == path:
+            parameters = result.parameters(model_of(replaced).parameters(replaced)[MODEL])
             with contextlib.ExitStack() as stack:
-                fmu_instance.FmuInstance(stack, found).initialize(parameters)
+                fmu_instance.FmuInstance(stack, result).initialize(parameters)
 
 
 def rewritten(text, rng):
@@ -64,16 +64,16 @@ def rewritten(text, rng):
         attributes = list(re.finditer(r'[\w:]+="([^"]*)"', text))
         elements = list(re.finditer(r"<[^>]*>", text))
         if how < 5 and attributes:
-            found = rng.choice(attributes)
+            result = rng.choice(attributes)
             value = rng.choice((*TEXTS, *map(str, NUMBERS), rng.choice(attributes)[1], "1 " * 5000))
             value = value.replace("&", "&amp;").replace("<", "&lt;").replace('"', "&quot;")
-            text = text[: found.start(1)] + value + text[found.end(1) :]
+            text = text[: result.start(1)] + value + text[result.end(1) :]
         elif how == 5 and attributes:
-            found = rng.choice(attributes)
-            text = text[: found.start()] + text[found.end() :]
+            result = rng.choice(attributes)
+            text = text[: result.start()] + text[result.end() :]
         elif elements:
-            found, other = rng.choice(elements), rng.choice(elements)
-            text = text[: found.start()] + rng.choice(("", other[0], 2 * found[0])) + text[found.end() :]
+            result, other = rng.choice(elements), rng.choice(elements)
+            text = text[: result.start()] + rng.choice(("", other[0], 2 * result[0])) + text[result.end() :]
     return text
 
 
@@ -191,8 +191,8 @@ def test_entities(tmp_path, ours, entity, encoding, fmi):
     document = f'<?xml version="1.0" encoding="{encoding}"?>{ENTITIES[entity]}{body}'
     path = with_description(tmp_path / "evil.fmu", ours[fmi][MODEL], document.encode(encoding))
     for reader in (interface.describe, checks.problems):
-        said = survives(lambda reader=reader: reader(path), path, entity)
-        assert "declares a document type" in said
+        sentence = survives(lambda reader=reader: reader(path), path, entity)
+        assert "declares a document type" in sentence
 
 
 @pytest.mark.parametrize(

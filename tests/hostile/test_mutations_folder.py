@@ -108,12 +108,12 @@ def test_names_of_experiments(tmp_path, name):
         report.write_report(folder, results, runs)
         names.extend(figure.name for figure in report.figure_specs(results, runs, folder))
 
-    said = survives(work, folder / "telemetry" / "x", name)
-    assert (said is None) == (name.isprintable() and len(name) <= 100)
+    sentence = survives(work, folder / "telemetry" / "x", name)
+    assert (sentence is None) == (name.isprintable() and len(name) <= 100)
     assert {p.name for p in tmp_path.iterdir()} == {"in"}
     assert {p.name for p in (tmp_path / "in").iterdir()} == {"out"}
     assert {p.name for p in folder.iterdir()} <= {"telemetry", "report.html"}
-    if said is None:
+    if sentence is None:
         assert len(names) > 4
         assert all(re.fullmatch(r"[\w-]{1,80}", each) for each in names)  # of files
         assert "<evil>" not in (folder / "report.html").read_text(encoding="utf-8")

@@ -65,10 +65,10 @@ def use_packed(source):
         values = {name: h5[name][()] for name in PACKED}
 
     def read(path):
-        found = use(path)
-        for name in PACKED & found.channels.keys():
-            assert np.array_equal(found.channels[name], values[name]), f"{path.name}: {name} has changed"
-        return found
+        result = use(path)
+        for name in PACKED & result.channels.keys():
+            assert np.array_equal(result.channels[name], values[name]), f"{path.name}: {name} has changed"
+        return result
 
     return read
 
@@ -187,8 +187,8 @@ SOUND = {"booleans of another kind", "half precision"}
 def test_hostile_telemetry(file, fault):
     with h5py.File(file, "a") as h5:
         FAULTS[fault](h5)
-    said = survives(lambda: telemetry.read_all([file]), file, fault)
-    assert (said is None) == (fault in SOUND), said
+    sentence = survives(lambda: telemetry.read_all([file]), file, fault)
+    assert (sentence is None) == (fault in SOUND), sentence
 
 
 def test_memory_is_bounded(file, monkeypatch):
@@ -225,8 +225,8 @@ def test_hostile_attributes(tmp_path, cases):
                     holder.attrs[name] = value
                 except (TypeError, ValueError, OverflowError, OSError):
                     continue  # what HDF5 cannot hold
-        said = survives(lambda: use(path), path, f"attributes {n}")
-        assert said is None or str(path) in said
+        sentence = survives(lambda: use(path), path, f"attributes {n}")
+        assert sentence is None or str(path) in sentence
 
 
 def test_the_process_says_which_file_and_how(tmp_path, monkeypatch, file):

@@ -41,8 +41,8 @@ def test_lists_go_together_entry_by_entry(swept):
 
 
 def test_names_are_files_and_each_is_used_once(swept):
-    found = loading.load(swept('F_max_2 = ["50 pN", "10 nN", "50 pN"]')).experiments
-    assert [e.name for e in found] == ["F_max_2-50pN", "F_max_2-10000pN", "F_max_2-50pN-2"]
+    result = loading.load(swept('F_max_2 = ["50 pN", "10 nN", "50 pN"]')).experiments
+    assert [e.name for e in result] == ["F_max_2-50pN", "F_max_2-10000pN", "F_max_2-50pN-2"]
     named = {
         'dc = ["-1e-12 m s^-2", "0 m s^-2"]': ["dc--1", "dc-0"],
         'F_max_2 = ["1 nN", "1 nN"]\nduration = ["6 h", "7 h"]': ["duration-21600", "duration-25200"],

@@ -99,15 +99,15 @@ def test_the_time_that_a_run_will_take_is_about_what_it_takes(quickstart, name):
 
 @pytest.fixture(scope="module")
 def schema():
-    found = cli_schema.json_schema()
-    jsonschema.Draft202012Validator.check_schema(found)
-    return found
+    result = cli_schema.json_schema()
+    jsonschema.Draft202012Validator.check_schema(result)
+    return result
 
 
 def faults(schema, value):
     """Return the places of a campaign that break its schema."""
-    found = jsonschema.Draft202012Validator(schema).iter_errors(value)
-    return sorted({".".join(map(str, fault.absolute_path)) for fault in found})
+    result = jsonschema.Draft202012Validator(schema).iter_errors(value)
+    return sorted({".".join(map(str, fault.absolute_path)) for fault in result})
 
 
 CAMPAIGNS = (

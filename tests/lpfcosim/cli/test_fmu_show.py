@@ -47,8 +47,8 @@ def test_a_proposal_that_a_campaign_takes(lpfcosim, tmp_path):
     archive = third_party.built(tmp_path, changes=names)
     out = lpfcosim("fmu", "show", archive, "SuspensionControl", status=0)[1]
     table = tomllib.loads(out[out.index("[fmus.") :])["fmus"]["SuspensionControl"]
-    wanted = {"o_12": "o12", "guidance_o_12": "guidance_o12", "f_control_2": "force", "f_x_2_start": "hold"}
-    assert table["variables"] == wanted
+    expected = {"o_12": "o12", "guidance_o_12": "guidance_o12", "f_control_2": "force", "f_x_2_start": "hold"}
+    assert table["variables"] == expected
     assert table["unused"] == ["h", "f_u", "f_z", "f_i", "f_p", "f_r"]
     assert '# its own parameters, for variables or values: "bandwidth"' in out
 
@@ -59,13 +59,13 @@ def test_names_that_only_the_user_can_tell_apart(lpfcosim, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("given", "said"),
+    ("given", "sentence"),
     [
         (["Suspension"], 'no place "Suspension" in the loop, did you mean "SuspensionControl"?'),
         (["nothing.fmu"], "nothing.fmu: not a readable FMU: No such file or directory"),
         (["Plant", "Actuation"], "expected a place of the loop, an FMU, or one of each"),
     ],
 )
-def test_what_is_neither(lpfcosim, given, said):
+def test_what_is_neither(lpfcosim, given, sentence):
     err = lpfcosim("fmu", "show", *given, status=2)[2]
-    assert said in err
+    assert sentence in err

@@ -41,13 +41,13 @@ def test_pulls_of_a_known_distribution():
     rng = np.random.default_rng(5)
     drawn = [{"a": (0.3 + 1.2 * x, 2.0), "b": (y, 1.0)} for x, y in rng.standard_normal((4000, 2))]
     drawn += [{"b": (0.0, 1.0)}]
-    found = coverage.summary(drawn)
-    assert (found["a"].n, found["b"].n, found["a"].sigma) == (4000, 4001, 2.0)
-    assert abs(found["a"].pull_mean - 0.3) < 4 * found["a"].pull_mean_error
-    assert abs(found["a"].pull_std - 1.2) < 4 * found["a"].pull_std_error
+    result = coverage.summary(drawn)
+    assert (result["a"].n, result["b"].n, result["a"].sigma) == (4000, 4001, 2.0)
+    assert abs(result["a"].pull_mean - 0.3) < 4 * result["a"].pull_mean_error
+    assert abs(result["a"].pull_std - 1.2) < 4 * result["a"].pull_std_error
     inside = norm.cdf(0.7 / 1.2) - norm.cdf(-1.3 / 1.2)
-    assert abs(found["a"].coverage_1sigma - inside) < 4 * found["a"].coverage_1sigma_error
-    assert found["a"].pull_mean_error == pytest.approx(1.2 / 4000**0.5, rel=0.05)
+    assert abs(result["a"].coverage_1sigma - inside) < 4 * result["a"].coverage_1sigma_error
+    assert result["a"].pull_mean_error == pytest.approx(1.2 / 4000**0.5, rel=0.05)
     assert coverage.summary(drawn[:1]) == {}
 
 

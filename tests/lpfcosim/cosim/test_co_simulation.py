@@ -73,13 +73,13 @@ def test_engines_versions_and_block_sizes_give_the_same_bits(older, quickstart, 
     run = next(r for r in loading.load(quickstart).runs if r.kind == "sysid")
     run = replace(run, n_samples=12_000)
     fmus = {**build.build(fmi="3.0"), **build.build(older, fmi="2.0")} if older else build.build(fmi="3.0")
-    wanted = in_memory.simulate(run, build.build(fmi="3.0"), engine="fmpy")
+    expected = in_memory.simulate(run, build.build(fmi="3.0"), engine="fmpy")
     for block in (co_simulation.BLOCK, 777):
         monkeypatch.setattr(co_simulation, "BLOCK", block)
         got = in_memory.simulate(run, fmus)
-        assert all(np.array_equal(got[channel], values) for channel, values in wanted.items())
+        assert all(np.array_equal(got[channel], values) for channel, values in expected.items())
     plain = in_memory.simulate(replace(run, n_samples=2000), fmus, engine="fmpy")
-    assert all(np.array_equal(plain[channel], values[:2000]) for channel, values in wanted.items())
+    assert all(np.array_equal(plain[channel], values[:2000]) for channel, values in expected.items())
 
 
 def test_divergence_is_stopped(fmus, make_run):

@@ -18,12 +18,12 @@ pytestmark = [pytest.mark.fmu]
 @FMI
 def test_sources_are_compiled_once(run, fmus, tmp_path, monkeypatch, fmi):
     monkeypatch.setenv("LPFCOSIM_CACHE", str(tmp_path / "cache"))
-    wanted = simulate(run, fmus, third_party.built(tmp_path, fmi=fmi))
+    expected = simulate(run, fmus, third_party.built(tmp_path, fmi=fmi))
     archive = third_party.built(tmp_path, sources=True, fmi=fmi, name="source")
-    _, found = placed(run, fmus, replacement(archive))
-    assert "its sources are compiled" in warnings(found)[0]
+    _, result = placed(run, fmus, replacement(archive))
+    assert "its sources are compiled" in warnings(result)[0]
     got = simulate(run, fmus, archive)
-    assert all(np.array_equal(got[channel], values) for channel, values in wanted.items())
+    assert all(np.array_equal(got[channel], values) for channel, values in expected.items())
     (library,) = (tmp_path / "cache" / "compiled").glob(f"*/*{fmpy.sharedLibraryExtension}")
     before = library.stat().st_mtime_ns
     simulate(run, fmus, archive)

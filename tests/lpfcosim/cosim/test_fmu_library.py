@@ -35,8 +35,8 @@ def folders(tmp_path, monkeypatch):
 
 @pytest.fixture
 def shelf():
-    with FmuLibraryCache() as found:
-        yield found
+    with FmuLibraryCache() as result:
+        yield result
 
 
 def simulate(run, fmus, shelf):

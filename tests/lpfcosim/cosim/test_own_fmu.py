@@ -44,9 +44,9 @@ def test_every_place_can_be_taken(run, fmus, tmp_path, model):
     component = next(c for c in model_of(run).components(run) if c.model == model)
     names = {name: f"{name}_theirs" for name in (*component.inputs, *component.outputs)}
     archive = renamed(fmus[model], tmp_path / "mine.fmu", names)
-    wanted = in_memory.simulate(run, fmus)
+    expected = in_memory.simulate(run, fmus)
     got = simulate(run, fmus, Replacement(model, archive, names))
-    assert all(np.array_equal(got[channel], values) for channel, values in wanted.items())
+    assert all(np.array_equal(got[channel], values) for channel, values in expected.items())
 
 
 SUSPENSION = "SuspensionControl"
@@ -200,9 +200,9 @@ def test_controller_of_another_exporter(run, fmus, tmp_path, engine):
         "o_12": "y[1]", "guidance_o_12": "y[2]", "f_control_2": "u",
         "f_u": "unity_gain", "f_x_2_start": "bias",
     }  # fmt: skip
-    wanted = in_memory.simulate(run, fmus)
+    expected = in_memory.simulate(run, fmus)
     got = simulate(run, fmus, Replacement(SUSPENSION, Path(archive), names), engine=engine)
-    assert np.abs(wanted["f_x_2"]).max() > 0
-    for channel, values in wanted.items():
+    assert np.abs(expected["f_x_2"]).max() > 0
+    for channel, values in expected.items():
         # Second-order sections with poles this close to 1 lose five digits in single outputs.
         assert np.abs(got[channel] - values).max() <= 1e-8 * np.sqrt(np.mean(values**2)), channel

@@ -28,8 +28,8 @@ VALUES = [
 def stepped(run, fmus, archive, values, n=20):
     """Output of the FMU alone, with constant inputs and typed values, after every step."""
     mine = replacement(archive, values=values)
-    run, found = placed(run, fmus, mine)
-    (interface,) = (i for i in found if i.model == MODEL)
+    run, result = placed(run, fmus, mine)
+    (interface,) = (i for i in result if i.model == MODEL)
     with contextlib.ExitStack() as stack:
         alone = fmu_instance.FmuInstance(stack, interface)
         alone.initialize(interface.parameters(model_of(run).parameters(run)[MODEL]))
@@ -52,9 +52,9 @@ def test_typed_values_do_what_they_do_in_fmpy(run, fmus, tmp_path, fmi, values, 
     ours = model_of(run).parameters(run)[MODEL]
     starts = {"bandwidth": ours["f_u"], "hold": ours["f_x_2_start"], "distance": 2e-9, "wanted": 1e-9}
     times = {"stop_time": 2.0, "step_size": 0.1, "output_interval": 0.1}
-    wanted = fmpy.simulate_fmu(str(archive), start_values={**starts, **numbers}, **times)
-    assert np.array_equal(stepped(run, fmus, archive, values), wanted["force"][1:])
-    assert not np.array_equal(wanted["force"][1:], stepped(run, fmus, archive, {}))
+    expected = fmpy.simulate_fmu(str(archive), start_values={**starts, **numbers}, **times)
+    assert np.array_equal(stepped(run, fmus, archive, values), expected["force"][1:])
+    assert not np.array_equal(expected["force"][1:], stepped(run, fmus, archive, {}))
 
 
 def test_types_of_fmi_3_alone(run, fmus, tmp_path):
@@ -71,11 +71,11 @@ def test_start_value_of_an_input_that_nothing_feeds(run, fmus, tmp_path):
     archive = third_party.built(tmp_path)
     unused = (*third_party.UNUSED, "guidance_o_12")
     names = {k: v for k, v in third_party.VARIABLES.items() if k != "guidance_o_12"}
-    found = {}
+    result = {}
     for start in (0.0, 5e-9):
         mine = Replacement(MODEL, archive, names, unused, {"wanted": start})
-        found[start] = simulate(replace(run, noise=Noise()), fmus, mine)["o_12"]
-    assert not np.array_equal(found[0.0], found[5e-9])
+        result[start] = simulate(replace(run, noise=Noise()), fmus, mine)["o_12"]
+    assert not np.array_equal(result[0.0], result[5e-9])
 
 
 #: Makes `weights` an input of two elements, and a force follow from it.
@@ -93,9 +93,9 @@ def test_values_of_an_input_array_beside_an_element_that_is_fed(run, fmus, tmp_p
     mine = Replacement(MODEL, archive, names, third_party.UNUSED, values={"weights[2]": 7.0})
     got = simulate(quiet, fmus, mine, engine)
     parameter = third_party.built(tmp_path, fmi="3.0")
-    wanted = simulate(quiet, fmus, parameter, values={"weights[1]": 0.0, "weights[2]": 7.0})
-    assert np.ptp(wanted["f_x_2"]) > 0
-    assert all(np.array_equal(got[channel], wanted[channel]) for channel in wanted)
+    expected = simulate(quiet, fmus, parameter, values={"weights[1]": 0.0, "weights[2]": 7.0})
+    assert np.ptp(expected["f_x_2"]) > 0
+    assert all(np.array_equal(got[channel], expected[channel]) for channel in expected)
 
 
 def test_variables_of_several_types_share_numbers_in_fmi_2(run, fmus, tmp_path):
@@ -122,16 +122,16 @@ def with_array(folder, kind, start, elements="", of=3):
 
 @pytest.mark.parametrize("case", ARRAYS)
 def test_elements_of_arrays_of_every_type(run, fmus, tmp_path, case):
-    start, elements, value, wanted = ARRAYS[case]
+    start, elements, value, expected = ARRAYS[case]
     archive = with_array(tmp_path, case.split()[0], start, f'{elements}<Alias name="alias"/>')
-    _, found = placed(run, fmus, replacement(archive, values={"alias[2]": value}))
-    (interface,) = (i for i in found if i.model == MODEL)
+    _, result = placed(run, fmus, replacement(archive, values={"alias[2]": value}))
+    (interface,) = (i for i in result if i.model == MODEL)
     got = interface.start_values(interface.variable("items[1]"))
-    assert (got, list(map(type, got))) == (wanted, list(map(type, wanted)))
+    assert (got, list(map(type, got))) == (expected, list(map(type, expected)))
 
 
 @pytest.mark.parametrize(
-    ("kind", "start", "of", "said"),
+    ("kind", "start", "of", "sentence"),
     [
         ("Float64", 'start="0.1 0.2">', 3, "has 2 start values and 3 elements; expected one value for each"),
         ("Float64", ">", 20_000, "has 20000 elements; expected at most 10000"),
@@ -140,17 +140,17 @@ def test_elements_of_arrays_of_every_type(run, fmus, tmp_path, case):
     ],
 )
 def test_start_values_that_cannot_be_sent_are_refused_before_a_run(
-    run, fmus, tmp_path, kind, start, of, said
+    run, fmus, tmp_path, kind, start, of, sentence
 ):
     archive = with_array(tmp_path, kind, start, of=of)
     values = {"items[2]": True if kind == "Boolean" else 1}
     message = refusal(run, fmus, archive, values=values, validate=False)
-    assert message == f'fmus.SuspensionControl: {archive}: variable "items" {said}'
+    assert message == f'fmus.SuspensionControl: {archive}: variable "items" {sentence}'
 
 
 @FMI
 @pytest.mark.parametrize(
-    ("values", "said"),
+    ("values", "sentence"),
     [
         ({"mode": 2.5}, "values.mode: 2.5, expected an integer from "),
         ({"mode": "two"}, 'values.mode: "two", expected an integer from '),
@@ -167,11 +167,11 @@ def test_start_values_that_cannot_be_sent_are_refused_before_a_run(
         ({"wanted": 2.0}, "'wanted' is set by the loop and under values; expected once"),
     ],
 )  # fmt: skip
-def test_values_that_do_not_fit_are_one_sentence(run, fmus, tmp_path, fmi, values, said):
+def test_values_that_do_not_fit_are_one_sentence(run, fmus, tmp_path, fmi, values, sentence):
     archive = third_party.built(tmp_path, fmi=fmi)
     message = refusal(run, fmus, archive, values=values)
     assert message.startswith("fmus.SuspensionControl: ")
-    assert said in message
+    assert sentence in message
     assert str(archive) in message
 
 
@@ -187,10 +187,10 @@ def test_missing_names_are_said_with_the_likely_one(run, fmus, tmp_path):
 def test_float32_inputs_and_outputs(run, fmus, tmp_path, engine, names):
     single = (rf'<Float64 (name="(?:{names})")', r"<Float32 \1")
     archive = third_party.built(tmp_path, fmi="3.0", changes=[single], name="single")
-    wanted = simulate(run, fmus, third_party.built(tmp_path, fmi="3.0"))
+    expected = simulate(run, fmus, third_party.built(tmp_path, fmi="3.0"))
     got = simulate(run, fmus, archive, engine)
-    assert np.allclose(got["f_x_2"], wanted["f_x_2"], rtol=0, atol=1e-5 * np.abs(wanted["f_x_2"]).max())
-    assert not np.array_equal(got["f_x_2"], wanted["f_x_2"])
+    assert np.allclose(got["f_x_2"], expected["f_x_2"], rtol=0, atol=1e-5 * np.abs(expected["f_x_2"]).max())
+    assert not np.array_equal(got["f_x_2"], expected["f_x_2"])
 
 
 FAULTS = {
@@ -207,13 +207,13 @@ def test_archives_that_break_the_schema_run_where_asked_to(run, fmus, tmp_path, 
     assert "does not conform to the FMI schema: " in message
     assert "validate = false" in message
     mine = replacement(archive, validate=False)
-    _, found = placed(run, fmus, mine)
-    (warning,) = warnings(found)
+    _, result = placed(run, fmus, mine)
+    (warning,) = warnings(result)
     assert warning.startswith(f"fmus.SuspensionControl: {archive}: ")
     assert "does not conform to the FMI schema: " in warning
-    wanted = simulate(run, fmus, third_party.built(tmp_path))
+    expected = simulate(run, fmus, third_party.built(tmp_path))
     got = simulate(run, fmus, archive, validate=False)
-    assert all(np.array_equal(got[channel], wanted[channel]) for channel in wanted)
+    assert all(np.array_equal(got[channel], expected[channel]) for channel in expected)
 
 
 def test_what_cannot_be_read_is_refused_all_the_same(run, fmus, tmp_path):
@@ -257,5 +257,5 @@ def test_resources_in_a_folder_with_a_space(run, fmus, tmp_path, monkeypatch):
     names = {ours: theirs for ours, theirs in third_party.VARIABLES.items() if ours != "f_u"}
     mine = Replacement(MODEL, archive, names, third_party.UNUSED)
     got = simulate(run, fmus, mine)
-    wanted = simulate(stiff, fmus, third_party.built(tmp_path))
-    assert np.array_equal(got["f_x_2"], wanted["f_x_2"])
+    expected = simulate(stiff, fmus, third_party.built(tmp_path))
+    assert np.array_equal(got["f_x_2"], expected["f_x_2"])

@@ -51,16 +51,16 @@ def files(tmp_path):
 
 def test_results_come_by_name(address, files):
     items = {f"run {k}": k for k in range(20)}
-    found = dict(dask_executor.results(address, work, items, files))
+    result = dict(dask_executor.results(address, work, items, files))
     sent = {"A": (".fmu", b"\0one"), "B": (".fmu", b"\0one")}
-    assert found == {name: (k, sent) for name, k in items.items()}
+    assert result == {name: (k, sent) for name, k in items.items()}
 
 
 def test_an_error_is_a_result_and_the_others_go_on(address):
-    found = dict(dask_executor.results(address, work, {"bad": "fail", "good": 2}, {}))
-    assert found["good"] == (2, {})
-    assert isinstance(found["bad"], RunError)
-    assert str(found["bad"]) == "as asked"
+    result = dict(dask_executor.results(address, work, {"bad": "fail", "good": 2}, {}))
+    assert result["good"] == (2, {})
+    assert isinstance(result["bad"], RunError)
+    assert str(result["bad"]) == "as asked"
 
 
 def test_workers_killed_are_made_good(address, tmp_path, files):
@@ -84,8 +84,8 @@ def kill(marks):
 
 
 def test_what_kills_every_worker_is_named(address):
-    found = dict(dask_executor.results(address, work, {"fatal": "die"}, {}))
-    assert str(found["fatal"]).startswith("fatal: every worker that took it on died")
+    result = dict(dask_executor.results(address, work, {"fatal": "die"}, {}))
+    assert str(result["fatal"]).startswith("fatal: every worker that took it on died")
 
 
 def test_another_version_is_refused(address, monkeypatch):
@@ -109,10 +109,10 @@ def test_a_scheduler_lost_is_told(tmp_path):
         while not told.exists() or not told.stat().st_size:
             assert scheduler.poll() is None
             time.sleep(0.05)
-        found = json.loads(told.read_text(encoding="utf-8"))["address"]
+        result = json.loads(told.read_text(encoding="utf-8"))["address"]
         with pytest.raises(RunError, match="scheduler is lost"):
             threading.Timer(1.0, scheduler.kill).start()
-            list(dask_executor.results(found, work, {"one": 1}, {}))  # there is no worker to do it
+            list(dask_executor.results(result, work, {"one": 1}, {}))  # there is no worker to do it
     finally:
         scheduler.kill()
         scheduler.wait()

@@ -28,14 +28,14 @@ def work(cause, fmus, progress):
 
 
 @pytest.mark.parametrize(
-    ("cause", "said"),
+    ("cause", "sentence"),
     [("value", INTERNAL), ("key", INTERNAL), ("disk", "one.h5: No space left on device"), ("bare", INTERNAL)],
 )
-def test_an_unexpected_exception_is_one_sentence_and_a_traceback_in_the_log(tmp_path, cause, said):
+def test_an_unexpected_exception_is_one_sentence_and_a_traceback_in_the_log(tmp_path, cause, sentence):
     config = WorkerConfig(work, tmp_path, tmp_path / "logs")
     ((name, error),) = Executor(1).results(config, {"A": cause}, {})
     assert (name, type(error)) == ("A", RunError)
-    assert str(error) == f"run 'A' failed: {said}; see logs/A.log"
+    assert str(error) == f"run 'A' failed: {sentence}; see logs/A.log"
     log = Path(tmp_path / "logs" / "A.log").read_text()
     assert "Traceback" in log
     assert str(CAUSES[cause]) in log

@@ -49,12 +49,12 @@ def test_files_hold_what_the_reference_plant_computes(plan, files, seen):
     assert [f.name for f in files] == [f"{r.name}.h5" for r in plan.runs]
     assert seen == {r.name: r.n_samples for r in plan.runs}
     for run, file in zip(plan.runs, files, strict=True):
-        wanted = simulate_reference(run)
+        expected = simulate_reference(run)
         with h5py.File(file) as telemetry:
             assert telemetry.attrs["campaign_digest"] == plan.digest
             for channel in ("o_1", "o_12", "f_x_2", "F_x_sc"):
-                error = np.abs(telemetry[channel][:] - wanted[channel]).max()
-                assert error <= 1e-9 * np.sqrt(np.mean(wanted[channel] ** 2)), channel
+                error = np.abs(telemetry[channel][:] - expected[channel]).max()
+                assert error <= 1e-9 * np.sqrt(np.mean(expected[channel] ** 2)), channel
 
 
 def test_neither_processes_nor_the_engine_change_a_byte(fmus, plan, files, tmp_path):
@@ -101,14 +101,14 @@ def test_what_comes_from_elsewhere_is_refused_or_simulated_anew(fmus, plan, copi
     other_fmu.write_bytes(fmus["Plant"].read_bytes() + b"0")
     longer = replace(plan, experiments=(replace(plan.experiments[0], n_samples=2001),))
     monkeypatch.setattr(Executor, "results", None)  # nothing must be simulated
-    for changed, its, said in (
+    for changed, its, sentence in (
         (reseeded, fmus, "simulated with seed 7, now it is 8"),
         (longer, fmus, "simulated with another version of the campaign"),
         (replace(plan, name="brief"), fmus, "simulated with campaign short, now it is brief"),
         (plan, {**fmus, "Plant": other_fmu}, "simulated with another Plant FMU"),
         (plan, {k: v for k, v in fmus.items() if k != "Plant"}, "simulated with an FMU Plant, which is not"),
     ):
-        with pytest.raises(InputError, match=rf"one-noise\.h5: {said}.*; choose another .* \(rerun\)"):
+        with pytest.raises(InputError, match=rf"one-noise\.h5: {sentence}.*; choose another .* \(rerun\)"):
             runner.simulate(changed, folder, its)
     with monkeypatch.context() as patch:
         patch.setattr(provenance.metadata, "version", lambda _: "9.9")

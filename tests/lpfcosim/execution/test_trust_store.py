@@ -38,11 +38,11 @@ def test_approvals_stand_in_the_configuration_of_the_user(fmu, tmp_path, monkeyp
 
 def test_approvals_are_withdrawn_by_file_or_digest(fmu):
     one, two = fmu("one.fmu", "one"), fmu("two.fmu", "two")
-    found = trust_store.approve([one, two])
-    assert trust_store.revoke([str(one)]) == found[:1]
-    assert trust_store.revoke([found[1].sha256[:8].upper()]) == found[1:]
+    result = trust_store.approve([one, two])
+    assert trust_store.revoke([str(one)]) == result[:1]
+    assert trust_store.revoke([result[1].sha256[:8].upper()]) == result[1:]
     assert trust_store.digests() == set()
-    for name in ("two.fmu", "", found[1].sha256[:7], found[1].sha256):
+    for name in ("two.fmu", "", result[1].sha256[:7], result[1].sha256):
         with pytest.raises(InputError, match="not among the approved FMUs"):
             trust_store.revoke([name])
 

@@ -79,11 +79,11 @@ def test_limits_that_close_every_loop_are_told(problem, fit_model):
 
 
 @pytest.mark.parametrize(
-    ("most", "said"), [(48 * 3600.0, "48"), pytest.param(None, "2000", marks=pytest.mark.slow)]
+    ("most", "sentence"), [(48 * 3600.0, "48"), pytest.param(None, "2000", marks=pytest.mark.slow)]
 )
-def test_what_no_hours_reach_is_told_before_a_search(pair, fit_model, most, said):
+def test_what_no_hours_reach_is_told_before_a_search(pair, fit_model, most, sentence):
     spec = replace(pair.design, goal="least hours", hours=most, sigmas={"omega2_1_0": 1e-13})
-    with pytest.raises(InputError, match=rf"design.hours: in {said} h no design does, .* omega2_1_0 is"):
+    with pytest.raises(InputError, match=rf"design.hours: in {sentence} h no design does, .* omega2_1_0 is"):
         design(replace(pair, design=spec), fit_model, SILENT)
 
 
@@ -97,8 +97,8 @@ def test_settings_that_tell_more_are_found(pair, fit_model):
     near = replace(first.authority, name="near", F_max_2=1500e-12, N_max_1=8e-12)
     near = replace(problem.plan, experiments=(first, replace(second, authority=near)))
     worse = build_problem(near, problem.sigmas_before, problem.baseline_limits, fit_model)
-    found = authority_selection.select_authority(worse, fit_model, SILENT)
-    a, b = (e.authority for e in found.plan.experiments)
+    result = authority_selection.select_authority(worse, fit_model, SILENT)
+    a, b = (e.authority for e in result.plan.experiments)
     assert a.N_max_1 != b.N_max_1
 
     def value(of):
@@ -106,7 +106,7 @@ def test_settings_that_tell_more_are_found(pair, fit_model):
             of.experiments, of.prior_information, of.objective, (), rounds=1
         ).value
 
-    assert value(found) < 0.7 * value(worse)
+    assert value(result) < 0.7 * value(worse)
 
 
 @pytest.mark.slow
@@ -118,11 +118,11 @@ def test_interrupted_it_gives_the_best_so_far(problem, fit_model):
         if step.startswith("trial 2"):
             raise KeyboardInterrupt
 
-    found = search(problem, fit_model, replace(SILENT, on_value=value))
-    assert not found.complete
-    assert found.sigmas_after.keys() == found.problem.sigmas_before.keys()
-    assert found.value < 1
-    assert max(x for of in found.limit_ratios.values() for x in of.values()) < 1 + 1e-6
+    result = search(problem, fit_model, replace(SILENT, on_value=value))
+    assert not result.complete
+    assert result.sigmas_after.keys() == result.problem.sigmas_before.keys()
+    assert result.value < 1
+    assert max(x for of in result.limit_ratios.values() for x in of.values()) < 1 + 1e-6
 
     def at_once(step, reached):
         raise KeyboardInterrupt
@@ -133,22 +133,22 @@ def test_interrupted_it_gives_the_best_so_far(problem, fit_model):
 
 @pytest.mark.long
 def test_the_least_hours_reach_what_is_wanted(pair, fit_model):
-    found = design(
+    result = design(
         replace(pair, design=replace(pair.design, goal="least hours", held="peaks", shortest=21600.0)),
         fit_model,
         SILENT,
     )
-    assert found.value <= 1
-    assert found.min_duration <= found.duration * (1 + 1e-6)
-    assert found.duration == pytest.approx(2 * 21600, rel=1e-3)
-    written = campaign_text(found, "soon", "pair.toml")
+    assert result.value <= 1
+    assert result.min_duration <= result.duration * (1 + 1e-6)
+    assert result.duration == pytest.approx(2 * 21600, rel=1e-3)
+    written = campaign_text(result, "soon", "pair.toml")
     assert "[design]" not in written
 
 
 @pytest.mark.slow
 def test_elsewhere_a_design_loses_little(designed, fit_model):
-    found, _ = designed
-    lost = robustness(found, fit_model, lambda share: None)
+    result, _ = designed
+    lost = robustness(result, fit_model, lambda share: None)
     assert -0.01 < lost.loss < 0.1
     assert 0.9 < lost.max_limit_ratio < 1.2
 

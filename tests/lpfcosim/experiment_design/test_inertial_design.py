@@ -36,22 +36,22 @@ def formula(plan):
 MODEL = SimpleNamespace(sigmas=formula)
 
 
-@pytest.mark.parametrize("wanted", [3e-6, 4.5e-6, 9e-6])
-def test_the_hours_are_those_of_the_formula(plan, wanted):
-    found, angles = inertial_design.shorten_noise_runs(plan, {"delta_phi_2": wanted}, MODEL)
-    least = (1e-5) ** 2 * DAY / (wanted**2 - FLOOR**2)
-    assert angles.sigmas_after["delta_phi_2"] <= wanted
-    assert sum(seconds(found, 2)) == pytest.approx(least, rel=0.02)
-    assert angles.durations == (6 * DAY, sum(seconds(found, 2)))
-    assert seconds(found, 1) == seconds(plan, 1)
-    assert [e for e in found.experiments if e.n_samples] == [e for e in plan.experiments if e.n_samples]
+@pytest.mark.parametrize("expected", [3e-6, 4.5e-6, 9e-6])
+def test_the_hours_are_those_of_the_formula(plan, expected):
+    result, angles = inertial_design.shorten_noise_runs(plan, {"delta_phi_2": expected}, MODEL)
+    least = (1e-5) ** 2 * DAY / (expected**2 - FLOOR**2)
+    assert angles.sigmas_after["delta_phi_2"] <= expected
+    assert sum(seconds(result, 2)) == pytest.approx(least, rel=0.02)
+    assert angles.durations == (6 * DAY, sum(seconds(result, 2)))
+    assert seconds(result, 1) == seconds(plan, 1)
+    assert [e for e in result.experiments if e.n_samples] == [e for e in plan.experiments if e.n_samples]
 
 
 def test_runs_that_would_be_too_short_are_left_out(plan):
-    found, _ = inertial_design.shorten_noise_runs(plan, {"delta_phi_3": sigma(DAY)}, MODEL)
-    assert seconds(found, 3) == [pytest.approx(DAY / 2, rel=0.02)] * 2
-    found, _ = inertial_design.shorten_noise_runs(plan, {"delta_phi_3": 1.0}, MODEL)
-    assert seconds(found, 3) == [43200.0]
+    result, _ = inertial_design.shorten_noise_runs(plan, {"delta_phi_3": sigma(DAY)}, MODEL)
+    assert seconds(result, 3) == [pytest.approx(DAY / 2, rel=0.02)] * 2
+    result, _ = inertial_design.shorten_noise_runs(plan, {"delta_phi_3": 1.0}, MODEL)
+    assert seconds(result, 3) == [43200.0]
 
 
 def test_what_no_hours_reach_is_told(plan):

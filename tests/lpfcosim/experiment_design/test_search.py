@@ -40,33 +40,33 @@ def test_no_random_design_beats_the_bound(problem, optimum):
 
 @pytest.mark.slow
 def test_certificate_is_tight_and_tones_come_near(designed):
-    found, said = designed
-    assert 0 <= found.optimum.gap < 5e-3
-    assert said.bounds[-1] == (found.optimum.value, found.optimum.bound)
+    result, said = designed
+    assert 0 <= result.optimum.gap < 5e-3
+    assert said.bounds[-1] == (result.optimum.value, result.optimum.bound)
     assert len(said.values) > 3
     assert said.shares == sorted(said.shares)
     assert said.shares[0] < 0.2
     assert said.shares[-1] == pytest.approx(1)
     assert max(np.diff(said.shares)) < 0.2  # so that what is left is told as it shrinks
-    assert 0.98 < found.efficiency <= 1
+    assert 0.98 < result.efficiency <= 1
 
 
 @pytest.mark.slow
 def test_the_forecast_knows_the_same(designed):
-    found, _ = designed
-    assert found.sigmas_after.keys() == found.problem.sigmas_before.keys()
-    told = np.exp(found.problem.objective.logs(found.solution.information))
-    scale = found.problem.experiments[0].scale[found.problem.objective.indices]
-    forecast = np.array([found.sigmas_after[name] for name in found.problem.parameters]) / scale
+    result, _ = designed
+    assert result.sigmas_after.keys() == result.problem.sigmas_before.keys()
+    told = np.exp(result.problem.objective.logs(result.solution.information))
+    scale = result.problem.experiments[0].scale[result.problem.objective.indices]
+    forecast = np.array([result.sigmas_after[name] for name in result.problem.parameters]) / scale
     np.testing.assert_allclose(told, forecast, rtol=1e-2)
-    assert all(found.sigma_bounds[name] < found.sigmas_after[name] for name in found.problem.parameters)
+    assert all(result.sigma_bounds[name] < result.sigmas_after[name] for name in result.problem.parameters)
 
 
 @pytest.mark.slow
 def test_limits_are_kept_by_the_reference_plant(designed):
-    found, _ = designed
-    runs = {run.experiment: run for run in found.campaign.runs if run.kind == "sysid"}
-    for experiment in found.problem.experiments:
+    result, _ = designed
+    runs = {run.experiment: run for run in result.campaign.runs if run.kind == "sysid"}
+    for experiment in result.problem.experiments:
         run = replace(runs[experiment.run.experiment], noise=type(experiment.run.noise)(), dc=0.0)
         moved = ClosedLoop(run).simulate()
         of = {
@@ -82,8 +82,8 @@ def test_limits_are_kept_by_the_reference_plant(designed):
 
 @pytest.mark.slow
 def test_few_tones_begin_and_end_together(designed):
-    found, _ = designed
-    for tones in found.tones.values():
+    result, _ = designed
+    for tones in result.tones.values():
         injections = [tone.injection for tone in tones]
         assert all(isinstance(i, TaperedSine) for i in injections)
         assert len({(i.start, i.ramp, round(i.end, 6)) for i in injections}) == 1
@@ -99,9 +99,9 @@ def test_the_worst_ratio_is_bounded_too(problem):
 
     mean = problem.objective
     worst = Objective(mean.indices, mean.weights, minimax=True, max_ratios=mean.max_ratios)
-    found = convex_bound.optimize_power(problem.experiments, problem.prior_information, worst, ())
-    assert found.gap < 5e-3
-    assert found.bound < np.exp(max(worst.logs(found.information))) < 1
+    result = convex_bound.optimize_power(problem.experiments, problem.prior_information, worst, ())
+    assert result.gap < 5e-3
+    assert result.bound < np.exp(max(worst.logs(result.information))) < 1
 
 
 def test_what_no_design_reaches_is_told_with_how_near_one_comes(problem, fit_model):
@@ -135,12 +135,12 @@ def test_without_the_solver_one_sentence_tells_what_to_install(monkeypatch):
 @pytest.mark.slow
 def test_limits_of_its_own_are_what_tones_reach(pair):
     run = pair.runs[1]
-    found = {
+    result = {
         limit.name: limit.value for limit in limits.baseline_limits(run, [("o_1", "peak"), ("F_x_sc", "rms")])
     }
     moved = ClosedLoop(replace(run, noise=type(run.noise)())).simulate()
-    assert found["peak of o_1"] == pytest.approx(np.max(np.abs(moved["o_1"])), rel=1e-6)
-    assert found["rms of F_x_sc"] == pytest.approx(np.sqrt(np.mean(moved["F_x_sc"] ** 2)), rel=1e-6)
+    assert result["peak of o_1"] == pytest.approx(np.max(np.abs(moved["o_1"])), rel=1e-6)
+    assert result["rms of F_x_sc"] == pytest.approx(np.sqrt(np.mean(moved["F_x_sc"] ** 2)), rel=1e-6)
 
 
 @pytest.mark.parametrize(

@@ -74,10 +74,10 @@ def driven(archive, run, folder):
     return dict(zip(CHANNELS, np.array(recorded).T, strict=True))
 
 
-def assert_same_bits(got, wanted):
+def assert_same_bits(got, expected):
     for channel in CHANNELS:
-        assert wanted[channel].any(), channel
-        assert got[channel].tobytes() == wanted[channel].tobytes(), channel
+        assert expected[channel].any(), channel
+        assert got[channel].tobytes() == expected[channel].tobytes(), channel
 
 
 def test_container_gives_the_same_bits(archive, run, tmp_path):

@@ -84,8 +84,8 @@ def test_components_stand_in_the_order_of_the_steps(archive):
 
 def test_every_connection_is_there_once(archive):
     connections = read_ssd(str(archive)).system.connections
-    found = [(c.startElement, c.startConnector, c.endElement, c.endConnector) for c in connections]
-    assert Counter(found) == Counter(expected_connections())
+    result = [(c.startElement, c.startConnector, c.endElement, c.endConnector) for c in connections]
+    assert Counter(result) == Counter(expected_connections())
 
 
 def test_units_agree_along_connections(members):
@@ -108,10 +108,10 @@ def test_every_authority_set_has_its_values(archive, members, plan, fmus):
     for name in ("A", "B", "C", "D"):
         run = next(r for r in plan.runs if r.authority.name == name)
         values = read_ssv(str(archive), f"resources/authority_{name}.ssv")
-        wanted = {f"{m}.{n}": v for m, vs in model_of(run).parameters(run).items() for n, v in vs.items()}
-        wanted["Plant.g_2"] = run.dc
-        assert {p.name: float(p.value) for p in values.parameters} == wanted
-        assert len(values.parameters) == len(wanted)
+        expected = {f"{m}.{n}": v for m, vs in model_of(run).parameters(run).items() for n, v in vs.items()}
+        expected["Plant.g_2"] = run.dc
+        assert {p.name: float(p.value) for p in values.parameters} == expected
+        assert len(values.parameters) == len(expected)
         for parameter in values.parameters:
             assert parameter.unit == known[parameter.name]
     assert sum(name.endswith(".ssv") for name in members) == 4
@@ -152,19 +152,19 @@ def test_values_are_written_with_their_types(fmus, tmp_path):
     with zipfile.ZipFile(ssp.export(loading.load(file), archives, tmp_path / "loop.ssp")) as archive:
         name = next(n for n in archive.namelist() if n.endswith(".ssv"))
         root = etree.fromstring(archive.read(name))
-    found = {
+    result = {
         parameter.get("name").removeprefix("SuspensionControl."): (
             etree.QName(parameter[0]).localname,
             parameter[0].get("value"),
         )
         for parameter in root.iter(f"{SSV}Parameter")
     }
-    assert found["mode"] == ("Integer", "2")
-    assert found["enabled"] == ("Boolean", "false")
-    assert found["label"] == ("String", "half")
-    assert found["law"] == ("Enumeration", "stiff")
-    assert found["state"] == ("Real", "1e-09")
-    assert found["bandwidth"] == ("Real", "0.001")
+    assert result["mode"] == ("Integer", "2")
+    assert result["enabled"] == ("Boolean", "false")
+    assert result["label"] == ("String", "half")
+    assert result["law"] == ("Enumeration", "stiff")
+    assert result["state"] == ("Real", "1e-09")
+    assert result["bandwidth"] == ("Real", "0.001")
 
 
 def test_ecos_follows_a_set_point(archive):

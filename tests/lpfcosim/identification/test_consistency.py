@@ -20,13 +20,13 @@ SIMULATED = {"campaign_digest": "ef56", **{f"fmu_{name}": digest for name, diges
 @pytest.fixture
 def flown(plan):
     """The telemetry of that campaign, as flown: it does not tell where it is from."""
-    found = []
+    result = []
     for run in plan.runs:
         said, channels = telemetry_file.attributes(run), ClosedLoop(run).simulate()
         known = {name: said.pop(name) for name in [*said] if name in Telemetry.__dataclass_fields__}
         more = {"path": Path(f"{run.name}.h5"), "time": run.time, "channels": channels, "units": {}}
-        found.append(Telemetry(**known, **more, attributes=said))
-    return found
+        result.append(Telemetry(**known, **more, attributes=said))
+    return result
 
 
 def simulated(flown, **more):
@@ -41,16 +41,16 @@ def test_telemetry_of_the_campaign_is_taken_whether_flown_or_simulated(plan, flo
 
 
 @pytest.mark.parametrize(
-    ("change", "said"),
+    ("change", "sentence"),
     [
         ({"experiment": "onr"}, r'one\.h5: attribute experiment: "onr", .*sysid run, did you mean "one"\?'),
         ({"F_max_2": 2.1e-9}, r"one\.h5: attribute F_max_2: 2\.1e-09, expected 2\.2e-09, the authority"),
         ({"N_max_1": 0.0}, r"one\.h5: attribute N_max_1: 0, expected 1\.04e-11"),
     ],
 )
-def test_other_experiments_and_authorities_are_refused_with_file_and_place(plan, flown, change, said):
+def test_other_experiments_and_authorities_are_refused_with_file_and_place(plan, flown, change, sentence):
     noise, sysid = flown
-    with pytest.raises(InputError, match=said):
+    with pytest.raises(InputError, match=sentence):
         check(plan, [noise, replace(sysid, **change)])
 
 

@@ -65,18 +65,18 @@ def test_parameters_of_the_fmus_are_those_that_the_fit_finds(lpfcosim, done):
     _, out, err = lpfcosim("identify", done, "--json", status=0)
     said = list(dict.fromkeys(line.split(":")[0] for line in err.splitlines()))
     assert said[-5:] == ["reading", "preparation", "loading", "simulations", "report"]
-    found = json.loads(out)
+    result = json.loads(out)
     folder = done.with_suffix("")
-    assert found == json.loads((folder / "identified.json").read_text())
-    assert found["schema"] == "lpf-results/1"
-    assert found["joint"]["names"] == ["lambda_2", "C_2", "omega2_1_0", "omega2_2_0", "delta_ifo_A"]
+    assert result == json.loads((folder / "identified.json").read_text())
+    assert result["schema"] == "lpf-results/1"
+    assert result["joint"]["names"] == ["lambda_2", "C_2", "omega2_1_0", "omega2_2_0", "delta_ifo_A"]
     fitted = json.loads((folder / "results.json").read_text())["experiments"]["A"]["parameters"]
     for name, theirs in (("lambda_2", "lambda_2"), ("C_2", "C_2"), ("delta_ifo_A", "delta_ifo")):
-        mine = found["joint"]["parameters"][name]
+        mine = result["joint"]["parameters"][name]
         assert abs(mine["value"] - fitted[theirs]["value"]) < 0.05 * mine["sigma"]
         assert abs(mine["pull"]) < 4
-    assert found["provenance"]["commands"]["A"] < 1e-9
-    assert found["provenance"]["identified"]["omega2_2_0"] == {"model": "Plant", "variable": "omega2_2_0"}
+    assert result["provenance"]["commands"]["A"] < 1e-9
+    assert result["provenance"]["identified"]["omega2_2_0"] == {"model": "Plant", "variable": "omega2_2_0"}
 
 
 @pytest.mark.slow
@@ -118,16 +118,16 @@ def test_what_is_clipped_is_masked(lpfcosim, campaign):
     lpfcosim("run", campaign, "--quiet", status=0)
     _, out, err = lpfcosim("identify", campaign, "--json", status=0)
     assert "at the limit of its authority: f_x_2 in" in err
-    found = json.loads(out)
+    result = json.loads(out)
     fitted = json.loads((campaign.with_suffix("") / "results.json").read_text())["joint"]["parameters"]
-    for name, mine in found["joint"]["parameters"].items():
+    for name, mine in result["joint"]["parameters"].items():
         assert abs(mine["value"] - fitted[name]["value"]) < 0.05 * mine["sigma"]
         assert mine["sigma"] == pytest.approx(fitted[name]["sigma"], rel=0.02)
         assert abs(mine["pull"]) < 4
 
 
 @pytest.mark.parametrize(
-    ("sought", "said"),
+    ("sought", "sentence"),
     [
         ("Plant.omega2_2 = {}", 'has no parameter "omega2_2", did you mean "omega2_2_0"'),
         ("Plnt.omega2_2_0 = {}", 'identify.Plnt.omega2_2_0: the loop has no "Plnt", did you mean "Plant"'),
@@ -147,24 +147,24 @@ def test_what_is_clipped_is_masked(lpfcosim, campaign):
         ("delta_ifo = { shared = ['A', 'Z'] }", 'shared: ["A", "Z"] is not known (known: alignment_epoch, '),
     ],
 )
-def test_what_cannot_be_sought_is_refused(lpfcosim, done, sought, said):
+def test_what_cannot_be_sought_is_refused(lpfcosim, done, sought, sentence):
     done.write_text(f"{CAMPAIGN}\n[identify]\n{sought}\n")
     status, out, err = lpfcosim("identify", done)
     assert (status, out) == (2, "")
-    assert said in err.splitlines()[-1]
+    assert sentence in err.splitlines()[-1]
     assert "Traceback" not in err
 
 
 def test_a_start_that_cannot_be_simulated_is_refused(lpfcosim, done):
     loop = "lambda_2 = { start = 0, bounds = [-1, 2] }\nC_2 = {}\nSuspensionControl.f_p = { start = -0.006 }"
-    for sought, said in (
+    for sought, sentence in (
         (loop, "lambda_2 = 0, SuspensionControl.f_p = -0.006: C_2 has no delay where lambda_2 is 0; "),
         (loop.replace("0,", "1,"), "lambda_2 = 1, SuspensionControl.f_p = -0.006: run 'A' diverges: o_12 "),
     ):
         done.write_text(f"{CAMPAIGN}\n[identify]\n{sought}\n")
         status, out, err = lpfcosim("identify", done)
         assert (status, out) == (2, "")
-        assert f"{done}: identify: start at {said}" in err.splitlines()[-1]
+        assert f"{done}: identify: start at {sentence}" in err.splitlines()[-1]
 
 
 @pytest.mark.slow
@@ -252,7 +252,7 @@ def test_bounds_that_the_data_contradict_make_the_result_unsound(identify):
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("name", "what", "said"),
+    ("name", "what", "sentence"),
     [
         ("Aborts", "os.abort() if late else None", "identification: the SuspensionControl FMU crashed"),
         (
@@ -262,13 +262,13 @@ def test_bounds_that_the_data_contradict_make_the_result_unsound(identify):
         ),
     ],
 )
-def test_an_fmu_that_fails_in_a_trial_is_named(lpfcosim, done, tmp_path, name, what, said):
+def test_an_fmu_that_fails_in_a_trial_is_named(lpfcosim, done, tmp_path, name, what, sentence):
     built(tmp_path, name, what)
     unused = '["h", "f_u", "f_z", "f_i", "f_p", "f_r", "f_x_2_start"]'
     done.write_text(f'{CAMPAIGN}\n[fmus.SuspensionControl]\npath = "{name}.fmu"\nunused = {unused}\n')
     before = (done.with_suffix("") / "results.json").read_bytes()
     err = lpfcosim("identify", done, "--trust", status=1)[2]
-    assert said in err.splitlines()[-1]
+    assert sentence in err.splitlines()[-1]
     assert "Traceback" not in err
     assert (done.with_suffix("") / "results.json").read_bytes() == before
     assert not (done.with_suffix("") / "identified.json").exists()
@@ -313,6 +313,6 @@ def test_an_fmu_that_did_not_fly_makes_the_result_unsound(
     joint = lpfcosim_json("identify", campaign, "--trust", status=1)["joint"]
     assert not joint["sound"]
     assert joint["chi2"] / joint["dof"] < 1.05
-    found = {w["code"]: w for w in joint["warnings"]}
-    assert named <= set(found[code]["parameters"])
-    assert found["loop_mismatch"]["message"].endswith(f"with other FMUs in the place of {model}")
+    result = {w["code"]: w for w in joint["warnings"]}
+    assert named <= set(result[code]["parameters"])
+    assert result["loop_mismatch"]["message"].endswith(f"with other FMUs in the place of {model}")

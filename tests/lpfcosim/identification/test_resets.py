@@ -23,10 +23,10 @@ def simulated(make_run, fmus, archive):
     mine = Replacement(MODEL, archive, third_party.VARIABLES, third_party.UNUSED)
     sine = Sine("guidance_o_12", 1e-8, 0.01, 2, 10)
     run = replace(make_run(n_samples=N, injections=(sine,), dc=4e-12), replacements=(mine,))
-    found = read_interfaces(run, {**fmus, MODEL: archive})
+    result = read_interfaces(run, {**fmus, MODEL: archive})
     feeds = {**stimuli.injections(run), "g_2": np.full(N, run.dc)}
     with contextlib.ExitStack() as stack:
-        loop = simulation_session.load_loop(stack, run, found, ("o_12", "f_x_2"))
+        loop = simulation_session.load_loop(stack, run, result, ("o_12", "f_x_2"))
         return [
             loop.simulate(N, inputs, {MODEL: {"bandwidth": bandwidth}})
             for inputs, bandwidth in ((feeds, 1e-3), (feeds, 2e-3), ({}, 1e-3), (feeds, 1e-3), (feeds, 2e-3))
@@ -50,11 +50,11 @@ def simulated(make_run, fmus, archive):
 def test_new_instances_take_the_place_of_a_reset(make_run, fmus, tmp_path, caplog, macros, fmi):
     caplog.set_level("INFO")
     kept = [macro for macro in macros if macro == "AGES"]
-    wanted = simulated(make_run, fmus, third_party.built(tmp_path, *kept, fmi=fmi, name="sound"))
+    expected = simulated(make_run, fmus, third_party.built(tmp_path, *kept, fmi=fmi, name="sound"))
     assert "new instances are used" not in caplog.text
     got = simulated(make_run, fmus, third_party.built(tmp_path, *macros, fmi=fmi))
     assert "SuspensionControl: a reset is not sufficient" in caplog.text
-    for ours, theirs in zip(got, wanted, strict=True):
+    for ours, theirs in zip(got, expected, strict=True):
         assert all(np.array_equal(ours[name], theirs[name]) for name in theirs)
     assert np.array_equal(got[0]["o_12"], got[3]["o_12"])
 

@@ -24,27 +24,27 @@ def run(make_run):
 
 @pytest.mark.parametrize("fmi", ["2.0", "3.0"])
 def test_a_trial_leaves_nothing_behind(run, fmi):
-    found = compatibility.read_interfaces(run, build.build(fmi=fmi))
+    result = compatibility.read_interfaces(run, build.build(fmi=fmi))
     feeds = {**stimuli.injections(run), "g_2": np.full(N, run.dc)}
     with contextlib.ExitStack() as stack:
-        loop = simulation_session.load_loop(stack, run, found, ("o_1", "o_12"))
+        loop = simulation_session.load_loop(stack, run, result, ("o_1", "o_12"))
         first = loop.simulate(N, feeds, {})
         other = loop.simulate(N, feeds, {"Plant": {"omega2_2_0": -5e-7}})
         again = loop.simulate(N, feeds, {})
         short = loop.simulate(100, feeds, {})
-        wanted = ClosedLoop(run).simulate()
+        expected = ClosedLoop(run).simulate()
     for name, values in first.items():
         assert np.array_equal(again[name], values)
         assert np.array_equal(short[name], values[:100])
-        assert np.abs(values - wanted[name]).max() <= 1e-9 * np.sqrt(np.mean(wanted[name] ** 2))
+        assert np.abs(values - expected[name]).max() <= 1e-9 * np.sqrt(np.mean(expected[name] ** 2))
     assert np.abs(other["o_12"] - first["o_12"]).max() > 1e-13
 
 
 def test_a_loop_goes_on_after_a_trial_that_is_not_stable(run, fmus):
-    found = compatibility.read_interfaces(run, fmus)
+    result = compatibility.read_interfaces(run, fmus)
     feeds = {**stimuli.injections(run), "g_2": np.full(N, run.dc)}
     with contextlib.ExitStack() as stack:
-        loop = simulation_session.load_loop(stack, run, found, ("o_1", "o_12"))
+        loop = simulation_session.load_loop(stack, run, result, ("o_1", "o_12"))
         first = loop.simulate(N, feeds, {})
         with pytest.raises(RunError, match="diverges"):
             loop.simulate(N, feeds, {"Plant": {"omega2_2_0": -1.0}})
@@ -54,11 +54,11 @@ def test_a_loop_goes_on_after_a_trial_that_is_not_stable(run, fmus):
 
 
 def test_the_controller_alone_makes_the_commands_that_it_made_in_the_loop(run, fmus):
-    found = compatibility.read_interfaces(run, fmus)
+    result = compatibility.read_interfaces(run, fmus)
     feeds = {**stimuli.injections(run), "g_2": np.full(N, run.dc)}
     with contextlib.ExitStack() as stack:
-        loop = simulation_session.load_loop(stack, run, found, ("o_12", "f_x_2"))
-        alone = simulation_session.load_controller(stack, run, found)
+        loop = simulation_session.load_loop(stack, run, result, ("o_12", "f_x_2"))
+        alone = simulation_session.load_controller(stack, run, result)
         whole = loop.simulate(N, feeds, {})
         given = {"o_12": whole["o_12"], "guidance_o_12": feeds["guidance_o_12"]}
         asked = alone.simulate(N, given, {})["f_control_2"]

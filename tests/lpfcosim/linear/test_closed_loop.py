@@ -40,8 +40,8 @@ def test_simulation_is_that_of_the_reference_plant(driven):
     authority = Authority("wide", 1e-9, 2.2e-9, 1e-11, 1e-11)
     run = driven(authority=authority, actuation=Actuation(electrode=1e-6))
     run = replace(run, truth=replace(run.truth, lambda_bend_1=1e-3, lambda_walk_2=1e-3))
-    found = deviations(ClosedLoop(run).simulate(), simulate_reference(run))
-    assert max(found.values()) < 1e-12, found
+    result = deviations(ClosedLoop(run).simulate(), simulate_reference(run))
+    assert max(result.values()) < 1e-12, result
 
 
 def test_commands_at_their_limit_are_those_of_the_reference_plant(driven):
@@ -82,8 +82,8 @@ def test_frequency_response_leaves_delays_out_of_the_solution(driven, spacecraft
     expected = [
         system.C @ np.linalg.solve(k * np.eye(len(system.A)) - system.A, system.B) + system.D for k in z
     ]
-    found = system.frequency_response(frequency)
-    np.testing.assert_allclose(found, expected, rtol=1e-7)
+    result = system.frequency_response(frequency)
+    np.testing.assert_allclose(result, expected, rtol=1e-7)
     assert len(system._memory) > len(system.A) // 3
 
 

@@ -89,5 +89,5 @@ def test_response_is_that_of_one_step_after_the_other(quickstart, monkeypatch, s
     expected = np.array(seen)[::10].T
     assert np.ptp(expected, axis=1).min() > 0
     for name, x in zip(s.outputs, expected, strict=True):
-        found = response.linear_response(run)[name]
-        np.testing.assert_allclose(found, x, rtol=0, atol=1e-11 * np.abs(x).max(), err_msg=name)
+        result = response.linear_response(run)[name]
+        np.testing.assert_allclose(result, x, rtol=0, atol=1e-11 * np.abs(x).max(), err_msg=name)

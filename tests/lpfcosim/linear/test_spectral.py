@@ -31,11 +31,11 @@ def sysid(quickstart):
 
 def test_same_noise_same_telemetry(sysid):
     expected = simulate_reference(sysid)
-    found = response.linear_response(sysid, stimuli.noise_source(sysid))
-    found["f_x_2"] = found["f_x_2"] + sysid.f_x_2_start
+    result = response.linear_response(sysid, stimuli.noise_source(sysid))
+    result["f_x_2"] = result["f_x_2"] + sysid.f_x_2_start
     for name in CHANNELS:
         x = expected[name][::10]
-        assert np.abs(found[name] - x).max() < 1e-11 * x.std(), name
+        assert np.abs(result[name] - x).max() < 1e-11 * x.std(), name
 
 
 def test_same_noise_same_telemetry_of_the_whole_spacecraft(quickstart):
@@ -44,12 +44,12 @@ def test_same_noise_same_telemetry_of_the_whole_spacecraft(quickstart):
     still = replace(run.spacecraft, Omega_DC=(0.0, 0.0, 0.0))
     run = replace(run, n_samples=6000, injections=run.injections[:0], spacecraft=still)
     expected = ClosedLoop(run).simulate()
-    found = response.linear_response(run, stimuli.noise_source(run))
-    found["f_x_2"] = found["f_x_2"] + run.f_x_2_start
+    result = response.linear_response(run, stimuli.noise_source(run))
+    result["f_x_2"] = result["f_x_2"] + run.f_x_2_start
     for name in ("o_1", "o_12", "f_x_2", "o_phi_1", "o_eta_12", "grs_y_1", "grs_z_2"):
         x = expected[name][::10]
         # what is quadratic in the rates is left out: it pulls along x
-        assert np.abs(found[name] - x).max() < (5e-3 if name in ("o_12", "f_x_2") else 1e-5) * x.std(), name
+        assert np.abs(result[name] - x).max() < (5e-3 if name in ("o_12", "f_x_2") else 1e-5) * x.std(), name
 
 
 @pytest.mark.parametrize("samples", [3600, 3601, 1125, 1124])  # at 1 Hz
@@ -81,7 +81,7 @@ def test_a_glitch_does_not_start_the_turn_of_the_spacecraft_anew(quickstart):
     run = loading.load(quickstart.with_name("spacecraft.toml")).runs[1]
     turning = replace(run, n_samples=20_000, injections=(), noise=Noise())
     glitchy = replace(turning, injections=(Pulse("g_2", 1e-11, 1500.0, 20.0),))
-    without, found = (
+    without, result = (
         spectral_simulation.Simulation(each, ("o_12", "f_x_2", "ast_phi", "grs_y_1")).record(
             np.random.default_rng(1)
         )
@@ -89,9 +89,9 @@ def test_a_glitch_does_not_start_the_turn_of_the_spacecraft_anew(quickstart):
     )
     rate = run.spacecraft.Omega_DC[2]
     for name in without:
-        assert np.array_equal(found[name][:1480], without[name][:1480]), name
-        assert not np.array_equal(found[name], without[name])
-    assert rate and np.allclose(np.diff(found["ast_phi"]), rate, rtol=1e-6)
+        assert np.array_equal(result[name][:1480], without[name][:1480]), name
+        assert not np.array_equal(result[name], without[name])
+    assert rate and np.allclose(np.diff(result["ast_phi"]), rate, rtol=1e-6)
 
 
 ARM = 0.376 / 2
@@ -168,6 +168,6 @@ def test_noise_of_1_over_f_has_its_power_in_the_lowest_bins_although_it_repeats(
         f = np.arange(1, period // 2 + 1) / period
         return np.abs(np.fft.rfft(seen, period)[:, 1:]) ** 2 @ (1 / (f**2 + corner**2)) / period
 
-    found = power(spectral_simulation.PERIOD * n) / power(40 * n)
-    assert np.abs(found - 1).max() < 2e-3
-    assert np.abs(found[[1, 3, 4, 5]] - 1).max() < 5e-4
+    result = power(spectral_simulation.PERIOD * n) / power(40 * n)
+    assert np.abs(result - 1).max() < 2e-3
+    assert np.abs(result[[1, 3, 4, 5]] - 1).max() < 5e-4

@@ -47,19 +47,19 @@ def array_fmus(tmp_path_factory):
 
 def test_arrays_are_declared_with_their_extents(array_fmus):
     assert validate_fmu(str(array_fmus["3.0"])) == []
-    found = {v.name: v for v in fmpy.read_model_description(str(array_fmus["3.0"])).modelVariables}
-    shapes = {name: v.shape for name, v in found.items() if v.shape}
+    result = {v.name: v for v in fmpy.read_model_description(str(array_fmus["3.0"])).modelVariables}
+    shapes = {name: v.shape for name, v in result.items() if v.shape}
     assert shapes == {
         "p": (3,), "A": (2, 3), "one": (1,), "q": (3,), "u": (3,), "y": (2,), "x": (3,), "n": (2,),
         "der(x)": (3,),
     }  # fmt: skip
-    assert found["A"].start == "1.0 2.0 3.0 4.0 5.0 6.0"
+    assert result["A"].start == "1.0 2.0 3.0 4.0 5.0 6.0"
     # What is said for all holds for each.
-    assert (found["p"].min, found["p"].max, found["A"].nominal) == ("-2.0", "7.0", "1.0")
-    assert (found["p"].variability, found["q"].variability) == ("tunable", "tunable")
-    assert found["x"].initial == "calculated"  # one element starts where a parameter says
-    assert found["der(x)"].derivative is found["x"]
-    assert len({v.valueReference for v in found.values()}) == len(found)
+    assert (result["p"].min, result["p"].max, result["A"].nominal) == ("-2.0", "7.0", "1.0")
+    assert (result["p"].variability, result["q"].variability) == ("tunable", "tunable")
+    assert result["x"].initial == "calculated"  # one element starts where a parameter says
+    assert result["der(x)"].derivative is result["x"]
+    assert len({v.valueReference for v in result.values()}) == len(result)
 
 
 def test_an_array_depends_on_what_any_element_does(array_fmus):

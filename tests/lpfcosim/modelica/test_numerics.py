@@ -244,8 +244,8 @@ def exact(name, to):
     if CASES[name].model == "Plant":
         return plant(CASES[name].parameters, drive(name), to)
     a = compensator(CASES[name].parameters, u[:, 0] - u[:, 1], to)
-    wanted = p["m_sc"] * a if name == "DragFreeControl" else p["f_x_2_start"] - a
-    return wanted[:, None]
+    expected = p["m_sc"] * a if name == "DragFreeControl" else p["f_x_2_start"] - a
+    return expected[:, None]
 
 
 @cache
@@ -257,11 +257,11 @@ def oracle(name):
         return exact(name, extended)
 
 
-def relative_error(got, wanted):
+def relative_error(got, expected):
     """Largest error, relative to the largest value that an output has had until then."""
-    wanted = wanted[: len(got)]
-    until_then = np.maximum.accumulate(np.abs(wanted))
-    return float(np.max(np.abs(got - wanted) / np.where(until_then > 0, until_then, 1)))
+    expected = expected[: len(got)]
+    until_then = np.maximum.accumulate(np.abs(expected))
+    return float(np.max(np.abs(got - expected) / np.where(until_then > 0, until_then, 1)))
 
 
 @pytest.mark.parametrize("name", CASES)
@@ -290,8 +290,8 @@ def test_rounding_of_the_oracle_itself(name):
     with mp.workdps(30):
         more = exact(name, arbitrary)
         leading = more.astype(float)
-        wanted = extended(leading) + extended((more - leading).astype(float))
-    assert relative_error(oracle(name), wanted) < 1e-14
+        expected = extended(leading) + extended((more - leading).astype(float))
+    assert relative_error(oracle(name), expected) < 1e-14
 
 
 @each_model

@@ -92,10 +92,10 @@ def test_what_is_not_asked_for_is_not_wired(make_run, fmus):
     (usual,) = (c for c in model_of(make_run()).components(make_run()) if c.model == "Actuation")
     assert set(usual.inputs) == {"f_control_2", "F_x_1", "F_x_2", "f_x_1_jitter"}
     asked = make_run(actuation=Actuation(electrode=1e-6), truth=Truth(lambda_drift_2=1e-4))
-    (found,) = (i for i in compatibility.read_interfaces(asked, fmus) if i.model == "Actuation")
-    assert set(found.inputs) - set(usual.inputs) == {"e_x_1", "e_x_2", "gain_1", "gain_2"}
-    assert "N_max_2" in found.settings
-    assert "lambda_bend_2" not in found.settings
+    (result,) = (i for i in compatibility.read_interfaces(asked, fmus) if i.model == "Actuation")
+    assert set(result.inputs) - set(usual.inputs) == {"e_x_1", "e_x_2", "gain_1", "gain_2"}
+    assert "N_max_2" in result.settings
+    assert "lambda_bend_2" not in result.settings
 
 
 def psd(run, frequency):

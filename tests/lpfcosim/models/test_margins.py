@@ -135,10 +135,10 @@ def test_torques_show_the_rotation(run):
 
 def test_a_loop_without_unity_gain_has_no_margins(make_run):
     quiet = Spacecraft(attitude=Lead(1e-9, 0.3e-9, 6e-9))
-    found = {m.loop: m for m in margins.margins(make_run(spacecraft=quiet))}
-    assert np.isnan(found["attitude_phi"].unity_gain)
-    assert found["attitude_phi"].gain_margin == np.inf
-    assert found["drag_free_phi"].phase_margin == pytest.approx(56, abs=1)
+    result = {m.loop: m for m in margins.margins(make_run(spacecraft=quiet))}
+    assert np.isnan(result["attitude_phi"].unity_gain)
+    assert result["attitude_phi"].gain_margin == np.inf
+    assert result["drag_free_phi"].phase_margin == pytest.approx(56, abs=1)
 
 
 def test_margins_along_x_are_those_of_the_whole_spacecraft(make_run):

@@ -78,9 +78,9 @@ def test_drawn_forces_and_torques_go_together(run):
     size = LEVEL / np.linalg.norm(EIGHT_NOZZLES.matrix[0])
     expected = size**2 * EIGHT_NOZZLES.matrix @ EIGHT_NOZZLES.matrix.T
     x = np.array([drawn[name] for name in SIGNALS])
-    found = x @ x.T / x.shape[1] / (run.fs / 2)
+    result = x @ x.T / x.shape[1] / (run.fs / 2)
     error = np.sqrt(np.outer(np.diag(expected), np.diag(expected)) / x.shape[1])
-    assert np.all(abs(found - expected) < 5 * error * np.sqrt(2))
+    assert np.all(abs(result - expected) < 5 * error * np.sqrt(2))
 
 
 @pytest.mark.stat
@@ -92,6 +92,6 @@ def test_jitter_goes_together_as_the_spectra_say(run, flown):
     band = (f >= 20e-3) & (f <= 100e-3)
     S = response.cross_spectra(run, names, f[band])
     expected = S[:, 0, 1] / np.sqrt(S[:, 0, 0].real * S[:, 1, 1].real)
-    found = (cross / np.sqrt(powers[0] * powers[1]))[band]
+    result = (cross / np.sqrt(powers[0] * powers[1]))[band]
     assert np.abs(expected).mean() > 0.5
-    assert abs(np.mean(found / expected) - 1) < 5 / np.sqrt(16 * band.sum())
+    assert abs(np.mean(result / expected) - 1) < 5 / np.sqrt(16 * band.sum())

@@ -60,5 +60,5 @@ def test_the_low_pass_has_the_response_that_its_docstring_states(factor):
 def test_the_filter_is_a_convolution_whatever_the_blocks(make_run, rate, size):
     run, factor = make_run(n_samples=size, sample_rate=rate), round(10 / rate)
     x = np.random.default_rng(size).standard_normal(size).cumsum()
-    wanted = scipy.signal.convolve(x, decimation.taps(factor), mode="valid", method="direct")[::factor]
-    np.testing.assert_allclose(thinned(run, x, (7, 100, 901)), wanted, rtol=0, atol=3e-15 * np.abs(x).max())
+    expected = scipy.signal.convolve(x, decimation.taps(factor), mode="valid", method="direct")[::factor]
+    np.testing.assert_allclose(thinned(run, x, (7, 100, 901)), expected, rtol=0, atol=3e-15 * np.abs(x).max())

@@ -53,13 +53,13 @@ def test_drawing_knows_neither_order_nor_blocks():
 
 
 def test_glitches_act_on_their_test_mass_and_on_nothing_else():
-    found = events.glitches(RUN)
+    result = events.glitches(RUN)
     struck, rest = (
         stimuli.noise(RUN),
         stimuli.noise(replace(RUN, events=replace(EVENTS, glitches_per_day=0.0))),
     )
     for j in (1, 2):
-        expected = sum(glitch.acceleration(RUN.time) for glitch in found if glitch.mass == j)
+        expected = sum(glitch.acceleration(RUN.time) for glitch in result if glitch.mass == j)
         np.testing.assert_allclose(struck[f"g_{j}"] - rest[f"g_{j}"], expected, atol=1e-22)
     for name in set(struck) - {"g_1", "g_2"}:
         np.testing.assert_array_equal(struck[name], rest[name])
@@ -89,10 +89,10 @@ def test_gaps_are_no_more_than_telemetry_may_lack():
     greedy = Events(gaps_per_day=1000.0, gap_duration=400.0)
     for seed in range(50):
         run = replace(RUN, events=greedy, seed=seed, n_samples=10 * 43_200)
-        found = events.gaps(run)
-        assert found
-        assert all(end - begin <= 600 for begin, end in found)
-        assert all(later[0] > sooner[1] for sooner, later in pairwise(found))
+        result = events.gaps(run)
+        assert result
+        assert all(end - begin <= 600 for begin, end in result)
+        assert all(later[0] > sooner[1] for sooner, later in pairwise(result))
         for rate in (1.0, 10.0):
             lost = events.missing(run, np.arange(int(43_200 * rate)) / rate)
             assert 0 < lost.mean() <= 0.01

@@ -41,13 +41,13 @@ def test_the_angles_of_a_period_are_forecast_by_name(quickstart):
 
 
 def test_margins_are_those_of_the_command(campaign, quickstart, lpfcosim_json):
-    found = lpfcosim.margins(str(quickstart))
-    assert json.loads(found.to_json()) == lpfcosim_json("margins", quickstart)
-    assert [margin.loop for margin in found] == ["drag_free_x", "suspension_x"]
-    assert found["suspension_x"].unity_gain == found.to_dataframe().loc["suspension_x", "unity_gain"]
-    assert repr(lpfcosim.margins(campaign)) == repr(found)
+    result = lpfcosim.margins(str(quickstart))
+    assert json.loads(result.to_json()) == lpfcosim_json("margins", quickstart)
+    assert [margin.loop for margin in result] == ["drag_free_x", "suspension_x"]
+    assert result["suspension_x"].unity_gain == result.to_dataframe().loc["suspension_x", "unity_gain"]
+    assert repr(lpfcosim.margins(campaign)) == repr(result)
     with pytest.raises(fit.InputError, match="no loop 'drag_free_y'"):
-        found["drag_free_y"]
+        result["drag_free_y"]
 
 
 def test_a_check_is_that_of_the_command(campaign, quickstart, lpfcosim_json):
