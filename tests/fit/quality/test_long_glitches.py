@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 
 from fit.fitting.experiment_and_joint_fit import fit_experiment, fit_joint
-from fit.model import dynamics
 from fit.quality import glitches
 from fit.settings import settings
-from fit.whitening import Experiment, glitch_templates, noise_model, whitened_run
+from fit.whitening import Experiment
 from fit.whitening.run import Run
 from tests.fit.quality.test_glitches import search
 from tests.oracles import thirteen
@@ -30,16 +29,6 @@ def shifts(outcome, clean):
     return ((outcome.solution.theta - clean.solution.theta) / clean.solution.sigma)[told]
 
 
-def stiffness(run, noise):
-    """Return the sigma of omega2_2 that a run by itself tells, beside its gain."""
-    theta = np.array([1.07, 1.08, 0.15, 0.18, -7e-7, 0.0, -1e-5])
-    model = noise_model(Experiment(run, noise), theta, np.zeros((theta.size, theta.size)), None)
-    terms = run.spectra(dynamics.delays(theta))
-    U, _ = whitened_run.whiten(terms, model.expected(terms.f))
-    X = whitened_run.as_real(U @ dynamics.gradient(theta, terms.tau))[:, [1, 4]]
-    return float(np.sqrt(np.linalg.inv(X.T @ X)[1, 1]))
-
-
 def test_long_glitches_are_taken_out_and_cost_nothing():
     sysid = [Glitch(4000.0, 30.0, 1500.0, "one", 60.0, 2)]
     noise = [Glitch(9000.0, 50.0, 300.0, "none", 100.0, 2)]
@@ -58,17 +47,6 @@ def test_long_glitches_are_taken_out_and_cost_nothing():
     assert whole - left == 4 * len(after.sysid.glitches) > 0
 
 
-def test_the_answer_of_the_loop_to_a_glitch_tells_less_stiffness_than_a_known_shape_would():
-    strong, noise = (
-        Glitch(12000.0, 20.0, 120.0, "one", 3000.0, 2),
-        Run(struck(thirteen.made("A1b", "noise"), ())),
-    )
-    shaken = Run(struck(thirteen.made("A1", "noise"), [strong]))
-    after, _ = search(Experiment(shaken, noise))
-    known = Run(shaken.telemetry).mask(after.sysid.masks).with_glitches(after.sysid.glitches)
-    assert stiffness(after.sysid, noise) > 3 * stiffness(known, noise)
-
-
 @pytest.mark.parametrize("rise", [1.8, 4.8])
 def test_a_strong_short_one_that_raises_the_psd_is_masked(rise):
     struck_by = experiment("D4", ((), [Glitch(14321.3, rise, 6.0, "none", 1000.0, 2)]), seed=3)
@@ -84,8 +62,6 @@ def test_a_strong_short_one_that_raises_the_psd_is_masked(rise):
 @pytest.mark.parametrize(
     ("name", "glitch", "seed"),
     [
-        pytest.param("E3", Glitch(1143.0, 519.0, 970.1, "both", -180.4, 2), 13, marks=pytest.mark.slow),
-        pytest.param("C4", Glitch(1861.0, 678.7, 2404.1, "one", -108.1, 2), 2, marks=pytest.mark.slow),
         ("D2", Glitch(15417.0, 331.3, 1058.3, "both", -20.7, 1), 17),
         ("B2", Glitch(17306.0, 519.3, 2251.3, "none", -102.2, 1), 17),
     ],
@@ -166,42 +142,18 @@ def test_nothing_is_taken_out_of_noise_louder_than_the_noise_run_tells():
     assert len(after.sysid.glitches) <= 1
 
 
-def test_a_glitch_is_made_between_samples_and_goes_out_whole():
-    time = np.arange(5000.0)
-    shape = glitch_templates.Shape("double_exponential", 300.0)
-    series = glitch_templates.Glitch(shape, 1000.25).series(time, 1.0)
-    after = time > 1010
-    np.testing.assert_allclose(series[after], np.exp(-(time[after] - 1000.25) / 300), atol=1e-3)
-    assert np.max(np.abs(series[time < 990])) < 1e-2
-
-
-def campaign(seed, most):
-    """Return the thirteen experiments clean and struck, and how many glitches there are."""
-    rng, clean, hit, n = np.random.default_rng(7000 + seed), [], [], 0
-    for name in thirteen.PLANS:
-        drawn = [draw(rng, most, thirteen.made(name, kind).duration) for kind in ("sysid", "noise")]
-        n += sum(map(len, drawn))
-        clean.append(experiment(name, seed=seed))
-        hit.append(experiment(name, drawn, seed=seed))
-    return clean, hit, n
-
-
 @pytest.mark.slow
 @pytest.mark.stat
-@pytest.mark.parametrize(
-    ("seed", "most", "least", "worst", "rms"),
-    [
-        pytest.param(0, 1, 15, 1.0, 0.4, id="as in flight"),
-        pytest.param(1, 4, 52, 1.5, 0.6, id="five times as many", marks=pytest.mark.long),
-    ],
-)
-def test_glitches_of_seconds_to_hours_leave_the_joint_estimates(seed, most, least, worst, rms):
-    # not taken out they move an estimate by 2.8 and 22 sigma; seeds are fixed: it passes or fails for good
-    chosen = settings({"scatter": []})
-    clean, hit, n = campaign(seed, most)
-    assert n >= least
-    after = [search(e)[0] for e in hit]
-    before = fit_joint(clean, chosen)
-    moved = np.abs(shifts(fit_joint(after, chosen), before))
-    assert np.max(moved) < worst
-    assert np.sqrt(np.mean(moved**2)) < rms
+def test_glitches_of_seconds_to_hours_leave_the_joint_estimates():
+    # not taken out they move an estimate by 2.8 sigma; the seed is fixed: it passes or fails for good
+    rng, clean, after, n_glitches = np.random.default_rng(7000), [], [], 0
+    for name in thirteen.PLANS:
+        drawn = [draw(rng, 1, thirteen.made(name, kind).duration) for kind in ("sysid", "noise")]
+        n_glitches += sum(map(len, drawn))
+        clean.append(experiment(name))
+        after.append(search(experiment(name, drawn))[0])
+    assert n_glitches >= 15
+    no_scatter = settings({"scatter": []})
+    moved = np.abs(shifts(fit_joint(after, no_scatter), fit_joint(clean, no_scatter)))
+    assert np.max(moved) < 1
+    assert np.sqrt(np.mean(moved**2)) < 0.4

@@ -44,7 +44,7 @@ def test_on_clean_data_the_noise_run_tells_the_level():
         assert results.joint.parameters[name] == estimate
 
 
-@pytest.mark.parametrize("changes", [{"plateau": 8e-15, "tail": 3e-14}, {"tail": 5e-14}, {"plateau": 1e-15}])
+@pytest.mark.parametrize("changes", [{"plateau": 8e-15, "tail": 3e-14}, {"plateau": 1e-15}])
 def test_noise_of_another_level_is_marginalised(changes):
     results = calibrate(campaign("AC", **changes))
     assert results.provenance.levels == ["A", "C"]
@@ -57,9 +57,6 @@ def test_noise_of_another_level_is_marginalised(changes):
 
 
 def test_a_level_that_is_off_everywhere_is_seen_where_none_stands_out():
-    # 40 % more noise at low frequencies is some 2 sigma in one run
-    results = calibrate(campaign("ABCD", tail=2.1e-14))
-    assert results.provenance.levels in ([], ["A", "B", "C", "D"])
     results = calibrate(campaign("ABCD", tail=3e-14))
     assert results.provenance.levels == ["A", "B", "C", "D"]
 

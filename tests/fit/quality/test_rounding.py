@@ -22,11 +22,6 @@ def single(x):
     return x.astype(np.float32).astype(float)
 
 
-def converted(x):
-    """Kept in single precision in other units, such as nm or N."""
-    return (x * 1.928e9).astype(np.float32).astype(float) / 1.928e9
-
-
 def digits(count):
     return lambda x: np.array([float(f"{value:.{count - 1}e}") for value in x])
 
@@ -39,11 +34,6 @@ def counts(bits):
         return step * np.round(x / step) if step else x
 
     return function
-
-
-def half(x):
-    largest = np.abs(x).max()
-    return (x / largest).astype(np.float16).astype(float) * largest if largest else x
 
 
 def offset_by(offset):
@@ -81,18 +71,15 @@ def plain():
     [
         (lambda x: x, None),
         (single, 2.0**-50),  # of 12 nm
-        (digits(5), 1e-12),
         (digits(7), 1e-14),
-        (digits(9), 1e-16),
         (lambda x: digits(7)(x * 1.928) / 1.928, 1e-14 / 1.928),
         (lambda x: 3e-13 * np.round(x / 3e-13), 3e-13),
         (lambda x: 3e-9 * np.round(x / 3e-9), 3e-9),
         (counts(24), 12e-9 / (2**23 - 1)),
-        (counts(32), 12e-9 / (2**31 - 1)),
         (offset_by(1e-5), 2.0**-40),
         (lambda x: np.where(np.arange(x.size) % 500 < 40, np.nan, single(x)), 2.0**-50),
     ],
-    ids=["double", "single", "5", "7", "9", "N", "steps", "coarse", "24 bits", "32 bits", "offset", "gaps"],
+    ids=["double", "single", "7 digits", "N", "steps", "coarse", "24 bits", "offset", "gaps"],
 )
 def test_steps_of_stored_numbers(function, step):
     n = np.arange(40_000)
@@ -106,11 +93,7 @@ def test_steps_of_stored_numbers(function, step):
         assert resolution.largest == pytest.approx(step, rel=0.01)
 
 
-@pytest.mark.parametrize(
-    "function",
-    [single, converted, digits(7), counts(32), lambda x: single(x).astype(np.float32)],
-    ids=["single", "converted", "7 digits", "32 bits", "float32 in memory"],
-)
+@pytest.mark.parametrize("function", [digits(7), lambda x: x.astype(np.float32)], ids=["7 digits", "float32"])
 def test_a_number_format_moves_no_estimate(function):
     runs = stored(function)
     assert not faults(runs)
@@ -122,15 +105,6 @@ def test_a_number_format_moves_no_estimate(function):
     for name, estimate in plain().parameters.items():
         assert abs(joint[name].value - estimate.value) < 0.02 * estimate.sigma
         assert joint[name].sigma == pytest.approx(estimate.sigma, rel=1e-3)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("function", [single, digits(7), digits(5)], ids=["single", "7 digits", "5 digits"])
-def test_quiet_commands_at_10_hz_are_not_called_stuck(function):
-    """There most samples of a noise run repeat the one before."""
-    runs = stored(function, ("f_x_2",), fs=10.0)
-    assert np.mean(np.diff(runs[1].channels["f_x_2"]) == 0) > 0.4
-    assert {cause.kind for cause in samples.check_samples(*runs)} <= {"rounding"}
 
 
 @pytest.mark.parametrize(
@@ -154,70 +128,24 @@ def test_the_shift_that_rounding_may_cause_is_reported(function, steps, limit):
 @pytest.mark.parametrize(
     ("function", "channel", "words"),
     [
-        (offset_by(1e-5), "o_12", "9.1e-13 m .single precision about an offset of 1e-05 m.: this adds"),
         (
             offset_by(1e-3),
             "o_1",
             "1.2e-10 m .single precision about an offset of 0.001 m.: .* power of the noise of o_1",
         ),
         (digits(4), "o_12", "1e-11 m where it is largest: this adds"),
-        (half, "o_12", "5.8e-12 m where it is largest: this adds"),
-        (counts(16), "o_12", "3.6e-13 m: this adds"),
         (
             lambda x: 1e-14 * np.round(x / 1e-14),
             "f_x_2",
             "1e-14 m s-2 about an offset of -1.7e-11 m s-2: this adds",
         ),
-        (lambda x: 1e-8 * np.round(x / 1e-8), "o_12", "1e-08 m: this adds"),
     ],
-    ids=[
-        "offset",
-        "offset of o_1",
-        "4 digits",
-        "half precision",
-        "16 bits",
-        "command",
-        "two values",
-    ],
+    ids=["offset of o_1", "4 digits", "command"],
 )
 def test_steps_that_add_noise_are_faults(function, channel, words):
     with pytest.raises(InputError, match=f"A2-sysid.h5: {channel} is rounded to steps of {words}") as caught:
         calibrate(stored(function, (channel,)))
     assert rounding.CURE in str(caught.value)
-
-
-def stuck(x):
-    x[9000:9600] = x[9000]
-    return x
-
-
-def filled(x):
-    x[4000:4600] = np.linspace(x[4000], x[4599], 600)
-    return x
-
-
-def stale(x):
-    x[1::2] = x[::2][: x[1::2].size]
-    return x
-
-
-@pytest.mark.parametrize(
-    ("fault", "channel", "words"),
-    [
-        (stuck, "o_12", "o_12 is stuck at .* for 600 s at 9000 s"),
-        (stuck, "f_x_2", "f_x_2 is stuck at .* for 600 s at 9000 s"),
-        (filled, "o_1", "o_1 is a straight line for 600 s at 4000 s"),
-        (filled, "f_x_2", "f_x_2 is a straight line for (59|60|61). s at (399|400). s"),
-        (stale, "o_12", "o_12 repeats a sample 10"),
-    ],
-)
-@pytest.mark.parametrize("function", [single, digits(7), counts(24)], ids=["single", "7 digits", "24 bits"])
-def test_faults_of_rounded_channels(function, fault, channel, words):
-    run, noise = flown()
-    spoilt = replace(run, channels={**run.channels, channel: function(fault(run.channels[channel].copy()))})
-    causes = list(samples.check_samples(spoilt, noise))
-    assert any(re.search(words, cause.words) for cause in causes), causes
-    assert all(cause.channel == channel for cause in causes)
 
 
 def constant(x, begin, size):
@@ -238,14 +166,11 @@ def in_memory(fs, seed=3, size=30_000):
     return 9e-9 * np.sin(2 * np.pi * 1e-3 * n / fs) + noise + walk
 
 
-FORMATS = pytest.mark.parametrize(
-    "function", [lambda x: x, single, digits(7), counts(24)], ids=["double", "single", "7 digits", "24 bits"]
-)
-
-
 @pytest.mark.parametrize("fs", [1.0, 10.0])
 @pytest.mark.parametrize("fault", [constant, line])
-@FORMATS
+@pytest.mark.parametrize(
+    "function", [lambda x: x, single, digits(7), counts(24)], ids=["double", "single", "7 digits", "24 bits"]
+)
 def test_short_stretches_are_located(function, fault, fs):
     """Of 31 to 95 samples, several of them in a run, whether or not few samples of a run are compared."""
     x = in_memory(fs)
@@ -263,21 +188,8 @@ def test_short_stretches_are_located(function, fault, fs):
         assert abs(end - expected - size) <= 3
 
 
-@pytest.mark.parametrize("share", [0.02, 0.3])
-def test_a_stretch_of_any_share_of_a_run(share):
-    x = in_memory(1.0, size=6000)
-    constant(x, 2000, int(share * x.size))
-    x = single(x)
-    (fault,) = samples.channel_faults(x, 1.0, estimate_resolution(x))
-    assert fault.text.startswith("is stuck at")
-    assert (fault.begin, fault.end - fault.begin) == (2000, int(share * x.size))
-
-
-@pytest.mark.parametrize(
-    ("function", "channel"),
-    [(f, c) for f in (single, digits(7), counts(24), counts(20)) for c in ("o_1", "o_12", "f_x_2")]
-    + [(offset_by(1e-6), "o_12")],
-)
+@pytest.mark.parametrize("function", [single, digits(7), counts(20)], ids=["single", "7 digits", "20 bits"])
+@pytest.mark.parametrize("channel", ["o_1", "o_12", "f_x_2"])
 def test_quiet_parts_of_a_clean_run_are_no_faults(function, channel):
     """Before the first injection and after the last, rounding makes longer lines than in between."""
     for run in flown():
@@ -285,9 +197,8 @@ def test_quiet_parts_of_a_clean_run_are_no_faults(function, channel):
         assert not (samples.channel_faults(x, run.fs, estimate_resolution(x)))
 
 
-@pytest.mark.parametrize("shift", [0.013, 0.25, 1 / 3, 0.37, 1e3 / 7])
-@pytest.mark.parametrize("step", [3e-13, 1e-12])
-def test_an_offset_leaves_the_step_of_a_lattice(step, shift):
+@pytest.mark.parametrize("shift", [0.25, 1e3 / 7])
+def test_an_offset_leaves_the_step_of_a_lattice(shift, step=3e-13):
     for run in stored(lambda x: step * np.round(x / step) + shift * step, ("o_12",)):
         resolution = estimate_resolution(run.channels["o_12"])
         assert resolution.fixed
@@ -307,32 +218,12 @@ def test_the_mean_that_was_taken_off_leaves_the_step(function):
     assert not samples.channel_faults(x - x.mean(), 10.0, resolution)
 
 
-@pytest.mark.parametrize(("function", "growth"), [(single, 2.0**-20), (digits(7), 1e-6)])
-def test_the_step_is_the_larger_one_where_it_grew_before_the_mean_was_taken_off(function, growth):
-    x = flown()[0].channels["o_12"]
-    x = function(x - x.mean() + growth)
-    step = np.diff(np.unique(x[x > growth])).min()
-    x = x - x.mean()
-    resolution = estimate_resolution(x)
-    assert resolution.largest == pytest.approx(step, rel=1e-3)
-    assert not samples.channel_faults(x, 1.0, resolution)
-
-
-@pytest.mark.parametrize("every", [40, 100])
-@pytest.mark.parametrize("function", [single, counts(24)], ids=["single", "24 bits"])
-def test_a_whole_run_that_is_interpolated(function, every):
+def test_a_whole_run_that_is_interpolated():
     x = in_memory(1.0)
     n = np.arange(x.size)
-    x = function(np.interp(n, n[::every], x[::every]))
+    x = single(np.interp(n, n[::100], x[::100]))
     lines = [f for f in samples.channel_faults(x, 1.0, estimate_resolution(x)) if f.kind == "line"]
     assert sum(line.end - line.begin for line in lines) > 0.9 * x.size
-
-
-def test_square_waves_of_an_open_loop_are_not_rounded():
-    run, noise = flown()
-    pulses = np.where(np.arange(run.size) % 2000 < 1000, 5e-12, 0.0)
-    driven = replace(run, channels={**run.channels, "f_x_1": pulses})
-    assert not any("rounding" in cause.kind for cause in samples.check_samples(driven, noise))
 
 
 def test_a_ramp_of_double_precision_is_no_lattice():

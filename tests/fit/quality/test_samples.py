@@ -76,20 +76,17 @@ def plus(amount, start, stop=N):
     [
         ("o_12", constant(0, N), "o_12 is .* throughout"),
         ("o_12", constant(5000, 5600), "o_12 is .* for 600 s at 5000 s"),
-        ("f_x_2", constant(5000, 5010), "f_x_2 is .* for 10 s at 5000 s"),
         ("o_1", filled(5000, 5060), "o_1 is a straight line for 60 s at 5000 s"),
         ("f_x_1", lambda x: 0 * x, "f_x_1 is stuck at 0 throughout"),
         ("f_x_2", lambda x: np.where(np.arange(x.size) // 2 == 3000, 0, x), "f_x_2 is exactly 0 at 6001 s"),
         ("o_12", lambda x: np.concatenate([x[:8000], x[7999:-1]]), "o_12 repeats a sample at 8000 s"),
         ("f_x_2", stale, "f_x_2 repeats a sample 39\\d times, first at 99 s"),
         ("o_12", lambda x: np.tile(x[:3600], 6)[:N], "o_12 repeats every 3600 s at 0 s"),
-        ("f_x_2", lambda x: np.tile(x[:60], 400)[:N], "f_x_2 repeats every 60 s"),
         (
             "o_12",
             lambda x: np.tile(x[:3600], 6)[:N][::-1] * np.where(np.arange(N) == 9, 0, 1),
             "is rounded: it has 360",
         ),
-        ("f_x_2", every(2), "f_x_2 is interpolated: 50 % of its samples lie on the line"),
         ("o_12", every(15, 8), "o_12 is interpolated: 7 % of its samples lie on the line"),
         ("o_1", lambda x: np.minimum(x, np.quantile(x, 0.98)), "o_1 stops at its limit of"),
         ("o_1", plus(1e-7, 12345), r"o_1 jumps by 1e-07 m at 1234[45] s"),
@@ -113,29 +110,12 @@ def test_faulty_samples_are_named(name, fault, words):
         {},
         {"o_12": lambda x: x.astype(np.float32).astype(float)},
         {"o_12": lambda x: 1e-16 * np.round(x / 1e-16), "f_x_2": lambda x: 1e-17 * np.round(x / 1e-17)},
-        {"o_12": lambda x: np.array([float(f"{value:.6e}") for value in x])},
-        {"o_12": lambda x: x + 1e-6},
         {"o_12": lambda x: np.where(np.arange(x.size) % 5000 < 50, np.nan, x)},
         {"o_12": lambda x: 0.01 * x + 5e-11 * np.maximum(np.arange(N) - 5000.0, 0)},
-        {"o_12": lambda x: x + 1e-10 * np.maximum(np.arange(x.size) - 7000.0, 0)},
-        {
-            name: lambda x: np.concatenate([x[:8000], x[7999:-1]])
-            for name in ("o_1", "o_12", "f_x_1", "f_x_2")
-        },
+        dict.fromkeys(("o_1", "o_12", "f_x_1", "f_x_2"), lambda x: np.concatenate([x[:8000], x[7999:-1]])),
         {"o_1": lambda x: np.concatenate([np.zeros(5), x[5:]])},
     ],
-    ids=[
-        "clean",
-        "single",
-        "rounded",
-        "decimal",
-        "offset",
-        "gaps",
-        "slope",
-        "pushed",
-        "all repeated",
-        "from zero",
-    ],
+    ids=["clean", "single", "rounded", "gaps", "slope", "all repeated", "from zero"],
 )
 def test_sound_samples_raise_no_fault(channels):
     assert not faults(**channels)

@@ -91,7 +91,7 @@ def test_constant_coefficients_are_no_break():
     assert not find_break(o_12=lambda x: -x, o_1=lambda x: -x, f_x_1=lambda x: -x, f_x_2=lambda x: -x)
 
 
-@pytest.mark.parametrize(("name", "hours"), [("A2", 65.0), ("B2", 65.0), ("D3", 260.0)])
+@pytest.mark.parametrize(("name", "hours"), [("A2", 65.0), ("D3", 260.0)])
 def test_a_long_undriven_part_is_no_break(name, hours):
     # there commands answer the noise alone, which biases their coefficients: chi^2 100 without any change
     made = thirteen.made(name, "sysid", seed=4)
@@ -128,16 +128,6 @@ def test_slow_noise_that_is_louder_than_that_of_the_noise_run_is_no_break():
     assert structural_break(Experiment(Run(replace(sysid, channels=changed)), noise))
 
 
-@pytest.mark.parametrize("estimator", ["gaussian", "flscov"])
-def test_without_a_search_for_glitches_the_break_of_a_channel_is_found(estimator):
-    runs = [*open_loop(World(), "A", seed=1), *open_loop(World(), "E", seed=2, drive_1=1e-12)]
-    runs += open_loop(World(), "B", seed=3)
-    weaker = second_half(0.9)(runs[4].channels["f_x_2"])
-    runs[4] = replace(runs[4], channels={**runs[4].channels, "f_x_2": weaker})
-    results = calibrate(runs, settings({"glitches": False, "estimator": estimator}))
-    assert results.provenance.joint_runs == ["A-sysid", "E-sysid"]
-
-
 def test_without_a_noise_run_the_residual_gives_the_noise():
     sysid = telemetry("sysid")
     assert not structural_break(Experiment(Run(sysid), None))
@@ -153,13 +143,16 @@ def test_glitches_that_are_masked_are_no_break():
     assert not structural_break(glitches.remove_glitches(e).experiment)
 
 
-def test_an_experiment_with_a_break_is_excluded():
+@pytest.mark.parametrize(
+    "values", [{}, {"glitches": False}, {"glitches": False, "estimator": "flscov"}], ids=str
+)
+def test_an_experiment_with_a_break_is_excluded(values):
     runs = [*open_loop(World(), "A", seed=1), *open_loop(World(), "E", seed=2, drive_1=1e-12)]
     runs += open_loop(World(), "B", seed=3)
-    clean = calibrate(runs[:4]).joint
+    clean = calibrate(runs[:4], settings(values)).joint
     weaker = second_half(0.9)(runs[4].channels["f_x_2"])
     runs[4] = replace(runs[4], channels={**runs[4].channels, "f_x_2": weaker})
-    results = calibrate(runs)
+    results = calibrate(runs, settings(values))
     assert results.provenance.joint_runs == ["A-sysid", "E-sysid"]
     assert results.joint.values == clean.values
     assert not results.joint.unsound

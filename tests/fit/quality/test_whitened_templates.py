@@ -38,20 +38,17 @@ def plainly(view, glitch):
     return column / np.linalg.norm(column)
 
 
-GLITCHES = {
-    "short": [
-        ("double_exponential", 30.0, 0.0, 2000.3),
-        ("double_exponential", 33.0, 0.4, 2010.0),
-        ("double_exponential", 30.0, -0.5, 2001.0),
-    ],
-    "beside a mask": [("bipolar", 40.0, 1.0, 2480.0), ("reversed", 35.0, 0.2, 2540.7)],
-    "long": [("double_exponential", 300.0, 1.0, 2000.0), ("bipolar", 60.0, 0.1, 2100.0)],
-}
-
-
-@pytest.mark.parametrize("drawn", GLITCHES.values(), ids=list(GLITCHES))
-def test_amplitudes_are_those_of_whole_columns(view, drawn):
-    glitches = [Glitch(Shape(kind, tau, ratio), begin) for kind, tau, ratio, begin in drawn]
+def test_amplitudes_are_those_of_whole_columns(view):
+    # short ones, two of them beside the mask, and long ones
+    glitches = [
+        Glitch(Shape("double_exponential", 30.0, 0.0), 2000.3),
+        Glitch(Shape("double_exponential", 33.0, 0.4), 2010.0),
+        Glitch(Shape("double_exponential", 30.0, -0.5), 2001.0),
+        Glitch(Shape("bipolar", 40.0, 1.0), 2480.0),
+        Glitch(Shape("reversed", 35.0, 0.2), 2540.7),
+        Glitch(Shape("double_exponential", 300.0, 1.0), 2000.0),
+        Glitch(Shape("bipolar", 60.0, 0.1), 2100.0),
+    ]
     columns = np.array([plainly(view, glitch) for glitch in glitches])
     np.testing.assert_allclose(view.amplitudes(glitches), columns @ view.residual, atol=1e-9)
 

@@ -29,22 +29,17 @@ def named(columns, *names):
 NUMBERED = named(PLAIN, "1", "2", "3")
 LAYOUTS = {
     "names": ("t,x,y\n" + ROWS, PLAIN),
-    "tabs": ("t\tx\ty\n" + ROWS.replace(",", "\t"), PLAIN),
     "blanks": ("t x  y\n" + ROWS.replace(",", "   "), PLAIN),
     "quotes": ('"t","x","y"\n' + re.sub(r"([^,\n]+)", r'"\1"', ROWS), PLAIN),
     "line ends of Windows": (("t,x,y\n" + ROWS).replace("\n", "\r\n"), PLAIN),
     "delimiters at the end": ("t,x,y,\n" + ROWS.replace("\n", ",\n"), PLAIN),
-    "delimiters at the end of numbers": ("t,x,y\n" + ROWS.replace("\n", ",\n"), PLAIN),
     "comments": (f"# made by hand\n#\n# t,x,y\n{ROWS}# the end\n", PLAIN),
-    "comments of MATLAB": (f"% t x y\n{ROWS}", PLAIN),
     "other lines above": (f"Instrument: OMS, on board\nDate: 2016-04-16\n\nt,x,y\n{ROWS}", PLAIN),
     "units below": (f"t,x,y\ns,nm,m/s^2\n{ROWS}", IN_UNITS),
-    "units in brackets below": (f"t,x,y\n[s],[nm],[m/s^2]\n{ROWS}", IN_UNITS),
     "units in comments": (f"# t x y\n# s nm m/s^2\n{ROWS}", IN_UNITS),
     "units in names": (f"t [s],x [nm],y (m/s^2)\n{ROWS}", named(IN_UNITS, "t [s]", "x [nm]", "y (m/s^2)")),
     "no units": (f"t,x,y\ns,-,1\n{ROWS}", PLAIN | {"t": IN_UNITS["t"]}),
     "no names": (ROWS, NUMBERED),
-    "numbers of pandas": ("0,1,2\n" + ROWS, named(PLAIN, "0", "1", "2")),
     "an index of pandas": (",x,y\n" + ROWS, named(PLAIN, "1", "x", "y")),
     "a name twice": ("x,t,x\n" + ROWS, named(PLAIN, "1", "t", "3")),
     "save -ascii": ("".join(f"   {t:.16e}   {x:.16e}  {y:.16e}\n" for t, x, y in SAMPLES), NUMBERED),
@@ -55,33 +50,13 @@ LAYOUTS = {
     "missing": ("t,x\n0,\n1,NaN\n2,NA\n3,#N/A\n4,5\n", {"t": (None, range(5)), "x": (None, [NAN] * 4 + [5])}),
     "a column that is missing": ("t,x\n0,\n1,\n", {"t": (None, [0, 1]), "x": (None, [NAN, NAN])}),
     "missing in one column": ("1.5\n\n \n2.5\n\n", {"1": (None, [1.5, NAN, NAN, 2.5])}),
-    "missing in one column with a name": (
-        "\nx [nm]\n1.5\n\n# stop\n2.5\n",
-        {"x [nm]": ("nm", [1.5, NAN, 2.5])},
-    ),
-    "missing in one column of Windows": ("x\r\n1,5;\r\n\r\n2,5;\r\n", {"x": (None, [1.5, NAN, 2.5])}),
     "blank lines among two columns": ("t,x\n\n0,1\n\n1,2\n", {"t": (None, [0, 1]), "x": (None, [1, 2])}),
     "missing between tabs": (
         "x\ty\n\t\n1.5\t2\n\n\t\n2.5\t3\n\t\n",
         {"x": (None, [NAN, 1.5, NAN, 2.5]), "y": (None, [NAN, 2, NAN, 3])},
     ),
     "integers": ("t,x\n0,921\n1,45\n", {"t": (None, [0, 1]), "x": (None, [921, 45])}),
-    "integers below comments": ("# t, x\n0,921\n1,45\n", {"t": (None, [0, 1]), "x": (None, [921, 45])}),
-    "integers with a sign": ("0,-921\n1,45\n", {"1": (None, [0, 1]), "2": (None, [-921, 45])}),
     "stamps": ("t,x\n" + STAMPED, {"t": (None, STAMPS), "x": (None, [0, 1, 2])}),
-    "stamps and units": (
-        "t,x\nUTC,m\n" + STAMPED,
-        {"t": ("UTC", STAMPS), "x": ("m", [0, 1, 2])},
-    ),
-    "stamps, flags and no names": (
-        "".join(f"2016-04-16 14:00:0{i},{i}e-9,OK\n" for i in range(2)),
-        {
-            "1": (None, ["2016-04-16 14:00:00", "2016-04-16 14:00:01"]),
-            "2": (None, [0, 1e-9]),
-            "3": (None, ["OK", "OK"]),
-        },
-    ),
-    "stamps alone": ("\n".join(STAMPS), {"1": (None, STAMPS)}),
     "names alone": ("t,x\n", {"t": (None, []), "x": (None, [])}),
     "nothing": ("", {}),
 }  # fmt: skip
@@ -114,9 +89,7 @@ def test_layouts(tmp_path, layout):
     assert_columns(columns(tmp_path / "a.txt"), expected)
 
 
-@pytest.mark.parametrize(
-    "encoding", ["utf-8", "utf-8-sig", "utf-16", "utf-16-le", "utf-16-be", "utf-32", "latin-1"]
-)
+@pytest.mark.parametrize("encoding", ["utf-8-sig", "utf-16", "utf-16-be", "utf-32", "latin-1"])
 def test_encodings(tmp_path, encoding):
     (tmp_path / "a.csv").write_bytes(f"t,Länge [µm],y\n{ROWS}".encode(encoding))
     expected = {"t": PLAIN["t"], "Länge [µm]": ("µm", PLAIN["x"][1]), "y": PLAIN["y"]}
@@ -150,18 +123,12 @@ def test_long_texts_come_in_blocks(tmp_path, monkeypatch):
 
 REFUSALS = {
     "words": ("t,x\n0,1\n1,off\n", r"line 3: column x: 'off', expected a number with a decimal point, or"),
-    "words in the first line": ("t,x\n0,off\n1,1.5\n2,3\n", r"line 2: column x: 'off', expected a number"),
-    "a digit separator of Python": ("t,x\n0,1\n1,1_0\n", r"line 3: column x: '1_0', expected a number"),
     "more cells": ("t,x\n0,1\n1,2,3\n2,3\n", r"line 3: 3 cells, expected the 2 of the line with the names"),
     "fewer cells": ("t,x\n0,1\n1\n2,3\n", r"line 3: 1 cells, expected the 2"),
     "a line end in quotes": ('t,x\n0,"1\n2"\n3,4\n4,5\n5,6\n', "line 2: a quote without its end"),
     "thousands, perhaps": ("t;x\n1,234;2,345\n", r"line 2: '1,234', the comma may be"),
-    "columns, perhaps": ("0,921056040\n4,194580140\n", r"line 1: '0,921056040', the comma may be"),
-    "exponents, perhaps": ("-9,21e-10\n4,19E-10\n", r"line 1: '-9,21e-10', .* separate two columns"),
     "columns with a title": ("x1 [nm]\n\n0,5\n,25\n", r"line 3: '0,5', .*, or the names of two columns"),
-    "columns with a comment": ("# made in 2016, by hand\n0,5\n1,25\n", r"line 2: '0,5', the comma may be"),
     "missing at the start": ("\n\n1.5\n2.5\n", r"line 1: blank above the first number of a single column"),
-    "missing below the name": ("x\n\n1.5\n2.5\n", r"line 2: blank above .*, expected nan if it is one"),
     "both marks": ("t;x\n1,5;2.5\n", r"line 2: '1,5', the comma may be a decimal mark or separate thousands"),
     "a point among commas": ("t;x\n" + 250 * "1,5;2\n" + "1.5;2\n", r"line 252: column t: '1\.5', .* comma"),
     "ZIP": ("PK\x03\x04", "an archive of ZIP, as Excel's .xlsx is, expected text as its name says"),
@@ -189,7 +156,6 @@ def test_columns_by_name_and_number(tmp_path):
             "x1": "column x1 (channel o_1): missing, expected it among the columns: t [s], x12 [nm], 3, 4; "
             'did you mean "x12 [nm]"?',
             0: "column 0 (channel o_1): missing, expected a number from 1 to 4: t [s], x12 [nm], 3, 4",
-            5: "column 5 (channel o_1): missing, expected a number from 1 to 4: t [s], x12 [nm], 3, 4",
         }.items():
             with pytest.raises(InputError, match=re.escape(expected) + "$"):
                 table.column(key, " (channel o_1)")

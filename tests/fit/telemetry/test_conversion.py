@@ -31,31 +31,22 @@ def posix(times):
 
 STAMPS = {
     "ISO with T": (isot, ""),
-    "ISO with a blank and Z": (blank_z, ""),
     "with strokes": (lambda times: [stamp.replace("-", "/") for stamp in blank_z(times)], ""),
-    "ISO, of microseconds": (lambda times: isot(times, 6), 'format = "isot"'),
     "day of year": (yday, ""),
     "day of year of CCSDS": (
         lambda times: [s.replace(":", "-", 1).replace(":", "T", 1) for s in yday(times)],
         "",
     ),
     "GPS": (lambda times: np.round(times.gps, 4).tolist(), 'format = "gps"'),
-    "GPS in ms": (
-        lambda times: np.round(times.gps * 1e3).astype(int).tolist(),
-        'format = "gps"\nunit = "ms"',
-    ),
     "Unix": (posix, 'format = "unix"'),
-    "Unix of TAI": (lambda times: np.round(times.unix_tai, 4).tolist(), 'format = "unix_tai"'),
     "MJD": (lambda times: times.mjd.tolist(), 'format = "mjd"'),
-    "JD": (lambda times: times.jd.tolist(), 'format = "jd"'),
     "MJD of TT": (lambda times: times.tt.mjd.tolist(), 'format = "mjd"\nscale = "tt"'),
     "ISO of TAI": (lambda times: isot(times.tai), 'scale = "tai"'),
 }
 
 
 @pytest.mark.parametrize("stamps", STAMPS)
-@pytest.mark.parametrize("fs", [10.0, 1.0])
-def test_time_stamps(archive, channels, stamps, fs):
+def test_time_stamps(archive, channels, stamps, fs=10.0):
     spell, keys = STAMPS[stamps]
     write(archive.folder / "A.csv", {"t": spell(instants(fs)), **listed(channels)})
     run = archive.convert(clock=f'column = "t"\n{keys}', t0="")
@@ -64,18 +55,7 @@ def test_time_stamps(archive, channels, stamps, fs):
     assert_same(run, channels)
 
 
-@pytest.mark.parametrize(("fs", "error"), [(3.0, 1e-12), (8.0, 1e-12), (2.99998, 1e-6)])
-@pytest.mark.parametrize("stamps", ["ISO with T", "elapsed"])
-def test_the_last_digit_of_stamps_is_no_jitter(archive, channels, fs, error, stamps):
-    times = instants(fs) if stamps != "elapsed" else None
-    spelt = isot(times) if times is not None else np.round(77 + np.arange(N) / fs, 3).tolist()
-    write(archive.folder / "A.csv", {"t": spelt, **listed(channels)})
-    run = archive.convert()
-    assert run.fs == pytest.approx(fs, rel=error)
-    np.testing.assert_allclose(run.time, np.arange(N) / fs, rtol=error)
-
-
-@pytest.mark.parametrize("stamps", ["ISO with T", "day of year", "GPS", "Unix", "ISO of TAI"])
+@pytest.mark.parametrize("stamps", ["ISO with T", "GPS", "Unix"])
 def test_a_run_over_a_leap_second_is_uniform(archive, channels, stamps):
     spell, keys = STAMPS[stamps]
     times = instants(10.0, "2016-12-31T23:58:00")
@@ -86,7 +66,7 @@ def test_a_run_over_a_leap_second_is_uniform(archive, channels, stamps):
 
 
 @pytest.mark.filterwarnings("ignore:.*dubious year")  # of the oracle: leap seconds to come
-@pytest.mark.parametrize("start", ["2016-04-16T14:00:00.300", "1999-12-31T23:59:59.9", "2030-01-01T00:00:00"])
+@pytest.mark.parametrize("start", ["1999-12-31T23:59:59.9", "2030-01-01T00:00:00"])
 def test_t0_is_the_first_stamp(archive, channels, start):
     for stamps in ("ISO with T", "GPS", "MJD", "Unix"):
         spell, keys = STAMPS[stamps]
@@ -113,31 +93,16 @@ TIME_FAULTS = {
         "",
         "column t: 1 row is absent, first after sample 899 (89.9 s); expected a row for each sample",
     ),
-    "gaps of elapsed seconds": (
-        lambda t: [f"{x:.1f}" for x in np.where(np.arange(N) < 900, np.arange(N), np.arange(N) + 50) / 10],
-        "",
-        "column t: 50 rows are absent, first after sample 899 (89.9 s); expected a row for each sample",
-    ),
     "too few digits": (lambda t: isot(t, 0), "", "column t: from 0 s to 0 s at sample 1, expected uniform"),
     "single precision": (
         lambda t: t.gps.astype("f4").astype(float).tolist(),
         'format = "gps"',
         "column t: kept in single precision, the time stamps have lost their digits",
     ),
-    "single precision, elapsed": (
-        lambda t: (1e6 + np.arange(N) / 10).astype("f4").astype(float).tolist(),
-        "",
-        "column t: kept in single precision, the time stamps have lost their digits",
-    ),
     "no month 13": (
         lambda t: [*isot(t)[:7], "2016-13-16T14:00:00.700", *isot(t)[8:]],
         "",
         'column t: "2016-13-16T14:00:00.700" at sample 7, expected a time stamp such as',
-    ),
-    "no leap second": (
-        lambda t: [*isot(t)[:7], "2016-04-16T23:59:60.700", *isot(t)[8:]],
-        "",
-        'column t: "2016-04-16T23:59:60.700" at sample 7, expected a time stamp such as',
     ),
     "unknown texts": (
         lambda t: ["16 April"] * N,
@@ -170,7 +135,7 @@ def test_a_fault_of_time_stamps(archive, channels, fault):
 @pytest.mark.parametrize(
     ("samples", "expected"), [(0, "empty, expected a row"), (1, "1 samples, expected 2 to")]
 )
-@pytest.mark.parametrize("keys", ["", 'format = "gps"', 'format = "unix"'])
+@pytest.mark.parametrize("keys", ["", 'format = "gps"'])
 def test_hardly_any_samples(archive, samples, expected, keys):
     np.savez(archive.folder / "A.npz", **{name: np.full(samples, 1.1e9) for name in ("t", *CHANNELS)})
     message = archive.refusal(run='file = "A.npz"', clock=f'column = "t"\n{keys}')
@@ -197,10 +162,7 @@ SCALED = {
     [
         (-9999, "missing = -9999", ""),
         (1e20, "", "missing = [-999, 1e20]"),
-        (float(np.float32(9.96921e36)), "missing = 9.96921e36", ""),
         (0.0, "missing = -1", "missing = 0"),
-        (np.inf, "missing = [nan, inf]", ""),
-        (-1e308, "missing = [1e308, -1e308]", ""),
     ],
 )
 def test_numbers_of_missing_samples(archive, channels, marker, top, key):
@@ -212,27 +174,16 @@ def test_numbers_of_missing_samples(archive, channels, marker, top, key):
     assert_same(run, channels | {"o_12": expected}, rtol=1e-14)
 
 
-@pytest.mark.parametrize("marker", [-9999.0, -99.0, 3e-3, 1e20, 9.96921e36])
-def test_a_marker_in_telemetry(archive, channels, marker):
+def test_a_marker_in_telemetry(archive, channels):
     write(archive.folder / "A.csv", {"t": np.arange(N).tolist(), **listed(channels)})
     path = archive.convert().path
     with h5py.File(path, "r+") as file:
-        file["o_12"][50::500] = marker
-    with pytest.raises(InputError) as refused:
+        file["o_12"][50::500] = -9999.0
+    with pytest.raises(
+        InputError,
+        match=r"A\.h5: channel o_12: -9999 at sample 50 \(t = 50 s\).* seems to mark missing samples",
+    ):
         read(path)
-    message = str(refused.value)
-    assert f"A.h5: channel o_12: {marker:.7g} at sample 50 (t = 50 s)" in message
-    assert "seems to mark missing samples, expected NaN" in message
-
-
-def test_what_is_no_marker(archive, channels):
-    steps = {"guidance_o_1": np.repeat([0.0, 1e-8], N // 2), "guidance_o_12": np.full(N, 5e-9)}
-    spike = channels["o_1"].copy()
-    spike[7] = 1e-4
-    table = {**channels, **steps, "o_1": spike}
-    write(archive.folder / "A.csv", {"t": np.arange(N).tolist(), **listed(table)})
-    columns = {name: f'{{ column = "{name}" }}' for name in steps}
-    assert_same(archive.convert(columns=columns), table)
 
 
 # Units ---------------------------------------------------------------------------------------------------

@@ -22,7 +22,6 @@ NUMBERED = dict.fromkeys(CHANNELS, "{ column = 2 }")
 FILES_BY_CHANNEL = ", ".join(f'{name} = "A_{name}.txt"' for name in CHANNELS)
 FILES = {
     "template": ('file = "{run}_{channel}.txt"', "column = 1", NUMBERED),
-    "table": (f"file = {{ {FILES_BY_CHANNEL}}}", "column = 1", NUMBERED),
     "table with time": (f'file = {{ {FILES_BY_CHANNEL}, time = "A_o_12.txt" }}', "column = 1", NUMBERED),
     "in the channels": (
         'file = "A_o_1.txt"',
@@ -75,10 +74,6 @@ DISAGREEMENTS = {
         lambda name, t: t + np.where(np.arange(N) > 99, 0.1, 0.0) * (name == "o_12"),
         "A_o_12.txt: column 1: sample 100 is 0.1 s after that of ",
     ),
-    "rate": (
-        lambda name, t: t * (1 + (name == "f_x_2")),
-        "A_f_x_2.txt: column 1: sample 1 is 0.1 s after that of ",
-    ),
     "a fifth of a sample": (
         lambda name, t: t + 0.02 * (name == "f_x_1"),
         "A_f_x_1.txt: column 1: 0.02 s after ",
@@ -116,11 +111,3 @@ def test_a_table_for_each_channel(archive, channels):
     assert_same(
         archive.convert(run='file = "A.mat"', clock='column = "t"\ntable = "o_1"', columns=tables), channels
     )
-
-
-def test_columns_of_a_matrix(archive, channels):
-    savemat(archive.folder / "out.mat", {"out": np.column_stack([np.arange(N) / 10, *channels.values()])})
-    by_name = {name: f'{{ column = "out[{k}]" }}' for k, name in enumerate(CHANNELS, 2)}
-    assert_same(archive.convert(run='file = "out.mat"', clock='column = "out[1]"', columns=by_name), channels)
-    by_number = {name: f"{{ column = {k} }}" for k, name in enumerate(CHANNELS, 2)}
-    assert_same(archive.convert(run='file = "out.mat"', clock="column = 1", columns=by_number), channels)

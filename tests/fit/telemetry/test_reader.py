@@ -100,36 +100,26 @@ def test_what_is_no_channel_is_left_alone(file):
 ATTRIBUTE_FAULTS = [
     ("schema", None, "schema: missing"),
     ("schema", "lpf-telemetry/2", "'lpf-telemetry/2', expected 'lpf-telemetry/1'"),
-    ("schema", 1, "schema: 1"),
-    ("schema", ["a", "b"], "schema: array"),
-    ("run", None, "run: missing"),
     ("run", "", "run: ''"),
-    ("run", 5, "run: 5"),
-    ("experiment", None, "experiment: missing"),
+    ("run", "a\a", "'a\\x07' has letters that cannot be printed"),
+    ("experiment", 5, "experiment: 5"),
     ("kind", "Noise", "'Noise'"),
     ("t0", "yesterday", "t0: 'yesterday'"),
-    ("t0", 0.0, "t0: 0.0"),
     ("t0", "2016-04-16", "is a date without the time"),
-    ("t0", "2016-13-01T00:00:00Z", "such as '2016-04-16T14:00:00Z'"),
     ("t0", "0000-01-01T00:00:00Z", "is not a time"),
-    ("fs", None, "fs: missing"),
     ("fs", "10", "fs: '10'"),
     ("fs", 0.0, "fs: 0.0"),
-    ("fs", -10.0, "fs: -10.0"),
     ("fs", 100.0, "fs: 100.0"),
-    ("fs", np.nan, "fs: nan"),
     ("fs", True, "fs: True"),
     ("fs", np.array([10.0, 10.0]), "fs: array"),
     ("F_max_1", -1e-12, "F_max_1: -1e-12"),
     ("F_max_2", None, "F_max_2: missing"),
     ("N_max_1", np.inf, "N_max_1: inf"),
-    ("N_max_2", "10.4 pN m", "N_max_2: '10.4 pN m'"),
     ("alignment_epoch", 1.5, "alignment_epoch: 1.5"),
-    ("alignment_epoch", -1, "alignment_epoch: -1"),
-    ("alignment_epoch", "1", "alignment_epoch: '1'"),
-    ("m_tm", 0.0, "m_tm: 0.0"),
     ("m_tm", h5py.Empty("f"), "m_tm: "),
     ("inertial_period", np.nan, "inertial_period: nan"),
+    ("x_axis", "towards test mass 3", "expected one of towards test mass 2, towards test mass 1"),
+    ("x_axis", np.array([1.0, 2.0]), "expected one of towards test mass 2, towards test mass 1"),
 ]
 
 
@@ -141,15 +131,6 @@ def test_the_frame_is_the_one_stated_or_the_one_meant(file):
         telemetry = read(file)
         expected = stated.decode() if isinstance(stated, bytes) else stated
         assert telemetry.x_axis == telemetry.root["x_axis"] == expected
-
-
-@pytest.mark.parametrize("value", ["towards test mass 3", "", 1, np.array([1.0, 2.0])])
-def test_a_frame_that_is_none(file, value):
-    with h5py.File(file, "a") as h5:
-        h5.attrs["x_axis"] = value
-    message = refusal(file)
-    assert "attribute x_axis: " in message
-    assert "expected one of towards test mass 2, towards test mass 1" in message
 
 
 @pytest.mark.parametrize(("name", "value", "expected"), ATTRIBUTE_FAULTS)
@@ -176,10 +157,7 @@ def with_value(h5, name, index, value):
 
 CHANNEL_FAULTS = {
     "missing": (lambda h5: h5.pop("f_x_2"), ["channel f_x_2: missing"]),
-    "a group": (lambda h5: (h5.pop("o_1"), h5.create_group("o_1")), ["channel o_1: missing"]),
     "nm": (lambda h5: h5["o_12"].attrs.update(units="nm"), ["channel o_12", "'nm'", "'m'"]),
-    "N": (lambda h5: h5["f_x_1"].attrs.update(units="N"), ["channel f_x_1", "'N'", "'m s-2'"]),
-    "unit number": (lambda h5: h5["o_1"].attrs.update(units=1.0), ["channel o_1", "1.0"]),
     "micro in Latin-1": (lambda h5: h5["o_1"].attrs.update(units=np.bytes_(b"\xb5m")), ["'µm'", "'m'"]),
     "two scales": (
         lambda h5: h5["o_1"].attrs.update(scale_factor=[1.0, 2.0]),
@@ -187,12 +165,8 @@ CHANNEL_FAULTS = {
     ),
     "no unit": (lambda h5: h5["o_1"].attrs.pop("units"), ["channel o_1: without units", "'m'"]),
     "optional nm": (lambda h5: replace(h5, "guidance_o_1", np.zeros(N), "nm"), ["guidance_o_1", "'nm'"]),
-    "optional torque": (lambda h5: replace(h5, "N_phi_2", np.zeros(N), "N"), ["N_phi_2", "'N m'"]),
     "short": (lambda h5: replace(h5, "o_1", np.zeros(N - 1)), ["channel o_1: 199", "200"]),
-    "ragged unknown": (lambda h5: replace(h5, "odd", np.zeros(N + 1), ""), ["channel odd: 201"]),
     "2-D": (lambda h5: replace(h5, "o_1", np.zeros((N, 1))), ["channel o_1", "(200, 1)"]),
-    "scalar": (lambda h5: replace(h5, "o_1", 0.0), ["channel o_1", "()"]),
-    "text": (lambda h5: replace(h5, "o_1", np.array([b"1"] * N)), ["channel o_1"]),
     "complex": (lambda h5: replace(h5, "o_1", np.zeros(N, complex)), ["channel o_1", "complex128"]),
     "unwritten": (
         lambda h5: (h5.pop("o_1"), h5.create_dataset("o_1", N, "f8").attrs.update(units="m")),
@@ -208,7 +182,6 @@ CHANNEL_FAULTS = {
         ["nan from sample", "2 % of the samples"],
     ),
     "inf": (lambda h5: with_value(h5, "f_x_2", 0, -np.inf), ["channel f_x_2: -inf at sample 0"]),
-    "inf elsewhere": (lambda h5: replace(h5, "odd", np.full(N, np.inf), ""), ["channel odd: inf"]),
 }
 
 
@@ -238,8 +211,7 @@ def drift(h5):
     h5["time"][...] = np.arange(N) * 0.1 * (1 + 5e-4)
 
 
-@pytest.mark.parametrize("kind", ["f4", "f8"])
-@pytest.mark.parametrize("begin", [0.0, 3600.05])
+@pytest.mark.parametrize(("kind", "begin"), [("f4", 0.0), ("f8", 3600.05)])
 def test_a_time_axis_that_single_precision_rounded_is_exact_again(tmp_path, kind, begin):
     size = 216_000  # 6 h at 10 Hz, where steps are 0.002 s
     path = write_contract_file(tmp_path / "A1.h5", samples=size)
@@ -262,15 +234,6 @@ TIME_FAULTS = {
         ),
         "in single precision, in steps of 1.3e+02 s at 1.14e+09 s, which do not resolve samples 0.1 s apart",
     ),
-    "a sample lost in single precision": (
-        lambda h5: with_value(
-            h5,
-            "time",
-            slice(None),
-            (2e4 + 0.1 * (np.arange(N) + (np.arange(N) > 9))).astype("f4").astype("f8"),
-        ),
-        "at sample 10, expected uniform steps",
-    ),
     "milliseconds": (lambda h5: h5["time"].attrs.update(units="ms"), "'ms'"),
     "jump": (
         lambda h5: with_value(h5, "time", slice(100, None), np.arange(100, 200) * 0.1 + 3),
@@ -278,13 +241,9 @@ TIME_FAULTS = {
     ),
     "decreasing": (lambda h5: with_value(h5, "time", slice(None), -np.arange(N) * 0.1), "steps of -0.1 s"),
     "repeated": (lambda h5: with_value(h5, "time", 7, 0.6), "sample 7"),
-    "other rate": (lambda h5: with_value(h5, "time", slice(None), np.arange(N) * 1.0), "steps of 1 s"),
     "drift": (drift, "spans"),
     "nan": (lambda h5: with_value(h5, "time", 3, np.nan), "time: nan at sample 3"),
-    "inf": (lambda h5: with_value(h5, "time", -1, np.inf), "time: inf at sample 199"),
     "empty": (lambda h5: replace(h5, "time", np.zeros(0), "s"), "time: 0 samples"),
-    "one sample": (lambda h5: replace(h5, "time", np.zeros(1), "s"), "time: 1 samples"),
-    "text": (lambda h5: replace(h5, "time", np.array([b"0"] * N), "s"), "time: |S1"),
     "absurd": (
         lambda h5: (h5.pop("time"), h5.create_dataset("time", 2**60, "f8", chunks=(1024,))),
         f"time: {2**60} samples",
@@ -376,8 +335,10 @@ def test_truth(tmp_path):
 # --- values that are not what they look like ------------------------------------------------------------
 
 
-@pytest.mark.parametrize("name", ["o_12", "time", "temperature"])
-@pytest.mark.parametrize(("attribute", "value"), [("scale_factor", 1e-9), ("add_offset", 0.5)])
+@pytest.mark.parametrize(
+    ("name", "attribute", "value"),
+    [("o_12", "scale_factor", 1e-9), ("time", "add_offset", 0.5), ("temperature", "add_offset", 0.5)],
+)
 def test_packed_values_are_refused(file, name, attribute, value):
     with h5py.File(file, "a") as h5:
         if name not in h5:
