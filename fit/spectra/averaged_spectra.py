@@ -22,7 +22,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from fit.errors import InputError, shown
 from fit.parallel import parallel_map
-from fit.requirements import TAPER
+from fit.requirements import GAP_TAPER, STEEP_GAP_TAPER, TAPER
 from fit.spectra.windowing import window
 
 Array = NDArray[np.float64]
@@ -82,8 +82,8 @@ class Estimator:
         Frequency up to which to go [Hz].
     rising_noise : bool
         Whether the noise rises steeply with frequency. A Hann window then replaces the Tukey window, whose
-        sidelobes carry noise to the lowest frequencies, and mean and slope are fitted to the windowed series,
-        because the ends of the run determine those of the series itself.
+        sidelobes carry noise to the lowest frequencies, with wider flanks beside missing samples. Mean and
+        slope are fitted to the windowed series, because the ends of a run determine those of the series.
     """
 
     def __init__(
@@ -91,7 +91,8 @@ class Estimator:
     ) -> None:
         n = scipy.fft.prev_fast_len(valid.size)  # the fit leaves out the same
         self._valid = valid[:n]
-        self._window = window(self._valid, fs, 1.0 if rising_noise else TAPER)
+        flanks = (1.0, STEEP_GAP_TAPER) if rising_noise else (TAPER, GAP_TAPER)
+        self._window = window(self._valid, fs, *flanks)
         w2 = self._window**2
         self._scale = 2 / (fs * float(w2.sum()))
         spectrum = scipy.fft.rfft(w2)[: CORRELATED + 1].copy()  # of all of it, the memory would be full
