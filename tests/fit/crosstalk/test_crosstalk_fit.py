@@ -6,10 +6,10 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from fit.crosstalk import attenuation, crosstalk_fit, instrumental_variables, readout_noise
+from fit.crosstalk import attenuation, crosstalk_fit, readout_noise
 from fit.crosstalk.crosstalk_fit import cross_talk
 from fit.crosstalk.fitted_run import fitted_runs
-from fit.fitting.experiment_and_joint_fit import fit_experiment, fit_joint
+from fit.fitting.experiment_and_joint_fit import fit_joint
 from fit.model import dynamics
 from fit.model.sharing import Sharing
 from fit.pipeline import calibrate
@@ -17,7 +17,6 @@ from fit.quality.fit_quality import as_fit
 from fit.settings import settings
 from fit.spectra import derivatives
 from fit.whitening import Experiment
-from fit.whitening.glitch_templates import Glitch, Shape
 from fit.whitening.run import Run
 from tests.oracles.bump_synthetic import READ, TRUTH, Motion, blind, jitter, pair, run
 from tests.oracles.synthetic import World, of_run
@@ -158,21 +157,6 @@ def test_two_sensors_of_the_same_motion_free_the_couplings(noisy):
         assert np.array_equal(fit.covariance_matrix, fit.covariance_matrix.T)
 
 
-def test_instruments_of_a_bin_do_not_depend_on_the_bin(noisy):
-    # louder by a tenth, it moves those of its neighbours; tied to its own noise, instruments would attenuate
-    runs, outcome, _ = noisy
-    w, theta = fitted_runs(outcome, runs)[0], outcome.solution.theta
-    filters = instrumental_variables.noisy_regressor(w, "y", theta).filters
-    for i in (400, 600, 800, 1000):
-        columns = w.terms.columns.copy()
-        columns[i, w.experiment.parameters.index("b_3") + 1] *= 1.05
-        perturbed = instrumental_variables.noisy_regressor(
-            replace(w, terms=replace(w.terms, columns=columns)), "y", theta
-        ).filters
-        change = np.abs(perturbed[:, 2] / filters[:, 2] - 1)
-        assert change[i] < 0.2 * change[i + 1]
-
-
 def test_a_calibration_keeps_least_squares_for_subtraction():
     results = calibrate(pair(Motion(), LATE))
     coefficients = results.provenance.subtraction["1"]
@@ -200,21 +184,6 @@ def test_gains_that_may_scatter_leave_the_couplings_as_they_are(noisy):
             estimate = fits[epoch].parameters[name]
             assert abs(estimate.value - e.value) < 0.3 * e.sigma
             assert estimate.sigma == pytest.approx(e.sigma, rel=0.1)
-
-
-def test_glitches_that_are_taken_out_leave_the_couplings_as_they_are():
-    # taken out of all columns alike; no run here has one, so that nothing may change but for a few bins
-    whole = experiments(pair(Motion(), LATE))
-    glitches = [
-        Glitch(Shape("double_exponential", 800.0, -0.0016), 5000.0),
-        Glitch(Shape("reversed", 2000.0, 0.0), 9000.0),
-    ]
-    cleaned = [replace(e, sysid=e.sysid.with_glitches(glitches)) for e in whole]
-    plain, cleaned_fit = (fitted(runs)[1]["1"] for runs in (whole, cleaned))
-    assert warning(cleaned_fit, "instrumental_variables").parameters == ("b_3", "b_4", "b_5", "b_6")
-    for name, e in plain.parameters.items():
-        assert abs(cleaned_fit.parameters[name].value - e.value) < 0.5 * e.sigma
-        assert cleaned_fit.parameters[name].sigma == pytest.approx(e.sigma, rel=0.1)
 
 
 def wandering(recorded, seed):
@@ -287,30 +256,6 @@ def test_bump_falls_to_the_limit_of_its_noisy_regressors(noisy):
         squares = TRUTH[name] ** 2 + TRUTH[f"b_{int(name[2:]) + 1}"] ** 2
         limit += squares * omega2**2 * S * S_n / (S + S_n)
     assert np.sqrt(wiener) == pytest.approx(np.sqrt(limit.mean(axis=0)), rel=0.1)
-
-
-def test_columns_keep_delta_ifo_sharp(noisy):
-    runs, outcome, _ = noisy
-    blinded = [Experiment(*(Run(blind(r.telemetry)) for r in (e.sysid, e.noise))) for e in runs]
-    unsubtracted = as_fit(fit_joint(blinded, settings()), blinded)
-    for name, estimate in as_fit(outcome, runs).parameters.items():
-        assert estimate.sigma < unsubtracted.parameters[name].sigma
-    sigma = [fit.parameters["delta_ifo_1"].sigma for fit in (unsubtracted, as_fit(outcome, runs))]
-    assert sigma[0] > 2 * sigma[1]
-
-
-@pytest.mark.slow
-def test_attenuated_coefficients_hardly_move_the_dynamics():
-    # Thrusters askew by 1 % move y and z with x_1. Same Delta g with and without read-out noise in the
-    # regressors: measured over 24 runs, the noise moves no parameter by more than 0.2 sigma on the mean.
-    motion, shifts = Motion(tilt=0.01), []
-    for seed in range(4):
-        noisy, clean = (
-            fit_experiment(*experiments(pair(m, LATE, seed=seed))).solution
-            for m in (motion, replace(motion, grs=0.0, dws=0.0))
-        )
-        shifts.append(((noisy.theta - clean.theta) / np.sqrt(np.diag(noisy.covariance)))[:5])
-    assert np.all(np.abs(np.mean(shifts, axis=0)) < 0.5)
 
 
 def test_correlation_with_delta_ifo_is_reported():

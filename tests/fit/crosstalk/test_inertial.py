@@ -47,15 +47,6 @@ def test_runs_of_a_period_are_fitted_together(three_days, three_day_fit):
         assert estimate.sigma == pytest.approx(three_day_fit.parameters[name].sigma / np.sqrt(2), rel=0.15)
 
 
-def test_cross_talk_of_rotation_does_not_shift_the_angles(quiet_day):
-    # Left out, b_1 and b_2 of three times their usual size would shift the angles by 5 to 10 %.
-    world = replace(LOW_NOISE, b_1=3 * LOW_NOISE.b_1, b_2=3 * LOW_NOISE.b_2)
-    fit = fitted(run(world, duration=2 * DAY)[0], world=LOW_NOISE)
-    for name, estimate in fit.parameters.items():
-        assert estimate.value == pytest.approx(TRUTH[name], rel=0.015, abs=3 * estimate.sigma)
-        assert estimate.sigma < 0.01 * abs(TRUTH[name])
-
-
 @pytest.mark.slow
 def test_another_truth_and_both_rates():
     world = replace(LOW_NOISE, phi=Plane(0.13e-3, -1e-7, 1.3e-3), eta=Plane(0.6e-3, 2e-7, 0.5e-3))
@@ -107,17 +98,6 @@ def test_rate_is_neither_star_tracker_noise_nor_drift(three_days):
         assert S[band].sum() < 0.01 * whole[: f.size][band].sum()
 
 
-def test_integral_is_trapezoid_and_the_same_in_pieces():
-    t = np.arange(1000) / 4.0
-    x = np.stack([np.cos(0.1 * t), t], axis=1)
-    whole = angular_rate.Integral(4.0)(x)
-    # second-order accurate: relative error (w h)^2 / 12
-    np.testing.assert_allclose(whole, np.stack([np.sin(0.1 * t) / 0.1, t**2 / 2], axis=1), atol=1e-3)
-    integral = angular_rate.Integral(4.0)
-    pieces = np.concatenate([integral(x[:1]), integral(x[1:300]), integral(x[300:])])
-    np.testing.assert_allclose(pieces, whole, rtol=1e-13, atol=1e-12)
-
-
 def test_without_angles_the_bias_is_the_reported_one(quiet_day):
     fit = fitted(lacking(quiet_day[0], "o_phi", "o_eta"), world=LOW_NOISE)
     warnings = [w for w in fit.warnings if w.code == "no_wavefront_angle"]
@@ -148,21 +128,6 @@ def test_two_test_masses_free_the_angles_of_their_torque_noise():
     assert one.parameters["delta_phi"].value / TRUTH["delta_phi"] == pytest.approx(0.86, abs=0.04)
     (warning,) = (w for w in one.warnings if w.code == "one_test_mass")
     assert warning.parameters == ("delta_phi",)
-
-
-def test_the_difference_of_two_test_masses_is_their_noise():
-    # dOmega itself is ten times as loud
-    telemetry, truth = run(LOW_NOISE, duration=DAY)
-    sources = rotation.sources(telemetry)
-    wrong = rotation.motion(telemetry, sources).dOmega - np.stack(
-        [truth[f"dOmega_{axis}"][10:-10] for axis in rotation.AXES], axis=1
-    )
-    for difference, error in zip(rotation.half_difference(telemetry, sources).T, wrong.T, strict=True):
-        f, S = welch(difference, 1.0, nperseg=8640, detrend="linear")
-        _, expected = welch(error, 1.0, nperseg=8640, detrend="linear")
-        band = (f > 3e-4) & (f < 2e-3)
-        assert S[band].mean() == pytest.approx(LOW_NOISE.torque**2 / 2, rel=0.3)
-        assert S[band].mean() == pytest.approx(expected[band].mean(), rel=0.4)
 
 
 def test_torques_of_pure_noise_are_reported(quiet_day):
@@ -212,19 +177,6 @@ def test_without_star_tracker_sigma_widens(three_days, three_day_fit):
     assert "no_star_tracker" in codes(fit)
     assert max(map(abs, pulls(fit))) < 4.5
     assert fit.parameters["delta_eta"].sigma > 1.1 * three_day_fit.parameters["delta_eta"].sigma
-
-
-def test_lengths_that_compensate_the_lever_arm_leave_the_angles_where_they_are():
-    """As in flight, where b_1 and b_2 leave little of it above 10 mHz."""
-    plain = World()
-    arms = {"b_1": plain.b_1 - 0.376 * plain.phi.delta, "b_2": plain.b_2 + 0.376 * plain.eta.delta}
-    plain_fit, compensated_fit = (
-        fitted(run(world, duration=DAY / 2)[0]) for world in (plain, replace(plain, **arms))
-    )
-    for name, estimate in plain_fit.parameters.items():
-        assert compensated_fit.parameters[name].value == pytest.approx(
-            estimate.value, abs=0.05 * estimate.sigma
-        )
 
 
 @pytest.mark.long

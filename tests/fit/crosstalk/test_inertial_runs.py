@@ -12,7 +12,6 @@ from fit.crosstalk.euler_fit import fit_period, takes_part
 from fit.errors import InputError
 from fit.pipeline import calibrate, calibrate_inertial
 from fit.settings import ParameterSettings
-from fit.telemetry.reader import read_all
 from tests.fit.crosstalk.euler import DAY, LOW_NOISE, as_quaternion, codes, fitted, lacking, pulls
 from tests.oracles import synthetic
 from tests.oracles.rotation_synthetic import Plane, World, calibration, run, write
@@ -71,10 +70,8 @@ def test_missing_samples_are_masked(three_days, three_day_fit, quiet_day):
     ("name", "value", "expected"),
     [
         ("I_zz", -6.8e-4, "attribute I_zz: -0.00068, expected a positive number"),
-        ("I_yy", "heavy", "attribute I_yy: 'heavy', expected a positive number"),
         ("I_yy", np.array([1.0, 2.0]), r"attribute I_yy: array\(\[1., 2.\]\), expected a positive number"),
         ("omega2_phi", float("nan"), "attribute omega2_phi: nan, expected a finite number"),
-        ("inertial_period", -1, "attribute inertial_period: -1, expected a whole number"),
         ("inertial_period", 1.5, "attribute inertial_period: 1.5, expected a whole number"),
     ],
 )
@@ -202,10 +199,3 @@ def test_command_refuses_a_calibration_without_dynamics(files, lpfcosim):
     ):
         status, _, err = lpfcosim("fit", "inertial.h5", "--calibration", name)
         assert status == 2 and message in err
-
-
-def test_files_and_memory_give_the_same(files, quiet_day):
-    (from_file,) = read_all([files / "inertial.h5"])
-    file_fit, memory_fit = fitted(from_file, world=LOW_NOISE), fitted(quiet_day[0], world=LOW_NOISE)
-    for name, estimate in memory_fit.parameters.items():
-        assert file_fit.parameters[name].value == pytest.approx(estimate.value, rel=1e-9)

@@ -95,7 +95,7 @@ def bounded_fit(names, low, high, start=1.0, scales=1.0):
     [(("lambda_2", "omega2_2_0"), 1), (("SuspensionControl.f_u", "omega2_2_0", "C_2"), 2)],
     ids=["one", "two"],
 )
-@pytest.mark.parametrize("sigmas", [0.5, 3.0, 30.0])
+@pytest.mark.parametrize("sigmas", [0.5, 30.0])
 def test_bounds_are_tested_against_the_data(names, n_bounds, sigmas, side):
     X, y, sigma = linear_data(names)
     low, high = np.full(len(names), -np.inf), np.full(len(names), np.inf)
@@ -161,16 +161,3 @@ def test_a_parameter_at_its_bound_because_of_another_is_within_it():
     _, message = test.warnings()[0].message.split("; ", 1)
     assert message.startswith(f"C_2 is at its upper bound {high[1]:.6g}, the data put it at 1")
     assert ", within it" in message
-
-
-def test_bounds_on_either_side_are_reported_together():
-    names = ("lambda_2", "C_2", "omega2_2_0")
-    _, _, sigma = linear_data(names)
-    low, high = np.full(3, -np.inf), np.full(3, np.inf)
-    low[0], high[1] = 1 + 8 * sigma[0], 1 - 8 * sigma[1]
-    _, test = bounded_fit(names, low, high)
-    assert [(c.name, c.bound) for c in test.at_bound] == [("lambda_2", "min"), ("C_2", "max")]
-    at_bound, contradiction = test.warnings()
-    assert "lambda_2 is at its lower bound" in at_bound.message
-    assert "C_2 is at its upper bound" in at_bound.message
-    assert contradiction.code == "constraint_contradicted"

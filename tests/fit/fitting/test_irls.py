@@ -1,6 +1,7 @@
 """Weights, true sigmas, blind directions and single experiments, on telemetry of known noise."""
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -51,6 +52,7 @@ def flat(level):
 def test_sigma_accounts_for_the_window(taper, ratio, changed):
     # White noise of unit variance (PSD 2 at 1 Hz), stationary columns: var = <w^4>/<w^2>^2 x naive.
     changed(windowing, "TAPER", taper)
+    changed(windowing, "window", partial(windowing.window, taper=taper))
     columns = np.random.default_rng(3).standard_normal((20000, 8))
     run = windowing.transform(columns, np.ones(20000, bool), 1.0, (0.1, 0.1))
     block = whitened_run.whiten_run(run, flat(2.0), np.eye(7))
@@ -83,12 +85,6 @@ def test_constant_and_ramp_are_invisible():
     ]
     assert np.allclose(blocks[0].R.T @ blocks[0].R, blocks[1].R.T @ blocks[1].R, atol=1e-6)
     assert np.allclose(blocks[0].M, blocks[1].M, atol=1e-6)
-
-
-def test_exactly_blind_parameter():
-    undetermined, directions = null_space(np.diag([4.0, 0.0, 100.0]), np.ones(3))
-    assert undetermined.tolist() == [False, True, False]
-    assert np.allclose(directions, [[0, 1, 0]])
 
 
 def test_weakly_determined_parameter_is_lost_by_its_width():
@@ -187,12 +183,6 @@ def test_chi2_is_that_of_noise():
     bins = prev_fast_len(21600 - 2 * derivatives.HALF) // 10  # up to 0.1 Hz
     assert fit.dof == 2 * (bins - 1) - 5
     assert fit.chi2 / fit.dof == pytest.approx(1, abs=5 * np.sqrt(2.1 / fit.dof + 20 / bins**2))
-
-
-def test_stronger_noise_than_in_the_noise_run_is_told():
-    noisy_world = World(plateau=8e-15, oms=70e-15)
-    fit = fit_one([telemetry(noisy_world), telemetry(World(), kind="noise")])
-    assert "marginalised_noise" in {w.code for w in fit.warnings}
 
 
 def test_own_residual_replaces_a_missing_noise_run():

@@ -192,20 +192,6 @@ def test_parameters_of_other_sizes_settle_beside_a_bound():
     assert (shift - expected) / scale[[0, 2]] == pytest.approx(np.zeros(2), abs=1e-3)
 
 
-def test_a_bound_holds_wherever_the_fit_starts(two_runs):
-    at_bound = solved(two_runs, a={"max": 1.0})
-    assert at_bound.result.params["a"].value == pytest.approx(1.0, abs=1e-6)
-    W = np.linalg.inv(A) + np.linalg.inv(B)
-    b = np.linalg.solve(A, C_A) + np.linalg.solve(B, C_B)
-    assert at_bound.result.params["b"].value == pytest.approx((b[1] - W[0, 1]) / W[1, 1], abs=1e-5)
-    wide = solved(two_runs, a={"min": 0.0, "max": 100.0}).result  # starts at its lower bound
-    free = solved(two_runs).result
-    assert wide.params["a"].value == pytest.approx(free.params["a"].value, abs=1e-5)
-    released = at_bound.result.params.copy()
-    released["a"].set(max=np.inf)
-    assert at_bound.refit(released).params["a"].value == pytest.approx(free.params["a"].value, abs=1e-5)
-
-
 def test_a_refit_takes_parameters_by_name(two_runs):
     solution = solved(two_runs)
     params, fixed = solution.result.params, lmfit.Parameters()

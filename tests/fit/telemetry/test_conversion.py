@@ -145,35 +145,6 @@ def test_hardly_any_samples(archive, samples, expected, keys):
 # Missing samples -----------------------------------------------------------------------------------------
 
 
-def marked(channels, marker, name="o_12"):
-    """Return archive columns in nm and pm s-2, of which one has a marker in every 150th sample."""
-    columns = {key: values * (1e9 if key[0] == "o" else 1e12) for key, values in channels.items()}
-    columns[name][50::150] = marker
-    return {"t": np.arange(N) / 10, **columns}
-
-
-SCALED = {
-    name: f'{{ column = "{name}", unit = "{"nm" if name[0] == "o" else "pm/s^2"}" }}' for name in CHANNELS
-}
-
-
-@pytest.mark.parametrize(
-    ("marker", "top", "key"),
-    [
-        (-9999, "missing = -9999", ""),
-        (1e20, "", "missing = [-999, 1e20]"),
-        (0.0, "missing = -1", "missing = 0"),
-    ],
-)
-def test_numbers_of_missing_samples(archive, channels, marker, top, key):
-    write(archive.folder / "A.csv", listed(marked(channels, marker)))
-    columns = SCALED | {"o_12": SCALED["o_12"].replace(" }", f", {key} }}")} if key else SCALED
-    run = archive.convert(top=top, columns=columns)
-    expected = channels["o_12"].copy()
-    expected[50::150] = np.nan
-    assert_same(run, channels | {"o_12": expected}, rtol=1e-14)
-
-
 def test_a_marker_in_telemetry(archive, channels):
     write(archive.folder / "A.csv", {"t": np.arange(N).tolist(), **listed(channels)})
     path = archive.convert().path
@@ -186,7 +157,43 @@ def test_a_marker_in_telemetry(archive, channels):
         read(path)
 
 
-# Units ---------------------------------------------------------------------------------------------------
+# Units and columns ---------------------------------------------------------------------------------------
+
+
+def write_with_unit(archive, channels, unit, start=0.0):
+    """Write an archive whose column o_1 states a unit."""
+    names = {"o_1": f"o_1 [{unit}]"} if unit else {}
+    columns = {names.get(name, name): values for name, values in channels.items()}
+    write(archive.folder / "A.csv", {"t": (start + np.arange(N) / 10).tolist(), **listed(columns)})
+
+
+@pytest.mark.parametrize(
+    ("of_file", "of_map", "factor"), [("pm", "", 1e-12), ("pm", "pm", 1e-12), ("counts", "nm", 1e-9)]
+)
+def test_the_unit_of_a_column(archive, channels, of_file, of_map, factor):
+    write_with_unit(archive, channels, of_file)
+    unit = f', unit = "{of_map}"' if of_map else ""
+    run = archive.convert(columns={"o_1": f'{{ column = "o_1"{unit} }}'})
+    np.testing.assert_allclose(run.channels["o_1"], channels["o_1"] * factor, rtol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("columns", "words"),
+    [
+        ({"o_1": '{ column = "o_1", unit = "nm" }'}, "(channel o_1): in 'pm' by the file, but in 'nm' by"),
+        ({"o_12": '{ column = "o_1" }'}, "(channel o_12): also that of channel o_1, expected a column"),
+    ],
+    ids=["unit of file and map", "two channels of one column"],
+)
+def test_columns_that_contradict_the_map_are_refused(archive, channels, columns, words):
+    write_with_unit(archive, channels, "pm")
+    assert words in archive.refusal(columns=columns)
+
+
+def test_seconds_of_a_gps_week_are_refused(archive, channels):
+    write_with_unit(archive, channels, "", start=568817.0)
+    message = archive.refusal(clock='column = "t"\nformat = "gps"', t0="")
+    assert "seconds of a GPS week; expected seconds since 1980-01-06" in message
 
 
 def test_forces_are_divided_by_the_mass(archive, channels):
@@ -201,6 +208,3 @@ def test_forces_are_divided_by_the_mass(archive, channels):
         message = archive.refusal(columns={"f_x_1": f'{{ column = "f_x_1", unit = "{unit}" }}'})
         assert f"map.toml: channels.f_x_1.unit: unit '{unit}' does not measure what 'm s-2' does" in message
         assert "expected 'm s-2', 'N' or a multiple of one" in message
-
-
-# Files and tables ----------------------------------------------------------------------------------------

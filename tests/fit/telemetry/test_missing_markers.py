@@ -64,8 +64,9 @@ def test_the_map_that_a_message_asks_for_is_enough(archive, columns, name, value
     assert f"{value:.7g} at sample 50 (t = 5 s), 5 times in all" in message
     cure, _, rest = message.partition("expected ")[2].partition(" in the map")
     assert f"at its top or in channels.{name}, or missing = [] in channels.{name}" in rest
-    run = converted(archive, columns, top=cure)
-    assert np.flatnonzero(np.isnan(run.channels[name])).tolist() == list(range(50, 900, 200))
+    for place in ({"top": cure}, *([{"keys": f", {cure}"}] if name == "o_12" else [])):
+        run = converted(archive, columns, **place)
+        assert np.flatnonzero(np.isnan(run.channels[name])).tolist() == list(range(50, 900, 200))
 
 
 @pytest.mark.parametrize("value", [999.0, -4321.0])
