@@ -18,30 +18,13 @@ from fit.report import page as report
 from fit.sampling import emcee_sampling
 from fit.sampling.posterior import Posterior
 from fit.telemetry import sandbox
-from fit.telemetry.writer import Writer
 from lpfcosim.execution import results_folder as folders
 from lpfcosim.workflows import montecarlo
 from tests.hostile.mutations import damaged, hostile, restructured, survives
 from tests.oracles.synthetic import World, pair
+from tests.synthetic_files import write_run
 
 pytestmark = pytest.mark.slow
-
-CHANNELS = {"o_1": "m", "o_12": "m", "f_x_1": "m s-2", "f_x_2": "m s-2"}
-ROOT = (
-    "run", "experiment", "kind", "fs", "t0", "F_max_1", "F_max_2", "N_max_1", "N_max_2", "alignment_epoch",
-    "m_tm",
-)  # fmt: skip
-
-
-def write(run, path, changes=None):
-    attributes = {
-        "schema": "lpf-telemetry/1",
-        **{name: getattr(run, name) for name in ROOT},
-        **(changes or {}),
-    }
-    with Writer(path, run.time.size, {n: (u, n) for n, u in CHANNELS.items()}, attributes) as file:
-        file.append(run.time, {name: run.channels[name] for name in CHANNELS})
-    return path
 
 
 def content(folder):
@@ -54,7 +37,7 @@ def made(tmp_path_factory):
     folder = tmp_path_factory.mktemp("made") / "out"
     (folder / "telemetry").mkdir(parents=True)
     runs = [
-        refit.read_all([write(r, folder / "telemetry" / f"{r.run}.h5")], trusted=True)[0]
+        refit.read_all([write_run(r, folder / "telemetry" / f"{r.run}.h5")], trusted=True)[0]
         for r in pair(World())
     ]
     results = calibrate(runs)
@@ -96,7 +79,7 @@ def test_names_of_experiments(tmp_path, name):
     folder = tmp_path / "in" / "out"
     (folder / "telemetry").mkdir(parents=True)
     paths = [
-        write(r, folder / "telemetry" / f"{k}.h5", {"run": f"{name}{k}", "experiment": name})
+        write_run(r, folder / "telemetry" / f"{k}.h5", {"run": f"{name}{k}", "experiment": name})
         for k, r in enumerate(pair(World()))
     ]
 

@@ -6,7 +6,7 @@ import pytest
 
 import fit
 from tests.oracles import synthetic
-from tests.oracles.contract_file import write_contract_file
+from tests.synthetic_files import write_run
 
 ALL = {
     *("e1b-D-breakdown", "e1r-D-responses", "e1s-D-spectra", "e1t-D-residual"),
@@ -20,14 +20,7 @@ def fitted(tmp_path_factory):
     folder = tmp_path_factory.mktemp("fitted")
     (folder / "telemetry").mkdir()
     for run in synthetic.pair(synthetic.World(), "D"):
-        units = {name: "m" if "o_" in name else "m s-2" for name in run.channels}
-        write_contract_file(
-            folder / "telemetry" / f"{run.kind}.h5",
-            samples=run.time.size,
-            channels={name: (values, units[name]) for name, values in run.channels.items()},
-            **{name: getattr(run, name) for name in ("fs", "kind", "run", "experiment", "t0")},
-            **{f"{kind}_max_{j}": getattr(run, f"{kind}_max_{j}") for kind in "FN" for j in (1, 2)},
-        )
+        write_run(run, folder / "telemetry" / f"{run.kind}.h5")
     runs = fit.load(folder / "telemetry")
     fit.save_report(fit.calibrate(runs, include_short=True), runs, folder)
     return folder

@@ -7,8 +7,8 @@ import h5py
 import pytest
 
 import fit
-from tests.oracles.contract_file import write_contract_file
 from tests.oracles.synthetic import World, pair
+from tests.synthetic_files import write_run
 
 
 @pytest.fixture(scope="module")
@@ -17,10 +17,7 @@ def once(tmp_path_factory):
     folder = tmp_path_factory.mktemp("once") / "flight"
     (folder / "telemetry").mkdir(parents=True)
     for run in (run for a in "AB" for run in pair(World(), a)):
-        channels = {name: (x, "m" if name[0] == "o" else "m s-2") for name, x in run.channels.items()}
-        attributes = {key: getattr(run, key) for key in ("run", "experiment", "kind", "fs", "F_max_2")}
-        path = folder / "telemetry" / f"{run.run}.h5"
-        write_contract_file(path, samples=run.time.size, channels=channels, **attributes)
+        write_run(run, folder / "telemetry" / f"{run.run}.h5")
     runs = fit.load(folder)
     fit.save_report(fit.calibrate(runs), runs, folder)
     return folder

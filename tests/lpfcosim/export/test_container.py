@@ -6,7 +6,6 @@ from dataclasses import replace
 import fmpy
 import numpy as np
 import pytest
-from fmpy.fmi2 import FMU2Slave
 
 from lpfcosim.cosim import checks
 from lpfcosim.errors import InputError
@@ -15,6 +14,7 @@ from lpfcosim.modelica import build
 from lpfcosim.models import model_of, one_axis, stimuli
 from lpfcosim.spacecraft.run import Authority, HalfCosine, Pulse, Sine
 from tests.lpfcosim.cosim import in_memory
+from tests.lpfcosim.modelica.fmu_instance import fmu_instance
 
 pytestmark = pytest.mark.fmu
 
@@ -46,31 +46,17 @@ def archive(run, tmp_path_factory):
     return path
 
 
-def driven(archive, run, folder):
+def driven(archive, run):
     """Step a container through a run, each sample with its signals."""
     feeds = {**stimuli.injections(run), **stimuli.noise(run)}
-    values = np.column_stack(list(feeds.values())).tolist()
-    description = fmpy.read_model_description(str(archive))
-    references = {v.name: v.valueReference for v in description.modelVariables}
-    inputs, outputs = ([references[n] for n in names] for names in (feeds, CHANNELS))
-    slave = FMU2Slave(
-        instanceName="loop",
-        guid=description.guid,
-        unzipDirectory=fmpy.extract(str(archive), str(folder)),
-        modelIdentifier=description.coSimulation.modelIdentifier,
-    )
-    slave.instantiate()
-    slave.setupExperiment(startTime=0.0)
-    slave.enterInitializationMode()
-    slave.setReal(inputs, values[0])
-    slave.exitInitializationMode()
+    rows = np.column_stack(list(feeds.values())).tolist()
     recorded = []
-    for i, feed in enumerate(values):
-        slave.setReal(inputs, feed)
-        slave.doStep(i * run.h, run.h)
-        recorded.append(slave.getReal(outputs))
-    slave.terminate()
-    slave.freeInstance()
+    with fmu_instance(archive, **dict(zip(feeds, rows[0], strict=True))) as fmu:
+        fmu.exitInitializationMode()
+        for i, row in enumerate(rows):
+            fmu.set(list(feeds), row)
+            fmu.doStep(i * run.h, run.h)
+            recorded.append(fmu.get(CHANNELS))
     return dict(zip(CHANNELS, np.array(recorded).T, strict=True))
 
 
@@ -81,14 +67,14 @@ def assert_same_bits(got, expected):
 
 
 def test_container_gives_the_same_bits(archive, run, tmp_path):
-    assert_same_bits(driven(archive, run, tmp_path), in_memory.simulate(run, build.build(fmi="2.0")))
+    assert_same_bits(driven(archive, run), in_memory.simulate(run, build.build(fmi="2.0")))
 
 
 def test_delays_start_at_the_equilibrium(make_run, tmp_path):
     # Without signals nothing may move: the dc is held from before the first sample.
     run = make_run(n_samples=50, dc=8e-12)
     path = container(run, build.build(fmi="2.0"), tmp_path / "loop.fmu")
-    got = driven(path, run, tmp_path / "unpacked")
+    got = driven(path, run)
     assert np.abs(got["o_12"]).max() < 1e-18
     assert got["f_x_2"] == pytest.approx(np.full(50, run.f_x_2_start), rel=1e-9)
 
