@@ -19,7 +19,7 @@ from fit.files import refuse_links
 from fit.telemetry import sandbox, time_axis
 from fit.telemetry.archive_columns import ArchiveColumn, Archives, describe
 from fit.telemetry.archives import is_text, validate
-from fit.telemetry.contract import REQUIRED, SCHEMA, check_root
+from fit.telemetry.contract import SCHEMA, check_root, required
 from fit.telemetry.maps import Map, attributes_of, load, places_of_run
 from fit.telemetry.missing_markers import check_markers, replace_markers
 from fit.telemetry.time_axis import Stamps
@@ -140,7 +140,7 @@ def _write(path: Path, mapping: Map, i: int, folder: Path, *, any_gaps: bool) ->
         }
         channels = {name: _read_channel(name, column, fs) for name, column in columns.items()}
         if not any_gaps:
-            missing = {columns[name].place: np.isnan(channels[name]) for name in REQUIRED}
+            missing = {columns[name].place: np.isnan(channels[name]) for name in required(columns)}
             check_missing(missing, fs)
         described = {name: describe(name, column) for name, column in columns.items()}
         complete = [name for name, column in columns.items() if column.is_complete]

@@ -11,7 +11,7 @@ import tomlkit
 from fit.telemetry import sandbox, time_stamps
 from fit.telemetry.archives import is_text, open_table, validate
 from fit.telemetry.archives.table import Column, Table, split_unit
-from fit.telemetry.contract import ATTRIBUTES, CHANNELS, REQUIRED
+from fit.telemetry.contract import ATTRIBUTES, CHANNELS, LISA_REQUIRED, REQUIRED, required
 from fit.telemetry.maps import Map
 
 BLANK = "FILL IN"  # no column, time or quantity, so that it is refused until it is replaced
@@ -22,7 +22,7 @@ _HEAD = """\
 schema = "lpf-map/1"
 # missing = -9999                  # a number that marks missing samples, or a list; also in a channel
 
-[attributes]                       # of all runs, those of LISA Pathfinder; what differs goes to [[runs]]
+[attributes]                       # of all runs, values of LISA Pathfinder; what differs goes to [[runs]]
 m_tm = "1.928 kg"                  # mass of a test mass: a quantity, or a plain number in SI
 F_max_1 = "0 N"                    # largest force along x and torque about z on each test mass
 F_max_2 = "2200 pN"
@@ -115,7 +115,8 @@ def json_schema() -> dict[str, Any]:
         name: {**channel, "description": f"{description.long_name}, in {description.unit or 1}"}
         for name, description in CHANNELS.items()
     }
-    channels |= {"properties": described, "required": list(REQUIRED), "additionalProperties": False}
+    spacecraft = [{"required": list(names)} for names in (REQUIRED, LISA_REQUIRED)]
+    channels |= {"properties": described, "anyOf": spacecraft, "additionalProperties": False}
     return {"$schema": "https://json-schema.org/draft/2020-12/schema", **schema}
 
 
@@ -198,13 +199,16 @@ def _channels(archive: _Archive) -> Iterator[str]:
     for name, column in archive.columns.items():
         if column.size is not None and not column.is_text and name != archive.time:
             free.setdefault(_plain(name), name)
+    recognised: dict[str, str] = {}
     for channel in CHANNELS:
         alias = next((alias for alias in _aliases(channel) if alias in free), None)
         if alias is not None:
-            name = free.pop(alias)
-            unit = _stated(archive.columns[name], channel)
-            yield f"{channel} = {{ column = {_text(name)}{unit} }}"
-        elif channel in REQUIRED:
+            recognised[channel] = free.pop(alias)
+    for channel in CHANNELS:
+        if source := recognised.get(channel):
+            unit = _stated(archive.columns[source], channel)
+            yield f"{channel} = {{ column = {_text(source)}{unit} }}"
+        elif channel in required(recognised):
             yield f'{channel} = {{ column = "{BLANK}", unit = "{_unit(channel)}" }}'
 
 

@@ -11,7 +11,7 @@ from pydantic import BeforeValidator, ConfigDict, Field, ValidationError
 
 from fit.errors import InputError, quote, shown
 from fit.files import Table, closest_match, documents, is_file, key, problem, validation_messages
-from fit.telemetry.contract import ATTRIBUTES, CHANNELS, REQUIRED, check_root
+from fit.telemetry.contract import ATTRIBUTES, CHANNELS, check_root, required
 from fit.units import factor, to_si
 
 SCHEMA = "lpf-map/1"
@@ -283,7 +283,7 @@ def factor_of(place: str, unit: str | None, channel: str, attributes: Mapping[st
 
 
 def _check_channels(path: Path, mapping: Map) -> None:
-    for name in REQUIRED:
+    for name in required(mapping.channels):
         if name not in mapping.channels:
             raise InputError(f"{path}: channels.{name}: missing, expected the column it is in")
     for name, column in mapping.channels.items():
