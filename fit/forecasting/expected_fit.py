@@ -6,7 +6,7 @@ delta_ifo), and it makes the residual. Both enter here as expected sums over the
 data; everything else is as in the fit: weights, window, weak priors, and where the estimates end up.
 
 A campaign may hold hundreds of runs. One after the other is made and boiled down to its sums over bins; what
-is kept of it is a few kilobytes.
+is kept of it is a few kilobytes, and its spectra where the estimates are not known.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -276,7 +276,7 @@ class ExpectedWeighing:
         self._will_move = any(p.name not in plan.truth for p in parameters)
         self._spectra: Spectra | None = None
         if divide([experiment], settings.model_copy(update={"exclude": []}))[0]:  # it is long enough
-            self._sums = self._compressed(experiment.sysid, self._theta)
+            self._sums = self._compress_run(experiment.sysid, self._theta)
 
     def block(self, theta: Array, _: Array, __: int) -> CompressedRun:
         """As that of `weighings.Weighing`."""
@@ -284,7 +284,7 @@ class ExpectedWeighing:
         c, previous = (dynamics.coefficients(x, sums.tau) for x in (of_run, self._theta))
         if np.linalg.norm(sums.R @ (c - previous)) > MAX_RESIDUAL:
             self._theta = of_run
-            self._sums = self._moved(of_run)
+            self._sums = self._recompress(of_run)
         return self.sums
 
     @property
@@ -316,14 +316,14 @@ class ExpectedWeighing:
         names, f = channels_of(run), frequencies(run.telemetry)
         return names, f, self.plan.cross_spectra(names, f)
 
-    def _moved(self, theta: Array) -> CompressedRun:
+    def _recompress(self, theta: Array) -> CompressedRun:
         """Return the expected sums of the run at other parameters of its own, shape (K,)."""
         tau, spectra = dynamics.delays(theta), self._spectra
         if spectra and np.allclose(tau, spectra.tau, rtol=0.0, atol=MAX_DELAY_SHIFT):
-            return self._weighed(spectra, theta)
-        return self._compressed(self.plan.make().sysid.limit_band(self._f_max), theta)
+            return self._compress_spectra(spectra, theta)
+        return self._compress_run(self.plan.make().sysid.limit_band(self._f_max), theta)
 
-    def _compressed(self, run: Run, theta: Array) -> CompressedRun:
+    def _compress_run(self, run: Run, theta: Array) -> CompressedRun:
         """Return the expected sums of a run at its own parameters theta, shape (K,)."""
         tau, share = dynamics.delays(theta), np.eye(theta.size)
         if self._by_stretches:
@@ -332,9 +332,9 @@ class ExpectedWeighing:
         spectra = run.spectra(tau)
         if self._will_move:  # else hardly anything is kept of a run, of which there may be hundreds
             self._spectra = spectra
-        return self._weighed(spectra, theta)
+        return self._compress_spectra(spectra, theta)
 
-    def _weighed(self, terms: Spectra, theta: Array) -> CompressedRun:
+    def _compress_spectra(self, terms: Spectra, theta: Array) -> CompressedRun:
         """Return the expected sums of spectra of the run."""
         power, S = self._noise_functions(terms.tau, theta)(terms.f)
         U, fraction = whitened_run.whiten(terms, S)
