@@ -78,22 +78,17 @@ def test_fixed_parameters_alone_have_a_chi2(runs, free):
     assert evaluated.nfree == evaluated.ndata and "chi-square" in lmfit.fit_report(evaluated)
 
 
-def test_a_tie(runs, free):
-    params = fit.make_params(runs)
+def test_a_tie_and_a_prior(runs, free):
+    e, params = free.joint["alpha_x_1"], fit.make_params(runs)
     params["alpha_phi_1"].set(expr="alpha_phi_2")
-    found = fit.calibrate(runs, params=params).joint
+    tied = fit.calibrate(runs, params=params).joint
     row = row_of(free.joint, alpha_phi_1=1.0, alpha_phi_2=-1.0)
-    assert_conditional(found, free.joint, conditional(free.joint, row, 0.0))
-    assert found["alpha_phi_1"].value == found["alpha_phi_2"].value
-
-
-def test_a_prior(runs, free):
-    e = free.joint["alpha_x_1"]
+    assert_conditional(tied, free.joint, conditional(free.joint, row, 0.0))
+    assert tied["alpha_phi_1"].value == tied["alpha_phi_2"].value
     params = fit.make_params(runs)
     params["alpha_x_1"].user_data = fit.Prior(e.value + e.sigma, e.sigma)
-    found = fit.calibrate(runs, params=params).joint
-    row = row_of(free.joint, alpha_x_1=1.0)
-    assert_conditional(found, free.joint, conditional(free.joint, row, e.value + e.sigma, e.sigma))
+    known = conditional(free.joint, row_of(free.joint, alpha_x_1=1.0), e.value + e.sigma, e.sigma)
+    assert_conditional(fit.calibrate(runs, params=params).joint, free.joint, known)
 
 
 def test_an_estimate_at_its_bound_says_so(runs, free):
@@ -112,13 +107,7 @@ def test_an_estimate_at_its_bound_says_so(runs, free):
 
 
 @pytest.mark.parametrize(
-    "said",
-    [
-        {"vary": False, "value": 1.0790},
-        {"expr": "lambda_1"},
-        {"prior": [1.0790, 1e-5]},
-        {"min": 1.0790},
-    ],
+    "said", [{"vary": False, "value": 1.0790}, {"prior": [1.0790, 1e-5]}, {"min": 1.0790}]
 )
 def test_what_the_data_contradict_is_not_sound(runs, free, said):
     results = fit.calibrate(runs, parameters={"lambda_2": said})
@@ -179,12 +168,8 @@ def test_a_forecast_has_the_constraints_of_the_fit(runs, said, row, known):
     entries = forecast_document(constrained, {})["parameters"]
     for n, e in of_fit.parameters.items():
         if e.is_exact:
-            assert entries[n] == {
-                "sigma": 0.0,
-                "unit": e.unit,
-                "value": e.value,
-                "constraint": {"kind": "fixed"},
-            }
+            fixed = {"sigma": 0.0, "unit": e.unit, "value": e.value, "constraint": {"kind": "fixed"}}
+            assert entries[n] == fixed
         else:
             assert entries[n]["sigma"] == pytest.approx(e.sigma, rel=0.1), n
 
@@ -230,11 +215,9 @@ def test_the_end_of_the_band(runs, free):
     [
         ({"lambda_3": {"vary": False}}, 'lambda_3: no parameter of this fit, did you mean "lambda_2"'),
         ({"omega2_2": {"vary": False}}, 'did you mean "omega2_2_0"'),
-        ({"delta_ifo_7": {"vary": False}}, "delta_ifo_7: no parameter of this fit"),
         ({"delta_phi_1": {"vary": False}}, "delta_phi_1: no parameter of this fit"),
         ({"C_1": {"expr": "C_3"}}, "C_1.expr: C_3: no parameter of this fit"),
         ({"C_1": {"expr": "C_2 +"}}, "expected an expression of numbers and parameters"),
-        ({"C_1": {"expr": "C_2.real"}}, "expected an expression of numbers and parameters"),
         ({"C_1": {"expr": "open(C_2)"}}, "expected an expression of numbers and parameters"),
         ({"C_1": {"expr": "C_2"}, "C_2": {"expr": "C_1"}}, "a circle of ties"),
         ({"C_1": {"expr": "1 / 0"}}, "no number where the fit starts"),
@@ -244,7 +227,6 @@ def test_the_end_of_the_band(runs, free):
         ({"C_1": {"vary": False, "prior": [0.1, 0.1]}}, "neither bounds nor a prior of a fixed parameter"),
         ({"C_1": {"min": 0.2, "max": 0.1}}, "C_1.min: 0.2, expected less than max = 0.1"),
         ({"C_1": {"prior": [0.1, 0.0]}}, "C_1.prior[1]: 0.0 is too small"),
-        ({"C_1": {"prior": [0.1]}}, "expected [MEAN, SIGMA]"),
         ({"C_1": {"expr": "C_3"}}, ", omega2_2_0)"),  # no function is listed as a parameter
         ({"C_1": {"vry": False}}, 'did you mean "vary"'),
         ({"Controller.f_u": {"vary": False}}, "Controller.f_u: a parameter of an FMU"),
@@ -313,9 +295,7 @@ def test_options_are_the_table():
         ("fix", "lambda_2=x", '"x" is not a number, expected NAME or NAME=VALUE'),
         ("fix", "=3", "expected NAME or NAME=VALUE"),
         ("tie", "lambda_2", "expected NAME=EXPR"),
-        ("tie", "lambda_2=", "no expression, expected NAME=EXPR"),
         ("prior", "lambda_2=1", "expected NAME=MEAN,SIGMA"),
-        ("bound", "lambda_2=1", "expected NAME=MIN:MAX"),
         ("bound", "lambda_2=:", "expected NAME=MIN:MAX"),
         ("bound", "lambda_2=2:1", "options.parameters.lambda_2.min: 2, expected less than max = 1"),
     ],

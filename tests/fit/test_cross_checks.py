@@ -132,13 +132,6 @@ def test_a_file_states_the_cross_checks(results, tmp_path):
         fit.load_results(path)
 
 
-def test_what_cannot_be_checked_is_refused(results):
-    with pytest.raises(fit.InputError, match="profile_likelihood: lambda_9: does not vary, expected one of"):
-        fit.profile_likelihood(results, ["lambda_9"])
-    with pytest.raises(fit.InputError, match="leave_one_out: results: 1, expected Results"):
-        fit.leave_one_out(1)
-
-
 def test_figures_are_drawn_on_axes_of_the_user(results, runs):
     figure = Figure()
     ax = figure.subplots()

@@ -5,7 +5,6 @@ from functools import cache
 
 import numpy as np
 import pytest
-from scipy.signal import decimate
 
 from fit import pipeline
 from fit.errors import FitError, InputError
@@ -92,7 +91,6 @@ def test_epoch_unknown_to_the_flight():
     [
         ((("A", 1), ("B", 1)), {"omega2_2_0", "alpha_phi_2"}, "N_max_2 is the same"),
         ((("A", 1), ("B", 1)), {"omega2_1_0", "alpha_phi_1"}, "N_max_1 is the same"),
-        ((("C", 1), ("D", 1)), {"omega2_2_0", "alpha_phi_2"}, "N_max_2 is the same"),
         ((("A", 1), ("D", 1)), {"omega2_2_0", "alpha_x_2", "alpha_phi_2"}, "F_max_2 and N_max_2"),
         (SETS, {"alpha_x_1"}, "F_max_1 is the same"),
         (SETS, {"lambda_1"}, "no run drives test mass 1"),
@@ -127,12 +125,6 @@ def test_runs_of_different_rates_fit_together():
     assert max(abs(p) for p in pulls(joint, vars(OFF)).values()) < 4.5
 
 
-def test_long_noise_run_is_used_whole():
-    long = telemetry(World(), kind="noise", duration=4 * 21600.0)
-    results = calibrate([telemetry(World()), long])
-    assert results.joint.chi2 / results.joint.dof == pytest.approx(1, abs=0.1)
-
-
 def test_short_runs_take_part_only_when_asked():
     runs = campaign_of(World(), SETS[:3]) + pair(World(), "D", epoch=2, duration=7200.0)
     without_short, with_short = calibrate(runs), calibrate(runs, settings({"include_short": True}))
@@ -164,11 +156,7 @@ SCATTERED = tuple((start, start + 2) for start in range(50, 21500, 120))
     [
         ([], r"^no telemetry: no run of kind 'sysid'"),
         (mismatched()[1:], r"^A-noise\.h5: no run of kind 'sysid'"),
-        (
-            mismatched(F_max_2=1e-9),
-            r"^A-noise\.h5: attribute F_max_2: 1e-09, expected 2\.2e-09 as in",
-        ),
-        (mismatched(N_max_1=1e-12), r"^A-noise\.h5: attribute N_max_1: "),
+        (mismatched(N_max_1=1e-12), r"^A-noise\.h5: attribute N_max_1: 1e-12, expected 1\.04e-11 as in"),
         (mismatched(alignment_epoch=2), r"^A-noise\.h5: attribute alignment_epoch: 2, expected 1 "),
         (pair(World(), duration=1200.0), r"^A-sysid\.h5: lasts 1200 s, expected at least 1800 s"),
         (mismatched(kind="sysid"), r"^A-noise\.h5: experiment 'A' already has the sysid run A-sysid\.h5"),
@@ -214,23 +202,9 @@ def truth_of_joint():
     }
 
 
-def at_1_hz(telemetry):
-    channels = {
-        name: decimate(values, 10, n=300, ftype="fir", zero_phase=True)
-        for name, values in telemetry.channels.items()
-    }
-    return replace(
-        telemetry, fs=1.0, channels=channels, time=np.arange(channels["o_1"].size, dtype=np.float64)
-    )
-
-
-@pytest.mark.parametrize("rate", [10, 1])
-def test_bias_on_the_reference_plant_is_far_below_sigma(simulated, rate):
+def test_bias_on_the_reference_plant_is_far_below_sigma(simulated):
     noisy, clean = simulated
-    runs = list({**noisy, **clean}.values())
-    if rate == 1:
-        runs = [at_1_hz(run) for run in runs]
-    joint = calibrate(runs).joint
+    joint = calibrate(list({**noisy, **clean}.values())).joint
     assert list(joint.parameters) == [*FREE, "delta_ifo_1", "delta_ifo_2"]
     assert max(abs(p) for p in pulls(joint, truth_of_joint()).values()) < 1e-3
 
@@ -267,9 +241,6 @@ def test_an_experiment_may_be_left_out():
     assert results.provenance.joint_runs == ["A-sysid", "C-sysid", "D-sysid"]
     assert pulls(results.experiments["B"], of_run(World(), "B"))
     assert "excluded" in {w.code for w in results.experiments["B"].warnings}
-
-
-def test_excluding_an_unknown_experiment_is_refused():
     with pytest.raises(InputError, match="no experiment 'Z', there are A, B, C, D"):
         calibrate(campaign_of(World()), settings({"exclude": ["Z"]}))
 

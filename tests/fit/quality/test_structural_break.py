@@ -91,7 +91,7 @@ def test_constant_coefficients_are_no_break():
     assert not find_break(o_12=lambda x: -x, o_1=lambda x: -x, f_x_1=lambda x: -x, f_x_2=lambda x: -x)
 
 
-@pytest.mark.parametrize(("name", "hours"), [("A2", 65.0), ("D3", 260.0)])
+@pytest.mark.parametrize(("name", "hours"), [("A2", 65.0), ("D3", 130.0)])
 def test_a_long_undriven_part_is_no_break(name, hours):
     # there commands answer the noise alone, which biases their coefficients: chi^2 100 without any change
     made = thirteen.made(name, "sysid", seed=4)
@@ -143,9 +143,7 @@ def test_glitches_that_are_masked_are_no_break():
     assert not structural_break(glitches.remove_glitches(e).experiment)
 
 
-@pytest.mark.parametrize(
-    "values", [{}, {"glitches": False}, {"glitches": False, "estimator": "flscov"}], ids=str
-)
+@pytest.mark.parametrize("values", [{}, {"glitches": False, "estimator": "flscov"}], ids=str)
 def test_an_experiment_with_a_break_is_excluded(values):
     runs = [*open_loop(World(), "A", seed=1), *open_loop(World(), "E", seed=2, drive_1=1e-12)]
     runs += open_loop(World(), "B", seed=3)

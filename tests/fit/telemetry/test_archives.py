@@ -12,7 +12,7 @@ from scipy.io import savemat
 import fit
 from fit.errors import InputError
 from fit.telemetry.archive_conversion import convert
-from fit.telemetry.reader import read, read_all
+from fit.telemetry.reader import read_all
 from tests.oracles.contract_file import write_contract_file
 from tests.oracles.synthetic import World, pair
 
@@ -116,32 +116,6 @@ def test_the_frame_of_an_archive(archive, tmp_path):
     text = path.read_text().replace("[attributes]", '[attributes]\nx_axis = "towards test mass 1"')
     path.write_text(text)
     assert {run.x_axis for run in fit.load(path, tmp_path / "after")} == {"towards test mass 1"}
-
-
-def test_prefixes_of_units(runs, tmp_path):
-    scales = {"o_1": ("nm", 1e9), "o_12": ("pm", 1e12), "f_x_1": ("fm/s^2", 1e15), "f_x_2": ("pN/kg", 1e12)}
-    columns = columns_of(runs[0])
-    for name, (_, factor) in scales.items():
-        columns[COLUMNS[name]] = columns[COLUMNS[name]] * factor
-    columns["t"] = columns["t"] / 86400  # a day count, right to 0.2 us
-    as_csv(tmp_path / f"{runs[0].run}.csv", columns)
-    text = map_of(runs[:1], "csv", units={name: unit for name, (unit, _) in scales.items()})
-    text = text.replace('unit = "s"', 'unit = "d"').replace("F_max_2 = 2.2e-09", 'F_max_2 = "2200 pN"')
-    (tmp_path / "map.toml").write_text(text)
-    (path,) = convert([tmp_path / "map.toml"], tmp_path / "telemetry", any_gaps=False)
-    converted = read(path)
-    assert converted.fs == 1.0
-    assert converted.F_max_2 == runs[0].F_max_2
-    for name in scales:
-        np.testing.assert_allclose(converted.channels[name], runs[0].channels[name], rtol=4e-16, atol=0)
-
-
-def test_no_time_column(runs, tmp_path):
-    as_csv(tmp_path / f"{runs[0].run}.csv", columns_of(runs[0]))
-    text = re.sub(r"\[time\]\n.*\n.*\n", "", map_of(runs[:1], "csv"))
-    (tmp_path / "map.toml").write_text(text.replace("[attributes]", '[attributes]\nfs = "500 mHz"'))
-    (path,) = convert([tmp_path / "map.toml"], tmp_path / "telemetry", any_gaps=False)
-    np.testing.assert_allclose(read(path).time, 2.0 * runs[0].time)
 
 
 @pytest.mark.slow

@@ -196,6 +196,16 @@ def test_seconds_of_a_gps_week_are_refused(archive, channels):
     assert "seconds of a GPS week; expected seconds since 1980-01-06" in message
 
 
+def test_a_day_count_and_accelerations_in_pico_newton_per_kilogram(archive, channels):
+    scaled = channels | {"f_x_1": 1e12 * channels["f_x_1"]}
+    write(archive.folder / "A.csv", {"t": (np.arange(N) / 86400).tolist(), **listed(scaled)})
+    run = archive.convert(
+        clock='column = "t"\nunit = "d"', columns={"f_x_1": '{ column = "f_x_1", unit = "pN/kg" }'}
+    )
+    assert run.fs == 1.0
+    assert_same(run, channels)
+
+
 def test_forces_are_divided_by_the_mass(archive, channels):
     forces = {name: channels[name] * M_TM * 1e12 for name in ("f_x_1", "f_x_2")}
     write(archive.folder / "A.csv", {"t": np.arange(N).tolist(), **listed(channels | forces)})

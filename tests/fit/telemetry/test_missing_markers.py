@@ -28,7 +28,7 @@ def converted(archive, columns, *, top="", keys="", **units):
         for name, unit in {**UNITS, **units}.items()
     }
     return archive.convert(
-        clock="", columns=described, run='file = "A.hdf5"', top=top, attributes="fs = 10.0"
+        clock="", columns=described, run='file = "A.hdf5"', top=top, attributes='fs = "10 Hz"'
     )
 
 

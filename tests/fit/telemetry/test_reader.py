@@ -118,12 +118,9 @@ ATTRIBUTE_FAULTS = [
 
 def test_the_frame_is_the_one_stated_or_the_one_meant(file):
     assert read(file).x_axis == "towards test mass 2"
-    for stated in ("towards test mass 1", np.bytes_("towards test mass 2")):
-        with h5py.File(file, "a") as h5:
-            h5.attrs["x_axis"] = stated
-        telemetry = read(file)
-        expected = stated.decode() if isinstance(stated, bytes) else stated
-        assert telemetry.x_axis == telemetry.root["x_axis"] == expected
+    with h5py.File(file, "a") as h5:
+        h5.attrs["x_axis"] = np.bytes_("towards test mass 1")
+    assert read(file).x_axis == read(file).root["x_axis"] == "towards test mass 1"
 
 
 @pytest.mark.parametrize(("name", "value", "expected"), ATTRIBUTE_FAULTS)
