@@ -19,3 +19,8 @@ def three_day_fit(three_days):
 @pytest.fixture(scope="package")
 def quiet_day():
     return run(LOW_NOISE, duration=DAY)
+
+
+@pytest.fixture(scope="package")
+def quiet_day_fit(quiet_day):
+    return fitted(quiet_day[0], world=LOW_NOISE)

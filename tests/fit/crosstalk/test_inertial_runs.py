@@ -134,7 +134,7 @@ def test_runs_that_take_part(quiet_day):
         calibrate_inertial([replace(telemetry, kind="sysid")], calibration())
 
 
-def test_missing_parameters_of_the_calibration_widen_the_sigmas(quiet_day):
+def test_missing_parameters_of_the_calibration_widen_the_sigmas(quiet_day_fit):
     results = calibration(LOW_NOISE)
     names = [name for name in results.joint.parameters if name not in ("lambda_1", "C_1", "delta_ifo_1")]
     joint = replace(
@@ -146,7 +146,7 @@ def test_missing_parameters_of_the_calibration_widen_the_sigmas(quiet_day):
     fit = fit_period([run(world, duration=DAY)[0]], joint)
     (warning,) = (w for w in fit.warnings if w.code == "not_calibrated")
     assert warning.parameters == ("lambda_1", "C_1", "delta_ifo_1")
-    assert fit.parameters["delta_phi"].sigma > 1.5 * fitted(quiet_day[0]).parameters["delta_phi"].sigma
+    assert fit.parameters["delta_phi"].sigma > 1.5 * quiet_day_fit.parameters["delta_phi"].sigma
 
 
 def test_one_folder_of_calibration_and_inertial_runs():

@@ -2,7 +2,7 @@ import h5py
 import numpy as np
 import pytest
 import xarray
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from fit.errors import InputError
@@ -262,6 +262,7 @@ def test_what_is_no_hdf5(tmp_path):
     assert "schema: missing" in refusal(tmp_path / "bare.h5")
 
 
+@settings(max_examples=25)
 @given(share=st.floats(0, 0.999))
 def test_truncated_files(tmp_path_factory, share):
     path = write_contract_file(tmp_path_factory.mktemp("truncated") / "A1.h5", samples=N)
