@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from fit.model import dynamics
 from fit.model.sharing import Sharing
-from fit.parameters import joint_names, joint_parameter
+from fit.parameters import joint_names, joint_parameter, stiffness_terms
 from fit.results import Fit, correlation_matrix
 from fit.settings import settings
 from fit.telemetry import Telemetry
@@ -42,8 +42,9 @@ class Dynamics:
 def dynamics_of(run: Telemetry, joint: Fit) -> Dynamics:
     """Return the dynamics of a run.
 
-    What the joint fit left undetermined stays where it was held, at the flight value with the width of its
-    weak prior. A delta_ifo of an epoch the fit has not seen is zero within that width.
+    A stiffness at the authority of the run takes the place of its terms if the joint fit determines it, but
+    not each of them. What the joint fit leaves undetermined has its flight value, with the width of its weak
+    prior. A delta_ifo of an epoch the fit has not seen is zero within that width.
     """
     names = joint_names([run.alignment_epoch])
     known = [name for name in names if name in joint.parameters]
@@ -57,8 +58,17 @@ def dynamics_of(run: Telemetry, joint: Fit) -> Dynamics:
     rows = [names.index(name) for name in known]
     columns = [order.index(name) for name in known]
     covariance[np.ix_(rows, rows)] = joint.covariance_matrix[np.ix_(columns, columns)]
-    sharing = Sharing(settings().shared)
-    of_run = sharing.matrix(run, dynamics.PARAMETERS, names)
+    of_run = Sharing(settings().shared).matrix(run, dynamics.PARAMETERS, names)
+    for stiffness in joint.stiffness:
+        terms = list(stiffness_terms(stiffness.j, stiffness.F_max, stiffness.N_max))
+        is_of_run = (stiffness.F_max, stiffness.N_max) == run.authority[stiffness.j - 1]
+        if is_of_run and not joint.parameters.keys() >= {*terms}:
+            background, *authority = (names.index(name) for name in terms)
+            of_run[:, authority] = 0.0
+            covariance[background] = covariance[:, background] = 0.0
+            covariance[background, background] = stiffness.sigma**2
+            values[names[background]] = stiffness.value
+            uncalibrated = [name for name in uncalibrated if name not in terms]
     return Dynamics(
         theta=of_run @ [values[name] for name in names],
         share=of_run * np.sqrt(np.diag(covariance)),
@@ -71,7 +81,7 @@ def _warnings(names: Sequence[str]) -> tuple[FitWarning, ...]:
     if not names:
         return ()
     message = (
-        f"the calibration does not determine {', '.join(names)}; left at the flight value "
-        "(delta_ifo: zero), with the width of the weak prior in the sigmas"
+        f"the calibration does not determine {', '.join(names)}; set to the values of LISA Pathfinder "
+        "(delta_ifo: zero), with the uncertainties of weak priors"
     )
     return (FitWarning("not_calibrated", tuple(names), message),)
