@@ -109,7 +109,7 @@ def test_load_takes_files_lists_and_folders_of_a_run(folder, runs):
 @pytest.fixture
 def archived(tmp_path, monkeypatch):
     """An archive and its map, flight.toml, in the present folder; returns the runs in it."""
-    archived_runs = pair(World(), "E", duration=7200.0, drive_1=1e-13, experiment="E1")
+    archived_runs = pair(World(), "E", duration=2400.0, drive_1=1e-13, experiment="E1")
     for run in archived_runs:
         as_csv(tmp_path / f"{run.run}.csv", columns_of(run))
     (tmp_path / "flight.toml").write_text(map_of(archived_runs, "csv"), encoding="utf-8")

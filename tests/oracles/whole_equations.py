@@ -6,14 +6,12 @@ import numpy as np
 from scipy.integrate import solve_ivp
 from scipy.signal import bilinear, lfilter
 
-from lpfcosim.spacecraft.run import Truth
 from lpfcosim.spacecraft.spacecraft import Spacecraft
 
 H = 0.1
 M_TM, M_SC, I_TM, D, ARM = 1.928, 422.7, 6.80e-4, 0.376, 0.011
 I_SC = np.array([202.5, 209.7, 191.7])
 FREE = Spacecraft(omega2_y=0, omega2_z=0, omega2_theta=0, omega2_eta=0, omega2_phi=0)
-NO_STIFFNESS = Truth(omega2_1_0=0, omega2_2_0=0, alpha_x_2=0, alpha_phi_1=0, alpha_phi_2=0)
 SKEW = Spacecraft(
     delta_phi=-2e-3,
     delta_eta=1e-3,

@@ -71,16 +71,6 @@ def test_the_axes_show_every_value_with_a_little_room():
     assert limits(TIME, []) == (0.0, 1.0)
 
 
-def test_the_one_of_least_ink_is_in_front(runs):
-    slow = 1e-9 * np.sin(1e-3 * runs[0].time)
-    for name, order in (("o_1", ["o_1", "guidance_o_1"]), ("o_12", ["guidance_o_12", "o_12"])):
-        rough = slow + 1e-9 * np.sin(runs[0].time)
-        series_by_name = {order[0]: rough, order[1]: slow}
-        run = replace(runs[0], channels={**runs[0].channels, **series_by_name})
-        panel = next(p for p in figures_runs.responses(run).panels if p.lines[0].name in series_by_name)
-        assert [line.name for line in panel.lines] == order, name
-
-
 def test_terms_are_those_of_newton():
     # 10 Hz, one tone in each channel: amplitudes and phases by hand (Eq. (11))
     run = telemetry(World(), "A", "sysid", noisy=False)

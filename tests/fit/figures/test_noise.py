@@ -61,9 +61,3 @@ def test_levels_stand_beside_flight_and_requirement():
     assert by_label["LISA"].y[0] == pytest.approx(1e15 * noise.required(BANDS[PLAIN]))
     assert "flight" not in {line.label for line in low.lines}
     assert len({len(column) for column in chart.columns.values()}) == 1
-
-
-def test_years_have_marks_of_their_own():
-    runs = points([(1e-9, 5e-15), (2e-9, 6e-15), (3e-9, 7e-15)])
-    plain, _ = noise.by_authority(runs).panels
-    assert [(line.label, line.mark) for line in plain.lines] == [("2016", "dot"), ("2017", "ring")]

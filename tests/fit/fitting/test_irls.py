@@ -161,23 +161,6 @@ def test_recovers_truth_far_from_where_it_starts():
     assert fit.masked_samples == 0
 
 
-def test_drives_of_test_mass_1_determine_its_gain():
-    world = World()
-    fit = fit_one(pair(world, "E", drive_1=1e-12))
-    assert {"lambda_1", "C_1"} <= fit.parameters.keys()
-    assert max(abs(p) for p in pulls(fit, of_run(world, "E")).values()) < 4
-    assert not fit.warnings
-
-
-def test_without_a_drive_its_gain_is_in_the_warnings():
-    fit = fit_one(pair(World()))
-    indeterminable = [w for w in fit.warnings if w.code == "indeterminable"]
-    assert [w.parameters for w in indeterminable] == [("lambda_1",), ("C_1",)]
-    assert all("no run drives test mass 1" in w.message for w in indeterminable)
-    assert indeterminable[0].combination == {"lambda_1": 1.0}
-    assert fit.covariance_matrix.shape == (5, 5)
-
-
 def test_chi2_is_that_of_noise():
     fit = fit_one(pair(World(), seed=1))
     bins = prev_fast_len(21600 - 2 * derivatives.HALF) // 10  # up to 0.1 Hz

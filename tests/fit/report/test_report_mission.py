@@ -15,7 +15,6 @@ from fit.parameters import FLIGHT, joint_names
 from fit.quality.noise_tests import NORMAL_SCORES
 from fit.report import charts
 from fit.report import mission as report_mission
-from fit.report.page import write_report
 from fit.results import Fit, Results
 from fit.results.estimates import Diagnostics, Estimate
 from fit.results.provenance import Provenance
@@ -95,15 +94,6 @@ def test_every_section_is_there(mission):
         "leakage",
         "quantiles",
     }
-
-
-@pytest.mark.slow
-def test_the_page_takes_them_in(mission, tmp_path, monkeypatch):
-    results, _ = mission
-    monkeypatch.setattr(report_mission.report_stiffness, "single_fits", lambda *_: iter(()))
-    page = write_report(tmp_path, results, []).read_text()
-    for anchor in ("paper", "correlation", "prediction", "residuals"):
-        assert page.count(f'id="{anchor}"') == page.count(f'href="#{anchor}"') == 1
 
 
 def test_side_by_side(mission):
@@ -258,10 +248,6 @@ def test_residuals(mission):
     residual_level = {"A": replace(results.experiments["A"], diagnostics=diagnostics(chi2_red_sigma=0.0))}
     part = sections(replace(results, experiments=residual_level), runs)["residuals"]
     assert cells(part.tables[0])["A"][:2] == ["1.010", None]
-
-
-def test_nothing_to_say():
-    assert report_mission.sections(Results(None, {}, {}, {}, Provenance()), []) == []
 
 
 def test_the_pulls_stand_side_by_side_over_their_authority(mission):

@@ -84,16 +84,6 @@ def test_glitches_are_no_noise(calibration):
     assert report_noise.sections(results, telemetries, products) == []  # of the other too little is left
 
 
-def test_a_calibration_without_a_joint_fit_has_no_levels(calibration):
-    nothing = fit_results.Results(None, {}, {}, {}, fit_results.Provenance())
-    assert report_noise.sections(nothing, calibration[1], DeltaGCache(nothing)) == []
-
-
-def test_without_telemetry_the_table_remains(calibration):
-    (section,) = [p for p in sections(calibration[0], [], DeltaGCache(calibration[0])) if p.anchor == "p3"]
-    assert section.figures == ()
-
-
 def test_gain_of_known_spectra():
     rng = np.random.default_rng(5)
     corrected = rng.standard_normal(200_000)

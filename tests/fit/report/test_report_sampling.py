@@ -45,10 +45,6 @@ def sections_of(folder, name, document):
     return sections(results(joint=joint_fit()), folder)
 
 
-def test_nothing_was_left(tmp_path):
-    assert sections(results(joint=joint_fit()), tmp_path) == []
-
-
 def test_a_chain(tmp_path):
     (part,) = sections_of(tmp_path, "mcmc.json", chain(joint_fit()))
     assert part.text == (

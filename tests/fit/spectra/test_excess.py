@@ -54,17 +54,6 @@ def test_blocks_gaps_and_short_series():
         assert bands(x[:size], x[:size]) == []
 
 
-def test_gaps_hide_nothing():
-    rng = np.random.default_rng(5)
-    x = rng.standard_normal(DAY)
-    y = x + pink(rng, DAY, 1e-3, 1e-2)
-    whole = bands(x, y)
-    for start in range(0, DAY, 9_000):
-        x[start : start + 900] = np.nan
-    assert [b[:2] for b in bands(x, y)] == [b[:2] for b in whole]
-    np.testing.assert_allclose(bands(x, y)[0][2], whole[0][2], rtol=0.2)
-
-
 @pytest.mark.stat
 def test_a_small_correction_that_is_right_is_seldom_called_noise():
     """Twenty days, none of which may raise an alarm: the budget of false alarms is 1e-3 for each."""

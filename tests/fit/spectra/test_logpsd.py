@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from fit.spectra.averaged_spectra import _kernel, _power, log_psd, log_psds
+from fit.spectra.averaged_spectra import log_psd, log_psds
 
 N = 100_000
 
@@ -75,14 +75,6 @@ def test_several_quantities_have_the_spectra_of_each():
         for name in ("f", "psd", "low", "high", "averages"):
             np.testing.assert_array_equal(getattr(found, name), getattr(alone, name))
     assert found.f.size < log_psd(runs[0], 1.0).f.size
-
-
-@pytest.mark.parametrize("size", [12, 13, 500, 501, 1000])
-def test_power_is_that_of_half_overlapping_segments(size):
-    x = white(1, 1000)
-    kernel, _ = _kernel(4.3 / size, size)
-    segments = [x[i : i + size] for i in range(0, x.size - size + 1, size // 2)]
-    np.testing.assert_allclose(_power(x, kernel, size), [abs(s @ kernel) ** 2 for s in segments], rtol=1e-12)
 
 
 def test_too_little_is_nothing():

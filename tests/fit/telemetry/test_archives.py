@@ -67,7 +67,7 @@ def map_of(runs, suffix, table="", units=UNITS):
 
 @pytest.fixture(scope="module")
 def runs():
-    return pair(World(), "E", duration=7200.0, drive_1=1e-13, experiment="E1")
+    return pair(World(), "E", duration=2400.0, drive_1=1e-13, experiment="E1")
 
 
 @pytest.fixture(scope="module")
@@ -157,11 +157,11 @@ def test_delta_g_is_had_of_a_run_with_many_gaps(archive, tmp_path):
     map_path = archive("csv")
     file = map_path.parent / "E1-sysid.csv"
     lines = file.read_text().splitlines()
-    lines[1000:3000] = [re.sub(r",[^,]*$", ",", line) for line in lines[1000:3000]]
+    lines[1000:1700] = [re.sub(r",[^,]*$", ",", line) for line in lines[1000:1700]]
     file.write_text("\n".join(lines))
     plain_run, _ = convert([map_path], tmp_path / "telemetry", any_gaps=True)
     with h5py.File(plain_run) as h5:
-        assert np.isnan(h5["f_x_2"][:]).sum() == 2000
+        assert np.isnan(h5["f_x_2"][:]).sum() == 700
     with pytest.raises(InputError, match=r"E1-sysid\.csv: column a2 \(channel f_x_2\): nan from sample 998 "):
         convert([map_path], tmp_path / "reference", any_gaps=False)
 
