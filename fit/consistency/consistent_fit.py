@@ -393,7 +393,7 @@ def _leverage(test: ConsistencyTest, joint: IRLSResult) -> list[FitWarning]:
         names = tuple(joint.parameters[k].name for k in growth if k < joint.shared)
         if names:
             subject = f"{', '.join(names)} {'is' if len(names) == 1 else 'are'}"
-            check = f"no cross-check: without it, sigma grows more than {LEVERAGE:g} times"
-            message = f"{subject} determined almost by {run} alone; {check}"
+            check = f"no cross-check: without {run}, sigma grows by a factor of more than {LEVERAGE:g}"
+            message = f"{subject} determined almost entirely by {run}; {check}"
             warnings.append(FitWarning("high_leverage", names, message))
     return warnings
