@@ -184,3 +184,21 @@ def test_attenuated_cross_talk_is_no_contradiction():
     scaled = calibrate(replace_runs("B1", channel("f_x_2", lambda f: 1.01 * f))(runs)).joint
     (message,) = (w.message for w in scaled.warnings if w.code == "rejected")
     assert message.startswith("left out of the joint fit: B1")
+
+
+def exchanged(name, partner):
+    def fault(runs):
+        data = {(r.experiment, r.kind): r.channels for r in runs}
+        partners = {name: partner, partner: name}
+        return [replace(r, channels=data[partners.get(r.experiment, r.experiment), r.kind]) for r in runs]
+
+    return fault
+
+
+@pytest.mark.slow
+def test_an_exchange_of_two_runs_is_named():
+    results = calibrate(exchanged("B", "E")(campaign(sets="ABCDE")))
+    messages = " ".join([*left_out(results), *(w.message for w in results.joint.unsound)])
+    assert messages
+    if not results.joint.unsound:
+        check_estimates(results.joint)

@@ -262,3 +262,14 @@ def test_the_last_cells_of_a_long_run_may_lie_beyond_its_transform():
     assert cells.size == injections.n_cells(run)
     assert run.spectra((0.15, 0.18)).window.size <= (cells.size - 1) * injections.CELL
     assert not cells[-1]
+
+
+@pytest.mark.long
+def test_what_masks_leave_of_glitches_is_no_bias(simulated):
+    # Without noise in the sysid run, a departure from the truth is due to glitches, masked or overlooked.
+    run, noise = simulated("B", noise=False), simulated("B-noise")
+    struck = experiment([simulated("B", *draw(5, 20), noise=False), noise])
+    after, _ = search(struck)
+    truth, sigma = estimate(fit_experiment(experiment([run, noise])))
+    assert np.max(np.abs(estimate(fit_experiment(struck))[0] - truth) / sigma) > 20
+    assert np.all(np.abs(estimate(fit_experiment(after))[0] - truth) < 0.5 * sigma)
