@@ -327,7 +327,7 @@ def _corrections(head: Telemetry, results: Results, turning: Rotation | None) ->
     couplings, euler_angles = results.cross_talk.get(epoch), results.inertial.get(period)
     cross_talk = crosstalk_fit.without_euler(results, epoch) if couplings and not couplings.unsound else {}
     if not cross_talk:
-        reason = _absence(couplings, f"cross_talk of alignment epoch {epoch}")
+        reason = _absence(couplings, f"cross-talk of alignment epoch {epoch}")
         notes.append(f"delta_g_SC is left out: {reason}")
     elif missing := sorted(_regressor_channels(cross_talk) - head.channels.keys()):
         notes.append(f"delta_g_SC is left out: no channel {', '.join(missing)}")

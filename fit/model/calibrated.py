@@ -80,8 +80,9 @@ def dynamics_of(run: Telemetry, joint: Fit) -> Dynamics:
 def _warnings(names: Sequence[str]) -> tuple[FitWarning, ...]:
     if not names:
         return ()
+    delta_ifo = " (delta_ifo: zero)" if any(name.startswith("delta_ifo") for name in names) else ""
     message = (
-        f"the calibration does not determine {', '.join(names)}; set to the values of LISA Pathfinder "
-        "(delta_ifo: zero), with the uncertainties of weak priors"
+        f"the calibration does not determine {', '.join(names)}; set to the values of LISA Pathfinder"
+        f"{delta_ifo}, with the uncertainties of weak priors"
     )
     return (FitWarning("not_calibrated", tuple(names), message),)

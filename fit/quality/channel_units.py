@@ -122,7 +122,9 @@ def unit_faults(e: Experiment) -> Iterator[Exclusion]:
 
 
 def _level_fault(e: Experiment, run: Run, channel: str, power: int) -> Exclusion:
-    words = f"{_unit_text(channel, power)}: so is its noise from {1e3 * BAND[0]:g} to {1e3 * BAND[1]:g} mHz"
+    words = (
+        f"{_unit_text(channel, power)}, judging by its noise from {1e3 * BAND[0]:g} to {1e3 * BAND[1]:g} mHz"
+    )
     cause = Cause(run.telemetry.run, channel, "unit", 10.0**power, words=words, file=str(run.telemetry.path))
     return Exclusion(e.name, (cause,), evidence="cause")
 

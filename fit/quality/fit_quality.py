@@ -142,8 +142,8 @@ def _reason(names: Sequence[str], runs: Sequence[Telemetry]) -> str:
         return "its contribution is smaller than the noise"
     if {"lambda_1", "C_1"} & set(names):
         if not any(np.any(run.channels["f_x_1"]) for run in runs):
-            return "no run drives test mass 1, expected one with an injection into F_x_1"
-        return "test mass 1 is hardly driven, expected a larger injection into F_x_1"
+            return "no run drives test mass 1; a run with an injection into F_x_1 is needed"
+        return "test mass 1 is hardly driven; a larger injection into F_x_1 is needed"
     if any("." in name for name in names):  # of an FMU, nothing but its name is known
         if len(names) > 1:
             return "the read-outs depend only on their combination"
@@ -209,7 +209,9 @@ def of_residual(outcome: IRLSResult, n_experiments: int) -> list[FitWarning]:
         warnings.append(FitWarning("not_converged", (), message))
     excess, sigma = noise_tests.chi2_ratio(outcome)
     if noise_tests.is_misfit(excess, sigma, n_experiments):
-        message = f"the residual has {excess:.3g} times the power of the noise run; the sigmas assume 1"
+        message = (
+            f"the residual has {excess:.3g} times the power of the noise run; the sigmas assume equal power"
+        )
         warnings.append(FitWarning("chi2", (), message))
     return warnings
 

@@ -22,7 +22,7 @@ _HEAD = """\
 schema = "lpf-map/1"
 # missing = -9999                  # a number that marks missing samples, or a list; also in a channel
 
-[attributes]                       # of all runs, values of LISA Pathfinder; what differs goes to [[runs]]
+[attributes]                       # of all runs, here those of LISA Pathfinder; exceptions go in [[runs]]
 m_tm = "1.928 kg"                  # mass of a test mass: a quantity, or a plain number in SI
 F_max_1 = "0 N"                    # largest force along x and torque about z on each test mass
 F_max_2 = "2200 pN"
@@ -32,9 +32,9 @@ alignment_epoch = 1                # the k of delta_ifo_k
 # x_axis = "towards test mass 1"   # where +x points to, if not towards test mass 2
 """
 _TIME_HELP = """\
-# unit = "ms"                      # of seconds that count from anywhere, if not s
-# format = "gps"                   # or of time stamps: iso, yday, gps, unix, unix_tai, mjd, jd, ...
-# scale = "tai"                    # their scale, if not utc; t0 then follows from the first of them
+# unit = "ms"                      # of a count of seconds from any origin; default s
+# format = "gps"                   # or time stamps: iso, yday, gps, unix, unix_tai, mjd, jd, ...
+# scale = "tai"                    # their scale, if not utc; t0 is then the first time stamp
 """
 _TIME_NAMES = re.compile(
     r"(?:oms|obt|utc|gps|unix|mjd|jd|time|date|datetime|timestamp|timestamps|epoch|sec|t|s)+"

@@ -33,10 +33,10 @@ def check(
     """Validate a campaign and print what to expect of it.
 
     A campaign that `run` would refuse is an error (exit status 2): third-party FMUs that do not fit, unstable
-    loops, commands at their limits for too long. A campaign with a command at its limit, or with a tone
-    that the fit does not use, is reported as doubtful instead of valid (exit status 0). Printed are its
-    runs, the stability margins of its loops, the expected sigmas (those of `lpfcosim forecast`), and the
-    expected run time. With a third-party FMU in the loop, margins, sigmas and run time are not
+    loops, commands at their limits for too long. A campaign with a command briefly at its limit, or with an
+    injection that the fit does not use, is doubtful instead of valid (exit status 0). The command prints
+    the runs, the stability margins, the expected sigmas (those of `lpfcosim forecast`), and the expected
+    run time. With a third-party FMU in the loop, margins, sigmas and run time are not
     available. Nothing is simulated, and no FMU is built.
     """
     from lpfcosim.cli import check as cli_check
@@ -100,7 +100,7 @@ def run(
     jobs: Jobs = None,
     engine: Annotated[
         Literal["compiled", "fmpy"],
-        typer.Option("--engine", help="Co-simulation loop; fmpy: slow, bit-identical."),
+        typer.Option("--engine", help="Co-simulation loop; fmpy: slower, same bits."),
     ] = "compiled",
     scheduler: Scheduler = None,
     time_limit: Annotated[
@@ -109,7 +109,7 @@ def run(
             "--time-limit",
             metavar="DURATION",
             parser=duration,
-            help='Time limit of a run, such as "2 h". A run without a step for a minute is always ended.',
+            help='Wall time of each run, such as "2 h". A run without a step for a minute is always ended.',
         ),
     ] = None,
     rerun: Annotated[
@@ -122,9 +122,9 @@ def run(
 ) -> None:
     """Simulate a campaign with the FMUs, fit it, report.
 
-    The output folder has telemetry/*.h5, results.json and report.html. If interrupted, the same command
-    continues. The log of a failed run is in logs/; the complete experiments are fitted nevertheless, and
-    the exit status is 1.
+    The output folder has telemetry/*.h5, results.json and report.html. After an interruption, the same
+    command continues. The log of a failed run is in logs/; the complete experiments are fitted nevertheless,
+    and the exit status is 1.
     """
     from lpfcosim.cli import run as cli_run
     from lpfcosim.cli.console import Console

@@ -48,7 +48,7 @@ def new_map(files: Sequence[Path]) -> None:
     file = maps[0] if maps else Path(f"{stem}.toml")
     text = map_draft.draft(file.name, archives, file.parent)
     _write(file, text, MAP_SCHEMA, json.dumps(map_draft.json_schema(), indent=1))
-    print(f"{file}: written; check it, then: lpfcosim fit {shlex.quote(str(file))}")
+    print(f"{file}: written; fill it in, then: lpfcosim fit {shlex.quote(str(file))}")
 
 
 def starter() -> str:

@@ -13,7 +13,7 @@ Figures = Annotated[
     typer.Argument(metavar="NAME", help="Parts of names of figures [default: all figures]."),
 ]
 Paths = Annotated[
-    list[Path], typer.Argument(metavar="PATH", help="Telemetry, folders of it, maps of archives (.toml).")
+    list[Path], typer.Argument(metavar="PATH", help="Telemetry files or folders, maps of archives (.toml).")
 ]
 Out = Annotated[
     Path | None,
@@ -28,7 +28,7 @@ Scheduler = Annotated[
     typer.Option(
         "--scheduler",
         metavar="ADDRESS",
-        help="Work on a Dask cluster: its scheduler, such as tcp://HOST:8786 (needs lpfcosim[dask]).",
+        help="Dask scheduler to use, such as tcp://HOST:8786 (needs lpfcosim[dask]).",
     ),
 ]
 Trust = Annotated[
@@ -36,7 +36,7 @@ Trust = Annotated[
     typer.Option("--trust", help="Run third-party FMUs that are not approved (lpfcosim trust), this once."),
 ]
 Many = list[str] | None  # an option that may be repeated
-Fix = Annotated[Many, typer.Option("--fix", metavar="NAME[=VALUE]", help="Fix a parameter, SI.")]
+Fix = Annotated[Many, typer.Option("--fix", metavar="NAME[=VALUE]", help="Fix a parameter at a value (SI).")]
 Tie = Annotated[Many, typer.Option("--tie", metavar="NAME=EXPR", help="Tie a parameter to others.")]
 GaussianPrior = Annotated[
     Many, typer.Option("--prior", metavar="NAME=MEAN,SIGMA", help="Prior of a parameter, SI.")

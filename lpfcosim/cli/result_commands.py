@@ -55,7 +55,8 @@ def fit(
     prior: GaussianPrior = None,
     bound: Bound = None,
     f_max: Annotated[
-        float | None, typer.Option("--f-max", metavar="HZ", help="End of the fitted band (0.02 to 0.1).")
+        float | None,
+        typer.Option("--f-max", metavar="HZ", help="Upper end of the fitted band, between 0.02 and 0.1."),
     ] = None,
     f_min: Annotated[float | None, typer.Option("--f-min", hidden=True)] = None,  # refused with its reason
     as_json: Annotated[bool, typer.Option("--json", help="Print results.json instead of a table.")] = False,
@@ -63,10 +64,10 @@ def fit(
 ) -> None:
     """Fit telemetry files from anywhere; needs no FMU.
 
-    A PATH that is the folder of an earlier run or fit stands for its telemetry. Runs with injections (kind
-    sysid) calibrate the dynamics; noise runs of 12 h or more with torques calibrate the inertial forces. By
-    default, results are written to a folder in the working directory named after the first PATH (NAME-fit
-    if that is the input itself).
+    If a PATH is the folder of an earlier run or fit, its telemetry is read. Runs with injections (kind
+    sysid) calibrate the dynamics; noise runs of 12 h or more with torque channels calibrate the inertial
+    forces. By default, results are written to a folder in the working directory named after the first PATH
+    (NAME-fit if NAME is the input).
     """
     from lpfcosim.cli import fit as cli_fit
     from lpfcosim.cli.console import Console
@@ -130,7 +131,7 @@ def deltag(
 ) -> None:
     """Write the calibrated Delta g of telemetry, term by term.
 
-    The output of NAME.h5 is NAME-deltag.h5, at 1 to 2 Hz. Its channels are the terms of
+    The output for NAME.h5 is NAME-deltag.h5, at 1 to 2 Hz. Its channels are the terms of
     delta_g = delta_g_x + delta_g_SC + g_Omega + g_dOmega.
     """
     from lpfcosim.cli import deltag as cli_deltag
@@ -149,15 +150,15 @@ def deltag(
 def compare(
     paths: Annotated[
         list[Path],
-        typer.Argument(metavar="DIR", help="Two or more folders of results, or files of them."),
+        typer.Argument(metavar="DIR", help="Two or more folders or files of results."),
     ],
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON, schema lpf-compare/1.")] = False,
     quiet: Quiet = False,
 ) -> None:
     """Compare the estimates of several results.
 
-    Each estimate is shown with its uncertainty, and its difference from that of the first result in units of
-    the standard deviation of the difference, sqrt(sigma_1^2 + sigma_2^2). That holds for independent data;
+    Each estimate is shown with its uncertainty and its difference from the first result, in units of
+    the standard deviation of the difference, sqrt(sigma_1^2 + sigma_2^2). This assumes independent data;
     results of the same telemetry are reported as such. For independent data, chi2 and its p-value test all
     parameters of the joint fits together. The exit status is 0, whether or not the results agree.
     """

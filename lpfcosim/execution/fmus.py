@@ -72,7 +72,7 @@ def check(plan: Campaign, archives: Mapping[str, Path], *, trusted: bool = False
     check_digests(plan, archives)
     for sentence in unapproved(plan, archives):
         if not trusted:
-            raise InputError(f"{sentence}, or let it run this once: trusted (--trust)")
+            raise InputError(f"{sentence}, or trust it for this run only (--trust)")
 
 
 def check_digests(plan: Campaign, archives: Mapping[str, Path]) -> None:

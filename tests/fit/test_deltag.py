@@ -273,7 +273,7 @@ def test_missing_parts_of_the_calibration_are_reported(recorded, tmp_path):
     bare = replace(calibrated(LATE, cross_talk=False), inertial={"3": fit_of(delta_phi=1.0, delta_eta=1.0)})
     file, notes = product(recorded[0], tmp_path / "p.h5", bare)
     assert set(PRODUCT) - set(file.data_vars) == {"delta_g_SC", "g_dOmega"}
-    assert "no cross_talk of alignment epoch 1" in notes[0]
+    assert "no cross-talk of alignment epoch 1" in notes[0]
     assert "no inertial period 0" in notes[1]
 
 

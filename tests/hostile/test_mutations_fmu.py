@@ -252,7 +252,7 @@ def test_an_fmu_of_other_origin_is_told(plan):
     for pin in ("", f'sha256 = "{digest}"'):  # which whoever sends the FMU sends along
         with pytest.raises(
             InputError,
-            match=r"native code .* trust \S*theirs\.fmu, or let it run this once: trusted \(--trust\)$",
+            match=r"native code .* trust \S*theirs\.fmu, or trust it for this run only \(--trust\)$",
         ):
             check(loading.load(make(pin)))
         check(loading.load(make(pin)), trusted=True)

@@ -204,7 +204,7 @@ def test_a_draft_of_an_archive_with_stamps_is_a_map(lpfcosim, tmp_path):
         as_csv(tmp_path / f"{run}.csv", names, stamps=stamps)
     status, out, err = lpfcosim("new", "--map", "E7.csv", "E7-noise.csv")
     assert (status, err) == (0, "")
-    assert out == "E7.toml: written; check it, then: lpfcosim fit E7.toml\n"
+    assert out == "E7.toml: written; fill it in, then: lpfcosim fit E7.toml\n"
     text = (tmp_path / "E7.toml").read_text(encoding="utf-8")
     assert (
         text.startswith("#:schema ./lpf-map.json\n") and map_draft.BLANK not in tomllib.loads(text).values()
