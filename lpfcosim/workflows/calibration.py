@@ -59,7 +59,8 @@ class Calibration:
         """Return what was found, in one line."""
         fits = main_fits(self.results)
         known = {name + suffix: e for suffix, fit in fits.items() for name, e in fit.parameters.items()}
-        n, n_runs = len(known), len(self.results.experiments)
+        n_runs = len(self.results.experiments)
+        n = sum(not (e.constraint and e.constraint.kind in ("fixed", "tied")) for e in known.values())
         text = f"{n} parameter{'s' * (n != 1)} determined"
         n_joint = len(self.results.provenance.joint_runs or ()) if self.results.joint else 0
         share = f"{n_joint} of " if 0 < n_joint < n_runs else ""
