@@ -217,7 +217,7 @@ def _section(i: int, name: str, fit: Fit, experiment: AnalysedExperiment | None)
         }
         known = list(experiment_parameters(run.authority, run.alignment_epoch).values())
         specs = figure_specs(f"e{i}", slug(name), experiment)
-        injected = injections.table(run)
+        injected = injections.table(run, noise)
         tables = (injected,) if injected.rows else ()
     return fit_section(i, name, fit, _DESCRIPTION, facts, known, tables, specs)
 

@@ -18,6 +18,7 @@ _PRINTED = {"m": (1e9, "nm"), "rad": (1e9, "nrad"), "m s-2": (1e12, "pm s⁻²")
 _GAP = 10.0  # s, of zeros within one injection
 _FLOOR, _WEAKEST = 1e-3, 0.05  # of the largest value of a channel, and of the largest tone
 _MOST_TONES = 8
+_LEAST = 10.0  # of the largest value in the noise run: commands respond to noise, too
 _SAMPLES_PER_CYCLE = 20  # that a sine is fitted to
 
 
@@ -89,15 +90,20 @@ def _frequency_of_tone(x: Array, fs: float, peak: float) -> float:
     return float(best.x)
 
 
-def table(run: Telemetry) -> Table:
-    """Return a row for each injection into set points and into f_x_1; times are UTC."""
+def table(run: Telemetry, noise: Telemetry | None) -> Table:
+    """Return a row for each injection into set points and f_x_1 that the noise run lacks; times are UTC."""
     start, rows = utc(run.t0).astimezone(UTC), []
     for channel in run.channels:
         if not (channel.startswith("guidance_") or channel == "f_x_1"):
             continue
         unit = run.units.get(channel, "")
         factor, unit = _PRINTED.get(unit, (1.0, unit))
+        floor = 0.0
+        if noise is not None and channel in noise.channels:
+            floor = _LEAST * float(np.nanmax(np.abs(noise.channels[channel])))
         for one in injections(run.channels[channel], run.fs):
+            if one.amplitude < floor:
+                continue
             begin, end = (start + timedelta(seconds=t) for t in (one.begin, one.end))
             amplitude = np.format_float_positional(factor * one.amplitude, 3, fractional=False, trim="-")
             tones = ", ".join(f"{1e3 * f:.3g}" for f in one.frequencies)

@@ -101,7 +101,7 @@ def sections(results: Results, analysed_experiments: Mapping[str, AnalysedExperi
         specs: tuple[FigureSpec, ...] = ()
         if experiment:
             facts = experiments.run_facts(experiment.run, experiment.noise)
-            injected = injections.table(experiment.run)
+            injected = injections.table(experiment.run, experiment.noise)
             tables = (injected,) if injected.rows else ()
             specs = figure_specs(f"e{i}", experiments.slug(name), experiment)
         of_experiments.append(

@@ -88,7 +88,7 @@ def test_table_of_injections_has_all_set_points():
     units = {f"guidance_{k}_{j}": "rad" for j in (1, 2) for k in ("theta", "eta", "phi")}
     units |= {"guidance_opening": "rad", "guidance_z": "m"}
     channels = {**{name: run.channels[name] for name in run.channels}, **dict.fromkeys(units, pulse)}
-    rows = injections.table(replace(run, channels=channels, units={**run.units, **units})).rows
+    rows = injections.table(replace(run, channels=channels, units={**run.units, **units}), None).rows
     amplitudes = {row[0]: row[3] for row in rows}
     assert {name: amplitudes[name] for name in units} == {
         name: "30\u00a0nrad" if unit == "rad" else "30\u00a0nm" for name, unit in units.items()
