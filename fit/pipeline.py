@@ -330,7 +330,7 @@ def _of_experiment(
         error = next(e for e in (judged, single_fit) if isinstance(e, FitError))
         return FitWarning("no_single_fit", (), str(error))
     fit = fit_quality.as_fit(single_fit, [experiment])
-    of_data = fit_quality.as_fit(judged, [experiment])
+    of_data = fit if judged is single_fit else fit_quality.as_fit(judged, [experiment])
     untested = unit_faults(experiment) if experiment.name in chosen.exclude else ()
     warnings = (
         *campaign.warnings_of(experiment.name),

@@ -159,7 +159,9 @@ def analyse_terms(
         unmasked = run.valid & ~glitch_mask(run.time, masked)
         if np.any(run.delta_g[run.valid]):
             is_partial = run.valid.sum() > unmasked.sum() > unmasked.size / 2
-            asd = (Estimator(unmasked, run.fs, HIGHEST) if is_partial else estimator).asd(run.delta_g)
+            if is_partial:
+                estimator = Estimator(unmasked, run.fs, HIGHEST, rising_noise=rising_noise)
+            asd = estimator.asd(run.delta_g)
     signal = run.terms.get(signal_term)
     return Analysis(
         run.fs,

@@ -128,9 +128,9 @@ def fit(experiments: Sequence[LisaExperiment], chosen: Settings, names: Sequence
         *_test_constraints(outcome, experiments, chosen, names).warnings(),
         *plausibility.implausible_estimates(outcome),
     ]
-    (name, *others), has_noise = [e.name for e in experiments], all(e.noise for e in experiments)
-    if has_noise and not others and not any(w.kind.unsound for w in warnings):
-        warnings += fit_quality.of_experiment(name, estimates)
+    is_single = len(experiments) == 1 and experiments[0].noise
+    if is_single and not any(w.kind.unsound for w in warnings):
+        warnings += fit_quality.of_experiment(experiments[0].name, estimates)
     return replace(estimates, warnings=(*warnings, *estimates.warnings))
 
 

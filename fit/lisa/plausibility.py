@@ -54,16 +54,14 @@ def implausible_estimates(outcome: IRLSResult) -> Iterator[FitWarning]:
                     f"{channel}: {name} is estimated as {concise_value(theta[i], sigma[i])}, expected "
                     f"{plausible.low:g} to {plausible.high:g}: {plausible.indication}",
                 )
-        gain = positions.get(f"lambda_{quantity[2:]}_{test_mass}")
-        if quantity.startswith("C_") and gain is not None and theta[gain] > 0:
-            early, error = -theta[i] / theta[gain], sigma[i] / theta[gain]
-            if early > max(fit_quality.EARLY, fit_quality.CERTAIN * error):
-                message = (
-                    f"F_{quantity[2:]}_{test_mass} acts {concise_value(early, error)} s before it is "
-                    f"commanded: it is late in the files, or read-outs are early; {name} is not that of the "
-                    "actuator"
-                )
-                yield FitWarning("acausal", (name,), message)
+        gain = name.replace("C_", "lambda_", 1)
+        has_delay = name.startswith("C_") and gain in positions and theta[positions[gain]] > 0
+        if has_delay and (lead := fit_quality.lead_time(outcome, gain, name)):
+            message = (
+                f"{name.replace('C_', 'F_', 1)} acts {lead} s before it is commanded: it is late in the "
+                f"files, or read-outs are early; {name} is not that of the actuator"
+            )
+            yield FitWarning("acausal", (name,), message)
 
 
 def check_levels(run: Telemetry) -> None:
@@ -79,11 +77,11 @@ def check_levels(run: Telemetry) -> None:
         levels = {name: _noise_level(run.channels[name]) for name in names}
         if len(levels) < 2 or not all(levels.values()):
             continue
-        quiet, loud = sorted(levels, key=lambda name: levels[name])
-        if levels[loud] > LEVEL_RATIO * levels[quiet]:
+        (name, lowest), (noisiest, highest) = sorted(levels.items(), key=lambda item: item[1])
+        if highest > LEVEL_RATIO * lowest:
             raise InputError(
-                f"{run.path}: {loud}: its noise is {levels[loud] / levels[quiet]:.2g} times that of {quiet}, "
-                f"expected less than {LEVEL_RATIO:g}: one of the two is in another unit"
+                f"{run.path}: {noisiest}: its noise is {highest / lowest:.2g} times that of {name}, expected "
+                f"less than {LEVEL_RATIO:g}: one of the two is in another unit"
             )
 
 

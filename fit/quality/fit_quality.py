@@ -216,20 +216,29 @@ def of_residual(outcome: IRLSResult, n_experiments: int) -> list[FitWarning]:
     return warnings
 
 
+def lead_time(outcome: IRLSResult, lambda_name: str, C_name: str) -> str | None:
+    """Return by how many seconds a command acts before it is given, in print; None if it does not.
+
+    Its gain and the product of gain and delay have these names; both must be determined.
+    """
+    positions = outcome.determined
+    if not {lambda_name, C_name} <= positions.keys():
+        return None
+    gain, C = (float(outcome.solution.theta[positions[name]]) for name in (lambda_name, C_name))
+    sigma = float(outcome.solution.sigma[positions[C_name]])
+    early = -C / gain
+    return concise_value(early, sigma / gain) if early > max(EARLY, CERTAIN * sigma / gain) else None
+
+
 def acausal(outcome: IRLSResult) -> list[FitWarning]:
     """Doubt a joint fit in which commands act before they are given: some time is wrong in every run."""
-    positions = outcome.determined
     early_commands: dict[str, str] = {}
     for j in (1, 2):
-        if {f"lambda_{j}", f"C_{j}"} <= positions.keys():
-            gain, C = (float(outcome.solution.theta[positions[f"{name}_{j}"]]) for name in ("lambda", "C"))
-            sigma = float(outcome.solution.sigma[positions[f"C_{j}"]])
-            early = -C / gain
-            if early > max(EARLY, CERTAIN * sigma / gain):
-                early_commands[f"C_{j}"] = (
-                    f"f_x_{j} acts {concise_value(early, sigma / gain)} s before it is commanded: it is late "
-                    "in the files of every run, or o_12 is early"
-                )
+        if lead := lead_time(outcome, f"lambda_{j}", f"C_{j}"):
+            early_commands[f"C_{j}"] = (
+                f"f_x_{j} acts {lead} s before it is commanded: it is late in the files of every run, or "
+                "o_12 is early"
+            )
     if not early_commands:
         return []
     message = f"{'; '.join(early_commands.values())}; C is not that of the actuators"

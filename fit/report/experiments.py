@@ -121,15 +121,14 @@ def sections(results: Results, experiments: Mapping[str, AnalysedExperiment]) ->
     ]
 
 
-def spectra_pairs(
-    experiments: Mapping[str, AnalysedExperiment],
-) -> dict[str, tuple[analysis.Analysis, analysis.Analysis | None]]:
-    """Return, by experiment, the analyses of Delta g in the run and in its noise run."""
-    return {name: (e.of_run, e.of_noise) for name, e in experiments.items()}
+def residual_over_noise(experiments: Mapping[str, AnalysedExperiment]) -> FigureSpec | None:
+    """Return the figure of the residual of all experiments over their noise, None without noise runs."""
+    pairs = {name: (e.of_run, e.of_noise) for name, e in experiments.items()}
+    return residual_over_noise_of(pairs, "the experiments")
 
 
-def residual_over_noise(
-    pairs: Mapping[str, tuple[analysis.Analysis, analysis.Analysis | None]], averaged: str = "the experiments"
+def residual_over_noise_of(
+    pairs: Mapping[str, tuple[analysis.Analysis, analysis.Analysis | None]], averaged: str
 ) -> FigureSpec | None:
     """Return the figure of residuals over noise, None without noise runs.
 

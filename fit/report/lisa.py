@@ -87,7 +87,7 @@ def residual_over_noise(analysed_experiments: Mapping[str, AnalysedExperiment]) 
         for name, experiment in analysed_experiments.items()
         for component, pair in experiment.components.items()
     }
-    return experiments.residual_over_noise(pairs, "both components of D and all experiments")
+    return experiments.residual_over_noise_of(pairs, "both components of D and all experiments")
 
 
 def sections(results: Results, analysed_experiments: Mapping[str, AnalysedExperiment]) -> list[Section]:

@@ -137,7 +137,7 @@ def _pathfinder_sections(
     motion_sections = motion.sections(results, telemetries, delta_g)
     progress_stage(1.0)
     of_mission = [*mission.sections(results, telemetries), *noise.sections(results, telemetries, delta_g)]
-    ratio = experiments.residual_over_noise(experiments.spectra_pairs(analysed))
+    ratio = experiments.residual_over_noise(analysed)
     return single_sections, [*motion_sections, *of_mission], ratio
 
 
@@ -156,7 +156,7 @@ def figure_specs(results: Results, telemetries: Sequence[Telemetry], directory: 
             *mission.sections(results, telemetries),
             *noise.sections(results, telemetries, delta_g),
         ]
-        ratio = experiments.residual_over_noise(experiments.spectra_pairs(analysed))
+        ratio = experiments.residual_over_noise(analysed)
     sections += control_loops.sections(directory, digest)
     drawn = [spec for section in sections for spec in section.figures if isinstance(spec, FigureSpec)]
     return [*([ratio] if ratio else []), *drawn]

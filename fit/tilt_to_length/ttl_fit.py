@@ -170,9 +170,9 @@ def _solve(
     from lmfit.minimizer import MinimizerResult  # slow to import
 
     initial = make_params()
-    result = free = SolvedModel(model, MinimizerResult(params=initial), weak).refit(initial)
-    if params:
-        result = SolvedModel(model, MinimizerResult(params=initial), weak).refit(params)
+    unsolved = SolvedModel(model, MinimizerResult(params=initial), weak)
+    free = unsolved.refit(initial)
+    result = unsolved.refit(params) if params else free
     undetermined, directions = null_space.null_space(estimate.information, np.full(len(NAMES), WIDTH))
     is_free = [p.vary and not p.expr for p in result.params.values()]
     reported = [i for i in range(len(NAMES)) if not (is_free[i] and undetermined[i])]
