@@ -17,7 +17,7 @@ FAMILIES: Mapping[str, tuple[str, ...]] = MappingProxyType(
         "samples": ("straight lines", "repeated samples"),
         "loop response": ("guidance gain",),
         "glitches": ("matched filter", "matching pursuit"),
-        "model": ("driven bins", "templates", "readout lag", "masks at injections", "break", "segment"),
+        "model": ("driven bins", "templates", "masks at injections"),
         "noise": ("residual power", "subtraction"),
         "consistency": ("runs", "gain drift", "constraints"),
         "frame": ("centrifugal force",),

@@ -23,7 +23,6 @@ from fit.quality import (
     ExperimentSet,
     MaskedExperiment,
     fit_quality,
-    glitch_search_enabled,
     has_spectra,
     mask_experiments,
     metadata,
@@ -194,7 +193,7 @@ def _prepared(recorded: Sequence[Experiment], chosen: Settings) -> ExperimentSet
     screening = metadata.screen(tested)
     left_out, faulty = screening.exclusions, {f.experiment for f in screening.exclusions}
     misfit = model_warnings([e for e in tested if e.name not in faulty])
-    if misfit:  # which would pass for glitches and changes, and be masked
+    if misfit:  # which would pass for glitches, and be masked
         chosen = chosen.model_copy(update={"glitches": False})
     progress_stage(0.45)
     masked = mask_experiments(recorded, chosen, faulty)
@@ -207,11 +206,7 @@ def _prepared(recorded: Sequence[Experiment], chosen: Settings) -> ExperimentSet
     together = [prepared[e.name].experiment if e.name in prepared else e for e in recorded]
     taking_part, short, excluded = divide(together, chosen)
     campaign = ExperimentSet(prepared, tuple(taking_part), tuple(short), tuple(excluded)).exclude(left_out)
-    whole = [e for e in campaign.usable if e.name not in chosen.exclude]
-    # what the equation lacks in all runs passes for changes as well
-    breaks = metadata.changes(() if misfit else whole, glitches_masked=glitch_search_enabled(chosen))
-    campaign = replace(campaign, notes=(*screening.notes, *misfit, *breaks.notes)).exclude(breaks.exclusions)
-    return campaign.exclude_unusable()
+    return replace(campaign, notes=(*screening.notes, *misfit)).exclude_unusable()
 
 
 def _noises(
@@ -220,9 +215,7 @@ def _noises(
     """Judge the noise of every experiment by its own fit; fit anew by itself where it is not as it seemed."""
     of_levels = campaign.usable if chosen.levels == ["auto"] else campaign.experiments
     campaign = campaign.with_warnings(noise_adaptation.adapt_to_levels(of_levels, single_fits, chosen))
-    single_fits = single_fits | _fit_each([e for e in campaign.experiments if e.marginalised], chosen)
-    campaign = campaign.with_warnings(noise_adaptation.adapt_to_nonstationarity(campaign.usable, single_fits))
-    return campaign, single_fits | _fit_each([e for e in campaign.experiments if e.segment_variances], chosen)
+    return campaign, single_fits | _fit_each([e for e in campaign.experiments if e.marginalised], chosen)
 
 
 def _fit_each(experiments: Sequence[Experiment], chosen: Settings) -> dict[str, IRLSResult | FitError]:

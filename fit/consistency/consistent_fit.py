@@ -13,7 +13,6 @@ import numpy as np
 
 from fit.consistency.consistency_test import ConsistencyTest, consistency_test
 from fit.consistency.likely_causes import contradiction_exclusions, largest_pull
-from fit.consistency.model_misfit import lag_warning, readout_lag
 from fit.consistency.outlier_runs import (
     LEVERAGE,
     OutlierRuns,
@@ -107,7 +106,8 @@ def fit_consistent_runs(
     FitError
         If no valid estimate results.
     """
-    unusable, common = _unusable(experiments)
+    # what most of the runs share lies in the equation
+    unusable = _minority([_misfit(e) for e in experiments if e.misfit], experiments)
     usable = _remove(experiments, unusable)
     unsettled = _unsettled(usable, single_fits)
     converged = _remove(usable, unsettled)
@@ -115,7 +115,7 @@ def fit_consistent_runs(
         left_out = (*unusable, *unsettled) if converged else unusable
         members = tuple(converged or usable)
         fit = fit_joint(members, settings, single_fits)
-        return ConsistentFit(fit, members, left_out, (*common, _untested(settings)))
+        return ConsistentFit(fit, members, left_out, (_untested(settings),))
     selection = _select(converged, single_fits, settings)
     chosen = settings.model_copy(update={"scatter": [*selection.scatter]})
     joint = fit_joint(selection.experiments, chosen, single_fits) if selection.experiments else None
@@ -129,7 +129,7 @@ def fit_consistent_runs(
     consistent = selection.experiments
     test = consistency_test(consistent, joint)
     left_out = (*unusable, *unsettled, *contradicting)
-    warnings = [*common, *_warnings(test, joint, consistent), *fit_quality.acausal(joint)]
+    warnings = [*_warnings(test, joint, consistent), *fit_quality.acausal(joint)]
     if 2 * len(left_out) > len(experiments):
         warnings.append(_majority(left_out, experiments))
     return ConsistentFit(joint, tuple(consistent), left_out, tuple(warnings), test, selection.probabilities)
@@ -268,23 +268,6 @@ def _remove(experiments: Sequence[Experiment], left_out: Iterable[Exclusion]) ->
     return [e for e in experiments if e.name not in names]
 
 
-def _unusable(experiments: Sequence[Experiment]) -> tuple[tuple[Exclusion, ...], list[FitWarning]]:
-    """Return the experiments that are left out for what each is by itself, and what most of them are."""
-    unfit = _minority([_misfit(e) for e in experiments if e.misfit], experiments)
-    rest = _remove(experiments, unfit)
-    lags = _late(rest, len(experiments))
-    late = _minority(lags, rest)
-    return (*unfit, *late), [_common_lag(lags, rest)] if lags and not late else []
-
-
-def _common_lag(lags: Sequence[Exclusion], experiments: Sequence[Experiment]) -> FitWarning:
-    """Return the warning that o_1 is late in most of the experiments."""
-    late = {lag.experiment for lag in lags}
-    epochs = {e.sysid.telemetry.alignment_epoch for e in experiments if e.name in late}
-    causes = [cause for lag in lags for cause in lag.observations]
-    return lag_warning(sorted(epochs), ", ".join(f"{c.run}: {c.words}" for c in causes), causes)
-
-
 def _unsettled(experiments: Sequence[Experiment], single_fits: SingleFits) -> tuple[Exclusion, ...]:
     """Return the experiments without a single fit."""
     failures = {e.name: fit for e in experiments if isinstance(fit := single_fits[e.name], FitError)}
@@ -332,16 +315,6 @@ def _joint_with_unsettled(
 def _misfit(experiment: Experiment) -> Exclusion:
     cause = Cause(experiment.name, "", "misfit", words=experiment.misfit)
     return Exclusion(experiment.name, (cause,), single_fit_code="", evidence="misfit")
-
-
-def _late(experiments: Sequence[Experiment], n_runs: int) -> list[Exclusion]:
-    """Return the experiments whose o_1 is late by themselves."""
-    lags = parallel_map(lambda e: readout_lag(e, n_runs), experiments)
-    return [
-        Exclusion(e.name, (replace(lag, file=str(e.sysid.telemetry.path)),), evidence="guess")
-        for e, lag in zip(experiments, lags, strict=True)
-        if lag
-    ]
 
 
 def _minority(exclusions: Sequence[Exclusion], experiments: Sequence[Experiment]) -> tuple[Exclusion, ...]:

@@ -7,7 +7,7 @@ joint fit would put it into gains and stiffness. It may be a template whose amou
 (`templates.MODEL_TEMPLATES`) and that accounts for most of the misfit.
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -15,7 +15,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from fit.consistency.fault_templates import MODEL_TEMPLATES, READOUT_LAG, Template
+from fit.consistency.fault_templates import MODEL_TEMPLATES, Template
 from fit.consistency.score_test import ScoreTest
 from fit.consistency.template_effects import RunSeries
 from fit.false_alarms import chi2_limit, p_limit, sigma_limit
@@ -185,14 +185,6 @@ def model_warnings(experiments: Sequence[Experiment]) -> list[FitWarning]:
     return delays
 
 
-def readout_lag(experiment: Experiment, n_runs: int) -> Cause | None:
-    """Return by how much o_1 of one of several runs is late [s]; None if it is not, or without harm."""
-    effect = _common_effect([run_misfit(experiment, (1.0, 1.0), (READOUT_LAG,))], 0, READOUT_LAG)
-    if effect.z < sigma_limit("readout lag", n_runs) or not READOUT_LAG.admits(effect.size, effect.sigma):
-        return None
-    return READOUT_LAG.cause(effect.size, effect.sigma, experiment.name)
-
-
 def run_misfit(
     experiment: Experiment,
     largest_force: tuple[float, float],
@@ -300,22 +292,13 @@ def _template_warning(effects: Sequence[CommonEffect], largest_force: tuple[floa
         force = largest_force[int(template.channel[-1]) - 1] if template.kind == "gain by force" else 0.0
         scope = "" if effect.epoch is None else f" in the runs of alignment epoch {effect.epoch}"
         causes.append(template.cause(effect.size, effect.sigma, effect.run, scope=scope, force=force))
-    if effects[0].template is READOUT_LAG:
-        words = " and ".join(cause.words for cause in causes)
-        return lag_warning([effect.epoch for effect in effects], words, causes)
     run = effects[0].run
-    scope = f"shown by {run} alone" if run else "in all runs alike"
-    message = (
-        f"{either(causes)}, {scope}; the equation of motion does not contain that, and the uncertainties are "
-        "not valid"
-    )
+    if effects[0].template.by_epoch:
+        found = " and ".join(cause.words for cause in causes)
+    else:
+        found = f"{either(causes)}, {f'shown by {run} alone' if run else 'in all runs alike'}"
+    message = f"{found}; the equation of motion does not contain that, and the uncertainties are not valid"
     return FitWarning(MODEL_MISFIT, (), message, causes=tuple(causes))
-
-
-def lag_warning(epochs: Iterable[int | None], words: str, causes: Sequence[Cause]) -> FitWarning:
-    """Return the warning that o_1 is late in runs of some alignment epochs."""
-    names = tuple(f"delta_ifo_{epoch}" for epoch in epochs)
-    return FitWarning("readout_lag", names, f"{words}; the uncertainties are not valid", causes=tuple(causes))
 
 
 def _ratio(squares: Array, information: Array) -> Array:

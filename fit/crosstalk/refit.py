@@ -86,11 +86,7 @@ def least_squares(prepared: Sequence[Experiment], settings_of_fit: Settings, res
     scatter = [*(results.provenance.scatter or {})] if by_data else settings_of_fit.scatter
     constrained = settings_of_fit.model_copy(update={"scatter": scatter})
     unconstrained = constrained.model_copy(update={"parameters": {}})
-    outcome, n = fit_joint(prepared, unconstrained), len(prepared)
-    variances = [noise_adaptation.segment_variances(e, outcome, k, n) for k, e in enumerate(prepared)]
-    if any(variances):
-        prepared = [replace(e, segment_variances=v) for e, v in zip(prepared, variances, strict=True)]
-        outcome = fit_joint(prepared, unconstrained)
+    outcome = fit_joint(prepared, unconstrained)
     if any(constraint.is_constraint for constraint in constrained.parameters.values()):
         outcome = fit_joint(prepared, constrained)
     return replace(outcome, data_driven=by_data and bool(scatter))

@@ -22,7 +22,6 @@ from fit.fitting.joint_model import (
     lmfit_symbol,
     parameter_values,
 )
-from fit.fitting.nonstationary_noise import NonstationaryRun, SegmentVariances
 from fit.fitting.parameter_set import ParameterSet
 from fit.fitting.priors import PriorSet, weak_priors
 from fit.fitting.random_effects import (
@@ -51,13 +50,11 @@ __all__ = [
     "Heterogeneity",
     "IRLSResult",
     "JointModel",
-    "NonstationaryRun",
     "ParameterSet",
     "Prior",
     "PriorSet",
     "RunEstimate",
     "ScaleParameter",
-    "SegmentVariances",
     "SolvedModel",
     "WeightedMean",
     "column_scale",

@@ -6,7 +6,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from fit.fitting import ltpda_flscov, nonstationary_noise, readout_excess_noise
+from fit.fitting import ltpda_flscov, readout_excess_noise
 from fit.model import dynamics
 from fit.settings import Estimator
 from fit.spectra import NoiseModel
@@ -85,9 +85,7 @@ class _Smooth:
             terms = readout_excess_noise.use_injections_only(terms)
         # before the signal is subtracted, no residual shows an outlier
         c = dynamics.coefficients(of_run, terms.tau) if iteration > WARM_UP else None
-        block = whitened_run.whiten_run(terms, self._model, share, likelihood=self._likelihood, c=c)
-        variances = self._experiment.segment_variances
-        return nonstationary_noise.with_segment_variances(block, variances) if variances else block
+        return whitened_run.whiten_run(terms, self._model, share, likelihood=self._likelihood, c=c)
 
     def _accelerated(self, model: NoiseModel) -> NoiseModel:
         """Return a model of the noise, or where it goes if it creeps.

@@ -117,12 +117,9 @@ class _Identification:
         unconstrained = replace(self, settings=without_constraints(settings))
         # data are judged without what the user says of parameters, which may be wrong
         search, judged, levels = unconstrained._search()
-        n = len(experiments)
-        variances = [noise_adaptation.segment_variances(e, judged, k, n) for k, e in enumerate(experiments)]
         outcome = judged
         if unconstrained.settings != settings:
             search, outcome = self._search_with([e.name in levels for e in experiments])
-        outcome = noise_adaptation.with_segment_variances(outcome, variances)
         if outcome.random_effects:
             outcome = replace(
                 width_posterior.marginalise_widths(outcome), data_driven=settings.scatter == ["auto"]
@@ -143,11 +140,6 @@ class _Identification:
             *consistency_warnings(experiments, judged),
             *noise_adaptation.misfits(experiments, judged),
             *comparison.command_warnings(commands, list(joint_fit)),
-            *(
-                noise_adaptation.nonstationary_warning(e.name, variance)
-                for e, variance in zip(experiments, variances, strict=True)
-                if variance
-            ),
             *search.warnings(),
             *map(noise_adaptation.marginalised_warning, levels),
             *discrepancies,

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fit.errors import FitError
-from fit.fitting import NonstationaryRun, readout_excess_noise
+from fit.fitting import readout_excess_noise
 from fit.identification import series
 from fit.identification.loop import FORCE_1, THRUST, Loop
 from fit.identification.parameters import JointParameters
@@ -34,7 +34,7 @@ IMPULSE = 1e-6  # N, for a sample: moves test mass 1 by some nanometres
 
 
 @dataclass(frozen=True)
-class LinearisedRun(NonstationaryRun):
+class LinearisedRun(whitened_run.WhitenedRun):
     """A whitened run: the residual at a trial, then its derivatives by the K parameters of the run.
 
     Attributes

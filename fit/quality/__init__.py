@@ -1,7 +1,7 @@
 """Quality of the data: what is masked, subtracted or excluded before anything is estimated, and why.
 
 `metadata` holds the table of checks of files and samples. Saturation is masked, glitches are masked or
-subtracted, parts of a run that obey other equations exclude it, and noise is compared with the noise run.
+subtracted, and noise is compared with the noise run.
 """
 
 from fit.quality.channel_units import unit_faults
@@ -10,7 +10,7 @@ from fit.quality.experiment_set import ExperimentSet
 from fit.quality.fit_quality import as_fit, indeterminable, report
 from fit.quality.initial_fit import has_spectra
 from fit.quality.jumps import command_jumps
-from fit.quality.masks import MODEL_MISFIT, MaskedExperiment, glitch_search_enabled, mask_experiments
+from fit.quality.masks import MODEL_MISFIT, MaskedExperiment, mask_experiments
 from fit.quality.noise_tests import NORMAL_SCORES
 
 __all__ = [
@@ -22,7 +22,6 @@ __all__ = [
     "as_fit",
     "command_jumps",
     "fit_quality",
-    "glitch_search_enabled",
     "has_spectra",
     "indeterminable",
     "initial_fit",

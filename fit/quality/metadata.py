@@ -19,9 +19,7 @@ from fit.parallel import parallel_map
 from fit.quality import duplicates, samples, saturation
 from fit.quality.channel_units import unit_faults
 from fit.quality.exclusions import Evidence, Exclusion, join_messages
-from fit.quality.jumps import command_jumps
 from fit.quality.loop_response import response_faults
-from fit.quality.structural_break import KINDS, structural_break
 from fit.telemetry import Telemetry, utc
 from fit.warnings import Cause, FitWarning
 from fit.whitening import Experiment, Run
@@ -106,20 +104,6 @@ def screen(experiments: Sequence[Experiment]) -> ScreeningReport:
     return ScreeningReport(list(exclusions.values()), [note for r in reports for note in r.notes])
 
 
-def changes(experiments: Sequence[Experiment], *, glitches_masked: bool) -> ScreeningReport:
-    """Return the experiments of which parts obey different equations.
-
-    Glitches that are not masked pass for changes: then only those count that a channel accounts for.
-    """
-    n = len(experiments)
-    breaks = _per_experiment(
-        lambda e: (c for c in _structural_breaks(e, n) if glitches_masked or c.channel), evidence="misfit"
-    )
-    return Check(breaks, dict.fromkeys((*KINDS, "jump", "wild sample"), "structural_break")).apply(
-        experiments
-    )
-
-
 def mislabelled(experiments: Sequence[Experiment], telemetries: Sequence[Telemetry]) -> list[Exclusion]:
     """Return the noise runs of no experiment that hold injections: those of one, if the label were right."""
     names = {e.name for e in experiments}
@@ -171,14 +155,6 @@ def _sample_faults(experiments: Sequence[Experiment]) -> Iterator[Exclusion]:
 def _authority_faults(e: Experiment) -> Iterator[Cause]:
     """Yield what contradicts the authorities of both runs of an experiment."""
     return chain.from_iterable(saturation.check_authority(run.telemetry) for run in _runs(e))
-
-
-def _structural_breaks(e: Experiment, n_experiments: int) -> list[Cause]:
-    """Return why the parts of a run obey different equations, if they do."""
-    cause, run = structural_break(e, n_experiments), e.sysid.telemetry
-    if cause is None:
-        return []
-    return list(command_jumps(run)) or [replace(cause, run=run.run, file=str(run.path))]
 
 
 def _gap(a: Telemetry, b: Telemetry) -> float:

@@ -2,8 +2,6 @@
 
 * A level that is off in some band is marginalised in narrow bands (`fit.whitening.likelihoods`) if the excess
   fills the band, as noise does; a line or spurious signal is reported as ``noise_mismatch``.
-* A variance that changes within the run enters the covariance of the scores
-  (`fit.fitting.nonstationary_noise`).
 * Of an o_1 with excess noise only the injected signal is used (`fit.fitting.readout_excess_noise`).
 """
 
@@ -11,11 +9,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fit.errors import FitError, InputError
 from fit.false_alarms import sigma_limit
-from fit.fitting import IRLSResult, NonstationaryRun, SegmentVariances, irls
+from fit.fitting import IRLSResult
 from fit.parallel import parallel_map
 from fit.quality import noise_tests
 from fit.quality.noise_tests import BAND_EDGES, VarianceTable
@@ -149,65 +146,6 @@ def marginalised_warning(
 ) -> FitWarning:
     """Return the warning that the noise level of an experiment is marginalised."""
     return FitWarning("marginalised_noise", (), f"{name}: {reason}; {_MARGINALISED}")
-
-
-def adapt_to_nonstationarity(
-    experiments: Sequence[Experiment], single_fits: Mapping[str, IRLSResult | FitError]
-) -> Adaptations:
-    """Return the experiments whose noise variance changes within the run."""
-    n = len(experiments)
-    adaptations: Adaptations = {}
-    for e in experiments:
-        result = single_fits[e.name]
-        if isinstance(result, IRLSResult) and (variances := segment_variances(e, result, 0, n)):
-            adaptations[e.name] = (
-                nonstationary_warning(e.name, variances),
-                replace(e, segment_variances=variances),
-            )
-    return adaptations
-
-
-def segment_variances(
-    experiment: Experiment, result: IRLSResult, index: int = 0, n_runs: int = 1
-) -> SegmentVariances:
-    """Return the bands in which the variance of a run of a fit changes within the run, and how."""
-    run = result.whitened_runs[index]
-    if run.noise is None or run.window is None:
-        return ()
-    table = noise_tests.variance_table(noise_tests.whitened_residual(experiment, result, index))
-    changes = table.nonstationary(n_runs)
-    bands = zip(table.bands[changes].tolist(), table.quarters[changes], strict=True)
-    return tuple((float(BAND_EDGES[b]), float(BAND_EDGES[b + 1]), variance) for b, variance in bands)
-
-
-def nonstationary_warning(name: str, variances: SegmentVariances) -> FitWarning:
-    """Return the warning that the noise of an experiment is not stationary."""
-    ratios: list[NDArray[np.float64]] = [variance for *_, variance in variances]
-    message = (
-        f"{name}: the power of its noise changes within the run, from {np.min(ratios):.2g} to "
-        f"{np.max(ratios):.2g} times its mean in quarters of the run; the sigmas take that into account"
-    )
-    return FitWarning("nonstationary_noise", (), message)
-
-
-def with_segment_variances(result: IRLSResult, variances: Sequence[SegmentVariances]) -> IRLSResult:
-    """Let the covariance of a fit of `NonstationaryRun` allow for noise that changes within runs.
-
-    Parameters
-    ----------
-    result : IRLSResult
-        The fit.
-    variances : sequence of SegmentVariances
-        Of each run, see `segment_variances`.
-    """
-    runs = list(result.whitened_runs)
-    for k, run in enumerate(result.whitened_runs):
-        if variances[k]:
-            assert isinstance(run, NonstationaryRun)
-            runs[k] = replace(run, segment_variances=variances[k])
-    if any(variances) and not result.random_effects:
-        return irls.refit(result, runs)
-    return replace(result, whitened_runs=tuple(runs))
 
 
 def misfits(experiments: Sequence[Experiment], result: IRLSResult) -> list[FitWarning]:

@@ -1,7 +1,7 @@
-"""Variance test of a whitened residual on a table of frequency bands and quarters of the run.
+"""Variance test of a whitened residual in bands of frequency.
 
-Whitened by the PSD of its noise run, the residual of a fit has unit variance in every cell of the table. The
-power summed over sets of bins has the covariance
+Whitened by the PSD of its noise run, the residual of a fit has unit variance in every band. The power summed
+over sets of bins has the covariance
 
     spread(window) (diag(n) + J C J^T),
 
@@ -10,7 +10,6 @@ derivatives over the sets. Without a noise run the PSD follows this very residua
 term is negative. The same covariance serves all tests:
 
 * level: the ratio of the power in a band to that of the noise run (`VarianceTable.log_ratio`);
-* stationarity: Bartlett's likelihood-ratio test of equal variances in the quarters (`p_stationary`);
 * chi^2: the ratio of all bins together;
 * read-out noise: the level of o_1 at frequencies without injection (`readout_excess`);
 * whiteness: a Kolmogorov-Smirnov test of the cumulative periodogram (Bartlett), with the p-value from draws.
@@ -29,7 +28,7 @@ import scipy
 from numpy.typing import NDArray
 
 from fit.errors import FitError
-from fit.false_alarms import p_limit, sigma_limit
+from fit.false_alarms import sigma_limit
 from fit.fitting import IRLSResult, readout_excess_noise
 from fit.model import dynamics
 from fit.parameters import DELAYS
@@ -41,10 +40,8 @@ Array = NDArray[np.float64]
 
 BAND_EDGES = np.array([0.0, 1e-3, 3e-3, 1e-2, 3e-2, 1.0])  # Hz
 N_BANDS = BAND_EDGES.size - 1
-N_QUARTERS = 4
-TESTS_PER_RUN = 2 * N_BANDS + 2  # level and stationarity of every band, chi^2, read-out noise
+TESTS_PER_RUN = N_BANDS + 2  # level of every band, chi^2, read-out noise
 MIN_BINS = 8  # of a band
-MIN_DOF = 8.0  # of a cell
 READOUT_BAND = (0.04, np.inf)  # Hz: o_1 adds to Delta g beyond its noise; no leakage of injections far below
 CHI2_TOLERANCE = 0.2  # of chi^2 / dof: 10 % of the sigmas, less is of no consequence
 MAX_CHI2_RATIO = 1.5  # beyond, the uncertainties are not valid
@@ -78,10 +75,6 @@ class WhitenedResidual:
         Whether the PSD is that of another run.
     retained : ndarray, shape (B,)
         Expected power, from 0 to 1: less than 1 where the fit has absorbed noise.
-    weights : ndarray, shape (B,)
-        Of the bins in the fit.
-    first_bin : int
-        Number of the first bin in the transform of the run.
     n_projected : int
         Number of real numbers projected out.
     """
@@ -92,8 +85,6 @@ class WhitenedResidual:
     noise: NoiseModel
     independent: bool = True
     retained: Array = field(default_factory=lambda: np.ones(1))
-    weights: Array = field(default_factory=lambda: np.ones(1))
-    first_bin: int = 1
     n_projected: int = 2
 
     @property
@@ -131,7 +122,7 @@ class WhitenedResidual:
 
 @dataclass(frozen=True)
 class VarianceTable:
-    """Variances of a whitened residual, by frequency band and quarter of the run.
+    """Variances of a whitened residual, by frequency band.
 
     Attributes
     ----------
@@ -139,39 +130,20 @@ class VarianceTable:
         Numbers of the bands that have enough bins.
     log_ratio, sigma : ndarray, shape (B,)
         Logarithm of the variance of each band over that of the noise run, and its standard deviation.
-    quarters, dof : ndarray, shape (B, 4)
-        Variance in the quarters of the run over that of the band, and its degrees of freedom.
     """
 
     bands: NDArray[np.intp]
     log_ratio: Array
     sigma: Array
-    quarters: Array
-    dof: Array
 
     @property
     def z_score(self) -> Array:
         """Departure of the levels from those of the noise run in standard deviations, shape (B,)."""
         return np.asarray(self.log_ratio / self.sigma)
 
-    @property
-    def p_stationary(self) -> Array:
-        """p-value of equal variances in the quarters, shape (B,); 1 where cells are too small (Bartlett)."""
-        total = self.dof.sum(axis=1)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            statistic = -np.sum(self.dof * np.log(self.quarters), axis=1)
-            correction = 1 + (np.sum(1 / self.dof, axis=1) - 1 / total) / (3 * (N_QUARTERS - 1))
-            p_value = scipy.special.chdtrc(N_QUARTERS - 1, statistic / correction)
-        enough = np.all((self.dof >= MIN_DOF) & (self.quarters > 0), axis=1)
-        return np.where(enough, p_value, 1.0)
-
     def mismatched(self, n_runs: int) -> NDArray[np.bool_]:
         """Return in which bands the level is not that of the noise run, shape (B,)."""
         return np.asarray(np.abs(self.z_score) > sigma_limit("residual power", n_tests(n_runs)))
-
-    def nonstationary(self, n_runs: int) -> NDArray[np.bool_]:
-        """Return in which bands the variance changes within the run, shape (B,)."""
-        return np.asarray(self.p_stationary < p_limit("residual power", n_tests(n_runs)))
 
 
 def whitened_residual(experiment: Experiment, result: IRLSResult, index: int = 0) -> WhitenedResidual:
@@ -210,32 +182,21 @@ def whitened_residual(experiment: Experiment, result: IRLSResult, index: int = 0
         run.noise,
         experiment.noise is not None,
         np.clip(1 - absorbed, 0.05, 1),
-        run.weights.fit,
-        run.first_bin,
         run.n_projected,
     )
 
 
 def variance_table(residual: WhitenedResidual) -> VarianceTable:
-    """Return the variances of a residual by band and quarter.
+    """Return the variances of a residual by band.
 
     Bands with fewer than `MIN_BINS` bins are left out, and so are bins below the lowest frequency of the
     noise run, where its PSD is an extrapolation.
     """
-    f, window = residual.f, residual.window
+    f = residual.f
     known = np.log(f) > residual.noise.knots[0] - 1e-9
     sets = np.array([(f > low) & (f <= high) & known for low, high in pairwise(BAND_EDGES)])
     bands = np.flatnonzero(sets.sum(axis=1) >= MIN_BINS)
-    sets = sets[bands]
-    starts = np.arange(N_QUARTERS) * window.size // N_QUARTERS
-    z = (residual.z * np.sqrt(residual.weights))[:, None] * sets.T
-    series = windowing.inverse_transform(z, residual.first_bin, window.size)
-    power = np.add.reduceat(series**2, starts).T
-    w2, w4 = (np.add.reduceat(window**n, starts) for n in (2, 4))
-    with np.errstate(divide="ignore", invalid="ignore"):
-        quarters = power / w2 / (power.sum(axis=1) / w2.sum())[:, None]
-        dof = 2 * sets.sum(axis=1)[:, None] * np.where(w4 > 0, w2**2 / w4, 0.0) / window.size
-    return VarianceTable(bands, *residual.log_ratios(sets), quarters, dof)
+    return VarianceTable(bands, *residual.log_ratios(sets[bands]))
 
 
 def chi2_ratio(result: IRLSResult, *indices: int) -> tuple[float, float]:

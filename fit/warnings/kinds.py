@@ -123,19 +123,6 @@ WARNING_KINDS: Mapping[str, WarningKind] = {
         severity=Severity.DOUBT,
         headline="Experiments with invalid data are left out",
     ),
-    "structural_break": WarningKind(
-        "Compare gain and delay between parts of the runs; fit them as random effects, or repeat the runs.",
-        severity=Severity.FAILURE,
-        headline="The equation of motion changes within runs",
-        unsound=True,
-    ),
-    "readout_lag": WarningKind(
-        "Archive `o_1` again at the times of the other channels; until then do not use `delta_ifo` of these "
-        "runs.",
-        severity=Severity.FAILURE,
-        headline="o_1 is delayed against the other channels",
-        unsound=True,
-    ),
     "guidance_scale": WarningKind(
         "Compare units and scales of `o_1` and `guidance_o_1` in the archive; if the guidance is wrong, "
         "correct or omit it, and repeat the fit.",
@@ -321,5 +308,4 @@ WARNING_KINDS: Mapping[str, WarningKind] = {
         headline="The file states that its fit is unsound",
         unsound=True,
     ),
-    "nonstationary_noise": WarningKind("Nothing if noise may change; else inspect the residual."),
 }

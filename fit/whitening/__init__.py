@@ -6,7 +6,7 @@ the PSD of the noise run. A `WhitenedRun` holds all of chi^2 of a run in a small
 
 from fit.whitening.experiment import Experiment, divide, pair, pair_runs
 from fit.whitening.glitch_templates import Glitch, Shape
-from fit.whitening.likelihoods import Likelihood, Weights, expected_weights, frequency_bands, weights
+from fit.whitening.likelihoods import Likelihood, Weights, expected_weights, weights
 from fit.whitening.residual_psd import ResidualSpectrum, fit_residual_noise, noise_model
 from fit.whitening.run import MAX_DELAY_SHIFT, Run, check_coverage
 from fit.whitening.whitened_run import WhitenedRun
@@ -25,7 +25,6 @@ __all__ = [
     "divide",
     "expected_weights",
     "fit_residual_noise",
-    "frequency_bands",
     "glitch_templates",
     "noise_model",
     "pair",

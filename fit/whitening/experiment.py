@@ -31,8 +31,6 @@ class Experiment:
         Without, None where there is none.
     marginalised : bool
         Whether the level of the noise is marginalised in narrow bands, being not that of the noise run.
-    segment_variances : tuple
-        Bands in which the noise changes within the run, see `fit.fitting.nonstationary_noise`.
     readout_excess : bool
         Whether only the injected signal of o_1 is used, see `fit.fitting.readout_excess_noise`.
     misfit : str
@@ -42,7 +40,6 @@ class Experiment:
     sysid: Run
     noise: Run | None
     marginalised: bool = False
-    segment_variances: tuple[tuple[float, float, Array], ...] = ()
     readout_excess: bool = False
     misfit: str = ""
 

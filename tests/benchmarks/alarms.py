@@ -41,7 +41,7 @@ from lpfcosim.spacecraft import Run
 #: Notes that say of clean telemetry what is not so; the others state how it is fitted, or how well.
 SAID = frozenset(
     {
-        *("glitches", "marginalised_noise", "nonstationary_noise", "random_effects"),
+        *("glitches", "marginalised_noise", "random_effects"),
         *("readout_excess_noise", "saturated"),
     }
 )

@@ -14,8 +14,7 @@ from fit.identification.search import Search
 from fit.settings import settings
 from fit.warnings import FitWarning
 from fit.whitening import pair
-from lpfcosim.linear import response
-from tests.fit.identification.linear_loop import CHOSEN, FREE, Feeds, LinearLoop, identified
+from tests.fit.identification.linear_loop import CHOSEN, FREE, LinearLoop, identified
 
 
 def test_recovers_the_truth_as_the_equation_of_motion_does(flown, unconstrained):
@@ -200,19 +199,6 @@ def test_noise_of_the_read_out_of_test_mass_1_is_no_motion(flown):
     ):  # what little the one injection tells is below its width
         assert not {"delta_ifo", "delta_ifo_1"} & set(fit)
     agree(joint_fit, flight)
-
-
-@pytest.mark.slow
-def test_sigmas_allow_for_noise_that_changes_within_a_run(flown):
-    runs, (sysid, _), _ = flown
-    n, rng = sysid.time.size, np.random.default_rng(3)
-    late = np.where(np.arange(n) > 0.75 * n, 2e-14 * rng.standard_normal(n), 0.0)
-    still = replace(runs[0], injections=(), dc=0.0)
-    expected = response.linear_response(still, Feeds({"g_2": late, "f_x_1_jitter": np.zeros(n)}, n), still.fs)
-    flight = changed(flown, **{name: expected[name] for name in ("o_1", "o_12", "f_x_2")})
-    fit = identified(flight).joint
-    assert "nonstationary_noise" in {w.code for w in fit.warnings}
-    agree(fit, flight)
 
 
 @pytest.mark.slow

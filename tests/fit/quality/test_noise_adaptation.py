@@ -87,7 +87,7 @@ def test_bins_below_the_noise_run_have_no_level():
     outcome = fit_experiment(e)
     residual = noise_tests.whitened_residual(e, outcome)
     f = np.append(1e-6 * np.arange(1, 9), residual.f)
-    more = {"z": np.full(8, 14.0), "retained": np.ones(8), "weights": np.ones(8)}
+    more = {"z": np.full(8, 14.0), "retained": np.ones(8)}
     slower = {name: np.append(values, getattr(residual, name)) for name, values in more.items()}
     table = noise_tests.variance_table(replace(residual, f=f, **slower))
     assert table.log_ratio == pytest.approx(noise_tests.variance_table(residual).log_ratio, abs=1e-12)
