@@ -1,7 +1,7 @@
 """Commands on campaigns as a user sees them; calling one reads in the code behind it."""
 
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated
 
 import typer
 
@@ -98,10 +98,6 @@ def run(
     campaign: CampaignFile,
     out: Out = None,
     jobs: Jobs = None,
-    engine: Annotated[
-        Literal["compiled", "fmpy"],
-        typer.Option("--engine", help="Co-simulation loop; fmpy: slower, same bits."),
-    ] = "compiled",
     scheduler: Scheduler = None,
     time_limit: Annotated[
         float | None,
@@ -134,7 +130,6 @@ def run(
         out,
         Console(quiet=quiet, as_json=as_json),
         jobs=jobs,
-        engine=engine,
         scheduler=scheduler,
         time_limit=time_limit,
         rerun=rerun,

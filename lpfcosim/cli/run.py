@@ -3,7 +3,6 @@
 from pathlib import Path
 
 from lpfcosim.cli.console import Console
-from lpfcosim.cosim import Engine
 from lpfcosim.workflows import output_paths
 from lpfcosim.workflows import run as workflow
 
@@ -14,7 +13,6 @@ def run(
     console: Console,
     *,
     jobs: int | None,
-    engine: Engine,
     scheduler: str | None,
     time_limit: float | None,
     rerun: bool,
@@ -29,7 +27,6 @@ def run(
             directory,
             jobs=jobs,
             scheduler=scheduler,
-            engine=engine,
             time_limit=time_limit,
             rerun=rerun,
             trusted=trusted,

@@ -1,10 +1,9 @@
 """Co-simulation: FMU archives, their place in the loop, and the algorithm that steps them.
 
-It treats FMUs of any origin alike. The loop itself is compiled C (`engine.c`); a plain one in FMPy gives
-the same bits.
+It treats FMUs of any origin alike. The loop itself is compiled C (`engine.c`).
 """
 
-from lpfcosim.cosim.co_simulation import Engine, SimulationProgress
+from lpfcosim.cosim.co_simulation import SimulationProgress
 from lpfcosim.cosim.compatibility import read_interfaces, read_interfaces_of_runs, warnings
 from lpfcosim.cosim.fmu_instance import FmuInstance
 from lpfcosim.cosim.fmu_library import FmuLibraryCache
@@ -13,7 +12,6 @@ from lpfcosim.cosim.variables import REALS, Value
 
 __all__ = [
     "REALS",
-    "Engine",
     "FmuInstance",
     "FmuLibraryCache",
     "Interface",

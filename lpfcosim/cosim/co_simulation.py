@@ -1,33 +1,25 @@
-"""The co-simulation algorithm: steps the FMUs of one run through its samples, in blocks.
-
-There are two loops: a compiled one on the functions of the FMUs that FMPy loaded, and one in Python that
-calls FMPy. They give the same bits; the one in Python is some hundred times slower.
-"""
+"""The co-simulation algorithm: steps the FMUs of one run through its samples, in blocks."""
 
 from __future__ import annotations
 
 import contextlib
 import ctypes
 from collections.abc import Iterable, Iterator, Sequence
-from typing import Literal, get_args
 
 import numpy as np
 import numpy.typing as npt
 from fmpy.fmi1 import FMICallException
 
-from fit.errors import shown
 from lpfcosim.cosim.engine import CompiledLoop
 from lpfcosim.cosim.fmu_instance import EARLY, ENDS, NOT_FINITE, FmuInstance
 from lpfcosim.cosim.fmu_library import FmuLibraryCache
 from lpfcosim.cosim.interface import Interface
-from lpfcosim.errors import InputError, RunError
+from lpfcosim.errors import RunError
 from lpfcosim.models import model_of, stimuli
 from lpfcosim.network import Component
 from lpfcosim.spacecraft import READ_OUT_RANGE, Run
 
 Array = npt.NDArray[np.float64]
-Engine = Literal["compiled", "fmpy"]
-ENGINES = get_args(Engine)
 
 BLOCK = 40_000  # samples that are in memory at a time
 LOADING, _IDLE = -1, -2
@@ -41,12 +33,6 @@ _STATUS_DESCRIPTIONS = {
     EARLY: "returns before the end of its step",
     NOT_FINITE: "returns a value that is not finite",
 }
-
-
-def check_engine(engine: object) -> None:
-    """Raise InputError for what is no engine."""
-    if engine not in ENGINES:
-        raise InputError(f"engine: {shown(engine)}, expected {' or '.join(ENGINES)}")
 
 
 class SimulationProgress(ctypes.Structure):
@@ -86,7 +72,6 @@ class SimulationProgress(ctypes.Structure):
 def blocks(
     run: Run,
     interfaces: Sequence[Interface],
-    engine: Engine = "compiled",
     progress: SimulationProgress | None = None,
     libraries: FmuLibraryCache | None = None,
 ) -> Iterator[dict[str, Array]]:
@@ -98,8 +83,6 @@ def blocks(
         What to simulate.
     interfaces : sequence of Interface
         The FMU of each component, in the order of the steps; see `compatibility.read_interfaces`.
-    engine : {"compiled", "fmpy"}
-        Which loop steps the FMUs.
     progress : SimulationProgress, optional
         Kept up to date.
     libraries : FmuLibraryCache, optional
@@ -118,10 +101,10 @@ def blocks(
         If an FMU reports an error or a read-out leaves its range.
     """
     try:
-        yield from _blocks(run, interfaces, engine, progress, libraries)
+        yield from _blocks(run, interfaces, progress, libraries)
     except _NoMessageError as error:
         # Again with debug logging, which may give the reason.
-        for _ in _blocks(run, interfaces, engine, progress, libraries, logging=True):
+        for _ in _blocks(run, interfaces, progress, libraries, logging=True):
             pass
         raise RunError(str(error)) from None
 
@@ -133,7 +116,6 @@ class _NoMessageError(RunError):
 def _blocks(
     run: Run,
     interfaces: Sequence[Interface],
-    engine: Engine,
     progress: SimulationProgress | None,
     libraries: FmuLibraryCache | None,
     *,
@@ -144,9 +126,7 @@ def _blocks(
     with contextlib.ExitStack() as stack:
         fmus = start(stack, run, interfaces, progress, libraries, logging=logging)
         with translate_fmi_errors(run.name, fmus):
-            yield from RunCoSimulation(
-                run, [i.component for i in interfaces], fmus, engine, progress
-            ).blocks()
+            yield from RunCoSimulation(run, [i.component for i in interfaces], fmus, progress).blocks()
 
 
 @contextlib.contextmanager
@@ -219,8 +199,6 @@ class CoSimulation:
         Signals from outside.
     record : iterable of str
         Sources, named as in `Component.inputs`, of what is recorded.
-    engine : {"compiled", "fmpy"}
-        Which loop steps them.
     progress : SimulationProgress, optional
         Kept up to date.
     """
@@ -233,10 +211,8 @@ class CoSimulation:
         fmus: list[FmuInstance],
         stimuli: Sequence[str],
         record: Iterable[str],
-        engine: Engine = "compiled",
         progress: SimulationProgress | None = None,
     ) -> None:
-        check_engine(engine)
         self._name, self._h, self._fmus, self._progress = name, h, fmus, progress or SimulationProgress()
         self._n_stimuli = len(stimuli)
         place = {name: i for i, name in enumerate(stimuli)}
@@ -257,13 +233,11 @@ class CoSimulation:
             self._sources.append(sources)
         self._bus = np.array(bus)
         self._record = np.array([place[source] for source in record], dtype=np.int32)
-        self._engine = engine
         self.connect()
 
     def connect(self) -> None:
-        """Build the tables of the compiled loop anew, after an instance was replaced."""
-        tables = self._engine == "compiled"
-        self._compiled = CompiledLoop(self._fmus, self._sources, self._outputs) if tables else None
+        """Build the tables of the compiled loop, anew after an instance was replaced."""
+        self._compiled = CompiledLoop(self._fmus, self._sources, self._outputs)
 
     @property
     def signals(self) -> Array:
@@ -294,31 +268,10 @@ class CoSimulation:
         start : int
             Number of the first sample.
         """
-        if self._compiled is None:
-            self._plain(stimuli, recorded, start)
-        else:
-            self._compiled(self._bus, stimuli, self._record, recorded, start, self._h, self._progress)
+        self._compiled(self._bus, stimuli, self._record, recorded, start, self._h, self._progress)
         if self._progress.status:
             fmu = self._fmus[self._progress.component]
             raise _step_error(self._name, fmu, self._progress.status, self._progress.sample * self._h)
-
-    def _plain(self, stimuli: Array, recorded: Array, start: int) -> None:
-        bus, h, record, progress = self._bus.tolist(), self._h, self._record.tolist(), self._progress
-        steps = list(zip(self._fmus, self._sources, self._outputs, strict=True))
-        for i, sample in enumerate(stimuli.tolist()):
-            progress.sample = start + i
-            bus[: self._n_stimuli] = sample
-            for progress.component, (fmu, sources, outputs) in enumerate(steps):
-                fmu.inputs.values[:] = [bus[k] for k in sources]
-                time = (start + i) * h
-                status = fmu.step(time, (start + i + 1) * h - time if fmu.check_finite else h)
-                if status > 1:  # beyond a warning
-                    progress.status = status
-                    return
-                bus[outputs] = fmu.outputs.values[:]
-            recorded[i] = [bus[k] for k in record]
-        self._bus[:] = bus
-        progress.sample, progress.component = start + len(stimuli), -1
 
 
 class RunCoSimulation(CoSimulation):
@@ -328,7 +281,7 @@ class RunCoSimulation(CoSimulation):
     ----------
     run : Run
         What is simulated.
-    components, fmus, engine, progress
+    components, fmus, progress
         As of `CoSimulation`.
     """
 
@@ -337,14 +290,13 @@ class RunCoSimulation(CoSimulation):
         run: Run,
         components: Sequence[Component],
         fmus: list[FmuInstance],
-        engine: Engine,
         progress: SimulationProgress | None = None,
     ) -> None:
         self._run = run
         self._noise = stimuli.noise_source(run)
         self._stimuli, self._channels = model_of(run).stimuli(run), model_of(run).record
         record = self._channels.values()
-        super().__init__(run.name, run.h, components, fmus, self._stimuli, record, engine, progress)
+        super().__init__(run.name, run.h, components, fmus, self._stimuli, record, progress)
 
     def blocks(self) -> Iterator[dict[str, Array]]:
         """Simulate the whole run."""

@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import ctypes
 import logging
-import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -294,22 +293,6 @@ class FmuInstance:
     def exit_initialization(self) -> None:
         """Begin to step."""
         self.library.exitInitializationMode()
-
-    def step(self, time: float, h: float) -> int:
-        """Set the inputs, step from ``time`` to ``time + h``, read the outputs; return the status."""
-        try:
-            self._set(self.inputs)
-            step_result = self.library.doStep(time, h)
-            if self.version == 3:
-                _, terminate, early, _ = step_result
-                if terminate or early:
-                    return ENDS if terminate else EARLY
-            self._get(self.outputs)
-        except FMICallException as error:
-            return int(error.status)
-        if self.check_finite and not all(map(math.isfinite, self.outputs.values)):
-            return NOT_FINITE
-        return 0
 
     @property
     def has_singles(self) -> bool:

@@ -15,7 +15,7 @@ from fit.files import atomic
 from fit.parallel import processors
 from fit.telemetry import root_attributes
 from lpfcosim.campaign import Campaign
-from lpfcosim.cosim import Engine, FmuLibraryCache, SimulationProgress, co_simulation, compatibility
+from lpfcosim.cosim import FmuLibraryCache, SimulationProgress, co_simulation, compatibility
 from lpfcosim.errors import InputError, RunError
 from lpfcosim.execution import telemetry_file
 from lpfcosim.execution.checksums import ChecksumFile, PendingFile, digest
@@ -56,13 +56,10 @@ class RunOptions(Executor):
 
     Attributes
     ----------
-    engine : {"compiled", "fmpy"}
-        Which loop steps the FMUs; see `co_simulation.blocks`.
     rerun : bool
         Simulate again what comes from another campaign, seed, version or FMU, instead of refusing it.
     """
 
-    engine: Engine = "compiled"
     rerun: bool = False
 
 
@@ -115,12 +112,10 @@ def simulate(
     Raises
     ------
     InputError
-        If a folder is in the way of a file, telemetry is of another campaign, FMUs do not fit, or there is
-        no such engine.
+        If a folder is in the way of a file, telemetry is of another campaign, or FMUs do not fit.
     RunError
         If the folder cannot be made.
     """
-    co_simulation.check_engine(options.engine)
     provenance = Provenance.of(campaign, fmus)
     try:
         directory.mkdir(parents=True, exist_ok=True)
@@ -137,7 +132,7 @@ def simulate(
             callbacks.on_message(f"run {name}: {path} {reason}")
     callbacks.on_start(provenance)
     missing = {run.name: run for run in campaign.runs if run.name not in complete}
-    task = _SimulationTask(provenance.attributes(), options.engine, None if options.scheduler else directory)
+    task = _SimulationTask(provenance.attributes(), None if options.scheduler else directory)
     config = WorkerConfig(task, directory, directory.parent / "logs", models=fmu_order(campaign))
     config.remove_empty_logs()  # of a command that was killed
     if missing:
@@ -165,7 +160,7 @@ def _execute(
             except RunError as error:
                 yield name, error
         return
-    if runs and options.engine == "compiled" and not options.scheduler:
+    if runs and not options.scheduler:
         engine_library()  # built once, here, and not in every worker
 
     def on_progress(name: str, n_samples: int) -> None:
@@ -262,7 +257,6 @@ def write_telemetry(
     fmus: Mapping[str, Path],
     path: Path,
     attributes: Attributes,
-    engine: Engine = "compiled",
     progress: SimulationProgress | None = None,
     libraries: FmuLibraryCache | None = None,
 ) -> None:
@@ -281,9 +275,7 @@ def write_telemetry(
         def simulated_blocks() -> Iterator[Mapping[str, co_simulation.Array]]:
             nonlocal saturated
             for block in (
-                co_simulation.blocks(run, interfaces, engine, progress, libraries)
-                if fmus
-                else _evaluate(loop)
+                co_simulation.blocks(run, interfaces, progress, libraries) if fmus else _evaluate(loop)
             ):
                 saturated += saturation.count(limits, block)
                 yield block
@@ -317,7 +309,6 @@ class _SimulationTask:
     """Simulates a run into a file of a folder, or, on a cluster, returns the content of the file."""
 
     attributes: Attributes
-    engine: Engine
     folder: Path | None
 
     def __call__(
@@ -326,12 +317,12 @@ class _SimulationTask:
         if self.folder is None:
             with TemporaryDirectory(prefix="lpfcosim-") as folder:
                 path = Path(folder) / f"{run.name}.h5"
-                write_telemetry(run, fmus, path, self.attributes, self.engine, progress)
+                write_telemetry(run, fmus, path, self.attributes, progress)
                 return path.read_bytes()
         path = self.folder / f"{run.name}.h5"
         partial = atomic.temporary(path)  # which the main process gives its name
         try:
-            write_telemetry(run, fmus, partial, self.attributes, self.engine, progress, _libraries)
+            write_telemetry(run, fmus, partial, self.attributes, progress, _libraries)
         except RunError as error:  # which may name the file
             raise RunError(str(error).replace(partial.name, path.name)) from None
         return PendingFile(partial, digest(partial))

@@ -14,7 +14,6 @@ from fit.settings import Settings, settings
 from fit.telemetry import Telemetry, read_all
 from fit.warnings import FitWarning
 from lpfcosim.campaign import Campaign
-from lpfcosim.cosim import Engine
 from lpfcosim.errors import RunError, prefix_errors
 from lpfcosim.execution import results_folder, runner, validation
 from lpfcosim.messages import grouped, names
@@ -63,7 +62,6 @@ def run(
     *,
     jobs: int | None = None,
     scheduler: str | None = None,
-    engine: Engine = "compiled",
     time_limit: float | None = None,
     rerun: bool = False,
     trusted: bool = False,
@@ -84,8 +82,6 @@ def run(
         Number of processes, by default one per processor.
     scheduler : str, optional
         Address of the scheduler of a Dask cluster, which then does the work.
-    engine : {"compiled", "fmpy"}
-        The loop over the FMUs.
     time_limit : float, optional
         Longest time that a run may take [s].
     rerun : bool
@@ -108,7 +104,7 @@ def run(
     check_options(progress, rerun=rerun, trusted=trusted)
     fit_settings, validated = validate_simulation(plan, source, "a calibration is")
     fmus = campaign_fmus(plan, progress)
-    options = runner.RunOptions(jobs, scheduler, time_limit, engine=engine, rerun=rerun)
+    options = runner.RunOptions(jobs, scheduler, time_limit, rerun=rerun)
     with results_folder.lock(directory, alternative=True):
         simulated = simulate_into(
             plan, source, directory, fmus, options, validated, progress, trusted=trusted

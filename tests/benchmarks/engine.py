@@ -2,10 +2,9 @@
 
     python tests/benchmarks/engine.py [--hours 4] [--repeat 5] [--short]
 
-The compiled loop and the loop of FMPy in Python step the first calibration run of the quick start, and must
-give the same bits. Then the processor time of a step is divided into its parts: a loop over functions that
-copy values and compute nothing gives the price of the FMI calls, a loop that records nothing that of
-recording, the remainder is arithmetic; the remainder of a whole run is the file, the low-pass, start and end.
+The processor time of a step is divided into its parts: a loop over functions that copy values and compute
+nothing gives the price of the FMI calls, a loop that records nothing that of recording, the remainder is
+arithmetic; the remainder of a whole run is the file, the low-pass, start and end.
 Peak memory is that of a run into a file, each length in a process of its own. The last line is JSON.
 """
 
@@ -38,7 +37,6 @@ from lpfcosim.spacecraft.run import Run
 
 HERE = Path(__file__).parent
 CAMPAIGNS = HERE.parents[1] / "campaigns"
-PLAIN = 20_000  # steps of the loop in Python, which is slow
 
 
 def calibration_run(campaign: str, hours: float) -> Run:
@@ -58,14 +56,12 @@ def blocks(run: Run) -> list[np.ndarray]:
 
 
 @contextlib.contextmanager
-def co_simulated(run: Run, engine: co_simulation.Engine):
+def co_simulated(run: Run):
     """Start the FMUs of a run; a loop that is ready to advance."""
     with contextlib.ExitStack() as stack:
         interfaces = read_interfaces(run, build.build(model_of(run).models))
         components = [interface.component for interface in interfaces]
-        yield co_simulation.RunCoSimulation(
-            run, components, co_simulation.start(stack, run, interfaces), engine
-        )
+        yield co_simulation.RunCoSimulation(run, components, co_simulation.start(stack, run, interfaces))
 
 
 def processor_time(work: Callable[[], object]) -> float:
@@ -77,7 +73,7 @@ def processor_time(work: Callable[[], object]) -> float:
 
 def stepped(run: Run, *, record: bool = True, functions: ctypes.CDLL | None = None) -> float:
     """Return the processor time of the compiled loop [s]; `functions` replace those of the FMUs."""
-    with co_simulated(run, "compiled") as loop:
+    with co_simulated(run) as loop:
         for row in loop._compiled._table if functions else ():
             for name in ("set", "get", "step"):
                 setattr(row, name, ctypes.cast(getattr(functions, name), ctypes.c_void_p))
@@ -118,24 +114,6 @@ def parts(campaign: str, hours: float, repeat: int) -> dict[str, float]:
     return {name: round(statistics.median(values), 3) for name, values in times.items()}
 
 
-def speedup_over_fmpy(repeat: int) -> float:
-    """Return how many times as fast as the loop in Python the compiled one is; both give the same bits."""
-    run = replace(calibration_run("quickstart", 1.0), n_samples=PLAIN)
-    feeds = np.concatenate(blocks(run))
-    seconds: dict[str, list[float]] = {"compiled": [], "fmpy": []}
-    outputs = {}
-    for _ in range(repeat):
-        for engine in seconds:
-            with co_simulated(run, engine) as loop:
-                loop.initialize(feeds[0])
-                outputs[engine] = out = np.zeros((len(feeds), len(model_of(run).record)))
-                seconds[engine].append(
-                    processor_time(lambda advance=loop.advance, o=out: advance(feeds, o, 0))
-                )
-    assert np.array_equal(outputs["compiled"], outputs["fmpy"])
-    return statistics.median(seconds["fmpy"]) / statistics.median(seconds["compiled"])
-
-
 def peak_memory(hours: float) -> float:
     """Return the peak memory of a run of the quick start into a file [MB], in a process of its own."""
     command = [sys.executable, __file__, "--whole", str(hours)]
@@ -166,7 +144,6 @@ def main() -> None:
     )
     figures = {
         "parts": {name: parts(name, hours, repeat) for name in ("mission-x", "inertial")},
-        "speedup_over_fmpy": round(speedup_over_fmpy(repeat), 1),
         "peak_mb": {f"{length:g} h": round(peak_memory(length), 1) for length in lengths},
     }
     for name, microseconds in figures["parts"].items():

@@ -52,20 +52,20 @@ def kinds(make_run, tmp_path):
     good, diverging = make_run(n_samples=20), make_run(n_samples=20, dc=1.0)
     refused = make_run(n_samples=20, truth=Truth(C_2=20.0))  # a delay longer than the FMU keeps
     cases = []
-    for fmus, engine in ((two, "compiled"), (three, "fmpy"), (mixed, "fmpy"), (reverse, "compiled")):
+    for fmus in (two, three, mixed, reverse):
         token = fmpy.read_model_description(fmus["Plant"]).guid.encode()
         changes = {  # the plant is loaded last, when all others are there to be freed
             "Failed to load shared library": lambda n, b: b"junk" if n.startswith("binaries") else b,
             "is not that of this FMU": lambda n, b, token=token: b.replace(token, b"x") if "xml" in n else b,
         }
         cases += [
-            (fmus, engine, good, None),
-            (fmus, engine, diverging, (RunError, "diverges")),
-            (fmus, engine, refused, (RunError, "a delay spans too many communication steps")),
+            (fmus, good, None),
+            (fmus, diverging, (RunError, "diverges")),
+            (fmus, refused, (RunError, "a delay spans too many communication steps")),
         ]
         for message, change in changes.items():
             broken = repack(fmus["Plant"], tmp_path / f"{len(cases)}.fmu", change)
-            cases.append(({**fmus, "Plant": broken}, engine, good, (InputError, message)))
+            cases.append(({**fmus, "Plant": broken}, good, (InputError, message)))
     return cases
 
 
@@ -77,12 +77,12 @@ def test_nothing_piles_up(kinds, tmp_path, monkeypatch, request):
     runs = request.config.getoption("--runs")
     gc.collect()  # what other tests left behind must not go in the middle of this one
     settled = max(runs // 10, min(3 * len(kinds), runs // 2))
-    for done, (fmus, engine, run, failure) in enumerate(islice(cycle(kinds), runs), start=1):
+    for done, (fmus, run, failure) in enumerate(islice(cycle(kinds), runs), start=1):
         if failure is None:
-            in_memory.simulate(run, fmus, engine=engine)
+            in_memory.simulate(run, fmus)
         else:
             with pytest.raises(failure[0], match=failure[1]):
-                in_memory.simulate(run, fmus, engine=engine)
+                in_memory.simulate(run, fmus)
         if done in (settled, runs):
             gc.collect()
         memory, used = resident_memory(), resources()

@@ -154,7 +154,7 @@ def test_interrupt_ends_everything_at_once(short, tmp_path):
     scratch = tmp_path / "scratch"
     scratch.mkdir()
     process = subprocess.Popen(
-        [sys.executable, "-m", "lpfcosim", "run", short, "--engine", "fmpy", "--jobs", "2"],
+        [sys.executable, "-m", "lpfcosim", "run", short, "--jobs", "2"],
         cwd=tmp_path,
         env={**os.environ, "TMPDIR": str(scratch)},
         stderr=subprocess.PIPE,

@@ -33,7 +33,6 @@ LINES = [  # arguments, what is at fault, and what is told to write
     ("run m.toml --quite", "no such option: --quite", "--quiet"),
     ("run m.toml --out", "option '--out' requires an argument", ""),
     ("run m.toml --jobs two", "invalid value for '--jobs'", "it should be a valid integer"),
-    ("run m.toml --engine fast", "'fast' is not one of", "'compiled', 'fmpy'"),
     ("run m.toml --time-limit 2", "invalid value for '--time-limit'", 'write a duration like "2 h"'),
     ("run nowhere.toml", "nowhere.toml", "no such file"),
     ("fmu build Rocket", 'no model "Rocket"', "known: Actuation,"),

@@ -57,11 +57,10 @@ def test_an_fmu_that_refuses_to_be_instantiated_says_why(tmp_path, capfd, fmi):
 
 
 @FMI
-@pytest.mark.parametrize("engine", ["compiled", "fmpy"])
-def test_an_fmu_that_refuses_to_step_says_why(make_run, capfd, fmi, engine):
+def test_an_fmu_that_refuses_to_step_says_why(make_run, capfd, fmi):
     run = make_run(truth=Truth(C_2=20.0))  # more than the FMU keeps
     with pytest.raises(RunError, match=r"^run 'run': .*a delay spans too many communication steps"):
-        in_memory.simulate(run, build.build(fmi=fmi), engine=engine)
+        in_memory.simulate(run, build.build(fmi=fmi))
     assert capfd.readouterr().out == ""
 
 

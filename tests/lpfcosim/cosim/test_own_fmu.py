@@ -21,7 +21,7 @@ from tests import ROOT
 from tests.campaign_text import campaign
 from tests.lpfcosim.cosim import in_memory
 from tests.lpfcosim.cosim.archives import edited, renamed
-from tests.lpfcosim.cosim.third_party_fmu import ENGINE, placed, refusal, simulate
+from tests.lpfcosim.cosim.third_party_fmu import placed, refusal, simulate
 from tests.odd_controller import built
 
 pytestmark = [pytest.mark.fmu, pytest.mark.slow]
@@ -170,7 +170,6 @@ def test_truth_that_no_fmu_takes_is_left_out(run, fmus, tmp_path):
     assert all_of_it - told == {"omega2_2_0", "omega2_2", "domega2_12", "tau_1", "C_1"}
 
 
-@ENGINE
 @pytest.mark.parametrize(
     ("what", "told"),
     [
@@ -185,14 +184,13 @@ def test_truth_that_no_fmu_takes_is_left_out(run, fmus, tmp_path):
     ],
     ids=["ends", "infinite"],
 )
-def test_fmu_that_misbehaves_is_named_with_the_time(run, fmus, tmp_path, engine, what, told, request):
+def test_fmu_that_misbehaves_is_named_with_the_time(run, fmus, tmp_path, what, told, request):
     archive = built(tmp_path, f"Odd_{request.node.callspec.id.replace('-', '_')}", what)
     with pytest.raises(RunError, match=rf"^run 'run': the SuspensionControl FMU {told} at 5\.0 s"):
-        simulate(run, fmus, Replacement(SUSPENSION, archive), engine=engine)
+        simulate(run, fmus, Replacement(SUSPENSION, archive))
 
 
-@ENGINE
-def test_controller_of_another_exporter(run, fmus, tmp_path, engine):
+def test_controller_of_another_exporter(run, fmus, tmp_path):
     pythonfmu3 = pytest.importorskip("pythonfmu3")
     source = ROOT / "tests" / "oracles" / "suspension_controller.py"
     archive = pythonfmu3.FmuBuilder.build_FMU(source, dest=tmp_path)
@@ -201,7 +199,7 @@ def test_controller_of_another_exporter(run, fmus, tmp_path, engine):
         "f_u": "unity_gain", "f_x_2_start": "bias",
     }  # fmt: skip
     expected = in_memory.simulate(run, fmus)
-    got = simulate(run, fmus, Replacement(SUSPENSION, Path(archive), names), engine=engine)
+    got = simulate(run, fmus, Replacement(SUSPENSION, Path(archive), names))
     assert np.abs(expected["f_x_2"]).max() > 0
     for channel, values in expected.items():
         # Second-order sections with poles this close to 1 lose five digits in single outputs.

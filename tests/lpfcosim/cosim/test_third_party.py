@@ -13,7 +13,7 @@ from lpfcosim.errors import RunError
 from lpfcosim.models import model_of
 from lpfcosim.spacecraft.run import Noise, Replacement
 from tests import third_party
-from tests.lpfcosim.cosim.third_party_fmu import ENGINE, FMI, MODEL, placed, refusal, replacement, simulate
+from tests.lpfcosim.cosim.third_party_fmu import FMI, MODEL, placed, refusal, replacement, simulate
 
 pytestmark = [pytest.mark.fmu]
 
@@ -38,7 +38,8 @@ def stepped(run, fmus, archive, values, n=20):
         alone.exit_initialization()
         forces = []
         for i in range(n):
-            assert alone.step(i * 0.1, 0.1) == 0
+            alone.library.doStep(i * 0.1, 0.1)
+            alone.exchange()
             forces.append(alone.outputs.values[0])
         return np.array(forces)
 
@@ -85,13 +86,12 @@ WEIGHTS_AS_INPUT = [
 ]
 
 
-@ENGINE
-def test_values_of_an_input_array_beside_an_element_that_is_fed(run, fmus, tmp_path, engine):
+def test_values_of_an_input_array_beside_an_element_that_is_fed(run, fmus, tmp_path):
     quiet = replace(run, injections=())  # so that what is fed is zero
     archive = third_party.built(tmp_path, fmi="3.0", changes=WEIGHTS_AS_INPUT, name="array")
     names = {**third_party.VARIABLES, "guidance_o_12": "weights[1]"}
     mine = Replacement(MODEL, archive, names, third_party.UNUSED, values={"weights[2]": 7.0})
-    got = simulate(quiet, fmus, mine, engine)
+    got = simulate(quiet, fmus, mine)
     parameter = third_party.built(tmp_path, fmi="3.0")
     expected = simulate(quiet, fmus, parameter, values={"weights[1]": 0.0, "weights[2]": 7.0})
     assert np.ptp(expected["f_x_2"]) > 0
@@ -182,13 +182,12 @@ def test_missing_names_are_said_with_the_likely_one(run, fmus, tmp_path):
     )
 
 
-@ENGINE
 @pytest.mark.parametrize("names", ["distance", "force", "distance|wanted|force"])
-def test_float32_inputs_and_outputs(run, fmus, tmp_path, engine, names):
+def test_float32_inputs_and_outputs(run, fmus, tmp_path, names):
     single = (rf'<Float64 (name="(?:{names})")', r"<Float32 \1")
     archive = third_party.built(tmp_path, fmi="3.0", changes=[single], name="single")
     expected = simulate(run, fmus, third_party.built(tmp_path, fmi="3.0"))
-    got = simulate(run, fmus, archive, engine)
+    got = simulate(run, fmus, archive)
     assert np.allclose(got["f_x_2"], expected["f_x_2"], rtol=0, atol=1e-5 * np.abs(expected["f_x_2"]).max())
     assert not np.array_equal(got["f_x_2"], expected["f_x_2"])
 
@@ -235,17 +234,15 @@ def test_a_description_without_token_is_refused_before_it_is_loaded(run, fmus, t
     ("macro", "sentence"),
     [("DISCARDS", "discard' at 10.0 s"), ("SPEAKS_IF_ASKED", "fatal' at 5.0 s (ValueError: an empty table)")],
 )
-@ENGINE
-def test_fmus_that_fail_say_why(run, fmus, tmp_path, macro, sentence, engine):
+def test_fmus_that_fail_say_why(run, fmus, tmp_path, macro, sentence):
     with pytest.raises(RunError) as refused:
-        simulate(run, fmus, third_party.built(tmp_path, macro), engine)
+        simulate(run, fmus, third_party.built(tmp_path, macro))
     assert str(refused.value) == f"run 'run': the SuspensionControl FMU reports '{sentence}"
 
 
-@ENGINE
-def test_fmu_that_adds_up_its_steps_finds_the_time_that_it_is_given(run, fmus, tmp_path, engine):
-    long = replace(run, n_samples=20_000 if engine == "compiled" else 6_000)
-    assert np.isfinite(simulate(long, fmus, third_party.built(tmp_path, "CHECKS_TIME"), engine)["o_12"]).all()
+def test_fmu_that_adds_up_its_steps_finds_the_time_that_it_is_given(run, fmus, tmp_path):
+    long = replace(run, n_samples=20_000)
+    assert np.isfinite(simulate(long, fmus, third_party.built(tmp_path, "CHECKS_TIME"))["o_12"]).all()
 
 
 def test_resources_in_a_folder_with_a_space(run, fmus, tmp_path, monkeypatch):

@@ -11,7 +11,6 @@ from tests import third_party
 from tests.lpfcosim.cosim import in_memory
 
 FMI = pytest.mark.parametrize("fmi", ["2.0", "3.0"])
-ENGINE = pytest.mark.parametrize("engine", ["compiled", "fmpy"])
 MODEL = "SuspensionControl"
 
 
@@ -25,11 +24,11 @@ def placed(run, fmus, mine):
     return run, read_interfaces(run, {**fmus, mine.model: mine.archive})
 
 
-def simulate(run, fmus, mine, engine="compiled", **fields):
+def simulate(run, fmus, mine, **fields):
     """Simulate a run with an FMU of its own: a Replacement, or the archive of a controller and its fields."""
     mine = mine if isinstance(mine, Replacement) else replacement(mine, **fields)
     run = replace(run, replacements=(mine,))
-    return in_memory.simulate(run, {**fmus, mine.model: mine.archive}, engine=engine)
+    return in_memory.simulate(run, {**fmus, mine.model: mine.archive})
 
 
 def refusal(run, fmus, mine, **fields):

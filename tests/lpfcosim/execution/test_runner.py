@@ -57,8 +57,8 @@ def test_files_hold_what_the_reference_plant_computes(plan, files, seen):
                 assert error <= 1e-9 * np.sqrt(np.mean(expected[channel] ** 2)), channel
 
 
-def test_neither_processes_nor_the_engine_change_a_byte(fmus, plan, files, tmp_path):
-    plain = runner.simulate(plan, tmp_path / "plain", fmus, runner.RunOptions(jobs=1, engine="fmpy"))
+def test_the_number_of_processes_does_not_change_a_byte(fmus, plan, files, tmp_path):
+    plain = runner.simulate(plan, tmp_path / "plain", fmus, runner.RunOptions(jobs=1))
     for a, b in zip(files, plain.files.values(), strict=True):
         assert a.read_bytes() == b.read_bytes()
 
@@ -185,9 +185,7 @@ def test_an_interrupt_leaves_what_is_finished_and_nothing_else(fmus, long, tmp_p
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        runner.simulate(
-            long, noise.parent, fmus, runner.RunOptions(2, engine="fmpy"), runner.ProgressCallbacks(progress)
-        )
+        runner.simulate(long, noise.parent, fmus, runner.RunOptions(2), runner.ProgressCallbacks(progress))
     assert mp.active_children() == []
     assert folder_of(noise.parent) == [noise.name]
     assert list(scratch.iterdir()) == []
@@ -202,7 +200,7 @@ from lpfcosim.execution import Provenance, provenance, runner
 
 if __name__ == "__main__":
     plan = loading.load(Path(sys.argv[1]))
-    runner.simulate(plan, Path("telemetry"), build.build(), runner.RunOptions(jobs=2, engine="fmpy"))
+    runner.simulate(plan, Path("telemetry"), build.build(), runner.RunOptions(jobs=2))
 """
 
 

@@ -9,7 +9,6 @@ import pytest
 
 import fit
 import lpfcosim
-from lpfcosim.execution import runner
 from lpfcosim.workflows.campaigns import is_described_by_file
 from tests.campaign_text import SHORT_PLAN
 
@@ -86,9 +85,6 @@ ARGUMENTS = {
     r"^jobs, scheduler: expected one": lambda c, out: lpfcosim.run(c, out, jobs=2, scheduler="tcp://a:1"),
     r"^time_limit, scheduler: expected one": lambda c, out: lpfcosim.run(
         c, out, time_limit=5.0, scheduler="tcp://a:1"
-    ),
-    r"^engine: 'other', expected compiled or fmpy$": lambda c, out: runner.simulate(
-        c, out, {}, runner.RunOptions(engine="other")
     ),
     r"^parameters: 5, expected constraints by parameter$": lambda c, out: lpfcosim.identify(c, parameters=5),
     r"^no run \['A'\]": lambda c, out: lpfcosim.closed_loop(c, ["A"]),
