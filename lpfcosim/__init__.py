@@ -25,8 +25,6 @@ if TYPE_CHECKING:
     from lpfcosim.workflows.design import CampaignDesign, design
     from lpfcosim.workflows.forecast import Forecast, forecast
     from lpfcosim.workflows.identify import Identification, identify
-    from lpfcosim.workflows.local_design import SpacecraftDesign
-    from lpfcosim.workflows.manoeuvre import ManoeuvreDesign, design_manoeuvre
     from lpfcosim.workflows.margins import Margins, margins
     from lpfcosim.workflows.montecarlo import MonteCarlo, montecarlo
     from lpfcosim.workflows.progress import Progress
@@ -42,18 +40,15 @@ __all__ = [
     "Forecast",
     "Identification",
     "InputError",
-    "ManoeuvreDesign",
     "Margins",
     "MonteCarlo",
     "Progress",
     "RunError",
-    "SpacecraftDesign",
     "TransferFunctions",
     "UnavailableError",
     "check",
     "closed_loop",
     "design",
-    "design_manoeuvre",
     "forecast",
     "identify",
     "load_campaign",
@@ -74,8 +69,6 @@ _HOME = {
     "workflows.design": ("CampaignDesign", "design"),
     "workflows.forecast": ("Forecast", "forecast"),
     "workflows.identify": ("Identification", "identify"),
-    "workflows.local_design": ("SpacecraftDesign",),
-    "workflows.manoeuvre": ("ManoeuvreDesign", "design_manoeuvre"),
     "workflows.margins": ("Margins", "margins"),
     "workflows.montecarlo": ("MonteCarlo", "montecarlo"),
     "workflows.progress": ("Progress",),

@@ -5,7 +5,7 @@ Pathfinder: whitening, fit, weak priors, warnings, results.
 """
 
 from fit.lisa.calibration import calibrate_lisa, is_lisa, make_lisa_params
-from fit.lisa.expected_fit import PlannedLisaExperiment, expected_lisa_fit, tone_information
+from fit.lisa.expected_fit import PlannedLisaExperiment, expected_lisa_fit
 from fit.lisa.experiment import LisaExperiment, LisaRun
 
 __all__ = [
@@ -16,5 +16,4 @@ __all__ = [
     "expected_lisa_fit",
     "is_lisa",
     "make_lisa_params",
-    "tone_information",
 ]

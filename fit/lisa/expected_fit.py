@@ -168,39 +168,3 @@ def _responses(
         return lisa_dynamics.columns(lisa_dynamics.channels(run), tau)
 
     return names, frequency_responses.impulse_responses(columns_of, telemetry.fs, names, f)
-
-
-def tone_information(
-    planned: PlannedLisaExperiment,
-    parameters: Sequence[str],
-    f: Array,
-    motions: Mapping[str, NDArray[np.complex128]],
-) -> Array:
-    """Return the Fisher information per second of sines about the parameters, shape (B, P, P).
-
-    A residual that a parameter changes by a sine of amplitude g per unit, in noise of one-sided PSD S, gives
-    the information ``Re[g^* g^T] / S`` per second; transients are left out.
-
-    Parameters
-    ----------
-    planned : PlannedLisaExperiment
-        Whose noise and parameters count.
-    parameters : sequence of str
-        The P parameters; the information about one that the run does not have is zero.
-    f : ndarray, shape (B,)
-        Frequencies of the sines [Hz].
-    motions : mapping of str to ndarray, each of shape (B,)
-        Complex amplitudes of the channels.
-    """
-    of_run = planned.experiment.sysid.channels.parameters
-    selection = np.array([[float(name == wanted) for wanted in parameters] for name in of_run])
-    theta = np.array([planned.truth.get(name, LISA[name].value) for name in of_run])
-    tau = lisa_dynamics.delays(of_run, theta)
-    names, responses = _responses(planned, tau, f)
-    columns = np.einsum("bkc,cb->bk", responses, [motions[name] for name in names])
-    information = np.zeros((f.size, len(parameters), len(parameters)))
-    for equation in lisa_dynamics.equations(planned.experiment.sysid.channels):
-        g = columns @ equation.basis @ equation.gradient(theta, tau) @ selection
-        S = _residual_psd(planned, equation, equation.coefficients(theta, tau), tau)(f)
-        information += np.einsum("bi,bj,b->bij", g.conj(), g, 1 / S).real
-    return information

@@ -6,9 +6,8 @@ combines these lengths; `michelson` states how, with all signs.
 
 from fit.tilt_to_length import michelson
 from fit.tilt_to_length.coefficients import COEFFICIENTS, NAMES
-from fit.tilt_to_length.expected_sigmas import expected_covariance, tone_information, usable_frequencies
+from fit.tilt_to_length.expected_sigmas import expected_covariance
 from fit.tilt_to_length.measurements import Measurements, read_measurements, write_measurements
-from fit.tilt_to_length.response import filter_duration
 from fit.tilt_to_length.subtraction import subtraction_spectra
 from fit.tilt_to_length.ttl_fit import make_params
 
@@ -17,13 +16,10 @@ __all__ = [
     "NAMES",
     "Measurements",
     "expected_covariance",
-    "filter_duration",
     "make_params",
     "michelson",
     "read_measurements",
     "subtraction_spectra",
-    "tone_information",
     "ttl_fit",
-    "usable_frequencies",
     "write_measurements",
 ]

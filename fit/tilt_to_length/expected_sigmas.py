@@ -1,15 +1,13 @@
 """What a manoeuvre is expected to determine: Fisher information of X2, Y2, Z2 on the coefficients."""
 
-from collections.abc import Mapping
-
 import numpy as np
 from numpy.typing import NDArray
 
 from fit.tilt_to_length import michelson
-from fit.tilt_to_length.coefficients import NAMES, SERIES
+from fit.tilt_to_length.coefficients import NAMES
 from fit.tilt_to_length.measurements import CENTRAL_FREQUENCY, Measurements
 from fit.tilt_to_length.normal_equations import product
-from fit.tilt_to_length.response import BAND, N_PATHS, angle_response, noise_shape, response_spectra
+from fit.tilt_to_length.response import response_spectra
 
 Array = NDArray[np.float64]
 
@@ -36,34 +34,6 @@ def expected_covariance(measurements: Measurements) -> Array:
     weights = np.full(spectra.data.shape, 1 / NOISE_PSD)
     information = product(spectra.columns, weights, spectra.columns) / spectra.variance_factor
     return _inverse(information)
-
-
-def tone_information(f: Array, delays: Mapping[str, float], amplitudes: Mapping[str, float]) -> Array:
-    """Return the information of a tone of one second at each of several frequencies.
-
-    Parameters
-    ----------
-    f : ndarray, shape (F,)
-        Frequencies [Hz].
-    delays : mapping of str to float
-        Light travel times by link [s].
-    amplitudes : mapping of str to float
-        Of the angles that it moves, with sign [rad], by series: ``phi_12``.
-
-    Returns
-    -------
-    ndarray, shape (F, 24, 24)
-        Of the coefficients [rad^2 m^-2 s^-1].
-    """
-    moved = np.repeat([amplitudes.get(name, 0.0) for name in SERIES], N_PATHS)
-    columns = angle_response(f, delays, CENTRAL_FREQUENCY) * moved
-    return np.asarray(np.einsum("vbk,vbl->bkl", columns.conj(), columns).real / NOISE_PSD)
-
-
-def usable_frequencies(f: Array, delays: Mapping[str, float]) -> Array:
-    """Return those frequencies [Hz] that the fit uses: in its band, not near a zero of TDI."""
-    in_band = f[(f > BAND[0]) & (f < BAND[1])]
-    return np.asarray(in_band[noise_shape(in_band, delays)[1]])
 
 
 def _inverse(information: Array) -> Array:

@@ -164,20 +164,6 @@ def _ends(fs: float, delays: Mapping[str, float]) -> tuple[int, int]:
     return lead, tail
 
 
-def filter_duration(fs: float, delays: Mapping[str, float]) -> float:
-    """Return what delays and filters take of measurements before they are fitted [s].
-
-    Parameters
-    ----------
-    fs : float
-        Sample rate [Hz].
-    delays : mapping of str to float
-        Light travel times by link [s].
-    """
-    taps, _ = derivatives.low_pass(fs, BAND[1])
-    return (sum(_ends(fs, delays)) + taps.size - 1) / fs
-
-
 def noise_shape(f: Array, delays: Mapping[str, float]) -> tuple[Array, NDArray[np.bool_]]:
     """Return what TDI makes of white noise of the links, shape (3, B), and which bins are not near a zero.
 

@@ -18,7 +18,6 @@ from lpfcosim.cli.options import (
     Trust,
     duration,
     examples,
-    length_per_angle,
 )
 
 app = typer.Typer(rich_markup_mode=None)
@@ -195,7 +194,6 @@ def montecarlo(
     epilog=examples(
         "lpfcosim design mine.toml",
         "lpfcosim design mine.toml --out better.toml --json",
-        'lpfcosim design lisa-ttl.toml --ttl "10 um/rad"',
     )
 )
 def design(
@@ -210,20 +208,10 @@ def design(
             "--figure", metavar="FILE", help="Draw the information of tones by frequency (svg, pdf, png)."
         ),
     ] = None,
-    ttl: Annotated[
-        float | None,
-        typer.Option(
-            "--ttl",
-            metavar="SIGMA",
-            parser=length_per_angle,
-            help="LISA: the shortest manoeuvre for tilt-to-length coefficients of this sigma, such as "
-            '"10 um/rad".',
-        ),
-    ] = None,
     jobs: Jobs = None,
     as_json: Annotated[
         bool,
-        typer.Option("--json", help="Print JSON, schema lpf-design/1; with --ttl, lpf-manoeuvre/1."),
+        typer.Option("--json", help="Print JSON, schema lpf-design/1."),
     ] = False,
     quiet: Quiet = False,
 ) -> None:
@@ -233,22 +221,10 @@ def design(
     [design] gives objective and limits; without it, the limits are what each run of the campaign reaches now.
     A lower bound on the objective holds for every design within the limits on rms. The tones are checked
     through the FMUs. If interrupted, the best design so far is written. Needs lpfcosim[design].
-
-    For a LISA spacecraft, the frequencies of the tones that move its test masses are optimised; amplitudes,
-    starts and lengths remain, and no frequency exceeds the highest one of the campaign into its set point.
-
-    With --ttl, the campaign moves three LISA spacecraft: the amplitudes of its sines limit the motion, and
-    their frequencies and the duration are optimised.
     """
     from lpfcosim.cli import design as cli_design
     from lpfcosim.cli.console import Console
 
-    if ttl is not None:
-        if figure or jobs is not None:
-            option = "--figure" if figure else "--jobs"
-            raise typer.BadParameter(f"{option}: not available with --ttl")
-        cli_design.design_manoeuvre(campaign, out, ttl, Console(quiet=quiet, as_json=as_json))
-        return
     cli_design.design(campaign, out, figure, Console(quiet=quiet, as_json=as_json), jobs=jobs)
 
 

@@ -15,9 +15,10 @@ def check(campaign: Path, console: Console) -> None:
     console.print_line(f"{campaign}: {expected.headline()}\n")
     for warning in expected.warnings:
         console.warn(warning)
-    for part in (expected, expected.margins, expected.forecast):
-        if part is not None:
-            console.print_table(part.table())
+    parts = (expected, expected.margins, expected.forecast)
+    for table in (*(part.table() for part in parts if part is not None), expected.ttl_table()):
+        if table is not None:
+            console.print_table(table)
             console.print_line("")
     console.print_constraints(expected.constraints)
     if expected.wall_time is not None:

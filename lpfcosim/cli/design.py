@@ -4,12 +4,9 @@ from pathlib import Path
 
 from lpfcosim.campaign import loading
 from lpfcosim.cli.console import Console
-from lpfcosim.errors import InputError
-from lpfcosim.planned_experiments import is_lisa
 from lpfcosim.workflows import design as workflow
-from lpfcosim.workflows import local_design, manoeuvre, output_paths
+from lpfcosim.workflows import output_paths
 
-_Design = workflow.CampaignDesign | local_design.SpacecraftDesign | manoeuvre.ManoeuvreDesign
 FORMATS = (".svg", ".pdf", ".png")
 
 
@@ -17,17 +14,13 @@ def design(
     campaign: Path, out: Path | None, figure: Path | None, console: Console, *, jobs: int | None
 ) -> None:
     """Write a campaign with the best injections that are found."""
-    plan = loading.load(campaign)
     path = out or Path(f"{campaign.stem}-designed.toml")
     inputs = loading.sources(campaign)
-    if figure and is_lisa(plan):
-        raise InputError("--figure: not available for a campaign of LISA; leave it out")
     if figure:
         output_paths.check_file(figure, [*inputs, path], FORMATS)
     designed = workflow.design(campaign, path, jobs=jobs, progress=console)
     _print_design(designed, console)
-    if isinstance(designed, workflow.CampaignDesign):
-        _print_checks(designed, figure, console)
+    _print_checks(designed, figure, console)
     console.print_line(f"{path}: written; simulate it with: lpfcosim run {path}")
 
 
@@ -51,14 +44,7 @@ def _print_checks(designed: workflow.CampaignDesign, figure: Path | None, consol
         )
 
 
-def design_manoeuvre(campaign: Path, out: Path | None, sigma: float, console: Console) -> None:
-    """Write a campaign with the shortest manoeuvre that reaches a sigma [m/rad]."""
-    designed = manoeuvre.design_manoeuvre(campaign, out, sigma=sigma, progress=console)
-    _print_design(designed, console)
-    console.print_line(f"{designed.path}: written; simulate it with lpfcosim.simulate")
-
-
-def _print_design(designed: _Design, console: Console) -> None:
+def _print_design(designed: workflow.CampaignDesign, console: Console) -> None:
     """Print the sigmas before and after, and the sentences about them."""
     console.print_json(designed.to_json())
     console.print_table(designed.table())

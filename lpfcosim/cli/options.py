@@ -64,13 +64,6 @@ def duration(text: str) -> float:
     return _converted(units.Quantity("a duration", "s", "2 h", sign="positive").to_si, text)
 
 
-def length_per_angle(text: str) -> float:
-    """Return a tilt-to-length coefficient [m/rad] from what an option says."""
-    from lpfcosim.campaign import units
-
-    return _converted(units.LENGTH_PER_ANGLE.to_si, text)
-
-
 def _converted(to_si: Callable[[str], float], text: str) -> float:
     from pydantic_core import PydanticCustomError
 

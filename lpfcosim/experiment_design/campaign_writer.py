@@ -1,7 +1,6 @@
 """A design as a campaign file: the campaign with other tones, and the reason for each."""
 
-import os
-from collections.abc import Iterable, Mapping, MutableMapping, Sequence
+from collections.abc import Mapping, MutableMapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -60,39 +59,13 @@ def is_design(path: Path) -> bool:
         return any(line.rstrip("\n").endswith(MARK) for line in (file.readline(1000), file.readline(1000)))
 
 
-def written_injections(document: Mapping[str, Any], experiment: Mapping[str, Any]) -> list[Mapping[str, Any]]:
+def _written_injections(
+    document: Mapping[str, Any], experiment: Mapping[str, Any]
+) -> list[Mapping[str, Any]]:
     """Return the injections of an experiment as a campaign has them, those of its sequences first."""
     complete = {**document.get("defaults", {}), **experiment}
     of_sequences = [i for name in complete.get("sequences", ()) for i in document["sequences"][name]]
     return [*of_sequences, *complete.get("injections", ())]
-
-
-def extending_text(path: Path, source: Path, head: Iterable[str], tables: Iterable[Mapping[str, Any]]) -> str:
-    """Return a campaign file that extends the one it was made from, with other experiments.
-
-    Parameters
-    ----------
-    path, source : Path
-        The file to write, and the campaign it was made from.
-    head : iterable of str
-        Comments at its top.
-    tables : iterable of mapping
-        The experiments; their injections get a line each.
-    """
-    document = tomlkit.document()
-    for line in (f"{source.name}{MARK}", *head):
-        document.add(tomlkit.comment(line))
-    document["extends"] = os.path.relpath(source, path.parent)
-    document["name"] = path.stem
-    experiments = tomlkit.aot()
-    for content in tables:
-        table = tomlkit.table()
-        table.update({key: value for key, value in content.items() if key != "injections"})
-        if "injections" in content:
-            table["injections"] = _array(content["injections"], ())
-        experiments.append(table)
-    document["experiments"] = experiments
-    return tomlkit.dumps(document)
 
 
 def _tables(plan: Campaign) -> dict[str, Any]:
@@ -168,7 +141,7 @@ def _change_experiment(
             table[key] = f"{n_samples / FS / 60:.12g} min"
     if tones is None:
         return
-    injections = written_injections(document, table)
+    injections = _written_injections(document, table)
     for key in ("sequences", "injections"):
         table.pop(key, None)
     if "sequences" in defaults:

@@ -12,8 +12,6 @@ __all__ = [
     "forecast",
     "identify",
     "jitter",
-    "local_design",
-    "manoeuvre",
     "margins",
     "montecarlo",
     "output_paths",

@@ -1,5 +1,7 @@
 """What to expect of a campaign before it is simulated."""
 
+import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -16,10 +18,12 @@ from lpfcosim.spacecraft import Run
 from lpfcosim.workflows.campaigns import CampaignLike, resolve
 from lpfcosim.workflows.forecast import Forecast, expected_results
 from lpfcosim.workflows.margins import Margins, loop_margins_of
-from lpfcosim.workflows.result import WorkflowResult
+from lpfcosim.workflows.result import WorkflowResult, by_parameter
+from lpfcosim.workflows.ttl_forecast import expected_ttl_sigmas
 
 SCHEMA = "lpf-check/1"
 HEAD = ("run", "kind", "start (UTC)", "hours", "authority", "epoch", "injections")
+TTL_HEAD = ("coefficient", "unit", "sigma")
 
 # Wall time of `run` on a processor of 2024 [s], beside that of the model: start of command and workers; each
 # run.
@@ -41,6 +45,9 @@ class CampaignCheck(WorkflowResult):
         Of its control loops; None if not available.
     forecast : Forecast or None
         None if not available, or if no joint fit is possible.
+    ttl_sigmas : mapping of str to float
+        Of tilt-to-length coefficients [m/rad], infinite if they are not determined; empty for a campaign that
+        does not move three LISA spacecraft.
     wall_time : float or None
         Of ``lpfcosim run`` on idle processors, with FMUs built [s]; None if not available.
     unavailable : str or None
@@ -55,6 +62,7 @@ class CampaignCheck(WorkflowResult):
     valid: bool
     margins: Margins | None
     forecast: Forecast | None
+    ttl_sigmas: Mapping[str, float]
     wall_time: float | None
     unavailable: str | None
     constraints: tuple[str, ...]
@@ -88,6 +96,14 @@ class CampaignCheck(WorkflowResult):
         ]
         return Table(HEAD, tuple(rows))
 
+    def ttl_table(self) -> Table | None:
+        """Return the sigmas of tilt-to-length coefficients, if there are any."""
+        rows = [
+            (name, "um/rad", f"{1e6 * sigma:.1f}" if math.isfinite(sigma) else "not determined")
+            for name, sigma in self.ttl_sigmas.items()
+        ]
+        return Table(TTL_HEAD, tuple(rows)) if rows else None
+
     def records(self) -> list[dict[str, Any]]:
         """Return a row for each run."""
         return [
@@ -115,6 +131,7 @@ class CampaignCheck(WorkflowResult):
             "duration": self.duration,
             "loops": self.margins and self.margins.loop_documents(),
             "forecast": self.forecast and self.forecast.document(),
+            "ttl": by_parameter({"parameter": name, "sigma": x} for name, x in self.ttl_sigmas.items()),
             "unavailable": self.unavailable,
             "constraints": list(self.constraints),
             "warnings": list(self.warnings),
@@ -123,6 +140,7 @@ class CampaignCheck(WorkflowResult):
 
     def __repr__(self) -> str:
         tables = [part.table() for part in (self, self.margins, self.forecast) if part is not None]
+        tables += [ttl_table] if (ttl_table := self.ttl_table()) else []
         parts = [self.headline(), *("\n".join(table.aligned()) for table in tables)]
         parts += ["\n".join(f"warning: {line}" for line in self.warnings)] if self.warnings else []
         return "\n\n".join(parts)
@@ -154,12 +172,14 @@ def check(campaign: CampaignLike) -> CampaignCheck:
             unapproved = fmus.unapproved(plan, {r.model: r.archive for r in plan.replacements})
             warnings = (*validated.warnings, error.reason, *unapproved)
             stated = fit_settings.constraints
-            return CampaignCheck(plan, not validated.doubts, None, None, None, error.reason, stated, warnings)
+            return CampaignCheck(
+                plan, not validated.doubts, None, None, {}, None, error.reason, stated, warnings
+            )
         margins = loop_margins_of(plan)
         expected, reason = _forecast(plan, fit_settings)
         warnings = (*validated.warnings, *(expected.warnings if expected else (reason,)))
         seconds = wall_time(plan, processors())
-        expectation = (margins, expected, seconds, None)
+        expectation = (margins, expected, expected_ttl_sigmas(plan), seconds, None)
         return CampaignCheck(plan, not validated.doubts, *expectation, fit_settings.constraints, warnings)
 
 

@@ -26,11 +26,9 @@ from lpfcosim.experiment_design import (
 )
 from lpfcosim.experiment_design import design as find_design
 from lpfcosim.models import DELTA_G
-from lpfcosim.planned_experiments import is_lisa
 from lpfcosim.workflows.arguments import check_options, check_workers
 from lpfcosim.workflows.campaigns import CampaignLike, PathLike, as_path, is_described_by_file, resolve
 from lpfcosim.workflows.design_check import TOLERANCE, LimitRatios, verify_in_time_domain
-from lpfcosim.workflows.local_design import SpacecraftDesign, design_spacecraft
 from lpfcosim.workflows.output_paths import check_file
 from lpfcosim.workflows.progress import LOG, Progress
 from lpfcosim.workflows.result import WorkflowResult
@@ -226,13 +224,12 @@ def design(
     *,
     jobs: int | None = None,
     progress: Progress = LOG,
-) -> CampaignDesign | SpacecraftDesign:
+) -> CampaignDesign:
     """Find the best injections of a campaign within limits, and write them as a campaign.
 
     The table ``[design]`` of the campaign sets objective and limits; without it, all that the campaign itself
     does not exceed, run by run. The tones are checked through the FMUs. Interrupted, the best tones so far
-    are written. For a LISA spacecraft, only the frequencies of the tones that move its test masses are
-    optimised.
+    are written.
 
     Parameters
     ----------
@@ -248,7 +245,7 @@ def design(
     Raises
     ------
     UnavailableError
-        If the campaign has a third-party FMU in the loop.
+        If the campaign has a third-party FMU in the loop, or is none of LISA Pathfinder.
     InputError
         If the campaign is wrong, has no tones to optimise or unattainable targets, if the file exists and is
         not an earlier design, or the solver is not installed (``lpfcosim[design]``).
@@ -266,16 +263,6 @@ def design(
     check_options(progress)
     if source is None and not is_described_by_file(plan):
         raise InputError("design: a campaign that was changed in Python, expected one as its file has it")
-    if is_lisa(plan):
-        with prefix_errors(source):
-            return design_spacecraft(source, plan, path, progress)
-    return _design_pathfinder(source, plan, path, jobs, progress)
-
-
-def _design_pathfinder(
-    source: Path | None, plan: Campaign, path: Path, jobs: int | None, progress: Progress
-) -> CampaignDesign:
-    """Find the best injections of LISA Pathfinder, write them, and check them."""
     with prefix_errors(source):
         model = FitModel(plan, settings(plan.fit, "fit"))
         design_result = _search(plan, model, progress)
