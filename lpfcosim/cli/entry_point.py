@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import signal
 import sys
 from typing import TYPE_CHECKING
@@ -19,6 +20,7 @@ RESUMABLE = (*WITH_WORKERS, ["mcmc"])  # commands that continue where they were 
 
 def main() -> None:
     """Run the command line: exit status 0 done, 1 the work failed, 2 the input was wrong."""
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before NumPy is loaded; see fit.parallel
     try:
         if signal.getsignal(signal.SIGTERM) is not signal.SIG_IGN:
             signal.signal(signal.SIGTERM, signal.default_int_handler)  # batch systems end a job with it

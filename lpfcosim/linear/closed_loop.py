@@ -10,6 +10,7 @@ import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
+from operator import itemgetter
 from typing import Any
 
 import numpy as np
@@ -24,7 +25,7 @@ from lpfcosim.spacecraft import READ_OUT_RANGE, Run
 
 Array = NDArray[np.float64]
 Values = Sequence[float]
-_Step = tuple[Callable[[Values], Values], list[int], list[int]]  # with places of inputs and outputs
+_Function = Callable[[Values], Values]
 
 BLOCK = 6000  # samples between two checks of the measurement range
 
@@ -198,38 +199,45 @@ class ClosedLoop:
         channels = dict(zip(names, recorded.T.copy(), strict=True))
         return channels | {n: by_name.get(n, zero) for n in self._spacecraft.record if n not in channels}
 
-    def _network(
-        self, signals: Sequence[float]
-    ) -> tuple[Callable[[Sequence[float]], list[float]], list[str]]:
+    def _network(self, signals: Sequence[float]) -> tuple[_Function, list[str]]:
         """Return a function from the signals of a sample to the outputs of the models, and their names."""
         values = self._initial_outputs(dict(zip(self.inputs, signals, strict=True)))
         place = {name: i for i, name in enumerate(values)}
         bus = [*values.values(), 0.0]  # the last is that of inputs that nothing feeds
-        plants: list[_Step] = []
-        direct: list[_Step] = []
+        plants: list[tuple[_Function, _Function, list[int]]] = []
+        direct: list[tuple[_Function, _Function, slice]] = []
         for component, model in zip(self.components, self._models, strict=True):
-            sources = [place.get(component.inputs.get(name, ""), -1) for name in model.inputs]
-            step = model.stepper([bus[i] for i in sources], moves=component.moves)
-            outputs = model.state_outputs if component.moves else model.outputs
-            into = [place[f"{model.name}.{name}"] for name in outputs]
-            (plants if component.moves else direct).append((step, sources, into))
+            sources = _getter([place.get(component.inputs.get(name, ""), -1) for name in model.inputs])
+            step = model.stepper(sources(bus), moves=component.moves)
+            if component.moves:
+                into = [place[f"{model.name}.{name}"] for name in model.state_outputs]
+                plants.append((step, sources, into))
+            else:
+                begin = place[f"{model.name}.{model.outputs[0]}"]  # of outputs that lie side by side
+                direct.append((step, sources, slice(begin, begin + len(model.outputs))))
         recorded = self._observed()
-        rows = [place[name] for name in recorded]
+        rows = _getter([place[name] for name in recorded])
         n = len(self.inputs)
 
-        def advance(signals: Values) -> list[float]:
+        def advance(signals: Values) -> Values:
             bus[:n] = signals
-            for step, sources, into in direct:
-                for i, value in zip(into, step([bus[k] for k in sources]), strict=True):
-                    bus[i] = value
-            row = [bus[i] for i in rows]
-            motions = [step([bus[k] for k in sources]) for step, sources, _ in plants]
+            for step, sources, outputs in direct:
+                bus[outputs] = step(sources(bus))
+            row = rows(bus)
+            motions = [step(sources(bus)) for step, sources, _ in plants]
             for (_, _, into), values in zip(plants, motions, strict=True):
                 for i, value in zip(into, values, strict=True):
                     bus[i] = value
             return row
 
         return advance, [endpoint(name)[1] for name in recorded]
+
+
+def _getter(places: Sequence[int]) -> _Function:
+    """Return a function that takes the values at some places of a sequence, without a loop in Python."""
+    if len(places) > 1:
+        return itemgetter(*places)
+    return lambda values: [values[i] for i in places]
 
 
 def _named(model: str, names: Sequence[str], values: Iterable[Any]) -> dict[str, Any]:

@@ -25,15 +25,20 @@ CHUNK = 30  # samples of what is returned, stepped side by side
 BLOCK = 120 * CHUNK  # samples, held in memory: whole chunks
 
 
-def recorded_system(run: Run) -> StateSpace:
+def recorded_system(run: Run, channels: Sequence[str] | None = None) -> StateSpace:
     """Return the linear closed loop of a run from its signals from outside to its recorded channels."""
     system = ClosedLoop(run).linearize()
-    channels = [name for name in model_of(run).record if name in system.outputs]
-    return system.select(system.inputs, channels).observable()
+    names = model_of(run).record if channels is None else channels
+    return system.select(system.inputs, [name for name in names if name in system.outputs]).observable()
 
 
 def linear_response(
-    run: Run, noise: Noise | None = None, rate: float = RATE, *, low_pass: bool = False
+    run: Run,
+    noise: Noise | None = None,
+    rate: float = RATE,
+    *,
+    channels: Sequence[str] | None = None,
+    low_pass: bool = False,
 ) -> dict[str, Array]:
     """Return what the injections make of the channels.
 
@@ -45,15 +50,17 @@ def linear_response(
         To be there too; none otherwise.
     rate : float
         Of what is returned [Hz], which the sample rate of the run is a multiple of.
+    channels : sequence of str, optional
+        Outputs of the models, by default all that are recorded, which takes several times as long.
     low_pass : bool
         Low-pass the channels as archives of this rate are: abrupt injections alias otherwise.
 
     Returns
     -------
     dict of str to ndarray, shape (n_samples rate / fs,)
-        Departures of recorded channels from the equilibrium, SI.
+        Departures of the channels from the equilibrium, SI.
     """
-    system = recorded_system(run)
+    system = recorded_system(run, channels)
     stride = round(run.fs / rate)
     n = run.n_samples // stride
     driving: set[str] = {injection.into for injection in run.injections}
@@ -61,9 +68,9 @@ def linear_response(
         driving |= set(system.inputs) - set(model_of(run).attitude_rates(run))  # the equilibrium turns
     system = system.select([name for name in system.inputs if name in driving], system.outputs)
     columns = {name: i for i, name in enumerate(system.inputs)}
-    channels = np.zeros((len(system.outputs), n))
+    series = np.zeros((len(system.outputs), n))
     if not columns:
-        return dict(zip(system.outputs, channels, strict=True))
+        return dict(zip(system.outputs, series, strict=True))
     # what the samples of injections from one returned sample to the next make of the states
     powers = [system.B]
     for _ in range(stride - 1):
@@ -77,11 +84,11 @@ def linear_response(
         block, state = recursion.advance(
             state, end - begin, ((weights[:, :, i], x) for i, x in driven.items())
         )
-        channels[:, begin:end] = block
+        series[:, begin:end] = block
         for i, x in driven.items():
             for k in np.flatnonzero(system.D[:, i]):
-                channels[k, begin:end] += x[::stride] * system.D[k, i]
-    return dict(zip(system.outputs, channels, strict=True))
+                series[k, begin:end] += x[::stride] * system.D[k, i]
+    return dict(zip(system.outputs, series, strict=True))
 
 
 def _blocks(
@@ -204,6 +211,6 @@ def noise_streams(run: Run, system: StateSpace, frequency: Array) -> tuple[Array
 def expected_rms(run: Run) -> dict[str, float]:
     """Return the rms over a run of the commands that injections and dc call for, by channel, SI."""
     quiet = replace(run, actuation=Actuation())
-    loop, response = ClosedLoop(quiet), linear_response(quiet)
-    level = loop.equilibrium()
+    loop = ClosedLoop(quiet)
+    response, level = linear_response(quiet, channels=list(loop.commands)), loop.equilibrium()
     return {name: float(np.sqrt(np.mean((response[name] + level[name]) ** 2))) for name in loop.commands}

@@ -9,7 +9,6 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from fit.parallel import one_blas_thread
 from fit.requirements import GAP_TAPER, TAPER
 from lpfcosim.linear import response
 from lpfcosim.linear.closed_loop import ClosedLoop
@@ -64,7 +63,6 @@ def count(limits: Mapping[str, float], block: Mapping[str, Array]) -> int:
     return int(np.any(reached, axis=0).sum())
 
 
-@one_blas_thread
 def demands(run: Run, commands: Collection[str] | None = None) -> list[Demand]:
     """Return the commands and the read-outs that a run takes beyond their limits.
 
@@ -90,7 +88,7 @@ def demands(run: Run, commands: Collection[str] | None = None) -> list[Demand]:
         for name, limit in limits.items()
     ):
         return []
-    moved = response.linear_response(run)
+    moved = response.linear_response(run, channels=list(limits))
     exceeded = []
     for name, limit in limits.items():
         size = np.abs(moved[name] + start[name])

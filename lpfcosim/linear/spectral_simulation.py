@@ -60,12 +60,11 @@ class Simulation:
             glitches = stimuli.noise_source(replace(run, noise=Noise(), actuation=Actuation()))
         self._n = run.n_samples // round(run.fs / response.RATE)
         driven = run.injections or glitches
-        responses = (
-            response.linear_response(run, glitches, low_pass=True)
+        self._mean = (
+            response.linear_response(run, glitches, channels=channels, low_pass=True)
             if driven
-            else dict.fromkeys(channels, np.zeros(self._n))
+            else {name: np.zeros(self._n) for name in channels}
         )
-        self._mean = {name: responses[name].copy() for name in channels}  # those of the others go
         for name, level in ClosedLoop(run).equilibrium().items():
             if name in self._mean:
                 self._mean[name] += level

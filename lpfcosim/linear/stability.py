@@ -5,7 +5,6 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from fit.parallel import one_blas_thread
 from lpfcosim.errors import InputError
 from lpfcosim.linear.closed_loop import ClosedLoop
 from lpfcosim.spacecraft import Noise, Run
@@ -25,7 +24,6 @@ def is_stable(run: Run) -> bool:
     return True
 
 
-@one_blas_thread
 def check(*runs: Run) -> None:
     """Refuse runs whose loop is not asymptotically stable.
 

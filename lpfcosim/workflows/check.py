@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from fit.forecasting import expected_fit
-from fit.parallel import processors
+from fit.parallel import one_blas_thread, processors
 from fit.settings import Settings, settings
 from fit.tables import Table
 from lpfcosim.campaign import Campaign
@@ -146,6 +146,7 @@ class CampaignCheck(WorkflowResult):
         return "\n\n".join(parts)
 
 
+@one_blas_thread
 def check(campaign: CampaignLike) -> CampaignCheck:
     """Validate a campaign, and compute what to expect of it; nothing is simulated.
 

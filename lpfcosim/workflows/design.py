@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from fit.files import atomic
-from fit.parallel import update_progress
+from fit.parallel import one_blas_thread, update_progress
 from fit.settings import settings
 from fit.tables import Table
 from lpfcosim.campaign import Campaign, loading, names
@@ -218,6 +218,7 @@ class CampaignDesign(WorkflowResult):
         draw(tones.tones(frequency, information_spectrum(self.design, frequency), marks)).save(Path(path))
 
 
+@one_blas_thread
 def design(
     campaign: CampaignLike,
     out: PathLike | None = None,

@@ -8,6 +8,7 @@ from fit.errors import shown
 from fit.files import closest_match
 from fit.forecasting import expected_euler_fit, expected_fit
 from fit.lisa import expected_lisa_fit
+from fit.parallel import one_blas_thread
 from fit.parameters import FLIGHT, misalignments
 from fit.results import FIXED, Estimate, Fit
 from fit.settings import Settings, settings
@@ -130,6 +131,7 @@ class Forecast(WorkflowResult):
         }
 
 
+@one_blas_thread
 def forecast(campaign: CampaignLike) -> Forecast:
     """Compute the sigmas to expect of the fit of a campaign; nothing is simulated.
 

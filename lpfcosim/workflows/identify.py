@@ -10,7 +10,7 @@ from fit.errors import FitError
 from fit.forecasting import coverage
 from fit.identification import FreeParameter
 from fit.identification import identify as estimate
-from fit.parallel import serial
+from fit.parallel import one_blas_thread, serial
 from fit.report import page as fit_report
 from fit.results import Results, write
 from fit.settings import Group, Settings, refuse_narrow_band, settings
@@ -126,6 +126,7 @@ class _Task:
         return coverage.with_truth(identified, telemetries, truths)
 
 
+@one_blas_thread
 def identify(
     campaign: CampaignLike,
     paths: PathLike | Sequence[PathLike] = (),

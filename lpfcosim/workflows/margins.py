@@ -7,6 +7,7 @@ from typing import Any
 
 from fit.errors import shown
 from fit.files import closest_match
+from fit.parallel import one_blas_thread
 from fit.tables import Table
 from lpfcosim.campaign import Campaign
 from lpfcosim.errors import InputError, prefix_errors
@@ -76,6 +77,7 @@ class Margins(WorkflowResult):
         return {"schema": SCHEMA, "campaign": self.campaign, "loops": self.loop_documents()}
 
 
+@one_blas_thread
 def margins(campaign: CampaignLike) -> Margins:
     """Compute unity gain, phase margin and gain margin of every control loop.
 

@@ -13,6 +13,7 @@ from pydantic import BaseModel, Field
 from fit.errors import shown
 from fit.files import closest_match, documents
 from fit.forecasting import Pulls, coverage
+from fit.parallel import one_blas_thread
 from fit.tables import Table
 from fit.units import concise_value
 from lpfcosim.campaign import Campaign
@@ -113,6 +114,7 @@ class MonteCarlo(WorkflowResult):
             raise RunError(f"{self.campaign}: not valid: {'; '.join(self.verdict.reasons)}")
 
 
+@one_blas_thread
 def montecarlo(
     campaign: CampaignLike,
     n: int = 200,

@@ -8,6 +8,7 @@ from pathlib import Path
 
 from fit.errors import CalibrationError, FitError
 from fit.files import atomic
+from fit.parallel import one_blas_thread
 from fit.report import control_loops
 from fit.results import Fit, Results
 from fit.settings import Settings, settings
@@ -56,6 +57,7 @@ class CampaignRun(Calibration):
         raise failure
 
 
+@one_blas_thread
 def run(
     campaign: CampaignLike,
     out: PathLike | None = None,

@@ -4,6 +4,7 @@ from collections.abc import Iterator, Mapping
 from contextlib import ExitStack
 from pathlib import Path
 
+from fit.parallel import one_blas_thread
 from lpfcosim.campaign import Campaign
 from lpfcosim.cosim import compatibility
 from lpfcosim.errors import InputError, RunError, prefix_errors
@@ -17,6 +18,7 @@ from lpfcosim.workflows.fmus import campaign_fmus
 from lpfcosim.workflows.progress import LOG, Progress
 
 
+@one_blas_thread
 def simulate(
     campaign: CampaignLike,
     folder: PathLike,

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from fit.errors import shown
 from fit.figures import bode
 from fit.files import closest_match
+from fit.parallel import one_blas_thread
 from fit.report import control_loops
 from fit.tables import Table
 from fit.telemetry import GUIDANCE, Telemetry, check_runs
@@ -34,6 +35,7 @@ FREQUENCIES = np.geomspace(1e-4, 1.0, 241)  # Hz
 LARGEST_CUT = 0.01  # of a sine at its ends, which archive filters shorten: hardly any of its Hann window
 SHORTEST_NOISE = 2.5  # times a sine: four half-overlapping stretches
 HIGHEST_TONE = (decimation.PASSBAND + decimation.STOPBAND) / 2  # of the sample rate: attenuated by half
+RATE = 2.0  # Hz, of the response of the model, which has next to nothing above half of that
 HEAD = ("read-out", "experiment", "frequency", "magnitude", "phase", "difference")
 
 
@@ -116,6 +118,7 @@ class TransferFunctions(WorkflowResult):
         return control_loops.document(self.loops, self.campaign_digest)
 
 
+@one_blas_thread
 def transfer_functions(campaign: CampaignLike, runs: Sequence[Telemetry]) -> TransferFunctions:
     """Compare the control loops of a campaign with their telemetry.
 
@@ -124,7 +127,7 @@ def transfer_functions(campaign: CampaignLike, runs: Sequence[Telemetry]) -> Tra
     the sine. The residual is the read-out minus the linear response to all injections, so that neither
     transients nor other injections bias the ratio. The uncertainty is that of the noise run of the
     experiment. Sines are skipped without a noise run of at least 2.5 times their length, if telemetry does
-    not contain all of them, and at frequencies above 1 Hz or 0.35 of the sample rate.
+    not contain all of them, and at frequencies above 0.7 Hz or 0.35 of the sample rate.
 
     Parameters
     ----------
@@ -166,7 +169,7 @@ def _campaign_loops(plan: Campaign, runs: Sequence[Telemetry]) -> tuple[bode.Loo
                 measurable[read_out] = clear
         if not measurable or noise is None:
             continue
-        system, responses = ClosedLoop(run).linearize(), _linear_response(run, telemetry)
+        system, responses = ClosedLoop(run).linearize(), _linear_response(run, telemetry, list(measurable))
         for read_out, injections in measurable.items():
             loop = system.select([GUIDANCE[read_out]], [read_out])
             if read_out not in modelled:
@@ -181,12 +184,18 @@ def _campaign_loops(plan: Campaign, runs: Sequence[Telemetry]) -> tuple[bode.Loo
     return tuple(_loop(name, modelled[name], rows) for name, rows in tones.items())
 
 
-def _linear_response(run: Run, telemetry: Telemetry) -> dict[str, Array]:
-    """Return the response of a run to its injections, sampled and filtered as its telemetry is."""
-    rate = telemetry.fs
-    if rate != run.sample_rate:
-        raise InputError(f"{telemetry.path}: is sampled at {rate:g} Hz, expected {run.sample_rate:g} Hz")
-    return response.linear_response(run, rate=rate, low_pass=rate < run.fs)
+def _linear_response(run: Run, telemetry: Telemetry, read_outs: Sequence[str]) -> dict[str, Array]:
+    """Return the response of read-outs to the injections, filtered as telemetry is, at `_rate`."""
+    if telemetry.fs != run.sample_rate:
+        rates = f"{telemetry.fs:g} Hz, expected {run.sample_rate:g} Hz"
+        raise InputError(f"{telemetry.path}: is sampled at {rates}")
+    low_pass = telemetry.fs < run.fs
+    return response.linear_response(run, rate=_rate(telemetry), channels=read_outs, low_pass=low_pass)
+
+
+def _rate(telemetry: Telemetry) -> float:
+    """Return the sample rate of the response of the model [Hz]: that of telemetry, or a fraction of it."""
+    return telemetry.fs / max(1, int(telemetry.fs / RATE))
 
 
 def _obstacle(sine: Sine, read_out: str, telemetry: Telemetry, noise: Telemetry | None) -> str:
@@ -203,7 +212,7 @@ def _obstacle(sine: Sine, read_out: str, telemetry: Telemetry, noise: Telemetry 
     cut = LARGEST_CUT * duration
     if not begin - cut <= sine.start <= sine.end <= end + cut:
         return f"{telemetry.path}: lacks a part of the {tone}, expected {sine.start:g} s to {sine.end:.6g} s"
-    highest = min(FREQUENCIES[-1], HIGHEST_TONE * telemetry.fs)
+    highest = HIGHEST_TONE * _rate(telemetry)
     if not sine.frequency <= highest:
         return f"{tone} in {GUIDANCE[read_out]}, expected a frequency up to {1e3 * highest:g} mHz"
     return ""
@@ -219,7 +228,7 @@ def _measure(
     (read_out,) = loop.outputs
     names = GUIDANCE[read_out], read_out
     guidance, y = (_filled(telemetry.channels[name]) for name in names)
-    noise_values, time = _filled(noise.channels[read_out]), np.arange(linear.size) / telemetry.fs
+    noise_values, time = _filled(noise.channels[read_out]), np.arange(linear.size) / _rate(telemetry)
     recorded = slice(*np.searchsorted(time, (telemetry.time[0], telemetry.time[-1] + 0.5 / telemetry.fs)))
     tones, obstacles = [], []
     for sine in sines:
