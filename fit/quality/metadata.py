@@ -96,9 +96,10 @@ def screen(experiments: Sequence[Experiment]) -> ScreeningReport:
     """Return the faults that keep experiments out of a joint fit, and those that most of them share."""
     reports = [check.apply(experiments) for check in CHECKS.values()]
     exclusions: dict[str, Exclusion] = {}
-    # a gain that no unit explains is a sign of other faults, which come first
+    # what a gain far from 1 suggests comes after faults that were observed
+    rank = {"guess": 1, "misfit": 2}
     for fault in sorted(
-        chain.from_iterable(r.exclusions for r in reports), key=lambda x: x.evidence == "misfit"
+        chain.from_iterable(r.exclusions for r in reports), key=lambda x: rank.get(x.evidence, 0)
     ):
         exclusions.setdefault(fault.experiment, fault)
     return ScreeningReport(list(exclusions.values()), [note for r in reports for note in r.notes])
