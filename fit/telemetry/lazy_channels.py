@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from fit.errors import InputError, MissingKeyError, shown
 from fit.telemetry.contract import SCHEMA
-from fit.telemetry.validation import read_channel
+from fit.telemetry.validation import LOCKED, is_locked, read_channel
 
 _NO_ARCHIVES = ("", ".h5", ".json", ".toml")  # suffixes
 
@@ -92,8 +92,10 @@ def open_file(path: Path, schema: str = SCHEMA) -> Iterator[h5py.File]:
     except MemoryError as error:
         raise InputError(f"{path}: takes more memory than there is to be read, expected less") from error
     except OSError as error:
+        if is_locked(error):
+            raise InputError(f"{path}: is {LOCKED}, expected a file that can be read") from error
         is_hdf5 = h5py.is_hdf5(path)
-        fault = "truncated or damaged" if is_hdf5 else "not HDF5"
+        fault = f"cannot be read ({' '.join(str(error).split())})" if is_hdf5 else "not HDF5"
         advice = "" if is_hdf5 or schema != SCHEMA or path.suffix in _NO_ARCHIVES else _map_advice(path)
         raise InputError(f"{path}: {fault}, expected an HDF5 file of schema {schema!r}{advice}") from error
 

@@ -3,6 +3,7 @@
 Every function raises `fit.errors.InputError`; its message names the file, the place and what was expected.
 """
 
+import errno
 import math
 from collections.abc import Iterable, Mapping
 from contextlib import suppress
@@ -44,6 +45,15 @@ def plain(value: object) -> object:
         except UnicodeDecodeError:
             return value.decode("latin-1")
     return value.item() if isinstance(value, np.generic) else value
+
+
+def is_locked(error: Exception) -> bool:
+    """Return whether a file could not be opened for a lock, its content unseen."""
+    return isinstance(error, OSError) and error.errno in (errno.EAGAIN, errno.EWOULDBLOCK, errno.ENOLCK)
+
+
+#: What to say of such a file.
+LOCKED = "locked by another process (or the file system has no locks: HDF5_USE_FILE_LOCKING=FALSE)"
 
 
 def readable_attributes(attributes: h5py.AttributeManager) -> dict[str, object]:

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from fit.errors import InputError, quote
 from fit.files import key as shown_key
+from fit.telemetry.validation import LOCKED, is_locked
 from fit.units import in_base_units
 
 Array = NDArray[np.float64]
@@ -211,6 +212,8 @@ def is_unit(text: str) -> bool:
 
 def read_error(path: Path, error: Exception, kind: str) -> InputError:
     """Return the error for a file that a library cannot read as what it should be."""
+    if is_locked(error):
+        return InputError(f"{path}: is {LOCKED}, expected a file that can be read")
     if isinstance(error, OSError) and error.strerror and error.filename is not None:
         return InputError(f"{path}: {error.strerror}, expected a file that can be read")
     if isinstance(error, MemoryError):

@@ -1,6 +1,8 @@
 """Channels are read when they are asked for, from the file as it was first."""
 
 import os
+import subprocess
+import sys
 
 import h5py
 import numpy as np
@@ -91,3 +93,19 @@ def test_a_pipe_is_no_file(tmp_path):
     os.mkfifo(tmp_path / "A1.h5")
     with pytest.raises(InputError, match="is not a file, expected telemetry"):
         read(tmp_path / "A1.h5")
+
+
+@pytest.mark.skipif(os.name != "posix", reason="how a lock shows is that of POSIX")
+def test_a_file_that_another_process_has_open(tmp_path):
+    """It is not damaged, and nobody should replace it."""
+    path = write_contract_file(tmp_path / "A1.h5", samples=N)
+    source = f"import h5py; f = h5py.File({str(path)!r}, 'r+'); print('open', flush=True); input()"
+    with subprocess.Popen(
+        [sys.executable, "-c", source], stdin=subprocess.PIPE, stdout=subprocess.PIPE
+    ) as holder:
+        assert holder.stdout.readline()
+        with pytest.raises(InputError, match=r"A1\.h5: is locked by another process") as refusal:
+            read(path)
+        holder.communicate(b"\n")
+    assert "damaged" not in str(refusal.value)
+    assert read(path).run == "A1"
