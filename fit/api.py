@@ -23,7 +23,7 @@ from fit.lisa import is_lisa, make_lisa_params
 from fit.results import Provenance, Results, check_results, results_file, telemetry_files
 from fit.settings import ParameterSettings, refuse_fmu_parameters, settings
 from fit.tables import latex, notebook  # noqa: F401 - for how what is returned shows itself
-from fit.telemetry import Telemetry, archive_conversion, check_runs, read_all
+from fit.telemetry import Telemetry, archive_conversion, check_runs, read_all, short_paths
 from fit.tilt_to_length import Measurements, read_measurements, subtraction_spectra, ttl_fit
 
 if TYPE_CHECKING:
@@ -151,7 +151,7 @@ def calibrate(
         options["parameters"] = user_params.as_settings(params)
     fit_settings = settings(options, "calibrate")
     refuse_fmu_parameters(fit_settings, "calibrate: parameters")
-    results = pipeline.calibrate(runs, fit_settings)
+    results = pipeline.calibrate(short_paths(runs), fit_settings)
     return coverage.with_truth(results, runs)  # now that the fit is done: it must not see them
 
 
@@ -196,7 +196,7 @@ def calibrate_inertial(
             raise InputError("calibrate_inertial: both params and parameters, expected one of them")
         options = {"parameters": user_params.as_settings(params)}
         parameters = settings(options, "calibrate_inertial").parameters
-    return coverage.with_truth(pipeline.calibrate_inertial(runs, results, parameters), runs)
+    return coverage.with_truth(pipeline.calibrate_inertial(short_paths(runs), results, parameters), runs)
 
 
 def calibrate_ttl(

@@ -4,7 +4,7 @@ All reading of TOML and JSON, and all writing of results, goes through here. If 
 file, the error is one sentence that names it and the place in it.
 """
 
-from fit.files.documents import is_file
+from fit.files.documents import is_file, short_path
 from fit.files.faults import closest_match, key, place, problem, suggestion, validation_messages
 from fit.files.outputs import refuse_links
 from fit.files.tables import Table
@@ -19,6 +19,7 @@ __all__ = [
     "place",
     "problem",
     "refuse_links",
+    "short_path",
     "suggestion",
     "validation_messages",
 ]

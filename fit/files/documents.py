@@ -109,3 +109,11 @@ def is_file(path: Path) -> bool:
         return path.is_file()
     except OSError:
         return False
+
+
+def short_path(path: Path) -> Path:
+    """Return a path for messages: relative to the working directory if it lies in there."""
+    try:
+        return path.relative_to(Path.cwd())
+    except (ValueError, OSError):
+        return path

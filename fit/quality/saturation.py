@@ -52,7 +52,9 @@ def check_authority(run: Telemetry) -> Iterator[Cause]:
         if largest > (1 + tolerance) * limit + (LEAK / 100 if limit else min(LEAK, LEAK_RATIO * other)):
             words = f"f_x_{j} exceeds its authority F_max_{j} = {getattr(run, f'F_max_{j}'):.3g} N"
             if limit or other:
-                words += f": {largest:.3g} m s-2 at {run.time[index]:.0f} s, F_max_{j}/m_tm = {limit:.3g} m s-2"
+                words += (
+                    f": {largest:.3g} m s-2 at {run.time[index]:.0f} s, F_max_{j}/m_tm = {limit:.3g} m s-2"
+                )
             else:
                 words += f" and f_x_{3 - j} is zero: are they exchanged?"
             yield Cause(run.run, f"F_max_{j}", "authority", largest, None, "m s-2", words, str(run.path))

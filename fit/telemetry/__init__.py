@@ -17,6 +17,7 @@ from fit.telemetry.reader import (
     read_all,
     read_truth,
     root_attributes,
+    short_paths,
     validate,
 )
 from fit.telemetry.series_files import SeriesFile, read_series
@@ -50,6 +51,7 @@ __all__ = [
     "read_truth",
     "root_attributes",
     "sandbox",
+    "short_paths",
     "utc",
     "validate",
 ]

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fit.errors import InputError, MissingKeyError, shown
+from fit.files import short_path
 from fit.telemetry.contract import SCHEMA
 from fit.telemetry.validation import LOCKED, is_locked, read_channel
 
@@ -34,20 +35,19 @@ class LazyChannels(Mapping[str, NDArray[np.float64]]):
     """
 
     def __init__(self, path: Path, names: Collection[str], samples: range, fs: float) -> None:
-        self._path, self._names, self._samples, self._fs = path, names, samples, fs
+        self._path, self._names, self._samples, self._fs = path.absolute(), names, samples, fs
         self._state = _state(path)
 
     def __getitem__(self, name: str) -> NDArray[np.float64]:
         if name not in self._names:
             known = ", ".join(self._names)
-            raise MissingKeyError(f"{self._path}: no channel {shown(name)}, known: {known}")
-        with open_file(self._path) as file:
-            if _state(self._path) != self._state:
-                raise InputError(
-                    f"{self._path}: was written again meanwhile, expected the file as it was first"
-                )
+            raise MissingKeyError(f"{short_path(self._path)}: no channel {shown(name)}, known: {known}")
+        path = short_path(self._path)
+        with open_file(path) as file:
+            if _state(path) != self._state:
+                raise InputError(f"{path}: was written again meanwhile, expected the file as it was first")
             samples = slice(self._samples.start, self._samples.stop)
-            return read_channel(file, self._path, name, samples, self._fs)
+            return read_channel(file, path, name, samples, self._fs)
 
     def __contains__(self, name: object) -> bool:
         return name in self._names

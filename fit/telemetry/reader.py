@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from fit.display import Displayed
 from fit.errors import InputError, shown
-from fit.files import key
+from fit.files import key, short_path
 from fit.parallel import parallel_map
 from fit.telemetry import sandbox
 from fit.telemetry.contract import (
@@ -55,7 +55,7 @@ class Telemetry(Displayed):
     Attributes
     ----------
     path : Path
-        Where it was read from.
+        Where it was read from, absolute.
     run, experiment : str
         Unique name, and the name that pairs a run with its noise run.
     kind : str
@@ -184,7 +184,7 @@ def open_run(path: Path) -> Telemetry:
         time = read_time(file, path, root.fs)
         units = channel_units(file, path, time.size)
         telemetry = Telemetry(
-            path=path,
+            path=path.absolute(),
             **root.model_dump(include=set(Root.model_fields)),
             time=time,
             channels=LazyChannels(path, units, range(time.size), root.fs),
@@ -211,6 +211,11 @@ def read(path: Path, *, trusted: bool = False) -> Telemetry:
     if not trusted:
         check_channels(telemetry)
     return telemetry
+
+
+def short_paths(runs: Iterable[Telemetry]) -> list[Telemetry]:
+    """Return runs with paths for messages, see `fit.files.short_path`."""
+    return [replace(run, path=short_path(run.path)) for run in runs]
 
 
 def check_runs(runs: object, function: str) -> None:
@@ -258,7 +263,7 @@ def check_channels(telemetry: Telemetry) -> None:
     with open_file(telemetry.path) as file:
         complete = complete_channels(file, telemetry.units)
     for name, values in telemetry.channels.items():
-        place = f"{telemetry.path}: channel {key(name)}"
+        place = f"{short_path(telemetry.path)}: channel {key(name)}"
         check_markers(place, name, values, telemetry.fs, is_complete=name in complete)
 
 
@@ -301,8 +306,8 @@ def read_all(paths: Sequence[Path], *, trusted: bool = False) -> list[Telemetry]
         twin = runs.setdefault(telemetry.run, telemetry)
         if twin is not telemetry:
             raise InputError(
-                f"{telemetry.path}: attribute run: {shown(telemetry.run)} is also the run of {twin.path}, "
-                "expected unique names"
+                f"{short_path(telemetry.path)}: attribute run: {shown(telemetry.run)} is also the run of "
+                f"{short_path(twin.path)}, expected unique names"
             )
     return sorted(runs.values(), key=lambda t: (utc(t.t0), t.run))
 
@@ -322,7 +327,8 @@ def inertial_period(telemetry: Telemetry) -> str:
     if isinstance(value, str) and value.strip():
         return value.strip()
     raise InputError(
-        f"{telemetry.path}: attribute inertial_period: {shown(value)}, expected a whole number, zero or more"
+        f"{short_path(telemetry.path)}: attribute inertial_period: {shown(value)}, expected a whole number, "
+        "zero or more"
     )
 
 

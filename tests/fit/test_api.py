@@ -119,7 +119,7 @@ def archived(tmp_path, monkeypatch):
 
 def test_load_converts_what_a_map_describes(archived, tmp_path):
     loaded = fit.load("flight.toml")
-    assert {run.path.parent for run in loaded} == {Path("flight/telemetry")}
+    assert {run.path.parent for run in loaded} == {Path("flight/telemetry").absolute()}
     elsewhere = fit.load(tmp_path / "flight.toml", folder=tmp_path / "elsewhere")
     assert {run.path.parent for run in elsewhere} == {tmp_path / "elsewhere"}
     for one, other in zip(

@@ -3,6 +3,7 @@
 import os
 import subprocess
 import sys
+from pathlib import Path
 
 import h5py
 import numpy as np
@@ -109,3 +110,15 @@ def test_a_file_that_another_process_has_open(tmp_path):
         holder.communicate(b"\n")
     assert "damaged" not in str(refusal.value)
     assert read(path).run == "A1"
+
+
+def test_a_run_is_found_from_another_folder(tmp_path, monkeypatch):
+    (tmp_path / "in").mkdir()
+    write_contract_file(tmp_path / "in" / "A1.h5", samples=N)
+    monkeypatch.chdir(tmp_path)
+    run = read(Path("in/A1.h5"))
+    monkeypatch.chdir(tmp_path.parent)
+    assert run.channels["o_1"].shape == (N,)
+    run.path.unlink()
+    with pytest.raises(InputError, match=rf"^{tmp_path.name}/in/A1\.h5: no such file"):
+        run.channels["o_1"]
