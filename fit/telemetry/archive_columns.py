@@ -77,7 +77,11 @@ class Archives:
         InputError
             If one is missing or no row of numbers, if there are several, or if its unit is wrong.
         """
-        columns = {name: self._column(name, col, attributes) for name, col in self._map.channels.items()}
+        columns = {
+            name: self._column(name, channel, channel.column, attributes)
+            for name, channel in self._map.channels.items()
+            if channel.column is not None
+        }
         users: dict[tuple[int, str], str] = {}
         for name, column in columns.items():
             other_channel = users.setdefault((id(column.table), column.name), name)
@@ -140,8 +144,10 @@ class Archives:
             raise InputError(f"{place}: in each of {names}, expected it in one of them; or write {cure}")
         return having[0], having[0].column(column)
 
-    def _column(self, channel: str, column: Channel, attributes: Mapping[str, object]) -> ArchiveColumn:
-        table, name = self._find(channel, column.column)
+    def _column(
+        self, channel: str, column: Channel, key: str | int, attributes: Mapping[str, object]
+    ) -> ArchiveColumn:
+        table, name = self._find(channel, key)
         place = f"{table.path}: column {_key(name)} (channel {channel})"
         known = table.columns[name]
         if known.size is None or known.is_text:
@@ -169,7 +175,13 @@ class Archives:
             return place, time_stamps.read_texts(place, table.texts(name), clock.format, clock.scale, factor)
         values = table.numbers(name)
         if clock.format is None:
-            return place, time_stamps.read_elapsed(place, values, factor_of(place, unit or None, TIME, {}))
+            elapsed = time_stamps.read_elapsed(place, values, factor_of(place, unit or None, TIME, {}))
+            return place, time_stamps.since(place, known.epoch, elapsed)
+        if known.epoch:
+            raise InputError(
+                f"{place}: since {known.epoch!r} by the file, but of format {clock.format!r} by the map, "
+                "expected no format"
+            )
         stated = unit if clock.format in SECONDS else None
         factor = factor_of(place, stated or None, TIME, {})
         return place, time_stamps.read_numbers(place, values, clock.format, clock.scale, factor)

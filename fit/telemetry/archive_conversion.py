@@ -19,8 +19,8 @@ from fit.files import refuse_links
 from fit.telemetry import sandbox, time_axis
 from fit.telemetry.archive_columns import ArchiveColumn, Archives, describe
 from fit.telemetry.archives import is_text, validate
-from fit.telemetry.contract import SCHEMA, check_root, required
-from fit.telemetry.maps import Map, attributes_of, load, places_of_run
+from fit.telemetry.contract import CHANNELS, SCHEMA, check_root, required
+from fit.telemetry.maps import Map, attributes_of, factor_of, load, places_of_run
 from fit.telemetry.missing_markers import check_markers, replace_markers
 from fit.telemetry.time_axis import Stamps
 from fit.telemetry.validation import MAX_SAMPLES, check_missing, check_values
@@ -122,13 +122,15 @@ def _write(path: Path, mapping: Map, i: int, folder: Path, *, any_gaps: bool) ->
         archives = Archives(stack, path, mapping, i)
         columns = archives.columns(attributes)
         clock = archives.time(columns.values())
-        size = clock[1].seconds.size if clock else columns["o_1"].size
+        if not columns:
+            raise InputError(f"{path}: channels: no column, expected one of each read-out")
+        first = next(iter(columns.values()))
+        size = clock[1].seconds.size if clock else first.size
         for column in columns.values():
             if column.size != size:
                 raise InputError(f"{column.place}: {column.size} samples, expected {size} as in others")
         if not 2 <= size <= MAX_SAMPLES:
-            archive = columns["o_1"].table.path
-            raise InputError(f"{archive}: {size} samples, expected 2 to {MAX_SAMPLES}")
+            raise InputError(f"{first.table.path}: {size} samples, expected 2 to {MAX_SAMPLES}")
         time = _time(f"{path}: runs[{i}]", clock, attributes, size)
         fs = check_root(f"{path}: runs[{i}]", attributes).fs
         origin = {
@@ -140,9 +142,14 @@ def _write(path: Path, mapping: Map, i: int, folder: Path, *, any_gaps: bool) ->
         }
         channels = {name: _read_channel(name, column, fs) for name, column in columns.items()}
         if not any_gaps:
-            missing = {columns[name].place: np.isnan(channels[name]) for name in required(columns)}
-            check_missing(missing, fs)
+            needed = (name for name in required(mapping.channels) if name in columns)
+            check_missing({columns[name].place: np.isnan(channels[name]) for name in needed}, fs)
         described = {name: describe(name, column) for name, column in columns.items()}
+        for name, channel in mapping.channels.items():
+            if channel.value is not None:
+                factor = factor_of(f"{path}: channels.{name}.unit", channel.unit, name, attributes)
+                channels[name] = np.full(size, channel.value * factor)
+                described[name] = CHANNELS[name].unit, "one value, by the map"
         complete = [name for name, column in columns.items() if column.is_complete]
         root = {**attributes, **origin}
         path_of_run = folder / f"{mapping.runs[i].run}.h5"

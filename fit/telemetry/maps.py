@@ -7,7 +7,7 @@ from datetime import date, time
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import BeforeValidator, ConfigDict, Field, ValidationError
+from pydantic import BeforeValidator, ConfigDict, Field, ValidationError, model_validator
 
 from fit.errors import InputError, quote, shown
 from fit.files import Table, closest_match, documents, is_file, key, problem, validation_messages
@@ -101,9 +101,21 @@ class Column(_Table):
 
 
 class Channel(Column):
-    """[channels.X]: the column of a channel, and which numbers mark its missing samples."""
+    """[channels.X]: the column of a channel and the numbers that mark its missing samples, or one value."""
 
+    column: _ColumnKey | None = None  # type: ignore[assignment]  # None with a value
+    value: Annotated[float, Field(allow_inf_nan=False)] | None = None
     missing: Missing | None = None
+
+    @model_validator(mode="after")
+    def _column_or_value(self) -> "Channel":
+        if (self.column is None) is (self.value is None):
+            raise problem('expected its column, { column = "x1" }, or its only value, { value = 0 }')
+        if self.value is not None and (self.file or self.table or self.missing):
+            raise problem("a value has no file, table or missing samples, expected a unit at most")
+        if self.value and self.unit is None:
+            raise problem(f"value {self.value:g} without a unit, expected one", "unit")
+        return self
 
 
 class Clock(Column):
@@ -254,7 +266,7 @@ def has_common_clock(mapping: Map, i: int) -> bool:
 def places_of_run(path: Path, mapping: Map, i: int) -> Iterator[Place]:
     """Yield the tables of run `i`, each once."""
     names = [
-        *mapping.channels,
+        *(name for name, channel in mapping.channels.items() if channel.value is None),
         *([TIME] if mapping.time is not None and has_common_clock(mapping, i) else []),
     ]
     yield from dict.fromkeys(place for name in names for place in places_of(path, mapping, i, name))

@@ -12,12 +12,14 @@ import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
+from datetime import UTC, timedelta
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fit.errors import InputError, quote
+from fit.telemetry.contract import utc
 from fit.telemetry.maps import SECONDS, Format, Scale
 from fit.telemetry.time_axis import Stamps, check_finite
 
@@ -49,6 +51,17 @@ def read_elapsed(place: str, values: Array, factor: float) -> Stamps:
     digit, is_single = _resolution(values)
     start = float(values[0] * factor) if values.size else 0.0
     return Stamps(np.asarray((values - values[:1]) * factor), digit * factor, is_single, start=start)
+
+
+def since(place: str, epoch: str, elapsed: Stamps) -> Stamps:
+    """Return times that count from an epoch, by default from anywhere, in days of 86400 s."""
+    if not epoch or not elapsed.seconds.size:
+        return elapsed
+    try:
+        t0 = utc(epoch.removesuffix("UTC").strip()) + timedelta(seconds=elapsed.start)
+    except (ValueError, OverflowError):
+        raise InputError(f"{place}: since {quote(epoch)}, expected an epoch in ISO 8601") from None
+    return replace(elapsed, t0=t0.astimezone(UTC).isoformat().replace("+00:00", "Z"))
 
 
 def read_numbers(place: str, values: Array, format_: Format, scale: Scale | None, factor: float) -> Stamps:

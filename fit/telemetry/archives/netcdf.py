@@ -16,7 +16,8 @@ from fit.telemetry.validation import plain
 _MAGIC = b"CDF"
 _UNITS = ("units", "unit", "Units", "Unit", "UNITS", "UNIT")
 _MISSING = ("_FillValue", "missing_value")
-_ATTRIBUTES = (*_MISSING, "units", "scale_factor", "add_offset", "_Unsigned")
+_CALENDARS = ("standard", "gregorian", "proleptic_gregorian")
+_ATTRIBUTES = (*_MISSING, "units", "calendar", "scale_factor", "add_offset", "_Unsigned")
 
 
 def is_netcdf(path: Path) -> bool:
@@ -43,8 +44,12 @@ def file_columns(path: Path) -> dict[str, Column]:
 def decoded_columns(name: str, array: LazyArray, attributes: Mapping[str, Any]) -> dict[str, Column]:
     """Return the columns of an array with the unit, missing samples and scale that its attributes state."""
     stated = next((plain(attributes[key]) for key in _UNITS if key in attributes), None)
-    # of "seconds since 2016-04-16", as netCDF has it, "seconds"
-    unit = clean_unit(stated.partition(" since ")[0]) if isinstance(stated, str) else None
+    # "seconds since 2016-04-16", as netCDF has it
+    name_of_unit, _, epoch = stated.partition(" since ") if isinstance(stated, str) else ("", "", "")
+    unit = clean_unit(name_of_unit)
+    calendar = str(plain(attributes.get("calendar", "standard")))
+    if epoch and calendar not in _CALENDARS:
+        return {name: Column(None, unit, f"times of calendar {calendar!r}", source=name)}
     if array.dtype.names and array.dtype.names != ("real", "imag"):
         columns: dict[str, Column] = {}
         for field in array.dtype.names:
@@ -54,7 +59,7 @@ def decoded_columns(name: str, array: LazyArray, attributes: Mapping[str, Any]) 
     else:
         part = columns_of(name, array, unit)
         columns = {k: _decode(column, array.dtype, attributes) for k, column in part.items()}
-    return {k: replace(column, source=name) for k, column in columns.items()}
+    return {k: replace(column, source=name, epoch=epoch.strip()) for k, column in columns.items()}
 
 
 def _decode(column: Column, kind: np.dtype[Any], attributes: Mapping[str, Any], field: str = "") -> Column:

@@ -45,6 +45,8 @@ class Column:
         Whether its rows are texts.
     read : callable or None
         Returns all rows: an array of numbers with NaN for missing samples, or texts.
+    epoch : str
+        Of times that count from it, as in netCDF, "2016-04-16 00:00:00"; empty for others.
     source : str
         What it is a column of: the array, or the table in the file. These have an order, a file has none.
     """
@@ -55,6 +57,7 @@ class Column:
     is_text: bool = False
     read: Callable[[], Any] | None = None
     source: str = ""
+    epoch: str = ""
 
 
 class Table:

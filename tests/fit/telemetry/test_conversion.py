@@ -6,6 +6,7 @@ Time stamps are written by `astropy.time` from the instants of an exact grid, an
 import h5py
 import numpy as np
 import pytest
+import xarray
 from astropy.time import Time, TimeDelta
 
 from fit.errors import InputError
@@ -81,6 +82,23 @@ def test_a_t0_that_is_stated_too(archive, channels):
     assert message.startswith(
         "map.toml: runs[0].t0: '2016-04-16T15:00:00+00:00' is 3600 s after the first time stamp"
     )
+
+
+def write_netcdf(path, channels, units):
+    """Write what xarray writes: times that count from an epoch."""
+    times = np.datetime64("2016-04-16T14:00:00", "ns") + (1e8 * np.arange(N)).astype("m8[ns]")
+    data = xarray.Dataset({k: ("time", v) for k, v in channels.items()}, {"time": times})
+    data.to_netcdf(path, engine="h5netcdf", encoding={"time": {"units": units, "dtype": "i8"}})
+
+
+@pytest.mark.parametrize("epoch", ["2016-04-16 00:00:00", "2016-01-01", "2016-04-16T14:00:00+02:00"])
+def test_t0_follows_from_the_epoch_of_netcdf(archive, channels, epoch):
+    write_netcdf(archive.folder / "A.nc", channels, f"milliseconds since {epoch}")
+    run = archive.convert(run='file = "A.nc"', clock='column = "time"', t0="")
+    assert (run.t0, run.fs) == (T0, 10.0)
+    assert_same(run, channels)
+    message = archive.refusal(run='file = "A.nc"', clock='column = "time"', t0="2016-04-16T12:00:00Z")
+    assert "is 7200 s before the first time stamp" in message
 
 
 def shift(times, sample, seconds):
@@ -194,6 +212,21 @@ def test_seconds_of_a_gps_week_are_refused(archive, channels):
     write_with_unit(archive, channels, "", start=568817.0)
     message = archive.refusal(clock='column = "t"\nformat = "gps"', t0="")
     assert "seconds of a GPS week; expected seconds since 1980-01-06" in message
+
+
+def test_a_channel_of_one_value(archive, channels):
+    write_with_unit(archive, channels, "")
+    for column, value in (("{ value = 0 }", 0.0), ('{ value = 1.5, unit = "pN/kg" }', 1.5e-12)):
+        run = archive.convert(columns={"f_x_1": column})
+        np.testing.assert_allclose(run.channels["f_x_1"], np.full(N, value), rtol=1e-15)
+        assert_same(run.select(["f_x_2"]), {"f_x_2": channels["f_x_2"]})
+    for column, words in {
+        "{ value = 1.5 }": "channels.f_x_1.unit: value 1.5 without a unit",
+        '{ value = 0, column = "f_x_1" }': "channels.f_x_1: expected its column",
+        "{ }": "channels.f_x_1: expected its column",
+        "{ value = nan }": "channels.f_x_1.value: NaN is not a finite number",
+    }.items():
+        assert words in archive.refusal(columns={"f_x_1": column})
 
 
 def test_a_day_count_and_accelerations_in_pico_newton_per_kilogram(archive, channels):
