@@ -23,7 +23,7 @@ from lpfcosim.cli.options import (
 app = typer.Typer(rich_markup_mode=None)
 
 
-@app.command(epilog=examples("lpfcosim check mine.toml", "lpfcosim check mine.toml --json | jq .wall_time"))
+@app.command(epilog=examples("lpfcosim check mine.toml", "lpfcosim check mine.toml --json | jq .peaks"))
 def check(
     campaign: CampaignFile,
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON, schema lpf-check/1.")] = False,

@@ -157,6 +157,12 @@ class _Recursion:
         return outputs.transpose(1, 2, 0).reshape(-1, rows * CHUNK)[:, :n], starts[:, -1]
 
 
+def peaks(run: Run) -> dict[str, float]:
+    """Return the largest magnitude of each recorded output without noise, by channel, SI."""
+    level = ClosedLoop(run).equilibrium()
+    return {name: float(np.abs(x + level[name]).max()) for name, x in linear_response(run).items()}
+
+
 def noise_system(run: Run) -> StateSpace:
     """Return the linear closed loop that noise passes through, from stimuli to all outputs.
 

@@ -94,7 +94,6 @@ MODEL = SpacecraftModel(
     attributes=attributes,
     equation="lisa",
     truth=truth,
-    sample_cost=6.0e-6,
 )  # fmt: skip
 FALL_BACK = replace(
     MODEL,

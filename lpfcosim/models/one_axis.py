@@ -133,6 +133,4 @@ MODEL = SpacecraftModel(
     },
     equation=DELTA_G,
     truth=truth,
-    sample_cost=0.3e-6,
-    experiment_cost=0.38,
 )

@@ -151,6 +151,4 @@ MODEL = SpacecraftModel(
     attributes=attributes,
     equation=DELTA_G,
     truth=truth,
-    sample_cost=2.0e-6,
-    experiment_cost=2.2,
 )  # fmt: skip

@@ -76,9 +76,6 @@ class SpacecraftModel:
         Equation of motion that `fit` has for its telemetry; ``""`` if none, so that it can only be simulated.
     truth : callable, optional
         True values under their names in /truth; by default the parameters that `Run.parameters` may have.
-    sample_cost, experiment_cost : float
-        What `lpfcosim run` takes on a processor of 2024 [s]: a sample of 10 Hz with noise and file, the fit
-        and the figures of an experiment with injections.
     """
 
     key: type | str
@@ -97,8 +94,6 @@ class SpacecraftModel:
     attributes: Callable[[Run], Mapping[str, str | float]] = _nothing
     equation: str = ""
     truth: Callable[[Run], dict[str, float]] | None = None
-    sample_cost: float = 2.0e-6
-    experiment_cost: float = 0.4
 
     @cached_property
     def reference_run(self) -> Run:

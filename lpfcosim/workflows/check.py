@@ -2,21 +2,21 @@
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any
 
-from fit.forecasting import expected_fit
-from fit.parallel import one_blas_thread, processors
-from fit.settings import Settings, settings
+from fit.parallel import one_blas_thread
+from fit.settings import settings
 from fit.tables import Table
+from fit.units import contract_spelling
 from lpfcosim.campaign import Campaign
 from lpfcosim.errors import UnavailableError, prefix_errors
 from lpfcosim.execution import validation
-from lpfcosim.models import DELTA_G, model_of
-from lpfcosim.planned_experiments import LISA
+from lpfcosim.linear import response
+from lpfcosim.models import model_of
 from lpfcosim.spacecraft import Run
 from lpfcosim.workflows.campaigns import CampaignLike, resolve
-from lpfcosim.workflows.forecast import Forecast, expected_results
+from lpfcosim.workflows.forecast import Forecast, forecast_or_reason
 from lpfcosim.workflows.margins import Margins, loop_margins_of
 from lpfcosim.workflows.result import WorkflowResult, by_parameter
 from lpfcosim.workflows.ttl_forecast import expected_ttl_sigmas
@@ -24,11 +24,16 @@ from lpfcosim.workflows.ttl_forecast import expected_ttl_sigmas
 SCHEMA = "lpf-check/1"
 HEAD = ("run", "kind", "start (UTC)", "hours", "authority", "epoch", "injections")
 TTL_HEAD = ("coefficient", "unit", "sigma")
+PEAK_HEAD = ("channel", "unit", "peak", "run")
 
-# Wall time of `run` on a processor of 2024 [s], beside that of the model: start of command and workers; each
-# run.
-STARTUP_TIME = 1.4
-RUN_TIME = 0.05
+
+@dataclass(frozen=True)
+class Peak:
+    """Largest magnitude of a channel without noise in SI, its unit, and the run that has it."""
+
+    peak: float
+    unit: str
+    run: str
 
 
 @dataclass(frozen=True, repr=False)
@@ -48,10 +53,10 @@ class CampaignCheck(WorkflowResult):
     ttl_sigmas : mapping of str to float
         Of tilt-to-length coefficients [m/rad], infinite if they are not determined; empty for a campaign that
         does not move three LISA spacecraft.
-    wall_time : float or None
-        Of ``lpfcosim run`` on idle processors, with FMUs built [s]; None if not available.
+    peaks : mapping of str to Peak
+        By read-out and command that the injections move; empty if not available.
     unavailable : str or None
-        Why margins, forecast and wall time are not available.
+        Why margins, peaks and forecast are not available.
     constraints : tuple of str
         Constraints of parameters of fit and identification, in words.
     warnings : tuple of str
@@ -63,7 +68,7 @@ class CampaignCheck(WorkflowResult):
     margins: Margins | None
     forecast: Forecast | None
     ttl_sigmas: Mapping[str, float]
-    wall_time: float | None
+    peaks: Mapping[str, Peak]
     unavailable: str | None
     constraints: tuple[str, ...]
     warnings: tuple[str, ...]
@@ -96,13 +101,20 @@ class CampaignCheck(WorkflowResult):
         ]
         return Table(HEAD, tuple(rows))
 
-    def ttl_table(self) -> Table | None:
-        """Return the sigmas of tilt-to-length coefficients, if there are any."""
-        rows = [
+    def tables(self) -> list[Table]:
+        """Return the runs, margins, peaks and forecasts, as far as they are available."""
+        peaks = [(name, p.unit, f"{p.peak:.3g}", p.run) for name, p in self.peaks.items()]
+        sigmas = [
             (name, "um/rad", f"{1e6 * sigma:.1f}" if math.isfinite(sigma) else "not determined")
             for name, sigma in self.ttl_sigmas.items()
         ]
-        return Table(TTL_HEAD, tuple(rows)) if rows else None
+        return [
+            self.table(),
+            *([self.margins.table()] if self.margins else []),
+            *([Table(PEAK_HEAD, tuple(peaks))] if peaks else []),
+            *([self.forecast.table()] if self.forecast else []),
+            *([Table(TTL_HEAD, tuple(sigmas))] if sigmas else []),
+        ]
 
     def records(self) -> list[dict[str, Any]]:
         """Return a row for each run."""
@@ -135,13 +147,11 @@ class CampaignCheck(WorkflowResult):
             "unavailable": self.unavailable,
             "constraints": list(self.constraints),
             "warnings": list(self.warnings),
-            "wall_time": None if self.wall_time is None else round(self.wall_time),
+            "peaks": {name: asdict(peak) for name, peak in self.peaks.items()},
         }
 
     def __repr__(self) -> str:
-        tables = [part.table() for part in (self, self.margins, self.forecast) if part is not None]
-        tables += [ttl_table] if (ttl_table := self.ttl_table()) else []
-        parts = [self.headline(), *("\n".join(table.aligned()) for table in tables)]
+        parts = [self.headline(), *("\n".join(table.aligned()) for table in self.tables())]
         parts += ["\n".join(f"warning: {line}" for line in self.warnings)] if self.warnings else []
         return "\n\n".join(parts)
 
@@ -166,7 +176,7 @@ def check(campaign: CampaignLike) -> CampaignCheck:
         fit_settings = settings(plan.fit, "fit")
         validated = validation.validate(plan)
         try:
-            validation.check_linear_model(plan, "stability, margins, forecast and wall time are")
+            validation.check_linear_model(plan, "stability, margins, peaks and forecast are")
         except UnavailableError as error:
             from lpfcosim.execution import fmus  # needs FMPy, and few campaigns need it
 
@@ -174,43 +184,23 @@ def check(campaign: CampaignLike) -> CampaignCheck:
             warnings = (*validated.warnings, error.reason, *unapproved)
             stated = fit_settings.constraints
             return CampaignCheck(
-                plan, not validated.doubts, None, None, {}, None, error.reason, stated, warnings
+                plan, not validated.doubts, None, None, {}, {}, error.reason, stated, warnings
             )
         margins = loop_margins_of(plan)
-        expected, reason = _forecast(plan, fit_settings)
+        expected, reason = forecast_or_reason(plan, fit_settings)
         warnings = (*validated.warnings, *(expected.warnings if expected else (reason,)))
-        seconds = wall_time(plan, processors())
-        expectation = (margins, expected, expected_ttl_sigmas(plan), seconds, None)
+        expectation = (margins, expected, expected_ttl_sigmas(plan), _peaks(plan), None)
         return CampaignCheck(plan, not validated.doubts, *expectation, fit_settings.constraints, warnings)
 
 
-def _forecast(plan: Campaign, fit_settings: Settings) -> tuple[Forecast | None, str]:
-    """Return the forecast, or None and the reason."""
-    try:
-        validation.check_equation(plan, "a forecast is", DELTA_G, LISA)
-        return expected_results(plan, fit_settings, ()), ""
-    except UnavailableError as error:
-        return None, error.reason
-    except expected_fit.NoiselessError as error:
-        return None, f"no forecast: {error}"
-    except expected_fit.NoneTakesPartError:
-        if any(run.kind == "sysid" for run in plan.runs):
-            return None, "no forecast: no sysid run takes part in the joint fit, one of 6 h or more would"
-        return None, (
-            "no sysid run: run will write the telemetry and find nothing to calibrate with; fit it beside an "
-            "earlier calibration"
-        )
-
-
-def wall_time(plan: Campaign, jobs: int) -> float:
-    """Return about how long `run` takes on idle processors, the FMUs being built [s]."""
-    spacecraft = model_of(plan.runs[0])
-    run_times = [RUN_TIME + run.n_samples * spacecraft.sample_cost for run in plan.runs]
-    simulation = max(max(run_times), sum(run_times) / jobs)  # the longest run is not divided
-    n_experiments = sum(
-        run.kind == "sysid" for run in plan.runs
-    )  # the fit of a noise run alone takes no time
-    return STARTUP_TIME + simulation + spacecraft.experiment_cost * n_experiments
+def _peaks(plan: Campaign) -> dict[str, Peak]:
+    """Return the largest magnitudes of read-outs and commands over the runs with injections."""
+    peaks: dict[str, Peak] = {}
+    for run in plan.runs:
+        for name, peak in response.peaks(run).items() if run.injections else ():
+            if peak > 0 and (name not in peaks or peak > peaks[name].peak):
+                peaks[name] = Peak(peak, contract_spelling(model_of(run).units[name]), run.name)
+    return peaks
 
 
 def _duration(run: Run) -> float:

@@ -16,7 +16,7 @@ from fit.tables import Table
 from fit.units import campaign_unit
 from fit.warnings import distinct_messages
 from lpfcosim.campaign import Campaign
-from lpfcosim.errors import InputError, prefix_errors
+from lpfcosim.errors import InputError, UnavailableError, prefix_errors
 from lpfcosim.execution import validation
 from lpfcosim.messages import grouped
 from lpfcosim.models import DELTA_G
@@ -190,3 +190,30 @@ def expected_results(plan: Campaign, fit_settings: Settings, doubts: tuple[str, 
     messages = [*distinct_messages(joint.warnings), *grouped(of_periods, "inertial period")]
     constraints = fit_settings.without_fmu_parameters().constraints
     return Forecast(joint, inertial, constraints, (*doubts, *ignored, *messages), plan.digest)
+
+
+def forecast_or_reason(plan: Campaign, fit_settings: Settings) -> tuple[Forecast | None, str]:
+    """Return the forecast of a validated campaign, or None and the reason why there is none.
+
+    Raises
+    ------
+    InputError
+        If the settings of the fit do not suit the campaign, such as an unknown parameter.
+    FitError
+        If the fit would not yield any estimate.
+    """
+    try:
+        validation.check_linear_model(plan, "a forecast is")
+        validation.check_equation(plan, "a forecast is", DELTA_G, LISA)
+        return expected_results(plan, fit_settings, ()), ""
+    except UnavailableError as error:
+        return None, error.reason
+    except expected_fit.NoiselessError as error:
+        return None, f"no forecast: {error}"
+    except expected_fit.NoneTakesPartError:
+        if any(run.kind == "sysid" for run in plan.runs):
+            return None, "no forecast: no sysid run takes part in the joint fit, one of 6 h or more would"
+        return None, (
+            "no sysid run: run will write the telemetry and find nothing to calibrate with; fit it beside an "
+            "earlier calibration"
+        )

@@ -22,7 +22,7 @@ from lpfcosim.workflows.arguments import check_options, check_workers
 from lpfcosim.workflows.calibration import Calibration, calibrate_into
 from lpfcosim.workflows.campaigns import CampaignLike, PathLike, as_path, resolve
 from lpfcosim.workflows.fmus import campaign_fmus
-from lpfcosim.workflows.forecast import expected_results
+from lpfcosim.workflows.forecast import Forecast, forecast_or_reason
 from lpfcosim.workflows.progress import LOG, Progress
 from lpfcosim.workflows.simulate import failure_causes, simulate_into
 from lpfcosim.workflows.transfer_functions import transfer_functions
@@ -105,12 +105,15 @@ def run(
     jobs = check_workers(jobs, scheduler, time_limit)
     check_options(progress, rerun=rerun, trusted=trusted)
     fit_settings, validated = validate_simulation(plan, source, "a calibration is")
+    with progress.stage("forecast"), prefix_errors(source):  # refuses settings before anything is simulated
+        expected, _ = forecast_or_reason(plan, fit_settings.without_fmu_parameters())
     fmus = campaign_fmus(plan, progress)
     options = runner.RunOptions(jobs, scheduler, time_limit, rerun=rerun)
     with results_folder.lock(directory, alternative=True):
         simulated = simulate_into(
             plan, source, directory, fmus, options, validated, progress, trusted=trusted
         )
+        _write_forecast(directory, expected)
         return _fit(plan, directory, simulated, fit_settings, progress)
 
 
@@ -160,7 +163,6 @@ def _fit(
     failure = _failure(directory, len(simulated.failures), len(plan.runs), causes)
     if not complete:
         raise failure
-    _write_forecast(plan, directory, fit_settings)
     try:
         with progress.stage("reading"):
             telemetries = read_all(complete, trusted=True)
@@ -182,13 +184,12 @@ def _fit(
     return CampaignRun(fitted.results, fitted.path, fitted.report, simulated.files, failures)
 
 
-def _write_forecast(plan: Campaign, directory: Path, fit_settings: Settings) -> None:
-    """Write the sigmas to expect for the report, unless a third-party FMU or the data preclude a forecast."""
+def _write_forecast(directory: Path, expected: Forecast | None) -> None:
+    """Write the sigmas to expect for the report, if there are any."""
     path = directory / "forecast.json"
     path.unlink(missing_ok=True)
-    with suppress(CalibrationError):
-        validation.check_linear_model(plan, "a forecast is", "")
-        atomic.write(path, expected_results(plan, fit_settings.without_fmu_parameters(), ()).to_json() + "\n")
+    if expected:
+        atomic.write(path, expected.to_json() + "\n")
 
 
 def _write_transfer_functions(plan: Campaign, directory: Path, telemetries: Sequence[Telemetry]) -> None:

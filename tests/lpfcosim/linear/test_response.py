@@ -91,3 +91,11 @@ def test_response_is_that_of_one_step_after_the_other(quickstart, monkeypatch, s
     for name, x in zip(s.outputs, expected, strict=True):
         result = response.linear_response(run)[name]
         np.testing.assert_allclose(result, x, rtol=0, atol=1e-11 * np.abs(x).max(), err_msg=name)
+
+
+def test_peaks_are_those_of_the_simulated_loop(quickstart):
+    run = next(run for run in loading.load(quickstart).runs if run.injections)
+    run = replace(run, noise=Noise(), n_samples=60_000)
+    simulated = ClosedLoop(run).simulate()
+    for name, peak in response.peaks(run).items():
+        assert peak == pytest.approx(np.abs(simulated[name]).max(), rel=0.01, abs=1e-30), name

@@ -178,3 +178,11 @@ def test_a_run_from_python_is_that_of_the_command(quickstart, tmp_path, run_lpfc
     assert finished.to_json() == (tmp_path / "out" / "results.json").read_text(encoding="utf-8")
     assert "lambda_2" in repr(finished)
     run_lpfcosim("reproduce", tmp_path / "out", status=0)
+
+
+def test_run_refuses_an_unknown_parameter_before_anything_is_simulated(quickstart, tmp_path):
+    path = tmp_path / "mine.toml"
+    path.write_text(f'extends = "{quickstart.as_posix()}"\n[fit.parameters.lambda_q]\nvary = false\n')
+    with pytest.raises(fit.InputError, match="lambda_q: no parameter of this fit"):
+        lpfcosim.run(path, tmp_path / "out")
+    assert not (tmp_path / "out").exists()
