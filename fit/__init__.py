@@ -27,7 +27,7 @@ if TYPE_CHECKING:
         save_report,
     )
     from fit.comparison import Comparison, compare
-    from fit.cross_checks import CrossCheck, leave_one_out, profile_likelihood
+    from fit.cross_checks import leave_one_out
     from fit.deltag import delta_g
     from fit.errors import CalibrationError, FitError, InputError
     from fit.fitting import Prior, delta_chi2
@@ -41,7 +41,6 @@ if TYPE_CHECKING:
 __all__ = [
     "CalibrationError",
     "Comparison",
-    "CrossCheck",
     "Estimate",
     "Fit",
     "FitError",
@@ -63,7 +62,6 @@ __all__ = [
     "load_results",
     "make_params",
     "plot",
-    "profile_likelihood",
     "save_report",
 ]
 _HOME = {
@@ -77,7 +75,7 @@ _HOME = {
         "save_report",
     ),
     "comparison": ("Comparison", "compare"),
-    "cross_checks": ("CrossCheck", "leave_one_out", "profile_likelihood"),
+    "cross_checks": ("leave_one_out",),
     "deltag": ("delta_g",),
     "errors": ("CalibrationError", "FitError", "InputError"),
     "fitting": ("Prior", "delta_chi2"),

@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING
 
 from fit import pipeline
 from fit import results as fit_results
-from fit.cross_checks import with_cross_checks
 from fit.crosstalk import euler_fit
 from fit.errors import FitError, InputError, shown
 from fit.files import is_file, refuse_links
@@ -278,6 +277,6 @@ def save_report(results: Results, runs: Sequence[Telemetry], folder: PathLike) -
     except OSError as error:
         raise FitError(f"{directory}: cannot be made ({error.strerror})") from error
     paths = [os.path.relpath(run.path, directory) for run in runs]
-    results = with_cross_checks(replace(results, provenance=replace(results.provenance, telemetry=paths)))
+    results = replace(results, provenance=replace(results.provenance, telemetry=paths))
     results.save(directory / "results.json")
     return report.write_report(directory, results, runs)

@@ -47,11 +47,6 @@ def p_limit(test: str, n_tests: int = 1) -> float:
     return BUDGET / len(TESTS) / max(n_tests, 1)
 
 
-def budget_by_family() -> dict[str, float]:
-    """Return the probability of a false alarm that each family of tests may raise in a clean campaign."""
-    return {family: sum(p_limit(test) for test in tests) for family, tests in FAMILIES.items()}
-
-
 def chi2_limit(test: str, dof: int = 1, n_tests: int = 1) -> float:
     """Return the Delta chi^2 of `dof` parameters from which one of several applications is an alarm."""
     from scipy import special

@@ -6,7 +6,6 @@ from dataclasses import dataclass, replace
 from fit.consistency import explain_exclusions, fit_consistent_runs, model_warnings
 from fit.crosstalk import attenuation, centrifugal, coupling_constraints, crosstalk_fit, euler_fit
 from fit.errors import FitError, InputError
-from fit.false_alarms import budget_by_family
 from fit.fitting import (
     IRLSResult,
     constraint_test,
@@ -383,7 +382,7 @@ def _provenance(campaign: ExperimentSet, together: _Together | None, chosen: Set
         cross_talk_periods={epoch: next(iter(names)) for epoch, names in periods.items() if len(names) == 1},
         subtraction=subtraction or None,
         settings=chosen.record(),
-        extra={"false_alarms": budget_by_family(), **agreement},
+        extra={**agreement},
         levels=[e.name for e in campaign.in_joint_fit if e.marginalised],
         x_axis=campaign.experiments[0].sysid.telemetry.x_axis,
         scatter={name: {"value": s, "sigma": sigma} for name, (s, sigma) in scatter.items()},

@@ -9,7 +9,7 @@ from markupsafe import Markup
 
 from fit.display import Displayed, html, text
 from fit.errors import InputError
-from fit.results import Estimate, import_pandas
+from fit.results import Estimate
 from fit.tables import Table, ascii_value, concise
 from fit.units import campaign_unit
 
@@ -125,9 +125,8 @@ class Comparison(Displayed):
         rows = []
         for p in self.parameters:
             cells = [p.name + (f" ({p.key})" if p.key else ""), campaign_unit(p.unit)]
-            for n, (estimate, sound) in enumerate(zip(p.estimates, p.sound, strict=True)):
-                difference = p.differences[n]
-                cells.append(concise(estimate, sound=sound) if estimate else _NONE)
+            for n, (estimate, difference) in enumerate(zip(p.estimates, p.differences, strict=True)):
+                cells.append(concise(estimate) if estimate else _NONE)
                 cells += [_NONE if difference is None else f"{round(difference, 2) + 0.0:+.2f}"] if n else []
             rows.append((*cells, *([_truth(p)] if truth else [])))
         return Table((*head, *(["truth"] if truth else [])), tuple(rows))
@@ -149,14 +148,9 @@ class Comparison(Displayed):
         return [*statements, *self.notes]
 
     def to_dataframe(self) -> "pandas.DataFrame":
-        """Return a table: a row for each parameter; for each result value, sigma, difference, sound.
+        """Return a table: a row for each parameter; for each result value, sigma, difference, sound."""
+        import pandas as pd  # slow to import
 
-        Raises
-        ------
-        InputError
-            If pandas is not installed.
-        """
-        pd = import_pandas("to_dataframe")
         columns: dict[tuple[str, str], list[object]] = {}
         for n, label in enumerate(self.labels):
             estimates = [p.estimates[n] for p in self.parameters]
@@ -167,8 +161,7 @@ class Comparison(Displayed):
             columns[label, "sound"] = [p.sound[n] for p in self.parameters]
         rows = [(p.section, p.key, p.name, p.unit) for p in self.parameters]
         index = pd.MultiIndex.from_tuples(rows, names=["section", "key", "parameter", "unit"])
-        frame: pandas.DataFrame = pd.DataFrame(columns, index=index)
-        return frame
+        return pd.DataFrame(columns, index=index)
 
     def to_json(self) -> str:
         """Return the comparison as JSON, schema ``lpf-compare/1``."""

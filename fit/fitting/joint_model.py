@@ -178,6 +178,11 @@ class JointModel:
         FitError
             If the data and the priors leave a direction free.
         """
+        covariance = self.inverse_information(params)
+        return np.asarray(covariance + covariance @ self.psd_scores(params) @ covariance)
+
+    def inverse_information(self, params: lmfit.Parameters) -> Array:
+        """Return the covariance of all P parameters without the errors of the PSDs, as `covariance`."""
         free = free_directions(params)
         if not free.size:
             return np.zeros((len(params), len(params)))
@@ -189,8 +194,7 @@ class JointModel:
         if np.abs(np.diag(R)).min() < SINGULAR:
             raise FitError("the data and the weak priors leave a direction free")
         root = free @ (scipy.linalg.solve_triangular(R, np.eye(len(R))) / scale[:, None])
-        covariance = root @ root.T
-        return np.asarray(covariance + covariance @ self.psd_scores(params) @ covariance)
+        return np.asarray(root @ root.T)
 
     def psd_scores(self, params: lmfit.Parameters) -> Array:
         """Return the covariance of the gradient of chi^2 / 2 that errors of the PSDs make, shape (P, P)."""

@@ -1,8 +1,7 @@
-"""A joint model and its estimate by lmfit: refits, fits without some of the runs, profile likelihood."""
+"""A joint model and its estimate by lmfit: refits, and fits without some of the runs."""
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from numbers import Real
@@ -12,15 +11,12 @@ import numpy as np
 
 from fit.errors import InputError
 from fit.files import closest_match
-from fit.fitting.joint_model import JointModel, Prior
+from fit.fitting.joint_model import Array, JointModel, Prior
 from fit.fitting.null_space import null_space
 
 if TYPE_CHECKING:
     import lmfit
     from lmfit.minimizer import MinimizerResult
-
-PROFILE_TOLERANCE = 0.01  # of the distance from the estimate: the last step, whose error is that squared
-PROFILE_STEPS = 20
 
 
 @dataclass(frozen=True)
@@ -89,39 +85,28 @@ class SolvedModel:
             raise InputError(f"{', '.join(runs)}: all experiments of this fit, expected one that remains")
         return self._fit(self.model.exclude(*runs), self.result.params)
 
-    def profile_limits(self, name: str, levels: Sequence[float]) -> tuple[float | None, ...]:
-        """Return where the profile likelihood of a parameter that varies falls by numbers of sigma.
+    def shift_sigma(self, reduced: MinimizerResult, *runs: str) -> Array:
+        """Return the standard deviations of the shifts of all P parameters, shape (P,), without some runs.
 
-        There chi^2 exceeds its minimum by ``level**2``, whatever the other parameters; a negative level is
-        that below the estimate. None beyond a bound of the parameter.
+        With J the derivatives of the residual of a run and C, C' the inverse informations with and without
+        `runs`, the noise e of a run shifts the estimates by ``(C - C') J^T e``, of those left out by
+        ``C J^T e``. Their covariance includes the error of the PSDs.
+
+        Parameters
+        ----------
+        reduced : MinimizerResult
+            The fit without them, see `exclude`.
+        *runs : str
+            Names of experiments.
         """
-        estimate, fixed = self.result.params[name], self.result.params.copy()
-        fixed[name].set(vary=False, min=-np.inf, max=np.inf)
-        sigma, limits = float(estimate.stderr), []
-        for level in levels:
-            limit, sigma = self._profile_limit(fixed, name, level, sigma)
-            is_valid = limit is not None and estimate.min <= limit <= estimate.max
-            limits.append(limit if is_valid else None)
-        return tuple(limits)
-
-    def _profile_limit(
-        self, fixed: lmfit.Parameters, name: str, level: float, sigma: float
-    ) -> tuple[float | None, float]:
-        """Return a limit, None if it is not reached, and its distance from the estimate per sigma of `level`.
-
-        The root of the increase of chi^2 is all but proportional to the distance, `sigma` a first guess of
-        its slope: each step scales the distance to the level.
-        """
-        estimate = self.result.params[name]
-        for _ in range(PROFILE_STEPS):
-            fixed[name].value = estimate.value + level * sigma
-            increase = self.model.fit(fixed).chisqr - self.result.chisqr
-            if increase <= 0:
-                break
-            previous, sigma = sigma, sigma * abs(level) / math.sqrt(increase)
-            if abs(sigma - previous) < PROFILE_TOLERANCE * sigma:
-                return float(estimate.value + level * sigma), sigma
-        return None, float(estimate.stderr)
+        params, others = self.result.params, self.model.exclude(*runs)
+        left_out = JointModel([run for run in self.model.runs if run.name in runs])
+        C, without = self.model.inverse_information(params), others.inverse_information(reduced.params)
+        J = others.gradient(reduced.params)
+        shift_of_others = C - without
+        covariance = shift_of_others @ (J.T @ J + others.psd_scores(params)) @ shift_of_others
+        covariance += C @ (left_out.information(params) + left_out.psd_scores(params)) @ C
+        return np.asarray(np.sqrt(np.diag(covariance)))
 
     def _fit(self, model: JointModel, params: lmfit.Parameters) -> MinimizerResult:
         """Fit with weak priors of what is not determined."""

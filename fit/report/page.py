@@ -42,7 +42,7 @@ from fit.telemetry import Telemetry
 SCRIPTS = ("templates/ticks.js", "uplot/uPlot.iife.min.js", "templates/chart.js", "templates/page.js")
 _DIGITS = 12  # of a digest, in short
 _NESTED = ("settings", "versions")  # tables with a line for each entry
-_SHOWN = ("agreement", "false_alarms")  # in the section on tests of the data
+_SHOWN = ("agreement",)  # in the section on tests of the data
 
 
 @one_blas_thread

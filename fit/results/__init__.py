@@ -1,6 +1,5 @@
 """The results of a calibration: what they hold, how they came about, their JSON form and their folder."""
 
-from fit.results.data_frames import import_pandas
 from fit.results.estimates import (
     FIXED,
     QUANTILES,
@@ -8,11 +7,8 @@ from fit.results.estimates import (
     Bound,
     Constraint,
     ConstraintKind,
-    CrossChecks,
     Diagnostics,
     Estimate,
-    Profile,
-    ReducedEstimate,
     Stiffness,
     correlation_matrix,
 )
@@ -41,19 +37,15 @@ __all__ = [
     "Bound",
     "Constraint",
     "ConstraintKind",
-    "CrossChecks",
     "Diagnostics",
     "Estimate",
     "Fit",
-    "Profile",
     "Provenance",
-    "ReducedEstimate",
     "Results",
     "Stiffness",
     "check_frame",
     "check_results",
     "correlation_matrix",
-    "import_pandas",
     "load",
     "results_beside",
     "results_file",

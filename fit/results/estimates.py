@@ -1,8 +1,7 @@
-"""Records of a fit: estimates and their constraints, diagnostics, stiffness, cross-checks."""
+"""Records of a fit: estimates and their constraints, diagnostics, stiffness."""
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Annotated, Literal, Protocol
 
 import numpy as np
@@ -77,6 +76,8 @@ class Estimate(Displayed):
         The simulated value and (value - truth)/sigma; None where unknown.
     constraint : Constraint or None
         Constraint by the user, if there is one.
+    sound : bool
+        Whether `sigma` is valid: that of an unsound `Fit` is not. Files state it of the fit.
     """
 
     value: float
@@ -85,6 +86,7 @@ class Estimate(Displayed):
     truth: float | None = None
     pull: float | None = None
     constraint: Constraint | None = None
+    sound: bool = field(default=True, compare=False)
 
     @property
     def is_exact(self) -> bool:
@@ -139,55 +141,6 @@ class Stiffness:
     sigma: float
 
 
-@dataclass(frozen=True)
-class ReducedEstimate:
-    """An estimate of the joint fit without one experiment.
-
-    Attributes
-    ----------
-    value, sigma : float
-        Estimate and its standard deviation, in the unit of the parameter.
-    shift : float
-        From the joint fit, in units of its sigma.
-    """
-
-    value: float
-    sigma: float
-    shift: float
-
-
-@dataclass(frozen=True)
-class Profile:
-    """The profile likelihood of a parameter.
-
-    Attributes
-    ----------
-    value : float
-        The estimate, in the unit of the parameter.
-    limits : tuple of float or None
-        Where chi^2 exceeds its minimum as at -2, -1, 1 and 2 sigma; None where bounds keep it from that.
-    """
-
-    value: float
-    limits: tuple[float | None, float | None, float | None, float | None]
-
-
-@dataclass(frozen=True)
-class CrossChecks:
-    """Cross-checks of a joint fit.
-
-    Attributes
-    ----------
-    leave_one_out : dict of str to dict of str to ReducedEstimate
-        By the experiment that is left out, and by parameter.
-    profile_likelihood : dict of str to Profile
-        By parameter.
-    """
-
-    leave_one_out: dict[str, dict[str, ReducedEstimate]]
-    profile_likelihood: dict[str, Profile]
-
-
 class SolvedModel(Protocol):
     """A joint model and its solution by lmfit, see `fit.fitting.SolvedModel`."""
 
@@ -205,5 +158,5 @@ class SolvedModel(Protocol):
     def exclude(self, *runs: str) -> "MinimizerResult":
         """Return the fit without some of the experiments."""
 
-    def profile_limits(self, name: str, levels: Sequence[float]) -> tuple[float | None, ...]:
-        """Return where the profile likelihood of a parameter falls by numbers of sigma."""
+    def shift_sigma(self, reduced: "MinimizerResult", *runs: str) -> NDArray[np.float64]:
+        """Return the standard deviations of the shifts that leaving out experiments has."""

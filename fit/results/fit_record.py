@@ -1,7 +1,7 @@
 """The record of one fit, and those of a section of results by their key."""
 
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Literal, NoReturn, overload
 
 import numpy as np
@@ -61,6 +61,13 @@ class Fit(Displayed):
     stiffness: tuple[Stiffness, ...] = ()
     solved: SolvedModel | None = field(default=None, compare=False)
 
+    def __post_init__(self) -> None:
+        sound = not self.unsound
+        estimates = {
+            name: e if e.sound == sound else replace(e, sound=sound) for name, e in self.parameters.items()
+        }
+        object.__setattr__(self, "parameters", estimates)
+
     def __getitem__(self, name: str) -> Estimate:
         """Return the estimate of a parameter.
 
@@ -111,13 +118,6 @@ class Fit(Displayed):
         """Fit the compressed runs again without some of the experiments, which takes milliseconds."""
         return self._solved.exclude(*runs)
 
-    def profile_limits(self, name: str, levels: Sequence[float]) -> tuple[float | None, ...]:
-        """Return where the profile likelihood of a parameter falls by numbers of sigma, which are signed.
-
-        None beyond a bound. ``lmfit.conf_interval`` yields the same, with more fits.
-        """
-        return self._solved.profile_limits(name, levels)
-
     @property
     def _solved(self) -> SolvedModel:
         if self.solved is None:
@@ -146,11 +146,6 @@ class Fit(Displayed):
         ----------
         as_frame : bool
             As a data frame with the names of the parameters on both axes.
-
-        Raises
-        ------
-        InputError
-            If a frame is asked for and pandas is not installed.
         """
         return (
             data_frames.covariance_frame(self.covariance_matrix, list(self))

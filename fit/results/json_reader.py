@@ -9,7 +9,7 @@ from pydantic import BaseModel, Field
 
 from fit.errors import InputError
 from fit.files import documents, place
-from fit.results.estimates import CrossChecks, Diagnostics, Estimate, Stiffness
+from fit.results.estimates import Diagnostics, Estimate, Stiffness
 from fit.results.fit_record import Fit
 from fit.results.provenance import Provenance
 from fit.results.results import JSON_NAMES, SCHEMA, SECTIONS, SINGLE_FITS, Results
@@ -40,7 +40,6 @@ class _ResultsJson(BaseModel, strict=True, allow_inf_nan=False):
     cross_talk: dict[str, _FitJson] = {}
     inertial: dict[str, _FitJson] = {}
     ttl: _FitJson | None = None
-    cross_checks: CrossChecks | None = None
     provenance: dict[str, object] = {}
 
 
@@ -62,22 +61,12 @@ def load(path: Path) -> Results:
     }
     single = {name: getattr(content, name) for name in SINGLE_FITS}
     fits = {name: fit and _fit_from_json(fit, f"{path}: {name}") for name, fit in single.items()}
-    _check_profiles(content.cross_checks, fits["joint"], path)
     return Results(
         fits["joint"],
         provenance=Provenance.from_entries(content.provenance),
         ttl=fits["ttl"],
-        cross_checks=content.cross_checks,
         **sections,
     )
-
-
-def _check_profiles(checks: CrossChecks | None, joint: Fit | None, path: Path) -> None:
-    """Refuse the profile likelihood of what is no estimate of the joint fit."""
-    for name in checks.profile_likelihood if checks else ():
-        if joint is None or name not in joint.parameters or joint[name].is_exact:
-            where = place(("cross_checks", "profile_likelihood", name))
-            raise InputError(f"{path}: {where}: expected an estimated parameter of the joint fit")
 
 
 def _fit_from_json(fit: _FitJson, place: str) -> Fit:

@@ -12,7 +12,6 @@ from fit.display import Displayed, latex
 from fit.errors import InputError, shown
 from fit.files import atomic
 from fit.results import data_frames
-from fit.results.estimates import CrossChecks
 from fit.results.fit_record import Fit, KeyedFits
 from fit.results.provenance import Provenance
 from fit.telemetry import Telemetry
@@ -44,8 +43,6 @@ class Results(Displayed):
         Software, telemetry, settings and runs that the results are of.
     ttl : Fit or None
         Tilt-to-length coupling of LISA.
-    cross_checks : CrossChecks or None
-        Of the joint fit.
 
     Raises
     ------
@@ -59,7 +56,6 @@ class Results(Displayed):
     inertial: dict[str, Fit]
     provenance: Provenance
     ttl: Fit | None = None
-    cross_checks: CrossChecks | None = None
 
     def __post_init__(self) -> None:
         for section, kind in SECTIONS.items():
@@ -88,11 +84,6 @@ class Results(Displayed):
 
         The index is section, key (of an experiment, epoch or period), parameter and unit. Where `sound` is
         false, `sigma` is not valid; `constraint` is empty where the user states none.
-
-        Raises
-        ------
-        InputError
-            If pandas is not installed.
         """
         return data_frames.estimates_frame(
             (section, key, not fit.unsound, fit.parameters) for section, key, fit in self.fits()
@@ -112,9 +103,10 @@ class Results(Displayed):
         )
 
     def to_latex(self) -> str:
-        r"""Return the joint fit and the inertial forces as a ``tabular`` of LaTeX, without packages.
+        r"""Return the joint fit and the inertial forces as a ``tabular`` of LaTeX, with rules of booktabs.
 
-        Without a joint fit it holds those of the experiments. A sigma that is not valid is ``?``.
+        Without a joint fit it holds those of the experiments. A sigma that is not valid is ``?``; what the
+        user states of parameters has a column.
         """
         return latex(self)
 
@@ -190,8 +182,7 @@ def write(results: Results, path: Path) -> str:
         If a number is not finite: such a result must not look like one.
     """
     sections = {section: getattr(results, section) for section in ("joint", *SECTIONS)}
-    optional = {"ttl": results.ttl, "cross_checks": results.cross_checks}
-    sections |= {name: section for name, section in optional.items() if section}
+    sections |= {"ttl": results.ttl} if results.ttl else {}
     document = {"schema": SCHEMA, **_to_json(sections), "provenance": results.provenance.entries()}
     return atomic.write_json(path, document)
 

@@ -9,7 +9,6 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 from fit import api
-from fit.cross_checks import with_cross_checks
 from fit.errors import FitError, shown
 from fit.report import page
 from fit.results import Fit, Results, load, sound_joint, telemetry_files, write
@@ -145,7 +144,7 @@ def calibrate_into(
         versions={name: metadata.version(name) for name in VERSIONS},
         telemetry=[os.path.relpath(t.path, directory) for t in telemetries],
     )
-    results = with_cross_checks(amend(replace(results, provenance=details)))
+    results = amend(replace(results, provenance=details))
     with results_folder.lock(directory, alternative=True):
         write(results, directory / "results.json")
         with progress.stage("report"):

@@ -6,7 +6,6 @@ from abc import ABC, abstractmethod
 from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING, Any
 
-from fit.results import import_pandas
 from fit.tables import Table
 
 if TYPE_CHECKING:
@@ -33,16 +32,11 @@ class WorkflowResult(ABC):
         return json.dumps(self.document(), indent=1, allow_nan=False)
 
     def to_dataframe(self) -> "pandas.DataFrame":
-        """Return the result as a table of pandas.
+        """Return the result as a table of pandas."""
+        import pandas as pd  # slow to import
 
-        Raises
-        ------
-        InputError
-            If pandas is not installed.
-        """
-        pd = import_pandas("to_dataframe")
         records = self.records()
-        frame: pandas.DataFrame = pd.DataFrame.from_records(records)
+        frame = pd.DataFrame.from_records(records)
         return frame.set_index(next(iter(records[0]))) if records else frame
 
     def __repr__(self) -> str:

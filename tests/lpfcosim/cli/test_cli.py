@@ -61,7 +61,7 @@ def test_fit_then_report(lpfcosim, recorded, tmp_path):
     page = (result / "report.html").read_text(encoding="utf-8")
     (result / "report.html").unlink()
     lpfcosim("report", result, status=0)
-    assert 'id="cross-checks"' in page
+    assert 'id="agreement"' in page
     assert (result / "report.html").read_text(encoding="utf-8").split() == page.split()
 
 
