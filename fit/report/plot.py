@@ -14,7 +14,7 @@ from fit.errors import InputError, shown
 from fit.figures import runs as figures_runs
 from fit.figures import stiffness as figures_stiffness
 from fit.plotting import Plot, PlotAxes, draw
-from fit.report.experiments import analysed, figure_specs
+from fit.report import experiments, lisa
 from fit.report.stiffness import stiffness_points
 from fit.results import Results, check_results
 from fit.telemetry import Telemetry, check_runs
@@ -31,12 +31,12 @@ def spectra(results: Results, runs: Sequence[Telemetry], experiment: str, ax: Pl
 
 
 def breakdown(results: Results, runs: Sequence[Telemetry], experiment: str, ax: PlotAxes = None) -> Plot:
-    """Draw the ASD of every term that adds up to the residual Delta g of an experiment."""
+    """Draw the ASD of every term that adds up to the residual of an experiment."""
     return _experiment_plot(results, runs, experiment, "breakdown", ax)
 
 
 def residual(results: Results, runs: Sequence[Telemetry], experiment: str, ax: PlotAxes = None) -> Plot:
-    """Draw signal and residual Delta g of an experiment against time, the residual with its noise run."""
+    """Draw the residual of an experiment against time with its noise run, and the signal of Delta g."""
     return _experiment_plot(results, runs, experiment, "residual", ax)
 
 
@@ -72,7 +72,8 @@ def _experiment_plot(
     if experiment not in results.experiments:
         known = ", ".join(results.experiments) or "none"
         raise InputError(f"the results have no experiment {experiment!r}, expected one of {known}")
-    specs = figure_specs("", experiment, analysed(results, list(pair.values()))[experiment])
+    page = lisa if pair["sysid"].spacecraft == "LISA" else experiments
+    specs = page.figure_specs("", experiment, page.analysed(results, list(pair.values()))[experiment])
     (figure,) = (spec.draw() for spec in specs if spec.name.endswith(f"-{name}"))
     assert not isinstance(figure, Markup)
     return draw(figure, ax)

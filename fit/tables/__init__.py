@@ -6,7 +6,6 @@ from fit.tables.numbers import (
     ascii_value,
     combination_text,
     concise,
-    described_parameter,
     estimate_text,
     fit_estimate,
     measurement,
@@ -15,7 +14,7 @@ from fit.tables.numbers import (
     symbol,
     unit_text,
 )
-from fit.tables.parameters import ParameterTable, estimates, parameter_table, unlisted_parameter
+from fit.tables.parameters import ParameterTable, estimates, parameter_table
 from fit.tables.table import LIMIT, Cell, Table, highlight, name_head, parameter_head, pull_text
 
 __all__ = [
@@ -27,7 +26,6 @@ __all__ = [
     "ascii_value",
     "combination_text",
     "concise",
-    "described_parameter",
     "estimate_text",
     "estimates",
     "fit_estimate",
@@ -44,5 +42,4 @@ __all__ = [
     "signed",
     "symbol",
     "unit_text",
-    "unlisted_parameter",
 ]

@@ -1,26 +1,36 @@
 """Estimates as a table of LaTeX."""
 
-from collections.abc import Iterator
+import re
+
+from uncertainties import ufloat
 
 from fit.display import latex
-from fit.results import FIXED, Estimate, Fit, Results
-from fit.tables.numbers import described_parameter, estimate_text
-from fit.units import power_of_ten
+from fit.results import WITHHELD, Estimate, Results
+from fit.tables.numbers import described_parameter
 
 
 @latex.register
 def _(results: Results) -> str:
     """Return a ``tabular``: of the joint fit or else the experiments, inertial forces, tilt-to-length."""
+    import pandas as pd  # slow to import
+
     shown = ("joint", "inertial", "ttl") if results.joint else ("experiments", "inertial", "ttl")
-    fits = [entry for entry in results.fits() if entry[0] in shown]
-    lines = [r"\begin{tabular}{lrl}", r"\hline", r"parameter & estimate & unit \\"]
-    for section, key, fit in fits:
-        lines.append(r"\hline")
-        if key:
-            heading = {"experiments": "experiment", "inertial": "inertial period"}[section]
-            lines.append(rf"\multicolumn{{3}}{{l}}{{{heading} {_escaped(key)}}} \\")
-        lines += _rows(fit)
-    return "\n".join([*lines, r"\hline", r"\end{tabular}"])
+    headings = {"experiments": "experiment", "inertial": "inertial period"}
+    rows = [
+        {
+            "fit": f"{headings[section]} {_escaped(key)}" if key else "",
+            "parameter": f"${latex_symbol(name)}$",
+            "estimate": f"${_number(e)}$",
+            "unit": _unit(e.unit),
+            "constraint": _escaped(str(e.constraint or "")),
+        }
+        for section, key, fit in results.fits()
+        if section in shown
+        for name, e in fit.parameters.items()
+    ]
+    table = pd.DataFrame(rows)
+    filled = [name for name in table if table[name].any()]
+    return str(table[filled].to_latex(index=False, escape=False))
 
 
 def latex_symbol(name: str) -> str:
@@ -29,24 +39,16 @@ def latex_symbol(name: str) -> str:
     return parameter.latex if parameter else rf"\mathtt{{{_escaped(name)}}}"
 
 
-def _rows(fit: Fit) -> Iterator[str]:
-    for name, estimate in fit.parameters.items():
-        number, unit = _number(estimate, sound=not fit.unsound), _unit(estimate)
-        yield rf"${latex_symbol(name)}$ & ${number}$ & {unit} \\"
-
-
-def _number(estimate: Estimate, *, sound: bool) -> str:
-    text = estimate_text(estimate, power_of_ten(estimate.value), sound=sound)
-    value = text.value.replace("−", "-")
+def _number(estimate: Estimate) -> str:
     if estimate.is_exact:
-        return rf"{value}\ \mathrm{{({FIXED})}}"
-    return rf"{value} \pm {text.sigma}"
+        return f"{estimate.value:.9g}"
+    text = f"{ufloat(estimate.value, estimate.sigma):.2uSL}"
+    return text if estimate.sound else re.sub(r"\(.*?\)", f"({WITHHELD})", text)
 
 
-def _unit(estimate: Estimate) -> str:
-    exponent = power_of_ten(estimate.value)
-    factors = [f"10^{{{exponent}}}"] if exponent else []
-    for factor in estimate.unit.split() if estimate.unit != "1" else []:
+def _unit(unit: str) -> str:
+    factors = []
+    for factor in unit.split() if unit != "1" else []:
         symbol = factor.rstrip("-0123456789")
         power = factor.removeprefix(symbol)
         factors.append(rf"\mathrm{{{symbol}}}" + (f"^{{{power}}}" if power else ""))
@@ -54,6 +56,11 @@ def _unit(estimate: Estimate) -> str:
     return f"${product}$" if product else ""
 
 
-def _escaped(name: str) -> str:
-    special = {"\\": r"\textbackslash{}", "~": r"\textasciitilde{}", "^": r"\textasciicircum{}"}
-    return "".join(special.get(c, "\\" + c if c in "&%$#_{}" else c) for c in name)
+def _escaped(text: str) -> str:
+    special = {
+        "\\": r"\textbackslash{}",
+        "~": r"\textasciitilde{}",
+        "^": r"\textasciicircum{}",
+        "±": r"$\pm$",
+    }
+    return "".join(special.get(c, "\\" + c if c in "&%$#_{}" else c) for c in text)

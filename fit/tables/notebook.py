@@ -29,7 +29,7 @@ from fit.warnings import distinct_messages
 @text.register
 def _(estimate: Estimate) -> str:
     truth = "" if estimate.truth is None else f", truth {ascii_value(estimate.truth, estimate.sigma)}"
-    pull = "" if estimate.pull is None else f", pull {estimate.pull:+.2f}"
+    pull = "" if estimate.pull is None or not estimate.sound else f", pull {estimate.pull:+.2f}"
     return (
         f"{concise(estimate)} {campaign_unit(estimate.unit)}".rstrip() + truth + pull + _constraint(estimate)
     )
@@ -47,7 +47,8 @@ def _(estimate: Estimate) -> str:
     number = estimate_text(estimate, exponent)
     truth = ""
     if estimate.truth is not None:
-        pull = "" if estimate.pull is None else f", pull {signed(estimate.pull, 2)}"
+        has_pull = estimate.pull is not None and estimate.sound
+        pull = f", pull {signed(estimate.pull or 0.0, 2)}" if has_pull else ""
         truth = f" (truth {measurement(estimate.truth, estimate.sigma, exponent).value}{pull})"
     unit, constraint = unit_text(estimate.unit, exponent), _constraint(estimate)
     return Markup("<span>{} {}{}{}</span>").format(number, unit, truth, constraint)

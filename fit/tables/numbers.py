@@ -44,16 +44,16 @@ def measurement(value: float, sigma: float, exponent: int = 0) -> Measurement:
     return Measurement(signed(value / scale, places), f"{sigma / scale:.{places}f}")
 
 
-def estimate_text(estimate: Estimate, exponent: int = 0, *, sound: bool = True) -> Measurement:
+def estimate_text(estimate: Estimate, exponent: int = 0) -> Measurement:
     """Return an estimate in print; a mark replaces the sigma if it is none or not valid."""
     text = measurement(estimate.value, estimate.sigma, exponent)
-    return replace(text, sigma=FIXED if estimate.is_exact else text.sigma if sound else WITHHELD)
+    return replace(text, sigma=FIXED if estimate.is_exact else text.sigma if estimate.sound else WITHHELD)
 
 
 def fit_estimate(fit: Fit, name: str, exponent: int = 0) -> Measurement | None:
     """Return an estimate of a fit in print, None where there is none."""
     estimate = fit.parameters.get(name)
-    return None if estimate is None else estimate_text(estimate, exponent, sound=not fit.unsound)
+    return None if estimate is None else estimate_text(estimate, exponent)
 
 
 def signed(value: float, decimals: int) -> str:
@@ -62,12 +62,12 @@ def signed(value: float, decimals: int) -> str:
     return text.lstrip("-") if float(text) == 0 else text.replace("-", "−")
 
 
-def concise(estimate: Estimate, *, sound: bool = True) -> str:
+def concise(estimate: Estimate) -> str:
     """Return an estimate in ASCII, with its sigma in units of the last digits: ``-3.983(52)e-07``."""
     if estimate.is_exact:
         return f"{estimate.value:.8g} ({FIXED})"
     exponent = power_of_ten(estimate.value)
-    return _ascii(estimate_text(estimate, exponent, sound=sound).concise, exponent)
+    return _ascii(estimate_text(estimate, exponent).concise, exponent)
 
 
 def ascii_value(value: float, sigma: float) -> str:

@@ -136,7 +136,7 @@ def estimates(fits: Mapping[str, Fit]) -> Table:
         for name, e in fit.parameters.items():
             truth = "" if e.truth is None else ascii_value(e.truth, e.sigma)
             pull = "" if e.pull is None or fit.unsound else f"{e.pull:+.2f}"
-            number = concise(e, sound=not fit.unsound)
+            number = concise(e)
             constraint = str(e.constraint or "")
             rows.append((name + suffix, number, campaign_unit(e.unit), truth, pull, constraint))
     head = ("parameter", "estimate", "unit", "truth", "pull", "constraint")

@@ -19,7 +19,7 @@ import lpfcosim as simulator
 from fit import pipeline, settings
 from fit.deltag import write_delta_g
 from fit.results import Fit, Results
-from fit.results.estimates import Estimate
+from fit.results.estimates import Constraint, Estimate
 from fit.results.provenance import Provenance
 from fit.warnings import FitWarning
 from tests import ROOT
@@ -198,32 +198,35 @@ def test_estimates_and_covariance_as_data_frames(results):
     np.testing.assert_array_equal(results.joint.covariance(), covariance)
 
 
-@pytest.mark.parametrize(
-    ("library", "act"),
-    [
-        ("pandas", lambda results, _: results.to_dataframe()),
-        ("pandas", lambda results, _: results.joint.covariance(as_frame=True)),
-        ("xarray", lambda _, runs: runs[0].to_xarray()),
-    ],
-)
-def test_without_a_library_the_sentence_names_the_extra(results, runs, monkeypatch, library, act):
-    monkeypatch.setitem(sys.modules, library, None)
-    with pytest.raises(fit.InputError, match=rf"needs {library}, of the extra lpfcosim\[notebook\]"):
-        act(results, runs)
+def test_without_xarray_the_sentence_names_the_extra(runs, monkeypatch):
+    monkeypatch.setitem(sys.modules, "xarray", None)
+    with pytest.raises(fit.InputError, match=r"needs xarray, of the extra lpfcosim\[notebook\]"):
+        runs[0].to_xarray()
 
 
 def test_the_table_of_latex_has_every_parameter_of_the_joint_fit(results):
     lines = results.to_latex().splitlines()
-    assert (lines[0], lines[-1]) == (r"\begin{tabular}{lrl}", r"\end{tabular}")
-    rows = [line for line in lines if r"\pm" in line]
+    assert (lines[0], lines[-1]) == (r"\begin{tabular}{lll}", r"\end{tabular}")
+    rows = [line for line in lines if line.startswith("$")]
     assert len(rows) == len(results.joint.parameters)
     assert all(line.count("&") == 2 and line.endswith(r"\\") for line in rows)
-    estimate = Estimate(-3.983e-7, 5.3e-9, "s-2")
-    joint = replace(results.joint, parameters={"omega2_2_0": estimate}, covariance_matrix=np.eye(1))
-    row = r"$\omega^2_{2,0}$ & $-3.983 \pm 0.053$ & $10^{-7}\,\mathrm{s}^{-2}$ \\"
-    assert replace(results, joint=joint).to_latex().splitlines()[4] == row
+    tied = Constraint("tied", expr="omega2_1_0")
+    joint = replace(
+        results.joint,
+        parameters={
+            "omega2_2_0": Estimate(-3.983e-7, 5.3e-9, "s-2", constraint=tied),
+            "C_2": Estimate(0.186, 5e-4, "s", constraint=Constraint("prior", prior=(0.186, 5e-4))),
+        },
+        covariance_matrix=np.eye(2),
+    )
+    table = replace(results, joint=joint).to_latex()
+    row = r"$\omega^2_{2,0}$ & $-3.983(53) \times 10^{-7}$ & $\mathrm{s}^{-2}$ & tied to omega2\_1\_0 \\"
+    assert row in table and r"& prior 0.186 $\pm$ 0.0005 \\" in table
+    unsound = replace(joint, warnings=(FitWarning("contradiction", (), ""),))
+    assert r"$-3.983(?) \times 10^{-7}$" in replace(results, joint=unsound).to_latex()
+    assert str(unsound["omega2_2_0"]).startswith("-3.983(?)e-07 s^-2")
     single = replace(results, joint=None, experiments={"A_1 & 50%": results.experiments["D"]})
-    assert r"\multicolumn{3}{l}{experiment A\_1 \& 50\%} \\" in single.to_latex()
+    assert r"experiment A\_1 \& 50\% & " in single.to_latex()
 
 
 # Arrays with units ----------------------------------------------------------------------------------------
@@ -407,5 +410,5 @@ def test_the_page_runs_from_top_to_bottom_and_prints_what_it_says(lpfcosim, capf
     runner = Runner(lpfcosim, capfd)
     for block in blocks(DOCUMENT):
         runner.run(block)
-    assert (tmp_path / "quickstart" / "report.html").is_file()
+    assert (tmp_path / "example" / "report.html").is_file()
     assert (tmp_path / "spectra.pdf").is_file()

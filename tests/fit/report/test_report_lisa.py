@@ -71,6 +71,9 @@ def test_page_and_figures(tmp_path):
     assert np.nanmedian(mean.y) == pytest.approx(1, abs=0.1)
     assert [panel.title for panel in spectra.panels] == ["D_x", "D_y"]
     assert len(breakdown.panels[0].marks) == 2 + 6 + 1  # shade and note, terms, residual
+    for name, chart in (("spectra", spectra), ("breakdown", breakdown), ("residual", residual)):
+        plot = getattr(fit.plot, name)(calibrated(), campaign(), "A")
+        assert len(plot.figure.axes) == len(chart.panels)
 
 
 def test_equation_of_motion_is_that_of_lisa(tmp_path):
