@@ -212,7 +212,9 @@ def test_slow_page(page, runner):
 
 
 @pytest.mark.slow
-def test_notebook(runner):
+def test_notebook_runs_where_it_is_opened(runner, tmp_path, monkeypatch):
+    (tmp_path / "folder").mkdir()
+    monkeypatch.chdir(tmp_path / "folder")
     pytest.importorskip("matplotlib").use("Agg")
     nbformat = pytest.importorskip("nbformat")
     notebook = nbformat.read(DOCS / "calibration.ipynb", as_version=4)

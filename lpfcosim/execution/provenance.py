@@ -67,6 +67,8 @@ class Provenance:
     def mismatch(self, attributes: Mapping[str, Any]) -> str:
         """Return in what the attributes of a file differ from this provenance; empty if in nothing."""
         for key, value in self.attributes().items():
+            if key == "simulated_by" and key not in attributes:
+                return "simulated through the FMUs, now it is from the equations of the models"
             if key not in attributes:
                 return f"does not state its {key}, expected telemetry of this campaign"
             if _is_equal(attributes[key], value):

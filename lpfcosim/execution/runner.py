@@ -246,7 +246,10 @@ def _completed_runs(
             continue  # missing or damaged
         mismatch = provenance.mismatch(attributes)
         if mismatch and not rerun:
-            raise InputError(f"{path}: {mismatch}; use another folder (--out), or simulate again (--rerun)")
+            raise InputError(
+                f"{path}: {mismatch}; use another folder (--out), or simulate again (--rerun; in Python, "
+                "rerun=True)"
+            )
         if matches[name] and not mismatch:
             complete.add(name)
     return complete

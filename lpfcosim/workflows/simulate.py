@@ -25,6 +25,7 @@ def simulate(
     *,
     fmus: bool = True,
     jobs: int | None = None,
+    rerun: bool = False,
     trusted: bool = False,
     progress: Progress = LOG,
 ) -> list[Path]:
@@ -40,13 +41,14 @@ def simulate(
     folder : path
         ``fit.load(folder)`` reads the telemetry.
     fmus : bool
-        False: from the equations of the same models, without FMU and compiler; the same to 1e-9 of
-        each channel's rms.
+        False: from the equations of the models, without a compiler; the same to 1e-9 of each rms.
     jobs : int, optional
         Number of processes, by default one per processor. A script needs ``if __name__ == "__main__":``
         around the call, as with `multiprocessing`.
+    rerun : bool
+        Simulate again what was simulated with another campaign, seed, version or FMU.
     trusted : bool
-        Let FMUs run that are not built here and not approved (``lpfcosim trust``). They are native code.
+        Let FMUs run that are not built here and not approved (``lpfcosim trust``).
     progress : Progress, optional
         By default warnings are logged by the logger ``lpfcosim``.
 
@@ -58,11 +60,11 @@ def simulate(
     Raises
     ------
     InputError, RunError
-        If `check` would refuse the campaign (but runs may be short), or the folder holds telemetry of another
-        one; if a run failed, after the others are finished.
+        If `check` would refuse the campaign (but runs may be short), or the folder holds other telemetry; if
+        a run failed, after the others are finished.
     """
     plan, source = resolve(campaign)
-    check_options(progress, fmus=fmus, trusted=trusted)
+    check_options(progress, fmus=fmus, rerun=rerun, trusted=trusted)
     jobs = check_workers(jobs)
     directory = as_path(folder, "the path of a folder")
     with prefix_errors(source):
@@ -71,14 +73,12 @@ def simulate(
         models = ", ".join(f"fmus.{r.model}" for r in plan.replacements)
         raise InputError(f"{models}: a third-party FMU, expected fmus=True where a campaign names one")
     paths = campaign_fmus(plan, progress) if fmus else {}
-    options = runner.RunOptions(jobs)
+    options = runner.RunOptions(jobs, rerun=rerun)
     with results_folder.lock(directory):
-        simulated = simulate_into(
-            plan, source, directory, paths, options, validated, progress, trusted=trusted
-        )
-    if simulated.failures:
-        raise RunError("; ".join(failure_causes(simulated)))
-    return list(simulated.files.values())
+        runs = simulate_into(plan, source, directory, paths, options, validated, progress, trusted=trusted)
+    if runs.failures:
+        raise RunError("; ".join(failure_causes(runs)))
+    return list(runs.files.values())
 
 
 def simulate_into(

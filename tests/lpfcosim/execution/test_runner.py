@@ -108,7 +108,7 @@ def test_what_comes_from_elsewhere_is_refused_or_simulated_anew(fmus, plan, copi
         (plan, {**fmus, "Plant": other_fmu}, "simulated with another Plant FMU"),
         (plan, {k: v for k, v in fmus.items() if k != "Plant"}, "simulated with an FMU Plant, which is not"),
     ):
-        with pytest.raises(InputError, match=rf"one-noise\.h5: {sentence}.*; use another .* \(--rerun\)"):
+        with pytest.raises(InputError, match=rf"one-noise\.h5: {sentence}.*; use another .* \(--rerun; "):
             runner.simulate(changed, folder, its)
     with monkeypatch.context() as patch:
         patch.setattr(provenance.metadata, "version", lambda _: "9.9")
@@ -144,7 +144,7 @@ def test_telemetry_without_a_seed_is_not_that_of_the_campaign(fmus, plan, tmp_pa
         file.attrs.update({**Provenance.of(plan, fmus).attributes(), "seed": np.arange(3)})
         if seed is None:
             del file.attrs["seed"]
-    with pytest.raises(InputError, match=r"one\.h5: .* seed.*; use another folder .* \(--rerun\)"):
+    with pytest.raises(InputError, match=r"one\.h5: .* seed.*; use another folder .* \(--rerun; "):
         runner.simulate(plan, tmp_path, fmus)
 
 

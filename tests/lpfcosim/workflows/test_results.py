@@ -130,6 +130,12 @@ def test_telemetry_from_equations_is_checked_as_that_of_fmus(campaign, tmp_path)
     (tmp_path / "telemetry.sha256").unlink()
     with pytest.raises(fit.InputError, match="simulated from other equations of the models"):
         lpfcosim.simulate(brief, tmp_path, fmus=False)
+    with h5py.File(paths[1], "r+") as file:
+        del file.attrs["simulated_by"]
+    with pytest.raises(fit.InputError, match=r"simulated through the FMUs, now .*rerun=True"):
+        lpfcosim.simulate(brief, tmp_path, fmus=False)
+    assert lpfcosim.simulate(brief, tmp_path, fmus=False, rerun=True) == paths
+    assert paths[1].read_bytes() == recorded[1]
     paths[1].rename(tmp_path / "telemetry" / "other.h5")
     with pytest.raises(fit.InputError, match=r"other\.h5: belongs to no run of this campaign"):
         lpfcosim.simulate(brief, tmp_path, fmus=False)
