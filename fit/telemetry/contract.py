@@ -1,5 +1,6 @@
 """The telemetry contract, schema ``lpf-telemetry/1``: channels and root attributes of a file, with units."""
 
+import math
 from collections.abc import Container, Mapping
 from datetime import UTC, date, datetime
 from typing import Annotated, Literal, NamedTuple
@@ -182,6 +183,14 @@ ATTRIBUTES: Mapping[str, str | None] = {
 }
 
 
+#: Least and largest values of optional attributes, and how these are written.
+RANGES: Mapping[str, tuple[float, float, str]] = {
+    "half_opening": (0.0, math.pi / 2, "0 to pi/2"),
+    "d_x": (-10.0, 10.0, "-10 to 10"),
+    "d_y": (-10.0, 10.0, "-10 to 10"),
+}
+
+
 def check_root(place: str, attributes: Mapping[str, object]) -> Root:
     """Return root attributes, which are at `place`, as `Telemetry` has them.
 
@@ -190,6 +199,11 @@ def check_root(place: str, attributes: Mapping[str, object]) -> Root:
     InputError
         If one is missing or breaks the contract.
     """
+    for name, (low, high, expected) in RANGES.items():
+        value = attributes.get(name, low)
+        if isinstance(value, bool) or not isinstance(value, int | float) or not low <= value <= high:
+            unit = ATTRIBUTES[name]
+            raise InputError(f"{place}: attribute {name} = {shown(value)} {unit}: expected {expected} {unit}")
     try:
         _Frame.model_validate(attributes)
         return Root.model_validate(attributes)

@@ -111,6 +111,8 @@ ATTRIBUTE_FAULTS = [
     ("alignment_epoch", 1.5, "alignment_epoch: 1.5"),
     ("m_tm", h5py.Empty("f"), "m_tm: "),
     ("inertial_period", np.nan, "inertial_period: nan"),
+    ("half_opening", 30.0, "half_opening = 30.0 rad: expected 0 to pi/2 rad"),
+    ("d_y", np.nan, "d_y = nan m: expected -10 to 10 m"),
     ("x_axis", "towards test mass 3", "expected one of towards test mass 2, towards test mass 1"),
     ("x_axis", np.array([1.0, 2.0]), "expected one of towards test mass 2, towards test mass 1"),
 ]
