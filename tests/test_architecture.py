@@ -109,7 +109,6 @@ USERS = {
     },  # the language of the fits
     "matio": {"fit.telemetry"},
     "matplotlib": {"fit.plotting"},
-    "pebble": {"lpfcosim.execution"},
     "pint": {"fit.units"},
     "rich": {"lpfcosim.cli"},
     "rumoca": {"lpfcosim.modelica"},

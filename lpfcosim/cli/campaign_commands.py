@@ -104,7 +104,7 @@ def run(
             "--time-limit",
             metavar="DURATION",
             parser=duration,
-            help='Wall time of each run, such as "2 h". A run without a step for a minute is always ended.',
+            help='Wall time of each run, such as "2 h".',
         ),
     ] = None,
     rerun: Annotated[

@@ -14,8 +14,7 @@ if TYPE_CHECKING:
     import typer
 
 INTERRUPTED = 130  # exit status that typer makes of Ctrl-C
-WITH_WORKERS = (["run"], ["montecarlo"])  # commands that start processes
-RESUMABLE = (*WITH_WORKERS, ["mcmc"])  # commands that continue where they were interrupted
+RESUMABLE = (["run"], ["montecarlo"], ["mcmc"])  # commands that continue where they were interrupted
 
 
 def main() -> None:
@@ -31,10 +30,6 @@ def main() -> None:
 
 
 def _run_command() -> int:
-    if sys.argv[1:2] in WITH_WORKERS and "--help" not in sys.argv:
-        from lpfcosim.execution import forkserver
-
-        forkserver.preload(*(forkserver.FITTING if sys.argv[1] == "montecarlo" else ()))
     import typer  # here, so that Ctrl-C during the imports is reported like any other
 
     from lpfcosim.cli.app import app

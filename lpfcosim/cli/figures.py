@@ -1,7 +1,7 @@
 """The command ``figures``: figures for print of the results in a folder."""
 
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from contextlib import closing
 from pathlib import Path
 
@@ -14,7 +14,7 @@ from fit.results import results_folder as results_folder_of
 from lpfcosim.cli.console import Console
 from lpfcosim.cosim import SimulationProgress
 from lpfcosim.errors import InputError, RunError
-from lpfcosim.execution import Executor, WorkerConfig, results_folder
+from lpfcosim.execution import Tasks, Workers, results_folder
 from lpfcosim.workflows import output_paths
 
 WORDS = (
@@ -47,10 +47,10 @@ def figures(directory: Path, names: Sequence[str], console: Console, *, jobs: in
             for name in chosen:
                 items[name] = (place, name, known.pop(name).draw())
                 progress(len(items))
-        config = WorkerConfig(_draw, directory, directory / "logs", "figure '{}'")
+        tasks = Tasks(_draw, items, directory, directory / "logs", "figure '{}'")
         with (
             console.counted("figures", len(items)) as progress,
-            closing(Executor(jobs).results(config, items, {})) as drawn,
+            closing(Workers(jobs).results(tasks)) as drawn,
         ):
             for done, (_, outcome) in enumerate(drawn, start=1):
                 if isinstance(outcome, InputError | RunError):
@@ -90,8 +90,7 @@ def _list_names(names: Iterable[str]) -> str:
 # In a process of its own -------------------------------------------------------------------------------
 
 
-def _draw(item: tuple[Path, str, Figure], _fmus: Mapping[str, Path], progress: SimulationProgress) -> None:
-    progress.set_idle()  # nothing that hangs
+def _draw(item: tuple[Path, str, Figure], _progress: SimulationProgress) -> None:
     from fit.plotting import draw, write  # takes its time
 
     place, name, figure = item

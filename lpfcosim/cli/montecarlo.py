@@ -1,8 +1,10 @@
 """The command ``montecarlo``: many campaigns, each simulated and fitted anew."""
 
+from contextlib import nullcontext
 from pathlib import Path
 
 from lpfcosim.cli.console import Console
+from lpfcosim.execution import dask_executor
 from lpfcosim.workflows import montecarlo as workflow
 from lpfcosim.workflows import output_paths
 
@@ -22,17 +24,18 @@ def montecarlo(
     """Repeat a campaign with new noise, fit each, report pulls and coverage."""
     directory = out or Path(f"{campaign.stem}-montecarlo")
     output_paths.check_folder(directory, "figures")
-    study = workflow.montecarlo(
-        campaign,
-        n,
-        directory,
-        redraw=redraw,
-        fmus=fmus,
-        trusted=trusted,
-        jobs=jobs,
-        scheduler=scheduler,
-        progress=console,
-    )
+    with dask_executor(scheduler) if scheduler else nullcontext() as executor:
+        study = workflow.montecarlo(
+            campaign,
+            n,
+            directory,
+            redraw=redraw,
+            fmus=fmus,
+            trusted=trusted,
+            jobs=jobs,
+            executor=executor,
+            progress=console,
+        )
     console.print_json(study.to_json())
     console.print_table(study.table())
     unfinished = f", {len(study.unfinished)} not done" if study.unfinished else ""

@@ -1,8 +1,10 @@
 """The command ``run``: simulate, fit, report."""
 
+from contextlib import nullcontext
 from pathlib import Path
 
 from lpfcosim.cli.console import Console
+from lpfcosim.execution import dask_executor
 from lpfcosim.workflows import output_paths
 from lpfcosim.workflows import run as workflow
 
@@ -21,15 +23,15 @@ def run(
     """Simulate a campaign, fit it, report."""
     directory = out or Path(campaign.stem)
     output_paths.check_folder(directory, "telemetry")
-    console.show_calibration(
-        workflow.run(
+    with dask_executor(scheduler) if scheduler else nullcontext() as executor:
+        calibration = workflow.run(
             campaign,
             directory,
             jobs=jobs,
-            scheduler=scheduler,
+            executor=executor,
             time_limit=time_limit,
             rerun=rerun,
             trusted=trusted,
             progress=console,
         )
-    )
+    console.show_calibration(calibration)

@@ -1,20 +1,19 @@
-"""Execution of a campaign by several processes or a cluster, into telemetry files.
+"""Execution of a campaign by several processes or any executor, into telemetry files.
 
 Finished files are kept and checked by their digest, so that a campaign that was killed continues.
 """
 
-from lpfcosim.execution.executor import Executor
+from lpfcosim.execution.pool import Tasks, Workers, dask_executor
 from lpfcosim.execution.provenance import MODEL_EQUATIONS, Provenance
-from lpfcosim.execution.workers import WorkerConfig
 
 __all__ = [
     "MODEL_EQUATIONS",
-    "Executor",
     "Provenance",
-    "WorkerConfig",
+    "Tasks",
+    "Workers",
     "checksums",
+    "dask_executor",
     "fmus",
-    "forkserver",
     "results_folder",
     "runner",
     "telemetry_file",

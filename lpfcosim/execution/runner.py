@@ -1,14 +1,12 @@
-"""Simulate the runs of a campaign on several processes or a cluster; finished files are kept."""
+"""Simulate the runs of a campaign on several processes; finished files are kept."""
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Callable, Generator, Iterable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import closing, suppress
+from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any
 
 from fit.files import atomic
@@ -19,9 +17,8 @@ from lpfcosim.cosim import FmuLibraryCache, SimulationProgress, co_simulation, c
 from lpfcosim.errors import InputError, RunError
 from lpfcosim.execution import telemetry_file
 from lpfcosim.execution.checksums import ChecksumFile, PendingFile, digest
-from lpfcosim.execution.executor import Executor
+from lpfcosim.execution.pool import Tasks, Workers
 from lpfcosim.execution.provenance import Provenance
-from lpfcosim.execution.workers import WorkerConfig
 from lpfcosim.linear import ClosedLoop, saturation
 from lpfcosim.modelica import engine_library
 from lpfcosim.models import model_of
@@ -51,7 +48,7 @@ class SimulationResult:
 
 
 @dataclass(frozen=True)
-class RunOptions(Executor):
+class RunOptions(Workers):
     """How a campaign is simulated, in addition to where.
 
     Attributes
@@ -132,44 +129,40 @@ def simulate(
             callbacks.on_message(f"run {name}: {path} {reason}")
     callbacks.on_start(provenance)
     missing = {run.name: run for run in campaign.runs if run.name not in complete}
-    task = _SimulationTask(provenance.attributes(), None if options.scheduler else directory)
-    config = WorkerConfig(task, directory, directory.parent / "logs", models=fmu_order(campaign))
-    config.remove_empty_logs()  # of a command that was killed
+    place = directory.resolve() if options.executor else directory  # workers may be in another folder
+    task = _SimulationTask(provenance.attributes(), place, fmus)
+    queue = dict(sorted(missing.items(), key=lambda item: -item[1].n_samples))  # all workers end together
+    tasks = Tasks(task, queue, directory, directory.parent / "logs", models=fmu_order(campaign))
+    tasks.remove_empty_logs()  # of a command that was killed
     if missing:
         checksums.remove(map(paths.__getitem__, missing))
         for name in missing:  # lest files of two campaigns lie side by side, should this be killed
             paths[name].unlink(missing_ok=True)
-    with closing(_execute(config, missing, fmus, options, callbacks)) as outcomes:
-        failures = _collect_results(missing, outcomes, checksums, paths, callbacks, config)
+    with closing(_execute(tasks, options, callbacks) if fmus else _evaluated(tasks)) as outcomes:
+        failures = _collect_results(missing, outcomes, checksums, paths, callbacks, tasks)
     files = {name: path for name, path in paths.items() if name not in failures}
     return SimulationResult(files, failures, provenance)
 
 
-def _execute(
-    config: WorkerConfig,
-    runs: Mapping[str, Run],
-    fmus: Mapping[str, Path],
-    options: RunOptions,
-    callbacks: ProgressCallbacks,
-) -> Generator[tuple[str, Any]]:
-    """Simulate runs in processes, on a cluster or, without FMUs, here; yield the outcome of each."""
-    if not fmus:
-        for name, run in runs.items():
-            try:
-                yield name, config.function(run, {}, SimulationProgress())
-            except RunError as error:
-                yield name, error
-        return
-    if runs and not options.scheduler:
+def _evaluated(tasks: Tasks) -> Generator[tuple[str, Any]]:
+    """Simulate runs from the equations of their models, in this process; yield the outcome of each."""
+    for name, run in tasks.items.items():
+        try:
+            yield name, tasks.function(run, SimulationProgress())
+        except RunError as error:
+            yield name, error
+
+
+def _execute(tasks: Tasks, options: RunOptions, callbacks: ProgressCallbacks) -> Generator[tuple[str, Any]]:
+    """Simulate runs through the FMUs; yield the outcome of each."""
+    if tasks.items:
         engine_library()  # built once, here, and not in every worker
 
     def on_progress(name: str, n_samples: int) -> None:
-        if n_samples < runs[name].n_samples:  # the last sample counts when the file is complete
+        if n_samples < tasks.items[name].n_samples:  # the last sample counts when the file is complete
             callbacks.on_progress(name, n_samples)
 
-    # The longest first, so that all processes end at about the same time.
-    queue = {name: runs[name] for name in sorted(runs, key=lambda name: -runs[name].n_samples)}
-    yield from options.results(config, queue, fmus, on_progress)
+    yield from options.results(tasks, on_progress)
 
 
 def _collect_results(
@@ -178,16 +171,18 @@ def _collect_results(
     checksums: ChecksumFile,
     paths: Mapping[str, Path],
     callbacks: ProgressCallbacks,
-    config: WorkerConfig,
+    tasks: Tasks,
 ) -> dict[str, RunError]:
     """Record the checksum of each file as it comes and give it its name; return the errors of the others."""
     failures: dict[str, InputError | RunError] = {}
     for name, outcome in outcomes:
         try:
-            _settle(outcome, checksums, paths[name])
+            if not isinstance(outcome, PendingFile):
+                raise outcome
+            checksums.add(paths[name], outcome)
         except (InputError, RunError) as error:
             failures[name] = error
-            config.append_to_log(name, str(error))
+            tasks.append_to_log(name, str(error))
         else:
             callbacks.on_progress(name, runs[name].n_samples)
     refusals = [error for error in failures.values() if isinstance(error, InputError)]
@@ -197,22 +192,6 @@ def _collect_results(
         if name not in failures and not paths[name].is_file():
             failures[name] = RunError(f"run '{name}': was not simulated")
     return {name: RunError(str(failures[name])) for name in runs if name in failures}
-
-
-def _settle(outcome: Any, checksums: ChecksumFile, path: Path) -> None:
-    """Give a simulated file its name, or raise why there is none."""
-    if isinstance(outcome, bytes):  # from a cluster
-        partial = atomic.temporary(path)
-        try:
-            partial.write_bytes(outcome)
-        except OSError as error:
-            with suppress(OSError):
-                partial.unlink()
-            raise RunError(f"{path}: cannot be written ({error.strerror or error})") from None
-        outcome = PendingFile(partial, hashlib.sha256(outcome).hexdigest())
-    if not isinstance(outcome, PendingFile):
-        raise outcome
-    checksums.add(path, outcome)
 
 
 def fmu_order(campaign: Campaign) -> tuple[str, ...]:
@@ -309,23 +288,17 @@ _libraries = FmuLibraryCache()
 
 @dataclass(frozen=True)
 class _SimulationTask:
-    """Simulates a run into a file of a folder, or, on a cluster, returns the content of the file."""
+    """Simulates a run into a file of a folder."""
 
     attributes: Attributes
-    folder: Path | None
+    folder: Path
+    fmus: Mapping[str, Path]
 
-    def __call__(
-        self, run: Run, fmus: Mapping[str, Path], progress: SimulationProgress
-    ) -> PendingFile | bytes:
-        if self.folder is None:
-            with TemporaryDirectory(prefix="lpfcosim-") as folder:
-                path = Path(folder) / f"{run.name}.h5"
-                write_telemetry(run, fmus, path, self.attributes, progress)
-                return path.read_bytes()
+    def __call__(self, run: Run, progress: SimulationProgress) -> PendingFile:
         path = self.folder / f"{run.name}.h5"
         partial = atomic.temporary(path)  # which the main process gives its name
         try:
-            write_telemetry(run, fmus, partial, self.attributes, progress, _libraries)
+            write_telemetry(run, self.fmus, partial, self.attributes, progress, _libraries)
         except RunError as error:  # which may name the file
             raise RunError(str(error).replace(partial.name, path.name)) from None
         return PendingFile(partial, digest(partial))

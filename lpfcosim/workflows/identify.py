@@ -20,7 +20,7 @@ from fit.whitening import Experiment
 from lpfcosim.campaign import Campaign
 from lpfcosim.cosim import SimulationProgress, read_interfaces_of_runs, warnings
 from lpfcosim.errors import InputError, RunError, as_run_error, prefix_errors
-from lpfcosim.execution import Executor, WorkerConfig, results_folder, runner, validation
+from lpfcosim.execution import Tasks, Workers, results_folder, runner, validation
 from lpfcosim.execution import fmus as fmu_archives
 from lpfcosim.identification import ClosedLoopResponse, Target, check, targets
 from lpfcosim.models import DELTA_G
@@ -78,7 +78,7 @@ class _Task:
     directory: Path
     fit_settings: Settings
 
-    def __call__(self, _item: None, _fmus: Mapping[str, Path], progress: SimulationProgress) -> Results:
+    def __call__(self, _item: None, progress: SimulationProgress) -> Results:
         """Identify in a worker: one thread, so that it is known which FMU is at work."""
         with as_run_error(), serial(), ExitStack() as stack, prefix_errors(self.source):
             results, telemetries = refit.load(self.directory)
@@ -258,9 +258,9 @@ def _identify_in_process(task: _Task, progress: Progress) -> Results:
     """Identify in a process of its own, which third-party FMUs may crash."""
     name = "identification"
     models = runner.fmu_order(task.plan)
-    config = WorkerConfig(task, task.directory, task.directory / "logs", "{}", models)
+    tasks = Tasks(task, {name: None}, task.directory, task.directory / "logs", "{}", models)
     with progress.stage(name):
-        ((_, outcome),) = Executor(1).results(config, {name: None}, task.fmus)
+        ((_, outcome),) = Workers(1).results(tasks)
     if isinstance(outcome, InputError | RunError):
         raise outcome
     assert isinstance(outcome, Results)

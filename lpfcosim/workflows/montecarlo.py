@@ -1,7 +1,8 @@
 """A campaign repeated with new noise, and fitted each time, to test whether its uncertainties are valid."""
 
 import json
-from collections.abc import Generator, Iterator, Mapping, Sequence
+from collections.abc import Generator, Iterator, Mapping
+from concurrent.futures import Executor
 from contextlib import ExitStack, closing
 from dataclasses import dataclass
 from importlib import metadata
@@ -18,7 +19,7 @@ from fit.tables import Table
 from fit.units import concise_value
 from lpfcosim.campaign import Campaign
 from lpfcosim.errors import InputError, RunError, prefix_errors
-from lpfcosim.execution import Executor, WorkerConfig, checksums, results_folder, runner, validation
+from lpfcosim.execution import Tasks, Workers, checksums, results_folder, runner, validation
 from lpfcosim.execution import fmus as fmu_archives
 from lpfcosim.linear import ClosedLoop, saturation
 from lpfcosim.messages import grouped
@@ -124,7 +125,7 @@ def montecarlo(
     fmus: bool = False,
     trusted: bool = False,
     jobs: int | None = None,
-    scheduler: str | None = None,
+    executor: Executor | None = None,
     progress: Progress = LOG,
 ) -> MonteCarlo:
     """Repeat a campaign with new noise, fit each, and test pulls and coverage.
@@ -148,8 +149,8 @@ def montecarlo(
         Let FMUs run that are not built here and not approved.
     jobs : int, optional
         Number of processes, by default one per processor.
-    scheduler : str, optional
-        Address of the scheduler of a Dask cluster.
+    executor : concurrent.futures.Executor, optional
+        Does the work instead, in processes with the same file system.
     progress : Progress, optional
         By default warnings are logged.
 
@@ -160,7 +161,7 @@ def montecarlo(
     """
     plan, source = resolve(campaign)
     n = whole_number("n", n, 2, "two campaigns or more")
-    jobs = check_workers(jobs, scheduler)
+    workers = Workers(check_workers(jobs), executor)
     check_options(progress, fmus=fmus, redraw=redraw, trusted=trusted)
     directory = output_folder(out, plan, source, "-montecarlo")
     fit_settings, validated = validate_simulation(plan, source, "a Monte Carlo is", *[DELTA_G] * redraw)
@@ -168,22 +169,22 @@ def montecarlo(
     if not fmus:
         with prefix_errors(source):
             _check_spectra(plan, validated)
-    task = MonteCarloTask(plan, fit_settings, redraw)
     with results_folder.lock(directory, alternative=True), ExitStack() as stack:
         with prefix_errors(source):
             copies = stack.enter_context(fmu_archives.snapshot(plan, archives, directory, trusted=trusted))
-        header = _header(task, copies)
-        records, unfinished = _run_trials(directory, task, header, copies, n, jobs, scheduler, progress)
+        task = MonteCarloTask(plan, fit_settings, redraw, copies)
+        header = _header(task)
+        records, unfinished = _run_trials(directory, task, header, n, workers, progress)
         return _summarize(directory, plan.name, header, records, unfinished, progress)
 
 
-def _header(task: MonteCarloTask, fmus: Mapping[str, Path]) -> dict[str, object]:
+def _header(task: MonteCarloTask) -> dict[str, object]:
     """Return the first line of the log: what all its campaigns have in common."""
     return {
         "campaign_digest": task.plan.digest,
         "settings": task.fit_settings.model_dump(),
         "redraw": task.redraw,
-        "fmus": {model: checksums.digest(path) for model, path in fmus.items()},
+        "fmus": {model: checksums.digest(path) for model, path in task.fmus.items()},
         "lpfcosim_version": metadata.version("lpfcosim"),
     }
 
@@ -218,10 +219,8 @@ def _run_trials(
     directory: Path,
     task: MonteCarloTask,
     header: Mapping[str, object],
-    fmus: Mapping[str, Path],
     n: int,
-    jobs: int | None,
-    scheduler: str | None,
+    workers: Workers,
     progress: Progress,
 ) -> tuple[dict[int, Record], dict[str, str]]:
     """Run the campaigns that the log does not hold, and add them to it.
@@ -235,12 +234,14 @@ def _run_trials(
     """
     log = directory / "campaigns.jsonl"
     records = read_log(log, header)
-    missing = [number for number in range(n) if number not in records]
+    missing = {f"campaign {number}": number for number in range(n) if number not in records}
+    models = runner.fmu_order(task.plan)
+    tasks = Tasks(task.run, missing, directory, directory / "logs", "{}", models)
     unfinished: dict[str, str] = {}
     with (
         progress.counted("campaigns", n, n - len(missing)) as advance,
         log.open("a", encoding="utf-8") as file,
-        closing(_outcomes(directory, task, fmus, missing, unfinished, jobs, scheduler)) as outcomes,
+        closing(_outcomes(tasks, workers, unfinished)) as outcomes,
     ):
         for record in outcomes:  # in any order, as each has its own seed
             records[record["number"]] = record
@@ -318,22 +319,11 @@ def read_log(log: Path, header: Mapping[str, object]) -> dict[int, Record]:
     return records
 
 
-def _outcomes(
-    directory: Path,
-    task: MonteCarloTask,
-    fmus: Mapping[str, Path],
-    numbers: Sequence[int],
-    unfinished: dict[str, str],
-    jobs: int | None,
-    scheduler: str | None,
-) -> Generator[Record]:
+def _outcomes(tasks: Tasks, workers: Workers, unfinished: dict[str, str]) -> Generator[Record]:
     """Yield the records of campaigns; add those that could not be simulated to `unfinished`."""
-    items = {f"campaign {number}": number for number in numbers}
-    models = runner.fmu_order(task.plan)
-    config = WorkerConfig(task.run, directory, directory / "logs", "{}", models)
-    for name, outcome in Executor(jobs, scheduler).results(config, items, fmus):
+    for name, outcome in workers.results(tasks):
         if isinstance(outcome, InputError | RunError):
             unfinished[name] = str(outcome)
-            config.append_to_log(name, unfinished[name])
+            tasks.append_to_log(name, unfinished[name])
         else:
             yield outcome

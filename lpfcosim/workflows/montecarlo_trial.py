@@ -1,4 +1,4 @@
-"""One campaign of a Monte Carlo, in a process of its own or on a cluster: simulated, and fitted."""
+"""One campaign of a Monte Carlo, in a worker process: simulated, and fitted."""
 
 import tempfile
 from collections.abc import Mapping
@@ -79,25 +79,26 @@ class MonteCarloTask:
         Of the fit.
     redraw : bool
         Whether every campaign has truths of its own.
+    fmus : mapping of str to Path
+        By model; without any, telemetry is drawn from spectra.
     """
 
     plan: Campaign
     fit_settings: Settings
     redraw: bool
+    fmus: Mapping[str, Path] = field(default_factory=dict)
     _simulator: SpectralSimulator = field(default_factory=SpectralSimulator, compare=False, repr=False)
 
     @one_blas_thread
-    def run(self, number: int, fmus: Mapping[str, Path], progress: SimulationProgress) -> Record:
+    def run(self, number: int, progress: SimulationProgress) -> Record:
         """Simulate and fit a campaign; the same results whatever the process and what came before in it.
 
         Parameters
         ----------
         number : int
             Of the campaign.
-        fmus : mapping of str to Path
-            By model; without any, telemetry is drawn from spectra.
         progress : SimulationProgress
-            Of the FMUs, which alone can hang.
+            Of the FMUs.
 
         Returns
         -------
@@ -105,11 +106,10 @@ class MonteCarloTask:
             With ``estimates`` (difference from the truth and sigma, by parameter), or with ``failed``, the
             reason.
         """
-        progress.set_idle()
         plan = montecarlo.numbered(self.plan, number, redraw=self.redraw)
         try:
             with serial():  # one process for each processor is faster than threads
-                results = self._with_fmus(plan, fmus, progress) if fmus else self._from_spectra(plan, number)
+                results = self._with_fmus(plan, progress) if self.fmus else self._from_spectra(plan, number)
         except (CalibrationError, RunError) as error:
             return {"number": number, "failed": str(error)}
         if results.joint and results.joint.unsound:
@@ -117,13 +117,13 @@ class MonteCarloTask:
         truth = {"truth": telemetry_file.truth(plan.runs[0])} if self.redraw else {}
         return {"number": number, "estimates": coverage.estimates(results), **truth}
 
-    def _with_fmus(self, plan: Campaign, fmus: Mapping[str, Path], progress: SimulationProgress) -> Results:
+    def _with_fmus(self, plan: Campaign, progress: SimulationProgress) -> Results:
         with tempfile.TemporaryDirectory(prefix="lpfcosim-") as name:
             folder = Path(name)
             with FmuLibraryCache() as libraries:
                 for run in plan.runs:
                     path = folder / f"{run.name}.h5"
-                    runner.write_telemetry(run, fmus, path, {}, progress=progress, libraries=libraries)
+                    runner.write_telemetry(run, self.fmus, path, {}, progress=progress, libraries=libraries)
                     progress.set_idle()
             telemetries = read_all(sorted(folder.glob("*.h5")), trusted=True)
             return coverage.with_truth(calibrate(telemetries, self.fit_settings), telemetries)

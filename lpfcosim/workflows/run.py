@@ -1,6 +1,7 @@
 """A campaign simulated, fitted and reported; results say what is missing where runs failed."""
 
 from collections.abc import Mapping, Sequence
+from concurrent.futures import Executor
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
@@ -63,7 +64,7 @@ def run(
     out: PathLike | None = None,
     *,
     jobs: int | None = None,
-    scheduler: str | None = None,
+    executor: Executor | None = None,
     time_limit: float | None = None,
     rerun: bool = False,
     trusted: bool = False,
@@ -82,8 +83,8 @@ def run(
         Folder of telemetry, results and report; by default it has the name of the campaign, or of its file.
     jobs : int, optional
         Number of processes, by default one per processor.
-    scheduler : str, optional
-        Address of the scheduler of a Dask cluster, which then does the work.
+    executor : concurrent.futures.Executor, optional
+        Simulates instead, in processes with the same file system, such as that of a Dask cluster.
     time_limit : float, optional
         Longest time that a run may take [s].
     rerun : bool
@@ -102,13 +103,13 @@ def run(
     """
     plan, source = resolve(campaign)
     directory = output_folder(out, plan, source)
-    jobs = check_workers(jobs, scheduler, time_limit)
+    jobs = check_workers(jobs, time_limit)
     check_options(progress, rerun=rerun, trusted=trusted)
     fit_settings, validated = validate_simulation(plan, source, "a calibration is")
     with progress.stage("forecast"), prefix_errors(source):  # refuses settings before anything is simulated
         expected, _ = forecast_or_reason(plan, fit_settings.without_fmu_parameters())
     fmus = campaign_fmus(plan, progress)
-    options = runner.RunOptions(jobs, scheduler, time_limit, rerun=rerun)
+    options = runner.RunOptions(jobs, executor, time_limit, rerun=rerun)
     with results_folder.lock(directory, alternative=True):
         simulated = simulate_into(
             plan, source, directory, fmus, options, validated, progress, trusted=trusted

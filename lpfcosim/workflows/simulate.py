@@ -43,8 +43,7 @@ def simulate(
     fmus : bool
         False: from the equations of the models, without a compiler; the same to 1e-9 of each rms.
     jobs : int, optional
-        Number of processes, by default one per processor. A script needs ``if __name__ == "__main__":``
-        around the call, as with `multiprocessing`.
+        Number of processes, by default one per processor.
     rerun : bool
         Simulate again what was simulated with another campaign, seed, version or FMU.
     trusted : bool

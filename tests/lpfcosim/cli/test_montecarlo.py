@@ -129,7 +129,7 @@ def test_the_command_leaves_what_the_contract_says_and_continues(small, tmp_path
 def test_a_command_at_its_limit_is_no_campaign_that_counts(small):
     small.write_text(SMALL.replace('"2200 pN"', '"0.5 pN"'), encoding="utf-8")
     task = MonteCarloTask(loading.load(small), settings(), redraw=False)
-    assert "f_x_2 reaches its limit" in task.run(1, {}, SimulationProgress())["failed"]
+    assert "f_x_2 reaches its limit" in task.run(1, SimulationProgress())["failed"]
 
 
 def test_pulls_that_chance_explains_are_valid_and_others_are_not():

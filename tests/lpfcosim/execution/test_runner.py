@@ -1,15 +1,8 @@
 """Runs on several processes: all there, once, resumed, and honest about failure."""
 
-import multiprocessing as mp
-import os
 import re
 import shutil
-import signal
-import subprocess
-import sys
 import tempfile
-import time
-from contextlib import suppress
 from dataclasses import replace
 
 import h5py
@@ -17,9 +10,8 @@ import numpy as np
 import pytest
 
 from lpfcosim.errors import InputError
-from lpfcosim.execution import Executor, Provenance, provenance, runner
+from lpfcosim.execution import Provenance, Workers, provenance, runner
 from lpfcosim.spacecraft.run import Authority, Sine
-from tests.campaign_text import SHORT_PLAN
 from tests.reference_run import simulate_reference
 
 pytestmark = pytest.mark.fmu
@@ -72,7 +64,7 @@ def copied(files, tmp_path):
 
 def test_a_byte_changed_anywhere_is_noticed(fmus, plan, copied, monkeypatch):
     asked = []
-    monkeypatch.setattr(Executor, "results", lambda _, __, items, *___: asked.append([*items]) or [])
+    monkeypatch.setattr(Workers, "results", lambda _, tasks, __: asked.append([*tasks.items]) or [])
     lost = copied[1]
     content = lost.read_bytes()
     ledger = lost.parent.with_suffix(".sha256").read_text()
@@ -86,7 +78,7 @@ def test_a_byte_changed_anywhere_is_noticed(fmus, plan, copied, monkeypatch):
 
 def test_a_ledger_that_is_lost_or_damaged_costs_time_only(fmus, plan, copied, monkeypatch):
     asked = []
-    monkeypatch.setattr(Executor, "results", lambda _, __, items, *___: asked.append({*items}) or [])
+    monkeypatch.setattr(Workers, "results", lambda _, tasks, __: asked.append({*tasks.items}) or [])
     ledger = copied[0].parent.with_suffix(".sha256")
     for damage in (ledger.read_bytes()[40:], b"\xff\0\n  \n", b""):
         ledger.write_bytes(damage)
@@ -100,7 +92,7 @@ def test_what_comes_from_elsewhere_is_refused_or_simulated_anew(fmus, plan, copi
     other_fmu = copied[0].parent / "other.fmu"
     other_fmu.write_bytes(fmus["Plant"].read_bytes() + b"0")
     longer = replace(plan, experiments=(replace(plan.experiments[0], n_samples=2001),))
-    monkeypatch.setattr(Executor, "results", None)  # nothing must be simulated
+    monkeypatch.setattr(Workers, "results", None)  # nothing must be simulated
     for changed, its, sentence in (
         (reseeded, fmus, "simulated with seed 7, now it is 8"),
         (longer, fmus, "simulated with another version of the campaign"),
@@ -115,7 +107,7 @@ def test_what_comes_from_elsewhere_is_refused_or_simulated_anew(fmus, plan, copi
         with pytest.raises(InputError, match=r"one-noise\.h5: simulated with version .*, now it is 9\.9"):
             runner.simulate(plan, folder, fmus)
     asked = []
-    monkeypatch.setattr(Executor, "results", lambda _, __, items, *___: asked.extend(items) or [])
+    monkeypatch.setattr(Workers, "results", lambda _, tasks, __: asked.extend(tasks.items) or [])
     runner.simulate(reseeded, folder, fmus, runner.RunOptions(rerun=True))
     assert asked == ["one", "one-noise"]
     # the rerun was interrupted: nothing of the old seed is left to lie beside the new one
@@ -186,50 +178,8 @@ def test_an_interrupt_leaves_what_is_finished_and_nothing_else(fmus, long, tmp_p
 
     with pytest.raises(KeyboardInterrupt):
         runner.simulate(long, noise.parent, fmus, runner.RunOptions(2), runner.ProgressCallbacks(progress))
-    assert mp.active_children() == []
     assert folder_of(noise.parent) == [noise.name]
     assert list(scratch.iterdir()) == []
-
-
-ORPHANS = """
-import sys
-from pathlib import Path
-from lpfcosim.campaign import loading
-from lpfcosim.modelica import build
-from lpfcosim.execution import Provenance, provenance, runner
-
-if __name__ == "__main__":
-    plan = loading.load(Path(sys.argv[1]))
-    runner.simulate(plan, Path("telemetry"), build.build(), runner.RunOptions(jobs=2))
-"""
-
-
-@pytest.mark.skipif(os.name != "posix", reason="needs SIGKILL")
-@pytest.mark.slow
-def test_workers_end_with_a_main_process_that_is_killed(tmp_path, scratch):
-    (tmp_path / "orphans.py").write_text(ORPHANS)
-    (tmp_path / "long.toml").write_text(SHORT_PLAN.replace("200 s", "65 h").replace("100 s", "65 h"))
-    process = subprocess.Popen(
-        [sys.executable, "orphans.py", "long.toml"],
-        cwd=tmp_path,
-        env={**os.environ, "TMPDIR": str(scratch)},
-        stderr=subprocess.PIPE,
-        start_new_session=True,
-    )
-    try:
-        while len(list(tmp_path.glob("telemetry/.*.part"))) < 2:
-            assert process.poll() is None
-            time.sleep(0.05)
-        process.kill()
-        process.communicate(timeout=30)
-        killed = time.monotonic()
-        # The socket of the standard library's server stays in a folder pymp-*.
-        while [*(tmp_path / "telemetry").iterdir(), *scratch.glob("[!p]*")]:
-            assert time.monotonic() - killed < 30  # of which a busy machine takes some
-            time.sleep(0.05)
-    finally:
-        with suppress(ProcessLookupError):
-            os.killpg(process.pid, signal.SIGKILL)
 
 
 def test_saturation_is_counted(fmus, make_run, tmp_path):

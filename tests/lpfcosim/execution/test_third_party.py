@@ -65,14 +65,6 @@ def test_values_make_a_campaign_and_the_switch_of_validation_does_not(load, tmp_
     assert len(set(digests)) == 4
 
 
-def test_log_is_limited_and_counts_the_rest(load, fmus, tmp_path):
-    third_party.built(tmp_path, "WARNS")
-    assert not simulate(load(), fmus, tmp_path / "out").failures
-    lines = (tmp_path / "out" / "logs" / "one.log").read_text().splitlines()
-    assert lines[:1] == ["SuspensionControl: a minor matter"]
-    assert (len(lines), lines[-1]) == (1001, "(and 2000 more messages)")
-
-
 def test_what_an_fmu_says_only_when_asked_is_logged(load, fmus, tmp_path):
     third_party.built(tmp_path, "SPEAKS_IF_ASKED")
     failures = simulate(load(), fmus, tmp_path / "out").failures

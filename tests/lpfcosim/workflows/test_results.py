@@ -81,11 +81,6 @@ ARGUMENTS = {
     r"^4: expected the path of a folder$": lambda c, out: lpfcosim.run(c, 4),
     r"^5: expected the path of telemetry$": lambda c, out: lpfcosim.identify(c, 5),
     r"^time_limit: nan, expected a time in s$": lambda c, out: lpfcosim.run(c, out, time_limit=float("nan")),
-    r"^scheduler: 5, expected an address": lambda c, out: lpfcosim.run(c, out, scheduler=5),
-    r"^jobs, scheduler: expected one": lambda c, out: lpfcosim.run(c, out, jobs=2, scheduler="tcp://a:1"),
-    r"^time_limit, scheduler: expected one": lambda c, out: lpfcosim.run(
-        c, out, time_limit=5.0, scheduler="tcp://a:1"
-    ),
     r"^parameters: 5, expected constraints by parameter$": lambda c, out: lpfcosim.identify(c, parameters=5),
     r"^no run \['A'\]": lambda c, out: lpfcosim.closed_loop(c, ["A"]),
     r"^no loop \['A'\]": lambda c, out: lpfcosim.margins(c)[["A"]],

@@ -1,0 +1,337 @@
+"""Tasks shared among worker processes, or given to any executor of `concurrent.futures`; the results agree.
+
+A worker is a process of its own (`worker`), which imports nothing of the caller, so that a call works alike
+in a script, a notebook and a thread. One that crashes or is killed fails its task and no other.
+"""
+
+from __future__ import annotations
+
+import os
+import pickle
+import signal
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from collections.abc import Callable, Generator, Iterator, Mapping
+from concurrent.futures import FIRST_COMPLETED, Executor, ThreadPoolExecutor, as_completed, wait
+from contextlib import closing, contextmanager, suppress
+from dataclasses import dataclass
+from math import inf
+from pathlib import Path
+from typing import Any, cast
+
+from fit.parallel import processors
+from lpfcosim.cosim import SimulationProgress
+from lpfcosim.errors import InputError, RunError
+from lpfcosim.execution import checksums, worker
+from lpfcosim.spacecraft import H
+
+START = 60.0  # s that a worker may take to start
+_POLL = 0.2  # s between two looks at the workers
+_CRASHES = ("SIGABRT", "SIGBUS", "SIGFPE", "SIGILL", "SIGSEGV", "SIGSYS", "SIGTRAP")
+_ROOT = Path(__file__).parents[2]
+_PROGRAM = f"import sys; sys.path[:] = sys.argv[2:]; from {worker.__name__} import main; main(sys.argv[1])"
+_ONE_THREAD = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"), "1")
+
+
+@dataclass(frozen=True)
+class Tasks:
+    """What is to be done.
+
+    Attributes
+    ----------
+    function : callable
+        ``function(item, progress)``, of a module that workers can import; `worker.execute` calls it.
+    items : mapping of str to object
+        By name, in the order in which they are to be started.
+    folder : Path
+        Where tasks write. What is not finished at the end is removed (`checksums.remove_partial`).
+    logs : Path
+        Folder of the logs ``NAME.log`` of worker processes: messages of FMUs, standard output and error, the
+        traceback of a crash. Empty logs are removed.
+    label : str
+        How messages name a task.
+    models : tuple of str
+        The FMUs by `SimulationProgress.component`, to name one that fails.
+    """
+
+    function: Callable[[Any, SimulationProgress], Any]
+    items: Mapping[str, Any]
+    folder: Path
+    logs: Path
+    label: str = "run '{}'"
+    models: tuple[str, ...] = ()
+
+    def remove_empty_logs(self) -> None:
+        """Remove empty logs, and their folder if nothing is left in it."""
+        with suppress(OSError):
+            for log in self.logs.glob("*.log"):
+                if not log.stat().st_size:
+                    log.unlink()
+            self.logs.rmdir()
+
+    def append_to_log(self, name: str, text: str) -> None:
+        """Add a line to the log of a task."""
+        with suppress(OSError), (self.logs / f"{name}.log").open("a", encoding="utf-8") as log:
+            log.write(f"{text}\n")
+
+
+@dataclass(frozen=True)
+class Workers:
+    """Who does the work, and within which limit.
+
+    Attributes
+    ----------
+    jobs : int, optional
+        Number of worker processes; as many as there are processors by default.
+    executor : concurrent.futures.Executor, optional
+        Does the work instead, in processes that have this package and the same file system.
+    time_limit : float, optional
+        Longest that a task may take in a worker process [s].
+    """
+
+    jobs: int | None = None
+    executor: Executor | None = None
+    time_limit: float | None = None
+
+    def results(
+        self, tasks: Tasks, on_progress: Callable[[str, int], None] = lambda _name, _samples: None
+    ) -> Generator[tuple[str, Any]]:
+        """Yield name and result of every task as they are done; closing the generator ends them.
+
+        Parameters
+        ----------
+        tasks : Tasks
+            What to do.
+        on_progress : callable
+            Called with the name of a task and its number of samples done, of worker processes.
+
+        Yields
+        ------
+        (str, object)
+            The object is what the function returned, or an `InputError` or `RunError`.
+
+        Raises
+        ------
+        RunError
+            If no worker process can be started.
+        """
+        if not tasks.items:
+            return
+        try:
+            if self.executor is not None:
+                yield from _on_executor(self.executor, tasks)
+                return
+            n_workers = min(self.jobs or processors(), len(tasks.items))
+            with suppress(OSError):  # without a folder there are no logs
+                tasks.logs.mkdir(parents=True, exist_ok=True)
+            with (
+                checksums.temporary_folder(tasks.folder) as scratch,
+                closing(_Pool(tasks, n_workers, scratch, self.time_limit or inf)) as pool,
+            ):
+                yield from pool.results(on_progress)
+        finally:
+            checksums.remove_partial(tasks.folder)
+            tasks.remove_empty_logs()
+
+
+def _on_executor(executor: Executor, tasks: Tasks) -> Generator[tuple[str, Any]]:
+    function = worker.pickled(tasks.function)
+    names = {executor.submit(worker.execute, function, item): name for name, item in tasks.items.items()}
+    try:
+        for future in as_completed(names):
+            outcome: Any
+            try:
+                outcome = future.result()
+            except (InputError, RunError) as error:
+                outcome = error
+            except Exception as error:  # of a worker or the executor, or a future that was cancelled
+                reason = " ".join(f"{type(error).__name__}: {error}".rstrip(": ").split())[:200]
+                outcome = RunError(f"{tasks.label.format(names[future])} failed: {reason}")
+            yield names[future], outcome
+    finally:
+        for future in names:
+            future.cancel()
+
+
+@contextmanager
+def dask_executor(address: str) -> Iterator[Executor]:
+    """Connect to a Dask cluster, which repeats the tasks of a worker that is lost.
+
+    Parameters
+    ----------
+    address : str
+        Of the scheduler, such as ``tcp://host:8786``.
+
+    Raises
+    ------
+    InputError
+        If Dask is not installed, or no scheduler answers.
+    """
+    try:
+        from distributed import Client
+
+        client = Client(address, timeout=10, set_as_default=False)
+    except ModuleNotFoundError:
+        raise InputError("scheduler: needs Dask, install lpfcosim[dask]") from None
+    except (OSError, ValueError, RuntimeError, TypeError):
+        raise InputError(
+            f"scheduler: {address}: no Dask scheduler answers, expected tcp://HOST:8786"
+        ) from None
+    with client:
+        yield cast("Executor", client.get_executor(pure=False))
+
+
+class _Worker:
+    """A worker process with its pipes and the file in which it keeps its progress.
+
+    Attributes
+    ----------
+    deadline : float
+        Time by `time.monotonic` when it is to be killed.
+    is_late : bool
+        Whether it was.
+    """
+
+    def __init__(self, scratch: Path) -> None:
+        place = Path(tempfile.mkdtemp(dir=scratch))
+        self._progress, self._messages = place / "progress", place / "messages"
+        self._progress.write_bytes(bytes(SimulationProgress()))
+        self.deadline, self.is_late = time.monotonic() + START, False
+        temporary = dict.fromkeys(("TMPDIR", "TEMP", "TMP"), str(scratch))
+        with self._messages.open("wb") as messages:
+            self.process = subprocess.Popen(
+                [sys.executable, "-P", "-c", _PROGRAM, self._progress, *sys.path, _ROOT],
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+                stderr=messages,
+                env={**os.environ, **_ONE_THREAD, **temporary},
+            )
+
+    @property
+    def progress(self) -> SimulationProgress:
+        return SimulationProgress.from_buffer_copy(self._progress.read_bytes())
+
+    @property
+    def message(self) -> str:
+        """Last line that the process has printed outside of a task."""
+        lines = self._messages.read_text(encoding="utf-8", errors="replace").split("\n")
+        return next((text.strip() for text in reversed(lines) if text.strip()), "")
+
+    def send(self, task: object) -> None:
+        assert self.process.stdin is not None
+        pickle.dump(pickle.dumps(task), self.process.stdin)
+        self.process.stdin.flush()
+
+    def receive(self) -> bytes:
+        assert self.process.stdout is not None
+        content: bytes = pickle.load(self.process.stdout)
+        return content
+
+
+_ENDED = (EOFError, OSError, pickle.UnpicklingError)  # of a pipe to a process that has ended
+
+
+class _Pool:
+    """Worker processes, and a thread for each that hands it tasks and waits for the results."""
+
+    def __init__(self, tasks: Tasks, n_workers: int, scratch: Path, time_limit: float) -> None:
+        self._tasks, self._scratch, self._time_limit = tasks, scratch, time_limit
+        self._function = worker.pickled(tasks.function)
+        self._threads = ThreadPoolExecutor(n_workers)
+        self._starting = threading.Lock()
+        self._workers: list[_Worker] = []
+        self._idle: list[_Worker] = []
+        self._running: dict[str, _Worker] = {}
+        self._is_closed = False
+
+    def results(self, on_progress: Callable[[str, int], None]) -> Generator[tuple[str, Any]]:
+        names = {self._threads.submit(self._execute, name): name for name in self._tasks.items}
+        pending = set(names)
+        while pending:
+            done, pending = wait(pending, _POLL, FIRST_COMPLETED)
+            for each in self._workers:
+                if time.monotonic() > each.deadline:
+                    each.is_late = True
+                    each.process.kill()
+            for name, each in self._running.copy().items():
+                on_progress(name, max(each.progress.sample, 0))
+            for future in done:
+                yield names[future], future.result()
+
+    def close(self) -> None:
+        """End all processes."""
+        with self._starting:
+            self._is_closed = True
+        for each in self._workers:
+            each.process.kill()
+        self._threads.shutdown(cancel_futures=True)
+        for each in self._workers:
+            with suppress(OSError), each.process:  # closes the pipes
+                pass
+
+    # In a thread ---------------------------------------------------------------------------------------
+
+    def _execute(self, name: str) -> Any:
+        each = self._start()
+        each.deadline = time.monotonic() + self._time_limit
+        self._running[name] = each
+        try:
+            each.send((self._function, self._tasks.items[name], self._tasks.logs / f"{name}.log"))
+            content = each.receive()
+        except _ENDED:
+            return self._failure(name, each)
+        finally:
+            each.deadline = inf
+            del self._running[name]
+        self._idle.append(each)
+        outcome = pickle.loads(content)
+        if isinstance(outcome, worker.Failure):
+            return RunError(f"{self._tasks.label.format(name)} failed: {outcome.cause}")
+        return outcome
+
+    def _start(self) -> _Worker:
+        """Return a process that is idle, or start one and wait until it is ready."""
+        while self._idle:
+            each = self._idle.pop()
+            if each.process.poll() is None:
+                return each
+        try:
+            with self._starting:
+                if self._is_closed:
+                    raise RunError("closed")
+                each = _Worker(self._scratch)
+                self._workers.append(each)
+            each.receive()
+        except _ENDED as error:
+            reason = getattr(error, "strerror", None)
+            if reason is None:
+                code = each.process.wait()
+                reason = f"no answer within {START:g} s" if each.is_late else each.message or _ending(code)[0]
+            raise RunError(f"no worker process can be started ({sys.executable}): {reason}") from None
+        return each
+
+    def _failure(self, name: str, each: _Worker) -> RunError:
+        """Return the error of a task whose process ended, or was ended."""
+        cause, is_fmu = _ending(each.process.wait())
+        if each.is_late:
+            cause, is_fmu = f"was ended at its time limit of {self._time_limit:g} s", False
+        progress = each.progress
+        is_fmu = is_fmu and progress.component >= 0
+        subject = f"the {self._tasks.models[progress.component]} FMU" if is_fmu else "its process"
+        moment = f" at {progress.sample * H:.1f} s" if progress.sample >= 0 else ""
+        if progress.is_loading:
+            moment = " while the FMUs were loaded"
+        return RunError(f"{self._tasks.label.format(name)}: {subject} {cause}{moment}")
+
+
+def _ending(code: int) -> tuple[str, bool]:
+    """Describe how a process ended; return also whether its FMU is to blame."""
+    if code >= 0:
+        return f"ended the process with status {code if code < 256 else hex(code)}", True
+    name = signal.Signals(-code).name if -code in set(signal.Signals) else f"signal {-code}"
+    if name in _CRASHES:
+        return f"crashed ({name}, {signal.strsignal(-code)})", True
+    return f"was killed ({name}{'; out of memory?' if name == 'SIGKILL' else ''})", False

@@ -1,0 +1,146 @@
+"""A worker process: does the tasks that come by standard input, and ends when that does, with the caller.
+
+A message either way is pickled ``bytes``, which are a pickle themselves.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import faulthandler
+import logging
+import mmap
+import os
+import pickle
+import signal
+import sys
+import threading
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import dataclass
+from functools import lru_cache
+from importlib import metadata
+from pathlib import Path
+from queue import SimpleQueue
+from typing import Any, BinaryIO
+
+from lpfcosim.cosim import SimulationProgress
+from lpfcosim.errors import InputError, RunError
+
+Function = Callable[[Any, SimulationProgress], Any]
+_PACKAGES = ("lpfcosim", "numpy", "scipy")  # on whose versions the last bits depend
+
+
+@dataclass(frozen=True)
+class Failure:
+    """Takes the place of the result of a task that failed in a way that nobody foresaw."""
+
+    cause: str
+
+
+def pickled(function: Function) -> bytes:
+    """Return a function for `execute`, with the versions of the packages that it was made by."""
+    return pickle.dumps((_versions(), pickle.dumps(function)))
+
+
+def execute(function: bytes, item: object, progress: SimulationProgress | None = None) -> Any:
+    """Call a function that `pickled` returned, in a process of a pool or of any executor.
+
+    The function is the same object in every task of a process, and can keep what they share.
+
+    Raises
+    ------
+    RunError
+        If a package has another version here.
+    """
+    progress = progress or SimulationProgress()
+    progress.set_idle()
+    with _SINGLE:  # FMUs and fits expect one thread
+        return _load(function)(item, progress)
+
+
+_SINGLE = threading.Lock()
+
+
+@lru_cache(maxsize=1)
+def _load(content: bytes) -> Function:
+    versions, function = pickle.loads(content)
+    for package, version in _versions().items():
+        if version != versions[package]:
+            raise RunError(f"a worker has {package} {version}, expected {versions[package]} as the caller")
+    loaded: Function = pickle.loads(function)
+    return loaded
+
+
+def _versions() -> dict[str, str]:
+    return {package: metadata.version(package) for package in _PACKAGES}
+
+
+def main(progress_file: str) -> None:
+    """Do tasks until there are no more.
+
+    Parameters
+    ----------
+    progress_file : str
+        The memory of a `SimulationProgress`, which the caller reads.
+    """
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # to end the workers is up to the caller
+    source, sink = os.fdopen(os.dup(0), "rb"), os.fdopen(os.dup(1), "wb")
+    os.dup2(os.open(os.devnull, os.O_RDONLY), 0)
+    os.dup2(2, 1)
+    messages = os.dup(2)
+    faulthandler.enable()
+    logging.basicConfig(format="%(message)s", level=logging.INFO)
+    with suppress(OSError):  # Linux: when memory runs out, this process is ended before its parent
+        Path("/proc/self/oom_score_adj").write_text("1000")
+    with Path(progress_file).open("r+b") as file:
+        progress = SimulationProgress.from_buffer(mmap.mmap(file.fileno(), 0))
+    tasks = SimpleQueue[bytes]()
+    threading.Thread(target=_receive, args=(source, tasks), daemon=True).start()
+    _send(sink, b"")  # ready
+    while True:
+        content = tasks.get()
+        outcome = _outcome(content, progress)
+        sys.stdout.flush()
+        with suppress(Exception):  # buffers of C, where the C library can be called
+            ctypes.CDLL(None).fflush(None)
+        for stream in (1, 2):
+            os.dup2(messages, stream)
+        _send(sink, pickle.dumps(outcome))
+
+
+def _receive(source: BinaryIO, tasks: SimpleQueue[bytes]) -> None:
+    """Hand on tasks while this process works; end it with the one that sends them."""
+    with suppress(EOFError, OSError, pickle.UnpicklingError):
+        while True:
+            tasks.put(pickle.load(source))
+    os._exit(1)
+
+
+def _send(sink: BinaryIO, content: bytes) -> None:
+    try:
+        pickle.dump(content, sink)
+        sink.flush()
+    except OSError:  # the caller is gone
+        os._exit(1)
+
+
+def _outcome(content: bytes, progress: SimulationProgress) -> Any:
+    """Do a task with its log as standard output and error; return the result, or what takes its place."""
+    function, item, log = pickle.loads(content)
+    with suppress(OSError):  # a full disk is reported by who writes the telemetry
+        stream = os.open(log, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o666)
+        os.dup2(stream, 1)
+        os.dup2(stream, 2)
+        os.close(stream)
+    try:
+        return execute(function, item, progress)
+    except (InputError, RunError) as error:
+        return error
+    except MemoryError:
+        return Failure("out of memory")
+    except Exception as error:
+        logging.getLogger(__name__).exception("in a worker")
+        cause = "internal error of lpfcosim, please report it with the traceback"
+        if isinstance(error, OSError) and error.strerror:  # of a disk or a file
+            cause = f"{error.filename}: {error.strerror}" if error.filename else error.strerror
+        return Failure(f"{cause}; see {log.parent.name}/{log.name}")

@@ -1,0 +1,173 @@
+"""What becomes of tasks: done by worker processes or any executor, crashed, killed, late, not done at all."""
+
+import errno
+import multiprocessing
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from concurrent.futures import ProcessPoolExecutor
+from pathlib import Path
+
+import pytest
+
+from lpfcosim.errors import InputError, RunError
+from lpfcosim.execution import Tasks, Workers, dask_executor, worker
+
+posix = pytest.mark.skipif(os.name != "posix", reason="signals are those of POSIX")
+MODELS = ("Plant", "Actuation")
+INTERNAL = "internal error of lpfcosim, please report it with the traceback; see logs/{}.log"
+
+
+def act(item, progress):
+    """Do as the item says."""
+    kind, value = item
+    progress.sample, progress.component = 30, 1
+    if kind == "signal":
+        os.kill(os.getpid(), value)
+    elif kind == "status":
+        os._exit(value)
+    elif kind == "raise":
+        raise value
+    elif kind == "sleep":
+        time.sleep(value)
+    elif kind == "wait" and not value.exists():  # to be killed, the first time
+        value.with_suffix(".new").write_text(str(os.getpid()))
+        value.with_suffix(".new").replace(value)
+        time.sleep(60)
+    print("done", value)
+    return kind, os.environ["OPENBLAS_NUM_THREADS"]
+
+
+def results(folder, items, **options):
+    tasks = Tasks(act, items, folder, folder / "logs", models=MODELS)
+    return dict(Workers(**options).results(tasks))
+
+
+FATES = {
+    "crash": (
+        ("signal", signal.SIGSEGV),
+        ": the Actuation FMU crashed (SIGSEGV, Segmentation fault) at 3.0 s",
+    ),
+    "kill": (("signal", 9), ": its process was killed (SIGKILL; out of memory?) at 3.0 s"),
+    "leave": (("status", 0), ": the Actuation FMU ended the process with status 0 at 3.0 s"),
+    "exit": (("status", 3), ": the Actuation FMU ended the process with status 3 at 3.0 s"),
+    "late": (("sleep", 60), ": its process was ended at its time limit of 5 s at 3.0 s"),
+    "memory": (("raise", MemoryError()), " failed: out of memory"),
+    "value": (("raise", ValueError("cannot reshape")), f" failed: {INTERNAL}"),
+    "disk": (
+        ("raise", OSError(errno.ENOSPC, "No space left on device", "one.h5")),
+        " failed: one.h5: No space left on device; see logs/{}.log",
+    ),
+}
+
+
+@posix
+def test_a_task_that_fails_is_named_and_takes_no_other_along(tmp_path):
+    items = {name: item for name, (item, _) in FATES.items()}
+    items |= {"sound": ("print", 1), "sounder": ("print", 2), "refused": ("raise", InputError("no such"))}
+    outcomes = results(tmp_path, items, jobs=2, time_limit=5.0)
+    assert outcomes.pop("sound") == outcomes.pop("sounder") == ("print", "1")
+    assert repr(outcomes.pop("refused")) == repr(InputError("no such"))
+    for name, (_, sentence) in FATES.items():
+        assert isinstance(outcomes[name], RunError)
+        assert str(outcomes[name]) == f"run '{name}'{sentence.format(name)}"
+    logs = {path.stem: path.read_text() for path in (tmp_path / "logs").iterdir()}
+    assert logs.keys() == {"crash", "value", "disk", "sound", "sounder"}
+    assert "Fatal Python error" in logs["crash"]
+    assert "Traceback" in logs["value"]
+    assert logs["sound"] == "done 1\n"
+    assert [path.name for path in tmp_path.iterdir()] == ["logs"]
+
+
+@posix
+@pytest.mark.parametrize(
+    ("program", "reason"), [("/nowhere", "No such file"), ("/bin/false", "with status 1")]
+)
+def test_that_no_process_can_be_started_is_said_at_once(tmp_path, monkeypatch, program, reason):
+    monkeypatch.setattr(sys, "executable", program)
+    begun = time.monotonic()
+    with pytest.raises(RunError, match=rf"no worker process can be started \({program}\): .*{reason}"):
+        results(tmp_path, {"A": ("print", 1), "B": ("print", 2)})
+    assert time.monotonic() - begun < 10
+
+
+CALLER = """
+import sys
+from pathlib import Path
+from tests.lpfcosim.execution.test_pool import results
+results(Path(sys.argv[1]), {"A": ("wait", Path(sys.argv[1]) / "process")})
+"""
+
+
+def wait_for(path):
+    deadline = time.monotonic() + 60
+    while not path.exists():
+        assert time.monotonic() < deadline
+        time.sleep(0.05)
+    return int(path.read_text())
+
+
+@posix
+def test_workers_end_with_a_caller_that_is_killed(tmp_path):
+    with subprocess.Popen([sys.executable, "-c", CALLER, tmp_path]) as caller:
+        process = wait_for(tmp_path / "process")
+        caller.kill()
+    deadline = time.monotonic() + 10
+    while Path(f"/proc/{process}").exists() and "\nState:\tZ" not in status(process):
+        assert time.monotonic() < deadline
+        time.sleep(0.05)
+
+
+def status(process):
+    try:
+        return Path(f"/proc/{process}/status").read_text()
+    except OSError:
+        return "\nState:\tZ"
+
+
+def test_any_executor_does_the_work(tmp_path, monkeypatch):
+    items = {"A": ("print", 1), "B": ("raise", RunError("as asked")), "C": ("raise", ValueError("bad"))}
+    monkeypatch.setenv("OPENBLAS_NUM_THREADS", "1")
+    with ProcessPoolExecutor(1, multiprocessing.get_context("spawn")) as executor:
+        outcomes = results(tmp_path, items, executor=executor)
+    assert outcomes["A"] == ("print", "1")
+    assert [str(outcomes[name]) for name in "BC"] == ["as asked", "run 'C' failed: ValueError: bad"]
+
+
+def test_a_worker_with_another_version_is_refused(monkeypatch):
+    with monkeypatch.context() as patch:
+        patch.setattr(worker.metadata, "version", lambda _: "9.9")
+        function = worker.pickled(act)
+    with pytest.raises(RunError, match=r"a worker has lpfcosim .*, expected 9\.9 as the caller"):
+        worker.execute(function, ("print", 1))
+
+
+@pytest.mark.slow
+@posix
+def test_workers_of_a_dask_cluster_that_are_killed_lose_nothing(tmp_path):
+    distributed = pytest.importorskip("distributed")
+    marks = {name: tmp_path / name for name in "abc"}
+
+    def kill_each_once():
+        for mark in marks.values():
+            os.kill(wait_for(mark), signal.SIGKILL)
+
+    thread = threading.Thread(target=kill_each_once)
+    with distributed.LocalCluster(
+        host="127.0.0.1", n_workers=2, threads_per_worker=1, dashboard_address=":0", silence_logs=60
+    ) as cluster:
+        thread.start()
+        items = {name: ("wait", mark) for name, mark in marks.items()}
+        with dask_executor(cluster.scheduler_address) as executor:
+            outcomes = results(tmp_path, items, executor=executor)
+        thread.join()
+    assert {name: outcome[0] for name, outcome in outcomes.items()} == dict.fromkeys("abc", "wait")
+
+
+def test_no_scheduler_is_one_sentence():
+    pytest.importorskip("distributed")
+    with pytest.raises(InputError, match="no Dask scheduler answers"), dask_executor("nonsense"):
+        pass
