@@ -30,7 +30,6 @@ TABLES = {  # in the order of a campaign file
     "FmuTable": "[fmus.MODEL]",
     "DesignTable": "[design]",
     "CapTable": "[design.limits.QUANTITY]",
-    "ChoicesTable": "[design.authority]",
     "SoughtTable": "[identify.MODEL.PARAMETER]",
 }
 

@@ -287,7 +287,7 @@ def loaded(code: str) -> set[str]:
         ("import fit, lpfcosim; dir(fit), dir(lpfcosim)", set()),
         ("import fit.telemetry, fit.files, fit.errors", {"h5py", "numpy", "pint", "pydantic", "scipy"}),
         ("import fit.pipeline", {"h5py", "lmfit", "numpy", "pint", "pydantic", "scipy"}),
-        ("import lpfcosim.campaign", {"numpy"}),
+        ("import lpfcosim.campaign", {"numpy", "pydantic"}),
         ("import lpfcosim.linear", {"numpy", "scipy", "pint", "pydantic"}),
     ],
 )

@@ -28,5 +28,4 @@ __all__ = [
     "series",
     "stiffness",
     "tilt_to_length",
-    "tones",
 ]

@@ -4,11 +4,12 @@ Everything in the file is checked here, so that a mistake is reported before any
 """
 
 from lpfcosim.campaign.campaign import Campaign, Experiment
-from lpfcosim.campaign.design_spec import DesignSpec, ParameterSpec
+from lpfcosim.campaign.design_table import DesignTable
+from lpfcosim.campaign.parameter_spec import ParameterSpec
 
 __all__ = [
     "Campaign",
-    "DesignSpec",
+    "DesignTable",
     "Experiment",
     "ParameterSpec",
     "loading",

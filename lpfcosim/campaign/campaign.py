@@ -9,7 +9,8 @@ from functools import cached_property
 from typing import Any
 
 from lpfcosim.campaign import history
-from lpfcosim.campaign.design_spec import DesignSpec, ParameterSpec
+from lpfcosim.campaign.design_table import DesignTable
+from lpfcosim.campaign.parameter_spec import ParameterSpec
 from lpfcosim.spacecraft import (
     FS,
     Actuation,
@@ -82,7 +83,7 @@ class Campaign:
     parameters: Mapping[str, float] = field(default_factory=dict)
     controllers: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     fit: Mapping[str, object] = field(default_factory=dict)
-    design: DesignSpec = field(default_factory=DesignSpec)
+    design: DesignTable = field(default_factory=DesignTable)
     identify: Mapping[str, ParameterSpec] = field(default_factory=dict)
     tables: Mapping[str, Any] = field(default_factory=dict, repr=False, compare=False)
 

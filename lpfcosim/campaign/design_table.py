@@ -1,20 +1,30 @@
-"""Table ``[design]`` of a campaign file."""
+"""Table ``[design]`` of a campaign file: objective and limits of `lpfcosim design`."""
 
-from math import prod
-from typing import Annotated, get_args
+from dataclasses import dataclass
+from typing import Annotated, Literal
 
 from pydantic import Field, Strict, field_validator
 
 from fit.errors import quote
 from fit.files import Table, problem
-from lpfcosim.campaign.design_spec import Baseline, DesignSpec, Goal, LimitedQuantity, LimitKind, LimitSpec
-from lpfcosim.campaign.units import FORCE, LENGTH, Force, Frequency, Quantity, Torque
-from lpfcosim.campaign.values import Duration, Number, Swept
+from lpfcosim.campaign.units import FORCE, LENGTH, Frequency, Quantity
+from lpfcosim.campaign.values import Number
 
 _SPEED = Quantity("a speed", "m s^-1", "0.5 nm/s", "positive")
 _RATE = Quantity("a force per time", "N s^-1", "10 pN/s", "positive", largest=1)
-MANY = 64  # settings that are tried
-Positive = Annotated[Number, Field(gt=0)]
+Baseline = Literal["peaks and rms of thrust", "peaks", "rms"]
+LimitedQuantity = Literal["o_1", "o_12", "F_x_1", "F_x_2", "F_x_sc"]
+LimitKind = Literal["peak", "rms", "slew"]
+
+
+@dataclass(frozen=True)
+class Cap:
+    """A limit as the file has it: SI, or as a fraction of the authority, the direct force included."""
+
+    quantity: LimitedQuantity
+    kind: LimitKind
+    value: float
+    of_authority: bool = False
 
 
 class CapTable(Table):
@@ -25,38 +35,20 @@ class CapTable(Table):
     slew: str | None = None
 
 
-class ChoicesTable(Table):
-    """[design.authority]: allowed values of the authority, the same for all experiments."""
-
-    F_max_1: Swept[Force] = []
-    F_max_2: Swept[Force] = []
-    N_max_1: Swept[Torque] = []
-    N_max_2: Swept[Torque] = []
-
-
 class DesignTable(Table):
-    """[design]: objective and limits of `lpfcosim design`."""
+    """[design]: objective and limits of `lpfcosim design`.
 
-    goal: Goal = "geometric mean"
+    The logarithm of a sigma counts as much as its weight. No run exceeds what it reaches before (``held``),
+    unless `limits` states another limit. A loop gets at most so many ``sines``, apart by ``spacing`` [Hz] or
+    more, none in a ``forbidden`` band [Hz].
+    """
+
     held: Baseline = "peaks and rms of thrust"
     limits: dict[LimitedQuantity, CapTable] = {}
     sines: Annotated[int, Strict(), Field(ge=1, le=24)] = 6
     spacing: Frequency = 2e-4
     forbidden: list[Annotated[list[Frequency], Field(min_length=2, max_length=2)]] = []
-    weights: dict[str, Positive] = {}
-    sigmas: dict[str, Positive] = {}
-    no_worse: Positive | None = None
-    hours: Annotated[Duration, Field(gt=0)] | None = None
-    shortest: Annotated[Duration, Field(ge=3600)] = 21600.0
-    authority: ChoicesTable = ChoicesTable()
-
-    @field_validator("authority")
-    @classmethod
-    def _check_combinations(cls, authority: ChoicesTable) -> ChoicesTable:
-        combinations = prod(len(values) or 1 for values in vars(authority).values())
-        if combinations > MANY:
-            raise problem(f"{combinations} settings to try, expected {MANY} at most")
-        return authority
+    weights: dict[str, Annotated[Number, Field(gt=0)]] = {}
 
     @field_validator("limits")
     @classmethod
@@ -73,32 +65,24 @@ class DesignTable(Table):
                 raise problem(f"a band from {low:g} Hz to {high:g} Hz, expected the lower end first")
         return bands
 
-    def record(self) -> DesignSpec:
-        """Return the wishes as the design knows them."""
-        caps = tuple(cap for quantity, table in self.limits.items() for cap in _caps(quantity, table))
-        fields = self.model_dump(exclude={"limits", "forbidden", "authority"})
-        authority = {name: tuple(values) for name, values in vars(self.authority).items() if values}
-        forbidden = tuple((low, high) for low, high in self.forbidden)
-        return DesignSpec(caps=caps, forbidden=forbidden, authority=authority, **fields)
+    @property
+    def caps(self) -> tuple[Cap, ...]:
+        """The limits of `limits`."""
+        return tuple(cap for quantity, table in self.limits.items() for cap in _caps(quantity, table))
 
 
-def _caps(quantity: LimitedQuantity, table: CapTable) -> list[LimitSpec]:
-    limits = []
-    for kind in get_args(LimitKind):
+def _caps(quantity: LimitedQuantity, table: CapTable) -> list[Cap]:
+    is_displacement = quantity.startswith("o_")
+    units: dict[LimitKind, Quantity] = dict.fromkeys(("peak", "rms"), LENGTH if is_displacement else FORCE)
+    units["slew"] = _SPEED if is_displacement else _RATE
+    caps = []
+    for kind, unit in units.items():
         text = getattr(table, kind)
-        if text is None:
-            continue
-        if text.strip().endswith("%"):
-            limits.append(LimitSpec(quantity, kind, _fraction(quantity, kind, text), of_authority=True))
-            continue
-        is_displacement = quantity.startswith("o_")
-        unit = (
-            (_SPEED if is_displacement else _RATE)
-            if kind == "slew"
-            else (LENGTH if is_displacement else FORCE)
-        )
-        limits.append(LimitSpec(quantity, kind, unit.to_si(text)))
-    return limits
+        if text is not None and text.strip().endswith("%"):
+            caps.append(Cap(quantity, kind, _fraction(quantity, kind, text), of_authority=True))
+        elif text is not None:
+            caps.append(Cap(quantity, kind, unit.to_si(text)))
+    return caps
 
 
 def _fraction(quantity: str, kind: str, text: str) -> float:

@@ -6,7 +6,7 @@ from pydantic import BeforeValidator, Field, ValidationInfo, field_validator
 
 from fit.errors import quote
 from fit.files import Table, problem
-from lpfcosim.campaign.design_spec import ParameterSpec, Shared
+from lpfcosim.campaign.parameter_spec import ParameterSpec, Shared
 from lpfcosim.campaign.values import Number
 
 

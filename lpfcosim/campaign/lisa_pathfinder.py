@@ -36,7 +36,7 @@ def campaign_fields(table: CampaignTable) -> dict[str, Any]:
         "drag_free": table.control.drag_free.onto(DRAG_FREE),
         "suspension": table.control.suspension.onto(SUSPENSION),
         "actuation": table.actuation.record(),
-        "design": table.design.record(),
+        "design": table.design,
         "identify": {name: entry.record() for name, entry in table.identify.items()},
     }
 

@@ -202,12 +202,6 @@ def design(
         Path | None,
         typer.Option("--out", metavar="D.toml", help="Campaign to write [default: NAME-designed.toml]."),
     ] = None,
-    figure: Annotated[
-        Path | None,
-        typer.Option(
-            "--figure", metavar="FILE", help="Draw the information of tones by frequency (svg, pdf, png)."
-        ),
-    ] = None,
     jobs: Jobs = None,
     as_json: Annotated[
         bool,
@@ -218,14 +212,14 @@ def design(
     """Optimise the injections within limits.
 
     The result is a campaign whose tones determine the parameters best, with a reason for each tone. The table
-    [design] gives objective and limits; without it, the limits are what each run of the campaign reaches now.
+    [design] gives weights and limits; without it, the limits are what each run of the campaign reaches now.
     A lower bound on the objective holds for every design within the limits on rms. The tones are checked
     through the FMUs. If interrupted, the best design so far is written. Needs lpfcosim[design].
     """
     from lpfcosim.cli import design as cli_design
     from lpfcosim.cli.console import Console
 
-    cli_design.design(campaign, out, figure, Console(quiet=quiet, as_json=as_json), jobs=jobs)
+    cli_design.design(campaign, out, Console(quiet=quiet, as_json=as_json), jobs=jobs)
 
 
 @app.command(

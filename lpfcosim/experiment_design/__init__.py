@@ -5,23 +5,17 @@ sought that come near to it. `FitModel` forecasts what a fit will determine.
 """
 
 from lpfcosim.experiment_design.campaign_writer import campaign_text, is_design
-from lpfcosim.experiment_design.design_problem import with_tones
+from lpfcosim.experiment_design.design_problem import design_problem, with_tones
 from lpfcosim.experiment_design.fit_model import FitModel
-from lpfcosim.experiment_design.information_spectrum import information_spectrum
-from lpfcosim.experiment_design.optimize import design
-from lpfcosim.experiment_design.robustness import Robustness, robustness
-from lpfcosim.experiment_design.search import Design, SearchProgress
+from lpfcosim.experiment_design.search import Design, search
 
 __all__ = [
     "Design",
     "FitModel",
-    "Robustness",
-    "SearchProgress",
     "campaign_text",
-    "design",
-    "information_spectrum",
+    "design_problem",
     "is_design",
     "limits",
-    "robustness",
+    "search",
     "with_tones",
 ]

@@ -1,13 +1,13 @@
 """A design as a campaign file: the campaign with other tones, and the reason for each."""
 
+import math
 from collections.abc import Mapping, MutableMapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import tomlkit
-from tomlkit.items import Array, InlineTable
+from tomlkit.items import InlineTable
 
-from fit import units
 from lpfcosim.campaign import Campaign, Experiment
 from lpfcosim.experiment_design.search import Design
 from lpfcosim.experiment_design.tones import Tone
@@ -32,20 +32,14 @@ def campaign_text(design: Design, name: str, source: str, text: str = "") -> str
         Content of that file, whose comments are kept. A file that extends another one, or sweeps, is
         written anew with all its tables.
     """
-    document = tomlkit.parse(text)
+    document: MutableMapping[str, Any] = tomlkit.parse(text)
     if not document or document.keys() & {"extends", "sweep"}:
         document = tomlkit.parse(tomlkit.dumps(_tables(design.problem.plan)))
     document["name"] = name
     document.pop("design", None)
-    _add_authority(document, design.campaign)
-    experiments = {experiment.name: experiment for experiment in design.campaign.experiments}
-    tables = document["experiments"]
-    for k in reversed(range(len(tables))):
-        experiment = experiments.get(tables[k]["name"])
-        if experiment is None:
-            del tables[k]
-        else:
-            _change_experiment(document, tables[k], experiment, design.tones.get(experiment.name))
+    for table in document["experiments"]:
+        if table["name"] in design.tones:
+            _replace_tones(document, table, design.tones[table["name"]])
     head, written = _head(design, source), tomlkit.dumps(document)
     first_line, newline, rest = written.partition("\n")
     if first_line.startswith("#:schema"):  # which editors expect first
@@ -59,105 +53,62 @@ def is_design(path: Path) -> bool:
         return any(line.rstrip("\n").endswith(MARK) for line in (file.readline(1000), file.readline(1000)))
 
 
-def _written_injections(
-    document: Mapping[str, Any], experiment: Mapping[str, Any]
-) -> list[Mapping[str, Any]]:
-    """Return the injections of an experiment as a campaign has them, those of its sequences first."""
-    complete = {**document.get("defaults", {}), **experiment}
-    of_sequences = [i for name in complete.get("sequences", ()) for i in document["sequences"][name]]
-    return [*of_sequences, *complete.get("injections", ())]
-
-
 def _tables(plan: Campaign) -> dict[str, Any]:
     """Return the tables of a campaign, with the experiments of a sweep in its place."""
     tables = {key: value for key, value in plan.tables.items() if key != "sweep"}
     if "sweep" in plan.tables:
         tables["experiments"] = [_swept(tables["experiments"][0], e) for e in plan.experiments]
+        sets = {e.authority.name: e.authority for e in plan.experiments}
+        tables["authority"] = {
+            name: {
+                "F_max_1": _si(a.F_max_1, "N"),
+                "F_max_2": _si(a.F_max_2, "N"),
+                "N_max_1": _si(a.N_max_1, "N m"),
+                "N_max_2": _si(a.N_max_2, "N m"),
+            }
+            for name, a in sets.items()
+        }
     return tables
 
 
 def _head(design: Design, source: str) -> str:
-    objective = design.problem.objective
-    goal = "largest ratio" if objective.minimax else "geometric mean"
+    problem = design.problem
     lines = [
         f"{source}{MARK}",
         "",
-        f"Of the sigmas, relative to what was wanted, the {goal} is {design.value:.4g}; no tones within the",
-        f"same limits on rms go below {design.optimum.bound:.4g}.",
+        f"Of the sigmas, relative to those before, the geometric mean is {design.value:.4g}; no tones within",
+        f"the same limits on rms go below {design.optimum.bound:.4g}.",
         "",
         *(
-            f"  {name:12}  {design.problem.sigmas_before[name]:.3g} -> {design.sigmas_after[name]:.3g}"
-            for name in design.problem.parameters
-            if name in design.sigmas_after
+            f"  {name:12}  {problem.sigmas_before[name]:.3g} -> {design.sigmas_after.get(name, math.inf):.3g}"
+            for name in problem.parameters
         ),
-        *_inertial_lines(design),
         "",
         "Tones are for what is written behind them: how many times as large a sigma would be without.",
     ]
     return "\n".join(f"# {line}".rstrip() for line in lines) + "\n"
 
 
-def _inertial_lines(design: Design) -> list[str]:
-    """Return the lines on angles of the inertial calibration, if they have target sigmas."""
-    if design.angles is None:
-        return []
-    return [
-        f"  {name:12}  {design.angles.sigmas_before[name]:.3g} -> {design.angles.sigmas_after[name]:.3g}"
-        for name in design.angles.target_sigmas
-    ]
-
-
-def _add_authority(document: MutableMapping[str, Any], campaign: Campaign) -> None:
-    """Add the authority sets that a sweep or the design made."""
-    for experiment in campaign.experiments:
-        a = experiment.authority
-        document.setdefault("authority", tomlkit.table(is_super_table=True)).setdefault(
-            a.name,
-            {
-                "F_max_1": _si(a.F_max_1, "N"),
-                "F_max_2": _si(a.F_max_2, "N"),
-                "N_max_1": _si(a.N_max_1, "N m"),
-                "N_max_2": _si(a.N_max_2, "N m"),
-            },
-        )
-
-
-def _change_experiment(
-    document: Mapping[str, Any],
-    table: MutableMapping[str, Any],
-    experiment: Experiment,
-    tones: Sequence[Tone] | None,
+def _replace_tones(
+    document: Mapping[str, Any], table: MutableMapping[str, Any], tones: Sequence[Tone]
 ) -> None:
-    """Change authority, durations and tones in the table of an experiment; without `tones` they stay."""
+    """Replace the tones in the table of an experiment, those of its sequences too."""
     defaults = document.get("defaults", {})
     complete = {**defaults, **table}
-    if complete.get("authority") != experiment.authority.name:
-        table["authority"] = experiment.authority.name
-    for key, n_samples in (
-        ("duration", experiment.n_samples),
-        ("noise_duration", experiment.n_noise_samples),
-    ):
-        if round(units.to_si(complete.get(key, "0 s"), "s") * FS) != n_samples:
-            table[key] = f"{n_samples / FS / 60:.12g} min"
-    if tones is None:
-        return
-    injections = _written_injections(document, table)
+    of_sequences = [i for name in complete.get("sequences", ()) for i in document["sequences"][name]]
+    injections = [*of_sequences, *complete.get("injections", ())]
     for key in ("sequences", "injections"):
         table.pop(key, None)
     if "sequences" in defaults:
         table["sequences"] = []
-    table["injections"] = _array([i for i in injections if i["shape"] not in TONES], tones)
-
-
-def _array(injections: Sequence[Mapping[str, Any]], tones: Sequence[Tone]) -> Array:
-    """Return injections as an array with a line for each, the tones with their reasons."""
     array = tomlkit.array()
     for injection in injections:
-        array.add_line(_inline(injection), indent="  ")
+        if injection["shape"] not in TONES:
+            array.add_line(_inline(injection), indent="  ")
     for tone in tones:
         array.add_line(_inline(_tone_table(tone.injection)), indent="  ", comment=tone.reason)
     array.add_line(indent="")
-    return array
+    table["injections"] = array
 
 
 def _inline(table: Mapping[str, Any]) -> InlineTable:

@@ -1,36 +1,36 @@
 """The convex programme: the power by frequency with the most information within limits on rms, certified.
 
-Of every experiment the information is linear in the cross powers ``Phi(f)`` of the tones, and so are the mean
-squares of what is limited. A limit on a peak or a slew is one on the rms too: no signal has a larger rms than
-peak. With ``I - s_i e_i e_i^T`` positive semidefinite, ``s_i`` is at most one over the square of sigma_i, and
-maximising ``sum w_i log s_i`` or ``min s_i`` is convex.
+Of every experiment the information is linear in the powers of the tones, and so are the mean squares of what
+is limited. A limit on a peak or a slew is one on the rms too: no signal has a larger rms than peak. With
+``I - s_i e_i e_i^T`` positive semidefinite, ``s_i`` is at most one over the square of sigma_i, and maximising
+``sum w_i log s_i`` is convex. A tone drives one loop, or several with fixed amplitudes and phases to each
+other; each has one power.
 
 Any Z >= 0 and multipliers mu bound the objective from the other side. Those of the programme are made
-feasible on a grid twenty times as fine, so that the bound does not depend on the few frequencies of the
-programme.
+feasible on a grid twenty times as fine, so that the bound does not depend on the few tones of the programme.
+The best tones there join the programme in the next round.
 """
 
-from collections.abc import Callable, Iterator, Sequence
+import warnings
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from lpfcosim.experiment_design.cvxpy_problem import ProgrammeSolution, TimeBudget, solve_program, whiten
+from lpfcosim.errors import InputError, RunError
+from lpfcosim.experiment_design.design_problem import DesignProblem, Objective
 from lpfcosim.experiment_design.designed_experiment import DesignedExperiment
-from lpfcosim.experiment_design.objective import Objective
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
-Bands = Sequence[tuple[float, float]]
 
 COARSE_GRID, FINE_GRID = 30, 600  # frequencies
 ROUNDS = 3  # of adding frequencies with more information
 MIN_POWER = 1e-4  # of the largest power, below which a frequency is left out
 TOLERANCE = 1e-4  # relative gain of information at a frequency that is added
-MAX_GAP = 5e-4  # gap that is small enough
 PRICE_OFFSETS = (1e-6, 1e-4, 1e-3, 1e-2)  # prices, relative to the highest
-MIXING = 0.01  # of the best information, added where one parameter alone counts
 
 
 @dataclass(frozen=True)
@@ -39,152 +39,200 @@ class Optimum:
 
     Attributes
     ----------
-    information : ndarray, shape (P, P)
-        Scaled.
     value : float
         The objective, see `Objective.value`.
     bound : float
         What no design within the limits on rms goes below.
+    sigma_bounds : ndarray, shape (W,)
+        What the sigma of each parameter that counts does not go below, in units of its scale.
     frequencies : tuple of ndarray, each of shape (n,)
-        Of every stage [Hz].
-    powers : tuple of ndarray, each of shape (n, L, L)
-        Cross powers of its loops there: mean squares and products over the run.
-    durations : ndarray, shape (n,)
-        Of every stage [s].
-    dual : ndarray, shape (P, P)
-        Z: what a change of the information is worth.
+        Of every experiment [Hz].
+    amplitudes : tuple of ndarray, each of shape (n, L)
+        Of a tone of that power in each of its loops.
     """
 
-    information: Array
     value: float
     bound: float
+    sigma_bounds: Array
     frequencies: tuple[Array, ...]
-    powers: tuple[Complex, ...]
-    durations: Array
-    dual: Array
-
-    @property
-    def gap(self) -> float:
-        """How far the value may be from the best, relative."""
-        return self.value / self.bound - 1
+    amplitudes: tuple[Array, ...]
 
 
-def optimize_power(
-    experiments: Sequence[DesignedExperiment],
-    prior_information: Array,
-    objective: Objective,
-    forbidden: Bands,
-    on_bound: Callable[[float, float], None] | None = None,
-    rounds: int = ROUNDS,
-    budget: TimeBudget | None = None,
-) -> Optimum:
+@dataclass(frozen=True)
+class _Tones:
+    """Tones of an experiment that cost about one: frequencies (K,) [Hz], amplitudes in its loops (K, L)."""
+
+    frequency: Array
+    amplitudes: Complex
+
+    def __getitem__(self, index: NDArray[Any]) -> "_Tones":
+        return _Tones(self.frequency[index], self.amplitudes[index])
+
+    def __add__(self, other: "_Tones") -> "_Tones":
+        frequency = np.concatenate([self.frequency, other.frequency])
+        return _Tones(frequency, np.concatenate([self.amplitudes, other.amplitudes]))
+
+    def responses(self, experiment: DesignedExperiment) -> tuple[Complex, Complex]:
+        """Return sensitivities (K, P) and costs (K, limits)."""
+        frequency, row = np.unique(self.frequency, return_inverse=True)
+        sensitivity, cost = experiment.responses(frequency)
+        u = self.amplitudes[:, :, None]
+        return (sensitivity[row] @ u)[..., 0], (cost[row] @ u)[..., 0]
+
+
+@dataclass(frozen=True)
+class _ProgrammeSolution:
+    """What the solver found: `duals` are those of ``I - s_i e_i e_i^T``, shape (W, P, P)."""
+
+    information: Array
+    powers: tuple[Array, ...]
+    multipliers: tuple[Array, ...]
+    duals: Array
+
+
+def optimize_power(problem: DesignProblem, on_bound: Callable[[float, float], None] | None = None) -> Optimum:
     """Return the power that minimises the objective, and the bound.
 
     Parameters
     ----------
-    experiments : sequence of DesignedExperiment
-        The experiments.
-    prior_information : ndarray, shape (P, P)
-        Information in addition to them: weak priors, and the experiments without tones.
-    objective : Objective
-        What counts.
-    forbidden : sequence of tuple of float
-        Bands without tones [Hz].
+    problem : DesignProblem
+        The experiments, and what counts.
     on_bound : callable, optional
         Called with value and bound after each round.
-    rounds : int
-        Largest number of rounds of adding frequencies; the bound holds after any.
-    budget : TimeBudget, optional
-        To be shared out; otherwise every experiment lasts as long as it does.
 
     Raises
     ------
-    InputError, RunError
-        If no design is as good as asked, or the solver is missing; if it fails.
+    InputError
+        If no frequency is allowed, or the solver is missing.
+    RunError
+        If it fails.
     """
-    grids = [experiment.frequencies(COARSE_GRID, forbidden) for experiment in experiments]
-    fine = [
-        _CertificateGrid(experiment, experiment.frequencies(FINE_GRID, forbidden))
-        for experiment in experiments
-    ]
-    optimum: Optimum | None = None
-    for _ in range(rounds):
-        solved = solve_program(
-            experiments, grids, prior_information, objective, budget, optimum.information if optimum else None
-        )
-        bound, added = _certify(solved, fine, prior_information, objective, budget)
-        bound = max(bound, optimum.bound) if optimum else bound
-        value = objective.value(objective.logs(solved.information))
-        dual = solved.duals.sum(axis=0)
-        optimum = Optimum(
-            solved.information, value, bound, tuple(grids), solved.powers, solved.durations, dual
-        )
+    forbidden, experiments = problem.plan.design.forbidden, problem.experiments
+    fine = [_CertificateGrid(e, e.frequencies(FINE_GRID, forbidden)) for e in experiments]
+    tones = [grid.single_loop_tones(FINE_GRID // COARSE_GRID) for grid in fine]
+    bound, sigma_bounds = 0.0, np.zeros(problem.objective.indices.size)
+    reference: Array | None = None
+    for _ in range(ROUNDS):
+        solution = _solve(problem, tones, reference)
+        reference = solution.information
+        value = problem.objective.value(solution.information)
+        certified, sigmas, added = _certify(solution, fine, problem)
+        bound, sigma_bounds = max(bound, certified), np.maximum(sigma_bounds, sigmas)
         if on_bound:
             on_bound(value, bound)
-        if optimum.gap < MAX_GAP:
-            break
-        used = _strong_frequencies(experiments, optimum)
-        grids = [np.unique(np.concatenate(arrays)) for arrays in zip(used, added, strict=True)]
-    assert optimum is not None
-    return optimum
+        strong = [x > MIN_POWER * x.max() for x in solution.powers]
+        best = [
+            (one.frequency[k], np.sqrt(2 * x[k])[:, None] * np.abs(one.amplitudes[k]))
+            for one, x, k in zip(tones, solution.powers, strong, strict=True)
+        ]
+        tones = [one[k] + more for one, k, more in zip(tones, strong, added, strict=True)]
+    frequencies, amplitudes = zip(*best, strict=True)
+    return Optimum(value, bound, sigma_bounds, frequencies, amplitudes)
 
 
-def _strong_frequencies(experiments: Sequence[DesignedExperiment], optimum: Optimum) -> list[Array]:
-    """Return the frequencies with power worth mentioning, by stage: with few of them a solver does better."""
-    frequencies = []
-    for experiment, frequency, power in zip(experiments, optimum.frequencies, optimum.powers, strict=True):
-        cost = experiment.responses(frequency)[1]
-        spent = np.einsum("nyi,nij,nyj->ny", cost, power, cost.conj()).real.max(axis=1)
-        frequencies.append(frequency[spent > MIN_POWER * spent.max()])
-    return frequencies
+def solver() -> Any:
+    """Return the convex solver.
+
+    Raises
+    ------
+    InputError
+        If it is not installed.
+    """
+    try:
+        import cvxpy
+    except ImportError:
+        raise InputError("design needs a convex solver: pip install 'lpfcosim[design]'") from None
+    return cvxpy
 
 
-def single_parameter_bounds(
-    experiments: Sequence[DesignedExperiment],
-    prior_information: Array,
-    objective: Objective,
-    optimum: Optimum,
-    forbidden: Bands,
-) -> Iterator[float]:
-    """Yield what the sigma of each parameter that counts does not go below, whatever becomes of the others.
+def _solve(problem: DesignProblem, tones: Sequence[_Tones], reference: Array | None) -> _ProgrammeSolution:
+    """Solve the programme for the powers of some tones.
 
-    A design for one need not determine the others at all, and then no solver copes. A little of what the best
-    power for all determines is added in what is solved, and left out of the bound.
-
-    Parameters
-    ----------
-    stages, fixed, objective, forbidden
-        As those of `optimize_power`.
-    optimum : Optimum
-        The best power for all.
+    Parameters may be correlated to five digits, at which a solver loses its own. It is given combinations of
+    them with equal information: by `reference`, or by an even spread of power.
 
     Raises
     ------
     RunError
         If the solver fails.
     """
-    grids = [experiment.frequencies(COARSE_GRID, forbidden) for experiment in experiments]
-    fine = [
-        _CertificateGrid(experiment, experiment.frequencies(FINE_GRID, forbidden))
-        for experiment in experiments
-    ]
-    initial_tones = prior_information + MIXING * optimum.information
-    for i in objective.indices:
-        only = Objective(np.array([i]), np.ones(1), minimax=False, max_ratios=np.full(1, np.inf))
-        solved = solve_program(experiments, grids, initial_tones, only, None, optimum.information)
-        (Z,) = solved.duals
-        yield float(np.sqrt(Z[i, i] / _max_trace(Z, solved, fine, prior_information, None)[0]))
+    cp, objective, base = solver(), problem.objective, problem.base_information
+    responses = [one.responses(e) for one, e in zip(tones, problem.experiments, strict=True)]
+    seconds = [e.model.duration for e in problem.experiments]
+    rows = [np.sqrt(2 * T) * D for T, (D, _) in zip(seconds, responses, strict=True)]
+    if reference is None:
+        reference = base + sum((D.conj().T @ D).real / len(D) for D in rows)
+    transform = np.linalg.inv(np.linalg.cholesky(reference))
+    total: Any = transform @ base @ transform.T
+    powers, limits = [], []
+    for D, (_, cost) in zip(rows, responses, strict=True):
+        x = cp.Variable(len(D), nonneg=True)
+        combined = D @ transform.T
+        information = np.einsum("kp,kq->pqk", combined.conj(), combined).real
+        total = total + cp.reshape(information.reshape(-1, len(D)) @ x, base.shape, order="C")
+        limits.append((np.abs(cost) ** 2).T @ x <= 1)
+        powers.append(x)
+    information = cp.Variable(base.shape, symmetric=True)
+    corners = transform[:, objective.indices].T
+    size = np.sum(corners**2, axis=1)  # over this s is of the order of one
+    s = cp.Variable(size.size)
+    margins = [information - s[k] * np.outer(row, row) / size[k] >> 0 for k, row in enumerate(corners)]
+    goal = cp.Maximize(objective.weights @ cp.log(s))
+    programme = cp.Problem(goal, [*limits, *margins, information == total])
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # of accuracy, which the certificate judges
+            programme.solve(solver=cp.CLARABEL)
+    except cp.error.SolverError as error:
+        raise RunError(f"the convex solver failed: {error}") from None
+    if programme.status not in ("optimal", "optimal_inaccurate"):
+        raise RunError(f"the convex solver ended with {programme.status}")
+    back = np.linalg.inv(transform)
+    return _ProgrammeSolution(
+        information=np.asarray(back @ information.value @ back.T),
+        powers=tuple(np.maximum(x.value, 0) for x in powers),
+        multipliers=tuple(np.maximum(np.atleast_1d(limit.dual_value), 0) for limit in limits),
+        duals=np.array([transform.T @ _positive(np.asarray(m.dual_value)) @ transform for m in margins]),
+    )
+
+
+def _positive(matrix: Array) -> Array:
+    """Return the nearest positive semidefinite matrix."""
+    values, vectors = np.linalg.eigh((matrix + matrix.T) / 2)
+    return np.asarray((vectors * np.maximum(values, 0)) @ vectors.T)
 
 
 class _CertificateGrid:
-    """A stage on the grid of the certificate."""
+    """An experiment on the grid of the certificate."""
 
     def __init__(self, experiment: DesignedExperiment, frequency: Array) -> None:
+        if not frequency.size:
+            raise InputError(
+                f"design.forbidden: experiment {experiment.run.experiment} has no frequency left"
+            )
         self.experiment, self.frequency = experiment, frequency
-        self._sensitivity, self._cost, _ = whiten(experiment, frequency)
+        sensitivity, cost = experiment.responses(frequency)
+        self._units = 1 / np.sqrt(np.sum(np.abs(cost) ** 2, axis=1))  # (n, L), of tones that cost about one
+        self._sensitivity, self._cost = sensitivity * self._units[:, None], cost * self._units[:, None]
 
-    def max_information(self, dual: Array, multipliers: Array) -> tuple[float, Array]:
-        """Return the largest information of any tones, and of the best tone over its cost by frequency.
+    def single_loop_tones(self, step: int) -> _Tones:
+        """Return tones in one loop at every so many frequencies of the grid."""
+        units = self._units[::step]
+        amplitudes = units[:, :, None] * np.eye(units.shape[1])
+        return _Tones(
+            np.repeat(self.frequency[::step], units.shape[1]), amplitudes.reshape(-1, units.shape[1])
+        )
+
+    def valuable_tones(self, best: Complex, gain: Array) -> _Tones:
+        """Return the best tones at those frequencies at which they add most information."""
+        inner = (gain[1:-1] >= gain[:-2]) & (gain[1:-1] >= gain[2:]) & (gain[1:-1] > 1 + TOLERANCE)
+        return _Tones(self.frequency, best * self._units)[1 + np.flatnonzero(inner)]
+
+    def max_information(self, dual: Array, multipliers: Array) -> tuple[float, Array, Complex]:
+        """Return the largest information of any tones, and by frequency the best tone and its gain.
+
+        The gain (n,) is information over cost at the multipliers; the amplitudes (n, L) of the best tones are
+        in units in which they cost about one.
 
         Any prices of the limits do. Those of the solver are right to some digits only, and what hardly has a
         price would make tones free: of those that are raised a little the best are taken.
@@ -192,77 +240,47 @@ class _CertificateGrid:
         bounds = []
         for offset in PRICE_OFFSETS:
             mu = multipliers + offset * multipliers.max()
-            gain = self._dearest(dual, mu)
-            bounds.append((float(gain.max() * mu.sum()), gain))
+            gain, best = self._dearest(dual, mu)
+            bounds.append((float(gain.max() * mu.sum()), gain, best))
         return min(bounds, key=lambda one: one[0])
 
-    def _dearest(self, dual: Array, multipliers: Array) -> Array:
-        """Return, by frequency, the information of the best tone over its cost at the multipliers."""
-        K = np.einsum("npi,pq,nqj->nij", self._sensitivity.conj(), dual, self._sensitivity, optimize=True)
-        A = np.einsum("nyi,y,nyj->nij", self._cost.conj(), multipliers, self._cost, optimize=True)
+    def _dearest(self, dual: Array, multipliers: Array) -> tuple[Array, Complex]:
+        """Return, by frequency, information over cost at the multipliers of the best tone, and this tone."""
+        D, cost = self._sensitivity, self._cost
+        K = np.einsum("npi,pq,nqj->nij", D.conj(), dual, D, optimize=True)
+        A = np.einsum("nyi,y,nyj->nij", cost.conj(), multipliers, cost, optimize=True)
         root = np.linalg.inv(np.linalg.cholesky(A))
-        gain = np.linalg.eigvalsh(root @ K @ root.conj().transpose(0, 2, 1))[:, -1]
-        return np.asarray(gain * 2 * self.experiment.model.duration)
+        values, vectors = np.linalg.eigh(root @ K @ root.conj().transpose(0, 2, 1))
+        best = (root.conj().transpose(0, 2, 1) @ vectors[:, :, -1:])[..., 0]
+        best /= np.linalg.norm(best, axis=1, keepdims=True)
+        return values[:, -1] * 2 * self.experiment.model.duration, best
 
 
 def _certify(
-    solved: ProgrammeSolution,
-    fine: Sequence[_CertificateGrid],
-    prior_information: Array,
-    objective: Objective,
-    budget: TimeBudget | None,
-) -> tuple[float, list[Array]]:
-    """Return the bound of the objective, and frequencies at which tones would add information.
+    solution: _ProgrammeSolution, fine: Sequence[_CertificateGrid], problem: DesignProblem
+) -> tuple[float, Array, list[_Tones]]:
+    """Return the bounds of objective and sigmas, and tones that would add information.
 
     Of every design ``sum z_i s_i <= <Z, I> <= total``; under that, `_min_objective` finds the best s.
     """
-    total, gains = _max_trace(solved.duals.sum(axis=0), solved, fine, prior_information, budget)
-    added = []
-    for grid, gain in zip(fine, gains, strict=True):
-        inner = (gain[1:-1] >= gain[:-2]) & (gain[1:-1] >= gain[2:]) & (gain[1:-1] > 1 + TOLERANCE)
-        added.append(grid.frequency[1:-1][inner])
-    weights = solved.duals[np.arange(objective.indices.size), objective.indices, objective.indices]
-    return _min_objective(weights, total, objective), added
+    objective = problem.objective
 
+    def max_trace(Z: Array) -> tuple[float, list[_Tones]]:
+        """Return the largest ``<Z, I>`` of any design."""
+        total, added = float(np.sum(Z * problem.base_information)), []
+        for grid, mu in zip(fine, solution.multipliers, strict=True):
+            tones, gain, best = grid.max_information(Z, mu)
+            total += tones
+            added.append(grid.valuable_tones(best, gain))
+        return total, added
 
-def _max_trace(
-    Z: Array,
-    solved: ProgrammeSolution,
-    fine: Sequence[_CertificateGrid],
-    prior_information: Array,
-    budget: TimeBudget | None,
-) -> tuple[float, list[Array]]:
-    """Return the largest ``<Z, I>`` of any design, and information over cost of tones by frequency.
-
-    The information of an experiment grows with its time. What is left of the time beyond the shortest is thus
-    worth most in one experiment.
-    """
-    rates, gains = [], []
-    for grid, mu in zip(fine, solved.multipliers, strict=True):
-        tones, gain = grid.max_information(Z, mu)
-        gains.append(gain)
-        rates.append(
-            (float(np.sum(Z * grid.experiment.base_information)) + tones) / grid.experiment.model.duration
-        )
-    rate = np.array(rates)
-    if budget is None:
-        value = float(rate @ [grid.experiment.model.duration for grid in fine])
-    else:
-        value = float(rate @ budget.min_durations + rate.max() * (budget.total - budget.min_durations.sum()))
-    return float(np.sum(Z * prior_information)) + value, gains
+    total, added = max_trace(solution.duals.sum(axis=0))
+    weights = solution.duals[np.arange(objective.indices.size), objective.indices, objective.indices]
+    totals = [max_trace(Z)[0] for Z in solution.duals]
+    return _min_objective(weights, total, objective), np.sqrt(weights / totals), added
 
 
 def _min_objective(z: Array, total: float, objective: Objective) -> float:
     """Return the least objective of all s, one over squares of sigmas, with ``z s <= total``."""
-    if objective.minimax:
-        return float(np.sqrt(z.sum() / total))
-    floor = 1 / objective.max_ratios**2
-
-    def s(level: float) -> Array:
-        return np.maximum(level * objective.weights / z, floor)
-
-    low, high = 0.0, total / float(objective.weights.sum())
-    for _ in range(200):  # s grows with the level
-        middle = (low + high) / 2
-        low, high = (middle, high) if z @ s(middle) < total else (low, middle)
-    return float(np.exp(-0.5 * objective.weights @ np.log(s(high))))
+    s = total * objective.weights / z
+    return float(np.exp(-0.5 * objective.weights @ np.log(s)))

@@ -7,19 +7,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fit.files import closest_match
-from lpfcosim.campaign import Campaign, DesignSpec
+from lpfcosim.campaign import Campaign, DesignTable
 from lpfcosim.errors import InputError
 from lpfcosim.experiment_design import limits
 from lpfcosim.experiment_design.designed_experiment import DesignedExperiment
 from lpfcosim.experiment_design.fit_model import FitModel
 from lpfcosim.experiment_design.limits import Limit
-from lpfcosim.experiment_design.objective import Objective
-from lpfcosim.spacecraft import Injection, Run, Sine
+from lpfcosim.spacecraft import Run, Sine
 
 Array = NDArray[np.float64]
 
-FAINT = 1e-6  # of tones, so that they carry no information
-ENOUGH = 600  # frequencies, among which one must be allowed
+FAINT = 1e-6  # of tones, so that they carry no information: a channel at rest counts as not recorded
 BASELINES: Mapping[str, tuple[tuple[str, str], ...]] = {
     "peaks and rms of thrust": (
         *((name, "peak") for name in limits.QUANTITIES if name != "F_x_sc"),
@@ -28,6 +26,33 @@ BASELINES: Mapping[str, tuple[tuple[str, str], ...]] = {
     "peaks": tuple((name, "peak") for name in limits.QUANTITIES),
     "rms": tuple((name, "rms") for name in limits.QUANTITIES),
 }
+
+
+@dataclass(frozen=True)
+class Objective:
+    """The weighted geometric mean of the sigmas of the joint fit, to be minimised.
+
+    Attributes
+    ----------
+    indices : ndarray of int, shape (W,)
+        Which of the P parameters count.
+    weights : ndarray, shape (W,)
+        Of the logarithms of their sigmas; they add up to one.
+    """
+
+    indices: NDArray[np.intp]
+    weights: Array
+
+    def value(self, information: Array) -> float:
+        """Return the objective, sigmas in units of their scales."""
+        variances = np.diag(np.linalg.inv(information))[self.indices]
+        return float(np.exp(0.5 * self.weights @ np.log(variances)))
+
+    def dual(self, information: Array) -> Array:
+        """Return what information is worth, shape (P, P): ``d log objective = -tr(Z dI) / 2``."""
+        C = np.linalg.inv(information)
+        rows = C[self.indices] * np.sqrt(self.weights / np.diag(C)[self.indices])[:, None]
+        return np.asarray(rows.T @ rows)
 
 
 @dataclass(frozen=True)
@@ -48,10 +73,6 @@ class DesignProblem:
         Information in addition to them, scaled.
     objective : Objective
         What counts.
-    baseline_limits : mapping of str to tuple of Limit
-        What the tones of the campaign reached to begin with, by experiment.
-    angles : mapping of str to float
-        Sigmas that are wanted of the inertial calibration [rad].
     """
 
     plan: Campaign
@@ -60,8 +81,6 @@ class DesignProblem:
     experiments: tuple[DesignedExperiment, ...]
     prior_information: Array
     objective: Objective
-    baseline_limits: Mapping[str, tuple[Limit, ...]]
-    angles: Mapping[str, float]
 
     @property
     def base_information(self) -> Array:
@@ -82,112 +101,54 @@ def design_problem(plan: Campaign, fit_model: FitModel) -> DesignProblem:
     Raises
     ------
     InputError
-        If the campaign has nothing to free, or its wishes do not fit it.
+        If no tone may be injected, the fit determines nothing, or weights are of other parameters.
     """
     spec = plan.design
     sigmas_before = fit_model.sigmas(plan)
-    of_turns = set(spec.sigmas) - set(sigmas_before)
-    determined = {*sigmas_before, *(fit_model.inertial_model(plan).sigmas(plan) if of_turns else ())}
-    for key, table, base_information in (
-        ("weights", spec.weights, sigmas_before),
-        ("sigmas", spec.sigmas, determined),
-    ):
-        for name in table:
-            if name not in base_information:
-                raise InputError(
-                    f"design.{key}: the fit does not determine {name}{closest_match(name, base_information)}"
-                )
     if not sigmas_before:
         raise InputError("the fit of this campaign determines nothing, expected injections to begin with")
-    baseline_limits = {
-        run.experiment: limits.baseline_limits(run, BASELINES[spec.held])
-        for run in plan.runs
-        if run.kind == "sysid"
+    for name in spec.weights:
+        if name not in sigmas_before:
+            raise InputError(
+                f"design.weights: the fit does not determine {name}{closest_match(name, sigmas_before)}"
+            )
+    faint = {
+        e.name: [replace(i, amplitude=i.amplitude * FAINT) for i in e.injections if isinstance(i, Sine)]
+        for e in plan.experiments
     }
-    return build_problem(plan, sigmas_before, baseline_limits, fit_model)
-
-
-def build_problem(
-    plan: Campaign,
-    sigmas_before: Mapping[str, float],
-    baseline_limits: Mapping[str, tuple[Limit, ...]],
-    fit_model: FitModel,
-) -> DesignProblem:
-    """Return the problem of a campaign, or of a variant, from the sigmas and limits of the campaign.
-
-    Raises
-    ------
-    InputError
-        If the campaign has nothing to free, or its wishes do not fit it.
-    """
-    spec = plan.design
-    bare = with_tones(plan, {e.name: () for e in plan.experiments})
-    information = fit_model.information(
-        with_tones(plan, {e.name: _faint(e.injections) for e in plan.experiments})
-    )
+    information = fit_model.information(with_tones(plan, faint))
     names, widths = information.names, information.widths
-    undetermined = np.array([name not in sigmas_before for name in names]) & (np.diag(information.prior) == 0)
-    scale = np.array(
-        [spec.sigmas.get(n, sigmas_before.get(n, w)) for n, w in zip(names, widths, strict=True)], dtype=float
-    )
-    runs = {run.experiment: run for run in bare.runs if run.kind == "sysid"}
+    scale = np.array([sigmas_before.get(n, w) for n, w in zip(names, widths, strict=True)])
+    runs = {run.experiment: run for run in plan.runs if run.kind == "sysid"}
+    bare = with_tones(plan, {e.name: () for e in plan.experiments})
+    bare_runs = {run.experiment: run for run in bare.runs if run.kind == "sysid"}
     experiments = tuple(
         DesignedExperiment(
-            runs[model.name], model, _limits(runs[model.name], baseline_limits[model.name], spec), scale
+            bare_runs[model.name], model, _limits(runs[model.name], bare_runs[model.name], spec), scale
         )
         for model in information.experiments
     )
     free = tuple(experiment for experiment in experiments if experiment.loops)
     if not free:
-        raise InputError(_describe_no_loop(experiments, spec))
-    for experiment in free:
-        if not experiment.frequencies(ENOUGH, spec.forbidden).size:
-            raise InputError(
-                f"design.forbidden: experiment {experiment.run.experiment} has no frequency left"
-            )
-    prior_information = (
-        np.diag(np.where(undetermined, (scale / widths) ** 2, 0.0))
-        + scale[:, None] * information.prior * scale
-    )
-    prior_information = prior_information + sum(
-        (experiment.base_information for experiment in experiments if not experiment.loops),
-        np.zeros_like(prior_information),
-    )
-    objective = _objective(spec, [n for n in names if n in sigmas_before], names)
-    angles = {name: sigma for name, sigma in spec.sigmas.items() if name not in sigmas_before}
-    return DesignProblem(
-        plan, names, sigmas_before, free, prior_information, objective, baseline_limits, angles
-    )
+        raise InputError("no loop may be driven: expected tones in the campaign, and limits above zero")
+    undetermined = np.array([name not in sigmas_before for name in names]) & (np.diag(information.prior) == 0)
+    prior_information = np.diag(undetermined.astype(float)) + scale[:, None] * information.prior * scale
+    for experiment in experiments:
+        if not experiment.loops:
+            prior_information = prior_information + experiment.base_information
+    counting = [name for name in names if name in sigmas_before]
+    weights = np.array([spec.weights.get(name, 1.0) for name in counting])
+    indices = np.array([names.index(name) for name in counting], dtype=np.intp)
+    objective = Objective(indices, weights / weights.sum())
+    return DesignProblem(plan, names, sigmas_before, free, prior_information, objective)
 
 
-def _describe_no_loop(experiments: Sequence[DesignedExperiment], spec: DesignSpec) -> str:
-    """Return why no loop can be driven: limits that are practically zero, or no drive."""
-    caps = {f"{cap.kind} of {cap.quantity}" for cap in spec.caps}
-    closing = {
-        limit.name for experiment in experiments for limit in experiment.limits if limit.is_zero
-    } & caps
-    if closing:
-        return f"design.limits: {' and '.join(sorted(closing))} so small leave no loop to drive"
-    return "there is nothing to free: no loop of any experiment is driven by tones"
-
-
-def _faint(injections: Sequence[Injection]) -> tuple[Sine, ...]:
-    """Return tones without information: a channel that never moves would count as not recorded."""
-    return tuple(replace(i, amplitude=i.amplitude * FAINT) for i in injections if isinstance(i, Sine))
-
-
-def _objective(spec: DesignSpec, parameters: Sequence[str], names: Sequence[str]) -> Objective:
-    weights = np.array([spec.weights.get(name, 1.0) for name in parameters])
-    max_ratios = np.full(len(parameters), np.inf if spec.no_worse is None else spec.no_worse)
-    index = np.array([names.index(name) for name in parameters], dtype=np.intp)
-    return Objective(index, weights / weights.sum(), spec.goal != "geometric mean", max_ratios)
-
-
-def _limits(run: Run, baseline_limits: Sequence[Limit], spec: DesignSpec) -> tuple[Limit, ...]:
-    """Return the limits of a run: those of the baseline or of ``[design.limits]``, and its authority."""
+def _limits(run: Run, bare_run: Run, spec: DesignTable) -> tuple[Limit, ...]:
+    """Return the limits of a run: what its own tones reach or ``[design.limits]``, and its authority."""
     capped = {cap.quantity for cap in spec.caps}
-    run_limits = [limit for limit in baseline_limits if limit.quantity not in capped]
-    static_levels = limits.static_levels(run)
+    pairs = [(quantity, kind) for quantity, kind in BASELINES[spec.held] if quantity not in capped]
+    run_limits = list(limits.baseline_limits(run, pairs))
+    static_levels = limits.static_levels(bare_run)
     authority = {"F_x_1": run.authority.F_max_1, "F_x_2": run.authority.F_max_2}
     for cap in spec.caps:
         value = cap.value * authority[cap.quantity] if cap.of_authority else cap.value

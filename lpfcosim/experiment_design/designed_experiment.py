@@ -111,18 +111,18 @@ class DesignedExperiment:
         """Information without tones, scaled, shape (P, P)."""
         return self.scale[:, None] * self.model.information * self.scale
 
-    def frequencies(self, count: int, forbidden: Sequence[tuple[float, float]]) -> Array:
+    def frequencies(self, count: int, forbidden: Sequence[Sequence[float]]) -> Array:
         """Return frequencies from the lowest to the highest that a tone may have, log-spaced [Hz]."""
         f = np.geomspace(LOWEST / self.model.duration, HIGHEST, count)
         return np.asarray(f[~_inside(f, forbidden)])
 
-    def allowed(self, frequency: Array, forbidden: Sequence[tuple[float, float]]) -> NDArray[np.bool_]:
+    def allowed(self, frequency: Array, forbidden: Sequence[Sequence[float]]) -> NDArray[np.bool_]:
         """Return which frequencies a tone may have."""
         reach = (frequency >= LOWEST / self.model.duration) & (frequency <= HIGHEST)
         return np.asarray(reach & ~_inside(frequency, forbidden))
 
 
-def _inside(frequency: Array, bands: Sequence[tuple[float, float]]) -> NDArray[np.bool_]:
+def _inside(frequency: Array, bands: Sequence[Sequence[float]]) -> NDArray[np.bool_]:
     mask = np.zeros(frequency.size, dtype=bool)
     for low, high in bands:
         mask |= (frequency >= low) & (frequency <= high)

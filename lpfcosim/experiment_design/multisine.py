@@ -1,38 +1,29 @@
 """From powers to tones: few harmonics with amplitudes and phases that reach the limits on peaks as well.
 
 All tones of an experiment begin and end together and are harmonics of that time, so that they are orthogonal
-and have whole cycles. Amplitudes and phases are complex numbers, one for each tone and loop. They are scaled
-so that the tightest limit is just met; what is left is a problem without constraints, which L-BFGS solves. A
-peak is a p-norm, which rises until it is the peak itself. Then the least of the tones are dropped, until few
-are left.
+and have whole cycles. Amplitudes and phases are complex numbers. They are scaled so that the tightest limit
+is just met; what is left is a problem without constraints, which L-BFGS solves. A peak is a p-norm, which
+rises until it is the peak itself.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from functools import partial
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from lpfcosim.experiment_design.design_problem import DesignProblem
 from lpfcosim.experiment_design.designed_experiment import DesignedExperiment
-from lpfcosim.experiment_design.objective import Objective
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
-Flags = NDArray[np.bool_]
+Indices = NDArray[np.intp]
 
-NORMS = (4, 8, 16, 32, 64)  # that stand for a peak, of many tones
-PRUNING_NORMS = (16, 32, 64)  # of tones that are becoming few
-FINAL_NORMS = (32, 64, 128, 256, 512)  # and at the end
-STEPS = (24, 16, 12, 8)  # of fewer and fewer tones in a loop
-COMPOSE_ITERATIONS, PRUNE_ITERATIONS, POLISH_ITERATIONS = 100, 60, 120  # iterations for each
-EXCHANGE_NORMS, EXCHANGED_TONES, EXCHANGE_ITERATIONS = (
-    (32, 64),
-    2,
-    40,
-)  # norms, tones and iterations where tones grow anew
+NORMS = (16.0, 64.0)  # that stand for a peak, in turn
+ITERATIONS = 100  # for each
 MAX_NORM = 400.0  # norm that stands for the tightest of all limits
 PER_CYCLE = 8  # samples at least of the fastest tone
 
@@ -75,101 +66,134 @@ class Multisine:
         The experiment.
     window : ToneWindow
         When they are on.
-    number : ndarray of int, shape (n,)
-        Of each frequency among the harmonics of the span.
-    used : ndarray of bool, shape (n, L)
-        Which loops a frequency goes into.
-    amplitudes : ndarray of complex, shape (n, L)
-        In each loop: the injected signal is ``Re(u exp(i w (t - start)))``.
+    number : ndarray of int, shape (K,)
+        Of the frequency of each tone among the harmonics of the window.
+    loop : ndarray of int, shape (K,)
+        Which of the loops of the experiment it goes into.
+    amplitudes : ndarray of complex, shape (K,)
+        In units of `units`: the injected signal is ``Re(u units exp(i w (t - start)))``.
     margins : ndarray, shape (limits,)
         What each limit is tightened to: transients go beyond what steady tones do.
     """
 
     experiment: DesignedExperiment
     window: ToneWindow
-    number: NDArray[np.intp]
-    used: Flags
+    number: Indices
+    loop: Indices
     amplitudes: Complex
     margins: Array = field(repr=False)
 
     @property
     def frequency(self) -> Array:
-        """Of the tones [Hz], shape (n,)."""
+        """Of the tones [Hz], shape (K,)."""
         return np.asarray(self.number / self.window.length)
 
+    def __len__(self) -> int:
+        return self.number.size
 
-class MultisineModel:
-    """Information and cost of the tones of one experiment, as functions of scaled amplitudes."""
+    @cached_property
+    def _responses(self) -> tuple[Complex, Complex]:
+        """Sensitivities (K, P) and costs (K, limits) of tones of amplitude one."""
+        frequency, row = np.unique(self.frequency, return_inverse=True)
+        sensitivity, cost = self.experiment.responses(frequency)
+        return sensitivity[row, :, self.loop], cost[row, :, self.loop]
 
-    def __init__(self, multisine: Multisine) -> None:
-        self.multisine = multisine
-        experiment, window = multisine.experiment, multisine.window
-        sensitivity, cost = experiment.responses(multisine.frequency)
-        power = window.power(experiment.run.n_samples / experiment.run.fs, 4000)
-        self._energy = float(np.mean(power))
-        units = 1 / np.sqrt(np.maximum(np.sum(np.abs(cost) ** 2, axis=1), 1e-300))
-        self.units = units  # amplitude that costs about one, shape (n, L)
-        self._sensitivity = (
-            sensitivity * units[:, None, :] * np.sqrt(experiment.model.equivalent_duration(power))
-        )
-        self._cost = cost * units[:, None, :] / multisine.margins[:, None]
-        period = int(np.gcd.reduce(multisine.number))  # all tones together repeat so often in the span
-        self._line = multisine.number // period
-        self._size = scipy.fft.next_fast_len(int(PER_CYCLE * self._line.max()), real=True)
+    @cached_property
+    def units(self) -> Array:
+        """Amplitude of a tone that costs about one, shape (K,)."""
+        return np.asarray(1 / np.sqrt(np.sum(np.abs(self._responses[1]) ** 2, axis=1)))
+
+    @cached_property
+    def _power(self) -> Array:
+        return self.window.power(self.experiment.run.n_samples / self.experiment.run.fs, 4000)
+
+    @cached_property
+    def _sensitivity(self) -> Complex:
+        seconds = self.experiment.model.equivalent_duration(self._power)
+        return np.asarray(self._responses[0] * self.units[:, None] * np.sqrt(seconds))
+
+    @cached_property
+    def _cost(self) -> Complex:
+        return np.asarray(self._responses[1] * self.units[:, None] / self.margins)
+
+    @cached_property
+    def _of_rms(self) -> NDArray[np.bool_]:
+        return np.array([limit.kind == "rms" for limit in self.experiment.active_limits])
+
+    @cached_property
+    def _sums(self) -> Array:
+        """What adds up tones of the same frequency, shape (n, K)."""
+        return np.asarray(np.unique(self.number)[:, None] == self.number, dtype=float)
+
+    @cached_property
+    def _lines(self) -> tuple[Indices, int]:
+        """Harmonics (n,) of the period of all tones together, and the number of samples of it."""
+        lines = np.unique(self.number) // int(np.gcd.reduce(self.number))
+        return lines, scipy.fft.next_fast_len(int(PER_CYCLE * lines.max()), real=True)
 
     def information(self, u: Complex) -> tuple[Array, Complex]:
-        """Return the information of scaled amplitudes, shape (P, P), and its factor by tone, shape (n, P)."""
-        y = np.einsum("npl,nl->np", self._sensitivity, u)
+        """Return the information of amplitudes, shape (P, P), and its factor by frequency, shape (n, P)."""
+        y = self._sums @ (self._sensitivity * u[:, None])
         return (y.conj().T @ y).real, y
 
     def slope(self, dual: Array, y: Complex) -> Complex:
-        """Return the derivative of ``tr(Z I)`` by the amplitudes, shape (n, L)."""
-        return np.asarray(2 * np.einsum("npl,np->nl", self._sensitivity.conj(), y @ dual))
+        """Return the derivative of ``tr(Z I)`` by the amplitudes, shape (K,)."""
+        return np.asarray(2 * np.sum(self._sensitivity.conj() * (self._sums.T @ (y @ dual)), axis=1))
+
+    def limited(self, u: Complex) -> tuple[Complex, Array, Array]:
+        """Return the limited quantities in units of their limits.
+
+        Returns
+        -------
+        spectra : ndarray of complex, shape (limits, n)
+            Amplitudes by frequency.
+        rms : ndarray, shape (limits,)
+            Over the run.
+        waves : ndarray, shape (limits, M)
+            The steady signals over a period of all tones.
+        """
+        Y = (self._sums @ (self._cost * u[:, None])).T
+        lines, size = self._lines
+        spectrum = np.zeros((len(Y), size // 2 + 1), dtype=np.complex128)
+        spectrum[:, lines] = Y
+        rms = np.sqrt(np.sum(np.abs(Y) ** 2, axis=1) / 2 * np.mean(self._power))
+        return Y, rms, scipy.fft.irfft(spectrum, size) * size / 2
 
     def reach(self, u: Complex) -> float:
         """Return how far the tightest limit is reached."""
-        Y = np.einsum("nkl,nl->kn", self._cost, u)
-        rms = np.sqrt(np.sum(np.abs(Y) ** 2, axis=1) / 2 * self._energy)
-        peaks = np.max(np.abs(self._waves(Y)), axis=1)
-        of_rms = np.array([limit.kind == "rms" for limit in self.multisine.experiment.active_limits])
-        return float(np.max(np.where(of_rms, rms, peaks)))
-
-    def _waves(self, Y: Complex) -> Array:
-        """Return the steady signals over one period, shape (..., M), of amplitudes, shape (..., n)."""
-        spectrum = np.zeros((*Y.shape[:-1], self._size // 2 + 1), dtype=np.complex128)
-        spectrum[..., self._line] = Y
-        return np.asarray(scipy.fft.irfft(spectrum, self._size) * self._size / 2)
+        _, rms, waves = self.limited(u)
+        return float(np.max(np.where(self._of_rms, rms, np.abs(waves).max(axis=1))))
 
     def smooth_reach(self, u: Complex, norm: float) -> tuple[float, Complex]:
-        """Return a smooth measure of the same, peaks as p-norms, and its derivative."""
-        values, slopes = [], []
-        for k, limit in enumerate(self.multisine.experiment.active_limits):
-            cost = self._cost[:, k]
-            Y = np.sum(cost * u, axis=1)
-            value, of_Y = self._rms(Y) if limit.kind == "rms" else self._peak(Y, norm)
-            values.append(value)
-            slopes.append(cost.conj() * of_Y[:, None])
-        reach = np.array(values)
-        top = float(reach.max())
+        """Return a smooth measure of the same, peaks as p-norms, and its derivative, shape (K,)."""
+        Y, rms, waves = self.limited(u)
+        lines, size = self._lines
+        top = np.maximum(np.abs(waves).max(axis=1, keepdims=True), np.finfo(float).tiny)
+        ratio = np.abs(waves) / top
+        mean = np.maximum(np.mean(ratio**norm, axis=1, keepdims=True), np.finfo(float).tiny)
+        peaks = (top * mean ** (1 / norm))[:, 0]
+        weights = np.sign(waves) * ratio ** (norm - 1) * mean ** (1 / norm - 1) / size
+        of_peaks = scipy.fft.rfft(weights)[:, lines]
+        of_rms = Y * np.mean(self._power) / 2 / np.maximum(rms, np.finfo(float).tiny)[:, None]
+        values = np.where(self._of_rms, rms, peaks)
+        slopes = np.where(self._of_rms[:, None], of_rms, of_peaks)
         q = min(4 * norm, MAX_NORM)
-        total = float(np.sum((reach / top) ** q))
-        shares = (reach / top) ** (q - 1) * total ** (1 / q - 1)
-        slope = np.einsum("k,knl->nl", shares, np.array(slopes))
-        return top * total ** (1 / q), np.asarray(slope)
+        largest = values.max()
+        total = float(np.sum((values / largest) ** q))
+        shares = (values / largest) ** (q - 1) * total ** (1 / q - 1)
+        slope = np.sum(self._cost.conj() * (self._sums.T @ (slopes.T * shares)), axis=1)
+        return float(largest * total ** (1 / q)), slope
 
-    def _rms(self, Y: Complex) -> tuple[float, Complex]:
-        value = float(np.sqrt(np.sum(np.abs(Y) ** 2) / 2 * self._energy))
-        return value, np.asarray(Y * self._energy / 2 / max(value, 1e-300))
-
-    def _peak(self, Y: Complex, norm: float) -> tuple[float, Complex]:
-        y = self._waves(Y)
-        top = float(np.max(np.abs(y)))
-        if top == 0:  # what none of the loops moves
-            return 0.0, np.zeros_like(Y)
-        ratio = np.abs(y) / top
-        mean = float(np.mean(ratio**norm))
-        weights = np.sign(y) * ratio ** (norm - 1) * mean ** (1 / norm - 1) / self._size
-        return top * mean ** (1 / norm), np.asarray(scipy.fft.rfft(weights)[self._line])
+    def strongest(self, count: int) -> "Multisine":
+        """Return at most so many tones in each loop, those kept that cost most."""
+        size = np.abs(self.amplitudes)
+        kept = [
+            k
+            for loop in np.unique(self.loop)
+            for k in sorted(np.flatnonzero(self.loop == loop), key=lambda k: -size[k])[:count]
+        ]
+        kept.sort()
+        return replace(self, number=self.number[kept], loop=self.loop[kept], amplitudes=self.amplitudes[kept])
 
 
 @dataclass(frozen=True)
@@ -179,9 +203,9 @@ class Solution:
     Attributes
     ----------
     multisines : tuple of Multisine
-        Scaled so that the tightest limit of each is just met.
+        Their tones.
     information : ndarray, shape (P, P)
-        Their information.
+        Of all of them.
     value : float
         The objective.
     """
@@ -191,159 +215,41 @@ class Solution:
     value: float
 
 
-class MultisineProblem:
-    """The optimisation of the amplitudes of several experiments together."""
-
-    def __init__(
-        self, multisines: Sequence[Multisine], base_information: Array, objective: Objective
-    ) -> None:
-        self._models = [MultisineModel(multisine) for multisine in multisines]
-        self._base_information, self._objective = base_information, objective
-
-    def improve(self, norms: Sequence[float], iterations: int) -> Solution:
-        """Improve the amplitudes by L-BFGS, with rising norms in the place of peaks."""
-        x = np.concatenate([self._packed(c, c.multisine.amplitudes / c.units) for c in self._models])
-        for norm in norms:
-            options = {"maxiter": iterations, "maxcor": 20}
-            value = partial(self._value, norm=norm)
-            result: Any = scipy.optimize.minimize(value, x, method="L-BFGS-B", jac=True, options=options)  # type: ignore[call-overload]
-            x = result.x
-        return self._score(x)
-
-    def _score(self, x: Array) -> Solution:
-        information, multisines = self._base_information.copy(), []
-        for model, u in zip(self._models, self._unpacked(x), strict=True):
-            u = u / model.reach(u)
-            information += model.information(u)[0]
-            multisines.append(replace(model.multisine, amplitudes=u * model.units))
-        logs = self._objective.logs(information)
-        return Solution(tuple(multisines), information, self._objective.value(logs))
-
-    def _value(self, x: Array, norm: float) -> tuple[float, Array]:
-        information, contributions = self._base_information.copy(), []
-        for model, u in zip(self._models, self._unpacked(x), strict=True):
-            smooth_reach, of_spent = model.smooth_reach(u, norm)
-            u = u / smooth_reach
-            tone_information, y = model.information(u)
-            information += tone_information
-            contributions.append((model, smooth_reach, of_spent, tone_information, y))
-        value, weights = self._objective.slope(self._objective.logs(information))
-        Z = self._objective.dual(information, weights)
-        slopes = []
-        for model, smooth_reach, of_spent, tone_information, y in contributions:
-            of_u = (
-                model.slope(Z, y) / smooth_reach
-                - 2 * float(np.sum(Z * tone_information)) / smooth_reach * of_spent
-            )
-            slopes.append(self._packed(model, -0.5 * of_u))
-        return value, np.concatenate(slopes)
-
-    @staticmethod
-    def _packed(model: MultisineModel, u: Complex) -> Array:
-        amplitudes = u[model.multisine.used]
-        return np.concatenate([amplitudes.real, amplitudes.imag])
-
-    def _unpacked(self, x: Array) -> list[Complex]:
-        unpacked, offset = [], 0
-        for model in self._models:
-            used = model.multisine.used
-            n = int(used.sum())
-            u = np.zeros(used.shape, dtype=np.complex128)
-            u[used] = x[offset : offset + n] + 1j * x[offset + n : offset + 2 * n]
-            unpacked.append(u)
-            offset += 2 * n
-        return unpacked
+def evaluate(problem: DesignProblem, multisines: Sequence[Multisine]) -> Solution:
+    """Return the solution that given tones are."""
+    information = problem.base_information + sum(m.information(m.amplitudes)[0] for m in multisines)
+    return Solution(tuple(multisines), information, problem.objective.value(information))
 
 
-def evaluate(multisines: Sequence[Multisine], base_information: Array, objective: Objective) -> Solution:
-    """Return the solution that given tones are, without changing them."""
-    information = base_information.copy()
-    for multisine in multisines:
-        model = MultisineModel(multisine)
-        information += model.information(multisine.amplitudes / model.units)[0]
-    return Solution(tuple(multisines), information, objective.value(objective.logs(information)))
-
-
-def prune(multisines: Sequence[Multisine], max_tones: int) -> tuple[Multisine, ...]:
-    """Return the experiments with at most so many tones in each loop, those kept that cost most."""
-    pruned = []
-    for multisine in multisines:
-        size = np.abs(multisine.amplitudes) / MultisineModel(multisine).units
-        order = np.argsort(np.argsort(-size, axis=0), axis=0)
-        used = multisine.used & (order < max_tones)
-        rows = used.any(axis=1)
-        pruned.append(
-            replace(
-                multisine,
-                number=multisine.number[rows],
-                used=used[rows],
-                amplitudes=np.where(used, multisine.amplitudes, 0)[rows],
-            )
-        )
-    return tuple(pruned)
-
-
-def steps(max_tones: int) -> int:
-    """Return how many steps `compose` takes to so many tones."""
-    return 3 + sum(size > max_tones for size in STEPS)
-
-
-def compose(
-    multisines: Sequence[Multisine],
-    base_information: Array,
-    objective: Objective,
-    max_tones: int,
-    on_value: Callable[[float], None],
+def improve(
+    problem: DesignProblem, multisines: Sequence[Multisine], norms: Sequence[float] = NORMS
 ) -> Solution:
-    """Return few tones: seek amplitudes, drop the least, and again."""
-    solution = MultisineProblem(multisines, base_information, objective).improve(NORMS, COMPOSE_ITERATIONS)
-    on_value(solution.value)
-    return _prune_stepwise(
-        solution, base_information, objective, (*(n for n in STEPS if n > max_tones), max_tones), on_value
-    )
+    """Return the tones with amplitudes and phases improved by L-BFGS, the tightest limit of each just met."""
+    ends = np.cumsum([len(m) for m in multisines])[:-1]
+    objective, base_information = problem.objective, problem.base_information
 
+    def value(x: Array, norm: float) -> tuple[float, Array]:
+        information, contributions = base_information.copy(), []
+        for multisine, u in zip(multisines, np.split(x.view(np.complex128), ends), strict=True):
+            reach, of_reach = multisine.smooth_reach(u, norm)
+            tones, y = multisine.information(u / reach)
+            information += tones
+            contributions.append((multisine, reach, of_reach, tones, y))
+        Z = objective.dual(information)
+        slopes = [
+            (float(np.sum(Z * tones)) * of_reach - 0.5 * multisine.slope(Z, y)) / reach
+            for multisine, reach, of_reach, tones, y in contributions
+        ]
+        return float(np.log(objective.value(information))), np.concatenate(slopes).view(np.float64)
 
-def exchange(
-    multisines: Sequence[Multisine],
-    base_information: Array,
-    objective: Objective,
-    max_tones: int,
-    on_value: Callable[[float], None],
-) -> Solution:
-    """Return few tones where many faint ones joined those there were: better ones take their places."""
-    solution = MultisineProblem(multisines, base_information, objective).improve(
-        EXCHANGE_NORMS, EXCHANGE_ITERATIONS
-    )
-    return _prune_stepwise(
-        solution, base_information, objective, (max_tones + EXCHANGED_TONES, max_tones), on_value
-    )
-
-
-def _prune_stepwise(
-    solution: Solution,
-    base_information: Array,
-    objective: Objective,
-    sizes: Sequence[int],
-    on_value: Callable[[float], None],
-) -> Solution:
-    """Drop the least tones, down to one size after another, then finish those that are left."""
-    for size in sizes:
-        solution = MultisineProblem(prune(solution.multisines, size), base_information, objective).improve(
-            PRUNING_NORMS, PRUNE_ITERATIONS
-        )
-        on_value(solution.value)
-    return polish(solution.multisines, base_information, objective, on_value)
-
-
-def polish(
-    multisines: Sequence[Multisine],
-    base_information: Array,
-    objective: Objective,
-    on_value: Callable[[float], None],
-) -> Solution:
-    """Return the tones with the best amplitudes and phases, peaks as they are."""
-    solution = MultisineProblem(multisines, base_information, objective).improve(
-        (16.0, *FINAL_NORMS), POLISH_ITERATIONS
-    )
-    on_value(solution.value)
-    return solution
+    x = np.concatenate([m.amplitudes for m in multisines]).view(np.float64)
+    options = {"maxiter": ITERATIONS, "maxcor": 20}
+    for norm in norms:
+        smooth_value = partial(value, norm=norm)
+        result: Any = scipy.optimize.minimize(smooth_value, x, method="L-BFGS-B", jac=True, options=options)  # type: ignore[call-overload]
+        x = result.x
+    improved = [
+        replace(m, amplitudes=u / m.reach(u))
+        for m, u in zip(multisines, np.split(x.view(np.complex128), ends), strict=True)
+    ]
+    return evaluate(problem, improved)

@@ -2,60 +2,29 @@
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
-from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
-from lpfcosim.campaign import Campaign, DesignSpec
-from lpfcosim.errors import InputError
-from lpfcosim.experiment_design import convex_bound, limits, multisine, tones
+from lpfcosim.campaign import Campaign
+from lpfcosim.experiment_design import convex_bound, limits, tones
 from lpfcosim.experiment_design.convex_bound import Optimum
 from lpfcosim.experiment_design.design_problem import DesignProblem, with_tones
-from lpfcosim.experiment_design.designed_experiment import DesignedExperiment
+from lpfcosim.experiment_design.designed_experiment import HIGHEST, LOWEST, DesignedExperiment
 from lpfcosim.experiment_design.fit_model import FitModel
-from lpfcosim.experiment_design.inertial_design import InertialDesign
-from lpfcosim.experiment_design.initial_guess import add_harmonics, initial_tones
-from lpfcosim.experiment_design.multisine import Multisine, Solution, ToneWindow
+from lpfcosim.experiment_design.multisine import NORMS, Multisine, Solution, ToneWindow, evaluate, improve
 from lpfcosim.experiment_design.tones import Tone
 
 Array = NDArray[np.float64]
 
-N_STARTS = 3  # beginnings, of which the best is kept
-N_TIGHTENINGS = 3  # times that limits are tightened by what transients add
 SETTLING_TIME = 600.0  # s that a run goes on after its tones: what follows them is checked as well
 FLANK, RAMP = 0.05, 1080.0  # share of a run under a flank of the window; s, longest rise of a tone
-N_EXCHANGES = 4  # times that other tones are tried beside those there are
-BOUND_SHARE, COMPOSE_SHARE, EXCHANGE_SHARE, TONES_SHARE = (
-    0.05,
-    0.4,
-    0.6,
-    0.8,
-)  # shares of the time, done after what they name
 SHORT_RAMP = 300.0  # s, where rms is what counts: tones clear of the flanks make the most of it
-
-
-@dataclass(frozen=True)
-class SearchProgress:
-    """Callbacks of the search.
-
-    Attributes
-    ----------
-    on_bound : callable
-        Of value and bound of the programme.
-    on_value : callable
-        Of a step of the search, and of the objective that its tones reach.
-    on_share : callable
-        Of the share of the work that is done, from 0 to 1.
-    """
-
-    on_bound: Callable[[float, float], None]
-    on_value: Callable[[str, float], None]
-    on_share: Callable[[float], None]
-
-    def subrange(self, begin: float, end: float) -> "SearchProgress":
-        """Return the same for a part of the work, from one share of it to another."""
-        return replace(self, on_share=lambda share: self.on_share(begin + share * (end - begin)))
+SLOWEST = 0.75e-3  # Hz, the slow tone of which all tones are harmonics where peaks are limited
+SPREAD = 24  # frequencies beside those of the programme, where rms alone is limited
+FAINT = 0.02  # of the largest tone: size of those that the programme does without
+STEPS = (24, 16, 12, 8)  # of fewer and fewer tones in a loop
+FINAL_NORMS = (*NORMS, 256.0, 512.0)  # that stand for a peak at the end
 
 
 @dataclass(frozen=True)
@@ -64,63 +33,41 @@ class Design:
 
     Attributes
     ----------
-    problem : Problem
+    problem : DesignProblem
         What was sought.
     optimum : Optimum
         The best power, and the bound.
-    solution : Score
-        Tones that come near.
     tones : mapping of str to tuple of Tone
         By experiment.
     campaign : Campaign
         With these tones.
     sigmas_after : mapping of str to float
         Sigmas to expect of it.
-    limit_ratios : mapping of str to mapping of str to float
-        By experiment and limit, what is reached in units of the limit, in the time domain.
-    sigma_bounds : mapping of str to float
-        By parameter, the sigma that no design within the limits goes below.
     complete : bool
-        False if the search was interrupted; `sigma_bounds` is then left out.
-    min_duration : float, optional
-        Hours that were sought: what no design of the same experiments needs less than [s].
-    angles : Angles, optional
-        What becomes of the inertial calibration, where its angles are sought.
+        False if the search was interrupted.
     """
 
     problem: DesignProblem
     optimum: Optimum
-    solution: Solution
     tones: Mapping[str, tuple[Tone, ...]]
     campaign: Campaign
     sigmas_after: Mapping[str, float]
-    limit_ratios: Mapping[str, Mapping[str, float]]
-    sigma_bounds: Mapping[str, float]
     complete: bool
-    min_duration: float | None = None
-    angles: InertialDesign | None = None
 
     @property
-    def ratios(self) -> dict[str, float]:
-        """Sigmas to expect over those wanted, of the parameters that count and are determined."""
+    def sigma_bounds(self) -> dict[str, float]:
+        """By parameter, the sigma that no design within the limits goes below."""
         problem = self.problem
-        scale = problem.experiments[0].scale[problem.objective.indices].tolist()
-        return {
-            n: self.sigmas_after[n] / s
-            for n, s in zip(problem.parameters, scale, strict=True)
-            if n in self.sigmas_after
-        }
-
-    @property
-    def duration(self) -> float:
-        """Time that the experiments with tones take [s]."""
-        return sum(experiment.model.duration for experiment in self.problem.experiments)
+        scale = [problem.sigmas_before[name] for name in problem.parameters]
+        bounds = (self.optimum.sigma_bounds * scale).tolist()
+        return dict(zip(problem.parameters, bounds, strict=True))
 
     @property
     def value(self) -> float:
         """The objective by the forecast of the new campaign."""
-        ratios = [self.ratios.get(name, np.inf) for name in self.problem.parameters]
-        return self.problem.objective.value(np.log(ratios))
+        before, after = self.problem.sigmas_before, self.sigmas_after
+        ratios = [after.get(name, np.inf) / before[name] for name in self.problem.parameters]
+        return float(np.exp(self.problem.objective.weights @ np.log(ratios)))
 
     @property
     def efficiency(self) -> float:
@@ -128,96 +75,115 @@ class Design:
         return self.optimum.bound / self.value
 
 
-def search(problem: DesignProblem, fit_model: FitModel, progress: SearchProgress) -> Design:
+def search(
+    problem: DesignProblem,
+    fit_model: FitModel,
+    on_bound: Callable[[float, float], None],
+    on_value: Callable[[str, float], None],
+) -> Design:
     """Return the best tones that are found; interrupted, the best so far.
+
+    Parameters
+    ----------
+    problem : DesignProblem
+        What is sought.
+    fit_model : FitModel
+        Forecasts the sigmas.
+    on_bound : callable
+        Called with value and bound of the programme.
+    on_value : callable
+        Called with a step of the search, and the objective that its tones reach.
 
     Raises
     ------
-    InputError
-        If ``no_worse`` cannot be reached.
     KeyboardInterrupt
         If it comes before any tones are found.
     """
-    spec = problem.plan.design
-    _check_reach(problem, spec)
-    optimum = convex_bound.optimize_power(
-        problem.experiments, problem.prior_information, problem.objective, spec.forbidden, progress.on_bound
-    )
-    progress.on_share(BOUND_SHARE)
+    optimum = convex_bound.optimize_power(problem, on_bound)
     solution, complete = None, True
     try:
-        for solution in _improve(problem, optimum, progress.subrange(BOUND_SHARE, TONES_SHARE)):  # noqa: B007 - the last one is wanted
-            pass
+        for step, solution in _steps(problem, optimum):
+            on_value(step, solution.value)
     except KeyboardInterrupt:
         complete = False
-        if solution is None:
-            raise
-    assert solution is not None
-    scaled = _scale_to_limits(problem, solution)
-    return _design(
-        problem, fit_model, optimum, scaled, progress.subrange(TONES_SHARE, 1.0), complete=complete
-    )
-
-
-def _design(
-    problem: DesignProblem,
-    fit_model: FitModel,
-    optimum: Optimum,
-    solution: Solution,
-    progress: SearchProgress,
-    *,
-    complete: bool,
-) -> Design:
+    if solution is None:
+        raise KeyboardInterrupt
+    scaled = [replace(m, amplitudes=m.amplitudes / _ratios(m).max()) for m in solution.multisines]
+    solution = evaluate(problem, scaled)
     tones_of = {
-        multisine.experiment.run.experiment: tones.describe_tones(
-            multisine, solution.information, problem.objective.indices.tolist(), problem.names
-        )
-        for multisine in solution.multisines
+        m.experiment.run.experiment: tones.describe_tones(m, solution.information, problem)
+        for m in solution.multisines
     }
-    campaign = with_tones(
-        problem.plan, {name: tuple(t.injection for t in designed) for name, designed in tones_of.items()}
-    )
-    return Design(
-        problem=problem,
-        optimum=optimum,
-        solution=solution,
-        tones=tones_of,
-        campaign=campaign,
-        sigmas_after=fit_model.sigmas(campaign),
-        limit_ratios=_limit_ratios(problem, campaign),
-        sigma_bounds=_sigma_bounds(problem, optimum, progress) if complete else {},
-        complete=complete,
-    )
+    injections = {name: [tone.injection for tone in designed] for name, designed in tones_of.items()}
+    campaign = with_tones(problem.plan, injections)
+    return Design(problem, optimum, tones_of, campaign, fit_model.sigmas(campaign), complete)
 
 
-def _check_reach(problem: DesignProblem, spec: DesignSpec) -> None:
-    """Refuse ratios of sigmas that no design reaches, and report the nearest."""
-    objective = problem.objective
-    if not np.isfinite(objective.max_ratios).all():
-        return
-    plain = replace(objective, minimax=True, max_ratios=np.full(objective.max_ratios.size, np.inf))
-    nearest = convex_bound.optimize_power(
-        problem.experiments, problem.prior_information, plain, spec.forbidden
-    )
-    if nearest.bound > float(objective.max_ratios.min()):
-        logs = objective.logs(nearest.information)
-        held_up = problem.parameters[int(np.argmax(logs))]
-        raise InputError(
-            f"design.no_worse: {objective.max_ratios.min():g} is beyond reach, within the limits some sigma "
-            f"stays at {nearest.bound:.3g} times the goal; {held_up} is among those that limit"
-        )
+def _steps(problem: DesignProblem, optimum: Optimum) -> Iterator[tuple[str, Solution]]:
+    """Yield fewer and fewer tones at the limits, at last as few as asked, with tightened limits."""
+    sines = problem.plan.design.sines
+    generator = np.random.default_rng(problem.plan.seed)
+    solution = improve(problem, _initial_tones(problem, optimum, generator))
+    for count in (*(n for n in STEPS if n > sines), sines):
+        fewer = [multisine.strongest(count) for multisine in solution.multisines]
+        solution = improve(problem, fewer, FINAL_NORMS if count == sines else NORMS)
+        yield f"{count} sines in a loop", solution
+    tightened = []
+    for multisine in solution.multisines:
+        reached = _ratios(multisine)
+        margins = multisine.margins / np.where(reached > 0.9, reached, 1.0)
+        tightened.append(replace(multisine, margins=margins))
+    yield "in the time domain", improve(problem, tightened, FINAL_NORMS)
 
 
-def _sigma_bounds(problem: DesignProblem, optimum: Optimum, progress: SearchProgress) -> dict[str, float]:
-    """Return, by parameter, a sigma that no design within the limits goes below, even for it alone."""
-    objective, bounds = problem.objective, {}
-    values = convex_bound.single_parameter_bounds(
-        problem.experiments, problem.prior_information, objective, optimum, problem.plan.design.forbidden
-    )
-    for i, name, value in zip(objective.indices, problem.parameters, values, strict=True):
-        bounds[name] = value * float(problem.experiments[0].scale[i])
-        progress.on_share(len(bounds) / len(problem.parameters))
-    return bounds
+def _initial_tones(
+    problem: DesignProblem, optimum: Optimum, generator: np.random.Generator
+) -> list[Multisine]:
+    """Return many tones, as large as the programme has them, with drawn phases.
+
+    Where peaks are limited, they are all harmonics of one slow tone. Only such tones keep their phases to
+    each other, and make waves that are flatter than a sine. Where rms alone is limited, phases are free, and
+    the tones are those of the convex programme.
+    """
+    multisines = []
+    for experiment, f, amplitudes in zip(
+        problem.experiments, optimum.frequencies, optimum.amplitudes, strict=True
+    ):
+        window = _tone_window(experiment)
+        frequencies = _candidates(problem, experiment, window, f[np.argsort(-amplitudes.max(axis=1))])
+        numbers = np.unique(np.round(frequencies * window.length).astype(np.intp))
+        n_loops = amplitudes.shape[1]
+        number, loop = np.repeat(numbers, n_loops), np.tile(np.arange(n_loops), numbers.size)
+        phases = np.exp(2j * np.pi * generator.uniform(size=number.size))
+        margins = np.ones(len(experiment.active_limits))
+        multisine = Multisine(experiment, window, number, loop, phases, margins)
+        nearest = np.argmin(np.abs(numbers[:, None] / window.length - f), axis=0)
+        largest = np.zeros((numbers.size, n_loops))
+        np.maximum.at(largest, nearest, amplitudes)
+        size = largest.ravel() / multisine.units
+        multisines.append(replace(multisine, amplitudes=np.maximum(size, FAINT * size.max()) * phases))
+    return multisines
+
+
+def _candidates(
+    problem: DesignProblem, experiment: DesignedExperiment, window: ToneWindow, best: Array
+) -> Array:
+    """Return frequencies of tones [Hz], multiples of the inverse of a window, apart and allowed."""
+    spec = problem.plan.design
+    if any(limit.is_peak_limit for limit in experiment.active_limits):
+        slowest = max(SLOWEST, spec.spacing, LOWEST / experiment.model.duration)
+        step = int(np.ceil(window.length * slowest))
+        candidates = np.arange(step, int(HIGHEST * window.length) + 1, step)
+    else:
+        spread = experiment.frequencies(SPREAD, spec.forbidden)
+        candidates = np.round(np.concatenate([best, spread]) * window.length).astype(int)
+    candidates = candidates[experiment.allowed(candidates / window.length, spec.forbidden)]
+    apart = int(np.ceil(spec.spacing * window.length))
+    numbers: list[int] = []
+    for k in candidates.tolist():
+        if all(abs(k - neighbour) >= apart for neighbour in numbers):
+            numbers.append(k)
+    return np.array(numbers) / window.length
 
 
 def _tone_window(experiment: DesignedExperiment) -> ToneWindow:
@@ -230,98 +196,9 @@ def _tone_window(experiment: DesignedExperiment) -> ToneWindow:
     return ToneWindow(0.0, duration - SETTLING_TIME, min(flank, RAMP))
 
 
-class _Steps:
-    """Reports the value after each of a number of steps."""
-
-    def __init__(self, progress: SearchProgress, name: str, number: int) -> None:
-        self._progress, self._name, self._number, self._made = progress, name, number, 0
-
-    def __call__(self, value: float) -> None:
-        self._made += 1
-        self._progress.on_value(self._name, value)
-        self._progress.on_share(self._made / self._number)
-
-
-def _improve(problem: DesignProblem, optimum: Optimum, progress: SearchProgress) -> Iterator[Solution]:
-    """Yield few tones at the limits: the best of several starts and exchanges, then with tightened limits."""
-    best_solution: Solution | None = None
-    total = TONES_SHARE - BOUND_SHARE
-    active_limits = [limit for experiment in problem.experiments for limit in experiment.active_limits]
-    n_exchanges = N_EXCHANGES if any(limit.is_peak_limit for limit in active_limits) else 0
-    compose = COMPOSE_SHARE if n_exchanges else EXCHANGE_SHARE
-    shares = [0.0, (compose - BOUND_SHARE) / total, (EXCHANGE_SHARE - BOUND_SHARE) / total, 1.0]
-    starts, exchanges, tightenings = (progress.subrange(*share) for share in pairwise(shares))
-    for n_start in range(N_STARTS):
-        solution = _start(
-            problem, optimum, n_start, starts.subrange(n_start / N_STARTS, (n_start + 1) / N_STARTS)
-        )
-        if best_solution is None or solution.value < best_solution.value:
-            best_solution = solution
-        yield best_solution
-    assert best_solution is not None
-    for n in range(n_exchanges):
-        solution = _exchange(
-            problem, best_solution, n, exchanges.subrange(n / n_exchanges, (n + 1) / n_exchanges)
-        )
-        if solution.value < best_solution.value:
-            best_solution = solution
-        yield best_solution
-    for n in range(N_TIGHTENINGS):
-        ratios = [_ratios(multisine) for multisine in best_solution.multisines]
-        tightened = tuple(
-            replace(multisine, margins=multisine.margins / np.where(reached > 0.9, reached, 1.0))
-            for multisine, reached in zip(best_solution.multisines, ratios, strict=True)
-        )
-        subrange = tightenings.subrange(n / N_TIGHTENINGS, (n + 1) / N_TIGHTENINGS)
-        step = _Steps(subrange, f"in the time domain, {n + 1} of {N_TIGHTENINGS}", 1)
-        best_solution = multisine.polish(tightened, problem.base_information, problem.objective, step)
-        yield best_solution
-
-
-def _start(problem: DesignProblem, optimum: Optimum, n_start: int, progress: SearchProgress) -> Solution:
-    """Return few tones from one initial guess."""
-    spec, windows = problem.plan.design, [_tone_window(experiment) for experiment in problem.experiments]
-    generator = np.random.default_rng([problem.plan.seed, n_start])
-    step = _Steps(progress, f"trial {n_start + 1} of {N_STARTS}", multisine.steps(spec.sines))
-    multisines = initial_tones(
-        problem.experiments, windows, optimum, spec.forbidden, spec.spacing, n_start, generator
-    )
-    return multisine.compose(multisines, problem.base_information, problem.objective, spec.sines, step)
-
-
-def _exchange(problem: DesignProblem, solution: Solution, n: int, progress: SearchProgress) -> Solution:
-    """Return few tones after all other harmonics have joined."""
-    spec = problem.plan.design
-    generator = np.random.default_rng([problem.plan.seed, N_STARTS, n])
-    step = _Steps(progress, f"other tones, {n + 1} of {N_EXCHANGES}", 3)
-    multisines = [add_harmonics(multisine, spec.forbidden, generator) for multisine in solution.multisines]
-    return multisine.exchange(multisines, problem.base_information, problem.objective, spec.sines, step)
-
-
-def _scale_to_limits(problem: DesignProblem, solution: Solution) -> Solution:
-    """Return the same tones, as large as limits in the time domain allow."""
-    multisines = tuple(
-        replace(multisine, amplitudes=multisine.amplitudes / _ratios(multisine).max())
-        for multisine in solution.multisines
-    )
-    return multisine.evaluate(multisines, problem.base_information, problem.objective)
-
-
 def _ratios(multisine: Multisine) -> Array:
     """Return how far the tones of an experiment reach each of its limits in the time domain."""
     experiment = multisine.experiment
     run = replace(experiment.run, injections=tones.injections(multisine))
     ratios = limits.limit_ratios(run, experiment.active_limits, limits.tone_response(run))
     return np.array([ratios[limit.name] for limit in experiment.active_limits])
-
-
-def _limit_ratios(problem: DesignProblem, campaign: Campaign) -> dict[str, dict[str, float]]:
-    runs = {run.experiment: run for run in campaign.runs if run.kind == "sysid"}
-    return {
-        experiment.run.experiment: limits.limit_ratios(
-            runs[experiment.run.experiment],
-            experiment.active_limits,
-            limits.tone_response(runs[experiment.run.experiment]),
-        )
-        for experiment in problem.experiments
-    }

@@ -1,12 +1,13 @@
 """Tones as injections of a campaign, and the parameters that need each of them."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from lpfcosim.experiment_design.multisine import Multisine, MultisineModel
+from lpfcosim.experiment_design.design_problem import DesignProblem
+from lpfcosim.experiment_design.multisine import Multisine
 from lpfcosim.spacecraft import TaperedSine
 
 Array = NDArray[np.float64]
@@ -39,32 +40,29 @@ class Tone:
 
 def injections(multisine: Multisine) -> tuple[TaperedSine, ...]:
     """Return the tones of an experiment, those left out that hardly count."""
-    return tuple(_injection(multisine, k, loop) for k, loop in _places(multisine))
+    return tuple(_injection(multisine, k) for k in _significant(multisine))
 
 
-def _places(multisine: Multisine) -> list[tuple[int, int]]:
-    scaled = np.abs(multisine.amplitudes) / MultisineModel(multisine).units
-    return [(int(k), int(loop)) for k, loop in np.argwhere(multisine.used & (scaled > MIN_LIMIT_RATIO))]
+def _significant(multisine: Multisine) -> list[int]:
+    return np.flatnonzero(np.abs(multisine.amplitudes) > MIN_LIMIT_RATIO).tolist()
 
 
-def _injection(multisine: Multisine, k: int, loop: int) -> TaperedSine:
+def _injection(multisine: Multisine, k: int) -> TaperedSine:
     experiment, window = multisine.experiment, multisine.window
-    amplitude, number = complex(multisine.amplitudes[k, loop]), int(multisine.number[k])
-    frequency = number / window.length
+    amplitude = complex(multisine.amplitudes[k] * multisine.units[k])
+    frequency = float(multisine.frequency[k])
     return TaperedSine(
-        into=experiment.target(experiment.loops[loop], frequency),
+        into=experiment.target(experiment.loops[multisine.loop[k]], frequency),
         amplitude=abs(amplitude),
         frequency=frequency,
-        cycles=number,
+        cycles=int(multisine.number[k]),
         start=window.start,
         phase=float((np.angle(amplitude) + np.pi / 2) % (2 * np.pi)),
         ramp=window.ramp,
     )
 
 
-def describe_tones(
-    multisine: Multisine, information: Array, indices: Sequence[int], names: Sequence[str]
-) -> tuple[Tone, ...]:
+def describe_tones(multisine: Multisine, information: Array, problem: DesignProblem) -> tuple[Tone, ...]:
     """Return the tones of an experiment by frequency, those left out that hardly count.
 
     Parameters
@@ -73,23 +71,18 @@ def describe_tones(
         The experiment.
     information : ndarray, shape (P, P)
         Of all experiments, scaled.
-    indices : sequence of int
-        Which parameters count.
-    names : sequence of str
-        Of the P parameters.
+    problem : DesignProblem
+        Names the parameters that count.
     """
-    model = MultisineModel(multisine)
-    scaled = multisine.amplitudes / model.units
-    sigmas_before = np.diag(np.linalg.inv(information))
+    whole = multisine.information(multisine.amplitudes)[0]
+    variances = np.diag(np.linalg.inv(information))
     tones = []
-    for k, loop in _places(multisine):
-        rest = scaled[k].copy()
-        rest[loop] = 0
-        u, v = np.zeros_like(scaled), np.zeros_like(scaled)
-        u[k], v[k] = scaled[k], rest
-        contribution = model.information(u)[0] - model.information(v)[0]
-        ratio = np.sqrt(np.abs(np.diag(np.linalg.inv(information - contribution))) / sigmas_before)
-        order = sorted(indices, key=lambda i: -ratio[i])[:3]
-        sigma_growth = {names[i]: float(ratio[i]) for i in order if ratio[i] > MIN_GROWTH}
-        tones.append(Tone(_injection(multisine, k, loop), sigma_growth))
+    for k in _significant(multisine):
+        rest = multisine.amplitudes.copy()
+        rest[k] = 0
+        without = information - whole + multisine.information(rest)[0]
+        ratio = np.sqrt(np.diag(np.linalg.inv(without)) / variances)
+        order = sorted(problem.objective.indices, key=lambda i: -ratio[i])[:3]
+        growth = {problem.names[i]: float(ratio[i]) for i in order if ratio[i] > MIN_GROWTH}
+        tones.append(Tone(_injection(multisine, k), growth))
     return tuple(tones)

@@ -44,7 +44,6 @@ def mine(tmp_path, monkeypatch):
         ("run mine.toml --out older/telemetry", "older/telemetry: holds the telemetry of results, expected"),
         ("design mine.toml --out a.txt", "a.txt: expected a name that ends in .toml, such as a.toml"),
         ("design mine.toml --out con.toml", 'con.toml: "con" cannot name a file on every system'),
-        ("design mine.toml --figure a.gif", "a.gif: expected a name that ends in .svg, .pdf, .png"),
         ("forecast mine.toml --out file", "file: is a file, expected a folder for the results"),
         ("run file", "file: is a file, expected a folder for the results"),  # its default folder
         ("run mine.toml --out mine.toml", "mine.toml: is a file, expected a folder for the results"),

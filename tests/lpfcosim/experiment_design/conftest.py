@@ -1,10 +1,10 @@
 """Two experiments of the quick start, what a fit will know of them, and what is sought."""
 
 from dataclasses import replace
-from types import SimpleNamespace
 
 import pytest
 
+from fit.settings import settings
 from lpfcosim.campaign import loading
 from tests import ROOT
 
@@ -27,9 +27,13 @@ noise = { plateau = "3.0 fm s^-2 Hz^-0.5", tail = 1.2 }
 """
 
 
+def with_keys(campaign, **keys):
+    """Return a campaign with other keys of the table [design]."""
+    return replace(campaign, design=campaign.design.model_copy(update=keys))
+
+
 @pytest.fixture(scope="session")
 def fit_model(pair):
-    from fit.settings import settings
     from lpfcosim.experiment_design import FitModel
 
     return FitModel(pair, settings())
@@ -47,27 +51,20 @@ def pair(tmp_path_factory):
 @pytest.fixture(scope="session")
 def problem(pair, fit_model):
     """What is sought at equal rms."""
-    from lpfcosim.experiment_design.design_problem import design_problem
+    from lpfcosim.experiment_design import design_problem
 
-    return design_problem(replace(pair, design=replace(pair.design, held="rms", sines=4)), fit_model)
+    return design_problem(with_keys(pair, held="rms", sines=4), fit_model)
 
 
 @pytest.fixture(scope="session")
 def optimum(problem):
     from lpfcosim.experiment_design import convex_bound
 
-    return convex_bound.optimize_power(problem.experiments, problem.prior_information, problem.objective, ())
+    return convex_bound.optimize_power(problem)
 
 
 @pytest.fixture(scope="session")
 def designed(problem, fit_model):
-    from lpfcosim.experiment_design import SearchProgress
-    from lpfcosim.experiment_design.search import search
+    from lpfcosim.experiment_design import search
 
-    said = SimpleNamespace(bounds=[], values=[], shares=[])
-    told = SearchProgress(
-        lambda value, bound: said.bounds.append((value, bound)),
-        lambda _, value: said.values.append(value),
-        said.shares.append,
-    )
-    return search(problem, fit_model, told), said
+    return search(problem, fit_model, lambda value, bound: None, lambda step, value: None)
