@@ -5,6 +5,7 @@ elsewhere first, since they may crash a library (`sandbox`).
 """
 
 from fit.telemetry.contract import CHANNELS, GUIDANCE, SCHEMA, TOWARDS_1, TOWARDS_2, XAxis, utc
+from fit.telemetry.lazy_channels import root_attributes
 from fit.telemetry.pieces import PIECE, pieces
 from fit.telemetry.reader import (
     Telemetry,
@@ -16,7 +17,6 @@ from fit.telemetry.reader import (
     open_run,
     read_all,
     read_truth,
-    root_attributes,
     short_paths,
     validate,
 )

@@ -1,9 +1,11 @@
 """Channels that are read from their file whenever they are asked for, and how a telemetry file is opened."""
 
+import os
 import shlex
 from collections.abc import Collection, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import h5py
 import numpy as np
@@ -98,6 +100,26 @@ def open_file(path: Path, schema: str = SCHEMA) -> Iterator[h5py.File]:
         fault = f"cannot be read ({' '.join(str(error).split())})" if is_hdf5 else "not HDF5"
         advice = "" if is_hdf5 or schema != SCHEMA or path.suffix in _NO_ARCHIVES else _map_advice(path)
         raise InputError(f"{path}: {fault}, expected an HDF5 file of schema {schema!r}{advice}") from error
+
+
+def root_attributes(path: Path) -> dict[str, Any] | None:
+    """Return the attributes of the root of an HDF5 file; None if it is missing, damaged or no HDF5.
+
+    Raises
+    ------
+    InputError
+        If it cannot be opened, so that nothing is known of it.
+    """
+    try:
+        with h5py.File(path) as file:
+            return dict(file.attrs)
+    except FileNotFoundError:
+        return None
+    except Exception as error:  # whatever HDF5 and NumPy make of a file that is damaged
+        if isinstance(error, OSError) and error.errno:  # of the operating system
+            reason = f"is {LOCKED}" if is_locked(error) else f"cannot be opened ({os.strerror(error.errno)})"
+            raise InputError(f"{path}: {reason}, expected a file that can be read") from error
+        return None
 
 
 def check_schema(path: Path, schema: object) -> None:

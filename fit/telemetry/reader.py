@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, replace
 from functools import partial
 from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import h5py
 import numpy as np
@@ -370,15 +370,6 @@ def read_truth(path: Path) -> dict[str, float]:
         for name, value in values.items()
         if isinstance(value, int | float) and math.isfinite(value)
     }
-
-
-def root_attributes(path: Path) -> dict[str, Any] | None:
-    """Return the attributes of the root of an HDF5 file, whatever it holds; None if it cannot be read."""
-    try:
-        with h5py.File(path) as file:
-            return dict(file.attrs)
-    except Exception:  # whatever HDF5 and NumPy make of a file that is damaged
-        return None
 
 
 def _product(file: h5py.File) -> str:

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from fit.files import atomic
-from lpfcosim.errors import RunError, as_run_error
+from lpfcosim.errors import InputError, RunError, as_run_error
 
 _SCRATCH = ".lpfcosim-"
 
@@ -50,6 +50,17 @@ def digest(path: Path) -> str:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
+@contextmanager
+def _readable(path: Path) -> Iterator[None]:
+    """Turn errors of reading a file into an `InputError`, unless it is missing."""
+    try:
+        yield
+    except FileNotFoundError:
+        raise
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror or error})") from None
+
+
 @dataclass(frozen=True)
 class PendingFile:
     """A file that is complete and has a temporary name.
@@ -73,22 +84,34 @@ class ChecksumFile:
     ----------
     path : Path
         Of the checksum file. Files are named as seen from its folder; a line that names none does not count.
+
+    Raises
+    ------
+    InputError
+        If it is there and cannot be read.
     """
 
     def __init__(self, path: Path) -> None:
         self._path = path
         self._digests: dict[str, str] = {}
-        with suppress(OSError):
+        with suppress(FileNotFoundError), _readable(path):
             for line in path.read_text(encoding="utf-8", errors="replace").splitlines():
                 recorded, _, name = line.partition("  ")
                 self._digests[name] = recorded
 
     def matches(self, file: Path) -> bool | None:
-        """Return whether a file has its recorded checksum; None if none is recorded."""
+        """Return whether a file has its recorded checksum; None if none is recorded.
+
+        Raises
+        ------
+        InputError
+            If it is there and cannot be read: nobody knows what would be lost with it.
+        """
         recorded = self._digests.get(self._name(file))
         try:
-            return None if recorded is None else digest(file) == recorded
-        except OSError:
+            with _readable(file):
+                return None if recorded is None else digest(file) == recorded
+        except FileNotFoundError:
             return False
 
     def add(self, file: Path, finished: PendingFile) -> None:

@@ -1,7 +1,10 @@
 """Runs on several processes: all there, once, resumed, and honest about failure."""
 
+import os
 import re
 import shutil
+import subprocess
+import sys
 import tempfile
 from dataclasses import replace
 
@@ -84,6 +87,26 @@ def test_a_ledger_that_is_lost_or_damaged_costs_time_only(fmus, plan, copied, mo
         ledger.write_bytes(damage)
         runner.simulate(plan, copied[0].parent, fmus)
     assert asked == [{"one-noise"}, {"one-noise", "one"}, {"one-noise", "one"}]
+
+
+@pytest.mark.skipif(os.name != "posix", reason="how a lock shows is that of POSIX")
+@pytest.mark.parametrize("rerun", [False, True])
+def test_a_file_that_cannot_be_opened_is_never_replaced(fmus, plan, copied, rerun):
+    source = f"import h5py; f = h5py.File({str(copied[0])!r}, 'r+'); print('open', flush=True); input()"
+    with subprocess.Popen(
+        [sys.executable, "-c", source], stdin=subprocess.PIPE, stdout=subprocess.PIPE
+    ) as holder:
+        assert holder.stdout.readline()
+        before = [(path.stat().st_ino, path.read_bytes()) for path in copied]
+        with pytest.raises(InputError, match=rf"{copied[0].name}: is locked by another process"):
+            runner.simulate(plan, copied[0].parent, fmus, runner.RunOptions(rerun=rerun))
+        assert [(path.stat().st_ino, path.read_bytes()) for path in copied] == before
+        holder.communicate(b"\n")
+    ledger = copied[0].parent.with_suffix(".sha256")
+    ledger.unlink()
+    ledger.mkdir()
+    with pytest.raises(InputError, match=r"telemetry\.sha256: cannot be read"):
+        runner.simulate(plan, copied[0].parent, fmus)
 
 
 def test_what_comes_from_elsewhere_is_refused_or_simulated_anew(fmus, plan, copied, monkeypatch):
