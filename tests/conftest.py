@@ -10,7 +10,6 @@ from uuid import uuid4
 import pytest
 from hypothesis import settings
 
-from fit.telemetry import sandbox
 from lpfcosim.spacecraft.run import Authority, Noise, Run
 from tests import ROOT
 from tests.campaign_text import SHORT_PLAN
@@ -41,22 +40,6 @@ def interrupts() -> Iterator[None]:
 def configuration(monkeypatch, tmp_path_factory) -> None:
     """Give every test a configuration of its own: no test sees or changes what the user has approved."""
     monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path_factory.getbasetemp() / "configuration" / uuid4().hex))
-
-
-@pytest.fixture(scope="session", autouse=True)
-def files_in_process() -> Iterator[None]:
-    """Let files be tried in this process: starting another for each costs more than all else of a test.
-
-    Tests of the other process are in tests/hostile, where it is used as ever.
-    """
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(sandbox, "rejections", rejections_in_process)
-        yield
-
-
-def rejections_in_process(validate, files=(), *arguments):
-    """Return why files are rejected, None for sound ones, as `fit.telemetry.sandbox.rejections` does."""
-    return [sandbox.rejection(validate, *call) for call in zip(files, *arguments, strict=True)]
 
 
 @pytest.fixture(scope="session")

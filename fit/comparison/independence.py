@@ -1,12 +1,13 @@
 """Whether two results are of independent data: of other telemetry, with other noise."""
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
 from fit.errors import InputError
 from fit.results import Results, telemetry_of
-from fit.telemetry import Telemetry, open_run, sandbox, utc, validate
+from fit.telemetry import Telemetry, open_run, utc
 
 
 @dataclass(frozen=True)
@@ -39,10 +40,16 @@ def source(results: Results, file: Path | None) -> Source:
         paths = telemetry_of(results, file) if file else []
     except InputError:  # it was moved; the results can be compared all the same
         paths = []
-    rejections = sandbox.rejections(validate, paths)
-    runs = tuple(open_run(path) for path, reason in zip(paths, rejections, strict=True) if reason is None)
+    runs = tuple(filter(None, map(_open, paths)))
     names = {run.run for run in runs}  # a joint fit that was carried over is of other runs
     return Source(results, runs, 0 < len(paths) == len(runs) and _run_names(results) <= names)
+
+
+def _open(path: Path) -> Telemetry | None:
+    """Return the run of a file, None for one that cannot be read."""
+    with suppress(InputError):
+        return open_run(path)
+    return None
 
 
 def _run_names(results: Results) -> set[str]:

@@ -15,7 +15,7 @@ from fit.errors import InputError, shown
 from fit.files import documents, is_file
 from fit.results.json_reader import load
 from fit.results.results import Results
-from fit.telemetry import sandbox, validate
+from fit.telemetry import is_telemetry
 
 RESULTS, TELEMETRY = "results.json", "telemetry"
 _MAP = "lpf-map/"
@@ -175,8 +175,7 @@ def _check_alone(folder: Path, hdf5_files: Sequence[Path], files: Sequence[Path]
     strangers = [
         path for path in hdf5_files if path.resolve() not in known and not any(map(path.match, _PRODUCTS))
     ]
-    rejections = sandbox.rejections(validate, strangers)
-    telemetry = [path.name for path, reason in zip(strangers, rejections, strict=False) if reason is None]
+    telemetry = [path.name for path in strangers if is_telemetry(path)]
     if telemetry:
         raise InputError(
             f"{folder}: has telemetry ({', '.join(telemetry)}) other than that of its results ({files[0]}"

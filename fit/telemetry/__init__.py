@@ -1,7 +1,6 @@
 """Telemetry: the contract of its files, their reader and writer, and archives that a map turns into them.
 
-A run is a `Telemetry`. A channel is read from the file when it is used. Another process tries files from
-elsewhere first, since they may crash a library (`sandbox`).
+A run is a `Telemetry`. A channel is read from the file when it is used.
 """
 
 from fit.telemetry.contract import CHANNELS, GUIDANCE, SCHEMA, TOWARDS_1, TOWARDS_2, XAxis, utc
@@ -14,11 +13,11 @@ from fit.telemetry.reader import (
     check_runs,
     common_x_axis,
     inertial_period,
+    is_telemetry,
     open_run,
     read_all,
     read_truth,
     short_paths,
-    validate,
 )
 from fit.telemetry.series_files import SeriesFile, read_series
 from fit.telemetry.validation import MAX_MISSING, check_storage
@@ -43,6 +42,7 @@ __all__ = [
     "check_storage",
     "common_x_axis",
     "inertial_period",
+    "is_telemetry",
     "map_draft",
     "open_run",
     "pieces",
@@ -50,8 +50,6 @@ __all__ = [
     "read_series",
     "read_truth",
     "root_attributes",
-    "sandbox",
     "short_paths",
     "utc",
-    "validate",
 ]

@@ -16,11 +16,10 @@ from numpy.typing import NDArray
 
 from fit.errors import FitError, InputError
 from fit.files import refuse_links
-from fit.telemetry import sandbox, time_axis
+from fit.telemetry import time_axis
 from fit.telemetry.archive_columns import ArchiveColumn, Archives, describe
-from fit.telemetry.archives import is_text, validate
 from fit.telemetry.contract import CHANNELS, SCHEMA, check_root, required
-from fit.telemetry.maps import Map, attributes_of, factor_of, load, places_of_run
+from fit.telemetry.maps import Map, attributes_of, factor_of, load
 from fit.telemetry.missing_markers import check_markers, replace_markers
 from fit.telemetry.time_axis import Stamps
 from fit.telemetry.validation import MAX_SAMPLES, check_missing, check_values
@@ -72,14 +71,6 @@ def convert(paths: Sequence[Path], folder: Path, *, any_gaps: bool) -> list[Path
             twin = places.setdefault(source.run, place)
             if twin is not place:
                 raise InputError(f"{place}.run: {source.run!r} is also that of {twin}, expected unique names")
-    tables = dict.fromkeys(
-        table
-        for path, mapping in maps.items()
-        for i in range(len(mapping.runs))
-        for table in places_of_run(path, mapping, i)
-        if not is_text(table.archive)
-    )
-    sandbox.check(validate, [t.archive for t in tables], [t.table for t in tables])
     try:
         _write_all(maps, folder, any_gaps=any_gaps)
     except OSError as error:

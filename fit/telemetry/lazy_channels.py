@@ -93,7 +93,9 @@ def open_file(path: Path, schema: str = SCHEMA) -> Iterator[h5py.File]:
         raise InputError(f"{path}: cannot be read (permission denied), expected {content}") from None
     except MemoryError as error:
         raise InputError(f"{path}: takes more memory than there is to be read, expected less") from error
-    except OSError as error:
+    except InputError:
+        raise
+    except Exception as error:  # a damaged file makes h5py and NumPy raise almost anything
         if is_locked(error):
             raise InputError(f"{path}: is {LOCKED}, expected a file that can be read") from error
         is_hdf5 = h5py.is_hdf5(path)

@@ -8,8 +8,8 @@ from typing import Any
 
 import tomlkit
 
-from fit.telemetry import sandbox, time_stamps
-from fit.telemetry.archives import is_text, open_table, validate
+from fit.telemetry import time_stamps
+from fit.telemetry.archives import open_table
 from fit.telemetry.archives.table import Column, Table, split_unit
 from fit.telemetry.contract import ATTRIBUTES, CHANNELS, LISA_REQUIRED, REQUIRED, required
 from fit.telemetry.maps import Map
@@ -71,7 +71,6 @@ def draft(name: str, archives: Sequence[Path], folder: Path) -> str:
     InputError
         If an archive cannot be read.
     """
-    sandbox.check(validate, [path for path in archives if not is_text(path)])
     known = [_read(path) for path in archives]
     head = _HEAD.format(name=name, stem=Path(name).stem, blank=BLANK)
     if not known:

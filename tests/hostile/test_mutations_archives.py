@@ -1,6 +1,7 @@
-"""Archives that are damaged or hostile: the process that tries them may crash, this one not."""
+"""Archives that are damaged: one sentence names the file wherever a library raises."""
 
 import gzip
+import os
 import random
 
 import h5py
@@ -11,15 +12,11 @@ import scipy
 from astropy.io import fits as astropy
 from matio.utils import MatlabOpaque
 
-from fit.telemetry import sandbox
 from fit.telemetry.archives import open_table
-from fit.telemetry.archives import validate as validate_table
 from tests.fit.telemetry.columns import pandas_file
-from tests.hostile.mutations import damaged, survives, try_all
+from tests.hostile.mutations import damaged, try_all
 
 pytestmark = pytest.mark.slow
-
-GIGA = 2**30
 
 
 def matlab(path):
@@ -112,8 +109,8 @@ def read_table(path):
     assert not path.name.endswith(".fits.gz") or np.array_equal(result["o1"], np.arange(50.0))
 
 
-def test_damaged_archives(tmp_path, cases, monkeypatch):
-    monkeypatch.setattr(sandbox, "PATIENCE", 20.0)
+@pytest.mark.skipif(os.name != "posix", reason="children are those of POSIX")
+def test_damaged_archives(tmp_path, cases):
     writers = {
         ".mat": [matlab, matlab_7_3, matlab_objects("v7"), matlab_objects("v7.3")],
         ".fits": [fits, ascii_fits],
@@ -137,16 +134,5 @@ def test_damaged_archives(tmp_path, cases, monkeypatch):
         path = tmp_path / f"{n}{suffix}"
         path.write_bytes(damaged(rng.choice(sources[suffix]), rng))
         made[path] = f"archive {n}"
-    counts = try_all(made, read_table, validate_table)
+    counts = try_all(made, read_table)
     assert min(counts["sound"], counts["refused"]) > 0
-
-
-def test_a_bomb_of_an_archive(tmp_path, monkeypatch):
-    monkeypatch.setattr(sandbox, "MEMORY", 2 * GIGA)
-    path = tmp_path / "a.fits.gz"
-    monkeypatch.setattr(sandbox, "PATIENCE", 3.0)
-    path.write_bytes(
-        gzip.compress(fits(tmp_path / "c.fits").read_bytes()) + 400 * gzip.compress(bytes(2**24))
-    )
-    assert path.stat().st_size < 2**25
-    survives(lambda: sandbox.check(validate_table, [path]), path, "bomb")

@@ -17,7 +17,6 @@ from fit.pipeline import calibrate
 from fit.report import page as report
 from fit.sampling import emcee_sampling
 from fit.sampling.posterior import Posterior
-from fit.telemetry import sandbox
 from lpfcosim.execution import results_folder as folders
 from lpfcosim.workflows import montecarlo
 from tests.hostile.mutations import damaged, hostile, restructured, survives
@@ -59,8 +58,7 @@ def rebuild(folder):
 
 
 @pytest.mark.slow
-def test_results(copied, cases, monkeypatch):
-    monkeypatch.setattr(sandbox, "check", lambda *_: None)  # the telemetry is sound
+def test_results(copied, cases):
     good = (copied / "results.json").read_text()
     for n in range(cases(0.01, 25)):
         rng = random.Random(n)
@@ -137,7 +135,6 @@ def test_logs_of_campaigns(tmp_path, cases):
 @pytest.mark.slow
 def test_chains(copied, cases, monkeypatch):
     """Chains of another length, kind or place of their numbers, and damaged ones."""
-    monkeypatch.setattr(sandbox, "PATIENCE", 20.0)
     monkeypatch.setattr(emcee_sampling, "CHECK_INTERVAL", 10)
     results, runs = refit.load(copied)
     posterior = Posterior(refit.refit(results, runs, copied / "results.json"))

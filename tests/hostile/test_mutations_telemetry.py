@@ -1,19 +1,16 @@
-"""Telemetry that is damaged or hostile: the process that tries it may crash, this one not."""
+"""Telemetry that is damaged or hostile: one sentence names the file wherever HDF5 raises."""
 
+import os
 import random
-import zlib
 from dataclasses import replace
-from importlib import import_module
 from pathlib import Path
 
 import h5py
 import numpy as np
 import pytest
 
-from fit.errors import InputError
 from fit.pipeline import calibrate
 from fit.telemetry import reader as telemetry
-from fit.telemetry import sandbox
 from fit.telemetry.contract import REQUIRED
 from tests.hostile.mutations import NUMBERS, TEXTS, damaged, survives, try_all
 from tests.oracles.contract_file import write_contract_file
@@ -22,7 +19,6 @@ from tests.oracles.synthetic import World, pair
 pytestmark = pytest.mark.slow
 
 N = 200
-GIGA = 2**30
 PACKED = {"o_1", "f_x_1"}  # channels that `packed` gives checksums
 
 
@@ -73,8 +69,8 @@ def use_packed(source):
     return read
 
 
-def test_damaged_telemetry(tmp_path, cases, monkeypatch):
-    monkeypatch.setattr(sandbox, "PATIENCE", 20.0)
+@pytest.mark.skipif(os.name != "posix", reason="children are those of POSIX")
+def test_damaged_telemetry(tmp_path, cases):
     sources = [
         write_contract_file(tmp_path / "plain.source", samples=N, truth={"lambda_1": 1.07}).read_bytes(),
         packed(tmp_path / "packed.source").read_bytes(),
@@ -87,7 +83,7 @@ def test_damaged_telemetry(tmp_path, cases, monkeypatch):
             path = tmp_path / f"{n}.h5"
             path.write_bytes(damaged(sources[n % 2], random.Random(n)))
             made[path] = f"telemetry {n}"
-        counts = try_all(made, lambda path: readers[int(path.stem) % 2](path), telemetry.validate)
+        counts = try_all(made, lambda path: readers[int(path.stem) % 2](path))
         assert min(counts["sound"], counts["refused"]) > 0
         for path in made:
             path.unlink()
@@ -105,15 +101,6 @@ def put(h5, name, *arguments, **options):
     units = h5[name].attrs["units"]
     del h5[name]
     h5.create_dataset(name, *arguments, **options).attrs["units"] = units
-
-
-def bomb(h5):
-    """A chunk whose few bytes unpack to far more than it may hold."""
-    put(h5, "o_1", (N,), "f8", chunks=(N,), compression="gzip")
-    packer = zlib.compressobj(9)
-    first = packer.compress(bytes(2**24)) + packer.flush(zlib.Z_FULL_FLUSH)
-    again = packer.compress(bytes(2**24)) + packer.flush(zlib.Z_FULL_FLUSH)  # may be repeated as it is
-    h5["o_1"].id.write_direct_chunk((0,), first + 400 * again + packer.flush())
 
 
 def elsewhere(h5):
@@ -191,15 +178,6 @@ def test_hostile_telemetry(file, fault):
     assert (sentence is None) == (fault in SOUND), sentence
 
 
-def test_memory_is_bounded(file, monkeypatch):
-    """Were the bomb unpacked, it would take 6 GB; the process that tries may have one."""
-    monkeypatch.setattr(sandbox, "MEMORY", GIGA)
-    with h5py.File(file, "a") as h5:
-        bomb(h5)
-    assert file.stat().st_size < 10 * 2**20
-    assert survives(lambda: telemetry.read_all([file]), file, "bomb")
-
-
 ATTRIBUTES = (
     "schema", "run", "experiment", "kind", "fs", "t0", "F_max_1", "alignment_epoch", "m_tm",
     "inertial_period",
@@ -227,22 +205,6 @@ def test_hostile_attributes(tmp_path, cases):
                     continue  # what HDF5 cannot hold
         sentence = survives(lambda: use(path), path, f"attributes {n}")
         assert sentence is None or str(path) in sentence
-
-
-def test_the_process_says_which_file_and_how(tmp_path, monkeypatch, file):
-    """A library that crashes or hangs is told with the file it did so at; those before it count."""
-    (tmp_path / "fragile.py").write_text(
-        "import os, time\ndef validate(path):\n"
-        "    os.abort() if 'crash' in path.name else time.sleep(60 if 'hang' in path.name else 0)\n"
-    )
-    monkeypatch.syspath_prepend(tmp_path)
-    monkeypatch.setenv("PYTHONPATH", str(tmp_path))
-    fragile = import_module("fragile")
-    monkeypatch.setattr(sandbox, "PATIENCE", 5.0)
-    for name, words in (("crash.h5", "ends by SIGABRT"), ("hang.h5", "takes longer than 5 s")):
-        (tmp_path / name).write_bytes(b"")
-        with pytest.raises(InputError, match=rf"{name}: damaged: .*{words}"):
-            sandbox.check(fragile.validate, [file, tmp_path / name])
 
 
 def spoilt(run, rng):

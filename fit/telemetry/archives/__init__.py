@@ -12,9 +12,9 @@ from pathlib import Path
 from fit.errors import InputError
 from fit.files import is_file
 from fit.telemetry.archives import fits, hdf5, matlab, numpy, text
-from fit.telemetry.archives.table import FAILURES, Column, Table, read_error
+from fit.telemetry.archives.table import Column, Table, read_error
 
-__all__ = ["Column", "Table", "is_text", "open_table", "validate"]
+__all__ = ["Column", "Table", "open_table"]
 
 _Reader = Callable[[Path, str | int | None], AbstractContextManager[Table]]
 _READERS: tuple[tuple[str, tuple[str, ...], _Reader], ...] = (
@@ -53,19 +53,8 @@ def open_table(path: Path, table: str | int | None) -> Iterator[Table]:
     with ExitStack() as stack:
         try:
             archive = stack.enter_context(reader(path, table))
-        except FAILURES as error:
+        except InputError:
+            raise
+        except Exception as error:  # a damaged file makes libraries raise almost anything
             raise read_error(path, error, kind) from error
         yield archive
-
-
-def validate(path: Path, table: str | int | None = None) -> None:
-    """Read all columns of a table; InputError as `open_table`."""
-    with open_table(path, table) as archive:
-        for name, column in archive.columns.items():
-            if column.size is not None:
-                (archive.texts if column.is_text else archive.numbers)(name)
-
-
-def is_text(path: Path) -> bool:
-    """Return whether an archive is text, which no library but Python's own reads."""
-    return path.name.lower().endswith(text.SUFFIXES)

@@ -1,10 +1,7 @@
 """A table of an archive: columns by name, each a row of numbers or of texts."""
 
-import csv
 import difflib
-import lzma
 import re
-import zlib
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -20,8 +17,6 @@ from fit.units import in_base_units
 
 Array = NDArray[np.float64]
 
-#: What libraries raise while they read a damaged file.
-FAILURES = (OSError, EOFError, RuntimeError, MemoryError, csv.Error, zlib.error, lzma.LZMAError)
 #: Words for a missing sample, beside "nan" and nothing: those of pandas, R and Excel.
 MISSING = ("", "NA", "N/A", "n/a", "#N/A", "<NA>", "NULL", "null", "None", "--")
 _OF_MATRIX = re.compile(r"(.+)\[\d+\]")
@@ -99,7 +94,9 @@ class Table:
             raise InputError(f"{self.path}: column {shown_key(name)}: {known}, expected {expected}")
         try:
             return column.read()
-        except FAILURES as error:
+        except InputError:
+            raise
+        except Exception as error:  # as when the file was opened
             raise read_error(self.path, error, self.kind) from error
 
     def column(self, key: str | int, meaning: str = "") -> str:

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from fit.errors import InputError
-from fit.telemetry.archives import open_table, validate
+from fit.telemetry.archives import open_table
 
 N = 40
 T, X, Y = np.arange(N) / 2, 1e-9 * np.arange(N) ** 2, -3.0 * np.arange(N)
@@ -19,7 +19,6 @@ NAN = float("nan")
 
 def read(path, table=None):
     """All columns of numbers and of texts, by name."""
-    validate(path, table)
     columns = {}
     with open_table(path, table) as archive:
         for name, column in archive.columns.items():
