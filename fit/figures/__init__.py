@@ -3,7 +3,7 @@
 Nothing here draws. `fit.plotting` does so for print, `fit.report` for the page.
 """
 
-from fit.figures.charts import Axis, Chart, Curve, Figure, Matrix, Note, Panel, Points, Span
+from fit.figures.charts import Axis, Chart, Curve, Note, Panel, Points, Span
 from fit.figures.colours import COLOURS
 
 __all__ = [
@@ -11,8 +11,6 @@ __all__ = [
     "Axis",
     "Chart",
     "Curve",
-    "Figure",
-    "Matrix",
     "Note",
     "Panel",
     "Points",
@@ -20,10 +18,7 @@ __all__ = [
     "analysis",
     "bode",
     "gain",
-    "leakage",
-    "mission",
     "motion",
-    "noise",
     "runs",
     "series",
     "stiffness",

@@ -236,35 +236,6 @@ class Chart:
         return columns | {head: text for head, text in texts.items() if any(text)}
 
 
-@dataclass(frozen=True)
-class Matrix:
-    """A correlation matrix as a map of colours.
-
-    Attributes
-    ----------
-    names : tuple of str
-        Of the P rows and columns.
-    values : ndarray, shape (P, P)
-        From -1 to 1.
-    """
-
-    names: tuple[str, ...]
-    values: Array
-
-    @property
-    def columns(self) -> Columns:
-        """The lower half, a line for each pair."""
-        pairs = [(i, j) for i in range(len(self.names)) for j in range(i)]
-        return {
-            "row": [self.names[i] for i, _ in pairs],
-            "column": [self.names[j] for _, j in pairs],
-            "r": [float(self.values[pair]) for pair in pairs],
-        }
-
-
-Figure = Chart | Matrix
-
-
 def force(j: int) -> Axis:
     """Return the axis of the force authority of test mass j."""
     return Axis(f"force authority of test mass {j}", "pN", f"F_max_{j} [pN]")

@@ -1,4 +1,4 @@
-"""Figures of the gain of test mass 2 by date and by authority: experiments, their mean, and the joint fit."""
+"""Figure of the gain of test mass 2 by date: experiments, their mean, and the joint fit."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -16,8 +16,6 @@ from fit.figures.charts import (
     Mark,
     Panel,
     Span,
-    aside,
-    force,
     limits,
     measured,
     posix,
@@ -33,11 +31,10 @@ _GAIN = Axis("λ₂", "", "lambda_2 [1]")
 
 @dataclass(frozen=True)
 class GainPoint:
-    """The gain of a single experiment, its date, and its F_max_2 [N]."""
+    """The gain of a single experiment and its date."""
 
     name: str
     start: np.datetime64
-    F_max_2: float
     gain: Estimate
 
 
@@ -47,29 +44,12 @@ def gain_evolution(points: Sequence[GainPoint], joint: Estimate | None) -> Chart
     axis, when = START, posix([p.start for p in points])
     if np.unique(when).size < when.size:  # dates without meaning
         axis, when = _EXPERIMENT, np.arange(1.0, when.size + 1)
-    return _gains(axis, when, points, joint, np.zeros(when.size))
-
-
-def gain_against_authority(points: Sequence[GainPoint], joint: Estimate | None) -> Chart:
-    """Draw lambda_2 of every experiment against F_max_2, those of equal authority side by side."""
-    points = sorted(points, key=lambda p: (p.F_max_2, p.start))
-    F = 1e12 * np.array([p.F_max_2 for p in points])
-    return _gains(force(2), F, points, joint, aside(F))
-
-
-def _gains(
-    axis: Axis,
-    x: Array,
-    points: Sequence[GainPoint],
-    joint: Estimate | None,
-    offset: Array,
-) -> Chart:
     single_marks: list[Mark] = []
     gains = [p.gain for p in points]
     if gains:
         values = np.array([(gain.value, gain.sigma) for gain in gains])
         names = [p.name for p in points]
-        single_marks.append(measured("each experiment alone", x, values, names, offset=offset))
+        single_marks.append(measured("each experiment alone", when, values, names))
     across = limits(axis, single_marks, key="x")
     marks: list[Mark] = []
     if len(gains) > 1:

@@ -18,10 +18,10 @@ from matplotlib.figure import Figure as MatplotlibFigure
 from numpy.typing import NDArray
 
 from fit.errors import InputError, shown
-from fit.figures import Chart, Figure, Matrix
+from fit.figures import Chart
 from fit.files import atomic
 from fit.parallel import update_progress
-from fit.plotting import matrix, panels
+from fit.plotting import panels
 from fit.plotting.style import STYLE
 
 #: Axes of matplotlib to draw on, one for each panel; None for a new figure.
@@ -65,7 +65,7 @@ class Plot:
         return f'<img src="data:image/svg+xml;base64,{data}" style="width:{width}px;max-width:100%" alt="">'
 
 
-def draw(figure: Figure, ax: PlotAxes = None) -> Plot:
+def draw(figure: Chart, ax: PlotAxes = None) -> Plot:
     """Draw a figure in the style of a journal, or its panels on axes of yours.
 
     Raises
@@ -74,7 +74,6 @@ def draw(figure: Figure, ax: PlotAxes = None) -> Plot:
         If there are not as many axes as panels.
     """
     if ax is not None:
-        assert isinstance(figure, Chart)
         axes = [ax] if isinstance(ax, Axes) else list(ax)
         if len(axes) != len(figure.panels) or not all(isinstance(one, Axes) for one in axes):
             raise InputError(f"plot: ax: {shown(ax)}, expected {len(figure.panels)} axes of matplotlib")
@@ -83,7 +82,7 @@ def draw(figure: Figure, ax: PlotAxes = None) -> Plot:
         assert canvas is not None
         return Plot(canvas, figure.columns)
     with mpl.rc_context(STYLE):
-        drawing = matrix.draw(figure) if isinstance(figure, Matrix) else panels.draw(figure)
+        drawing = panels.draw(figure)
     return Plot(drawing, figure.columns)
 
 

@@ -10,9 +10,8 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup, escape
 from numpy.typing import NDArray
 
-from fit.figures import Axis, Chart, Curve, Matrix, Note, Panel, Points, Span
+from fit.figures import Axis, Chart, Curve, Note, Panel, Points, Span
 from fit.report.section import FigureSpec, RenderedFigure
-from fit.tables import signed, symbol
 
 Array = NDArray[np.float64]
 
@@ -29,12 +28,7 @@ _SHORT = 64  # numbers that are written out
 def render(spec: FigureSpec) -> RenderedFigure:
     """Return a figure as the page has it."""
     figure = spec.draw()
-    if isinstance(figure, Markup):
-        element = figure
-    elif isinstance(figure, Matrix):
-        element = _matrix(figure)
-    else:
-        element = _chart(figure, spec.description)
+    element = figure if isinstance(figure, Markup) else _chart(figure, spec.description)
     return RenderedFigure(element, spec.caption, spec.name)
 
 
@@ -115,12 +109,3 @@ def _mark(mark: Curve | Points | Span | Note, arrays: _Arrays, factor: float) ->
 def html(label: str) -> Markup:
     """Return a label with its subscripts."""
     return Markup(re.sub(r"_(\S+)", r"<sub>\1</sub>", str(escape(label))))
-
-
-def _matrix(matrix: Matrix) -> Markup:
-    """Return the lower half of a matrix as a table in the colours of its numbers, in per cent."""
-    rows = [
-        [(float(matrix.values[i, j]), matrix.names[j], matrix.names[i]) for j in range(i)]
-        for i in range(1, len(matrix.names))
-    ]
-    return element("matrix", list(map(symbol, matrix.names)), rows, signed)

@@ -12,7 +12,6 @@ from fit.crosstalk import crosstalk_fit
 from fit.figures import Chart, analysis
 from fit.figures import runs as figures
 from fit.parameters import Parameter, experiment_parameters
-from fit.report import injections
 from fit.report.section import FigureSpec, Section, start_text
 from fit.report.verdict import failures, fit_warnings, symbols
 from fit.results import Fit, Results
@@ -175,7 +174,7 @@ def overview(results: Results, telemetries: Sequence[Telemetry]) -> Table:
         )
     symbols_of_columns = symbol(gain), Markup("{} [10⁻⁷ s⁻²]").format(symbol(stiffness))
     head = ("Experiment", "Start", "Hours", "χ² / dof", *(() if is_lisa else ("p",)), *symbols_of_columns)
-    caption = "Each experiment fitted on its own; its name leads to its injections, spectra and residual."
+    caption = "Each experiment fitted on its own; its name leads to its responses, spectra and residual."
     if not is_lisa:
         caption += (
             " p: probability of a χ² at least as far from its expectation, if the residual has the noise of "
@@ -205,7 +204,6 @@ def _section(i: int, name: str, fit: Fit, experiment: AnalysedExperiment | None)
     facts: dict[str, str] = {}
     known: list[Parameter] = []
     specs: tuple[FigureSpec, ...] = ()
-    tables: tuple[Table, ...] = ()
     if experiment:
         run, noise = experiment.run, experiment.noise
         facts = {
@@ -216,9 +214,7 @@ def _section(i: int, name: str, fit: Fit, experiment: AnalysedExperiment | None)
         }
         known = list(experiment_parameters(run.authority, run.alignment_epoch).values())
         specs = figure_specs(f"e{i}", slug(name), experiment)
-        injected = injections.table(run, noise)
-        tables = (injected,) if injected.rows else ()
-    return fit_section(i, name, fit, _DESCRIPTION, facts, known, tables, specs)
+    return fit_section(i, name, fit, _DESCRIPTION, facts, known, specs)
 
 
 def run_facts(run: Telemetry, noise: Telemetry | None) -> dict[str, str]:
@@ -241,7 +237,6 @@ def fit_section(
     description: str,
     facts: Mapping[str, str],
     known: Sequence[Parameter],
-    tables: tuple[Table, ...],
     specs: tuple[FigureSpec, ...],
 ) -> Section:
     """Return the section on experiment number `i`, with quality and warnings of its fit among the facts."""
@@ -257,7 +252,6 @@ def fit_section(
         description,
         complete,
         parameter_table(fit, known),
-        tables=tables,
         figures=specs,
     )
 

@@ -7,10 +7,9 @@ from functools import cached_property, partial
 from fit.figures import Chart, analysis
 from fit.figures import runs as figures
 from fit.parameters import LISA
-from fit.report import experiments, injections
+from fit.report import experiments
 from fit.report.section import FigureSpec, Section
 from fit.results import Results
-from fit.tables import Table
 from fit.telemetry import Telemetry
 
 COMPONENTS = ("D_x", "D_y")
@@ -97,16 +96,11 @@ def sections(results: Results, analysed_experiments: Mapping[str, AnalysedExperi
     for i, (name, fit) in enumerate(results.experiments.items(), start=1):
         experiment = analysed_experiments.get(name)
         facts: dict[str, str] = {}
-        tables: tuple[Table, ...] = ()
         specs: tuple[FigureSpec, ...] = ()
         if experiment:
             facts = experiments.run_facts(experiment.run, experiment.noise)
-            injected = injections.table(experiment.run, experiment.noise)
-            tables = (injected,) if injected.rows else ()
             specs = figure_specs(f"e{i}", experiments.slug(name), experiment)
-        of_experiments.append(
-            experiments.fit_section(i, name, fit, _DESCRIPTION, facts, known, tables, specs)
-        )
+        of_experiments.append(experiments.fit_section(i, name, fit, _DESCRIPTION, facts, known, specs))
     return of_experiments
 
 

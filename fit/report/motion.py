@@ -4,20 +4,24 @@ from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 
+import numpy as np
+
+from fit import deltag
 from fit.figures import motion as figures_motion
+from fit.figures import series
 from fit.parallel import parallel_map
 from fit.parameters import cross_talk_parameter, misalignments
-from fit.report.noise import DeltaGCache
 from fit.report.section import FigureSpec, Section
 from fit.report.verdict import biased
 from fit.results import Estimate, Fit, Results
 from fit.tables import measurement, parameter_table
 from fit.telemetry import Telemetry, XAxis, inertial_period
+from fit.warnings import masked_spans
 
 _B = ("b_1", "b_2", "b_3", "b_4", "b_5", "b_6")
 
 
-def sections(results: Results, telemetries: Sequence[Telemetry], cache: DeltaGCache) -> list[Section]:
+def sections(results: Results, telemetries: Sequence[Telemetry]) -> list[Section]:
     """Return the sections."""
 
     def inertial(period: str) -> Section:
@@ -25,7 +29,7 @@ def sections(results: Results, telemetries: Sequence[Telemetry], cache: DeltaGCa
         names = (results.provenance.inertial_runs or {}).get(period, ())
         taking_part = [t for t in runs if t.run in names]
         section = _inertial(period, results.inertial[period], results.provenance.frame)
-        return replace(section, figures=_specs(results, period, taking_part, cache))
+        return replace(section, figures=_specs(results, period, taking_part))
 
     cross_talk = [_cross_talk(epoch, fit) for epoch, fit in results.cross_talk.items()]
     return cross_talk + parallel_map(inertial, results.inertial)
@@ -66,12 +70,20 @@ def _inertial(period: str, fit: Fit, x_axis: XAxis) -> Section:
     return Section(f"p{period}", f"Rotation, inertial period {period}", caption, parameters=table)
 
 
-def _specs(
-    results: Results, period: str, runs: Sequence[Telemetry], cache: DeltaGCache
-) -> tuple[FigureSpec, ...]:
+def calibrated(run: Telemetry, results: Results) -> Telemetry:
+    """Return Delta g and all of its terms, see `fit.deltag.delta_g`; NaN where a glitch was found."""
+    product = deltag.delta_g(run, results)
+    fits = (*results.experiments.values(), *results.inertial.values())
+    glitches = [w for fit in fits for w in fit.warnings if w.code == "glitches"]
+    mask = series.glitch_mask(product.time, masked_spans(glitches, run.run))
+    channels = {name: np.where(mask, np.nan, x) for name, x in product.channels.items()}
+    return replace(product, channels=channels)
+
+
+def _specs(results: Results, period: str, runs: Sequence[Telemetry]) -> tuple[FigureSpec, ...]:
     if results.joint is None or not runs:
         return ()
-    terms = parallel_map(cache.terms, runs)
+    terms = parallel_map(lambda run: calibrated(run, results), runs)
     rates = [term.fs for term in terms]
     if max(rates) - min(rates) > 1e-6 or any("g_Omega" not in term.channels for term in terms):
         return ()  # no common spectrum, or a frame that is refused

@@ -27,7 +27,6 @@ from fit.report import (
     lisa,
     mission,
     motion,
-    noise,
     sampling,
     tests,
     tilt_to_length,
@@ -131,12 +130,11 @@ def _pathfinder_sections(
 ) -> tuple[list[Section], list[Section], FigureSpec | None]:
     """Return the sections on single experiments, those on all of them, and the figure at the top."""
     analysed = experiments.analysed(results, telemetries)
-    delta_g = noise.DeltaGCache(results)
     single_sections = _rendered(experiments.sections(results, analysed))
     progress_stage(0.8)
-    motion_sections = motion.sections(results, telemetries, delta_g)
+    motion_sections = motion.sections(results, telemetries)
     progress_stage(1.0)
-    of_mission = [*mission.sections(results, telemetries), *noise.sections(results, telemetries, delta_g)]
+    of_mission = mission.sections(results, telemetries)
     ratio = experiments.residual_over_noise(analysed)
     return single_sections, [*motion_sections, *of_mission], ratio
 
@@ -149,12 +147,11 @@ def figure_specs(results: Results, telemetries: Sequence[Telemetry], directory: 
         sections = lisa.sections(results, of_lisa)
         ratio = lisa.residual_over_noise(of_lisa)
     else:
-        delta_g, analysed = noise.DeltaGCache(results), experiments.analysed(results, telemetries)
+        analysed = experiments.analysed(results, telemetries)
         sections = [
             *experiments.sections(results, analysed),
-            *motion.sections(results, telemetries, delta_g),
+            *motion.sections(results, telemetries),
             *mission.sections(results, telemetries),
-            *noise.sections(results, telemetries, delta_g),
         ]
         ratio = experiments.residual_over_noise(analysed)
     sections += control_loops.sections(directory, digest)

@@ -7,7 +7,7 @@ from datetime import UTC
 import numpy as np
 from markupsafe import Markup
 
-from fit.figures import Figure
+from fit.figures import Chart
 from fit.results import Fit, Results
 from fit.tables import ParameterTable, Table
 from fit.telemetry import Telemetry, utc
@@ -30,7 +30,7 @@ class FigureSpec:
     name: str
     description: str
     caption: str
-    draw: Callable[[], Figure | Markup]
+    draw: Callable[[], Chart | Markup]
 
 
 @dataclass(frozen=True)

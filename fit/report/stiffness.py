@@ -8,10 +8,9 @@ import numpy as np
 from markupsafe import Markup, escape
 
 from fit.figures import stiffness as figures
-from fit.parameters import PREDICTED, joint_parameter
 from fit.report.section import FigureSpec, Section, single_fits
 from fit.results import Estimate, Fit, Results
-from fit.tables import Table, estimate_text, measurement, parameter_head, pull_text, signed
+from fit.tables import Table, estimate_text, measurement, pull_text
 from fit.telemetry import Telemetry
 
 
@@ -116,23 +115,3 @@ def _omega2_1(fit: Fit) -> Estimate | None:
     (variance, shared), (_, variance_2) = fit.covariance_matrix[np.ix_(indices, indices)]
     omega2_2, domega2_12 = (fit.parameters[name].value for name in pair)
     return Estimate(omega2_2 - domega2_12, math.sqrt(max(variance + variance_2 - 2 * shared, 0.0)), "s-2")
-
-
-def prediction(joint: Fit | None) -> Section | None:
-    """Return the section on the stiffness predicted from the geometry of the sensors."""
-    if joint is None:
-        return None
-    rows = []
-    for name, value in PREDICTED.items():
-        if estimate := joint.parameters.get(name):
-            head, exponent = parameter_head(joint_parameter(name))
-            excess = f"{signed(100 * (estimate.value / value - 1), 1)} %"
-            rows.append((head, signed(value / 10.0**exponent, 2), estimate_text(estimate, exponent), excess))
-    if not rows:
-        return None
-    caption = (
-        "Stiffness per unit of authority from the geometry of the electrodes, and background stiffness from "
-        "gravity gradient, sensing bias and largest charge. An agreement within 10 % is expected."
-    )
-    columns = ("Parameter", "Predicted", "Fitted", "Fitted / predicted − 1")
-    return Section("prediction", "Predicted stiffness", tables=(Table(columns, tuple(rows), caption),))

@@ -60,15 +60,6 @@ class Binned:
     high: Array
 
 
-@dataclass(frozen=True)
-class Level:
-    """Root of the mean one-sided PSD over a band, and the bounds of its central 68.3 % interval."""
-
-    asd: float
-    low: float
-    high: float
-
-
 class Estimator:
     """What the series of one run have in common: window, frequencies, what is missing.
 
@@ -119,21 +110,6 @@ class Estimator:
         dof = self._degrees_of_freedom(count) * stretches
         low, high = (np.sqrt(mean * dof / scipy.special.chdtri(dof, 1 - p)) for p in ONE_SIGMA)
         return Binned(np.add.reduceat(self._f, starts) / count, np.sqrt(mean), low, high)
-
-    def level(self, values: Array, band: tuple[float, float]) -> Level:
-        """Return the level of a series, shape (N,), between two frequencies [Hz]; `asd` for the rest.
-
-        Raises
-        ------
-        ValueError
-            If no frequency of the run lies between them.
-        """
-        power = self.power(values)[(self._f >= band[0]) & (self._f <= band[1])]
-        if not power.size:
-            raise ValueError(f"no ordinate between {band[0]:g} and {band[1]:g} Hz")
-        mean, dof = float(power.mean()), float(self._degrees_of_freedom(np.array([power.size]))[0])
-        low, high = (float(np.sqrt(mean * dof / scipy.special.chdtri(dof, 1 - p))) for p in ONE_SIGMA)
-        return Level(math.sqrt(mean), low, high)
 
     def power(self, values: Array) -> Array:
         """Return the periodogram of a series, shape (N,), less mean and slope."""

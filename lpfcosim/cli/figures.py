@@ -6,7 +6,7 @@ from contextlib import closing
 from pathlib import Path
 
 from fit.crosstalk import refit
-from fit.figures import Figure
+from fit.figures import Chart
 from fit.files import closest_match
 from fit.report import page
 from fit.results import load
@@ -18,8 +18,8 @@ from lpfcosim.execution import Tasks, Workers, results_folder
 from lpfcosim.workflows import output_paths
 
 WORDS = (
-    *("responses", "spectra", "breakdown", "residual", "inertial", "stiffness", "correlation", "gain"),
-    *("leakage", "quantiles", "noise", "over", "date", "authority", "bode"),
+    *("responses", "spectra", "breakdown", "residual", "inertial", "stiffness", "gain"),
+    *("noise", "over", "bode"),
 )
 _WORD = re.compile("[A-Za-z]{3,}")  # shorter ones are beginnings of names
 
@@ -90,7 +90,7 @@ def _list_names(names: Iterable[str]) -> str:
 # In a process of its own -------------------------------------------------------------------------------
 
 
-def _draw(item: tuple[Path, str, Figure], _progress: SimulationProgress) -> None:
+def _draw(item: tuple[Path, str, Chart], _progress: SimulationProgress) -> None:
     from fit.plotting import draw, write  # takes its time
 
     place, name, figure = item

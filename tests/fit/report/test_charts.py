@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fit.figures.charts import ASD, FREQUENCY, TIME, Axis, Chart, Curve, Matrix, Note, Panel, Points, Span
+from fit.figures.charts import ASD, FREQUENCY, TIME, Axis, Chart, Curve, Note, Panel, Points, Span
 from fit.report import charts
 from fit.report.section import FigureSpec
 
@@ -107,12 +107,3 @@ def test_spans_and_notes_move_with_the_axes():
     assert (across["low"], across["high"]) == pytest.approx((10, 20))
     assert (along["low"], along["high"], along["label"]) == (0.1, 1, "masked")
     assert (note["y"], edge_note["y"]) == (pytest.approx(10), None)
-
-
-def test_a_matrix_is_a_table_in_colours():
-    matrix = Matrix(("lambda_2", "C_2", EVIL), np.array([[1.0, -0.951, 0], [-0.951, 1, 1], [0, 1, 1]]))
-    element = shown(matrix)
-    assert 'title="lambda_2, C_2: −0.9510">−95</td>' in element
-    assert "var(--orange)" in element
-    assert EVIL not in element
-    assert element.count("<td style") == 3

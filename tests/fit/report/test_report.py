@@ -37,7 +37,6 @@ ORDER = (
     "Experiment A1",
     "λ₂ of 2 experiments",
     "Stiffness of test mass 2 in",
-    "Strongest correlations",
     "Warnings, and what to do",
     "Runs, with force authority",
 )
@@ -178,13 +177,10 @@ def test_the_whole_report(tmp_path, campaign):
     assert "2 experiments, 2 noise runs; 4 h at 1 Hz, 2016-04-16" in page.text
     assert "0 and 1100 pN" in page.text
     assert "fit_version" in page.text
-    assert page.tags.count("figure") == 15
+    assert page.tags.count("figure") == 12
     stems = [
         "residual-over-noise",
-        "correlation",
         "gain",
-        "gain-authority",
-        "leakage",
         "stiffness-1",
         "stiffness-2",
     ]

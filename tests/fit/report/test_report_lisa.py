@@ -1,7 +1,6 @@
 """The report on one LISA spacecraft: D, its terms, and its residual, and commands that have no part in it."""
 
 import re
-from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
 
@@ -10,7 +9,7 @@ import pytest
 
 import fit
 from fit.figures import analysis
-from fit.report import injections, lisa, page
+from fit.report import lisa, page
 from fit.spectra import Estimator
 from fit.telemetry import GUIDANCE
 from tests.oracles import lisa_loop
@@ -83,19 +82,6 @@ def test_equation_of_motion_is_that_of_lisa(tmp_path):
     assert "difference D of the two" in equations
     assert "δ" not in equations
     assert "LISA Pathfinder" not in text[text.index('id="joint"') : text.index('id="overview"')]
-
-
-def test_table_of_injections_has_all_set_points():
-    run, size = campaign()[0], campaign()[0].size
-    pulse = np.where(np.arange(size) < size // 2, 30e-9 * np.sin(0.1 * np.arange(size)), 0.0)
-    units = {f"guidance_{k}_{j}": "rad" for j in (1, 2) for k in ("theta", "eta", "phi")}
-    units |= {"guidance_opening": "rad", "guidance_z": "m"}
-    channels = {**{name: run.channels[name] for name in run.channels}, **dict.fromkeys(units, pulse)}
-    rows = injections.table(replace(run, channels=channels, units={**run.units, **units}), None).rows
-    amplitudes = {row[0]: row[3] for row in rows}
-    assert {name: amplitudes[name] for name in units} == {
-        name: "30\u00a0nrad" if unit == "rad" else "30\u00a0nm" for name, unit in units.items()
-    }
 
 
 def test_set_points_are_those_of_the_controllers():

@@ -9,10 +9,8 @@ import pytest
 from fit import results as fit_results
 from fit.figures import motion as figures_motion
 from fit.pipeline import calibrate_inertial
-from fit.report import noise as report_noise
 from fit.report import page as report
-from fit.report.motion import sections
-from fit.report.noise import DeltaGCache
+from fit.report.motion import calibrated, sections
 from fit.results import Fit
 from fit.results.estimates import Estimate
 from fit.telemetry.reader import read_all
@@ -45,43 +43,22 @@ def test_page_shows_the_period_with_figures(calibration, tmp_path):
 
 def test_correction_quietens_what_rotation_made(calibration):
     results, telemetries = calibration
-    (section,) = [p for p in sections(results, telemetries, DeltaGCache(results)) if p.anchor == "p3"]
+    (section,) = [p for p in sections(results, telemetries) if p.anchor == "p3"]
     assert [row.name for row in section.parameters.rows] == ["delta_phi", "delta_eta"]
     assert section.parameters.rows[0].flight.value == "−3.9"  # Euler fit of the paper, 1e-4 rad
     ratio = float(section.figures[0].caption.split("a factor of ")[1].split()[0])
     assert 1.2 < ratio < 4
 
 
-def test_the_levels_of_the_noise_runs_stand_in_a_section(calibration, monkeypatch):
-    results, telemetries = calibration
-    products = DeltaGCache(results)
-    sections(results, telemetries, products)
-    monkeypatch.setattr(report_noise.deltag, "delta_g", None)  # nothing is calibrated twice
-    (section,) = report_noise.sections(results, telemetries, products)
-    assert [drawing.name for drawing in section.figures] == [
-        "noise-spectra",
-        "noise-date",
-        "noise-authority",
-    ]
-    *runs, requirement = section.tables[0].rows
-    assert [str(name) for name, *_ in runs] == [t.run for t in telemetries]
-    assert requirement[3:] == ("5.30", "6.84")  # sqrt 2 * 3 fm with both slopes, over the bands
-    for row in runs:
-        plain, low = (float(cell.value) for cell in row[3:])
-        assert 1 < plain < low  # a plateau, and a tail that rises to low frequencies
-
-
 def test_glitches_are_no_noise(calibration):
     results, telemetries = calibration
-    spans = (TimeSpan("night-1", 1e4, 2e4), TimeSpan("night-2", 0.0, 1e5))
+    spans = (TimeSpan("night-1", 1e4, 2e4),)
     warning = FitWarning("glitches", (), "some", spans=spans)
     inertial = replace(results.inertial["3"], warnings=(warning,))
-    products = DeltaGCache(replace(results, inertial={"3": inertial}))
-    product = products.terms(telemetries[0])
+    product = calibrated(telemetries[0], replace(results, inertial={"3": inertial}))
     inside = (product.time >= 1e4) & (product.time <= 3e4)
     for name in ("delta_g", "delta_g_x", "g_dOmega"):
         assert np.array_equal(np.isnan(product.channels[name]), inside)
-    assert report_noise.sections(results, telemetries, products) == []  # of the other too little is left
 
 
 def test_gain_of_known_spectra():
@@ -97,7 +74,7 @@ def test_cross_talk_has_a_section(calibration, tmp_path):
     values = {f"b_{i}": Estimate(1e-5, 1e-7, "1", truth=1e-5, pull=0.0) for i in range(1, 7)}
     cross_talk = {"2": Fit(values, np.eye(6) * 1e-14, 1.0, 1, True, ())}
     results = fit_results.Results(None, {}, cross_talk, {}, fit_results.Provenance())
-    (section,) = sections(results, [], DeltaGCache(results))
+    (section,) = sections(results, [])
     assert section.title == "Cross-talk, alignment epoch 2"
     assert len(section.parameters.rows) == 6
     assert 'id="b2"' in report.write_report(tmp_path, results, []).read_text()
