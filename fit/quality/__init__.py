@@ -11,11 +11,9 @@ from fit.quality.fit_quality import as_fit, indeterminable, report
 from fit.quality.initial_fit import has_spectra
 from fit.quality.jumps import command_jumps
 from fit.quality.masks import MODEL_MISFIT, MaskedExperiment, mask_experiments
-from fit.quality.noise_tests import NORMAL_SCORES
 
 __all__ = [
     "MODEL_MISFIT",
-    "NORMAL_SCORES",
     "Exclusion",
     "ExperimentSet",
     "MaskedExperiment",

@@ -3,7 +3,7 @@
 The physical meaning of the channels plays no part here.
 """
 
-from fit.spectra.averaged_spectra import Binned, Estimator, LogSpectrum, asd, log_psd, log_psds
+from fit.spectra.averaged_spectra import Binned, Estimator, LogSpectrum, asd, log_psds
 from fit.spectra.excess import Excess
 from fit.spectra.noise_psd import NoiseModel, fit_noise
 from fit.spectra.windowing import Spectra, Spectrum
@@ -19,7 +19,6 @@ __all__ = [
     "asd",
     "derivatives",
     "fit_noise",
-    "log_psd",
     "log_psds",
     "masked_segments",
     "windowing",
