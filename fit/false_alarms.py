@@ -14,7 +14,7 @@ BUDGET = 2.8e-3  # probability that a clean campaign raises an alarm
 #: The tests by family.
 FAMILIES: Mapping[str, tuple[str, ...]] = MappingProxyType(
     {
-        "samples": ("straight lines", "repeated samples"),
+        "samples": ("straight lines",),
         "loop response": ("guidance gain",),
         "glitches": ("matched filter", "matching pursuit"),
         "model": ("driven bins", "templates", "masks at injections"),

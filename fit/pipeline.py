@@ -168,7 +168,7 @@ def _dynamics(telemetries: Sequence[Telemetry], chosen: Settings) -> Results:
         constraints.check(chosen.parameters, [*names, *euler_fit.names(telemetries)], "fit.parameters")
     # what the data are like is judged without what the user says of parameters: that may be wrong
     constrained, chosen = chosen, chosen.model_copy(update={"parameters": {}})
-    campaign = _prepared(recorded, chosen).exclude(metadata.mislabelled(recorded, telemetries))
+    campaign = _prepared(recorded, chosen)
     progress_stage(0.65)
     campaign = campaign.with_warnings(noise_adaptation.adapt_to_readout_excess(campaign.usable, chosen))
     single_fits = _fit_each(campaign.experiments, chosen)

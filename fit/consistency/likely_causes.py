@@ -20,7 +20,7 @@ from fit.fitting import IRLSResult
 from fit.model import Sharing, dynamics
 from fit.parallel import parallel_map
 from fit.parameters import experiment_parameters
-from fit.quality import Exclusion, command_jumps, noise_adaptation
+from fit.quality import Exclusion, noise_adaptation
 from fit.units import campaign_unit, concise_value
 from fit.warnings import Cause
 from fit.whitening import Experiment
@@ -201,8 +201,7 @@ def _exchanged_labels(test: RunTest, partner: RunTest) -> list[str]:
 def _peculiarities(experiment: Experiment) -> list[Cause]:
     """Return what is unusual about a run that nothing explains, though it is harmless in others."""
     message = noise_adaptation.readout_message(experiment)
-    excess = [Cause(experiment.name, "o_1", "excess noise", words=message)] if message else []
-    return list(command_jumps(experiment.sysid.telemetry)) or excess
+    return [Cause(experiment.name, "o_1", "excess noise", words=message)] if message else []
 
 
 def contradiction_exclusions(

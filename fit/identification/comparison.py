@@ -33,7 +33,7 @@ TRANSIENT = 600.0  # s, after which the state that a controller began with is fo
 #: Codes of warnings about the data as prepared for the fit, which hold for the loop as well.
 DATA_CODES = (
     *("saturated", "saturated_too_long", "glitches", "too_many_glitches", "readout_excess_noise", "rejected"),
-    *("excluded", "short_run", "missing_run", "suspect_samples", "interpolated", "guidance_scale"),
+    *("excluded", "short_run", "missing_run", "interpolated", "guidance_scale"),
 )
 
 

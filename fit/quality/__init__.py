@@ -9,7 +9,6 @@ from fit.quality.exclusions import Exclusion
 from fit.quality.experiment_set import ExperimentSet
 from fit.quality.fit_quality import as_fit, indeterminable, report
 from fit.quality.initial_fit import has_spectra
-from fit.quality.jumps import command_jumps
 from fit.quality.masks import MODEL_MISFIT, MaskedExperiment, mask_experiments
 
 __all__ = [
@@ -18,7 +17,6 @@ __all__ = [
     "ExperimentSet",
     "MaskedExperiment",
     "as_fit",
-    "command_jumps",
     "fit_quality",
     "has_spectra",
     "indeterminable",

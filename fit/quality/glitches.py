@@ -291,10 +291,11 @@ class GlitchSearch:
         return FitWarning("glitches", (), f"{name}: {'; '.join(clauses)}", spans=spans)
 
 
-def describe_spans(spans: Sequence[tuple[float, float]], treatment: str) -> str:
+def describe_spans(spans: Sequence[tuple[float, float]], treatment: str, what: str = "glitch") -> str:
     """Return how many glitches there are, what was done with them, and where."""
     places = ", ".join(f"{a:.0f} s ({b - a:.0f} s)" for a, b in spans)
-    return f"{len(spans)} glitch{'es' * (len(spans) > 1)} {treatment}, at {places}"
+    plural = ("es" if what.endswith("h") else "s") * (len(spans) > 1)
+    return f"{len(spans)} {what}{plural} {treatment}, at {places}"
 
 
 def merge_spans(spans: Sequence[tuple[float, float]]) -> list[tuple[float, float]]:

@@ -1,19 +1,19 @@
-"""Masks of an experiment: saturation is masked, glitches are masked or their shapes fitted along.
+"""Masks of an experiment: saturation and spikes are masked, glitches are masked or their shapes fitted along.
 
 Where a commanded force is at the limit of its authority, the force that acted is unknown. The equation holds
 sample by sample: what is masked takes nothing else with it but the reach of low-pass and stencils.
 """
 
 from collections.abc import Container, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fit.errors import InputError
 from fit.parallel import parallel_map
-from fit.quality import saturation
-from fit.quality.glitches import TOO_MANY, GlitchResult, remove_glitches
+from fit.quality import samples, saturation
+from fit.quality.glitches import TOO_MANY, GlitchResult, describe_spans, remove_glitches
 from fit.quality.injections import chance_probability, is_excessive
 from fit.requirements import MOST_SATURATED
 from fit.settings import Settings
@@ -62,6 +62,22 @@ def without_saturation(run: Run) -> tuple[Run, tuple[FitWarning, ...]]:
     return masked, (FitWarning(SATURATED, (), message, spans=spans),)
 
 
+def without_spikes(
+    run: Run, read_outs: Sequence[str] = ("o_1", "o_12")
+) -> tuple[Run, tuple[FitWarning, ...]]:
+    """Mask samples of read-outs that are apart from those about them, see `samples.outliers`."""
+    flags = np.zeros(run.telemetry.size, dtype=bool)
+    for name in read_outs:
+        for begin, end in samples.outliers(run.telemetry.channels[name])[0]:
+            flags[begin:end] = True
+    if not flags.any():
+        return run, ()
+    name, stretches = run.telemetry.run, _stretches(run.telemetry, flags)
+    spans = tuple(TimeSpan(name, *stretch) for stretch in stretches)
+    message = f"{name}: {describe_spans(stretches, 'masked', 'spike')}"
+    return run.mask(stretches), (FitWarning("glitches", (), message, spans=spans),)
+
+
 def _stretches(telemetry: Telemetry, flags: NDArray[np.bool_]) -> list[tuple[float, float]]:
     """Return begin and end [s] of every stretch, with the reach of the low-pass."""
     taps, _ = derivatives.low_pass(telemetry.fs)
@@ -103,10 +119,17 @@ def glitch_search_enabled(settings: Settings) -> bool:
     return settings.glitches and settings.estimator != "flscov"
 
 
-def _unsaturated(experiment: Experiment) -> MaskedExperiment:
-    sysid, warnings = without_saturation(experiment.sysid)
-    noise, noise_warnings = without_saturation(experiment.noise) if experiment.noise else (None, ())
-    return MaskedExperiment(Experiment(sysid, noise), (*warnings, *noise_warnings))
+def _masked(experiment: Experiment) -> MaskedExperiment:
+    """Return an experiment without what is saturated or a spike."""
+    sysid, warnings = _masked_run(experiment.sysid)
+    noise, noise_warnings = _masked_run(experiment.noise) if experiment.noise else (None, ())
+    return MaskedExperiment(replace(experiment, sysid=sysid, noise=noise), (*warnings, *noise_warnings))
+
+
+def _masked_run(run: Run) -> tuple[Run, tuple[FitWarning, ...]]:
+    unsaturated, warnings = without_saturation(run)
+    masked, spikes = without_spikes(unsaturated)
+    return masked, (*warnings, *spikes)
 
 
 def mask_experiments(
@@ -122,7 +145,7 @@ def mask_experiments(
 
     def searched(e: Experiment) -> tuple[MaskedExperiment, GlitchResult | None] | InputError:
         try:
-            unsaturated = _unsaturated(e)
+            unsaturated = _masked(e)
             # what is saturated would pass for glitches
             search = e.name not in faulty and glitch_search_enabled(settings) and not unsaturated.unusable
             return unsaturated, remove_glitches(unsaturated.experiment, len(experiments)) if search else None

@@ -7,7 +7,6 @@ the archive: of some kinds of faults it becomes a warning of the joint fit inste
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from datetime import timedelta
 from itertools import chain, groupby
 
 import numpy as np
@@ -19,24 +18,22 @@ from fit.parallel import parallel_map
 from fit.quality import duplicates, samples, saturation
 from fit.quality.channel_units import unit_faults
 from fit.quality.exclusions import Evidence, Exclusion, join_messages
+from fit.quality.initial_fit import initial_noise_psd
 from fit.quality.loop_response import response_faults
-from fit.telemetry import Telemetry, utc
+from fit.telemetry import Telemetry
 from fit.warnings import Cause, FitWarning
 from fit.whitening import Experiment, Run
 
 Array = NDArray[np.float64]
 
 SETTINGS = ("F_max_1", "F_max_2", "N_max_1", "N_max_2", "alignment_epoch")
-MAX_GAP = 30 * 86400.0  # s between a run and its noise run, where most are adjacent
-ADJACENT = 86400.0  # s
 MIN_EXPERIMENTS = 3  # of which more than half may have a fault in common
 MAX_CAUSES = 2  # of an experiment that its exclusion names
-HARMLESS = "quantisation"  # a warning that excludes no experiment
 MAX_INJECTION = 0.06  # Hz: up to here injections are looked for
 SEGMENT = 2048.0  # s
 LINE_RATIO, MEDIAN_BINS = 12.0, 31  # power of a sine over the median of so many bins about it; noise has 6
 INJECTION_RATIO = 300.0  # of powers in such a segment; noise that differs makes 25, an injected sine 1e4
-COMPARED_RUNS = 3  # noise runs near a run without experiment; one of them may be mislabelled too
+READ_OUTS, COMMANDS = ("o_1", "o_12"), ("f_x_1", "f_x_2")
 
 
 @dataclass(frozen=True)
@@ -80,10 +77,10 @@ class Check:
         for code, faults in by_code.items():
             n_faulty = len({fault.experiment for fault in faults})
             is_common = n_faulty >= MIN_EXPERIMENTS and 2 * n_faulty > len(experiments)
-            if code == HARMLESS or (code and is_common):
+            if code and is_common:
                 causes = tuple(cause for fault in faults for cause in fault.observations)
-                common = "" if code == HARMLESS else "most of the experiments have a fault in common: "
-                notes.append(FitWarning(code, (), f"{common}{join_messages(faults)}", causes=causes))
+                message = f"most of the experiments have a fault in common: {join_messages(faults)}"
+                notes.append(FitWarning(code, (), message, causes=causes))
                 continue
             for fault in faults:
                 exclusion = exclusions.setdefault(fault.experiment, replace(fault, observations=()))
@@ -103,20 +100,6 @@ def screen(experiments: Sequence[Experiment]) -> ScreeningReport:
     ):
         exclusions.setdefault(fault.experiment, fault)
     return ScreeningReport(list(exclusions.values()), [note for r in reports for note in r.notes])
-
-
-def mislabelled(experiments: Sequence[Experiment], telemetries: Sequence[Telemetry]) -> list[Exclusion]:
-    """Return the noise runs of no experiment that hold injections: those of one, if the label were right."""
-    names = {e.name for e in experiments}
-    unpaired = [t for t in telemetries if t.kind == "noise" and t.experiment not in names]
-    noise_runs = [e.noise for e in experiments if e.noise]
-
-    def find(run: Telemetry) -> list[Cause]:
-        nearest = sorted(noise_runs, key=lambda noise: _gap(run, noise.telemetry))
-        return _injections(run, nearest[:COMPARED_RUNS])
-
-    faults = zip(unpaired, parallel_map(find, unpaired), strict=True)
-    return [Exclusion(run.experiment, tuple(causes), evidence="cause") for run, causes in faults if causes]
 
 
 def _per_experiment(
@@ -148,20 +131,28 @@ def _sample_faults(experiments: Sequence[Experiment]) -> Iterator[Exclusion]:
 
     def find(e: Experiment) -> Iterator[Cause]:
         runs = [run.telemetry.select(dynamics.CHANNELS) for run in _runs(e)]
-        return samples.check_samples(runs[0], runs[1] if e.noise else None, n_channels)
+        commands = [name for name in COMMANDS if e.noise and samples.is_noisy(runs[-1].channels[name])]
+        for run in map(_unsaturated, runs):
+            yield from samples.check_samples(run, READ_OUTS, (*READ_OUTS, *commands), n_channels)
+        if fault := samples.rounding_fault(e.sysid, initial_noise_psd(e), dynamics.CHANNELS):
+            yield fault
 
     return _per_experiment(find)(experiments)
+
+
+def _unsaturated(run: Telemetry) -> Telemetry:
+    """Return a run without the commands that are at their limits: those are masked, and no fault."""
+    limits = {name: saturation.limit_of(run, name) for name in COMMANDS}
+    commands = {
+        name: np.where(saturation.at_limit(run.channels[name], limit), np.nan, run.channels[name])
+        for name, limit in limits.items()
+    }
+    return replace(run, channels={**run.channels, **commands})
 
 
 def _authority_faults(e: Experiment) -> Iterator[Cause]:
     """Yield what contradicts the authorities of both runs of an experiment."""
     return chain.from_iterable(saturation.check_authority(run.telemetry) for run in _runs(e))
-
-
-def _gap(a: Telemetry, b: Telemetry) -> float:
-    """Return the time from the end of the earlier of two runs to the start of the other [s]."""
-    a, b = sorted((a, b), key=lambda t: utc(t.t0))
-    return (utc(b.t0) - utc(a.t0) - timedelta(seconds=a.duration)).total_seconds()
 
 
 def _settings_mismatches(e: Experiment) -> Iterator[Cause]:
@@ -177,23 +168,6 @@ def _settings_mismatches(e: Experiment) -> Iterator[Cause]:
             )
             yield Cause(noise.run, key, "attribute", float(value), words=words, file=str(noise.path))
             return
-
-
-def _distant_noise_runs(experiments: Sequence[Experiment]) -> Iterator[Exclusion]:
-    """Yield the experiments whose noise run is far away, where most are adjacent."""
-    pairs = {e.name: (e.noise.telemetry, e.sysid.telemetry) for e in experiments if e.noise}
-    gaps = {name: _gap(*runs) for name, runs in pairs.items()}
-    if 2 * sum(gap < ADJACENT for gap in gaps.values()) <= len(gaps):
-        return
-    for name, (noise, sysid) in pairs.items():
-        if gaps[name] > MAX_GAP:
-            days = gaps[name] / 86400
-            words = (
-                f"attribute t0: {noise.t0}, {days:.0f} d away from {sysid.path}, whose noise run it is; "
-                "expected it next to that, as most are"
-            )
-            cause = Cause(noise.run, "t0", "attribute", days, None, "d", words, str(noise.path))
-            yield Exclusion(name, (cause,))
 
 
 def _duplicate_noise(experiments: Sequence[Experiment]) -> Iterator[Exclusion]:
@@ -241,19 +215,12 @@ def _mislabelled_owners(e: Experiment, a: Run, copy: Experiment, b: Run, *, whol
     return [e.name, copy.name]
 
 
-def _injections(run: Telemetry, references: Sequence[Run]) -> list[Cause]:
-    """Return the wrong label of a noise run that holds injections, compared with most of other runs."""
-    channels = dynamics.channels(run, motion=False)
-    readouts = [name for r in references if (name := _injected_readout(channels, r.channels))]
-    if 2 * len(readouts) <= len(references):
-        return []
-    words = f"attribute kind: 'noise', but {readouts[0]} contains injections, expected 'sysid'"
-    return [Cause(run.run, "kind", "attribute", words=words, file=str(run.path))]
-
-
 def _paired_injections(e: Experiment) -> list[Cause]:
     """Return the wrong label of the noise run of an experiment that holds injections."""
-    return _injections(e.noise.telemetry, [e.sysid]) if e.noise else []
+    if e.noise is None or not (readout := _injected_readout(e.noise.channels, e.sysid.channels)):
+        return []
+    words = f"attribute kind: 'noise', but {readout} contains injections, expected 'sysid'"
+    return [Cause(e.noise.telemetry.run, "kind", "attribute", words=words, file=str(e.noise.telemetry.path))]
 
 
 def _injected_readout(run: dynamics.Channels, reference: dynamics.Channels) -> str:
@@ -281,7 +248,6 @@ CHECKS: Mapping[str, Check] = {
     "duplicate noise": Check(_duplicate_noise),
     "units of channels": Check(_unit_faults),
     "attributes of noise runs": Check(_per_experiment(_settings_mismatches)),
-    "dates of noise runs": Check(_distant_noise_runs),
     "authority": Check(_per_experiment(_authority_faults)),
     "injections in noise runs": Check(_per_experiment(_paired_injections, evidence="cause")),
     "samples": Check(_sample_faults, samples.CODES),

@@ -136,12 +136,6 @@ WARNING_KINDS: Mapping[str, WarningKind] = {
         headline="Samples are interpolated",
         unsound=True,
     ),
-    "coarse_quantisation": WarningKind(
-        "Archive the channels again with more digits, in double precision, or with their offset subtracted.",
-        severity=Severity.FAILURE,
-        headline="Channels are rounded too coarsely",
-        unsound=True,
-    ),
     "acausal": WarningKind(
         "Archive the channels again with the correct times of each; until then do not use any delay.",
         severity=Severity.FAILURE,
@@ -152,11 +146,6 @@ WARNING_KINDS: Mapping[str, WarningKind] = {
         "Repeat the fit with another estimator, for which consistency is tested and the sigmas are valid.",
         severity=Severity.DOUBT,
         headline="The consistency of the experiments is not tested",
-    ),
-    "suspect_samples": WarningKind(
-        "Check how the files were made: a peculiarity that most of them share is hardly accidental.",
-        severity=Severity.DOUBT,
-        headline="Samples are not those of an instrument",
     ),
     "centrifugal_strength": WarningKind(
         "Check the units of star tracker and torques, and the gain of the torques.",
@@ -273,9 +262,6 @@ WARNING_KINDS: Mapping[str, WarningKind] = {
     ),
     "high_leverage": WarningKind(
         "The estimate is as reliable as that run; a second run of its kind would be a check.",
-    ),
-    "quantisation": WarningKind(
-        "Nothing while estimates move by less than you need; otherwise archive the channel with more digits.",
     ),
     "saturated": WarningKind(
         "Nothing if few samples are lost; otherwise reduce the injection or give the run more authority.",

@@ -10,7 +10,7 @@ from fit.errors import InputError
 from fit.pipeline import calibrate
 from fit.quality import metadata
 from fit.whitening import pair
-from tests.oracles import synthetic, thirteen
+from tests.oracles import synthetic
 from tests.oracles.synthetic import World
 
 
@@ -104,23 +104,6 @@ def test_one_experiment_under_two_names(disguise, words):
     assert words in reason
 
 
-def test_an_experiment_that_is_called_noise_is_named_in_the_joint_fit():
-    campaign = thirteen.campaign(names=("A1", "B2"))
-    campaign["B2-sysid"] = replace(campaign["B2-sysid"], kind="noise")
-    results = calibrate(list(campaign.values()))
-    (message,) = (w.message for w in results.joint.warnings if w.code == "rejected")
-    assert message.startswith("left out of the joint fit: B2-sysid.h5: attribute kind: 'noise'")
-    assert list(results.experiments) == ["A1"]
-
-
-def test_noise_runs_of_no_experiment_are_noise():
-    campaign = runs("A", "C", "E")
-    del campaign["C-sysid"], campaign["E-sysid"]
-    still = {f"guidance_{name}": np.full(campaign["E-noise"].time.size, 1e-9) for name in ("o_1", "o_12")}
-    campaign["E-noise"] = replace(campaign["E-noise"], channels=campaign["E-noise"].channels | still)
-    assert metadata.mislabelled(pair(list(campaign.values())), list(campaign.values())) == []
-
-
 def test_copies_of_an_experiment_count_once():
     campaign = runs("A")
     for n in range(3):
@@ -175,31 +158,6 @@ def test_commands_of_both_test_masses_exchanged(sign):
     ((name, reason),) = faults(campaign).items()
     assert name == "A"
     assert "f_x_1 exceeds its authority F_max_1 = 0 N and f_x_2 is zero: are they exchanged?" in reason
-
-
-def test_a_command_that_stops_elsewhere_than_at_its_authority():
-    campaign = runs("A", "B")
-    rng = np.random.default_rng(1)
-    for name in ("A-sysid", "A-noise"):  # a loop feeds the command
-        noisy = campaign[name].channels["f_x_2"] + 1e-14 * rng.standard_normal(campaign[name].size)
-        campaign[name] = changed(campaign[name], f_x_2=lambda _, noisy=noisy: noisy)
-    assert not faults(campaign)
-    campaign["A-sysid"] = changed(
-        campaign["A-sysid"], f_x_2=lambda f: np.clip(f, 0.6 * f.min(), 0.6 * f.max())
-    )
-    ((name, reason),) = faults(campaign).items()
-    assert name == "A"
-    assert "f_x_2 stops at its limit of" in reason
-
-
-def test_a_noise_run_of_another_season():
-    campaign = runs("A", "B", "C", "E")
-    campaign["C-noise"] = replace(campaign["C-noise"], t0="2016-09-16T00:00:00Z")
-    assert "153 d away" in faults(campaign)["C"]
-    away = {
-        name: replace(r, t0=f"201{6 + (r.kind == 'noise')}-09-16T00:00:00Z") for name, r in campaign.items()
-    }
-    assert not faults(away)  # where none is adjacent, that is how it was meant
 
 
 # --- nothing where there is nothing ---------------------------------------------------------------------
