@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from fit.files import atomic
-from lpfcosim.errors import InputError, RunError, as_run_error
+from lpfcosim.errors import RunError, as_run_error
 
 _SCRATCH = ".lpfcosim-"
 
@@ -29,9 +29,9 @@ def remove_temporary(folder: Path) -> None:
         shutil.rmtree(place, ignore_errors=True)
 
 
-def remove_partial(folder: Path, process: int | str = "*") -> None:
-    """Remove files in ``folder`` that a process, or any, did not finish."""
-    for partial in folder.glob(f".*{atomic.suffix(process)}"):
+def remove_partial(folder: Path) -> None:
+    """Remove files in ``folder`` that a process did not finish."""
+    for partial in folder.glob(f".*{atomic.suffix('*')}"):
         if partial.name.split(".")[-2].isdecimal():
             with suppress(OSError):
                 partial.unlink()
@@ -48,17 +48,6 @@ def digest(path: Path) -> str:
     """Return the SHA-256 of a file."""
     with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
-
-
-@contextmanager
-def _readable(path: Path) -> Iterator[None]:
-    """Turn errors of reading a file into an `InputError`, unless it is missing."""
-    try:
-        yield
-    except FileNotFoundError:
-        raise
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read ({error.strerror or error})") from None
 
 
 @dataclass(frozen=True)
@@ -84,33 +73,22 @@ class ChecksumFile:
     ----------
     path : Path
         Of the checksum file. Files are named as seen from its folder; a line that names none does not count.
-
-    Raises
-    ------
-    InputError
-        If it is there and cannot be read.
+        What is there and cannot be read is an OSError: nobody knows what would be lost with it.
     """
 
     def __init__(self, path: Path) -> None:
         self._path = path
         self._digests: dict[str, str] = {}
-        with suppress(FileNotFoundError), _readable(path):
+        with suppress(FileNotFoundError):
             for line in path.read_text(encoding="utf-8", errors="replace").splitlines():
                 recorded, _, name = line.partition("  ")
                 self._digests[name] = recorded
 
     def matches(self, file: Path) -> bool | None:
-        """Return whether a file has its recorded checksum; None if none is recorded.
-
-        Raises
-        ------
-        InputError
-            If it is there and cannot be read: nobody knows what would be lost with it.
-        """
+        """Return whether a file has its recorded checksum; None if none is recorded."""
         recorded = self._digests.get(self._name(file))
         try:
-            with _readable(file):
-                return None if recorded is None else digest(file) == recorded
+            return None if recorded is None else digest(file) == recorded
         except FileNotFoundError:
             return False
 

@@ -202,7 +202,7 @@ class _Worker:
         self.deadline, self.is_late = time.monotonic() + START, False
         temporary = dict.fromkeys(("TMPDIR", "TEMP", "TMP"), str(scratch))
         with self._messages.open("wb") as messages:
-            self.process = subprocess.Popen(
+            self.popen = subprocess.Popen(
                 [sys.executable, "-P", "-c", _PROGRAM, self._progress, *sys.path, _ROOT],
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
@@ -216,22 +216,20 @@ class _Worker:
 
     @property
     def message(self) -> str:
-        """Last line that the process has printed outside of a task."""
-        lines = self._messages.read_text(encoding="utf-8", errors="replace").split("\n")
-        return next((text.strip() for text in reversed(lines) if text.strip()), "")
+        """What the process has last printed outside of a task."""
+        return self._messages.read_text(encoding="utf-8", errors="replace").strip().split("\n")[-1]
 
-    def send(self, task: object) -> None:
-        assert self.process.stdin is not None
-        pickle.dump(pickle.dumps(task), self.process.stdin)
-        self.process.stdin.flush()
-
-    def receive(self) -> bytes:
-        assert self.process.stdout is not None
-        content: bytes = pickle.load(self.process.stdout)
-        return content
-
-
-_ENDED = (EOFError, OSError, pickle.UnpicklingError)  # of a pipe to a process that has ended
+    def outcome(self, *task: object) -> Any:
+        """Wait for what comes of a task, or until the process is ready; EOFError if it ends."""
+        assert self.popen.stdin and self.popen.stdout
+        try:
+            if task:
+                pickle.dump(pickle.dumps(task), self.popen.stdin)
+                self.popen.stdin.flush()
+            content: bytes = pickle.load(self.popen.stdout)
+        except (OSError, pickle.UnpicklingError):
+            raise EOFError from None
+        return pickle.loads(content)
 
 
 class _Pool:
@@ -252,12 +250,12 @@ class _Pool:
         pending = set(names)
         while pending:
             done, pending = wait(pending, _POLL, FIRST_COMPLETED)
-            for each in self._workers:
-                if time.monotonic() > each.deadline:
-                    each.is_late = True
-                    each.process.kill()
-            for name, each in self._running.copy().items():
-                on_progress(name, max(each.progress.sample, 0))
+            for process in self._workers:
+                if time.monotonic() > process.deadline:
+                    process.is_late = True
+                    process.popen.kill()
+            for name, process in self._running.copy().items():
+                on_progress(name, max(process.progress.sample, 0))
             for future in done:
                 yield names[future], future.result()
 
@@ -265,66 +263,64 @@ class _Pool:
         """End all processes."""
         with self._starting:
             self._is_closed = True
-        for each in self._workers:
-            each.process.kill()
+        for process in self._workers:
+            process.popen.kill()
         self._threads.shutdown(cancel_futures=True)
-        for each in self._workers:
-            with suppress(OSError), each.process:  # closes the pipes
+        for process in self._workers:
+            with suppress(OSError), process.popen:  # closes the pipes
                 pass
 
-    # In a thread ---------------------------------------------------------------------------------------
-
     def _execute(self, name: str) -> Any:
-        each = self._start()
-        each.deadline = time.monotonic() + self._time_limit
-        self._running[name] = each
+        """Have a task done by a process that is idle; called in a thread."""
+        label, log = self._tasks.label.format(name), self._tasks.logs / f"{name}.log"
+        process = self._process()
+        process.deadline = time.monotonic() + self._time_limit
+        self._running[name] = process
         try:
-            each.send((self._function, self._tasks.items[name], self._tasks.logs / f"{name}.log"))
-            content = each.receive()
-        except _ENDED:
-            return self._failure(name, each)
+            outcome = process.outcome(self._function, self._tasks.items[name], label, log)
+        except EOFError:
+            return self._failure(label, process)
         finally:
-            each.deadline = inf
+            process.deadline = inf
             del self._running[name]
-        self._idle.append(each)
-        outcome = pickle.loads(content)
-        if isinstance(outcome, worker.Failure):
-            return RunError(f"{self._tasks.label.format(name)} failed: {outcome.cause}")
+        self._idle.append(process)
         return outcome
 
-    def _start(self) -> _Worker:
-        """Return a process that is idle, or start one and wait until it is ready."""
-        while self._idle:
-            each = self._idle.pop()
-            if each.process.poll() is None:
-                return each
+    def _process(self) -> _Worker:
+        with suppress(IndexError):
+            while True:
+                process = self._idle.pop()
+                if process.popen.poll() is None:
+                    return process
+        reason: object
         try:
             with self._starting:
                 if self._is_closed:
-                    raise RunError("closed")
-                each = _Worker(self._scratch)
-                self._workers.append(each)
-            each.receive()
-        except _ENDED as error:
-            reason = getattr(error, "strerror", None)
-            if reason is None:
-                code = each.process.wait()
-                reason = f"no answer within {START:g} s" if each.is_late else each.message or _ending(code)[0]
-            raise RunError(f"no worker process can be started ({sys.executable}): {reason}") from None
-        return each
+                    raise EOFError  # noqa: TRY301 as of a process that is gone
+                process = _Worker(self._scratch)
+                self._workers.append(process)
+            process.outcome()
+        except OSError as error:
+            reason = error.strerror or error
+        except EOFError:
+            ending = f"no answer within {START:g} s" if process.is_late else _ending(process.popen.wait())[0]
+            reason = process.message or ending
+        else:
+            return process
+        raise RunError(f"no worker process can be started ({sys.executable}): {reason}")
 
-    def _failure(self, name: str, each: _Worker) -> RunError:
+    def _failure(self, label: str, process: _Worker) -> RunError:
         """Return the error of a task whose process ended, or was ended."""
-        cause, is_fmu = _ending(each.process.wait())
-        if each.is_late:
+        cause, is_fmu = _ending(process.popen.wait())
+        if process.is_late:
             cause, is_fmu = f"was ended at its time limit of {self._time_limit:g} s", False
-        progress = each.progress
+        progress = process.progress
         is_fmu = is_fmu and progress.component >= 0
         subject = f"the {self._tasks.models[progress.component]} FMU" if is_fmu else "its process"
         moment = f" at {progress.sample * H:.1f} s" if progress.sample >= 0 else ""
         if progress.is_loading:
             moment = " while the FMUs were loaded"
-        return RunError(f"{self._tasks.label.format(name)}: {subject} {cause}{moment}")
+        return RunError(f"{label}: {subject} {cause}{moment}")
 
 
 def _ending(code: int) -> tuple[str, bool]:

@@ -13,6 +13,11 @@ from lpfcosim.execution.checksums import digest
 from lpfcosim.models import model_of
 
 MODEL_EQUATIONS = "model equations"  # attribute simulated_by of telemetry that no FMU made
+_LABELS = {
+    "campaign_digest": "version of the campaign",
+    "simulated_by": "simulator",
+    "equations_digest": "version of the models",
+}
 
 
 @dataclass(frozen=True)
@@ -50,43 +55,24 @@ class Provenance:
 
     def attributes(self) -> dict[str, str | int | float]:
         """Return the attributes that a telemetry file has of it."""
+        equations = {"simulated_by": MODEL_EQUATIONS, "equations_digest": self.equations}
         return {
             "seed": self.seed,
             "lpfcosim_version": self.version,
             "campaign": self.campaign,
             "campaign_digest": self.digest,
             **{f"fmu_{model}": sha256 for model, sha256 in self.fmus.items()},
-            **self._equations_attributes(),
+            **(equations if self.equations else {}),
         }
-
-    def _equations_attributes(self) -> dict[str, str]:
-        if not self.equations:
-            return {}
-        return {"simulated_by": MODEL_EQUATIONS, "equations_digest": self.equations}
 
     def mismatch(self, attributes: Mapping[str, Any]) -> str:
         """Return in what the attributes of a file differ from this provenance; empty if in nothing."""
-        for key, value in self.attributes().items():
-            if key == "simulated_by" and key not in attributes:
-                return "simulated through the FMUs, now it is from the equations of the models"
-            if key not in attributes:
-                return f"does not state its {key}, expected telemetry of this campaign"
-            if _is_equal(attributes[key], value):
+        expected = self.attributes()
+        for key in (*expected, *(name for name in attributes if name.startswith("fmu_"))):
+            value, recorded = expected.get(key), attributes.get(key)
+            if str(recorded) == str(value):
                 continue
             if key in ("seed", "lpfcosim_version", "campaign"):
-                return f"simulated with {key.removeprefix('lpfcosim_')} {attributes[key]}, now it is {value}"
-            if key == "campaign_digest":
-                return "simulated with another version of the campaign"
-            if key in ("simulated_by", "equations_digest"):
-                return "simulated from other equations of the models"
-            return f"simulated with another {key.removeprefix('fmu_')} FMU"
-        fmus = (key.removeprefix("fmu_") for key in attributes if key.startswith("fmu_"))
-        surplus = sorted(model for model in fmus if model not in self.fmus)
-        return f"simulated with an FMU {surplus[0]}, which is not in the loop now" if surplus else ""
-
-
-def _is_equal(attribute: Any, value: str | int | float) -> bool:
-    try:
-        return bool(attribute == value)
-    except (ValueError, TypeError):  # an array, or whatever else
-        return False
+                return f"simulated with {key.removeprefix('lpfcosim_')} {recorded}, now it is {value}"
+            return f"simulated with another {_LABELS.get(key) or key.removeprefix('fmu_') + ' FMU'}"
+        return ""

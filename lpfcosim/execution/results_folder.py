@@ -56,14 +56,12 @@ def lock(directory: Path, *, alternative: bool = False) -> Iterator[None]:
             who = f" ({holder.read_text(encoding='utf-8').strip()})"
         advice = "wait for it or choose another folder" if alternative else "wait for it"
         raise InputError(f"{directory}: another process works in it{who}; {advice}") from None
-    except (FileExistsError, NotADirectoryError):
-        message = f"{directory}: is a file or lies in one, expected a folder for the results"
-        raise InputError(message) from None
     except OSError as error:
-        if not os.path.isdir(directory) and error.errno not in (errno.ENOSPC, errno.EDQUOT):  # noqa: PTH112
-            message = f"{directory}: cannot be made ({error.strerror}), expected a folder for the results"
-            raise InputError(message) from None
-        raise RunError(f"{directory}: cannot be locked: {error.strerror or error}") from None
+        kind = RunError if error.errno in (errno.ENOSPC, errno.EDQUOT) else InputError
+        reason = error.strerror or error
+        raise kind(
+            f"{directory}: cannot be made or locked ({reason}), expected a folder for the results"
+        ) from None
     with acquired:
         if inside:
             yield

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator, Iterable, Iterator, Mapping
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from fit.files import atomic
-from fit.parallel import processors
+from fit.parallel import parallel_map
 from fit.telemetry import root_attributes
 from lpfcosim.campaign import Campaign
 from lpfcosim.cosim import FmuLibraryCache, SimulationProgress, co_simulation, compatibility
@@ -101,8 +100,7 @@ def simulate(
     directory : Path
         Folder of the telemetry files, one per run; made if need be. No other process may use it meanwhile.
     fmus : mapping of str to Path
-        The FMU of each component. Without any, runs are simulated from the equations of their models, in
-        this process.
+        The FMU of each component. Without any, runs are simulated from the equations of their models.
     options, callbacks : RunOptions, ProgressCallbacks
         Where, and within which limits; what is called on the way.
 
@@ -110,14 +108,9 @@ def simulate(
     ------
     InputError
         If a folder is in the way of a file, telemetry is of another campaign, or FMUs do not fit.
-    RunError
-        If the folder cannot be made.
     """
     provenance = Provenance.of(campaign, fmus)
-    try:
-        directory.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise RunError(f"{directory}: cannot be made: {error.strerror}") from None
+    directory.mkdir(parents=True, exist_ok=True)
     paths = {run.name: directory / f"{run.name}.h5" for run in campaign.runs}
     checksums = ChecksumFile(directory.with_name(f"{directory.name}.sha256"))
     complete = _completed_runs(directory, paths, provenance, checksums, rerun=options.rerun)
@@ -138,31 +131,16 @@ def simulate(
         checksums.remove(map(paths.__getitem__, missing))
         for name in missing:  # lest files of two campaigns lie side by side, should this be killed
             paths[name].unlink(missing_ok=True)
-    with closing(_execute(tasks, options, callbacks) if fmus else _evaluated(tasks)) as outcomes:
+    if fmus and missing:
+        engine_library()  # built once, here, and not in every worker
+
+    def on_progress(name: str, n_samples: int) -> None:  # the last sample counts when the file is complete
+        callbacks.on_progress(name, min(n_samples, missing[name].n_samples - 1))
+
+    with closing(options.results(tasks, on_progress)) as outcomes:
         failures = _collect_results(missing, outcomes, checksums, paths, callbacks, tasks)
     files = {name: path for name, path in paths.items() if name not in failures}
     return SimulationResult(files, failures, provenance)
-
-
-def _evaluated(tasks: Tasks) -> Generator[tuple[str, Any]]:
-    """Simulate runs from the equations of their models, in this process; yield the outcome of each."""
-    for name, run in tasks.items.items():
-        try:
-            yield name, tasks.function(run, SimulationProgress())
-        except RunError as error:
-            yield name, error
-
-
-def _execute(tasks: Tasks, options: RunOptions, callbacks: ProgressCallbacks) -> Generator[tuple[str, Any]]:
-    """Simulate runs through the FMUs; yield the outcome of each."""
-    if tasks.items:
-        engine_library()  # built once, here, and not in every worker
-
-    def on_progress(name: str, n_samples: int) -> None:
-        if n_samples < tasks.items[name].n_samples:  # the last sample counts when the file is complete
-            callbacks.on_progress(name, n_samples)
-
-    yield from options.results(tasks, on_progress)
 
 
 def _collect_results(
@@ -188,9 +166,6 @@ def _collect_results(
     refusals = [error for error in failures.values() if isinstance(error, InputError)]
     if refusals:
         raise InputError("; ".join(dict.fromkeys(map(str, refusals))))
-    for name in runs:
-        if name not in failures and not paths[name].is_file():
-            failures[name] = RunError(f"run '{name}': was not simulated")
     return {name: RunError(str(failures[name])) for name in runs if name in failures}
 
 
@@ -210,14 +185,11 @@ def _completed_runs(
 ) -> set[str]:
     """Return the runs whose files are complete; refuse files that must be neither overwritten nor mixed."""
     for path in sorted(directory.glob("*.h5")):
-        if path.is_dir():
-            raise InputError(f"{path}: is a folder, expected a file or nothing")
         if path not in paths.values():
             raise InputError(
                 f"{path}: belongs to no run of this campaign; choose another folder or move it elsewhere"
             )
-    with ThreadPoolExecutor(processors()) as pool:
-        matches = dict(zip(paths, pool.map(checksums.matches, paths.values()), strict=True))
+    matches = dict(zip(paths, parallel_map(checksums.matches, paths.values()), strict=True))
     complete = set()
     for name, path in paths.items():
         attributes = root_attributes(path)

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fit.telemetry import CHANNELS, SCHEMA, Writer
-from lpfcosim.errors import RunError, as_run_error
+from lpfcosim.errors import as_run_error
 from lpfcosim.models import model_of
 from lpfcosim.signals import decimation, events
 from lpfcosim.spacecraft import Run
@@ -69,9 +69,6 @@ def create(
         If a channel is unknown, has another length than the run or is not finite, or if writing fails.
     """
     labels = {**CHANNELS, **model_of(run).labels}
-    for name in names:
-        if name not in labels:
-            raise RunError(f"{run.name}: no unit is known for channel {name}")
     grid = decimation.grid(run)
     with (
         as_run_error(f"{run.name}: "),

@@ -16,7 +16,6 @@ import sys
 import threading
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import dataclass
 from functools import lru_cache
 from importlib import metadata
 from pathlib import Path
@@ -28,13 +27,6 @@ from lpfcosim.errors import InputError, RunError
 
 Function = Callable[[Any, SimulationProgress], Any]
 _PACKAGES = ("lpfcosim", "numpy", "scipy")  # on whose versions the last bits depend
-
-
-@dataclass(frozen=True)
-class Failure:
-    """Takes the place of the result of a task that failed in a way that nobody foresaw."""
-
-    cause: str
 
 
 def pickled(function: Function) -> bytes:
@@ -96,16 +88,18 @@ def main(progress_file: str) -> None:
         progress = SimulationProgress.from_buffer(mmap.mmap(file.fileno(), 0))
     tasks = SimpleQueue[bytes]()
     threading.Thread(target=_receive, args=(source, tasks), daemon=True).start()
-    _send(sink, b"")  # ready
+    outcome: Any = None  # the first one says that this process is ready
     while True:
-        content = tasks.get()
-        outcome = _outcome(content, progress)
+        try:
+            pickle.dump(pickle.dumps(outcome), sink)
+            sink.flush()
+        except OSError:  # the caller is gone
+            os._exit(1)
+        outcome = _outcome(progress, *pickle.loads(tasks.get()))
         sys.stdout.flush()
         with suppress(Exception):  # buffers of C, where the C library can be called
             ctypes.CDLL(None).fflush(None)
-        for stream in (1, 2):
-            os.dup2(messages, stream)
-        _send(sink, pickle.dumps(outcome))
+        _redirect(messages)
 
 
 def _receive(source: BinaryIO, tasks: SimpleQueue[bytes]) -> None:
@@ -116,31 +110,25 @@ def _receive(source: BinaryIO, tasks: SimpleQueue[bytes]) -> None:
     os._exit(1)
 
 
-def _send(sink: BinaryIO, content: bytes) -> None:
-    try:
-        pickle.dump(content, sink)
-        sink.flush()
-    except OSError:  # the caller is gone
-        os._exit(1)
+def _redirect(descriptor: int) -> None:
+    """Let standard output and error of this process, also of native code, go to a file."""
+    for stream in (1, 2):
+        os.dup2(descriptor, stream)
 
 
-def _outcome(content: bytes, progress: SimulationProgress) -> Any:
-    """Do a task with its log as standard output and error; return the result, or what takes its place."""
-    function, item, log = pickle.loads(content)
-    with suppress(OSError):  # a full disk is reported by who writes the telemetry
-        stream = os.open(log, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o666)
-        os.dup2(stream, 1)
-        os.dup2(stream, 2)
-        os.close(stream)
+def _outcome(progress: SimulationProgress, function: bytes, item: object, label: str, log: Path) -> Any:
+    """Do a task; return the result, or the error that takes its place."""
+    with suppress(OSError), log.open("wb") as file:  # a full disk is reported by who writes the telemetry
+        _redirect(file.fileno())
     try:
         return execute(function, item, progress)
     except (InputError, RunError) as error:
         return error
     except MemoryError:
-        return Failure("out of memory")
+        return RunError(f"{label} failed: out of memory")
     except Exception as error:
         logging.getLogger(__name__).exception("in a worker")
         cause = "internal error of lpfcosim, please report it with the traceback"
         if isinstance(error, OSError) and error.strerror:  # of a disk or a file
             cause = f"{error.filename}: {error.strerror}" if error.filename else error.strerror
-        return Failure(f"{cause}; see {log.parent.name}/{log.name}")
+        return RunError(f"{label} failed: {cause}; see {log.parent.name}/{log.name}")

@@ -385,7 +385,7 @@ def test_figures_show_themselves_and_their_numbers(results, runs, tmp_path):
 
 def test_a_folder_that_cannot_be(campaign, tmp_path):
     (tmp_path / "file").touch()
-    with pytest.raises(simulator.InputError, match="is a file or lies in one"):
+    with pytest.raises(simulator.InputError, match="cannot be made or locked"):
         simulator.simulate(campaign, tmp_path / "file", fmus=False)
 
 

@@ -94,7 +94,7 @@ def test_a_folder_that_cannot_be_made_is_wrong_input_but_a_full_disk_is_not(
         raise OSError(number, os.strerror(number))
 
     (tmp_path / "file").touch()
-    with pytest.raises(InputError, match="file: is a file or lies in one"), folders.lock(tmp_path / "file"):
+    with pytest.raises(InputError, match="file: cannot be made"), folders.lock(tmp_path / "file"):
         pass
     monkeypatch.setattr(Path, "mkdir", refuse)
     with pytest.raises(kind, match=re.escape(os.strerror(number))), folders.lock(tmp_path / "out"):

@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 
 from lpfcosim.errors import InputError, RunError
-from lpfcosim.execution import Tasks, Workers, dask_executor, worker
+from lpfcosim.execution import Tasks, Workers, dask_executor, pool, worker
 
 posix = pytest.mark.skipif(os.name != "posix", reason="signals are those of POSIX")
 MODELS = ("Plant", "Actuation")
@@ -84,12 +84,17 @@ def test_a_task_that_fails_is_named_and_takes_no_other_along(tmp_path):
 
 @posix
 @pytest.mark.parametrize(
-    ("program", "reason"), [("/nowhere", "No such file"), ("/bin/false", "with status 1")]
+    ("script", "reason"),
+    [("", "No such file"), ("exit 1", "status 1"), ("echo why >&2", "why"), ("exec sleep 60", "no answer")],
 )
-def test_that_no_process_can_be_started_is_said_at_once(tmp_path, monkeypatch, program, reason):
-    monkeypatch.setattr(sys, "executable", program)
+def test_that_no_process_can_be_started_is_said_at_once(tmp_path, monkeypatch, script, reason):
+    if script:
+        (tmp_path / "python").write_text(f"#!/bin/sh\n{script}\n")
+        (tmp_path / "python").chmod(0o755)
+    monkeypatch.setattr(sys, "executable", str(tmp_path / "python"))
+    monkeypatch.setattr(pool, "START", 1.0)
     begun = time.monotonic()
-    with pytest.raises(RunError, match=rf"no worker process can be started \({program}\): .*{reason}"):
+    with pytest.raises(RunError, match=rf"no worker process can be started \(.*python\): .*{reason}"):
         results(tmp_path, {"A": ("print", 1), "B": ("print", 2)})
     assert time.monotonic() - begun < 10
 

@@ -65,9 +65,13 @@ def copied(files, tmp_path):
     return [tmp_path / "telemetry" / f.name for f in files]
 
 
+def nothing(_):
+    yield from ()
+
+
 def test_a_byte_changed_anywhere_is_noticed(fmus, plan, copied, monkeypatch):
     asked = []
-    monkeypatch.setattr(Workers, "results", lambda _, tasks, __: asked.append([*tasks.items]) or [])
+    monkeypatch.setattr(Workers, "results", lambda _, tasks, __: nothing(asked.append([*tasks.items])))
     lost = copied[1]
     content = lost.read_bytes()
     ledger = lost.parent.with_suffix(".sha256").read_text()
@@ -81,7 +85,7 @@ def test_a_byte_changed_anywhere_is_noticed(fmus, plan, copied, monkeypatch):
 
 def test_a_ledger_that_is_lost_or_damaged_costs_time_only(fmus, plan, copied, monkeypatch):
     asked = []
-    monkeypatch.setattr(Workers, "results", lambda _, tasks, __: asked.append({*tasks.items}) or [])
+    monkeypatch.setattr(Workers, "results", lambda _, tasks, __: nothing(asked.append({*tasks.items})))
     ledger = copied[0].parent.with_suffix(".sha256")
     for damage in (ledger.read_bytes()[40:], b"\xff\0\n  \n", b""):
         ledger.write_bytes(damage)
@@ -105,7 +109,7 @@ def test_a_file_that_cannot_be_opened_is_never_replaced(fmus, plan, copied, reru
     ledger = copied[0].parent.with_suffix(".sha256")
     ledger.unlink()
     ledger.mkdir()
-    with pytest.raises(InputError, match=r"telemetry\.sha256: cannot be read"):
+    with pytest.raises(IsADirectoryError, match=r"telemetry\.sha256"):
         runner.simulate(plan, copied[0].parent, fmus)
 
 
@@ -121,7 +125,7 @@ def test_what_comes_from_elsewhere_is_refused_or_simulated_anew(fmus, plan, copi
         (longer, fmus, "simulated with another version of the campaign"),
         (replace(plan, name="brief"), fmus, "simulated with campaign short, now it is brief"),
         (plan, {**fmus, "Plant": other_fmu}, "simulated with another Plant FMU"),
-        (plan, {k: v for k, v in fmus.items() if k != "Plant"}, "simulated with an FMU Plant, which is not"),
+        (plan, {k: v for k, v in fmus.items() if k != "Plant"}, "simulated with another Plant FMU"),
     ):
         with pytest.raises(InputError, match=rf"one-noise\.h5: {sentence}.*; use another .* \(--rerun; "):
             runner.simulate(changed, folder, its)
@@ -130,7 +134,7 @@ def test_what_comes_from_elsewhere_is_refused_or_simulated_anew(fmus, plan, copi
         with pytest.raises(InputError, match=r"one-noise\.h5: simulated with version .*, now it is 9\.9"):
             runner.simulate(plan, folder, fmus)
     asked = []
-    monkeypatch.setattr(Workers, "results", lambda _, tasks, __: asked.extend(tasks.items) or [])
+    monkeypatch.setattr(Workers, "results", lambda _, tasks, __: nothing(asked.extend(tasks.items)))
     runner.simulate(reseeded, folder, fmus, runner.RunOptions(rerun=True))
     assert asked == ["one", "one-noise"]
     # the rerun was interrupted: nothing of the old seed is left to lie beside the new one
@@ -149,7 +153,7 @@ def test_telemetry_of_no_run_of_the_campaign_is_left_alone(fmus, plan, tmp_path)
     assert folder_of(stranger.parent) == ["two.h5"]
     stranger.unlink()
     stranger.with_name("one.h5").mkdir()
-    with pytest.raises(InputError, match=r"one\.h5: is a folder"):
+    with pytest.raises(InputError, match=r"one\.h5: cannot be opened \(Is a directory"):
         runner.simulate(plan, stranger.parent, fmus)
 
 

@@ -123,7 +123,7 @@ def test_telemetry_from_equations_is_checked_as_that_of_fmus(campaign, tmp_path)
         assert file.attrs["simulated_by"] == "model equations"
         file.attrs["equations_digest"] = "0" * 64  # as if the models had been edited since
     (tmp_path / "telemetry.sha256").unlink()
-    with pytest.raises(fit.InputError, match="simulated from other equations of the models"):
+    with pytest.raises(fit.InputError, match="simulated with another version of the models"):
         lpfcosim.simulate(brief, tmp_path, fmus=False)
     with h5py.File(paths[1], "r+") as file:
         del file.attrs["simulated_by"]
