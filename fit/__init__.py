@@ -33,13 +33,14 @@ if TYPE_CHECKING:
     from fit.fitting import Prior, delta_chi2
     from fit.report import plot
     from fit.results import Estimate, Fit, Results
-    from fit.sampling.inference_data import inference_data
+    from fit.sampling import Chain, sample
     from fit.spectra import asd
     from fit.telemetry import Telemetry
     from fit.warnings import FitWarning
 
 __all__ = [
     "CalibrationError",
+    "Chain",
     "Comparison",
     "Estimate",
     "Fit",
@@ -56,12 +57,12 @@ __all__ = [
     "compare",
     "delta_chi2",
     "delta_g",
-    "inference_data",
     "leave_one_out",
     "load",
     "load_results",
     "make_params",
     "plot",
+    "sample",
     "save_report",
 ]
 _HOME = {
@@ -80,7 +81,7 @@ _HOME = {
     "errors": ("CalibrationError", "FitError", "InputError"),
     "fitting": ("Prior", "delta_chi2"),
     "results": ("Estimate", "Fit", "Results"),
-    "sampling.inference_data": ("inference_data",),
+    "sampling": ("Chain", "sample"),
     "spectra": ("asd",),
     "warnings": ("FitWarning",),
     "telemetry.reader": ("Telemetry",),

@@ -90,11 +90,7 @@ USERS = {
     "emcee": {"fit.sampling"},
     "filelock": {"lpfcosim.execution"},
     "fmpy": {"lpfcosim.modelica", "lpfcosim.cosim", "lpfcosim.export"},
-    "h5py": {  # telemetry, the chains of a sampled posterior, files of lisainstrument
-        "fit.telemetry",
-        "fit.sampling",
-        "fit.tilt_to_length",
-    },
+    "h5py": {"fit.telemetry", "fit.tilt_to_length"},  # telemetry, files of lisainstrument
     "jinja2": {"fit.report"},
     "lmfit": {
         "fit.fitting",
@@ -103,7 +99,6 @@ USERS = {
         "fit.lisa",
         "fit.quality",
         "fit.results",
-        "fit.sampling",
         "fit.tilt_to_length",
         "fit.api",
     },  # the language of the fits

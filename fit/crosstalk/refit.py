@@ -5,7 +5,6 @@ from dataclasses import replace
 from pathlib import Path
 
 from fit import results as fit_results
-from fit.crosstalk import attenuation
 from fit.errors import InputError
 from fit.fitting import IRLSResult, fit_joint
 from fit.parallel import one_blas_thread
@@ -14,8 +13,6 @@ from fit.results import Results, results_folder, telemetry_of
 from fit.settings import Settings, settings
 from fit.telemetry import Telemetry, check_pathfinder, read_all
 from fit.whitening import Experiment, Run
-
-MAX_CHANGE = 0.05  # sigma: a fit that moves by more is of something else
 
 
 def load(directory: Path) -> tuple[Results, list[Telemetry]]:
@@ -90,38 +87,3 @@ def least_squares(prepared: Sequence[Experiment], settings_of_fit: Settings, res
     if any(constraint.is_constraint for constraint in constrained.parameters.values()):
         outcome = fit_joint(prepared, constrained)
     return replace(outcome, data_driven=by_data and bool(scatter))
-
-
-@one_blas_thread
-def refit(results: Results, telemetries: Sequence[Telemetry], path: Path) -> IRLSResult:
-    """Repeat the joint fit of `results`, with its runs, pairs and settings.
-
-    Parameters
-    ----------
-    results : Results
-        With a joint fit.
-    telemetries : sequence of Telemetry
-        What it was fitted to.
-    path : Path
-        Of the results, for messages.
-
-    Raises
-    ------
-    InputError
-        If the results do not say how they came about, or another fit comes out.
-    FitError
-        If no valid estimate results.
-    """
-    prepared, fit_settings = experiments(results, telemetries, path)
-    outcome = least_squares(prepared, fit_settings, results)
-    estimates = dict(zip((p.name for p in outcome.parameters), outcome.solution.theta, strict=True))
-    joint = results.joint.parameters if results.joint else {}
-    for name, estimate in joint.items():
-        if name in attenuation.iv_parameters(results.joint):
-            continue
-        if name not in estimates or abs(estimates[name] - estimate.value) > MAX_CHANGE * estimate.sigma:
-            raise InputError(
-                f"{path}: joint.parameters.{name}: {estimate.value:g}, expected what a fit of the telemetry "
-                f"gives, {estimates.get(name, 'none')}; fit again"
-            )
-    return outcome

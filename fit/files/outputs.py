@@ -11,7 +11,7 @@ from fit.errors import InputError
 #: What is made in a folder of results and then written into.
 _FOLDERS = ("telemetry", "figures", "fmus", "logs")
 #: Files that are opened as they are; all others are replaced whole, and with them a link of their name.
-_FILES = (".lock", ".lock-holder", "campaigns.jsonl", "mcmc.h5", "forecast.json")
+_FILES = (".lock", ".lock-holder", "campaigns.jsonl", "forecast.json")
 
 
 def refuse_links(folder: Path) -> None:

@@ -40,7 +40,6 @@ from fit.fitting.run_estimate import (
     moments,
     run_estimate,
     score_whitening,
-    variance_factors,
 )
 from fit.fitting.solved_model import SolvedModel
 
@@ -84,7 +83,6 @@ __all__ = [
     "score_whitening",
     "stiffnesses",
     "user_params",
-    "variance_factors",
     "weak_priors",
     "weighted_mean",
     "width_posterior",

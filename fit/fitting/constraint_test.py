@@ -288,13 +288,3 @@ def _wald_statistic(
     covariance = np.nan_to_num(unattenuated.covariance)
     excess = rows @ (unattenuated.unconstrained - target)
     return float(excess @ np.linalg.solve(rows @ covariance @ rows.T + np.diag(variance[active]), excess))
-
-
-def descriptions(outcome: IRLSResult) -> list[str]:
-    """Return the constraints of a fit in words."""
-    settings = outcome.parameter_set.settings if outcome.parameter_set else {}
-    return [
-        constraint.describe(outcome.parameters[i].name, float(outcome.solution.theta[i]))
-        for i, constraint in settings.items()
-        if constraint.is_constraint
-    ]

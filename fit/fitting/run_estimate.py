@@ -6,7 +6,6 @@ allows for the window, they have the covariance ``V = H^-1 M H^-1``. All that a 
 any length is c and a square root of V^-1.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -114,22 +113,3 @@ def whitened_directions(H: Array) -> Array:
     values, vectors = np.linalg.eigh(scale[:, None] * H * scale)
     determined = values > NULL * values[-1]
     return np.asarray(scale[:, None] * vectors[:, determined] / np.sqrt(values[determined]))
-
-
-def variance_factors(runs: Sequence[WhitenedRun], theta: Array) -> tuple[float, ...]:
-    """Return the factor that the likelihood of each run is divided by for the window, see `variance_factor`.
-
-    Where the weights of a run follow its own residual, the factor depends on the few bins of its tones: such
-    runs share their mean factor, so that it does not weigh them against each other.
-    """
-    factors = [variance_factor(run, theta) for run in runs]
-    is_reweighted = [run.weights.likelihood != "gaussian" for run in runs]
-    mean = float(np.mean(np.array(factors)[is_reweighted])) if any(is_reweighted) else 1.0
-    return tuple(mean if r else k for k, r in zip(factors, is_reweighted, strict=True))
-
-
-def variance_factor(run: WhitenedRun, theta: Array) -> float:
-    """Return the true variance over that by the curvature, averaged over the directions a run determines."""
-    gradient = run.run_gradient(theta)
-    V = whitened_directions(gradient.T @ run.H @ gradient)
-    return float(np.trace(V.T @ gradient.T @ run.M @ gradient @ V) / V.shape[1])

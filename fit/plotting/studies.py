@@ -8,11 +8,11 @@ from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
 from fit.figures import COLOURS
-from fit.fitting import IRLSResult
 from fit.forecasting import Pulls
-from fit.parameters import ALONG
 from fit.plotting.files import Plot
 from fit.plotting.style import WIDE
+from fit.results import Fit
+from fit.sampling import Chain
 from fit.tables import latex_symbol, signed
 
 Array = NDArray[np.float64]
@@ -26,44 +26,34 @@ _COLUMNS = 5  # histograms side by side
 _HISTOGRAM_LIMIT = 4.5  # sigma, of a histogram
 
 
-def shown(outcome: IRLSResult) -> list[int]:
-    """Return which parameters a corner plot shows: the determinable ones of the dynamics that vary."""
-    return [
-        i
-        for i, p in enumerate(outcome.parameters)
-        if not outcome.undetermined[i] and p.equation not in ALONG and not outcome.exact[i]
-    ]
-
-
-def corner_plot(theta: Array, outcome: IRLSResult, truths: Mapping[str, float]) -> Plot:
-    """Draw the departures from the least-squares estimate in units of its sigma.
+def corner_plot(chain: Chain, joint: Fit) -> Plot:
+    """Draw the departures of a chain from the least-squares estimate in units of its sigma.
 
     Where two parameters are nearly one, the contours of the chain are as wide as their bins.
 
     Parameters
     ----------
-    theta : ndarray, shape (N, P)
-        Points of a converged chain, SI.
-    outcome : IRLSResult
-        Of the joint fit.
-    truths : mapping of str to float
-        The simulated values, as far as they are known.
+    chain : Chain
+        A converged one.
+    joint : Fit
+        The joint fit whose posterior it sampled.
     """
-    samples_of_chain = shown(outcome)
-    covariance = outcome.solution.covariance[np.ix_(samples_of_chain, samples_of_chain)]
-    centre, sigma = outcome.solution.theta[samples_of_chain], np.sqrt(np.diag(covariance))
-    names = [outcome.parameters[i].name for i in samples_of_chain]
-    departures = (theta[:, samples_of_chain] - centre) / sigma
-    figure, axes = _contours(departures, [f"${outcome.parameters[i].latex}$" for i in samples_of_chain])
+    names, varying = list(chain.names), joint.lmfit.var_names
+    index = [varying.index(name) for name in names]
+    covariance = joint.lmfit.covar[np.ix_(index, index)]
+    centre, sigma = np.array([joint.lmfit.params[n].value for n in names]), np.sqrt(np.diag(covariance))
+    departures = (chain.values.reshape(-1, len(names)) - centre) / sigma
+    figure, axes = _contours(departures, [f"${latex_symbol(name)}$" for name in names])
     _least_squares(axes, covariance / np.outer(sigma, sigma))
     drawn = {"blue": "chain, 1 and 2 σ", "orange": "least squares"}
-    known = [(i, (truths[n] - centre[i]) / sigma[i]) for i, n in enumerate(names) if n in truths]
-    for i, pull in known:
-        drawn["green"] = "truth"
-        for ax in axes[i:, i]:
-            ax.axvline(pull, color=COLOURS["green"], linewidth=0.5)
-        for ax in axes[i, :i]:
-            ax.axhline(pull, color=COLOURS["green"], linewidth=0.5)
+    for i, name in enumerate(names):
+        if (truth := joint[name].truth) is not None:
+            drawn["green"] = "truth"
+            pull = (truth - centre[i]) / sigma[i]
+            for ax in axes[i:, i]:
+                ax.axvline(pull, color=COLOURS["green"], linewidth=0.5)
+            for ax in axes[i, :i]:
+                ax.axhline(pull, color=COLOURS["green"], linewidth=0.5)
     figure.legend(
         [Line2D([], [], color=COLOURS[colour]) for colour in drawn],
         list(drawn.values()),
@@ -105,7 +95,7 @@ def _contours(departures: Array, labels: Sequence[str]) -> tuple[Figure, NDArray
 
 
 def _marginals(names: Sequence[str], departures: Array) -> dict[str, Array | list[str]]:
-    """Return the histograms on the diagonal; the chain itself is in mcmc.h5."""
+    """Return the histograms on the diagonal."""
     edges = np.linspace(-_REACH, _REACH, _BINS + 1)
     densities = [np.histogram(column, edges, density=True)[0] for column in departures.T]
     return {

@@ -6,13 +6,12 @@ from pathlib import Path
 from markupsafe import Markup
 from pydantic import BaseModel
 
-from fit.crosstalk import refit
 from fit.files import documents
 from fit.forecasting import Pulls, coverage
 from fit.report.charts import element
 from fit.report.section import FigureSpec, Section
 from fit.results import Results
-from fit.sampling import emcee_sampling
+from fit.sampling import MAX_CHANGE, SCHEMA
 from fit.tables import (
     LIMIT,
     Measurement,
@@ -30,11 +29,11 @@ _COVERAGE = 0.6827  # of a normal variable, within 1 sigma
 
 class _Sampled(BaseModel):
     unit: str
+    estimate: float
     mean: float
     sigma: float
     tau: float
     ess: float
-    r_hat: float
     shift_in_sigma: float
     shift_error: float
     sigma_ratio: float
@@ -43,13 +42,11 @@ class _Sampled(BaseModel):
 
 class _Chain(BaseModel):
     parameters: dict[str, _Sampled]
-    fixed: dict[str, float] = {}
-    constraints: list[str] = []
+    constraints: dict[str, str] = {}
     steps: int
     burn_in: int
     walkers: int
     acceptance: float
-    largest_tau: float
 
 
 class _Origin(BaseModel):
@@ -74,7 +71,7 @@ def sections(results: Results, directory: Path) -> list[Section]:
     """
     sections_found = []
     if (path := directory / "mcmc.json").exists():
-        chain = documents.from_json(path, "what mcmc leaves", emcee_sampling.SCHEMA, _Chain)
+        chain = documents.from_json(path, "what mcmc leaves", SCHEMA, _Chain)
         sections_found.append(_chain(chain, results, directory / "figures"))
     if (path := directory / "montecarlo.json").exists():
         study = documents.from_json(path, "what montecarlo leaves", coverage.SCHEMA, _Study)
@@ -86,36 +83,23 @@ def _chain(chain: _Chain, results: Results, folder: Path) -> Section:
     rows = []
     for name, p in chain.parameters.items():
         exponent = power_of_ten(p.mean)
-        numbers = (
-            measurement(p.mean, p.sigma, exponent),
-            measurement(p.shift_in_sigma, p.shift_error),
-            measurement(p.sigma_ratio, p.sigma_ratio_error),
-        )
-        rows.append(
-            (
-                name_head(symbol(name), name, unit_text(p.unit, exponent)),
-                *numbers,
-                f"{p.tau:.0f}",
-                f"{p.ess:.0f}",
-                f"{p.r_hat:.3f}",
-            )
-        )
-    shift = max((abs(p.shift_in_sigma) for p in chain.parameters.values()), default=0.0)
-    ratio = max((abs(p.sigma_ratio - 1) for p in chain.parameters.values()), default=0.0)
+        head = name_head(symbol(name), name, unit_text(p.unit, exponent))
+        shift, ratio = (p.shift_in_sigma, p.shift_error), (p.sigma_ratio, p.sigma_ratio_error)
+        numbers = measurement(p.mean, p.sigma, exponent), measurement(*shift), measurement(*ratio)
+        rows.append((head, *numbers, f"{p.tau:.0f}", f"{p.ess:.0f}"))
     text = Markup(
-        "{} steps of {} walkers, the first {} left out; {:.0f} % of the proposals accepted, autocorrelation "
-        "time at most {:.0f} steps. Means within {:.2g} σ of least squares, sigmas within {:.2g} %."
+        "{} steps of {} walkers, the first {} left out; {:.0f} % of the proposals accepted. Means within "
+        "{:.2g} σ of least squares, sigmas within {:.2g} %."
     ).format(
         chain.steps,
         chain.walkers,
         chain.burn_in,
         100 * chain.acceptance,
-        chain.largest_tau,
-        shift,
-        100 * ratio,
+        max((abs(p.shift_in_sigma) for p in chain.parameters.values()), default=0.0),
+        100 * max((abs(p.sigma_ratio - 1) for p in chain.parameters.values()), default=0.0),
     )
     if chain.constraints:
-        text += " With constraints: {}.".format("; ".join(chain.constraints))
+        text += " With constraints: {}.".format("; ".join(map(" ".join, chain.constraints.items())))
     if not _belongs(chain, results):
         text += highlight(
             " The chain is of another fit than this one; sample it again (lpfcosim mcmc).", True
@@ -123,9 +107,9 @@ def _chain(chain: _Chain, results: Results, folder: Path) -> Section:
     caption = (
         "Posterior of the joint fit, sampled by Markov chain Monte Carlo: mean and standard deviation, their "
         "distance from least squares in its σ and as a ratio, autocorrelation time in steps, effective "
-        "sample size, and split R-hat (1 expected). In parentheses: error of the chain."
+        "sample size. In parentheses: error of the chain."
     )
-    head = ("Parameter", "Chain", "Shift / σ", "σ / σ least squares", "τ [steps]", "ESS", "R̂")
+    head_row = ("Parameter", "Chain", "Shift / σ", "σ / σ least squares", "τ [steps]", "ESS")
     pictures = _picture(
         folder,
         "corner",
@@ -133,21 +117,21 @@ def _chain(chain: _Chain, results: Results, folder: Path) -> Section:
         "Corner plot: contours contain 39 % and 86 % of the chain (1 and 2 σ); ellipses: least squares; true "
         "values where known. Axes: difference from least squares in units of its σ.",
     )
-    table = Table(head, tuple(rows), caption)
+    table = Table(head_row, tuple(rows), caption)
     return Section("mcmc", "Posterior sampled", text, tables=(table,), figures=pictures)
 
 
 def _belongs(chain: _Chain, results: Results) -> bool:
-    """Return whether the least squares a chain was compared with are those of the results."""
+    """Return whether the joint fit whose posterior was sampled is that of the results."""
     joint = results.joint.parameters if results.joint else {}
-    return (
-        all(
-            abs((chain.parameters[name].mean - e.value) / e.sigma - chain.parameters[name].shift_in_sigma)
-            < refit.MAX_CHANGE
-            for name, e in joint.items()
-            if name in chain.parameters and not e.is_exact
-        )
-        and joint.keys() <= chain.parameters.keys() | chain.fixed.keys()
+    varying = {
+        name: e
+        for name, e in joint.items()
+        if not e.is_exact and not (e.constraint and e.constraint.kind == "tied")
+    }
+    return varying.keys() == chain.parameters.keys() and all(
+        abs(p.estimate - varying[n].value) < MAX_CHANGE * varying[n].sigma
+        for n, p in chain.parameters.items()
     )
 
 

@@ -20,7 +20,7 @@ from fit.telemetry import is_telemetry
 RESULTS, TELEMETRY = "results.json", "telemetry"
 _MAP = "lpf-map/"
 _ARCHIVES = (".csv", ".txt", ".dat", ".mat", ".fits", ".npy", ".gz")
-_PRODUCTS = ("mcmc.h5", "*-deltag.h5")  # output of `mcmc` and `deltag` in a folder of results
+_PRODUCT = "*-deltag.h5"  # output of `deltag` in a folder of results
 
 
 def results_file(path: Path) -> Path:
@@ -172,9 +172,7 @@ def _referenced(file: Path, name: str) -> Path:
 def _check_alone(folder: Path, hdf5_files: Sequence[Path], files: Sequence[Path]) -> None:
     """Refuse a folder that has telemetry directly in it which its results are not of."""
     known = {path.resolve() for path in files}
-    strangers = [
-        path for path in hdf5_files if path.resolve() not in known and not any(map(path.match, _PRODUCTS))
-    ]
+    strangers = [path for path in hdf5_files if path.resolve() not in known and not path.match(_PRODUCT)]
     telemetry = [path.name for path in strangers if is_telemetry(path)]
     if telemetry:
         raise InputError(

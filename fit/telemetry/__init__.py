@@ -20,7 +20,7 @@ from fit.telemetry.reader import (
     short_paths,
 )
 from fit.telemetry.series_files import SeriesFile, read_series
-from fit.telemetry.validation import MAX_MISSING, check_storage
+from fit.telemetry.validation import MAX_MISSING
 from fit.telemetry.writer import Writer
 
 __all__ = [
@@ -39,7 +39,6 @@ __all__ = [
     "check_channels",
     "check_pathfinder",
     "check_runs",
-    "check_storage",
     "common_x_axis",
     "inertial_period",
     "is_telemetry",

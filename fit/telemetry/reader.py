@@ -363,8 +363,6 @@ def read_truth(path: Path) -> dict[str, float]:
 
 def _product(file: h5py.File) -> str:
     """Say what a file is if it was made from telemetry; empty for telemetry, and what is not known."""
-    if str(file.attrs.get("description", "")).startswith("mcmc/chain"):
-        return "the chain of lpfcosim mcmc"
     if "delta_g" in file and "o_1" not in file:
         return f"the calibrated Delta g of run {shown(plain(file.attrs.get('run')))}, by lpfcosim deltag"
     return ""

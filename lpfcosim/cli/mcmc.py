@@ -2,20 +2,22 @@
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
+from fit import api
 from fit.crosstalk import attenuation, refit
+from fit.errors import InputError
 from fit.files import atomic
 from fit.report import page as fit_report
-from fit.results import Results
-from fit.sampling import Posterior
-from fit.sampling import emcee_sampling as chains
+from fit.results import Fit, Results
+from fit.sampling import MAX_CHANGE, MIN_LENGTH, sample
 from fit.telemetry import Telemetry
 from lpfcosim.cli.console import Console
 from lpfcosim.execution import results_folder
 
 
 def mcmc(directory: Path, console: Console, *, steps: int, seed: int) -> None:
-    """Sample the posterior of the joint fit in a folder; continue what is there."""
+    """Sample the posterior of the joint fit in a folder."""
     with console.stage("reading"):
         results, telemetries = refit.load(directory)
     with results_folder.lock(directory):
@@ -31,37 +33,53 @@ def _sample(
     steps: int,
     seed: int,
 ) -> None:
+    path = directory / "results.json"
     for warning in results.joint.unsound if results.joint else ():
-        console.warn(f"{directory / 'results.json'}: joint: {warning.message}")
-    joint = results.joint.parameters if results.joint else {}
-    corrected = attenuation.iv_parameters(results.joint)
-    corrected_estimates = {name: e for name, e in joint.items() if name in corrected}
-    if corrected_estimates:
-        names = ", ".join(corrected_estimates)
-        console.note(
-            f"sampled by least squares, then corrected and widened as by instrumental variables: {names}"
-        )
+        console.warn(f"{path}: joint: {warning.message}")
     with console.stage("fit"):
-        outcome = refit.refit(results, telemetries, directory / "results.json")
-    posterior = Posterior(outcome)
-    with console.counted("autocorrelation times", chains.MIN_LENGTH) as progress:
-        path, identity = directory / "mcmc.h5", chains.digest(results)
-        chain = chains.sample(posterior, path, identity, steps=steps, seed=seed, progress=progress)
-    chain, outcome = chains.apply_iv_correction(chain, outcome, corrected_estimates)
-    truths = {name: e.truth for name, e in joint.items() if e.truth is not None}
-    document = chains.summary(chain, outcome, truths)
-    text = atomic.write_json(directory / "mcmc.json", document)
+        calibrated = _calibrate_again(results, telemetries, path)
+    joint = calibrated.joint
+    assert joint
+    if names := attenuation.iv_parameters(joint) | {*(calibrated.provenance.scatter or {})}:
+        console.note(
+            f"sampled by least squares, without instrumental variables, with the widths of the fit: "
+            f"{', '.join(sorted(names))}"
+        )
+    with console.counted("autocorrelation times", MIN_LENGTH) as progress:
+        chain = sample(calibrated, steps=steps, seed=seed, progress=progress)
+    summary = chain.summary(calibrated)
+    text = atomic.write_json(directory / "mcmc.json", summary)
     with console.stage("figure"):
         from fit.plotting import studies, write  # takes its time
 
         (directory / "figures").mkdir(exist_ok=True)
-        theta = chain.theta.reshape(-1, chain.theta.shape[2])
-        write(directory / "figures", "corner", studies.corner_plot, theta, outcome, truths)
+        write(directory / "figures", "corner", studies.corner_plot, chain, joint)
+    shift = max(abs(p["shift_in_sigma"]) for p in summary["parameters"].values())
     console.print_line(
-        f"{chain.steps} steps of {chain.z.shape[1]} walkers, autocorrelation time up to {max(chain.tau):.0f} "
-        f"steps; means within {document['largest_shift_in_sigma']:.2g} sigma of the joint fit"
+        f"{chain.steps} steps of {summary['walkers']} walkers, autocorrelation time up to "
+        f"{max(chain.tau):.0f} steps; means within {shift:.2g} sigma of the joint fit"
     )
     console.print_json(text)
     with console.stage("report"):
         page = fit_report.write_report(directory, results, telemetries)
-    console.print_line(f"chain: {directory / 'mcmc.h5'}, summary: {directory / 'mcmc.json'}, report: {page}")
+    console.print_line(f"summary: {directory / 'mcmc.json'}, report: {page}")
+
+
+def _calibrate_again(results: Results, telemetries: Sequence[Telemetry], path: Path) -> Results:
+    """Repeat a calibration, whose joint fit must be that of the results."""
+    joint = results.joint
+    settings: dict[str, Any] | None = results.provenance.settings
+    if joint is None or not joint.parameters:
+        raise InputError(f"{path}: joint: expected a joint fit that determined parameters")
+    if settings is None:
+        raise InputError(f"{path}: provenance.settings: missing, expected those of the fit; fit again")
+    calibrated = api.calibrate(telemetries, **settings)
+    fitted: Fit | None = calibrated.joint
+    for name, estimate in joint.parameters.items():
+        value = fitted.parameters[name].value if fitted and name in fitted.parameters else float("nan")
+        if not abs(value - estimate.value) <= MAX_CHANGE * estimate.sigma:
+            raise InputError(
+                f"{path}: joint.parameters.{name}: {estimate.value:g}, expected what a fit of the telemetry "
+                f"gives, {value:g}; fit again"
+            )
+    return calibrated

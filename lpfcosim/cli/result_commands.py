@@ -232,17 +232,17 @@ def ttl(
 def mcmc(
     directory: Directory,
     steps: Annotated[
-        int, typer.Option("--steps", min=1, metavar="N", help="Largest number of steps of this call.")
+        int, typer.Option("--steps", min=1, metavar="N", help="Largest number of steps.")
     ] = 20000,
-    seed: Annotated[int, typer.Option("--seed", min=0, metavar="N", help="Seed of a new chain.")] = 1,
+    seed: Annotated[int, typer.Option("--seed", min=0, metavar="N", help="Seed of the chain.")] = 1,
     as_json: Annotated[bool, typer.Option("--json", help="Print mcmc.json instead of a summary.")] = False,
     quiet: Quiet = False,
 ) -> None:
     """Sample the posterior of the joint fit in DIR.
 
-    The chain counts as converged after 50 autocorrelation times of every parameter. Then mcmc.h5 (the
-    chain), mcmc.json and figures/corner.pdf are written to DIR, and report.html gets a section. Until then
-    the exit status is 1, and the same command continues.
+    The telemetry is fitted again. The chain ends after 50 autocorrelation times of every parameter; mcmc.json
+    and figures/corner.pdf are written to DIR, and report.html gets a section. If it does not get there, the
+    exit status is 1.
     """
     from lpfcosim.cli import mcmc as cli_mcmc
     from lpfcosim.cli.console import Console

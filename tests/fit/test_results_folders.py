@@ -25,9 +25,9 @@ def telemetry(folder, *runs):
     return [write_contract_file(folder / f"{run}.h5", run=run) for run in runs]
 
 
-def chain(folder, name="mcmc.h5"):
+def other_file(folder, name="other.h5"):
     with h5py.File(folder / name, "w") as file:
-        file.create_group("mcmc")
+        file.create_group("group")
         file["fingerprint"] = [0.0]
 
 
@@ -54,8 +54,8 @@ def test_a_plain_folder_means_its_telemetry_once_without_hidden_files(tmp_path):
 @pytest.mark.parametrize("with_results", [False, True])
 def test_a_folder_of_a_run_means_its_telemetry_whatever_lies_beside(tmp_path, with_results):
     files = telemetry(tmp_path / "telemetry", "a", "b", "failed")
-    chain(tmp_path)
-    chain(tmp_path, "jitter.h5")
+    other_file(tmp_path)
+    other_file(tmp_path, "jitter.h5")
     write_contract_file(tmp_path / "a-deltag.h5")
     if with_results:
         results(tmp_path, "telemetry/a.h5", "telemetry/b.h5")
@@ -74,7 +74,7 @@ def test_the_loss_of_telemetry_that_results_name_is_reported(tmp_path, others):
 def test_results_without_telemetry_beside_them_mean_what_they_name(tmp_path):
     files = telemetry(tmp_path / "flight", "a", "b", "other")
     results(tmp_path / "out", "../flight/a.h5", "../flight/b.h5")
-    chain(tmp_path / "out")
+    other_file(tmp_path / "out")
     assert telemetry_files([tmp_path / "out"]) == files[:2]
     files[1].unlink()
     message = refused(telemetry_files, [tmp_path / "out"])
@@ -85,7 +85,7 @@ def test_results_without_telemetry_beside_them_mean_what_they_name(tmp_path):
 def test_results_among_their_telemetry(tmp_path):
     files = telemetry(tmp_path, "a", "b")
     results(tmp_path, "a.h5", "b.h5")
-    chain(tmp_path)
+    other_file(tmp_path)
     assert telemetry_files([tmp_path]) == files
     telemetry(tmp_path, "new")
     message = refused(telemetry_files, [tmp_path])

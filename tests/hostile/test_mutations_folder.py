@@ -6,8 +6,6 @@ import re
 import shutil
 from dataclasses import replace
 
-import h5py
-import numpy as np
 import pytest
 
 from fit import results as fit_results
@@ -15,8 +13,6 @@ from fit.crosstalk import refit
 from fit.errors import InputError
 from fit.pipeline import calibrate
 from fit.report import page as report
-from fit.sampling import emcee_sampling
-from fit.sampling.posterior import Posterior
 from lpfcosim.execution import results_folder as folders
 from lpfcosim.workflows import montecarlo
 from tests.hostile.mutations import damaged, hostile, restructured, survives
@@ -130,38 +126,6 @@ def test_logs_of_campaigns(tmp_path, cases):
             montecarlo.coverage.summary([line["estimates"] for line in kept.values()])
 
         survives(read, path, f"log {n}")
-
-
-@pytest.mark.slow
-def test_chains(copied, cases, monkeypatch):
-    """Chains of another length, kind or place of their numbers, and damaged ones."""
-    monkeypatch.setattr(emcee_sampling, "CHECK_INTERVAL", 10)
-    results, runs = refit.load(copied)
-    posterior = Posterior(refit.refit(results, runs, copied / "results.json"))
-    path = copied / "mcmc.h5"
-
-    def sample():
-        emcee_sampling.sample(posterior, path, "fit", steps=10, seed=1)
-
-    assert "not converged" in survives(sample, path, "new")
-    good = path.read_bytes()
-    for n in range(cases(0.005, 10)):
-        path.write_bytes(damaged(good, random.Random(n)))
-        survives(sample, path, f"chain {n}")
-    for change in (
-        lambda h5: h5.__delitem__("mcmc/chain"),
-        lambda h5: h5["mcmc"].attrs.__delitem__("iteration"),
-        lambda h5: h5["mcmc"].attrs.__setitem__("iteration", 10**12),
-        lambda h5: h5["mcmc"].attrs.__setitem__("nwalkers", "x"),
-        lambda h5: h5["mcmc/chain"].__setitem__(..., np.nan),
-        lambda h5: h5["mcmc/chain"].resize((10**7, *h5["mcmc/chain"].shape[1:])),
-        lambda h5: h5.attrs.__setitem__("digest", 3.0),
-        lambda h5: h5.__delitem__("mcmc") or h5.__setitem__("mcmc", h5py.ExternalLink("/dev/zero", "x")),
-    ):
-        path.write_bytes(good)
-        with h5py.File(path, "a") as h5:
-            change(h5)
-        assert survives(sample, path, change)
 
 
 @pytest.mark.parametrize("there", [None, "folder", b"\xff", b"schema = 1", b'extends = "/dev/zero"'])

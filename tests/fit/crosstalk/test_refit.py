@@ -21,7 +21,7 @@ def test_gains_that_the_data_let_scatter_scatter_again():
         ]
     results = calibrate(runs)
     assert "lambda_2" in results.provenance.scatter
-    outcome = refit.refit(results, runs, Path("results.json"))
+    outcome = refit.least_squares(*refit.experiments(results, runs, Path("results.json")), results)
     assert outcome.data_driven
     width, sigma = outcome.scatter["lambda_2"]
     assert width == pytest.approx(results.provenance.scatter["lambda_2"]["value"], rel=0.01)

@@ -11,7 +11,7 @@ from fit.pipeline import calibrate, calibrate_inertial
 from fit.plotting import studies
 from fit.plotting.files import write
 from fit.report.page import write_report
-from fit.sampling import emcee_sampling
+from fit.sampling import SCHEMA
 from fit.settings import settings
 from fit.telemetry.reader import read_all
 from tests.browser import Page, needs_browser
@@ -119,20 +119,20 @@ def sampled(folder, results):
     """What `lpfcosim mcmc` would leave, of a chain that found what least squares did."""
     chain = {
         name: {
-            "unit": e.unit, "mean": e.value, "sigma": e.sigma, "tau": 60.0,
-            "ess": 5000.0, "r_hat": 1.001, "shift_in_sigma": 0.0,
+            "unit": e.unit, "estimate": e.value, "mean": e.value, "sigma": e.sigma, "tau": 60.0,
+            "ess": 5000.0, "shift_in_sigma": 0.0,
             "shift_error": 0.01, "sigma_ratio": 1.0, "sigma_ratio_error": 0.01,
         }
         for name, e in results.joint.parameters.items()
     }  # fmt: skip
     document = {
-        "schema": emcee_sampling.SCHEMA,
+        "schema": SCHEMA,
         "parameters": chain,
         "steps": 9000,
         "burn_in": 900,
         "walkers": 40,
     }
-    document |= {"acceptance": 0.3, "largest_tau": 60.0}
+    document |= {"acceptance": 0.3}
     (folder / "mcmc.json").write_text(json.dumps(document))
 
 

@@ -291,11 +291,6 @@ def test_what_is_no_file(tmp_path, name, description):
         read_all([tmp_path / name])
 
 
-def chain(file):
-    file.create_group("mcmc")
-    file.attrs["description"] = "mcmc/chain: every 4th step of the walkers, in sigmas"
-
-
 def delta_g(file):
     file.attrs.update({"schema": "lpf-telemetry/1", "run": "A1"})
     file["delta_g"] = [0.0]
@@ -308,7 +303,6 @@ def series(file):
 @pytest.mark.parametrize(
     ("fill", "description"),
     [
-        (chain, "is the chain of lpfcosim mcmc, expected telemetry; name the files of telemetry alone"),
         (delta_g, "is the calibrated Delta g of run 'A1', by lpfcosim deltag, expected telemetry"),
         (series, "attribute schema: missing, expected 'lpf-telemetry/1'"),
         (lambda file: file.attrs.update(schema="lpf-jitter/1"), "attribute schema: 'lpf-jitter/1', expected"),

@@ -37,8 +37,18 @@ def sentence(result):
 
 
 def test_after_mcmc_every_command_takes_the_folder_as_before(lpfcosim, flight):
-    lpfcosim("mcmc", "flight", "--steps", 20, "--quiet", status=1)  # not converged, and the chain is there
-    assert (flight / "mcmc.h5").is_file()
+    _, _, err = lpfcosim("mcmc", "flight", "--steps", 20, "--quiet", status=1)
+    assert "not converged after 20 steps" in err and not (flight / "mcmc.json").exists()
+    _, out, _ = lpfcosim("mcmc", "flight", "--steps", 2000, "--json", "--quiet", status=0)
+    document = json.loads(out)
+    assert document == json.loads((flight / "mcmc.json").read_text())
+    joint = json.loads((flight / "results.json").read_text())["joint"]["parameters"]
+    for name, p in document["parameters"].items():
+        assert abs(p["shift_in_sigma"]) < 5 * p["shift_error"] and p["tau"] < 10
+        assert p["mean"] == pytest.approx(joint[name]["value"], abs=0.2 * joint[name]["sigma"])
+    page = (flight / "report.html").read_text(encoding="utf-8")
+    assert f"{document['steps']} steps of {document['walkers']} walkers" in page
+    assert page.count("data:image/svg+xml") == 1 and "The chain is of another fit" not in page
     with h5py.File(flight / "other.h5", "w") as file:
         file["x"] = [1.0]
     status, _, err = lpfcosim("fit", "flight", "--out", "second", "--quiet")
@@ -57,8 +67,7 @@ def test_after_mcmc_every_command_takes_the_folder_as_before(lpfcosim, flight):
             fit.load_results(folder).joint["lambda_2"].value
             == first["joint"]["parameters"]["lambda_2"]["value"]
         )
-    for name in ("flight/mcmc.h5", "flight-deltag"):
-        assert ": is the c" in sentence(lpfcosim("fit", name, "--out", "third"))
+    assert ": is the c" in sentence(lpfcosim("fit", "flight-deltag", "--out", "third"))
     assert not (flight.parent / "third").exists()
 
 
