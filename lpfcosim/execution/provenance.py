@@ -13,11 +13,8 @@ from lpfcosim.execution.checksums import digest
 from lpfcosim.models import model_of
 
 MODEL_EQUATIONS = "model equations"  # attribute simulated_by of telemetry that no FMU made
-_LABELS = {
-    "campaign_digest": "version of the campaign",
-    "simulated_by": "simulator",
-    "equations_digest": "version of the models",
-}
+_WAYS = ("through the FMUs", "from the equations of the models")
+_LABELS = {"campaign_digest": "version of the campaign", "equations_digest": "version of the models"}
 
 
 @dataclass(frozen=True)
@@ -68,10 +65,14 @@ class Provenance:
     def mismatch(self, attributes: Mapping[str, Any]) -> str:
         """Return in what the attributes of a file differ from this provenance; empty if in nothing."""
         expected = self.attributes()
-        for key in (*expected, *(name for name in attributes if name.startswith("fmu_"))):
+        fmus = [name for name in attributes if name.startswith("fmu_")]
+        for key in ("simulated_by", *expected, *fmus):
             value, recorded = expected.get(key), attributes.get(key)
             if str(recorded) == str(value):
                 continue
+            if key == "simulated_by":
+                was, now = _WAYS if recorded is None else _WAYS[::-1]
+                return f"simulated {was}, now it is {now}"
             if key in ("seed", "lpfcosim_version", "campaign"):
                 return f"simulated with {key.removeprefix('lpfcosim_')} {recorded}, now it is {value}"
             return f"simulated with another {_LABELS.get(key) or key.removeprefix('fmu_') + ' FMU'}"
