@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import partial
 from types import MappingProxyType
 from typing import TYPE_CHECKING
 
@@ -16,7 +15,7 @@ from fit.consistency import consistency_warnings
 from fit.errors import FitError, InputError
 from fit.false_alarms import sigma_limit
 from fit.fitting import constraint_test, irls, width_posterior
-from fit.identification.linearised_run import InvertedLoop, SimulatedExperiment
+from fit.identification.linearised_run import SimulatedExperiment
 from fit.identification.loop import FreeParameter, Loop
 from fit.identification.parameters import JointParameters, constrained_settings, joint, run_dynamics
 from fit.parallel import one_blas_thread, parallel_map
@@ -93,7 +92,8 @@ def identify(
         SimulatedExperiment(
             e,
             loop,
-            InvertedLoop(run_dynamics(e, calibrated, settings), parameters.run_parameters(k, start)),
+            run_dynamics(e, calibrated, settings),
+            parameters.run_parameters(k, start),
             parameters,
             k,
             "marginalised" if e.marginalised else likelihood,
@@ -101,7 +101,7 @@ def identify(
         for k, e in enumerate(experiments)
     ]
     steps = _Steps(weighings)
-    _begin(weighings, start, free)
+    steps.begin(start, is_stated=any(p.start is not None for p in free))
     outcome = irls.iterate(
         weighings,
         parameters.parameters,
@@ -139,11 +139,22 @@ class _Steps:
     weighings: Sequence[SimulatedExperiment]
     refusals: list[str] = field(default_factory=list)
 
+    def begin(self, start: Array, *, is_stated: bool) -> None:
+        """Simulate the loop where the search begins; it is wrong input if the user states where."""
+        try:
+            self._simulate(start)
+        except FitError as error:
+            kind = InputError if is_stated else FitError
+            raise kind(f"identify: start: {error}; expected a loop that can be simulated") from None
+
+    def _simulate(self, theta: Array) -> None:
+        parallel_map(lambda weighing: weighing.simulate(theta), self.weighings)
+
     def limited(self, theta: Array, target: Array) -> Array:
         """Return the next estimate, shape (P,), with loops that can be simulated."""
         for _ in range(STEP_HALVINGS):
             try:
-                parallel_map(partial(_simulate, theta=target), self.weighings)
+                self._simulate(target)
             except FitError as error:
                 self.refusals.append(str(error))
                 target = (theta + target) / 2
@@ -160,20 +171,6 @@ class _Steps:
             f"{self.refusals[-1]}"
         )
         return [FitWarning("step_halved", (), message)]
-
-
-def _simulate(weighing: SimulatedExperiment, theta: Array) -> None:
-    weighing.simulate(theta)
-
-
-def _begin(weighings: Sequence[SimulatedExperiment], start: Array, free: Sequence[FreeParameter]) -> None:
-    """Simulate the loop where the search begins; that is wrong input if the user states where."""
-    try:
-        parallel_map(partial(_simulate, theta=start), weighings)
-    except FitError as error:
-        if any(p.start is not None for p in free):
-            raise InputError(f"identify: start: {error}; expected a loop that can be simulated") from None
-        raise FitError(f"where the search begins: {error}") from None
 
 
 def _report(

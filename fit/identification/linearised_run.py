@@ -54,22 +54,6 @@ class LinearisedRun(whitened_run.WhitenedRun):
         return np.eye(len(self.parameter_map) + 1, len(self.parameter_map), k=-1)
 
 
-@dataclass(frozen=True)
-class InvertedLoop:
-    """The loop by which a force is computed from a motion; it stays while parameters move.
-
-    Attributes
-    ----------
-    dynamics : ndarray, shape (7,)
-        Of `dynamics.PARAMETERS`.
-    theta : mapping of str to float
-        Of the loop that is simulated, for its controller.
-    """
-
-    dynamics: Array
-    theta: Mapping[str, float]
-
-
 class MeasuredInputs:
     """A run and its simulated loop, on which the measured inputs are imposed.
 
@@ -79,12 +63,17 @@ class MeasuredInputs:
         As measured, with what is masked.
     loop : Loop
         Simulates it.
-    reference : InvertedLoop
-        By which forces are computed from motions.
+    dynamics_parameters : ndarray, shape (7,)
+        Of `dynamics.PARAMETERS`, by which forces are computed from motions.
+    controller : mapping of str to float
+        Parameters of the loop with whose controller they are.
     """
 
-    def __init__(self, run: Run, loop: Loop, reference: InvertedLoop) -> None:
-        self.telemetry, self._loop, self._reference = run.telemetry, loop, reference
+    def __init__(
+        self, run: Run, loop: Loop, dynamics_parameters: Array, controller: Mapping[str, float]
+    ) -> None:
+        self.telemetry, self._loop = run.telemetry, loop
+        self._dynamics_parameters, self._controller = dynamics_parameters, controller
         self._run = run
         self._o_1, self._o_12, force_1 = (
             series.at_loop_rate(run.telemetry, name) for name in ("o_1", "o_12", "f_x_1")
@@ -101,7 +90,7 @@ class MeasuredInputs:
         From what was measured, as in the fit, and zero where the run has nothing of it: of motion that the
         loop does not predict, and of gains and delays that are not identified but differ between runs.
         """
-        theta, run = self._reference.dynamics, self._run
+        theta, run = self._dynamics_parameters, self._run
         tau = dynamics.delays(theta)
         columns = run.columns(tau)
         extra_names = columns.names[len(dynamics.COLUMNS) :]
@@ -142,7 +131,7 @@ class MeasuredInputs:
         self._force_response = self._force(impulse_response["o_12"] - reference["o_12"])
         if not self._initial_transient.size:
             unit_sample = np.where(np.arange(self._impulse.size) == 0, MOTION, 0.0)
-            answer = self._loop.command(self.telemetry, self._reference.theta, unit_sample)
+            answer = self._loop.command(self.telemetry, self._controller, unit_sample)
             self._initial_transient = series.initial_transient(answer, self._o_1.size)
 
     def residual_difference(self, upper: Mapping[str, float], lower: Mapping[str, float]) -> Array:
@@ -166,8 +155,8 @@ class MeasuredInputs:
         return self._loop.response(self.telemetry, theta, self._inputs)
 
     def _force(self, o_12: Array) -> Array:
-        answer = self._loop.command(self.telemetry, self._reference.theta, o_12)
-        return series.force(o_12, answer, self._reference.dynamics)
+        answer = self._loop.command(self.telemetry, self._controller, o_12)
+        return series.force(o_12, answer, self._dynamics_parameters)
 
 
 class SimulatedExperiment:
@@ -179,8 +168,8 @@ class SimulatedExperiment:
         As it is to be fitted.
     loop : Loop
         Simulates it.
-    reference : InvertedLoop
-        See `MeasuredInputs`.
+    dynamics_parameters, controller
+        As those of `MeasuredInputs`.
     joint : JointParameters
         The P joint parameters.
     index : int
@@ -195,14 +184,17 @@ class SimulatedExperiment:
         self,
         experiment: Experiment,
         loop: Loop,
-        reference: InvertedLoop,
+        dynamics_parameters: Array,
+        controller: Mapping[str, float],
         joint: JointParameters,
         index: int,
         likelihood: Likelihood,
     ) -> None:
         self.name = experiment.name
-        self._sysid = MeasuredInputs(experiment.sysid, loop, reference)
-        self._noise = experiment.noise and MeasuredInputs(experiment.noise, loop, reference)
+        self._sysid = MeasuredInputs(experiment.sysid, loop, dynamics_parameters, controller)
+        self._noise = experiment.noise and MeasuredInputs(
+            experiment.noise, loop, dynamics_parameters, controller
+        )
         self._names, self._share, self._likelihood = joint.names, joint.maps[index], likelihood
         self._widths, self._low, self._high = joint.scales
         self._measured_names = names = joint.measured_names[index]
