@@ -49,7 +49,7 @@ def identify(
     fixed_values: Mapping[str, float] = MappingProxyType({}),
     params: lmfit.Parameters | None = None,
 ) -> Results:
-    """Estimate parameters of a simulated loop.
+    """Estimate parameters of a simulated loop; the results have a joint fit alone.
 
     Parameters
     ----------
@@ -68,11 +68,6 @@ def identify(
     params : lmfit.Parameters, optional
         Constraints in addition to those of the settings, see `make_params`.
 
-    Returns
-    -------
-    Results
-        With a joint fit alone.
-
     Raises
     ------
     InputError
@@ -81,55 +76,53 @@ def identify(
         If the loop cannot be simulated, or no valid estimate results.
     """
     settings = constrained_settings(experiments, free, calibrated, settings, params)
+    parameters = joint(experiments, free, settings, calibrated)
+    steps = _Steps(_weighings(experiments, loop, parameters, calibrated, settings))
+    steps.begin(parameters.start, is_stated=any(p.start is not None for p in free))
+    outcome = steps.outcome(parameters)
+    if outcome.random_effects:
+        widened = width_posterior.marginalise_widths(outcome)
+        outcome = replace(widened, data_driven=settings.scatter == ["auto"])
+    fit = _report(experiments, parameters, outcome, settings)
+    test = constraint_test.refit_unconstrained(outcome, settings.parameters)
+    warnings = [
+        *test.warnings(),
+        *fit.warnings,
+        *_doubts(experiments, calibrated, outcome),
+        *steps.warnings(),
+    ]
+    if not test.is_contradicted:  # of which a difference is a consequence
+        tested = {c.name for c in test.active}
+        warnings += _differences(fit, calibrated.joint, fixed_values, tested, loop)
+    provenance = _provenance(experiments, calibrated.provenance, outcome, settings)
+    return Results(replace(fit, warnings=tuple(warnings)), {}, {}, {}, provenance)
+
+
+def _weighings(
+    experiments: Sequence[Experiment],
+    loop: Loop,
+    parameters: JointParameters,
+    calibrated: Results,
+    settings: Settings,
+) -> list[SimulatedExperiment]:
+    """Return the experiments against the simulated loop, forces computed from motions as in the fit."""
     if settings.estimator == "flscov":
         raise InputError(
             'fit.estimator: "flscov" is not available with a simulated loop, expected another estimator'
         )
     likelihood: Likelihood = settings.estimator
-    parameters = joint(experiments, free, settings, calibrated)
-    start = np.array([p.value for p in parameters.parameters])
-    weighings = [
+    return [
         SimulatedExperiment(
             e,
             loop,
             run_dynamics(e, calibrated, settings),
-            parameters.run_parameters(k, start),
+            parameters.run_parameters(k, parameters.start),
             parameters,
             k,
             "marginalised" if e.marginalised else likelihood,
         )
         for k, e in enumerate(experiments)
     ]
-    steps = _Steps(weighings)
-    steps.begin(start, is_stated=any(p.start is not None for p in free))
-    outcome = irls.iterate(
-        weighings,
-        parameters.parameters,
-        random_effects=parameters.random_effects,
-        limit_step=steps.limited,
-        settings=parameters.settings,
-    )
-    if outcome.random_effects:
-        outcome = replace(
-            width_posterior.marginalise_widths(outcome), data_driven=settings.scatter == ["auto"]
-        )
-    fit = _report(experiments, parameters, outcome, settings)
-    test = constraint_test.refit_unconstrained(outcome, settings.parameters)
-    levels = [e.name for e in experiments if e.marginalised]
-    warnings = [
-        *test.warnings(),
-        *fit.warnings,
-        *(w for w in (calibrated.joint.warnings if calibrated.joint else ()) if w.code in DATA_CODES),
-        *consistency_warnings(experiments, outcome),
-        *noise_adaptation.misfits(experiments, outcome),
-        *steps.warnings(),
-        *map(noise_adaptation.marginalised_warning, levels),
-    ]
-    if not test.is_contradicted:  # of which a difference is a consequence
-        tested = {c.name for c in test.active}
-        warnings += _differences(fit, calibrated.joint, fixed_values, tested, loop)
-    provenance = _provenance(calibrated.provenance, outcome, settings, levels)
-    return Results(replace(fit, warnings=tuple(warnings)), {}, {}, {}, provenance)
 
 
 @dataclass
@@ -149,6 +142,16 @@ class _Steps:
 
     def _simulate(self, theta: Array) -> None:
         parallel_map(lambda weighing: weighing.simulate(theta), self.weighings)
+
+    def outcome(self, parameters: JointParameters) -> irls.IRLSResult:
+        """Iterate."""
+        return irls.iterate(
+            self.weighings,
+            parameters.parameters,
+            random_effects=parameters.random_effects,
+            limit_step=self.limited,
+            settings=parameters.settings,
+        )
 
     def limited(self, theta: Array, target: Array) -> Array:
         """Return the next estimate, shape (P,), with loops that can be simulated."""
@@ -191,6 +194,18 @@ def _report(
         for name, e in fit.parameters.items()
     }
     return replace(fit, parameters=estimates)
+
+
+def _doubts(
+    experiments: Sequence[Experiment], calibrated: Results, outcome: irls.IRLSResult
+) -> list[FitWarning]:
+    """Return the warnings about the data, and about what the loop leaves of them."""
+    return [
+        *(w for w in (calibrated.joint.warnings if calibrated.joint else ()) if w.code in DATA_CODES),
+        *consistency_warnings(experiments, outcome),
+        *noise_adaptation.misfits(experiments, outcome),
+        *(noise_adaptation.marginalised_warning(e.name) for e in experiments if e.marginalised),
+    ]
 
 
 def _differences(
@@ -243,15 +258,14 @@ def _differences(
 
 
 def _provenance(
-    provenance: Provenance, outcome: irls.IRLSResult, settings: Settings, levels: list[str]
+    experiments: Sequence[Experiment], provenance: Provenance, outcome: irls.IRLSResult, settings: Settings
 ) -> Provenance:
     """Return that of the calibration without what an identification has not."""
-    widths = {name: {"value": value, "sigma": sigma} for name, (value, sigma) in outcome.scatter.items()}
     return replace(
         provenance,
         settings=settings.record(),
-        levels=levels,
-        scatter=widths,
+        levels=[e.name for e in experiments if e.marginalised],
+        scatter={name: {"value": value, "sigma": sigma} for name, (value, sigma) in outcome.scatter.items()},
         cross_talk_periods=None,
         subtraction=None,
         inertial_runs=None,

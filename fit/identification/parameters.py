@@ -61,6 +61,11 @@ class JointParameters:
     maps: tuple[Array, ...]
     measured_names: tuple[tuple[str, ...], ...]
 
+    @property
+    def start(self) -> Array:
+        """Where the search begins, shape (P,)."""
+        return np.array([p.value for p in self.parameters])
+
     def run_parameters(self, k: int, theta: Array) -> dict[str, float]:
         """Return the parameters of the loop in the k-th experiment by name; theta has the shape (P,)."""
         return dict(zip(self.names, (self.maps[k] @ theta).tolist(), strict=False))

@@ -61,8 +61,7 @@ def identify(
 ) -> Identification:
     """Estimate parameters of the FMUs in the loop.
 
-    The closed loop is simulated through the FMUs with trial values; ``o_1`` and ``f_x_1`` are imposed as
-    measured, ``o_12`` is compared.
+    The closed loop is simulated with trial values; ``o_1`` and ``f_x_1`` are imposed, ``o_12`` is compared.
 
     Parameters
     ----------
@@ -99,11 +98,8 @@ def identify(
         progress.warn(warning)
     if files:
         _calibrate(plan, files, directory, fit_settings, progress)
-    elif not (directory / "results.json").is_file():
-        raise InputError(
-            f"{directory / 'results.json'}: no such file, expected what lpfcosim run leaves, or telemetry: "
-            f"give the command lpfcosim run {source or f'{plan.name}.toml'}, or add files to this one"
-        )
+    else:
+        _check_results(directory / "results.json", source or Path(f"{plan.name}.toml"))
     with results_folder.lock(directory, alternative=True), ExitStack() as stack:
         with prefix_errors(source):
             copies = stack.enter_context(fmu_archives.snapshot(plan, fmus, directory, trusted=trusted))
@@ -125,6 +121,14 @@ def _validate(plan: Campaign, *, trusted: bool) -> Settings:
     # Before telemetry is fitted; `fmus.snapshot` checks the copies that are loaded.
     fmu_archives.check(plan, {r.model: r.archive for r in plan.replacements}, trusted=trusted)
     return fit_settings
+
+
+def _check_results(path: Path, campaign: Path) -> None:
+    if not path.is_file():
+        raise InputError(
+            f"{path}: no such file, expected what lpfcosim run leaves, or telemetry: give the command "
+            f"lpfcosim run {campaign}, or add files to this one"
+        )
 
 
 def _calibrate(
