@@ -18,7 +18,6 @@ from fit.errors import FitError, InputError, shown
 from fit.files import is_file, refuse_links
 from fit.fitting import parameter_values, user_params
 from fit.forecasting import coverage
-from fit.lisa import is_lisa, make_lisa_params
 from fit.results import Provenance, Results, check_results, results_file, telemetry_files
 from fit.settings import ParameterSettings, refuse_fmu_parameters, settings
 from fit.tables import latex, notebook  # noqa: F401 - for how what is returned shows itself
@@ -93,8 +92,6 @@ def make_params(runs: Sequence[Telemetry], **options: object) -> lmfit.Parameter
         If a setting is not known, or runs have neither injections nor inertial forces to fit.
     """
     check_runs(runs, "make_params")
-    if is_lisa(runs):
-        return make_lisa_params(runs)
     return user_params.make_params(runs, settings(options, "make_params"), euler_fit.angles(runs))
 
 

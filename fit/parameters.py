@@ -146,11 +146,11 @@ _GEOMETRY = {
 }
 
 #: Equations whose parameters are fitted along with the dynamics and not reported among them.
-ALONG = (3, 4, 0)  # 0: departures of single experiments
+ALONG = (3, 4, -1)  # -1: departures of single experiments
 
 #: Joint fit of the paper, in the order of the joint results.
 FLIGHT: Mapping[str, Parameter] = {p.name: p for p in (*_DYNAMICS, *_READ_OUT)}
-#: The parameters of one LISA spacecraft, see `fit.model.lisa_dynamics`.
+#: The parameters of one LISA spacecraft, see `fit.spacecraft.lisa`.
 LISA: Mapping[str, Parameter] = {
     p.name: p
     for p in (

@@ -3,7 +3,7 @@
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
-from fit.consistency import explain_exclusions, fit_consistent_runs, model_warnings
+from fit.consistency import equation_warnings, explain_exclusions, fit_consistent_runs, model_warnings
 from fit.crosstalk import attenuation, centrifugal, coupling_constraints, crosstalk_fit, euler_fit
 from fit.errors import FitError, InputError
 from fit.fitting import (
@@ -14,7 +14,6 @@ from fit.fitting import (
     fit_experiment,
     fit_joint,
 )
-from fit.lisa import calibrate_lisa, is_lisa
 from fit.model import Sharing, rotation, separation
 from fit.parallel import one_blas_thread, parallel_map, progress_stage
 from fit.quality import (
@@ -32,6 +31,7 @@ from fit.quality import (
 from fit.requirements import TAPER
 from fit.results import Fit, Provenance, Results, check_frame
 from fit.settings import ParameterSettings, Settings, settings, with_other_constraints
+from fit.spacecraft import check_same
 from fit.telemetry import Telemetry, common_x_axis, inertial_period
 from fit.warnings import Cause, FitWarning
 from fit.whitening import Experiment, divide, pair
@@ -55,8 +55,7 @@ def calibrate(telemetries: Sequence[Telemetry], chosen: Settings | None = None) 
     FitError
         If no valid estimate results.
     """
-    if is_lisa(telemetries):
-        return calibrate_lisa(telemetries, chosen or settings())
+    check_same(telemetries)
     chosen = chosen or settings()
     return _with_inertial(_dynamics(telemetries, chosen), telemetries, chosen.parameters)
 
@@ -154,7 +153,10 @@ class _Together:
 def _dynamics(telemetries: Sequence[Telemetry], chosen: Settings) -> Results:
     """Fit the experiments, each on its own and jointly, and the cross-talk that was fitted along."""
     progress_stage(0.1)
-    recorded = [experiment.limit_band(chosen.f_max) for experiment in pair(telemetries)]
+    recorded = [
+        experiment.limit_band(chosen.f_max).with_parameters(chosen.parameters)
+        for experiment in pair(telemetries)
+    ]
     if not recorded:
         raise InputError(
             f"{_paths(telemetries)}: no run of kind 'sysid', expected at least one to calibrate with, "
@@ -255,7 +257,9 @@ def _together(
     has_couplings = any(e.sysid.channels.means for e in agreed.experiments)
     correction = attenuation.correct_attenuation(outcome, agreed.experiments) if has_couplings else None
     test = coupling_constraints.check_constraints(outcome, agreed.outcome, agreed.experiments, correction)
-    warnings = (*agreed.warnings, *test.warnings())
+    contradictions = equation_warnings(agreed.test, agreed.experiments) if agreed.test else ()
+    of_runs = [w for w in agreed.warnings if not (contradictions and w.code == "contradiction")]
+    warnings = (*contradictions, *of_runs, *test.warnings())
     fit = _warned(fit_quality.as_fit(outcome, agreed.experiments), warnings)
     left_out = explain_exclusions(
         (*campaign.exclusions, *agreed.left_out),

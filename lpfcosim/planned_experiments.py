@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fit.forecasting import PlannedExperiment, PlannedNoiseRun
-from fit.lisa import LisaExperiment, LisaRun, PlannedLisaExperiment
 from fit.model import rotation
 from fit.telemetry import Telemetry
 from fit.whitening import Experiment
@@ -50,27 +49,6 @@ def planned_experiments(campaign: Campaign) -> list[PlannedExperiment]:
 def is_lisa(campaign: Campaign) -> bool:
     """Return whether a campaign is of a LISA spacecraft."""
     return any(model_of(run).equation == LISA for run in campaign.runs)
-
-
-def planned_lisa_experiments(campaign: Campaign) -> list[PlannedLisaExperiment]:
-    """Return the sysid runs of a LISA campaign, noise-free, with the cross-spectra of their noise.
-
-    Raises
-    ------
-    InputError
-        If a loop is unstable.
-    """
-    sysid_runs = [run for run in campaign.runs if run.kind == "sysid"]
-    stability.check(*sysid_runs)
-    runs = [LisaRun(telemetry_of(run, response.linear_response(run))) for run in sysid_runs]
-    return [
-        PlannedLisaExperiment(
-            LisaExperiment(noise_free, noise_free),
-            partial(response.cross_spectra, run),
-            telemetry_file.truth(run),
-        )
-        for run, noise_free in zip(sysid_runs, runs, strict=True)
-    ]
 
 
 def planned_noise_runs(runs: Sequence[Run]) -> list[PlannedNoiseRun]:

@@ -36,6 +36,7 @@ LAYERS = {
         ),
         *(
             "model",
+            "spacecraft",
             "whitening",
             "fitting",
             "quality",
@@ -43,7 +44,6 @@ LAYERS = {
             "consistency",
             "sampling",
             "forecasting",
-            "lisa",
         ),
         *(
             "identification",
@@ -96,7 +96,6 @@ USERS = {
         "fit.fitting",
         "fit.crosstalk",
         "fit.identification",
-        "fit.lisa",
         "fit.quality",
         "fit.results",
         "fit.tilt_to_length",

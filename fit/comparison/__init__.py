@@ -1,5 +1,6 @@
-"""Compare results: the estimates of each parameter, and how far they differ from the first."""
+"""Results side by side: estimates, their differences in sigma, and whether their data are independent."""
 
-from fit.comparison.comparison import Comparison, compare
+from fit.comparison.comparison import Comparison
+from fit.comparison.differences import compare
 
 __all__ = ["Comparison", "compare"]

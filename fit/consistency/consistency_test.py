@@ -167,10 +167,11 @@ class ConsistencyTest:
     @cached_property
     def _noise_errors(self) -> tuple[NDArray[np.intp], scipy.sparse.csr_array]:
         """Where the blocks of the runs lie in a projection, and the effect of the noise models on them."""
-        index = np.arange(self.residual.size**2).reshape(self.residual.size, -1)
+        index = np.arange(self.residual.size**2).reshape(self.residual.size, self.residual.size)
         positions = np.concatenate([index[rows, rows].ravel() for rows in self.rows])
         errors = [
-            whitened_run.matrix_sqrt(run.knot_covariance) @ run.knot_effects.reshape(-1, run.residual.size**2)
+            whitened_run.matrix_sqrt(run.knot_covariance)
+            @ run.knot_effects.reshape(len(run.knot_effects), run.residual.size**2)
             for run in self.runs
         ]
         return positions, scipy.sparse.csr_array(scipy.sparse.block_diag(errors))

@@ -129,7 +129,10 @@ def fit_consistent_runs(
     consistent = selection.experiments
     test = consistency_test(consistent, joint)
     left_out = (*unusable, *unsettled, *contradicting)
-    warnings = [*_warnings(test, joint, consistent), *fit_quality.acausal(joint)]
+    warnings = [
+        *_warnings(test, joint, consistent),
+        *fit_quality.acausal(joint, experiments[0].sysid.spacecraft.commands),
+    ]
     if 2 * len(left_out) > len(experiments):
         warnings.append(_majority(left_out, experiments))
     return ConsistentFit(joint, tuple(consistent), left_out, tuple(warnings), test, selection.probabilities)

@@ -65,7 +65,7 @@ class Candidate:
 
 def whole_run_candidates(test: RunTest, lenders: Sequence[Experiment]) -> Iterator[Candidate]:
     """Yield what may be wrong with all of a run; `lenders` are runs whose channels it may contain."""
-    x = {name: getattr(test.experiment.sysid.channels, name) for name in dynamics.CHANNELS}
+    x = {name: test.experiment.sysid.channels.series[name] for name in dynamics.CHANNELS}
     for name in _live(x):
         yield from _scale(test, name, x[name])
         yield from _lags(test, name, x[name])
@@ -80,7 +80,7 @@ def whole_run_candidates(test: RunTest, lenders: Sequence[Experiment]) -> Iterat
 
 def segment_candidates(test: RunTest, min_gain: float) -> Iterator[Candidate]:
     """Yield what may be wrong with a part of a run and lowers chi^2 by `min_gain` or more."""
-    x = {name: getattr(test.experiment.sysid.channels, name) for name in dynamics.CHANNELS}
+    x = {name: test.experiment.sysid.channels.series[name] for name in dynamics.CHANNELS}
     fs, time = test.experiment.sysid.channels.fs, test.series.columns.time
     segments = []
     for name in _live(x):
@@ -277,7 +277,7 @@ def _exchanges(test: RunTest, x: Mapping[str, Array], lenders: Sequence[Experime
         if e.name == test.experiment.name or run.fs != test.experiment.sysid.channels.fs:
             continue
         for name in dynamics.CHANNELS:
-            series = getattr(run, name)
+            series = run.series[name]
             if series.size == x[name].size and np.ptp(series) > 0:
                 words = f"{name} belongs to another run: that of {e.sysid.telemetry.run} fits"
                 cause = Cause("", name, "exchange", words=words)

@@ -17,9 +17,8 @@ from fit.consistency.run_test import MAX_EXCESS, Correction, RunTest
 from fit.errors import FitError
 from fit.false_alarms import p_limit
 from fit.fitting import IRLSResult
-from fit.model import Sharing, dynamics
+from fit.model import Sharing
 from fit.parallel import parallel_map
-from fit.parameters import experiment_parameters
 from fit.quality import Exclusion, noise_adaptation
 from fit.units import campaign_unit, concise_value
 from fit.warnings import Cause
@@ -256,14 +255,15 @@ def largest_pull(test: ConsistencyTest, i: int, experiment: Experiment) -> str:
     share = score.equation.parameter_map * rest.width
     sigma = np.sqrt(np.einsum("ij,jk,ik->i", share, rest.covariance(), share))
     single, single_sigma = score.single_fit()
-    n = len(dynamics.PARAMETERS)
+    names = score.equation.names
+    n = len(names)
     shared = sigma[:n] > 0  # the others have no delta_ifo of an epoch that they do not belong to
     pulls = np.where(shared, np.abs(single[:n] - theta[:n]) / np.hypot(single_sigma[:n], sigma[:n]), 0.0)
     if not np.any(pulls > 0):
         return "agrees with them"
     k = int(np.argmax(pulls))
-    name = dynamics.PARAMETERS[k]
-    units = {p.name: p.unit for p in experiment_parameters(experiment.sysid.telemetry.authority, 1).values()}
+    name, run = names[k], experiment.sysid
+    units = {p.name: p.unit for p in run.spacecraft.parameters(run.telemetry, experiment.parameters)}
     return (
         f"alone puts {name} at {concise_value(single[k], single_sigma[k])}, the others at "
         f"{concise_value(theta[k], sigma[k])} {campaign_unit(units.get(name, '1'))}"

@@ -8,7 +8,7 @@ joint fit would put it into gains and stiffness. It may be a template whose amou
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -23,9 +23,10 @@ from fit.model import dynamics
 from fit.parallel import parallel_map
 from fit.parameters import DELAYS
 from fit.quality import MODEL_MISFIT, initial_fit
+from fit.spacecraft import DELTA_G
 from fit.spectra import windowing
 from fit.warnings import Cause, FitWarning, either
-from fit.whitening import Experiment, whitened_run
+from fit.whitening import Experiment, Run, whitened_run
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -40,6 +41,7 @@ ACCOUNTED = 0.8  # share of the misfit that a template must account for
 CHANCE = 3.0  # standard deviations of the sum of the power, that noise may make
 INDISTINCT, DELTA_CHI2 = 0.01, 10.0  # share of Delta chi^2, and more, up to which templates are alike
 MAX_DELAY = 3.0  # times the delays of the flight; no actuator comes near
+ITERATIONS = 4  # of parameters that equations share, nearly linear
 PRECISE = 0.05  # s, standard deviation of a delay that is compared with those of the flight
 
 
@@ -172,8 +174,9 @@ def model_warnings(experiments: Sequence[Experiment]) -> list[FitWarning]:
     measured = [e for e in experiments if e.noise is not None]
     if not measured:
         return []
-    forces = [[np.abs(getattr(e.sysid.channels, f"f_x_{j}")).max() for j in (1, 2)] for e in measured]
-    largest = (float(max(f for f, _ in forces)), float(max(f for _, f in forces)))
+    series = [e.sysid.channels.series for e in measured]
+    forces = [[float(np.abs(x.get(f"f_x_{j}", np.zeros(1))).max()) for j in (1, 2)] for x in series]
+    largest = (max(f for f, _ in forces), max(f for _, f in forces))
     runs = parallel_map(lambda e: run_misfit(e, largest), measured, Experiment.samples)
     delays = _delay_warnings(runs)
     if common := common_effects(runs):
@@ -190,7 +193,7 @@ def run_misfit(
     largest_force: tuple[float, float],
     templates: Sequence[Template] = MODEL_TEMPLATES,
 ) -> RunMisfit:
-    """Fit a run with coefficients of its own and take the products of templates with its residual.
+    """Fit a run with parameters of its own and take the products of templates with its residual.
 
     Parameters
     ----------
@@ -199,28 +202,41 @@ def run_misfit(
     largest_force : tuple of float
         See `RunSeries`.
     templates : sequence of Template
-        All of them by default.
+        All of them by default; those of other equations are left out.
     """
     run = experiment.sysid
     tau = initial_fit.initial_fit(run).tau
-    terms, columns = run.spectra(tau), run.columns(tau)
-    S = initial_fit.initial_noise_psd(experiment).expected(terms.f)
-    U = whitened_run.as_real(whitened_run.whiten(terms, S)[0])
-    test = ScoreTest(U[:, 0], U[:, 1:])
-    w, series = terms.window, RunSeries(run, columns, np.array([1.0, *-test.refit.amounts]), largest_force)
+    terms = run.spectra(tau)
+    PSDs = [initial_fit.initial_noise_psd(experiment, k).expected(terms.f) for k in range(len(run.equations))]
+    whitened = [
+        whitened_run.as_real(whitened_run.whiten(equation.spectra(terms), S)[0])
+        for equation, S in zip(run.equations, PSDs, strict=True)
+    ]
+    signal = np.concatenate([U[:, 0] for U in whitened])
+    w, f, S = terms.window, np.tile(terms.f, len(PSDs)), np.concatenate(PSDs)
+    misfit = RunMisfit(
+        experiment=experiment,
+        f=f,
+        driven=np.linalg.norm(signal.reshape(-1, 2), axis=1) > DRIVEN * np.sqrt(2),
+        sine_amplitude=np.sqrt(S * (w @ w) * run.channels.fs) / w.sum(),
+        test=_refitted(run, whitened, tau),
+        variance=windowing.variance_factor(w),
+        delays=np.array([(t, np.inf) for t in tau]),
+        information=np.zeros(0),
+        scores=np.zeros(0),
+        effects=np.zeros((2 * f.size, 0)),
+    )
+    if [equation.name for equation in run.equations] != [DELTA_G.name]:  # whose templates these are
+        return misfit
+    test, columns = misfit.test, run.columns(tau)
+    series = RunSeries(run, columns, np.array([1.0, *-test.refit.amounts]), largest_force)
     added = [template.effect(series) for template in templates]
     values = np.stack([np.zeros(len(columns.values)) if x is None else x for x in added], axis=1)
-    whitened = whitened_run.whiten(run.transformed(values, columns), S)[0]
-    effects = whitened_run.as_real(whitened)
+    effects = whitened_run.as_real(whitened_run.whiten(run.transformed(values, columns), S)[0])
     independent = test.independent(effects)
     rms = max(1.0, float(np.sqrt(np.mean(test.residual**2))))  # beyond noise, the delays are less precise
-    return RunMisfit(
-        experiment=experiment,
-        f=terms.f,
-        driven=np.linalg.norm(U[:, 0].reshape(-1, 2), axis=1) > DRIVEN * np.sqrt(2),
-        sine_amplitude=np.sqrt(S * (w @ w) * columns.fs) / w.sum(),
-        test=test,
-        variance=windowing.variance_factor(terms.window),
+    return replace(
+        misfit,
         delays=_delays(tau, series.coefficients, test.refit.sigmas * rms),
         information=np.sum(independent**2, axis=0),
         scores=independent.T @ test.residual,
@@ -228,13 +244,29 @@ def run_misfit(
     )
 
 
+def _refitted(run: Run, whitened: Sequence[Array], tau: tuple[float, float]) -> ScoreTest:
+    """Return the residual of the whitened columns of each equation, its parameters refitted."""
+    if len(whitened) == 1:  # a coefficient for each parameter
+        return ScoreTest(whitened[0][:, 0], whitened[0][:, 1:])
+    names = run.channels.parameters
+    values = {p.name: p.value for p in run.spacecraft.parameters(run.telemetry, names)}
+    theta = np.array([values[name] for name in names])
+    for _ in range(ITERATIONS):
+        pairs = list(zip(whitened, run.equations, strict=True))
+        residual = np.concatenate([U @ e.coefficients(theta, tau) for U, e in pairs])
+        test = ScoreTest(residual, np.concatenate([U @ e.gradient(theta, tau) for U, e in pairs]))
+        theta = theta - test.refit.amounts
+    return test
+
+
 def common_effects(runs: Sequence[RunMisfit]) -> list[CommonEffect]:
     """Return the template that accounts for what is in all runs, and those as likely; empty without one."""
     epochs: dict[int, list[RunMisfit]] = {}
+    runs = [run for run in runs if run.information.size]
     for run in runs:
         epochs.setdefault(run.experiment.sysid.telemetry.alignment_epoch, []).append(run)
     effects = []
-    for i, template in enumerate(MODEL_TEMPLATES):
+    for i, template in enumerate(MODEL_TEMPLATES if runs else ()):
         if template.by_epoch:
             effects += [_common_effect(of_epoch, i, template, k) for k, of_epoch in epochs.items()]
         else:

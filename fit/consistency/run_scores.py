@@ -8,7 +8,6 @@ import scipy
 from numpy.typing import NDArray
 
 from fit.fitting import RunEstimate, column_scale, moments, score_whitening
-from fit.model import dynamics
 from fit.whitening import whitened_run
 
 Array = NDArray[np.float64]
@@ -17,9 +16,6 @@ MISMATCH = 1.5  # factor between noise and its model from which the model is no 
 NULL = 1e-5  # singular value relative to the largest, below which a direction is not determined
 DRIVEN = 100.0  # whitened power of a bin, 2 for noise alone, from which an injection drives it
 SIGNAL_SHARE = 0.5  # of the information on the loop that must come from driven bins
-#: Columns that answer to the noise in closed loop, and those from which driven bins are recognised.
-LOOP_COLUMNS = tuple(dynamics.COLUMNS.index(name) - 1 for name in ("f_2", "df_2", "o_12"))
-DRIVEN_COLUMNS = tuple(dynamics.COLUMNS.index(name) for name in ("ddo_12", "f_2", "o_12"))
 
 
 @dataclass(frozen=True)
@@ -129,8 +125,8 @@ def trusted_rows(block: whitened_run.WhitenedRun, W: Array, H: Array, c: Array) 
     injections none.
     """
     root = W @ H
-    if tuple(block.names) == dynamics.PARAMETERS:
-        doubtful = _doubtful_directions(block, root, H, c)
+    if tuple(block.names) == block.equation.parameters[: len(block.names)]:
+        doubtful = np.hstack([_doubtful_directions(*part, root, H, c) for part in _parts(block)])
     else:  # a simulated loop, linear in the parameters of the run: those of read-outs come last
         doubtful = root[:, len(block.names) :]
     basis = column_space(of_unit_length(doubtful))
@@ -140,19 +136,31 @@ def trusted_rows(block: whitened_run.WhitenedRun, W: Array, H: Array, c: Array) 
     return np.asarray(u[:, s > 0.5].T @ W)
 
 
-def _doubtful_directions(block: whitened_run.WhitenedRun, root: Array, H: Array, c: Array) -> Array:
-    """Return the whitened scores, as columns, of noisy regressors and of directions without a signal."""
-    columns = np.concatenate([np.ones(1), c])[list(DRIVEN_COLUMNS)]
-    driven = (np.abs(block.columns[:, DRIVEN_COLUMNS] * columns) ** 2 > DRIVEN).any(axis=1)
-    loop = list(LOOP_COLUMNS)
-    scale = column_scale(H)[loop]
+def _parts(block: whitened_run.WhitenedRun) -> list[tuple[whitened_run.WhitenedRun, NDArray[np.intp]]]:
+    """Return the equations of a run, and the places of their coefficients among those of the run."""
+    return [(part, places[1:] - 1) for part, places in zip(block.blocks, block.places, strict=True)]
+
+
+def _doubtful_directions(
+    block: whitened_run.WhitenedRun, places: NDArray[np.intp], root: Array, H: Array, c: Array
+) -> Array:
+    """Return the whitened scores, as columns, of noisy regressors and of directions without a signal.
+
+    Of an equation of a run whose coefficients have these places.
+    """
+    columns, equation = list(block.equation.columns), block.equation
+    of_signal = [columns.index(name) for name in equation.driven_columns]
+    coefficients = np.concatenate([np.ones(1), c[places]])[of_signal]
+    driven = (np.abs(block.columns[:, of_signal] * coefficients) ** 2 > DRIVEN).any(axis=1)
+    loop = [columns.index(name) - 1 for name in equation.loop_columns]
+    scale = column_scale(H)[places[loop]]
     U = (block.columns[driven][:, 1:] * np.sqrt(block.weights.curvature[driven])[:, None])[:, loop] * scale
-    signal, every = (U.conj().T @ U).real, H[np.ix_(loop, loop)] * np.outer(scale, scale)
+    signal, every = (U.conj().T @ U).real, H[np.ix_(places[loop], places[loop])] * np.outer(scale, scale)
     present = scale > 0
     share, vectors = scipy.linalg.eigh(signal[np.ix_(present, present)], every[np.ix_(present, present)])
     directions = scale[present, None] * vectors[:, share < SIGNAL_SHARE]
-    regressors = root[:, len(dynamics.COLUMNS) - 1 :]
-    return np.hstack([root[:, np.array(loop)[present]] @ directions, regressors])
+    regressors = root[:, [places[columns.index(name) - 1] for name in equation.noisy_columns]]
+    return np.hstack([root[:, places[np.array(loop)[present]]] @ directions, regressors])
 
 
 def noise_level(block: whitened_run.WhitenedRun) -> float:
@@ -170,15 +178,19 @@ def noise_level(block: whitened_run.WhitenedRun) -> float:
 
 def _knots(block: whitened_run.WhitenedRun, W: Array) -> tuple[Array, Array]:
     """Return the derivatives of the covariance of whitened scores by the knots, and that of the knots."""
-    if block.noise is None or block.f is None:
-        return np.zeros((0, len(W), len(W))), np.zeros((0, 0))
-    basis = block.noise.basis(block.f)
-    u = W @ (block.columns[:, 1:] * np.sqrt(block.weights.fit)[:, None]).T
-    a, b = u.real.copy(), u.imag.copy()  # contiguous
-    effects = np.empty((len(block.noise.knots), len(W), len(W)))
-    for i in range(len(W)):
-        effects[:, i, i:] = effects[:, i:, i] = basis.summed(a[i] * a[i:] + b[i] * b[i:]).T
-    return effects, block.noise.covariance
+    effects, covariances = [np.zeros((0, len(W), len(W)))], []
+    for part, places in _parts(block):
+        if part.noise is None or part.f is None:
+            continue
+        basis = part.noise.basis(part.f)
+        u = W[:, places] @ (part.columns[:, 1:] * np.sqrt(part.weights.fit)[:, None]).T
+        a, b = u.real.copy(), u.imag.copy()  # contiguous
+        of_part = np.empty((len(part.noise.knots), len(W), len(W)))
+        for i in range(len(W)):
+            of_part[:, i, i:] = of_part[:, i:, i] = basis.summed(a[i] * a[i:] + b[i] * b[i:]).T
+        effects.append(of_part)
+        covariances.append(part.noise.covariance)
+    return np.concatenate(effects), scipy.linalg.block_diag(*covariances) if covariances else np.zeros((0, 0))
 
 
 def of_unit_length(columns: Array) -> Array:

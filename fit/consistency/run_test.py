@@ -130,7 +130,7 @@ class RunTest:
     def series(self) -> RunSeries:
         """The run as templates see it."""
         run, columns = self.experiment.sysid, self.recorded.columns
-        largest = tuple(float(np.abs(getattr(run.channels, f"f_x_{j}")).max()) for j in (1, 2))
+        largest = tuple(float(np.abs(run.channels.series[f"f_x_{j}"]).max()) for j in (1, 2))
         return RunSeries(run, columns, self.recorded.coefficients, (largest[0], largest[1]), self.theta)
 
     def whitened(self, series: Array) -> Array:

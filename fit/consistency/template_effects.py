@@ -59,7 +59,7 @@ class RunSeries:
         """Return any channel of the telemetry as the columns are sampled, shape (N,); None without it."""
         telemetry = self.run.telemetry
         if name in dynamics.CHANNELS:
-            return np.asarray(getattr(self.run.channels, name))
+            return np.asarray(self.run.channels.series[name])
         if name not in telemetry.channels:
             return None
         taps, factor = derivatives.low_pass(telemetry.fs)
@@ -98,7 +98,7 @@ def gain_by_force(j: int, dependence: Callable[[Array], Array]) -> Effect:
     """Return the effect of a commanded force f_j whose gain grows by a function of f_j / largest force."""
 
     def effect(run: RunSeries) -> Array | None:
-        force, largest = getattr(run.run.channels, f"f_x_{j}"), run.largest_force[j - 1]
+        force, largest = run.run.channels.series[f"f_x_{j}"], run.largest_force[j - 1]
         if not force.any():
             return None
         # what acts and is not commanded
@@ -111,7 +111,7 @@ def channel_effect(channel: str, change: Callable[[RunSeries, Array], Array]) ->
     """Return the effect of a channel that differs from what it should be by a change of itself."""
 
     def effect(run: RunSeries) -> Array | None:
-        series = getattr(run.run.channels, channel)
+        series = run.run.channels.series[channel]
         return None if np.ptp(series) == 0 else run.effect(channel, change(run, series))
 
     return effect
@@ -126,7 +126,8 @@ def nonlinear_read_out(run: RunSeries) -> Array:
     """Return the effect of an o_12 that is too large in proportion to the square of the distance."""
     channels = run.run.channels
     size = round(DETREND * channels.fs)
-    fast = channels.o_12 - scipy.ndimage.uniform_filter1d(channels.o_12, size, mode="nearest")
+    o_12 = channels.series["o_12"]
+    fast = o_12 - scipy.ndimage.uniform_filter1d(o_12, size, mode="nearest")
     return derivatives.derivative(fast * (fast / AMPLITUDE) ** 2, channels.fs, 2)
 
 

@@ -65,9 +65,9 @@ MIN_DURATION = 43200.0  # s: below, Omega and the PSD depend on a handful of bin
 
 
 def takes_part(run: Telemetry) -> bool:
-    """Return whether a run is a noise run, long enough, with torques about both axes."""
+    """Return whether a run is a noise run of Delta g, long enough, with torques about both axes."""
     torques = all(any(f"N_{axis}_{j}" in run.channels for j in (1, 2)) for axis in rotation.AXES)
-    return run.kind == "noise" and run.duration >= MIN_DURATION * 0.995 and torques
+    return run.kind == "noise" and run.duration >= MIN_DURATION * 0.995 and torques and "o_12" in run.channels
 
 
 def names(runs: Sequence[Telemetry]) -> list[str]:

@@ -41,7 +41,7 @@ def noise_psd(run: Run) -> dict[str, float]:
     taps, factor = derivatives.low_pass(telemetry.fs)
 
     def filtered(weights: Mapping[str, float]) -> Array:
-        x = dynamics.summed(telemetry, weights)
+        x = dynamics.summed(telemetry.channels, weights)
         return derivatives.decimate(derivatives.interpolate_gaps(x, telemetry.fs)[0], taps, factor)
 
     angles = [channels.means[mean] for mean in ("phi", "eta") if mean in channels.means]

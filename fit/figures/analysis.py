@@ -7,9 +7,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fit.figures.series import averaged, glitch_mask
-from fit.model import dynamics, lisa_dynamics
+from fit.model import dynamics
 from fit.spectra import Binned, Estimator, derivatives
 from fit.telemetry import Telemetry
+from fit.whitening import Run
 
 Array = NDArray[np.float64]
 Series = tuple[Array, Array]
@@ -61,30 +62,26 @@ def split(telemetry: Telemetry, parameters: Mapping[str, float]) -> Terms:
     return Terms(run.fs, columns.time, columns.valid, dynamics.total(columns, theta), driven)
 
 
-def split_lisa(
-    telemetry: Telemetry, parameters: Mapping[str, float], component: lisa_dynamics.Component
-) -> Terms:
-    """Return the terms of a component of D; of a noise run only their sum.
+def split_component(telemetry: Telemetry, parameters: Mapping[str, float], index: int) -> Terms:
+    """Return the terms of an equation of a run; of a noise run only their sum.
 
     Parameters
     ----------
     telemetry : Telemetry
-        A run of a LISA spacecraft.
+        The run.
     parameters : mapping
-        Those of `fit.model.lisa_dynamics`.
-    component : str
-        ``D_x`` or ``D_y``.
+        By name.
+    index : int
+        Number of the equation.
     """
-    run = lisa_dynamics.channels(telemetry)
-    names = tuple(parameters)
-    theta = np.array([parameters[name] for name in names])
-    equation = lisa_dynamics.Equation(component, names, run.half_opening, run.baseline)
-    tau = lisa_dynamics.delays(names, theta)
-    terms = equation.terms(lisa_dynamics.columns(run, tau), theta, tau)
+    run = Run(telemetry)
+    equation = run.equations[index]
+    theta = equation.parameters_of(parameters)
+    columns = run.columns(run.spacecraft.delays_of(theta, equation.parameters))
+    terms = equation.terms(columns, theta)
     total = np.sum(list(terms.values()), axis=0)
     driven = {} if telemetry.kind == "noise" else {name: x for name, x in terms.items() if np.any(x)}
-    time = run.time[derivatives.HALF : -derivatives.HALF]
-    return Terms(run.fs, time, ~derivatives.dilate_mask(~run.valid), total, driven)
+    return Terms(columns.fs, columns.time, columns.valid, total, driven)
 
 
 @dataclass(frozen=True)

@@ -37,7 +37,7 @@ _SIGNAL = Axis("acceleration", "pm s⁻²", "value - mean")
 _RATIO = Axis("residual / noise", "", "ratio")
 _RESIDUAL = Axis("residual Δg", "fm s⁻²", "value - mean")
 _SYMBOLS: Mapping[str, str] = {term.name: term.symbol for term in dynamics.TERMS}
-#: Symbols of the terms of D (`lisa_dynamics.TERMS`).
+#: Symbols of the terms of D (`spacecraft.lisa.TERMS`).
 _LISA_SYMBOLS = {
     "dds": "s̈₁ − s̈₂",
     "K_1 s_1": "K₁s₁",

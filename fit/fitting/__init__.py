@@ -33,6 +33,7 @@ from fit.fitting.random_effects import (
     heterogeneity,
     weighted_mean,
 )
+from fit.fitting.regressor_noise import CorrectedRun
 from fit.fitting.reported_estimates import reported_estimates
 from fit.fitting.run_estimate import (
     RunEstimate,
@@ -46,6 +47,7 @@ from fit.fitting.solved_model import SolvedModel
 __all__ = [
     "FREE",
     "Convergence",
+    "CorrectedRun",
     "Heterogeneity",
     "IRLSResult",
     "JointModel",
@@ -75,6 +77,7 @@ __all__ = [
     "moments",
     "null_space",
     "parameter_values",
+    "priors",
     "random_effects",
     "readout_excess_noise",
     "reported_estimates",

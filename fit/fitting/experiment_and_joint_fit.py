@@ -11,7 +11,7 @@ from fit.fitting import constraints, random_effects
 from fit.fitting.irls import IRLSResult, reweight
 from fit.fitting.width_posterior import marginalise_widths
 from fit.model import Sharing, dynamics
-from fit.parameters import Parameter, cross_talk_parameter, experiment_parameters, stiffness_terms
+from fit.parameters import Parameter, stiffness_terms
 from fit.results import Stiffness
 from fit.settings import Estimator, ParameterSettings, Settings
 from fit.telemetry import Telemetry
@@ -47,10 +47,8 @@ def fit_experiment(
     FitError
         If no valid estimate results.
     """
-    run = experiment.sysid.telemetry
-    cross_talk = experiment.parameters[len(dynamics.PARAMETERS) :]
-    flight = experiment_parameters(run.authority, run.alignment_epoch)
-    parameters = [*flight.values(), *map(cross_talk_parameter, cross_talk)]
+    run = experiment.sysid
+    parameters = run.spacecraft.parameters(run.telemetry, experiment.parameters)
     share = np.array([[float(name == p.name) for p in parameters] for name in experiment.parameters])
     initial = _weighed({experiment.name: initial_fit})
     of_run = constraints_of(experiment, settings or {})
@@ -129,7 +127,9 @@ def joint_parameters(
     names = [p.name for p in shared]
     deviations, widths = random_effects.parameters(scattering, [e.name for e in experiments], len(names))
     maps = [
-        random_effects.extend_map(sharing.matrix(e.sysid.telemetry, e.parameters, names), scattering, n, N)
+        random_effects.extend_map(
+            sharing.matrix(e.sysid.telemetry, e.parameters, names), e.parameters, scattering, n, N
+        )
         for n, e in enumerate(experiments)
     ]
     return [*shared, *deviations], maps, widths

@@ -21,7 +21,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from fit.model import Columns
+from fit.model import Columns, Equation
 from fit.spectra import Spectrum, derivatives
 from fit.whitening import Weights, WhitenedRun, whitened_run
 
@@ -53,8 +53,8 @@ def _stretches(N: int) -> tuple[Array, NDArray[np.int64]]:
     return w, np.minimum(np.arange(SEGMENTS) * round(n * (1 - OVERLAP)), N - n)
 
 
-def block(terms: Columns, share: Array, c: Array | None) -> tuple[WhitenedRun, float]:
-    """Weigh a run by its own residual; without coefficients `c` of the columns to make one, all bins alike.
+def block(terms: Columns, equation: Equation, share: Array, c: Array | None) -> tuple[WhitenedRun, float]:
+    """Weigh an equation of a run by its own residual, without coefficients `c` of its columns all bins alike.
 
     Returns
     -------
@@ -64,21 +64,28 @@ def block(terms: Columns, share: Array, c: Array | None) -> tuple[WhitenedRun, f
         The summed weights' denominators, whose change decides when to stop.
     """
     f, columns = transform(terms)
+    columns = columns if equation.basis is None else columns @ equation.basis
     S = np.ones(f.size) if c is None else np.mean(np.abs(columns @ c) ** 2, axis=0)
     U = (columns * np.sqrt(2 / S)[:, None]).reshape(-1, columns.shape[2])
     one = np.ones(len(U))
-    return WhitenedRun(terms.tau, U, Weights(one, one, one), None, share), float(np.sum(S))
+    even = Weights(one, one, one)
+    return WhitenedRun(terms.tau, U, even, None, share, equation=equation), float(np.sum(S))
 
 
 def expected(
-    terms: Columns, noise_functions: Callable[[Array], tuple[Array, Array]], share: Array
+    terms: Columns,
+    equation: Equation,
+    noise_functions: Callable[[Array], tuple[Array, Array]],
+    share: Array,
 ) -> WhitenedRun:
     """Return the run that `block` is expected to make of noise, its estimates as scattered as they will be.
 
     Parameters
     ----------
     terms : Columns
-        The K columns of the run without noise.
+        The columns of the run without noise.
+    equation : Equation
+        With K columns.
     noise_functions : callable
         From frequencies [Hz], shape (B,), to the cross powers of the noise in the columns, shape (B, K, K),
         and the PSD of the residual, shape (B,).
@@ -92,6 +99,7 @@ def expected(
         noise in the columns along each of them.
     """
     f, columns = transform(terms)
+    columns = columns if equation.basis is None else columns @ equation.basis
     power, S = noise_functions(f)
     w, starts = _stretches(len(terms.values))
     values, vectors = _modes(w, starts)
@@ -102,7 +110,7 @@ def expected(
     rows = np.concatenate([rows, np.sqrt(values)[:, None, None] * jitter], axis=1)
     fit, curvature, score = (np.repeat(factor, rows.shape[1]) for factor in _expected_weights(values))
     even = Weights(fit, curvature, score)
-    return WhitenedRun(terms.tau, rows.reshape(-1, U.shape[2]), even, None, share)
+    return WhitenedRun(terms.tau, rows.reshape(-1, U.shape[2]), even, None, share, equation=equation)
 
 
 def _modes(w: Array, starts: NDArray[np.int64]) -> tuple[Array, Array]:

@@ -26,7 +26,6 @@ import scipy
 from numpy.typing import ArrayLike, NDArray
 
 from fit.fitting.joint_model import JointModel, Prior, free_directions
-from fit.model import dynamics
 from fit.parameters import FLIGHT, Parameter
 from fit.results import Estimate
 
@@ -126,15 +125,15 @@ def parameters(
         widths.append(ScaleParameter(effect.name, tuple(members), units, effect.scale))
         for flight in deviating:
             weak = 2 * FREE * effect.scale * flight.value  # wider than FREE: never indeterminable
-            deviation = replace(flight, value=0.0, prior_sigma=weak, equation=0)
+            deviation = replace(flight, value=0.0, prior_sigma=weak, equation=-1)
             deviations += [replace(deviation, name=f"d{flight.name}_{e}") for e in experiments]
     return deviations, widths
 
 
-def extend_map(parameter_map: Array, names: Sequence[str], index: int, n_experiments: int) -> Array:
+def extend_map(
+    parameter_map: Array, run_parameters: Sequence[str], names: Sequence[str], index: int, n_experiments: int
+) -> Array:
     """Append the deviations of `names` to the map to the parameters of a run, shape (K, P)."""
-    n_cross_talk = len(parameter_map) - len(dynamics.PARAMETERS)  # which does not deviate
-    run_parameters = (*dynamics.PARAMETERS, *[""] * n_cross_talk)
     return np.hstack([parameter_map, deviation_map(run_parameters, names, index, n_experiments)])
 
 

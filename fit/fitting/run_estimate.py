@@ -73,7 +73,8 @@ def run_estimate(name: str, run: WhitenedRun) -> RunEstimate:
     scores = W @ R[:, 1:].T @ R  # in units of their noise, by column
     scale = column_scale(H)
     c = scale * np.linalg.lstsq(scores[:, 1:] * scale, -scores[:, 0], rcond=None)[0]
-    psd_covariance = None if run.noise is None else W @ run.psd_scores[1:, 1:] @ W.T
+    has_psd = any(block.noise for block in run.blocks)
+    psd_covariance = W @ run.psd_scores[1:, 1:] @ W.T if has_psd else None
     return RunEstimate(name, c, W @ H, run.without_data(), psd_covariance)
 
 

@@ -10,9 +10,10 @@ import numpy as np
 from fit.errors import InputError
 from fit.fitting.parameter_set import ParameterSet
 from fit.fitting.solved_model import check_params
-from fit.model import Sharing, dynamics
+from fit.model import Sharing
 from fit.parameters import Parameter
 from fit.settings import ParameterSettings, Settings
+from fit.spacecraft import spacecraft_of
 from fit.telemetry import Telemetry
 
 if TYPE_CHECKING:
@@ -29,7 +30,8 @@ def make_params(
     InputError
         If there are none.
     """
-    driven = [(run, dynamics.channels(run).parameters) for run in runs if run.kind == "sysid"]
+    sysid = [run for run in runs if run.kind == "sysid"]
+    driven = [(run, spacecraft_of(run).channels(run).parameters) for run in sysid]
     parameters = [*(Sharing(settings.shared).parameters(driven) if driven else ()), *angles]
     if not parameters:
         raise InputError(

@@ -6,11 +6,11 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from fit.fitting import ltpda_flscov, readout_excess_noise
-from fit.model import dynamics
+from fit.fitting import ltpda_flscov, readout_excess_noise, regressor_noise
+from fit.model import Equation
 from fit.settings import Estimator
 from fit.spectra import NoiseModel
-from fit.whitening import Experiment, Likelihood, noise_model, whitened_run
+from fit.whitening import Experiment, Likelihood, noise_model, system_run, whitened_run
 
 Array = NDArray[np.float64]
 
@@ -57,7 +57,9 @@ def weighing(
 
 
 class _Smooth:
-    """Weighs a run by the smooth PSD of its noise run, and by what its own residual then is like."""
+    """Weighs a run in each of its equations."""
+
+    converged = True
 
     def __init__(
         self,
@@ -66,26 +68,55 @@ class _Smooth:
         likelihood: Likelihood,
         initial: whitened_run.WhitenedRun | None,
     ) -> None:
-        self._experiment, self._share, self._likelihood = experiment, share, likelihood
         self.name = experiment.name
-        self._initial = initial
-        self._model = initial.noise if initial else None
-        self._change: Array | None = None
-        self.converged = True
+        self._share, self._initial = share, initial
+        models = (
+            [block.noise for block in initial.blocks] if initial else [None] * len(experiment.sysid.equations)
+        )
+        self._equations = [_SmoothPSD(experiment, i, share, likelihood, S) for i, S in enumerate(models)]
 
     def block(self, theta: Array, covariance: Array, iteration: int) -> whitened_run.WhitenedRun:
         if self._initial and iteration == 0:
             return replace(self._initial, parameter_map=self._share)
-        share, of_run, run = self._share, self._share @ theta, self._experiment.sysid
-        model = noise_model(self._experiment, of_run, share @ covariance @ share.T, self._model)
+        of_run = self._share @ covariance @ self._share.T
+        return system_run([e.block(self._share @ theta, of_run, iteration) for e in self._equations])
+
+
+class _SmoothPSD:
+    """Weighs an equation of a run by the smooth PSD of its noise run, and by what its residual is like."""
+
+    def __init__(
+        self,
+        experiment: Experiment,
+        index: int,
+        share: Array,
+        likelihood: Likelihood,
+        model: NoiseModel | None,
+    ) -> None:
+        self._experiment, self._index, self._share, self._likelihood = experiment, index, share, likelihood
+        self._equation = experiment.sysid.equations[index]
+        self._model = model
+        self._change: Array | None = None
+
+    def block(self, theta: Array, covariance: Array, iteration: int) -> whitened_run.WhitenedRun:
+        """Return the equation weighed at parameters of the run, shape (K,), of that covariance, (K, K)."""
+        equation, run = self._equation, self._experiment.sysid
+        model = noise_model(self._experiment, theta, covariance, self._model, self._index)
         self._model = self._accelerated(model) if iteration >= LATE else model
-        tau = dynamics.delays(of_run)
-        terms = run.spectra(tau, self._model)
+        terms = run.spectra(run.spacecraft.delays_of(theta, equation.parameters), self._model)
         if self._experiment.readout_excess:
             terms = readout_excess_noise.use_injections_only(terms)
+        terms = equation.spectra(terms)
         # before the signal is subtracted, no residual shows an outlier
-        c = dynamics.coefficients(of_run, terms.tau) if iteration > WARM_UP else None
-        return whitened_run.whiten_run(terms, self._model, share, likelihood=self._likelihood, c=c)
+        c = equation.coefficients(theta, terms.tau) if iteration > WARM_UP else None
+        block = whitened_run.whiten_run(
+            terms, self._model, self._share, likelihood=self._likelihood, c=c, equation=equation
+        )
+        if not (equation.noisy and self._experiment.noise):
+            return block
+        tau, columns = terms.tau, self._experiment.noise.spectra(terms.tau)
+        noise_terms = equation.spectra(columns)
+        return regressor_noise.corrected(block, noise_terms, self._model, equation.coefficients(theta, tau))
 
     def _accelerated(self, model: NoiseModel) -> NoiseModel:
         """Return a model of the noise, or where it goes if it creeps.
@@ -117,10 +148,16 @@ class _Flscov:
         self.converged = False
 
     def block(self, theta: Array, _: Array, iteration: int) -> whitened_run.WhitenedRun:
+        run, equations = self._experiment.sysid, self._experiment.sysid.equations
         of_run = self._share @ theta
-        terms = self._experiment.sysid.columns(dynamics.delays(of_run))
-        c = dynamics.coefficients(of_run, terms.tau) if iteration else None
-        block, total = ltpda_flscov.block(terms, self._share, c)
+        terms = run.columns(run.spacecraft.delays_of(of_run, self._experiment.parameters))
+
+        def weighed(equation: Equation) -> tuple[whitened_run.WhitenedRun, float]:
+            c = equation.coefficients(of_run, terms.tau) if iteration else None
+            return ltpda_flscov.block(terms, equation, self._share, c)
+
+        blocks, totals = zip(*map(weighed, equations), strict=True)
+        total = sum(totals)
         self.converged = abs(total - self._total) < ltpda_flscov.TOLERANCE * total
         self._total = total
-        return block
+        return system_run(blocks)

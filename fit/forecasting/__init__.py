@@ -11,7 +11,5 @@ __all__ = [
     "coverage",
     "expected_euler_fit",
     "expected_fit",
-    "expected_run",
     "fisher_information",
-    "frequency_responses",
 ]

@@ -9,7 +9,6 @@ priors, torque noise, errors of the calibration.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 import scipy
@@ -20,10 +19,11 @@ from fit.fitting import Convergence, constraints, iterate, reported_estimates
 from fit.forecasting.expected_fit import CrossSpectra, NoiselessError
 from fit.forecasting.expected_run import CompressedRun
 from fit.forecasting.frequency_responses import GRID, responses
-from fit.model import dynamics, dynamics_of, rotation, separation
+from fit.model import RunChannels, dynamics, dynamics_of, rotation, separation
 from fit.model import inertial_forces as forces
 from fit.results import Fit
 from fit.settings import ParameterSettings
+from fit.spacecraft import PATHFINDER
 from fit.spectra import windowing
 from fit.telemetry import Telemetry, inertial_period
 from fit.warnings import FitWarning
@@ -239,11 +239,10 @@ def _rows(
     tau = dynamics.delays(theta)
     still = np.zeros(1)
     valid = np.ones(1, dtype=bool)
-    at_rest = dynamics.Channels(
-        RATE, still, valid, 0, **dict[str, Any].fromkeys(dynamics.CHANNELS, still), means={}
-    )
+    series = dict.fromkeys(dynamics.CHANNELS, still)
+    at_rest = RunChannels(RATE, still, valid, 0, series, dynamics.PARAMETERS)
     terms = np.zeros((f.size, len(dynamics.COLUMNS), len(names)), dtype=np.complex128)
-    terms[:, :, : len(dynamics.CHANNELS)] = responses(at_rest, tau, dynamics.CHANNELS, f)
+    terms[:, :, : len(dynamics.CHANNELS)] = responses(PATHFINDER, at_rest, tau, dynamics.CHANNELS, f)
 
     def angular(acceleration: Spectrum, angle: Spectrum, axis: str) -> Spectrum:
         """Return the row of dOmega over channels from those of torque and angle."""

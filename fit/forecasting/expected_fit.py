@@ -32,8 +32,8 @@ from fit.fitting import (
     weak_priors,
 )
 from fit.forecasting.expected_run import CompressedRun, compress
-from fit.forecasting.frequency_responses import channels_of, frequencies, responses
-from fit.model import Sharing, dynamics
+from fit.forecasting.frequency_responses import frequencies, responses
+from fit.model import Delays, Equation, Sharing, dynamics
 from fit.parallel import one_blas_thread, parallel_map, progress_range
 from fit.parameters import Parameter
 from fit.quality import as_fit
@@ -48,8 +48,10 @@ from fit.whitening import (
     Likelihood,
     Run,
     Weights,
+    WhitenedRun,
     divide,
     expected_weights,
+    system_run,
     whitened_run,
 )
 
@@ -259,7 +261,7 @@ class ExpectedWeighing:
 
     def __init__(self, plan: PlannedExperiment, settings: Settings) -> None:
         self.plan = plan
-        experiment = plan.make().limit_band(settings.f_max)
+        experiment = plan.make().limit_band(settings.f_max).with_parameters(settings.parameters)
         run, sharing = experiment.sysid.telemetry, Sharing(settings.shared)
         parameters = sharing.parameters([(run, experiment.parameters)])
         self._f_max = settings.f_max
@@ -278,10 +280,10 @@ class ExpectedWeighing:
         if divide([experiment], settings.model_copy(update={"exclude": []}))[0]:  # it is long enough
             self._sums = self._compress_run(experiment.sysid, self._theta)
 
-    def block(self, theta: Array, _: Array, __: int) -> CompressedRun:
+    def block(self, theta: Array, _: Array, __: int) -> WhitenedRun:
         """As that of `weighings.Weighing`."""
         of_run, sums = self.parameter_map @ theta, self._sums
-        c, previous = (dynamics.coefficients(x, sums.tau) for x in (of_run, self._theta))
+        c, previous = (self._sums.coefficients(x) for x in (of_run, self._theta))
         if np.linalg.norm(sums.R @ (c - previous)) > MAX_RESIDUAL:
             self._theta = of_run
             self._sums = self._recompress(of_run)
@@ -293,7 +295,7 @@ class ExpectedWeighing:
         return self._theta
 
     @property
-    def sums(self) -> CompressedRun:
+    def sums(self) -> WhitenedRun:
         """The sums of the run over its bins."""
         return replace(self._sums, parameter_map=self.parameter_map)
 
@@ -301,11 +303,13 @@ class ExpectedWeighing:
         """Return the weights of bins at the frequencies f, shape (B,), that its likelihood expects."""
         return expected_weights(self._likelihood, f)
 
-    def noise(self, tau: tuple[float, float], theta: Array) -> tuple[Array, Array, Array]:
-        """Return frequencies, cross powers of the columns there, and the power of the residual."""
+    def noise(self, tau: Delays, theta: Array, equation: Equation) -> tuple[Array, Array, Array]:
+        """Return frequencies, cross powers of the columns of an equation there, and that of the residual."""
         names, f, noise = self._channel_noise
-        c = dynamics.coefficients(theta, tau)
-        T = responses(self.experiment.sysid.channels, tau, names, f)
+        run, c = self.experiment.sysid, equation.coefficients(theta, tau)
+        T = responses(run.spacecraft, run.channels, tau, names, f)
+        if equation.basis is not None:
+            T = np.einsum("bmi,mk->bki", T, equation.basis, optimize=True)
         power = np.einsum("bki,bij,blj->bkl", T.conj(), noise, T, optimize=True)
         return f, power.real, np.einsum("k,bkl,l->b", c, power.real, c)
 
@@ -313,41 +317,52 @@ class ExpectedWeighing:
     def _channel_noise(self) -> tuple[tuple[str, ...], Array, Spectrum]:
         """Names of the C channels, B frequencies, and the cross-spectra of their noise, shape (B, C, C)."""
         run = self.experiment.sysid
-        names, f = channels_of(run), frequencies(run.telemetry)
+        names, f = run.spacecraft.inputs(run.channels), frequencies(run.telemetry)
         return names, f, self.plan.cross_spectra(names, f)
 
-    def _recompress(self, theta: Array) -> CompressedRun:
+    def _delays(self, theta: Array) -> Delays:
+        return self.experiment.sysid.spacecraft.delays_of(theta, self.experiment.parameters)
+
+    def _recompress(self, theta: Array) -> WhitenedRun:
         """Return the expected sums of the run at other parameters of its own, shape (K,)."""
-        tau, spectra = dynamics.delays(theta), self._spectra
+        tau, spectra = self._delays(theta), self._spectra
         if spectra and np.allclose(tau, spectra.tau, rtol=0.0, atol=MAX_DELAY_SHIFT):
             return self._compress_spectra(spectra, theta)
         return self._compress_run(self.plan.make().sysid.limit_band(self._f_max), theta)
 
-    def _compress_run(self, run: Run, theta: Array) -> CompressedRun:
+    def _compress_run(self, run: Run, theta: Array) -> WhitenedRun:
         """Return the expected sums of a run at its own parameters theta, shape (K,)."""
-        tau, share = dynamics.delays(theta), np.eye(theta.size)
+        tau, share = self._delays(theta), np.eye(theta.size)
         if self._by_stretches:
-            noise = self._noise_functions(tau, theta)
-            return compress(ltpda_flscov.expected(run.columns(tau), noise, share))
+            functions = ((e, self._noise_functions(tau, theta, e)) for e in run.equations)
+            columns = run.columns(tau)
+            return system_run(
+                [compress(ltpda_flscov.expected(columns, e, noise, share)) for e, noise in functions]
+            )
         spectra = run.spectra(tau)
         if self._will_move:  # else hardly anything is kept of a run, of which there may be hundreds
             self._spectra = spectra
         return self._compress_spectra(spectra, theta)
 
-    def _compress_spectra(self, terms: Spectra, theta: Array) -> CompressedRun:
+    def _compress_spectra(self, terms: Spectra, theta: Array) -> WhitenedRun:
         """Return the expected sums of spectra of the run."""
-        power, S = self._noise_functions(terms.tau, theta)(terms.f)
+        equations = self.experiment.sysid.equations
+        return system_run([self._compress_equation(e.spectra(terms), theta, e) for e in equations])
+
+    def _compress_equation(self, terms: Spectra, theta: Array, equation: Equation) -> CompressedRun:
+        """Return the expected sums of an equation; what the fit subtracts of noise carries no information."""
+        power, S = self._noise_functions(terms.tau, theta, equation)(terms.f)
         U, fraction = whitened_run.whiten(terms, S)
         of_bin = power * (2 * fraction / S)[:, None, None]
-        bin_weights = self.expected_weights(terms.f)
-        block = whitened_run.WhitenedRun(terms.tau, U, bin_weights, terms.window, np.eye(theta.size))
-        return compress(block, of_bin.sum(axis=0))
+        bin_weights, share = self.expected_weights(terms.f), np.eye(theta.size)
+        block = WhitenedRun(terms.tau, U, bin_weights, terms.window, share, equation=equation)
+        return compress(block, None if equation.noisy else of_bin.sum(axis=0))
 
     def _noise_functions(
-        self, tau: tuple[float, float], theta: Array
+        self, tau: Delays, theta: Array, equation: Equation
     ) -> Callable[[Array], tuple[Array, Array]]:
         """Return a function for cross powers of the columns and PSD of the residual at any frequencies."""
-        f, power, residual = self.noise(tau, theta)
+        f, power, residual = self.noise(tau, theta, equation)
         if not np.all(residual > 0):
             raise NoiselessError(self.experiment.sysid.telemetry.run)
         of_columns = scipy.interpolate.CubicSpline(np.log(f), power)

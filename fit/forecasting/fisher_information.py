@@ -22,10 +22,10 @@ from fit.forecasting.expected_fit import (
     joint_weighings,
     share_parameters,
 )
-from fit.forecasting.frequency_responses import channels_of, responses
-from fit.model import dynamics
+from fit.forecasting.frequency_responses import responses
 from fit.settings import Settings
 from fit.spectra import windowing
+from fit.whitening import Run
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -58,7 +58,7 @@ class ExperimentInformation:
     channels: tuple[str, ...]
     _slope: Array
     _tau: tuple[float, float]
-    _run: dynamics.Channels
+    _run: Run
     _noise: scipy.interpolate.CubicSpline
 
     def equivalent_duration(self, power: Array) -> float:
@@ -86,7 +86,7 @@ class ExperimentInformation:
         ndarray of complex, shape (n, P, C)
             Per unit of parameter and of channel, times root of Hz.
         """
-        T = responses(self._run, self._tau, self.channels, frequency)
+        T = responses(self._run.spacecraft, self._run.channels, self._tau, self.channels, frequency)
         D = np.einsum("kp,nkc->npc", self._slope, T, optimize=True)
         return np.asarray(D * np.exp(-0.5 * self._noise(np.log(frequency)))[:, None, None])
 
@@ -171,8 +171,8 @@ def _information(weighing: ExpectedWeighing, share: Array) -> ExperimentInformat
     """Return the information of an experiment; `share` maps the P joint parameters to its own."""
     run, sums = weighing.experiment.sysid, weighing.sums
     theta = weighing.theta
-    f, _, residual = weighing.noise(sums.tau, theta)
-    slope = dynamics.gradient(theta, sums.tau) @ share
+    f, _, residual = weighing.noise(sums.tau, theta, run.equations[0])
+    slope = run.equations[0].gradient(theta, sums.tau) @ share
     n = max(2, round(run.telemetry.duration * run.channels.fs))
     window = windowing.window(np.ones(n, dtype=bool), run.channels.fs)
     bin_weights = weighing.expected_weights(f)
@@ -190,9 +190,9 @@ def _information(weighing: ExpectedWeighing, share: Array) -> ExperimentInformat
         information=information,
         duration=run.telemetry.duration,
         window=window,
-        channels=channels_of(run),
+        channels=run.spacecraft.inputs(run.channels),
         _slope=slope,
         _tau=sums.tau,
-        _run=run.channels,
+        _run=run,
         _noise=scipy.interpolate.CubicSpline(np.log(f), np.log(residual / quality)),
     )

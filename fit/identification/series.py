@@ -7,7 +7,7 @@ import scipy
 from numpy.typing import NDArray
 
 from fit.errors import InputError
-from fit.model import dynamics
+from fit.model import RunChannels, dynamics
 from fit.spectra import derivatives
 from fit.telemetry import Telemetry
 
@@ -77,7 +77,7 @@ class ReducedGrid:
     steps: Array
 
 
-def reduced_grid(telemetry: Telemetry, fit_channels: dynamics.Channels) -> ReducedGrid:
+def reduced_grid(telemetry: Telemetry, fit_channels: RunChannels) -> ReducedGrid:
     """Return the grid on which `force` puts a run, and what of it the fit's own channels leave."""
     taps, factor = derivatives.low_pass(RATE)
     size = (round(telemetry.size * RATE / telemetry.fs) - taps.size) // factor + 1
@@ -115,16 +115,13 @@ def force(o_12: Array, f_x_2: Array, theta: Array) -> Array:
     taps, factor = derivatives.low_pass(RATE)
     motion_series, command_series = (derivatives.decimate(x, taps, factor) for x in (o_12, f_x_2))
     zeros = np.zeros(motion_series.size)
-    run = dynamics.Channels(
+    run = RunChannels(
         fs=RATE / factor,
         time=zeros,
         valid=np.ones(zeros.size, dtype=bool),
         missing=0,
-        o_1=zeros,
-        o_12=motion_series,
-        f_x_1=zeros,
-        f_x_2=command_series,
-        means={},
+        series={"o_1": zeros, "o_12": motion_series, "f_x_1": zeros, "f_x_2": command_series},
+        parameters=dynamics.PARAMETERS,
     )
     return dynamics.total(dynamics.columns(run, dynamics.delays(theta)), theta)
 

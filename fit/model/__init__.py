@@ -5,19 +5,26 @@ The only room with signs.
 
 from fit.model.calibrated import Dynamics, dynamics_of
 from fit.model.dynamics import Columns
+from fit.model.equation import Delays, Equation, Range, Spacecraft
 from fit.model.inertial_forces import BASELINE, separation
+from fit.model.run_channels import RunChannels, reduce_channels
 from fit.model.sharing import Sharing
 
 __all__ = [
     "BASELINE",
     "Columns",
+    "Delays",
     "Dynamics",
+    "Equation",
+    "Range",
+    "RunChannels",
     "Sharing",
+    "Spacecraft",
     "angular_rate",
     "dynamics",
     "dynamics_of",
     "inertial_forces",
-    "lisa_dynamics",
+    "reduce_channels",
     "rotation",
     "separation",
 ]

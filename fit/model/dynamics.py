@@ -25,10 +25,9 @@ torques leak along x. It is fitted along, lest it count as noise, and not report
 """
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import reduce
 from itertools import chain
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -123,9 +122,9 @@ TERMS = (
 )
 
 
-def summed(telemetry: Telemetry, weights: Mapping[str, float]) -> Array:
+def summed(channels: Mapping[str, Array], weights: Mapping[str, float]) -> Array:
     """Return the weighted sum of channels, shape (N,)."""
-    return reduce(np.add, (weight * telemetry.channels[key] for key, weight in weights.items()))
+    return reduce(np.add, (weight * channels[key] for key, weight in weights.items()))
 
 
 def means(telemetry: Telemetry) -> Iterator[tuple[str, Array]]:
@@ -138,7 +137,7 @@ def means(telemetry: Telemetry) -> Iterator[tuple[str, Array]]:
     for name, channels_of_mean in MEANS.items():
         turned = name.removeprefix("N_")
         if channels_of_mean.keys() <= telemetry.channels.keys() and (turned == name or turned in available):
-            mean = summed(telemetry, channels_of_mean)
+            mean = summed(telemetry.channels, channels_of_mean)
             if np.mean(np.isnan(mean)) <= MAX_MISSING and np.nanmin(mean) < np.nanmax(mean):
                 available.add(name)
                 yield name, mean
@@ -150,50 +149,23 @@ def run_parameters(available: Iterable[str]) -> tuple[str, ...]:
     return (*PARAMETERS, *(name for name, (mean, _) in CROSS_TALK.items() if mean in known))
 
 
-@dataclass(frozen=True)
-class Channels(RunChannels):
-    """The channels of one run, low-passed and decimated alike.
-
-    Attributes
-    ----------
-    fs, time, valid, missing
-        See `RunChannels`.
-    o_1, o_12 : ndarray, shape (N,)
-        Read-outs [m].
-    f_x_1, f_x_2 : ndarray, shape (N,)
-        Commanded force per unit mass [m s^-2].
-    means : mapping of str to ndarray, each of shape (N,)
-        Those of `MEANS` that the run has [rad], [m] or [N m].
-    """
-
-    o_1: Array
-    o_12: Array
-    f_x_1: Array
-    f_x_2: Array
-    means: Mapping[str, Array]
-
-    @property
-    def parameters(self) -> tuple[str, ...]:
-        """Names of the P parameters of the run, see `run_parameters`."""
-        return run_parameters(self.means)
-
-
-def channels(telemetry: Telemetry, *, motion: bool = True) -> Channels:
+def channels(telemetry: Telemetry, *, motion: bool = True) -> RunChannels:
     """Low-pass and decimate what the equation needs; without `motion` nothing but what Delta g_x does."""
     return _channels(telemetry, *derivatives.low_pass(telemetry.fs), motion=motion)
 
 
-def wideband_channels(telemetry: Telemetry, f_max: float) -> Channels:
+def wideband_channels(telemetry: Telemetry, f_max: float) -> RunChannels:
     """Return what the equation needs up to `f_max` [Hz] beyond the fitted band, there right to 0.3 %."""
     return _channels(telemetry, *derivatives.low_pass(telemetry.fs, f_max, 3 * f_max), motion=True)
 
 
-def _channels(telemetry: Telemetry, taps: Array, factor: int, motion: bool) -> Channels:
+def _channels(telemetry: Telemetry, taps: Array, factor: int, motion: bool) -> RunChannels:
     raw = ((name, telemetry.channels[name]) for name in CHANNELS)
     raw_and_means = chain(raw, means(telemetry) if motion else ())
-    axis, series = reduce_channels(telemetry, raw_and_means, taps, factor)
-    read_outs = {name: series.pop(name) for name in CHANNELS}
-    return Channels(**vars(axis), **dict[str, Any](read_outs), means=series)
+    reduced = reduce_channels(telemetry, raw_and_means, taps, factor)
+    series = {name: reduced.series[name] for name in CHANNELS}
+    of_means = {name: x for name, x in reduced.series.items() if name not in series}
+    return replace(reduced, series=series, parameters=run_parameters(of_means), means=of_means)
 
 
 @dataclass(frozen=True)
@@ -224,30 +196,30 @@ class Columns:
     valid: NDArray[np.bool_]
 
 
-def columns(run: Channels, tau: tuple[float, float]) -> Columns:
+def columns(run: RunChannels, tau: tuple[float, float]) -> Columns:
     """Differentiate and delay."""
     return blank(run, tau, np.concatenate(list(column_groups(run, tau)), axis=1))
 
 
-def blank(run: Channels, tau: tuple[float, float], values: Array | None = None) -> Columns:
+def blank(run: RunChannels, tau: tuple[float, float], values: Array | None = None) -> Columns:
     """Return the columns without their values, shape (N, 0), unless these are given."""
     valid, names = ~derivatives.dilate_mask(~run.valid), (*COLUMNS, *run.parameters[len(PARAMETERS) :])
     time, values = run.time[_INNER], np.empty((valid.size, 0)) if values is None else values
     return Columns(tau, names, run.fs, time, values, valid)
 
 
-def column_groups(run: Channels, tau: tuple[float, float]) -> Iterator[Array]:
+def column_groups(run: RunChannels, tau: tuple[float, float]) -> Iterator[Array]:
     """Yield the columns in their order, shape (N, G), some at a time: of weeks, all fill the memory."""
-    yield derivatives.derivative(run.o_12, run.fs, 2)[:, None]
+    yield derivatives.derivative(run.series["o_12"], run.fs, 2)[:, None]
     yield from (force(run, j, tau) for j in (1, 0))
-    yield from (run.o_12[_INNER, None], run.o_1[_INNER, None])
-    yield derivatives.derivative(run.o_1, run.fs, 2)[:, None]
+    yield from (run.series["o_12"][_INNER, None], run.series["o_1"][_INNER, None])
+    yield derivatives.derivative(run.series["o_1"], run.fs, 2)[:, None]
     yield from (_derived(run.means, name, run.fs)[:, None] for name in run.parameters[len(PARAMETERS) :])
 
 
-def force(run: Channels, j: int, tau: tuple[float, float]) -> Array:
+def force(run: RunChannels, j: int, tau: tuple[float, float]) -> Array:
     """Return the columns `FORCES[j]` of one command, shape (N, 2)."""
-    return derivatives.held_command((run.f_x_1, run.f_x_2)[j], run.fs, tau[j], LOOP_PERIOD)
+    return derivatives.held_command(run.series[f"f_x_{j + 1}"], run.fs, tau[j], LOOP_PERIOD)
 
 
 def _derived(series: Mapping[str, Array], name: str, fs: float) -> Array:
@@ -355,7 +327,9 @@ def delta_g_SC(telemetry: Telemetry, cross_talk: Mapping[str, float]) -> tuple[A
     names = [name for name in CROSS_TALK if cross_talk.get(name)]
     bases = {CROSS_TALK[name][0] for name in names}
     fs = telemetry.fs
-    processed = {m: derivatives.preprocess(summed(telemetry, MEANS[m]), fs, taps, factor) for m in bases}
+    processed = {
+        m: derivatives.preprocess(summed(telemetry.channels, MEANS[m]), fs, taps, factor) for m in bases
+    }
     series = {mean: x for mean, (x, *_) in processed.items()}
     size = (telemetry.size - taps.size) // factor + 1 - 2 * derivatives.HALF
     values, valid = np.zeros(size), np.ones(size, dtype=bool)

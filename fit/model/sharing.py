@@ -2,11 +2,11 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import chain
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fit.model import dynamics
 from fit.parameters import Parameter, joint_parameter, stiffness_terms
 from fit.settings import Group
 from fit.telemetry import Telemetry
@@ -19,14 +19,14 @@ class Sharing:
     Attributes
     ----------
     groups : mapping of str to str
-        By parameter, delta_ifo and those of Eq. (3) without their epoch.
+        By parameter, delta_ifo and those of Eq. (3) without their epoch; ``campaign`` for what is not in it.
     """
 
     groups: Mapping[str, Group]
 
     def name(self, base: str, run: Telemetry) -> str:
         """Return the name of a parameter where it holds for `run`: with epoch or experiment at its end."""
-        group = self.groups[base]
+        group = self.groups.get(base, "campaign")
         return base if group == "campaign" else f"{base}_{getattr(run, group)}"
 
     def parameters(self, runs: Sequence[tuple[Telemetry, Sequence[str]]]) -> list[Parameter]:
@@ -38,27 +38,33 @@ class Sharing:
             Each run, and the names of its parameters (`dynamics.run_parameters`).
         """
         parameters: dict[str, Parameter] = {}
-        ordered = sorted(runs, key=lambda item: item[0].alignment_epoch)
-        for base in self.groups:
-            for run, names in ordered if self.groups[base] == "alignment_epoch" else runs:
-                if base not in dynamics.CROSS_TALK or base in names:
+        bases = [(run, dict.fromkeys(chain(*_components(run, names)))) for run, names in runs]
+        ordered = sorted(bases, key=lambda item: item[0].alignment_epoch)
+        for base in dict.fromkeys((*self.groups, *chain(*(of_run for _, of_run in bases)))):
+            for run, of_run in ordered if self.groups.get(base) == "alignment_epoch" else bases:
+                if base in of_run:
                     parameters.setdefault(self.name(base, run), self._parameter(base, run))
         return list(parameters.values())
 
     def matrix(self, run: Telemetry, run_names: Sequence[str], names: Sequence[str]) -> NDArray[np.float64]:
         """Return the map from the P joint parameters `names` to the K of a run, `run_names`, shape (K, P)."""
-        omega2_1, omega2_2 = (stiffness_terms(j, *run.authority[j - 1]) for j in (1, 2))
-        components = {
-            "omega2_2": omega2_2,
-            # Eq. (12)
-            "domega2_12": omega2_2 | {base: -factor for base, factor in omega2_1.items()},
-        }
         rows = [
-            {self.name(base, run): factor for base, factor in components.get(name, {name: 1.0}).items()}
-            for name in run_names
+            {self.name(base, run): factor for base, factor in components.items()}
+            for components in _components(run, run_names)
         ]
         return np.array([[row.get(name, 0.0) for name in names] for row in rows])
 
     def _parameter(self, base: str, run: Telemetry) -> Parameter:
         of_epoch = f"{base}_{run.alignment_epoch}" if base == "delta_ifo" else base
         return replace(joint_parameter(of_epoch), name=self.name(base, run))
+
+
+def _components(run: Telemetry, names: Sequence[str]) -> list[dict[str, float]]:
+    """Return what each parameter of a run is a sum of: parameters of a joint fit, and the factor of each."""
+    omega2_1, omega2_2 = (stiffness_terms(j, *run.authority[j - 1]) for j in (1, 2))
+    sums = {
+        "omega2_2": omega2_2,
+        # Eq. (12)
+        "domega2_12": omega2_2 | {base: -factor for base, factor in omega2_1.items()},
+    }
+    return [sums.get(name, {name: 1.0}) for name in names]

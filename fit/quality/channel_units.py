@@ -17,15 +17,13 @@ from numpy.typing import NDArray
 from fit.model import dynamics
 from fit.parameters import M_TM
 from fit.quality.exclusions import Evidence, Exclusion
-from fit.quality.initial_fit import flight_psd, initial_fit
+from fit.quality.initial_fit import initial_fit
 from fit.warnings import Cause
 from fit.whitening import Experiment, Run, whitened_run
 
 Array = NDArray[np.float64]
 
-#: ASD in flight of the second derivatives of the read-outs over `BAND` [m s^-2 Hz^-1/2].
-FLIGHT_LEVELS: Mapping[str, float] = {"o_1": 1.5e-10, "o_12": 6e-15}
-BAND = (0.01, 0.06)  # Hz
+BAND = (0.01, 0.06)  # Hz, of the levels of the read-outs
 SEGMENT = 1024.0  # s
 DECADES = 0.7  # between the level of a read-out and that of flight in another unit
 TOLERANCE = 0.2  # decades, of a gain in another unit
@@ -47,7 +45,7 @@ class FreeFit:
     c, sigma : ndarray, shape (P + 1,)
         Coefficients of the columns, the first of which is 1, and their standard deviations.
     power : float
-        Power of the residual per degree of freedom, in units of the PSD of `initial_fit.flight_psd`.
+        Power of the residual per degree of freedom, in units of the PSD that it had in flight.
     """
 
     c: Array
@@ -91,8 +89,8 @@ def free_fit(run: Run) -> FreeFit:
     """Fit the columns of a run by least squares, weighted by the PSD that Delta g had in flight."""
     initial = initial_fit(run)
     spectra = run.spectra(initial.tau)
-    rows = whitened_run.as_real(whitened_run.whiten(spectra, flight_psd(spectra.f))[0])
-    residual = rows @ initial.c
+    rows = whitened_run.as_real(whitened_run.whiten(spectra, run.spacecraft.level(spectra.f))[0])
+    residual = rows @ initial.c[0]
     power = float(residual @ residual) / max(len(rows) - rows.shape[1] + 1, 1)
     prior = np.zeros(rows.shape[1])
     prior[dynamics.COLUMNS.index("o_12")] = np.sqrt(power) / PLAUSIBLE_STIFFNESS
@@ -109,13 +107,16 @@ def free_fit(run: Run) -> FreeFit:
 
 def unit_faults(e: Experiment) -> Iterator[Exclusion]:
     """Yield the channels of an experiment and of its noise run whose unit or sign is wrong."""
+    levels = e.sysid.spacecraft.levels
+    if not levels:
+        return
     fit = free_fit(e.sysid)
     power = readout_decades(e.sysid, "o_1")
     if power > 0 or (power < 0 and fit.leaks):
         yield _level_fault(e, e.sysid, "o_1", power)
     yield from _gain_faults(e, fit)
     if e.noise:
-        for channel in FLIGHT_LEVELS:
+        for channel in levels:
             power = readout_decades(e.noise, channel)
             if power > 0:
                 yield _level_fault(e, e.noise, channel, power)
@@ -132,12 +133,12 @@ def _level_fault(e: Experiment, run: Run, channel: str, power: int) -> Exclusion
 def readout_decades(run: Run, channel: str) -> int:
     """Return the power of ten of the unit that a read-out appears to be in, 0 for metres."""
     fs = run.channels.fs
-    acceleration = np.diff(getattr(run.channels, channel), 2) * fs**2
+    acceleration = np.diff(run.channels.series[channel], 2) * fs**2
     f, psd = scipy.signal.welch(
         acceleration, fs, nperseg=min(acceleration.size, int(SEGMENT * fs)), average="median"
     )
     level = np.sqrt(np.median(psd[(f > BAND[0]) & (f < BAND[1])]))
-    return _unit_power(level / FLIGHT_LEVELS[channel], DECADES)
+    return _unit_power(level / run.spacecraft.levels[channel], DECADES)
 
 
 def _unit_power(factor: float, tolerance: float) -> int:

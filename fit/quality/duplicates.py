@@ -99,9 +99,10 @@ def duplicate_pairs(runs: Sequence[Run]) -> list[DuplicatePair]:
     sampled = [(n, run) for n, run in enumerate(runs) if run.channels.fs > 2 * BAND[1]]
     pairs: list[DuplicatePair] = []
     noisy: set[int] = set()
-    for channel in ("o_12", "o_1"):
+    names = [name for _, run in sampled for name in run.spacecraft.read_outs]
+    for channel in dict.fromkeys(names):
         fingerprints = [p for p in parallel_map(partial(_fingerprint, channel), sampled) if p is not None]
-        if channel == "o_12":
+        if channel == names[0]:  # the quietest
             noisy = {p.run for p in fingerprints if not p.is_noise_free}
         for fs in sorted({p.fs for p in fingerprints}):
             similar = [p for p in fingerprints if p.fs == fs and p.run in noisy]
@@ -114,7 +115,7 @@ def duplicate_pairs(runs: Sequence[Run]) -> list[DuplicatePair]:
 def _fingerprint(channel: str, indexed_run: tuple[int, Run]) -> _Fingerprint | None:
     """Return the noise of a read-out of a run with its index; None where there is none to compare."""
     n, run = indexed_run
-    x, fs = np.diff(getattr(run.channels, channel)[:LENGTH], 2), run.channels.fs
+    x, fs = np.diff(run.channels.series[channel][:LENGTH], 2), run.channels.fs
     limit = MAX_DEVIATION * float(np.median(np.abs(x - np.median(x))))
     if x.size < MIN_SAMPLES or limit == 0:
         return None

@@ -11,9 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fit.errors import FitError
-from fit.fitting import IRLSResult, linear_combination, reported_estimates, stiffnesses
+from fit.fitting import CorrectedRun, IRLSResult, linear_combination, reported_estimates, stiffnesses
 from fit.parameters import ALONG
 from fit.quality import noise_tests
+from fit.quality.plausibility import implausible_estimates
 from fit.results import Fit
 from fit.telemetry import Telemetry
 from fit.units import campaign_unit, concise_value
@@ -24,6 +25,7 @@ Array = NDArray[np.float64]
 
 SIGNIFICANT = 2.0  # sigma, of a width from which a parameter is said to scatter
 NEGLIGIBLE = 0.01  # least coefficient, in widths of the weak priors, that is named in a blind direction
+NOTABLE = 0.5  # sigma, of a correction for the noise of regressors that is reported
 EARLY = 0.05  # s, half a control step: by so much a time may be a matter of convention
 CERTAIN = 5.0  # sigma
 
@@ -189,7 +191,25 @@ def doubts(outcome: IRLSResult, experiments: Sequence[Experiment]) -> list[FitWa
                 "subtracted from the run only: the noise that it leaves in the weights widens the sigmas"
             )
             warnings.append(FitWarning("noise_run_channel_missing", (), message))
-    return [*warnings, *of_residual(outcome, len(experiments))]
+    warnings += implausible_estimates(outcome, experiments[0].sysid.spacecraft)
+    return [*warnings, *of_residual(outcome, len(experiments)), *notable_corrections(outcome)]
+
+
+def notable_corrections(outcome: IRLSResult) -> list[FitWarning]:
+    """Name the parameters that the correction moved by more than `NOTABLE` of their sigmas."""
+    theta, shift = outcome.solution.theta, np.zeros(outcome.solution.theta.size)
+    for block in (block for run in outcome.whitened_runs for block in run.blocks):
+        if isinstance(block, CorrectedRun):
+            shift += block.gradient(theta)[1:].T @ block.noise_scores
+    pulls = outcome.solution.covariance @ shift / outcome.solution.sigma
+    names = tuple(p.name for p, x in zip(outcome.parameters, pulls, strict=True) if abs(x) > NOTABLE)
+    if not names:
+        return []
+    message = (
+        f"the noise of the read-outs would bias {', '.join(names)} by up to {np.abs(pulls).max():.2g} sigma; "
+        "the fit subtracts that bias, which it estimates from the noise run"
+    )
+    return [FitWarning("attenuation", names, message)]
 
 
 def without_noise_run(names: Iterable[str]) -> list[FitWarning]:
@@ -226,18 +246,20 @@ def lead_time(outcome: IRLSResult, lambda_name: str, C_name: str) -> str | None:
         return None
     gain, C = (float(outcome.solution.theta[positions[name]]) for name in (lambda_name, C_name))
     sigma = float(outcome.solution.sigma[positions[C_name]])
-    early = -C / gain
+    early = -C / gain if gain > 0 else 0.0
     return concise_value(early, sigma / gain) if early > max(EARLY, CERTAIN * sigma / gain) else None
 
 
-def acausal(outcome: IRLSResult) -> list[FitWarning]:
+def acausal(outcome: IRLSResult, commands: Sequence[str]) -> list[FitWarning]:
     """Doubt a joint fit in which commands act before they are given: some time is wrong in every run."""
     early_commands: dict[str, str] = {}
-    for j in (1, 2):
-        if lead := lead_time(outcome, f"lambda_{j}", f"C_{j}"):
-            early_commands[f"C_{j}"] = (
-                f"f_x_{j} acts {lead} s before it is commanded: it is late in the files of every run, or "
-                "o_12 is early"
+    for name in outcome.determined:
+        gain, of_command = name.replace("C_", "lambda_", 1), name.removeprefix("C_")
+        if name.startswith("C_") and (lead := lead_time(outcome, gain, name)):
+            command = next(channel for channel in commands if channel.endswith(of_command))
+            early_commands[name] = (
+                f"{command} acts {lead} s before it is commanded: it is late in the files of every run, or "
+                "the read-outs are early"
             )
     if not early_commands:
         return []

@@ -25,8 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fit.errors import FitError
-from fit.model import dynamics
-from fit.quality.initial_fit import flight_psd, initial_fit, lstsq_coefficients
+from fit.quality.initial_fit import initial_fit, lstsq_coefficients
 from fit.quality.injections import Coincidences, coincidences, injected_cells, is_excessive
 from fit.quality.matched_filter import WIDTHS, MatchedFilter
 from fit.quality.matching_pursuit import matching_pursuit
@@ -61,21 +60,21 @@ class GlitchResult:
         The runs as they were.
     experiment : Experiment
         The runs with short glitches masked and long ones fitted along.
-    warnings : mapping of str to FitWarning
-        By name of the run, where there are glitches, or too many.
+    warnings : tuple of tuple
+        Name of a run, and the warning that it has glitches, or too many.
     coincidences : Coincidences
         Glitches and injections of the sysid run.
     """
 
     searched: Experiment
     experiment: Experiment
-    warnings: Mapping[str, FitWarning]
+    warnings: tuple[tuple[str, FitWarning], ...]
     coincidences: Coincidences
 
     def discard_sysid(self) -> "GlitchResult":
         """Return the result without what was found in the sysid run."""
         sysid = self.searched.sysid
-        warnings = {name: w for name, w in self.warnings.items() if name != sysid.telemetry.run}
+        warnings = tuple((name, w) for name, w in self.warnings if name != sysid.telemetry.run)
         return replace(self, experiment=replace(self.experiment, sysid=sysid), warnings=warnings)
 
 
@@ -97,12 +96,24 @@ def remove_glitches(experiment: Experiment, n_experiments: int = 1) -> GlitchRes
     InputError
         If missing samples leave too little of a run.
     """
+    results = [_search(experiment, 0, n_experiments)]
+    for index in range(1, len(experiment.sysid.equations)):
+        results.append(_search(results[-1].experiment, index, n_experiments))
+    cleaned, counts = results[-1].experiment, [result.coincidences for result in results]
+    warnings = tuple(warning for result in results for warning in result.warnings)
+    return GlitchResult(experiment, cleaned, warnings, max(counts, key=lambda count: count.both))
+
+
+def _search(experiment: Experiment, index: int, n_experiments: int) -> GlitchResult:
+    """Return what is found in one of the equations of an experiment."""
     initial = initial_fit(experiment.sysid)
-    sysid = GlitchSearch(experiment.sysid, initial.tau, 2 * n_experiments)
-    noise = GlitchSearch(experiment.noise, initial.tau, 2 * n_experiments) if experiment.noise else None
+    sysid = GlitchSearch(experiment.sysid, initial.tau, 2 * n_experiments, index)
+    noise = (
+        GlitchSearch(experiment.noise, initial.tau, 2 * n_experiments, index) if experiment.noise else None
+    )
     searches = [sysid, noise] if noise else [sysid]
     for iteration in range(MAX_ITERATIONS):
-        sysid.update_noise(None if iteration else initial.c)
+        sysid.update_noise(None if iteration else initial.c[index])
         if noise:
             noise.update_noise(noise.coefficients_of(sysid.coefficients))
         # the noise weighs: it goes first
@@ -111,8 +122,8 @@ def remove_glitches(experiment: Experiment, n_experiments: int = 1) -> GlitchRes
         if sysid.has_glitches and is_excessive([sysid.coincidences], n_experiments + 1):
             break
     cleaned = Experiment(sysid.run.with_free_shapes(), noise.run.with_free_shapes() if noise else None)
-    warnings = {search.run.telemetry.run: search.warning() for search in searches if search.has_glitches}
-    return GlitchResult(experiment, cleaned, warnings, sysid.coincidences)
+    named = [(search.run.telemetry.run, search.warning()) for search in searches if search.has_glitches]
+    return GlitchResult(experiment, cleaned, tuple(named), sysid.coincidences)
 
 
 class GlitchSearch:
@@ -126,6 +137,8 @@ class GlitchSearch:
         Delays [s] about which its columns are expanded.
     n_runs : int
         Number of runs of the campaign that are searched.
+    index : int
+        Number of the equation.
 
     Attributes
     ----------
@@ -135,19 +148,20 @@ class GlitchSearch:
         Whether there are glitches, and whether they were too many.
     """
 
-    def __init__(self, run: Run, tau: tuple[float, float], n_runs: int) -> None:
+    def __init__(self, run: Run, tau: tuple[float, float], n_runs: int, index: int = 0) -> None:
         self.run, self._original, self._n_runs = run, run, n_runs
         self.has_glitches = self.gave_up = False
         self._flags = np.zeros_like(run.channels.valid)
         self._shapes: list[Glitch] = []
-        self._names = (*dynamics.COLUMNS, *run.channels.parameters[len(dynamics.PARAMETERS) :])
+        self._equation = run.equations[index]
+        self._names = self._equation.columns
         self._model: NoiseModel | None = None
         self._power: tuple[Array, Array, Array] | None = None
         self._tau = tau
 
     def update_noise(self, c: Array | None) -> None:
         """Take the coefficients of the columns, shape (P,), or fit them, and what they leave for noise."""
-        terms = self.run.spectra(self._tau)
+        terms = self._equation.spectra(self.run.spectra(self._tau))
         S = self._psd(terms.f)
         self._c = lstsq_coefficients(whitened_run.whiten(terms, S)[0]) if c is None else c
         z, dof = whitened_run.whiten(terms.summed(self._c), S)
@@ -179,13 +193,13 @@ class GlitchSearch:
             with suppress(FitError):  # where glitches spoil the residual that much, the PSD before has to do
                 self._model = fit_noise(*self._power)
             self._power = None
-        return self._model.expected(f) if self._model else flight_psd(f)
+        return self._model.expected(f) if self._model else self.run.spacecraft.level(f)
 
     def iterate(self, noise: "GlitchSearch | None") -> bool:
         """Mask the strongest short glitches or subtract long ones; return False if there are none."""
         if self.gave_up:
             return False
-        terms = self.run.spectra(self._tau)
+        terms = self._equation.spectra(self.run.spectra(self._tau))
         S = (noise or self)._psd(terms.f)
         U, _ = whitened_run.whiten(terms, S)
         matched = MatchedFilter(terms, U @ self._c, S, 0.0 if noise in (self, None) else 1.0, self._n_runs)
@@ -246,7 +260,7 @@ class GlitchSearch:
 
     def _templates(self, noise: "GlitchSearch | None", S: Array, U: Spectrum) -> WhitenedTemplates:
         """Return the run as the pursuit sees it, whitened by the PSD S of its noise or of its noise run."""
-        terms = self.run.spectra(self._tau)
+        terms = self._equation.spectra(self.run.spectra(self._tau))
         transformed = slice(derivatives.HALF, derivatives.HALF + terms.window.size)
         projected = [terms.nuisance * np.sqrt(2 / S)[:, None]]
         if self is not noise:  # the coefficients of a noise run are those of the sysid run

@@ -7,10 +7,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fit.errors import InputError
-from fit.model import dynamics
-from fit.parameters import DELAYS, experiment_parameters
-from fit.spectra import NoiseModel, Spectrum, fit_noise
+from fit.model import Equation
+from fit.spectra import NoiseModel, Spectra, Spectrum, fit_noise
 from fit.whitening import Experiment, ResidualSpectrum, Run, fit_residual_noise, whitened_run
+
+Array = NDArray[np.float64]
 
 MAX_DELAY_OFFSET = 0.3  # s from the delays of the flight, up to which an expansion about these will do
 MAX_DELAY = 60.0  # s: what seems to be later is no delay
@@ -18,7 +19,6 @@ ACTING_GAINS = (0.5, 2.0)  # between these a command acts, and its delay is dete
 MIN_GAIN = 50.0  # of chi2, by other delays: these add no freedom
 DELAY_TOLERANCE = 0.05  # s, to which it need be known
 MAX_ITERATIONS = 8
-_FORCES = tuple((dynamics.COLUMNS.index(f"f_{j}"), dynamics.COLUMNS.index(f"df_{j}")) for j in (1, 2))
 
 
 @dataclass(frozen=True)
@@ -30,12 +30,12 @@ class InitialFit:
     tau : tuple of float
         Delays [s] about which to expand the run: those of the flight, unless far others fit better. What lies
         seconds off is no linear delay at the fastest tones: it would pass for glitches.
-    c : ndarray, shape (P,)
-        Least-squares coefficients of its columns, weighted by `flight_psd`.
+    c : tuple of ndarray, shape (K,)
+        Least-squares coefficients of the columns of each equation, weighted by the level it has in flight.
     """
 
     tau: tuple[float, float]
-    c: NDArray[np.float64]
+    c: tuple[Array, ...]
 
 
 def initial_fit(run: Run) -> InitialFit:
@@ -60,45 +60,52 @@ def has_spectra(experiment: Experiment) -> bool:
 
 
 def _initial_fit(run: Run) -> InitialFit:
-    smallest, tau = np.inf, DELAYS
+    nominal = run.spacecraft.delays
+    pairs = [(force.start, force.start + 1) for force in run.spacecraft.forces]
+    smallest, tau = np.inf, nominal
     for _ in range(MAX_ITERATIONS):
         terms = run.spectra(tau)
-        U = whitened_run.whiten(terms, flight_psd(terms.f))[0]
-        c = lstsq_coefficients(U)
-        chi2 = float(np.sum(np.abs(U @ c) ** 2))
-        if tau == DELAYS:
-            fit, smallest = InitialFit(tau, c), chi2 / (1 + MIN_GAIN / (2 * len(U)))
+        scale = np.sqrt(2 / run.spacecraft.level(terms.f))[:, None]
+        whitened = [_whitened(run, equation, terms) for equation in run.equations]
+        c = tuple(lstsq_coefficients(U) for U in whitened)
+        chi2 = sum(float(np.sum(np.abs(U @ x) ** 2)) for U, x in zip(whitened, c, strict=True))
+        n_bins = sum(len(U) for U in whitened)
+        if tau == nominal:
+            fit, smallest = InitialFit(tau, c), chi2 / (1 + MIN_GAIN / (2 * n_bins))
         elif chi2 < smallest:
             fit, smallest = InitialFit(tau, c), chi2
         else:
             break
-        acting = [ACTING_GAINS[0] < abs(c[f]) < ACTING_GAINS[1] for f, _ in _FORCES]
+        # of the columns of the run, a row for each equation
+        of_run = np.array([e.of_columns(x) for e, x in zip(run.equations, c, strict=True)])
+        gains = np.linalg.norm(of_run, axis=0)
         delays = (
-            t - c[df] / c[f] if acts else t for t, (f, df), acts in zip(tau, _FORCES, acting, strict=True)
+            t - of_run[:, df] @ of_run[:, f] / gains[f] ** 2
+            if ACTING_GAINS[0] < gains[f] < ACTING_GAINS[1]
+            else t
+            for t, (f, df) in zip(tau, pairs, strict=True)
         )
         tau_1, tau_2 = (float(np.clip(t, -MAX_DELAY, MAX_DELAY)) for t in delays)
         offsets = tau_1 - tau[0], tau_2 - tau[1]
-        converged = max(map(abs, offsets)) < (MAX_DELAY_OFFSET if tau == DELAYS else DELAY_TOLERANCE)
-        noise_power = chi2 / (2 * len(U))
-        if converged or _omitted_power(U * c, terms.f, offsets) < noise_power:  # too little to gain
+        converged = max(map(abs, offsets)) < (MAX_DELAY_OFFSET if tau == nominal else DELAY_TOLERANCE)
+        # what an expansion leaves out of commands at delays that are off by so much
+        angle = 2 * np.pi * terms.f
+        omitted = sum(
+            np.sum(np.abs(terms.columns[:, f] * scale[:, 0] * gains[f] * (t * angle) ** 2 / 2) ** 2)
+            for t, (f, _) in zip(offsets, pairs, strict=True)
+        )
+        if converged or omitted < chi2 / (2 * n_bins):  # too little to gain
             break
         tau = tau_1, tau_2
     return fit
 
 
-def _omitted_power(columns: Spectrum, f: NDArray[np.float64], offsets: tuple[float, float]) -> float:
-    """Return the power of what an expansion leaves out of commands at delays that are off by so much [s]."""
-    angle = 2 * np.pi * f
-    terms = (np.abs(columns[:, k]) * (t * angle) ** 2 / 2 for t, (k, _) in zip(offsets, _FORCES, strict=True))
-    return sum(float(term @ term) for term in terms)
+def _whitened(run: Run, equation: Equation, terms: Spectra) -> Spectrum:
+    """Return the columns of an equation, whitened by the level that it has in flight."""
+    return whitened_run.whiten(equation.spectra(terms), run.spacecraft.level(terms.f))[0]
 
 
-def flight_psd(f: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the PSD that Delta g had in flight, at frequencies [Hz] of shape (B,), 1 at its plateau."""
-    return 1 + (1e-3 / f) ** 2 + (f / 0.03) ** 4
-
-
-def lstsq_coefficients(U: Spectrum) -> NDArray[np.float64]:
+def lstsq_coefficients(U: Spectrum) -> Array:
     """Return the least-squares coefficients of whitened columns, shape (P,), the first of them 1."""
     rows = whitened_run.as_real(U)
     norms = np.linalg.norm(rows, axis=0)
@@ -109,19 +116,18 @@ def lstsq_coefficients(U: Spectrum) -> NDArray[np.float64]:
     return np.array([1.0, *c])
 
 
-def initial_noise_psd(experiment: Experiment) -> NoiseModel:
-    """Return the PSD of the noise run under the dynamics of the flight, whatever the sysid run contains.
+def initial_noise_psd(experiment: Experiment, index: int = 0) -> NoiseModel:
+    """Return the PSD of an equation of the noise run at nominal parameters, whatever the sysid run contains.
 
     Without a noise run it is that of the residual of the sysid run.
     """
     run = experiment.noise or experiment.sysid
-    terms = run.spectra(DELAYS)
+    spacecraft, equation = run.spacecraft, run.equations[index]
+    terms = equation.spectra(run.spectra(spacecraft.delays))
     if experiment.noise:
-        flight = experiment_parameters(run.telemetry.authority, run.telemetry.alignment_epoch)
-        theta = [flight[name].value if name in flight else 0.0 for name in run.channels.parameters]
-        return fit_residual_noise(
-            ResidualSpectrum(terms, dynamics.coefficients(np.array(theta), DELAYS)), None
-        )
+        nominal = {p.name: p.value for p in spacecraft.parameters(run.telemetry, equation.parameters)}
+        c = equation.coefficients(equation.parameters_of(nominal), spacecraft.delays)
+        return fit_residual_noise(ResidualSpectrum(terms, c), None)
     c = lstsq_coefficients(whitened_run.whiten(terms, np.ones(terms.f.size))[0])
     model = fit_noise(terms.f, *ResidualSpectrum(terms, c).power(None))
     c = lstsq_coefficients(whitened_run.whiten(terms, model(terms.f))[0])

@@ -13,8 +13,6 @@ import scipy
 from numpy.typing import NDArray
 
 from fit.false_alarms import p_limit
-from fit.model import dynamics
-from fit.quality.initial_fit import flight_psd
 from fit.spectra import windowing
 from fit.whitening import Glitch, Run, whitened_run
 
@@ -23,8 +21,6 @@ BACKGROUND_BINS, BACKGROUND_PERCENTILE = 401, 10  # neighbours that show with wh
 DRIVEN = 100.0  # times that power, from which a bin is driven
 CELL = 300.0  # s: what a search makes of one glitch lies in one cell or two
 STRONG = 3.0  # times the mean power of the injections of a run, from which a cell counts as injected
-_DRIVEN_COLUMNS = [k for force in dynamics.FORCES for k in range(force.start, force.stop)]
-_DRIVEN_COLUMNS += [dynamics.COLUMNS.index(name) for name in ("ddo_12", "ddo_1")]
 
 
 @dataclass(frozen=True)
@@ -81,7 +77,10 @@ def injected_cells(run: Run, tau: tuple[float, float]) -> NDArray[np.bool_]:
         Delays [s] about which its columns are expanded.
     """
     terms, fs = run.spectra(tau), run.channels.fs
-    U = whitened_run.whiten(terms, flight_psd(terms.f))[0][:, _DRIVEN_COLUMNS]
+    names = run.spacecraft.blank(run.channels, tau).names
+    driven_columns = [k for force in run.spacecraft.forces for k in range(force.start, force.stop)]
+    driven_columns += [names.index(f"dd{name}") for name in run.spacecraft.read_outs]
+    U = whitened_run.whiten(terms, run.spacecraft.level(terms.f))[0][:, driven_columns]
     power = np.abs(U) ** 2
     background = scipy.ndimage.percentile_filter(
         power, BACKGROUND_PERCENTILE, (BACKGROUND_BINS, 1), mode="nearest"

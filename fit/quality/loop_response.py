@@ -112,7 +112,7 @@ def slow_response(run: Run) -> SlowResponse | None:
     guidance, masked, _ = derivatives.preprocess(run.telemetry.channels["guidance_o_1"], fs, taps, factor)
     if np.ptp(guidance) <= 1e-9 * np.max(np.abs(guidance)):
         return None
-    pair = np.stack([guidance, run.channels.o_1], axis=1)
+    pair = np.stack([guidance, run.channels.series["o_1"]], axis=1)
     spectra = windowing.transform(
         pair - pair.mean(axis=0), run.channels.valid & ~masked, run.channels.fs, band=BAND
     )

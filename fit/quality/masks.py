@@ -38,7 +38,8 @@ def without_saturation(run: Run) -> tuple[Run, tuple[FitWarning, ...]]:
         Code `SATURATED` or `TOO_LONG` if there are any.
     """
     telemetry = run.telemetry
-    limited = {name: saturation.limited(telemetry, name) for name in ("f_x_1", "f_x_2")}
+    largest = saturation.limits(telemetry)
+    limited = {name: saturation.limited(telemetry, name) for name in largest}
     if not any(limits.size for limits in limited.values()):
         return run, ()
     saturated = np.zeros(telemetry.size, dtype=bool)
@@ -47,8 +48,7 @@ def without_saturation(run: Run) -> tuple[Run, tuple[FitWarning, ...]]:
     stretches = _stretches(telemetry, saturated)
     masked = run.mask(stretches)
     channels = " and ".join(
-        f"{name} in {int(np.diff(limits).sum())} samples "
-        f"(F_max_{name[-1]}/m_tm = {saturation.limit_of(telemetry, name):.3g} m s-2)"
+        f"{name} in {int(np.diff(limits).sum())} samples ({saturation.limit_text(name, largest[name])})"
         for name, limits in limited.items()
         if limits.size
     )
@@ -62,12 +62,10 @@ def without_saturation(run: Run) -> tuple[Run, tuple[FitWarning, ...]]:
     return masked, (FitWarning(SATURATED, (), message, spans=spans),)
 
 
-def without_spikes(
-    run: Run, read_outs: Sequence[str] = ("o_1", "o_12")
-) -> tuple[Run, tuple[FitWarning, ...]]:
+def without_spikes(run: Run) -> tuple[Run, tuple[FitWarning, ...]]:
     """Mask samples of read-outs that are apart from those about them, see `samples.outliers`."""
     flags = np.zeros(run.telemetry.size, dtype=bool)
-    for name in read_outs:
+    for name in run.spacecraft.read_outs:
         for begin, end in samples.outliers(run.telemetry.channels[name])[0]:
             flags[begin:end] = True
     if not flags.any():
@@ -180,10 +178,12 @@ def mask_experiments(
         if glitches is None:
             return unsaturated
         if name not in misfits:
-            return MaskedExperiment(glitches.experiment, (*unsaturated.warnings, *glitches.warnings.values()))
+            return MaskedExperiment(
+                glitches.experiment, (*unsaturated.warnings, *(w for _, w in glitches.warnings))
+            )
         glitches, misfit = glitches.discard_sysid(), _misfit(glitches, misfits[name])
         return MaskedExperiment(
-            glitches.experiment, (*unsaturated.warnings, *glitches.warnings.values(), misfit)
+            glitches.experiment, (*unsaturated.warnings, *(w for _, w in glitches.warnings), misfit)
         )
 
     return {name: masked(name) for name in results}

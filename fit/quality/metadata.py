@@ -13,13 +13,13 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from fit.model import dynamics
 from fit.parallel import parallel_map
 from fit.quality import duplicates, samples, saturation
 from fit.quality.channel_units import unit_faults
 from fit.quality.exclusions import Evidence, Exclusion, join_messages
 from fit.quality.initial_fit import initial_noise_psd
 from fit.quality.loop_response import response_faults
+from fit.quality.plausibility import level_faults
 from fit.telemetry import Telemetry
 from fit.warnings import Cause, FitWarning
 from fit.whitening import Experiment, Run
@@ -33,7 +33,6 @@ MAX_INJECTION = 0.06  # Hz: up to here injections are looked for
 SEGMENT = 2048.0  # s
 LINE_RATIO, MEDIAN_BINS = 12.0, 31  # power of a sine over the median of so many bins about it; noise has 6
 INJECTION_RATIO = 300.0  # of powers in such a segment; noise that differs makes 25, an injected sine 1e4
-READ_OUTS, COMMANDS = ("o_1", "o_12"), ("f_x_1", "f_x_2")
 
 
 @dataclass(frozen=True)
@@ -127,25 +126,37 @@ def _unit_faults(experiments: Sequence[Experiment]) -> Iterator[Exclusion]:
 
 def _sample_faults(experiments: Sequence[Experiment]) -> Iterator[Exclusion]:
     """Yield the faults of the samples of both runs of the experiments."""
-    n_channels = len(dynamics.CHANNELS) * sum(len(_runs(e)) for e in experiments)
+    n_channels = sum(len(_channels(run)) for e in experiments for run in _runs(e))
 
     def find(e: Experiment) -> Iterator[Cause]:
-        runs = [run.telemetry.select(dynamics.CHANNELS) for run in _runs(e)]
-        commands = [name for name in COMMANDS if e.noise and samples.is_noisy(runs[-1].channels[name])]
+        read_outs, names = e.sysid.spacecraft.read_outs, _channels(e.sysid)
+        runs = [run.telemetry.select(_channels(run)) for run in _runs(e)]
+        commands = [n for n in names if n not in read_outs and e.noise and _is_noisy(runs[-1], n)]
         for run in map(_unsaturated, runs):
-            yield from samples.check_samples(run, READ_OUTS, (*READ_OUTS, *commands), n_channels)
-        if fault := samples.rounding_fault(e.sysid, initial_noise_psd(e), dynamics.CHANNELS):
+            present = [name for name in commands if name in run.channels]
+            yield from samples.check_samples(run, read_outs, (*read_outs, *present), n_channels)
+        noises = [initial_noise_psd(e, k) for k in range(len(e.sysid.equations))]
+        if fault := samples.rounding_fault(e.sysid, noises, names):
             yield fault
 
     return _per_experiment(find)(experiments)
 
 
+def _channels(run: Run) -> list[str]:
+    """Return the read-outs of a run and the commands that it has."""
+    commands = (name for name in run.spacecraft.commands if name in run.channels.series)
+    return [*run.spacecraft.read_outs, *commands]
+
+
+def _is_noisy(run: Telemetry, name: str) -> bool:
+    return name in run.channels and samples.is_noisy(run.channels[name])
+
+
 def _unsaturated(run: Telemetry) -> Telemetry:
     """Return a run without the commands that are at their limits: those are masked, and no fault."""
-    limits = {name: saturation.limit_of(run, name) for name in COMMANDS}
     commands = {
         name: np.where(saturation.at_limit(run.channels[name], limit), np.nan, run.channels[name])
-        for name, limit in limits.items()
+        for name, limit in saturation.limits(run).items()
     }
     return replace(run, channels={**run.channels, **commands})
 
@@ -208,7 +219,7 @@ def _mislabelled_owners(e: Experiment, a: Run, copy: Experiment, b: Run, *, whol
         return [e.name]
     if kinds[0] != kinds[1]:  # a noise run that is another experiment, or an experiment that is noise
         sysid, noise = (e, copy) if kinds[0] == "sysid" else (copy, e)
-        is_sysid = sysid.noise is None or _injected_readout(sysid.sysid.channels, sysid.noise.channels)
+        is_sysid = sysid.noise is None or _injected_readout(sysid.sysid, sysid.noise)
         return [noise.name if is_sysid else sysid.name]
     if whole and all(getattr(a.telemetry, key) == getattr(b.telemetry, key) for key in SETTINGS):
         return [copy.name]
@@ -217,18 +228,18 @@ def _mislabelled_owners(e: Experiment, a: Run, copy: Experiment, b: Run, *, whol
 
 def _paired_injections(e: Experiment) -> list[Cause]:
     """Return the wrong label of the noise run of an experiment that holds injections."""
-    if e.noise is None or not (readout := _injected_readout(e.noise.channels, e.sysid.channels)):
+    if e.noise is None or not (readout := _injected_readout(e.noise, e.sysid)):
         return []
     words = f"attribute kind: 'noise', but {readout} contains injections, expected 'sysid'"
     return [Cause(e.noise.telemetry.run, "kind", "attribute", words=words, file=str(e.noise.telemetry.path))]
 
 
-def _injected_readout(run: dynamics.Channels, reference: dynamics.Channels) -> str:
+def _injected_readout(run: Run, reference: Run) -> str:
     """Return the read-out in which a run is louder than another as only injections make it, or nothing."""
-    for name in ("o_1", "o_12"):
-        f, power = _curvature_psd(getattr(run, name), run.fs)
+    for name in run.spacecraft.read_outs:
+        f, power = _curvature_psd(run.channels.series[name], run.channels.fs)
         level = scipy.ndimage.median_filter(power, MEDIAN_BINS, mode="nearest")
-        noise = np.interp(f, *_curvature_psd(getattr(reference, name), reference.fs))
+        noise = np.interp(f, *_curvature_psd(reference.channels.series[name], reference.channels.fs))
         band = (f > 2 / SEGMENT) & (f < MAX_INJECTION)
         lines = band & (power > LINE_RATIO * level) & (power > INJECTION_RATIO * noise)
         if np.all(noise[band] > 0) and lines.any():  # next to a run without noise any run is louder
@@ -247,6 +258,9 @@ def _curvature_psd(x: Array, fs: float) -> tuple[Array, Array]:
 CHECKS: Mapping[str, Check] = {
     "duplicate noise": Check(_duplicate_noise),
     "units of channels": Check(_unit_faults),
+    "levels of the test masses": Check(
+        lambda experiments: chain.from_iterable(map(level_faults, experiments))
+    ),
     "attributes of noise runs": Check(_per_experiment(_settings_mismatches)),
     "authority": Check(_per_experiment(_authority_faults)),
     "injections in noise runs": Check(_per_experiment(_paired_injections, evidence="cause")),

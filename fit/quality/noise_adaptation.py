@@ -82,18 +82,22 @@ def adapt_to_levels(
         }
     adaptations: Adaptations = {}
     residuals = {
-        e.name: residual
+        (e.name, k): residual
         for e in experiments
-        if e.noise and (residual := _residual(e, single_fits[e.name])) is not None
+        if e.noise
+        for k, residual in enumerate(_residuals(e, single_fits[e.name]))
     }
-    tables = {name: noise_tests.variance_table(residual) for name, residual in residuals.items()}
+    tables = {key: noise_tests.variance_table(residual) for key, residual in residuals.items()}
     n = len(tables)
-    for name in mismatched(tables):
-        e, table = by_name[name], tables[name]
+    for key in mismatched(tables):
+        e, table = by_name[key[0]], tables[key]
+        name = e.name
+        if name in adaptations and adaptations[name][0].code == MISMATCH:
+            continue
         departure = f"the power of the residual over that of the noise run is {describe_levels(table, n)}"
         too_large = np.any(np.abs(table.log_ratio) > np.log(noise_tests.MAX_POWER_RATIO))
         bands = table.bands[table.mismatched(n)]
-        if not too_large and noise_tests.is_broadband(residuals[name], bands, n):
+        if not too_large and noise_tests.is_broadband(residuals[key], bands, n):
             adaptations[name] = marginalised_warning(name, departure), replace(e, marginalised=True)
         else:
             why = "this is no change of the noise: an effect is missing from the model, or a run is invalid"
@@ -102,15 +106,17 @@ def adapt_to_levels(
     return adaptations
 
 
-def _residual(experiment: Experiment, result: IRLSResult | FitError) -> noise_tests.WhitenedResidual | None:
-    """Return the residual of a fit that was weighed by a PSD."""
-    if not isinstance(result, IRLSResult) or result.whitened_runs[0].noise is None:
-        return None
-    return noise_tests.whitened_residual(experiment, result)
+def _residuals(
+    experiment: Experiment, result: IRLSResult | FitError
+) -> tuple[noise_tests.WhitenedResidual, ...]:
+    """Return the residuals of a fit that was weighed by PSDs, one of each equation."""
+    if not isinstance(result, IRLSResult) or result.whitened_runs[0].blocks[0].noise is None:
+        return ()
+    return noise_tests.whitened_residuals(experiment, result)
 
 
-def mismatched(tables: Mapping[str, VarianceTable]) -> list[str]:
-    """Return the experiments whose noise level is off, alone or together with all others in one band."""
+def mismatched(tables: Mapping[tuple[str, int], VarianceTable]) -> list[tuple[str, int]]:
+    """Return the equations of experiments whose noise level is off, alone or with all others in one band."""
     n = len(tables)
     single = {name: bool(table.mismatched(n).any()) for name, table in tables.items()}
     limit = sigma_limit("residual power", noise_tests.n_tests(n))

@@ -19,6 +19,7 @@ Of 2000 synthetic runs of six hours with noise runs of eight, 5.5 % had a whiten
 """
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
 from itertools import pairwise
@@ -146,8 +147,18 @@ class VarianceTable:
         return np.asarray(np.abs(self.z_score) > sigma_limit("residual power", n_tests(n_runs)))
 
 
-def whitened_residual(experiment: Experiment, result: IRLSResult, index: int = 0) -> WhitenedResidual:
-    """Return the whitened residual of a run in a fit.
+def whitened_residuals(
+    experiment: Experiment, result: IRLSResult, index: int = 0
+) -> tuple[WhitenedResidual, ...]:
+    """Return the whitened residuals of a run in a fit, one of each equation; see `whitened_residual`."""
+    n = len(result.whitened_runs[index].blocks)
+    return tuple(whitened_residual(experiment, result, index, k) for k in range(n))
+
+
+def whitened_residual(
+    experiment: Experiment, result: IRLSResult, index: int = 0, equation: int = 0
+) -> WhitenedResidual:
+    """Return the whitened residual of an equation of a run in a fit.
 
     Parameters
     ----------
@@ -157,18 +168,21 @@ def whitened_residual(experiment: Experiment, result: IRLSResult, index: int = 0
         Of a fit of one or more runs.
     index : int
         Number of the run in that fit.
+    equation : int
+        Number of the equation.
 
     Raises
     ------
     FitError
         If the run was not weighed by a PSD, and its noise has none.
     """
-    run, theta, covariance = result.whitened_runs[index], result.solution.theta, result.solution.covariance
+    run, solution = result.whitened_runs[index].blocks[equation], result.solution
+    theta, covariance = solution.theta, solution.covariance
     if run.noise is None or run.window is None:  # flscov weighs a run by its own periodogram
-        noise = noise_model(
-            experiment, run.parameter_map @ theta, run.parameter_map @ covariance @ run.parameter_map.T, None
-        )
-        run = whitened_run.whiten_run(experiment.sysid.spectra(run.tau), noise, run.parameter_map)
+        of_run, share = run.parameter_map @ covariance @ run.parameter_map.T, run.parameter_map
+        noise = noise_model(experiment, share @ theta, of_run, None, equation)
+        terms = run.equation.spectra(experiment.sysid.spectra(run.tau))
+        run = whitened_run.whiten_run(terms, noise, share, equation=run.equation)
     assert run.noise is not None and run.window is not None and run.f is not None
     rows = run.gradient(theta).T @ whitened_run.as_real(run.columns).T
     absorbed = ((covariance @ rows) * rows).sum(axis=0).reshape(-1, 2).sum(axis=1) / 2
@@ -204,7 +218,8 @@ def chi2_ratio(result: IRLSResult, *indices: int) -> tuple[float, float]:
 
     Marginalised levels of the noise are applied.
     """
-    runs = [result.whitened_runs[k] for k in indices or range(len(result.whitened_runs))]
+    of_fit = result.whitened_runs
+    runs = [block for k in indices or range(len(of_fit)) for block in of_fit[k].blocks]
     residuals = [run.root_level @ run.coefficients(result.solution.theta) for run in runs]
     ratio = sum(float(r @ r) for r in residuals) / sum(run.size for run in runs)
     if not indices:
@@ -256,9 +271,10 @@ def readout_excess(experiment: Experiment) -> tuple[float, float]:
 
     Of frequencies in `READOUT_BAND`; the ratio is 1 and the standard deviation infinite without a noise run.
     """
-    if experiment.noise is None:
+    name = experiment.sysid.spacecraft.jitter
+    if experiment.noise is None or not name:
         return 1.0, np.inf
-    column = dynamics.COLUMNS.index("ddo_1")
+    column = dynamics.COLUMNS.index(f"dd{name}")
     run, reference = (r.spectra(DELAYS).band(*READOUT_BAND) for r in (experiment.sysid, experiment.noise))
     power, reference_power = (np.abs(s.columns[:, column]) ** 2 for s in (run, reference))
     enough = min(power.size, reference_power.size) >= readout_excess_noise.N_MEDIAN
@@ -291,28 +307,37 @@ def diagnose(experiment: Experiment, result: IRLSResult) -> Diagnostics:
     FitError
         If the noise has no PSD.
     """
-    residual = whitened_residual(experiment, result)
-    return diagnostics(residual, int(np.count_nonzero(~result.undetermined)) + residual.n_projected)
+    residuals = whitened_residuals(experiment, result)
+    return diagnostics(residuals, int(np.count_nonzero(~result.undetermined)))
 
 
-def diagnostics(residual: WhitenedResidual, n_absorbed: int) -> Diagnostics:
-    """Return level, whiteness and tails of a residual from which a fit has absorbed `n_absorbed` numbers."""
-    values = np.concatenate([residual.z.real, residual.z.imag])
+def diagnostics(residuals: Sequence[WhitenedResidual], n_absorbed: int) -> Diagnostics:
+    """Return level, whiteness and tails of residuals from which a fit has absorbed `n_absorbed` numbers."""
+    values = np.concatenate([part for residual in residuals for part in (residual.z.real, residual.z.imag)])
+    n_free = values.size - n_absorbed - sum(residual.n_projected for residual in residuals)
+    B = sum(residual.f.size for residual in residuals)
+    variance = sum(float(r.power_covariance(np.ones((1, r.f.size), dtype=bool))[0, 0]) for r in residuals)
+    squares = (values - values.mean()) ** 2
+    whiteness = min(_whiteness_of(residual) for residual in residuals)
+    return Diagnostics(
+        chi2_red=float(values @ values) / n_free,
+        chi2_red_sigma=math.sqrt(max(variance, 0.0)) / B,
+        whiteness=min(1.0, len(residuals) * whiteness),
+        kurtosis=float(np.mean(squares**2) / np.mean(squares) ** 2 - 3),
+        kurtosis_sigma=math.sqrt(24 / values.size),
+        quantiles=np.quantile(values, scipy.special.ndtr(NORMAL_SCORES)).tolist(),
+    )
+
+
+def _whiteness_of(residual: WhitenedResidual) -> float:
+    """Return the p-value of the whiteness of a residual."""
     B = residual.f.size
     ends = np.unique(np.geomspace(min(FIRST_POINT, B // 2), B, N_POINTS).astype(int))
     starts = np.concatenate([[0], ends[:-1]])
     bins = np.arange(B)
     intervals = (bins >= starts[:, None]) & (bins < ends[:, None])
     covariance = np.cumsum(np.cumsum(residual.power_covariance(intervals), axis=0), axis=1)
-    squares = (values - values.mean()) ** 2
-    return Diagnostics(
-        chi2_red=float(values @ values) / (values.size - n_absorbed),
-        chi2_red_sigma=math.sqrt(max(float(covariance[-1, -1]), 0.0)) / B,
-        whiteness=_whiteness(residual.power, ends, covariance),
-        kurtosis=float(np.mean(squares**2) / np.mean(squares) ** 2 - 3),
-        kurtosis_sigma=math.sqrt(24 / values.size),
-        quantiles=np.quantile(values, scipy.special.ndtr(NORMAL_SCORES)).tolist(),
-    )
+    return _whiteness(residual.power, ends, covariance)
 
 
 def _whiteness(power: Array, ends: NDArray[np.intp], covariance: Array) -> float:

@@ -120,7 +120,7 @@ def resolution(x: Array) -> float:
     return float(np.diff(values).min()) if values.size > 1 else 0.0
 
 
-def rounding_fault(run: Run, noise: NoiseModel, names: Sequence[str]) -> Cause | None:
+def rounding_fault(run: Run, noises: Sequence[NoiseModel], names: Sequence[str]) -> Cause | None:
     """Return the channels of a run that are rounded too coarsely for a fit; None if none is.
 
     Rounding adds noise, which biases coefficients of what it is part of, and is of the signal where a channel
@@ -130,10 +130,10 @@ def rounding_fault(run: Run, noise: NoiseModel, names: Sequence[str]) -> Cause |
     ----------
     run : Run
         The run.
-    noise : NoiseModel
-        The PSD of its residual.
+    noises : sequence of NoiseModel
+        The PSD of the residual of each equation.
     names : sequence of str
-        Channels of its equation.
+        Channels of its equations.
     """
     telemetry = run.telemetry
     steps = {name: resolution(telemetry.channels[name]) for name in names}
@@ -146,9 +146,12 @@ def rounding_fault(run: Run, noise: NoiseModel, names: Sequence[str]) -> Cause |
         return None
     tau = initial_fit(run).tau
     rounded = Run(replace(telemetry, channels={**telemetry.channels, **coarse})).limit_band(run.f_max)
-    spectra = [one.spectra(tau) for one in (run, rounded)]
-    U, V = (whitened_run.whiten(terms, noise.expected(terms.f))[0] for terms in spectra)
-    shift = float(np.linalg.norm(U @ (lstsq_coefficients(V) - lstsq_coefficients(U))))
+    shifts = []
+    for equation, noise in zip(run.equations, noises, strict=True):
+        spectra = [equation.spectra(one.spectra(tau)) for one in (run, rounded)]
+        U, V = (whitened_run.whiten(terms, noise.expected(terms.f))[0] for terms in spectra)
+        shifts.append(np.linalg.norm(U @ (lstsq_coefficients(V) - lstsq_coefficients(U))))
+    shift = float(np.linalg.norm(shifts))
     if shift < MAX_SHIFT:
         return None
     words = (
@@ -185,6 +188,8 @@ def outliers(x: Array) -> tuple[list[tuple[int, int]], list[tuple[int, float]]]:
         scipy.ndimage.binary_closing(apart, np.ones(5, dtype=bool))
     ).tolist():
         part = np.nan_to_num(curvature[begin - 2 : end + 2])
+        if abs(part.sum()) > 0.2 * np.abs(part).max():
+            continue  # a kink: an injection begins or ends
         moment = float((np.arange(part.size) - (part.size - 1) / 2) @ part)
         if abs(moment) > 0.5 * np.abs(part).max():
             jumps.append(((begin + end) // 2 + 1, -moment))

@@ -6,8 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fit.parameters import FLIGHT
+from fit.spacecraft import spacecraft_of
 from fit.spectra import derivatives
-from fit.telemetry import Telemetry
+from fit.telemetry import CHANNELS, Telemetry
 from fit.warnings import Cause
 
 Array = NDArray[np.float64]
@@ -28,36 +29,41 @@ def at_limit(f_x: Array, limit: float) -> NDArray[np.bool_]:
     return (f_x >= AT_LIMIT * limit) | (f_x <= -AT_LIMIT * limit)
 
 
+def limits(run: Telemetry) -> dict[str, float]:
+    """Return the largest size that commands of a run may have, in the unit of the channel."""
+    return spacecraft_of(run).limits(run)
+
+
 def limited(run: Telemetry, name: str) -> NDArray[np.intp]:
     """Return first sample and end of every stretch where a command is at its limit, shape (G, 2)."""
-    return derivatives.true_runs(at_limit(run.channels[name], limit_of(run, name)))
+    return derivatives.true_runs(at_limit(run.channels[name], limits(run)[name]))
 
 
-def limit_of(run: Telemetry, name: str) -> float:
-    """Return the largest force per unit mass [m s^-2] that ``f_x_1`` or ``f_x_2`` may have."""
-    return float(getattr(run, f"F_max_{name[-1]}")) / run.m_tm
+def limit_text(name: str, limit: float) -> str:
+    """Return the limit of a command as an equation."""
+    per_mass = "/m_tm" if CHANNELS[name].unit == "m s-2" else ""
+    return f"F_max_{name[-1]}{per_mass} = {limit:.3g} {CHANNELS[name].unit}"
 
 
 def check_authority(run: Telemetry) -> Iterator[Cause]:
     """Yield what contradicts the authority of a run."""
     for j in (1, 2):
         yield from _implausible_stiffness(run, j)
-        f_x, limit = run.channels[f"f_x_{j}"], limit_of(run, f"f_x_{j}")
-        if np.isnan(f_x).all():
-            continue
-        index = int(np.nanargmax(np.abs(f_x)))
-        largest = abs(float(f_x[index]))
+    sizes = {name: np.abs(np.nan_to_num(run.channels[name])) for name in limits(run)}
+    for name, limit in limits(run).items():
+        index, key = int(np.argmax(sizes[name])), f"F_max_{name[-1]}"
+        largest = float(sizes[name][index])
         tolerance = TOLERANCE if run.fs > 0.99 * FULL_RATE else RINGING
-        other = float(np.abs(np.nan_to_num(run.channels[f"f_x_{3 - j}"])).max())
+        others = {x: float(size.max()) for x, size in sizes.items() if x != name}
+        other = max(others.values(), default=0.0)
         if largest > (1 + tolerance) * limit + (LEAK / 100 if limit else min(LEAK, LEAK_RATIO * other)):
-            words = f"f_x_{j} exceeds its authority F_max_{j} = {getattr(run, f'F_max_{j}'):.3g} N"
+            words = f"{name} exceeds its authority {key} = {getattr(run, key):.3g} N"
+            unit = CHANNELS[name].unit
             if limit or other:
-                words += (
-                    f": {largest:.3g} m s-2 at {run.time[index]:.0f} s, F_max_{j}/m_tm = {limit:.3g} m s-2"
-                )
+                words += f": {largest:.3g} {unit} at {run.time[index]:.0f} s, {limit_text(name, limit)}"
             else:
-                words += f" and f_x_{3 - j} is zero: are they exchanged?"
-            yield Cause(run.run, f"F_max_{j}", "authority", largest, None, "m s-2", words, str(run.path))
+                words += f" and {', '.join(others)} is zero: are they exchanged?"
+            yield Cause(run.run, key, "authority", largest, None, unit, words, str(run.path))
 
 
 def _implausible_stiffness(run: Telemetry, j: int) -> Iterator[Cause]:

@@ -45,7 +45,7 @@ class AnalysedExperiment:
     run, noise : Telemetry
         Its run, and its noise run or None.
     parameters : mapping
-        Those of `fit.model.lisa_dynamics`.
+        Those of `fit.spacecraft.lisa`.
     """
 
     run: Telemetry
@@ -61,7 +61,7 @@ class AnalysedExperiment:
         }
 
     def _analyse(self, run: Telemetry, component: str) -> analysis.Analysis:
-        terms = analysis.split_lisa(run, self.parameters, "D_x" if component == "D_x" else "D_y")
+        terms = analysis.split_component(run, self.parameters, COMPONENTS.index(component))
         return analysis.analyse_terms(terms, float(run.time[0]), "dds", rising_noise=True)
 
 

@@ -177,7 +177,7 @@ ATTRIBUTES: Mapping[str, str | None] = {
     "I_zz": "kg m2",
     "omega2_phi": "s-2",
     "omega2_eta": "s-2",
-    "half_opening": "rad",  # this and the following of LISA, see `fit.model.lisa_dynamics`
+    "half_opening": "rad",  # this and the following of LISA, see `fit.spacecraft.lisa`
     "d_x": "m",
     "d_y": "m",
 }

@@ -4,11 +4,12 @@ Runs are paired with their noise runs, become spectra of the model's columns at 
 the PSD of the noise run. A `WhitenedRun` holds all of chi^2 of a run in a small triangle.
 """
 
-from fit.whitening.experiment import Experiment, divide, pair, pair_runs
+from fit.whitening.experiment import Experiment, divide, pair
 from fit.whitening.glitch_templates import Glitch, Shape
 from fit.whitening.likelihoods import Likelihood, Weights, expected_weights, weights
 from fit.whitening.residual_psd import ResidualSpectrum, fit_residual_noise, noise_model
 from fit.whitening.run import MAX_DELAY_SHIFT, Run, check_coverage
+from fit.whitening.system_run import system_run
 from fit.whitening.whitened_run import WhitenedRun
 
 __all__ = [
@@ -28,7 +29,7 @@ __all__ = [
     "glitch_templates",
     "noise_model",
     "pair",
-    "pair_runs",
+    "system_run",
     "weights",
     "whitened_run",
 ]

@@ -1,6 +1,6 @@
 """An experiment: an injection run and its adjacent noise run, and which experiments are fitted jointly."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -15,7 +15,6 @@ from fit.whitening.run import Run
 
 Array = NDArray[np.float64]
 
-JOINT_DURATION = 21600.0  # s: shorter runs hardly see the stiffness and take part only when asked to
 TRIMMED = 0.005  # fraction a decimation may have cut from a run's ends
 
 
@@ -58,6 +57,11 @@ class Experiment:
         return replace(
             self, sysid=self.sysid.limit_band(f_max), noise=self.noise and self.noise.limit_band(f_max)
         )
+
+    def with_parameters(self, names: Iterable[str]) -> "Experiment":
+        """Return the experiment with those of the named parameters that are taken as exact otherwise."""
+        sysid, noise = self.sysid.with_parameters(names), self.noise and self.noise.with_parameters(names)
+        return replace(self, sysid=sysid, noise=noise)
 
     def samples(self) -> int:
         """Return the number of samples of both runs, a measure of the time that their tests take."""
@@ -105,7 +109,8 @@ def divide(
     short = [
         e
         for e in experiments
-        if e.sysid.telemetry.duration < JOINT_DURATION * (1 - TRIMMED) and not settings.include_short
+        if e.sysid.telemetry.duration < e.sysid.spacecraft.shortest * (1 - TRIMMED)
+        and not settings.include_short
     ]
     return [e for e in experiments if e not in (*excluded, *short)], short, excluded
 

@@ -1,12 +1,12 @@
 """The noise PSD of an experiment: a smooth model fitted to the residual of its noise run."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fit.model import dynamics
+from fit.model import Equation
 from fit.spectra import NoiseModel, Spectra, fit_noise
 from fit.whitening import whitened_run
 from fit.whitening.experiment import Experiment
@@ -20,9 +20,13 @@ RETURN_RATIO = 2.0
 
 
 def noise_model(
-    experiment: Experiment, theta: Array, covariance: Array, previous: NoiseModel | None
+    experiment: Experiment,
+    theta: Array,
+    covariance: Array,
+    previous: NoiseModel | None,
+    index: int = 0,
 ) -> NoiseModel:
-    """Fit the noise PSD to the residual of the noise run or, without one, of the run itself.
+    """Fit the noise PSD of an equation to the residual of the noise run or, without one, of the run itself.
 
     See `fit_residual_noise` for a run that is longer than its noise run.
 
@@ -36,15 +40,19 @@ def noise_model(
         Of `theta`: what the fit takes out of its own residual.
     previous : NoiseModel or None
         Weights of the projection of constant and ramp; None to begin with.
+    index : int
+        Number of the equation.
     """
-    residual = _residual_spectrum(experiment.sysid, theta, experiment.parameters, previous)
-    residual = replace(residual, fit_gradient=(dynamics.gradient(theta, residual.terms.tau), covariance))
+    values = dict(zip(experiment.parameters, theta.tolist(), strict=True))
+    equation = experiment.sysid.equations[index]
+    residual = residual_spectrum(experiment.sysid, equation, values, previous)
+    gradient = equation.gradient(theta, residual.terms.tau)
+    residual = replace(residual, fit_gradient=(gradient, covariance))
     if experiment.noise is None:
         return fit_residual_noise(residual, previous)
     # a noise run may carry other read-outs of spacecraft motion than the sysid run
-    return fit_residual_noise(
-        _residual_spectrum(experiment.noise, theta, experiment.parameters), previous, residual
-    )
+    of_noise = residual_spectrum(experiment.noise, experiment.noise.equations[index], values)
+    return fit_residual_noise(of_noise, previous, residual)
 
 
 @dataclass(frozen=True)
@@ -79,14 +87,13 @@ class ResidualSpectrum:
         return np.stack([np.abs(z[:, 0]) ** 2 * S[:n_bins] / 2, np.maximum(fraction, 0)])
 
 
-def _residual_spectrum(
-    run: Run, theta: Array, names: Sequence[str], noise: NoiseModel | None = None
+def residual_spectrum(
+    run: Run, equation: Equation, values: Mapping[str, float], noise: NoiseModel | None = None
 ) -> ResidualSpectrum:
-    """Return what parameters of these names leave of a run; see `Run.spectra` for its noise, if known."""
-    terms = run.spectra(dynamics.delays(theta), noise)
-    values = dict(zip(names, theta, strict=True))
-    of_run = np.array([values.get(name, 0.0) for name in run.channels.parameters])
-    return ResidualSpectrum(terms, dynamics.coefficients(of_run, terms.tau))
+    """Return what parameters leave of an equation of a run; see `Run.spectra` for its noise, if known."""
+    theta = equation.parameters_of(values)
+    terms = equation.spectra(run.spectra(run.spacecraft.delays_of(theta, equation.parameters), noise))
+    return ResidualSpectrum(terms, equation.coefficients(theta, terms.tau))
 
 
 def fit_residual_noise(

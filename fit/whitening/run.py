@@ -2,13 +2,13 @@
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fit.errors import InputError
-from fit.model import dynamics
+from fit.model import Columns, Equation, RunChannels, Spacecraft
+from fit.spacecraft import spacecraft_of
 from fit.spectra import NoiseModel, Spectra, derivatives, masked_segments, windowing
 from fit.telemetry import Telemetry
 from fit.whitening import glitch_templates
@@ -41,8 +41,8 @@ class Run:
     ----------
     telemetry : Telemetry
         The run.
-    channels : dynamics.Channels
-        Its channels in the equation of motion, by default those of the telemetry.
+    channels : RunChannels
+        What its equations need, by default of the telemetry.
     masks : tuple of tuple of float
         Begin and end [s] of every stretch that is masked though its samples are there.
     glitches : tuple of Glitch
@@ -56,7 +56,7 @@ class Run:
     """
 
     telemetry: Telemetry
-    channels: dynamics.Channels = None  # type: ignore[assignment]  # see __post_init__
+    channels: RunChannels = None  # type: ignore[assignment]  # see __post_init__
     masks: tuple[tuple[float, float], ...] = ()
     glitches: tuple[Glitch, ...] = ()
     free_shapes: bool = False
@@ -66,12 +66,28 @@ class Run:
 
     def __post_init__(self) -> None:
         if self.channels is None:
-            channels = dynamics.channels(self.telemetry)  # type: ignore[unreachable]
+            channels = self.spacecraft.channels(self.telemetry)  # type: ignore[unreachable]
             object.__setattr__(self, "channels", channels)
+
+    @property
+    def spacecraft(self) -> Spacecraft:
+        """Of which it is."""
+        return spacecraft_of(self.telemetry)
+
+    @property
+    def equations(self) -> tuple[Equation, ...]:
+        """Its equations."""
+        return self.spacecraft.equations(self.channels)
 
     def limit_band(self, f_max: float) -> "Run":
         """Return the run with another end of the fitted band [Hz], `derivatives.F_MAX` at most."""
         return replace(self, f_max=f_max)
+
+    def with_parameters(self, names: Iterable[str]) -> "Run":
+        """Return the run with those of the named parameters as well that are taken as exact otherwise."""
+        added = tuple(name for name in self.spacecraft.optional if name in {*names})
+        channels = self.channels
+        return replace(self, channels=replace(channels, parameters=(*channels.parameters, *added)))
 
     @property
     def band(self) -> tuple[float, float] | None:
@@ -98,8 +114,7 @@ class Run:
         def even_mapping(series: Mapping[str, Array]) -> dict[str, Array]:
             return {name: even(x) for name, x in series.items()}
 
-        series = even_mapping({name: getattr(self.channels, name) for name in ("time", *dynamics.CHANNELS)})
-        valid = np.broadcast_to(np.True_, self.channels.valid.shape)
+        channels = self.channels
         return replace(
             self,
             telemetry=replace(
@@ -108,13 +123,17 @@ class Run:
                 channels=even_mapping(self.telemetry.channels),
             ),
             channels=replace(
-                self.channels, means=even_mapping(self.channels.means), valid=valid, **dict[str, Any](series)
+                channels,
+                time=even(channels.time),
+                valid=np.broadcast_to(np.True_, channels.valid.shape),
+                series=even_mapping(channels.series),
+                means=even_mapping(channels.means),
             ),
         )
 
     def with_channels(self, channels: Mapping[str, Array]) -> "Run":
-        """Return the run with other series, shape (N,), in some of the `dynamics.CHANNELS`."""
-        return replace(self, channels=replace(self.channels, **dict[str, Any](channels)))
+        """Return the run with other series, shape (N,), in some of its channels."""
+        return replace(self, channels=replace(self.channels, series={**self.channels.series, **channels}))
 
     def with_glitches(self, glitches: Sequence[Glitch]) -> "Run":
         """Return the run with these glitches projected out as well."""
@@ -143,11 +162,13 @@ class Run:
     def weight(self) -> float:
         """What missing samples, masks and the stencils beside them leave of the window, in samples."""
         reached = derivatives.dilate_mask(~self.channels.valid)
-        return float(np.sum(windowing.window(~reached, self.channels.fs) ** 2))
+        w = windowing.window(~reached, self.channels.fs, gap_taper=self.spacecraft.gap_taper)
+        return float(np.sum(w**2))
 
-    def columns(self, tau: tuple[float, float]) -> dynamics.Columns:
+    def columns(self, tau: tuple[float, float]) -> Columns:
         """Return the columns expanded about exactly these delays."""
-        return dynamics.columns(self.channels, tau)
+        values = np.concatenate(list(self.spacecraft.column_groups(self.channels, tau)), axis=1)
+        return replace(self.spacecraft.blank(self.channels, tau), values=values)
 
     def spectra(self, tau: tuple[float, float], noise: NoiseModel | None = None) -> Spectra:
         """Return the spectra expanded about delays close to `tau`, which they carry.
@@ -164,16 +185,15 @@ class Run:
         if initial and tau == initial.tau:  # where every fit begins
             spectra = initial
         elif spectra is None:
-            spectra = self.transformed(
-                dynamics.column_groups(self.channels, tau), dynamics.blank(self.channels, tau)
-            )
+            groups = self.spacecraft.column_groups(self.channels, tau)
+            spectra = self.transformed(groups, self.spacecraft.blank(self.channels, tau))
             check_coverage(self.telemetry, spectra.window, f"{self.channels.missing} missing samples")
             self._cache.initial = spectra
         else:
             for j in self._far_masses(spectra, tau, noise):  # of what does not move, the transforms stay
-                columns, of_force = spectra.columns.copy(order="F"), dynamics.force(self.channels, j, tau)
-                fs, bins = self.channels.fs, spectra.bins
-                columns[:, dynamics.FORCES[j]] = windowing.windowed_spectra(
+                columns, fs, bins = spectra.columns.copy(order="F"), self.channels.fs, spectra.bins
+                of_force = self.spacecraft.force(self.channels, j, tau)
+                columns[:, self.spacecraft.forces[j]] = windowing.windowed_spectra(
                     of_force, spectra.window, fs, bins
                 )
                 expanded = (tau[0], spectra.tau[1]) if j == 0 else (spectra.tau[0], tau[1])
@@ -188,10 +208,10 @@ class Run:
         if not (candidates and noise):
             return candidates
         unheard = MAX_EXPANSION_ERROR * np.sqrt(noise(spectra.f)) / (2 * np.pi * spectra.f) ** 2
-        sizes = {j: np.abs(spectra.columns[:, dynamics.FORCES[j].start]) for j in candidates}
+        sizes = {j: np.abs(spectra.columns[:, self.spacecraft.forces[j].start]) for j in candidates}
         return [j for j in candidates if np.any(sizes[j] * ((tau[j] - spectra.tau[j]) ** 2 / 2) > unheard)]
 
-    def transformed(self, values: Array | Iterable[Array], terms: dynamics.Columns) -> Spectra:
+    def transformed(self, values: Array | Iterable[Array], terms: Columns) -> Spectra:
         """Return the spectra of columns, shape (M, P) or in parts, that lie beside `terms`."""
         if known := self._cache.initial:  # window, and what is projected out, are those of the run
             columns = windowing.windowed_spectra(values, known.window, terms.fs, known.bins)
@@ -199,7 +219,14 @@ class Run:
         nuisance_columns = self.nuisance_columns(terms.time, terms.fs)
         impulses = self.impulses(terms.time, terms.fs)
         return windowing.transform(
-            values, terms.valid, terms.fs, terms.tau, nuisance_columns, impulses, self.band
+            values,
+            terms.valid,
+            terms.fs,
+            terms.tau,
+            nuisance_columns,
+            impulses,
+            self.band,
+            self.spacecraft.gap_taper,
         )
 
 

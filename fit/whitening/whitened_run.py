@@ -11,39 +11,20 @@ band. Leaving out the lowest bins would break the sum.
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Protocol, Self
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import lapack
 
 from fit.errors import FitError
-from fit.model import dynamics
+from fit.model import Equation, dynamics
+from fit.spacecraft import DELTA_G
 from fit.spectra import NoiseModel, Spectra, Spectrum, windowing
 from fit.telemetry import pieces
 from fit.whitening.likelihoods import Likelihood, Weights, weights
 
 Array = NDArray[np.float64]
-
-
-class Equation(Protocol):
-    """Coefficients of the K columns of a run, the first of which has the coefficient 1."""
-
-    def coefficients(self, theta: Array, tau: tuple[float, float], /) -> Array:
-        """Return the coefficients, shape (K, ...), for the parameters of the run, shape (K - 1, ...)."""
-
-    def gradient(self, theta: Array, tau: tuple[float, float], /) -> Array:
-        """Return their derivatives by the parameters of the run, shape (K, K - 1)."""
-
-
-class DeltaG:
-    """The differential acceleration along x (Eq. (11)), see `fit.model.dynamics`."""
-
-    coefficients = staticmethod(dynamics.coefficients)
-    gradient = staticmethod(dynamics.gradient)
-
-
-DELTA_G = DeltaG()
 
 
 @dataclass(frozen=True)
@@ -60,7 +41,7 @@ class WhitenedRun:
         Of the bins.
     window : ndarray, shape (N,), or None
         The window of the run, which makes neighbouring bins one noise; None to take bins as independent.
-    parameter_map : ndarray, shape (K - 1, P)
+    parameter_map : ndarray, shape (Q, P)
         Linear map from the fitted parameters to those of the run.
     first_bin : int
         Number of its first bin in the transform of the whole run.
@@ -93,7 +74,7 @@ class WhitenedRun:
         return self.equation.coefficients(self.parameter_map @ theta, self.tau)
 
     def run_gradient(self, theta: Array, /) -> Array:
-        """Return the derivatives of `coefficients` by the parameters of the run, shape (K, K - 1)."""
+        """Return the derivatives of `coefficients` by the parameters of the run, shape (K, Q)."""
         return self.equation.gradient(self.parameter_map @ theta, self.tau)
 
     def gradient(self, theta: Array) -> Array:
@@ -111,6 +92,16 @@ class WhitenedRun:
             noise=None,
             f=None,
         )
+
+    @property
+    def blocks(self) -> "tuple[WhitenedRun, ...]":
+        """The run in each of its equations."""
+        return (self,)
+
+    @property
+    def places(self) -> list[NDArray[np.intp]]:
+        """The columns of each block among those of the run."""
+        return [np.arange(self.columns.shape[1])]
 
     @property
     def size(self) -> int:
@@ -265,7 +256,7 @@ def whiten_run(
         The run.
     noise : NoiseModel
         Of its noise.
-    parameter_map : ndarray, shape (K - 1, P)
+    parameter_map : ndarray, shape (Q, P)
         See `WhitenedRun`.
     likelihood : str
         What the residual is taken to be like.

@@ -7,7 +7,6 @@ from typing import Any
 from fit.errors import shown
 from fit.files import closest_match
 from fit.forecasting import expected_euler_fit, expected_fit
-from fit.lisa import expected_lisa_fit
 from fit.parallel import one_blas_thread
 from fit.parameters import FLIGHT, misalignments
 from fit.results import FIXED, Estimate, Fit
@@ -22,9 +21,7 @@ from lpfcosim.messages import grouped
 from lpfcosim.models import DELTA_G
 from lpfcosim.planned_experiments import (
     LISA,
-    is_lisa,
     planned_experiments,
-    planned_lisa_experiments,
     planned_noise_runs,
 )
 from lpfcosim.workflows.campaigns import CampaignLike, resolve
@@ -168,15 +165,6 @@ def expected_results(plan: Campaign, fit_settings: Settings, doubts: tuple[str, 
     NoneTakesPartError, NoiselessError
         If no run takes part in the joint fit, or there is no noise.
     """
-    if is_lisa(plan):
-        joint = expected_lisa_fit(planned_lisa_experiments(plan), fit_settings)
-        return Forecast(
-            joint,
-            {},
-            fit_settings.without_fmu_parameters().constraints,
-            (*doubts, *distinct_messages(joint.warnings)),
-            plan.digest,
-        )
     gain_scatter = dict.fromkeys(("lambda_1", "lambda_2"), plan.truth.lambda_scatter)
     joint = expected_fit.expected_fit(planned_experiments(plan), fit_settings, gain_scatter)
     inertial = expected_euler_fit.expected_periods(

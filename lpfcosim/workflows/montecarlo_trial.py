@@ -11,11 +11,12 @@ import numpy as np
 from fit.crosstalk import euler_fit
 from fit.errors import CalibrationError
 from fit.forecasting import coverage
-from fit.model import dynamics, lisa_dynamics, rotation
+from fit.model import dynamics, rotation
 from fit.parallel import one_blas_thread, serial
 from fit.pipeline import calibrate
 from fit.results import Results
 from fit.settings import Settings
+from fit.spacecraft import lisa
 from fit.telemetry import Telemetry, read_all
 from lpfcosim.campaign import Campaign, montecarlo
 from lpfcosim.cosim import FmuLibraryCache, SimulationProgress
@@ -143,7 +144,7 @@ class MonteCarloTask:
 def channels_of_fit(run: Run) -> list[str]:
     """Return the recorded channels that a fit reads; the star tracker only in long noise runs."""
     if model_of(run).equation == LISA:
-        return [name for name in lisa_dynamics.CHANNELS if name in model_of(run).record]
+        return [name for name in lisa.CHANNELS if name in model_of(run).record]
     if model_of(run).equation != DELTA_G:
         return list(model_of(run).record)
     means = (name for parts in dynamics.MEANS.values() for name in parts)

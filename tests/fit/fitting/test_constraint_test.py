@@ -43,6 +43,10 @@ class Data:
 
     noise = None
 
+    @property
+    def blocks(self):
+        return (self,)
+
     def coefficients(self, theta):
         return np.concatenate([np.ones_like(theta[:1]), -theta])
 

@@ -5,6 +5,7 @@ from scipy.signal import get_window
 
 from fit.fitting import ltpda_flscov
 from fit.model import dynamics
+from fit.spacecraft import DELTA_G
 from fit.whitening import Run
 from tests.oracles.synthetic import World, telemetry
 
@@ -15,7 +16,7 @@ def test_flscov_is_weighted_least_squares_on_averaged_residuals():
     theta = np.array([0.0, 1.0776, 0.0, 0.186, -1e-6, 0.0, -2.2e-5])
     terms = run.columns(dynamics.delays(theta))
     c = dynamics.coefficients(theta, terms.tau)
-    block, _ = ltpda_flscov.block(terms, np.eye(7), c)
+    block, _ = ltpda_flscov.block(terms, DELTA_G, np.eye(7), c)
     N, fs = len(terms.values), terms.fs
     n = int(N / (1 + 9 * 0.339))
     w = get_window("blackmanharris", n, fftbins=True)

@@ -274,7 +274,7 @@ def test_hardly_anything_is_kept_of_a_run(quickstart):
     arrays = [
         emptied.telemetry.time,
         *emptied.telemetry.channels.values(),
-        emptied.channels.o_1,
+        emptied.channels.series["o_1"],
         emptied.channels.valid,
     ]
     assert all(array.strides == (0,) for array in arrays)  # one number, however long

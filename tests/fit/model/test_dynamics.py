@@ -81,7 +81,7 @@ def test_columns_do_not_depend_on_the_delay_they_are_expanded_about():
     for tau in (dynamics.delays(theta), (0.1386, 0.1727)):
         terms = dynamics.columns(channels, tau)
         sums.append(terms.values @ dynamics.coefficients(theta, tau))
-    assert rms(sums[0] - sums[1]) < 3e-9 * rms(channels.f_x_2)
+    assert rms(sums[0] - sums[1]) < 3e-9 * rms(channels.series["f_x_2"])
 
 
 def test_delays():

@@ -35,7 +35,7 @@ def experiment(runs):
 def search(searched):
     """Return an experiment without its glitches, and the warnings."""
     result = glitches.remove_glitches(searched)
-    return result.experiment, tuple(result.warnings.values())
+    return result.experiment, tuple(warning for _, warning in result.warnings)
 
 
 def both(found):

@@ -41,7 +41,7 @@ def diagnostics_beside(x, reference, **changes):
         S = psd(noise_run.f)
     U, _ = whitened_run.whiten(run, psd.expected(run.f))
     residual = WhitenedResidual(run.f, U[:, 0], run.window, psd, True)
-    return diagnostics(replace(residual, **changes), n_absorbed=2)
+    return diagnostics([replace(residual, **changes)], n_absorbed=0)
 
 
 def several(count, seed, **options):

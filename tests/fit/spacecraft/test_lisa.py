@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from fit.errors import InputError
-from fit.model import lisa_dynamics
-from fit.model.lisa_dynamics import COLUMNS, GEOMETRY, PARAMETERS, Equation
+from fit.spacecraft import lisa
+from fit.spacecraft.lisa import COLUMNS, GEOMETRY, LISA, PARAMETERS, Component
 from fit.spectra import windowing
 from tests.oracles import lisa_loop
 from tests.oracles.lisa_loop import World
@@ -50,7 +50,7 @@ def test_the_true_parameters_leave_nothing_of_an_injection(component, source, ge
     f = np.geomspace(1e-4, 0.1, 200)
     outputs, _ = lisa_loop.closed_loop(world, f)
     columns = columns_of(outputs[:, :, lisa_loop.SOURCES.index(source)], f, world)
-    equation = Equation(component, ALL)
+    equation = Component(component, ALL)
     value = {"dws_gain": 1.0, "d_y": 0.5, **world.truth, **geometry}
     theta = np.array([value.get(name, 0.0) for name in ALL])
     terms = columns @ equation.basis * equation.coefficients(theta, delays(world))
@@ -60,7 +60,7 @@ def test_the_true_parameters_leave_nothing_of_an_injection(component, source, ge
 @pytest.mark.parametrize("component", ["D_x", "D_y"])
 @pytest.mark.parametrize("tau", [(0.1, 0.2), (0.15, 0.17)])
 def test_gradient_is_that_of_the_coefficients(component, tau):
-    equation, rng = Equation(component, ALL), np.random.default_rng(1)
+    equation, rng = Component(component, ALL), np.random.default_rng(1)
     theta = rng.normal(size=len(ALL)) + 3
     step = 1e-6 * np.eye(theta.size)
     slopes = [
@@ -71,11 +71,11 @@ def test_gradient_is_that_of_the_coefficients(component, tau):
 
 def test_columns_are_right_in_the_whole_band():
     world = World()
-    run = lisa_dynamics.channels(lisa_loop.run(world, lisa_loop.sequence(1e-6)))
+    run = lisa.channels(lisa_loop.run(world, lisa_loop.sequence(1e-6)))
     assert run.parameters == PARAMETERS
-    columns = lisa_dynamics.columns(run, delays(world))
+    columns = np.concatenate(list(LISA.column_groups(run, delays(world))), axis=1)
     spectra = windowing.transform(columns, np.ones(len(columns), dtype=bool), run.fs)
-    for equation in lisa_dynamics.equations(run):
+    for equation in LISA.equations(run):
         theta = np.array([world.truth[name] for name in equation.parameters])
         terms = spectra.columns @ equation.basis * equation.coefficients(theta, delays(world))
         assert np.abs(terms.sum(axis=1)).max() < 1e-10 * np.abs(terms).max()
@@ -90,7 +90,7 @@ def test_noise_of_both_components_at_a_millihertz():
     theta = np.array([world.truth[name] for name in PARAMETERS])
     D = []
     for component in ("D_x", "D_y"):
-        equation = Equation(component, PARAMETERS)
+        equation = Component(component, PARAMETERS)
         c = equation.basis @ equation.coefficients(theta, delays(world))
         D.append([columns_of(noise[:, :, i], f, world)[0] @ c for i in range(noise.shape[-1])])
     power = np.array(D) @ np.conj(D).T
@@ -104,11 +104,11 @@ def test_assemblies_that_turn_are_taken_off_the_attitude():
     channels = {"dws_phi_2": still.channels["dws_phi_2"] + turning, "mosa_2": turning}
     channels["mosa_1"] = np.zeros(still.size)
     run = replace(still, channels={**still.channels, **channels})
-    phi = lisa_dynamics.channels(still).series["phi"]
-    np.testing.assert_allclose(lisa_dynamics.channels(run).series["phi"], phi, atol=1e-18)
+    phi = lisa.channels(still).series["phi"]
+    np.testing.assert_allclose(lisa.channels(run).series["phi"], phi, atol=1e-18)
 
 
 def test_geometry_that_is_no_number_is_refused():
     run = lisa_loop.run(World(), lisa_loop.sequence(1e-6), duration=3600)
     with pytest.raises(InputError, match=r"attribute d_y: 'half a metre', expected a number"):
-        lisa_dynamics.channels(replace(run, attributes={"d_y": "half a metre"}))
+        lisa.channels(replace(run, attributes={"d_y": "half a metre"}))

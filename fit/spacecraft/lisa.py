@@ -1,4 +1,4 @@
-"""The observable of one LISA spacecraft as columns of a linear model; the only place with its signs.
+"""One LISA spacecraft: two equations, D_x and D_y; the only place with their signs.
 
 Two test masses fly in housings whose x axes, along the telescopes, open by 60 degrees. In the plane, with
 s_j = (x_j, y_j) in the frame of housing j and q_j = (o_j, grs_y_j) its read-outs,
@@ -28,22 +28,24 @@ Delays are expanded as in
 
 import math
 from collections import defaultdict
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from fit import parameters
 from fit.errors import InputError, shown
-from fit.model.dynamics import LOOP_PERIOD
-from fit.model.run_channels import RunChannels, reduce_channels
+from fit.model import Columns, Equation, Range, RunChannels, Spacecraft, dynamics, reduce_channels
+from fit.parameters import Parameter
+from fit.requirements import SHORTEST, STEEP_GAP_TAPER
 from fit.spectra import derivatives
 from fit.telemetry import Telemetry
 
 Array = NDArray[np.float64]
-Component = Literal["D_x", "D_y", "I_1", "I_2"]
+Delays = tuple[float, float]
 
 HALF_OPENING = math.pi / 6  # rad
 BASELINE = (0.0, 0.5)  # m, r_1 - r_2 along x and y: a choice
@@ -78,34 +80,30 @@ GEOMETRY = (
     *("opening", "d_x", "d_y", "dws_gain"),
 )
 _ALONG = np.array([1.0, 0.0])
+_INNER = slice(derivatives.HALF, -derivatives.HALF)  # of what stencils are applied to
 _STEP = 1e-30  # imaginary, of a derivative: too small to matter in the real part
 
 
 @dataclass(frozen=True)
 class Channels(RunChannels):
-    """The channels of one run, low-passed and decimated alike.
+    """The channels of one run, forces along x where they vary, and the geometry.
 
     Attributes
     ----------
-    fs, time, valid, missing
-        See `RunChannels`.
-    series : mapping of str to ndarray, each of shape (N,)
-        Read-outs [m]; commanded forces per unit mass [m s^-2], those that vary; ``phi`` [rad].
     half_opening : float
         Half of the angle between the telescopes [rad].
     baseline : tuple of float
         r_1 - r_2 along x and y of the spacecraft [m].
+    m_tm : float
+        Mass of a test mass [kg].
+    attitude : tuple of str
+        Channels that phi is made of.
     """
 
-    series: Mapping[str, Array]
     half_opening: float = HALF_OPENING
     baseline: tuple[float, float] = BASELINE
-
-    @property
-    def parameters(self) -> tuple[str, ...]:
-        """Names of the P parameters of the run: gain and delay along x where such a force is commanded."""
-        suspended = [j for j in (1, 2) if f"F_x_{j}" in self.series]
-        return (*PARAMETERS, *(f"{name}_x_{j}" for j in suspended for name in ("lambda", "C")))
+    m_tm: float = parameters.M_TM
+    attitude: tuple[str, ...] = ()
 
 
 def channels(telemetry: Telemetry) -> Channels:
@@ -113,17 +111,25 @@ def channels(telemetry: Telemetry) -> Channels:
     taps, factor = derivatives.low_pass(telemetry.fs)
     raw = ((name, telemetry.channels[name]) for name in CHANNELS if name in telemetry.channels)
     varying = ((name, x) for name, x in raw if name[:3] != "F_x" or np.any(x))
-    axis, series = reduce_channels(telemetry, varying, taps, factor)
-    for name in set(_COMMANDS) & series.keys():
-        series[name] = series[name] / telemetry.m_tm
-    turns = [weight * series.pop(name) for name, weight in _ATTITUDE.items() if name in series]
-    series["phi"] = np.sum(turns, axis=0)
+    reduced = reduce_channels(telemetry, varying, taps, factor)
+    series = _series(reduced.series, telemetry.m_tm)
+    suspended = [j for j in (1, 2) if f"F_x_{j}" in series]
+    along_x = (f"{name}_x_{j}" for j in suspended for name in ("lambda", "C"))
     return Channels(
-        **vars(axis),
-        series=series,
+        **vars(reduced) | {"series": series, "parameters": (*PARAMETERS, *along_x)},
         half_opening=_stated(telemetry, "half_opening", HALF_OPENING),
         baseline=(_stated(telemetry, "d_x", BASELINE[0]), _stated(telemetry, "d_y", BASELINE[1])),
+        m_tm=telemetry.m_tm,
+        attitude=tuple(name for name in _ATTITUDE if name in telemetry.channels),
     )
+
+
+def _series(channels: Mapping[str, Array], m_tm: float) -> dict[str, Array]:
+    """Return read-outs, commands per unit mass, and the attitude phi, from channels of telemetry."""
+    read_outs = {name: channels[name] for name in _READ_OUTS}
+    commands = {name: channels[name] / m_tm for name in _COMMANDS if name in channels}
+    turns = [weight * channels[name] for name, weight in _ATTITUDE.items() if name in channels]
+    return {**read_outs, **commands, "phi": np.sum(turns, axis=0)}
 
 
 def _stated(telemetry: Telemetry, attribute: str, default: float) -> float:
@@ -133,28 +139,13 @@ def _stated(telemetry: Telemetry, attribute: str, default: float) -> float:
     raise InputError(f"{telemetry.path}: attribute {attribute}: {shown(value)}, expected a number, SI")
 
 
-def columns(run: Channels, tau: tuple[float, float]) -> Array:
-    """Return the `COLUMNS` of a run, commands delayed by `tau` [s], shape (N, 17); zero where it has none."""
-    inner = slice(derivatives.HALF, -derivatives.HALF)
-    values = np.zeros((run.time[inner].size, len(COLUMNS)))
-    for name in _READ_OUTS:
-        values[:, COLUMNS.index(f"dd{name}")] = derivatives.derivative(run.series[name], run.fs, 2)
-        values[:, COLUMNS.index(name)] = run.series[name][inner]
-    for name in set(_COMMANDS) & run.series.keys():
-        i = COLUMNS.index(name)
-        tau_0 = tau[int(name[-1]) - 1]
-        values[:, i : i + 2] = derivatives.held_command(run.series[name], run.fs, tau_0, LOOP_PERIOD)
-    values[:, -1] = derivatives.derivative(run.series["phi"], run.fs, 2)
-    return values
-
-
 @dataclass(frozen=True)
-class Equation:
+class Component(Equation):
     """A component of D, or I_j without X_j'', as a sum of columns of which the first has no parameter.
 
     Attributes
     ----------
-    component : str
+    name : str
         ``D_x``, ``D_y``, ``I_1`` or ``I_2``.
     parameters : tuple of str
         The P parameters of the run, of `PARAMETERS`, `GEOMETRY` and those along x.
@@ -162,40 +153,46 @@ class Equation:
         See `Channels`.
     """
 
-    component: Component
+    name: str
     parameters: tuple[str, ...]
     half_opening: float = HALF_OPENING
     baseline: tuple[float, float] = BASELINE
+    noisy = True
 
-    def coefficients(self, theta: Array, tau: tuple[float, float]) -> Array:
+    def coefficients(self, theta: Array, tau: Delays, /) -> Array:
         """Return the coefficients of the K columns of `basis`, shape (K,), at theta, shape (P,)."""
         weights = self._weights(theta, tau) - self._weights(self._nominal, tau)
         return np.concatenate([[1.0], weights[self.varying]])
 
-    def gradient(self, theta: Array, tau: tuple[float, float]) -> Array:
+    def gradient(self, theta: Array, tau: Delays, /) -> Array:
         """Return the derivatives of `coefficients` by theta, shape (K, P), to the last digit."""
         steps = theta + 1j * _STEP * np.eye(theta.size)
         slopes = [self._weights(step, tau).imag[self.varying] / _STEP for step in steps]
         return np.concatenate([np.zeros((1, theta.size)), np.transpose(slopes)])
 
-    def terms(self, columns: Array, theta: Array, tau: tuple[float, float]) -> dict[str, Array]:
-        """Return the terms that add up to the component, of `TERMS`, each of shape (N,).
-
-        Parameters
-        ----------
-        columns : ndarray, shape (N, 17)
-            Those of `columns`, at the delays `tau`.
-        theta : ndarray, shape (P,)
-            The parameters.
-        tau : tuple of float
-            Delays of test masses 1 and 2 [s].
-        """
-        weights = self._weights(theta, tau)
+    def terms(self, columns: Columns, theta: Array, /) -> dict[str, Array]:
+        """Return the terms that add up to the component, those of `TERMS`, each of shape (N,)."""
+        weights = self._weights(theta, columns.tau)
         return {
-            name: columns[:, places] @ weights[places]
+            name: columns.values[:, places] @ weights[places]
             for name, series in TERMS.items()
             for places in ([COLUMNS.index(x) for x in series],)
         }
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """See `Equation`; the first is what perfect read-outs without forces make of the component."""
+        return (self.name, *(COLUMNS[i] for i in self.varying))
+
+    @property
+    def loop_columns(self) -> tuple[str, ...]:
+        """See `Equation`."""
+        return self.columns[1:]
+
+    @property
+    def driven_columns(self) -> tuple[str, ...]:
+        """See `Equation`."""
+        return self.columns
 
     @cached_property
     def varying(self) -> NDArray[np.intp]:
@@ -216,7 +213,7 @@ class Equation:
         known = self._weights(self._nominal, (0.0, 0.0))
         return np.concatenate([known[:, None], np.eye(len(COLUMNS))[:, self.varying]], axis=1)
 
-    def _weights(self, theta: NDArray[Any], tau: tuple[float, float]) -> NDArray[Any]:
+    def _weights(self, theta: NDArray[Any], tau: Delays) -> NDArray[Any]:
         """Return the coefficients of `COLUMNS`, shape (17,): real, or complex to differentiate by theta."""
         value = dict(zip(self.parameters, theta, strict=True))
         weights: NDArray[Any] = np.zeros(len(COLUMNS), dtype=theta.dtype)
@@ -224,7 +221,7 @@ class Equation:
             angle = sign * self.half_opening + turn
             # the row of R_j that belongs to the component, with the sign of the test mass
             turned = sign * np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
-            row = {"D_x": turned[0], "D_y": turned[1], f"I_{j}": _ALONG}.get(self.component, 0 * _ALONG)
+            row = {"D_x": turned[0], "D_y": turned[1], f"I_{j}": _ALONG}.get(self.name, 0 * _ALONG)
             of_mass = {name[:-2]: x for name, x in value.items() if name.endswith(f"_{j}")}
             gain = defaultdict(float, {"grs_gain_y": 1.0} | of_mass)
             read_out = np.array([[1, gain["o_per_y"]], [gain["grs_y_per_x"], gain["grs_gain_y"]]])
@@ -233,7 +230,7 @@ class Equation:
             )
             motion = np.linalg.inv(read_out)  # s_j of q_j
             i = COLUMNS.index(f"ddo_{j}")
-            weights[i : i + 2] = 0 if self.component[0] == "I" else row @ motion
+            weights[i : i + 2] = 0 if self.name[0] == "I" else row @ motion
             i = COLUMNS.index(f"o_{j}")
             weights[i : i + 2] = row @ stiffness @ motion
             i = COLUMNS.index(f"F_y_{j}")
@@ -242,7 +239,7 @@ class Equation:
             along_x = row[0] * np.array([gain["lambda_x"], gain["lambda_x"] * tau[j - 1] - gain["C_x"]])
             weights[i : i + 4] = -along_y, along_y * late_y, *(-along_x)
         d_x, d_y = (value.get(name, known) for name, known in zip(("d_x", "d_y"), self.baseline, strict=True))
-        weights[-1] = {"D_x": -d_y, "D_y": d_x}.get(self.component, 0.0) / value.get("dws_gain", 1.0)
+        weights[-1] = {"D_x": -d_y, "D_y": d_x}.get(self.name, 0.0) / value.get("dws_gain", 1.0)
         return weights
 
 
@@ -250,17 +247,102 @@ def _delay(C: float, gain: float) -> float:
     return C / gain if gain else C
 
 
-def delays(parameters: Sequence[str], theta: Array) -> tuple[float, float]:
+def delays(parameters: Sequence[str], theta: Array) -> Delays:
     """Return the delays ``C_y_j / lambda_y_j`` [s] of test masses 1 and 2 for theta, shape (P,)."""
     value = dict(zip(parameters, theta.tolist(), strict=True))
     tau_1, tau_2 = (_delay(value[f"C_y_{j}"], value[f"lambda_y_{j}"]) for j in (1, 2))
     return tau_1, tau_2
 
 
-def equations(run: Channels, parameters: Sequence[str] | None = None) -> tuple[Equation, Equation]:
-    """Return D_x and D_y of a run, for its own parameters or others."""
-    names = run.parameters if parameters is None else tuple(parameters)
-    return (
-        Equation("D_x", names, run.half_opening, run.baseline),
-        Equation("D_y", names, run.half_opening, run.baseline),
-    )
+class Lisa(Spacecraft):
+    """The record of a LISA spacecraft."""
+
+    def channels(self, telemetry: Telemetry) -> Channels:
+        """See `Spacecraft`."""
+        return channels(telemetry)
+
+    def limits(self, telemetry: Telemetry) -> dict[str, float]:
+        """See `Spacecraft`; along x."""
+        authority = {"F_x_1": telemetry.F_max_1, "F_x_2": telemetry.F_max_2}
+        return {name: F_max for name, F_max in authority.items() if name in telemetry.channels}
+
+    def inputs(self, run: RunChannels) -> tuple[str, ...]:
+        """See `Spacecraft`."""
+        commands = [name for name in _COMMANDS if name in run.series]
+        assert isinstance(run, Channels)
+        return (*_READ_OUTS, *commands, *run.attitude)
+
+    def from_inputs(self, run: RunChannels, time: Array, channels: Mapping[str, Array]) -> RunChannels:
+        """See `Spacecraft`."""
+        assert isinstance(run, Channels)
+        valid = np.ones(time.size, dtype=bool)
+        return replace(run, time=time, valid=valid, series=_series(channels, run.m_tm))
+
+    def blank(self, run: RunChannels, tau: Delays) -> Columns:
+        """See `Spacecraft`."""
+        valid, time = ~derivatives.dilate_mask(~run.valid), run.time[_INNER]
+        return Columns(tau, COLUMNS, run.fs, time, np.empty((valid.size, 0)), valid)
+
+    def column_groups(self, run: RunChannels, tau: Delays) -> Iterator[Array]:
+        """See `Spacecraft`; what the run has not is zero."""
+        yield from (derivatives.derivative(run.series[name], run.fs, 2)[:, None] for name in _READ_OUTS)
+        yield from (run.series[name][_INNER, None] for name in _READ_OUTS)
+        yield from (self.force(run, j, tau) for j in (0, 1))
+        yield derivatives.derivative(run.series["phi"], run.fs, 2)[:, None]
+
+    def force(self, run: RunChannels, j: int, tau: Delays) -> Array:
+        """See `Spacecraft`."""
+        none = np.zeros((run.time[_INNER].size, 2))
+        commands = (run.series.get(f"F_{axis}_{j + 1}") for axis in ("y", "x"))
+        pairs = [
+            none if f is None else derivatives.held_command(f, run.fs, tau[j], dynamics.LOOP_PERIOD)
+            for f in commands
+        ]
+        return np.concatenate(pairs, axis=1)
+
+    def equations(self, run: RunChannels) -> tuple[Equation, ...]:
+        """See `Spacecraft`."""
+        assert isinstance(run, Channels)
+        return tuple(
+            Component(name, run.parameters, run.half_opening, run.baseline) for name in ("D_x", "D_y")
+        )
+
+    def delays_of(self, theta: Array, names: Sequence[str]) -> Delays:
+        """See `Spacecraft`."""
+        return delays(names, theta)
+
+    def level(self, f: Array) -> Array:
+        """See `Spacecraft`; read-outs of y, twice differentiated."""
+        return np.asarray(1 + (f / 1e-3) ** 4)
+
+    def parameters(self, _: Telemetry, names: Sequence[str], /) -> list[Parameter]:
+        """See `Spacecraft`."""
+        return [parameters.LISA[name] for name in names]
+
+
+_UNIT_OR_SIGN = "its unit or its sign is wrong"
+#: By parameter without the number of the test mass. Commands of the two test masses that are exchanged act
+#: along x as much as along y, since their axes are 60 degrees apart.
+_RANGES = {
+    "lambda_x": Range(0.3, 3.0, "F_x", _UNIT_OR_SIGN),
+    "lambda_y": Range(0.3, 3.0, "F_y", _UNIT_OR_SIGN),
+    "grs_gain_y": Range(0.3, 3.0, "grs_y", _UNIT_OR_SIGN),
+    "x_per_y": Range(-0.3, 0.3, "F_y", "it is of another test mass or axis"),
+}
+
+LISA = Lisa(
+    name="LISA",
+    read_outs=("o_1", "o_2", "grs_y_1", "grs_y_2"),
+    commands=_COMMANDS,
+    delays=(0.15, 0.15),
+    forces=(slice(8, 12), slice(12, 16)),
+    shortest=SHORTEST,
+    optional=GEOMETRY,
+    alike=(("o_1", "o_2"), ("grs_y_1", "grs_y_2"), ("F_y_1", "F_y_2")),
+    ranges={
+        f"{name}_{j}": limits._replace(channel=f"{limits.channel}_{j}")
+        for name, limits in _RANGES.items()
+        for j in (1, 2)
+    },
+    gap_taper=STEEP_GAP_TAPER,
+)

@@ -12,14 +12,10 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from fit.fitting import IRLSResult
 from fit.spectra import NoiseModel, Spectra
-from fit.warnings import FitWarning
 from fit.whitening import WhitenedRun, whitened_run
 
 Array = NDArray[np.float64]
-
-NOTABLE = 0.5  # sigma, of a correction that is reported
 
 
 @dataclass(frozen=True)
@@ -70,20 +66,3 @@ def corrected(run: WhitenedRun, noise_run: Spectra, noise: NoiseModel, c: Array)
     share = 2 * len(run.columns) / len(rows) * float(np.mean(run.weights.fit))
     known = {x.name: getattr(run, x.name) for x in fields(WhitenedRun)}
     return CorrectedRun(**known, noise_scores=share * (rows[:, 1:].T @ (rows @ c)))
-
-
-def notable_corrections(outcome: IRLSResult) -> list[FitWarning]:
-    """Name the parameters that the correction moved by more than `NOTABLE` of their sigmas."""
-    theta, shift = outcome.solution.theta, np.zeros(outcome.solution.theta.size)
-    for run in outcome.whitened_runs:
-        if isinstance(run, CorrectedRun):
-            shift += run.gradient(theta)[1:].T @ run.noise_scores
-    pulls = outcome.solution.covariance @ shift / outcome.solution.sigma
-    names = tuple(p.name for p, x in zip(outcome.parameters, pulls, strict=True) if abs(x) > NOTABLE)
-    if not names:
-        return []
-    message = (
-        f"the noise of the read-outs would bias {', '.join(names)} by up to {np.abs(pulls).max():.2g} sigma; "
-        "the fit subtracts that bias, which it estimates from the noise run"
-    )
-    return [FitWarning("attenuation", names, message)]

@@ -36,7 +36,7 @@ def with_channels(**changes):
         ),
         ({"grs_y_2": lambda c: 4 * c["grs_y_2"]}, "invalid_data", "grs_y_2: grs_gain_y_2 is estimated as "),
         ({"F_y_2": lambda c: np.roll(c["F_y_2"], 5)}, "acausal", "F_y_2 acts "),
-        ({"o_1": lambda c: 1.02 * c["o_1"]}, "noise_mismatch", "A: the residual has "),
+        ({"o_1": lambda c: 1.02 * c["o_1"]}, "model_misfit", "D_x and D_y contradict each other in A "),
     ],
 )
 def test_estimates_from_faulty_channels_are_not_sound(changes, code, words):

@@ -1,0 +1,36 @@
+"""The spacecraft that can be calibrated, a file for each; nothing else asks which one it is."""
+
+from collections.abc import Sequence
+
+from fit.errors import InputError
+from fit.model import Spacecraft
+from fit.spacecraft.lisa import LISA
+from fit.spacecraft.pathfinder import DELTA_G, PATHFINDER
+from fit.telemetry import Telemetry
+
+#: By the name that telemetry states.
+SPACECRAFT = {spacecraft.name: spacecraft for spacecraft in (PATHFINDER, LISA)}
+
+
+def spacecraft_of(telemetry: Telemetry) -> Spacecraft:
+    """Return the spacecraft of a run."""
+    return SPACECRAFT[telemetry.spacecraft]
+
+
+def check_same(telemetries: Sequence[Telemetry]) -> None:
+    """Refuse runs of different spacecraft.
+
+    Raises
+    ------
+    InputError
+        If there are any.
+    """
+    for run in telemetries:
+        if run.spacecraft != telemetries[0].spacecraft:
+            raise InputError(
+                f"{run.path}: telemetry of {run.spacecraft}, but {telemetries[0].path} is of "
+                f"{telemetries[0].spacecraft}; expected one of the two in a fit"
+            )
+
+
+__all__ = ["DELTA_G", "PATHFINDER", "check_same", "lisa", "spacecraft_of"]
