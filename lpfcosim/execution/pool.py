@@ -30,7 +30,6 @@ from lpfcosim.spacecraft import H
 
 START = 60.0  # s that a worker may take to start
 _POLL = 0.2  # s between two looks at the workers
-_CRASHES = ("SIGABRT", "SIGBUS", "SIGFPE", "SIGILL", "SIGSEGV", "SIGSYS", "SIGTRAP")
 _ROOT = Path(__file__).parents[2]
 _PROGRAM = f"import sys; sys.path[:] = sys.argv[2:]; from {worker.__name__} import main; main(sys.argv[1])"
 _ONE_THREAD = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"), "1")
@@ -303,7 +302,7 @@ class _Pool:
         except OSError as error:
             reason = error.strerror or error
         except EOFError:
-            ending = f"no answer within {START:g} s" if process.is_late else _ending(process.popen.wait())[0]
+            ending = f"no answer within {START:g} s" if process.is_late else _ending(process.popen.wait())
             reason = process.message or ending
         else:
             return process
@@ -311,23 +310,19 @@ class _Pool:
 
     def _failure(self, label: str, process: _Worker) -> RunError:
         """Return the error of a task whose process ended, or was ended."""
-        cause, is_fmu = _ending(process.popen.wait())
+        ending, progress = _ending(process.popen.wait()), process.progress
         if process.is_late:
-            cause, is_fmu = f"was ended at its time limit of {self._time_limit:g} s", False
-        progress = process.progress
-        is_fmu = is_fmu and progress.component >= 0
-        subject = f"the {self._tasks.models[progress.component]} FMU" if is_fmu else "its process"
-        moment = f" at {progress.sample * H:.1f} s" if progress.sample >= 0 else ""
-        if progress.is_loading:
-            moment = " while the FMUs were loaded"
-        return RunError(f"{label}: {subject} {cause}{moment}")
+            ending = f"was ended at its time limit of {self._time_limit:g} s"
+        moment = " while the FMUs were loaded" if progress.is_loading else ""
+        if progress.sample >= 0:
+            moment = f" at {progress.sample * H:.1f} s"
+        place = f", in the {self._tasks.models[progress.component]} FMU" if progress.component >= 0 else ""
+        return RunError(f"{label}: its process {ending}{moment}{place}")
 
 
-def _ending(code: int) -> tuple[str, bool]:
-    """Describe how a process ended; return also whether its FMU is to blame."""
+def _ending(code: int) -> str:
+    """Describe how a process ended."""
     if code >= 0:
-        return f"ended the process with status {code if code < 256 else hex(code)}", True
+        return f"ended with status {code if code < 256 else hex(code)}"
     name = signal.Signals(-code).name if -code in set(signal.Signals) else f"signal {-code}"
-    if name in _CRASHES:
-        return f"crashed ({name}, {signal.strsignal(-code)})", True
-    return f"was killed ({name}{'; out of memory?' if name == 'SIGKILL' else ''})", False
+    return f"was ended by {name}{' (out of memory?)' if name == 'SIGKILL' else ''}"

@@ -18,6 +18,7 @@ from lpfcosim.execution import Tasks, Workers, dask_executor, pool, worker
 
 posix = pytest.mark.skipif(os.name != "posix", reason="signals are those of POSIX")
 MODELS = ("Plant", "Actuation")
+WHERE = "at 3.0 s, in the Actuation FMU"
 INTERNAL = "internal error of lpfcosim, please report it with the traceback; see logs/{}.log"
 
 
@@ -49,12 +50,12 @@ def results(folder, items, **options):
 FATES = {
     "crash": (
         ("signal", signal.SIGSEGV),
-        ": the Actuation FMU crashed (SIGSEGV, Segmentation fault) at 3.0 s",
+        f": its process was ended by SIGSEGV {WHERE}",
     ),
-    "kill": (("signal", 9), ": its process was killed (SIGKILL; out of memory?) at 3.0 s"),
-    "leave": (("status", 0), ": the Actuation FMU ended the process with status 0 at 3.0 s"),
-    "exit": (("status", 3), ": the Actuation FMU ended the process with status 3 at 3.0 s"),
-    "late": (("sleep", 60), ": its process was ended at its time limit of 5 s at 3.0 s"),
+    "kill": (("signal", 9), f": its process was ended by SIGKILL (out of memory?) {WHERE}"),
+    "leave": (("status", 0), f": its process ended with status 0 {WHERE}"),
+    "exit": (("status", 3), f": its process ended with status 3 {WHERE}"),
+    "late": (("sleep", 60), f": its process was ended at its time limit of 5 s {WHERE}"),
     "memory": (("raise", MemoryError()), " failed: out of memory"),
     "value": (("raise", ValueError("cannot reshape")), f" failed: {INTERNAL}"),
     "disk": (
