@@ -19,7 +19,6 @@ TABLES = {  # in the order of a campaign file
     "SineTable": "injection of shape sine",
     "TaperedSineTable": "injection of shape tapered_sine",
     "HalfCosineTable": "injection of shape half_cosine",
-    "PulseTable": "injection of shape pulse",
     "ExperimentTable": "[[experiments]]",
     "DefaultsTable": "[defaults]",
     "SweepTable": "[sweep]",

@@ -18,8 +18,6 @@ HOMES = {
     6: "fit/model/dynamics.py",
     7: "fit/fitting/irls.py",
     8: "fit/parameters.py",
-    9: "fit/parameters.py",
-    10: "fit/parameters.py",
     11: "fit/model/dynamics.py",
     12: "fit/model/sharing.py",
     13: "fit/whitening/whitened_run.py",

@@ -9,16 +9,6 @@ package Functions "Functions of the actuation and of the controllers"
   algorithm
     y := max(-u_max, min(u_max, u));
   end limit;
-  function actuatorGain "Force of an actuator whose gain grows with the command and changes in time"
-    extends Icons.Function;
-    input Real lambda "Mean gain";
-    input Real f "Command";
-    input Real nonlinearity "Relative growth of the gain per unit of the magnitude of the command";
-    input Real gain "Relative change of the gain in time";
-    output Real y "lambda*f*(1 + nonlinearity*abs(f))*(1 + gain)";
-  algorithm
-    y := lambda*f*(1 + nonlinearity*abs(f))*(1 + gain);
-  end actuatorGain;
   function leadIntegratorResidues "Partial fractions of a lead compensator with integrator, scaled to its unity gain"
     extends Icons.Function;
     input Types.Frequency f_u "Frequency where abs(K(s)/s^2) = 1";

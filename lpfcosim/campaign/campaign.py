@@ -11,6 +11,7 @@ from typing import Any
 from lpfcosim.campaign import history
 from lpfcosim.campaign.design_table import DesignTable
 from lpfcosim.campaign.parameter_spec import ParameterSpec
+from lpfcosim.signals import generator
 from lpfcosim.spacecraft import (
     FS,
     Actuation,
@@ -115,7 +116,7 @@ class Campaign:
             authority=experiment.authority,
             alignment_epoch=experiment.alignment_epoch,
             t0=iso(start),
-            truth=self.truth.of_experiment(experiment.name, self.seed),
+            truth=self.truth.scattered(generator(self.seed, experiment.name, "gains")),
             noise=history.scatter_tail(noise, self.tail_scatter, experiment.name, self.seed),
             actuation=self.actuation,
             dc=experiment.dc,

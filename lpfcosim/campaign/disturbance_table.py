@@ -31,8 +31,8 @@ class EventsTable(Table):
     """[events]: random events; without this table there are none.
 
     Glitches are stray accelerations of a test mass, exponential in rise and fall. In gaps all channels are
-    missing. ``noise_drift`` changes the level of the noise of Delta g over every run, ``tail_scatter`` its
-    1/f part from experiment to experiment, ``plateau`` its white part with the date.
+    missing. ``tail_scatter`` changes the 1/f part of the noise of Delta g from experiment to experiment,
+    ``plateau`` its white part with the date.
     """
 
     glitches_per_day: Annotated[Number, Field(ge=0, le=1000)] = _NONE.glitches_per_day
@@ -43,7 +43,6 @@ class EventsTable(Table):
     glitch_two_sided: Share = _NONE.glitch_two_sided
     gap_duration: GapDuration = _NONE.gap_duration
     gaps_per_day: Annotated[Number, Field(ge=0, le=1000)] = _NONE.gaps_per_day
-    noise_drift: Annotated[Number, Field(ge=-1, le=1)] = _NONE.noise_drift
     tail_scatter: Annotated[Number, Field(ge=0, le=1)] = 0.0
     plateau: Annotated[list[PlateauTable], Field(min_length=2)] = []
 

@@ -6,6 +6,7 @@ from datetime import datetime
 
 import numpy as np
 
+from lpfcosim.signals import generator
 from lpfcosim.spacecraft import Noise
 
 
@@ -25,5 +26,5 @@ def scatter_tail(noise: Noise, scatter: float, name: str, seed: int) -> Noise:
     """Return the noise of an experiment, its tail scattered log-normally about that of the campaign."""
     if not scatter:
         return noise
-    factor = np.exp(scatter * np.random.default_rng([seed, *f"tail/{name}".encode()]).standard_normal())
+    factor = np.exp(scatter * generator(seed, name, "tail").standard_normal())
     return replace(noise, tail=float(noise.tail * factor))

@@ -1,6 +1,5 @@
 """Injections of a campaign file: the shapes that there are, each with its keys."""
 
-from collections.abc import Iterable
 from typing import Annotated, Literal
 
 from pydantic import Field, Strict, ValidationInfo, field_validator
@@ -8,20 +7,13 @@ from pydantic import Field, Strict, ValidationInfo, field_validator
 from fit.errors import quote
 from fit.files import Table, problem
 from lpfcosim.campaign.declared_tables import spacecraft_of, unknown_name
-from lpfcosim.campaign.units import FORCE, LENGTH, YEAR, Acceleration, Angle, Quantity, Time
+from lpfcosim.campaign.units import FORCE, LENGTH, YEAR, Angle, Quantity, Time
 from lpfcosim.campaign.values import BelowNyquist
-from lpfcosim.models import SpacecraftModel
-from lpfcosim.spacecraft import READ_OUT_RANGE, H, HalfCosine, Pulse, Sine, TaperedSine
+from lpfcosim.spacecraft import READ_OUT_RANGE, H, HalfCosine, Sine, TaperedSine
 
-SHAPES = ("sine", "tapered_sine", "half_cosine", "pulse")
+SHAPES = ("sine", "tapered_sine", "half_cosine")
 _AMPLITUDES = {quantity.unit: quantity for quantity in (LENGTH, FORCE)}
 _TARGETS = "guidance_o_1, guidance_o_12, F_x_1 or F_x_2; of another spacecraft one of its targets"
-
-
-def _checked(into: str, known: Iterable[str], spacecraft: SpacecraftModel) -> str:
-    if into not in known:
-        raise problem(f"{quote(into)} is not known{unknown_name(into, known, spacecraft)}")
-    return into
 
 
 class _InjectionTable(Table):
@@ -33,7 +25,9 @@ class _InjectionTable(Table):
     @classmethod
     def _is_target(cls, into: str, info: ValidationInfo) -> str:
         spacecraft = spacecraft_of(info)
-        return _checked(into, spacecraft.targets, spacecraft)
+        if into not in spacecraft.targets:
+            raise problem(f"{quote(into)} is not known{unknown_name(into, spacecraft.targets, spacecraft)}")
+        return into
 
     @field_validator("amplitude", mode="before")
     @classmethod
@@ -99,28 +93,4 @@ class HalfCosineTable(_InjectionTable):
         return HalfCosine(**self.model_dump(exclude={"shape"}))
 
 
-class PulseTable(Table):
-    """A glitch: a stray acceleration of a test mass, the square of half a sine; of either sign."""
-
-    shape: Literal["pulse"]
-    into: Annotated[
-        str, Strict(), Field(description="a stray acceleration, g_1 or g_2", examples=['into = "g_2"'])
-    ]
-    amplitude: Acceleration
-    start: Time
-    duration: Annotated[float, Quantity("a time", "s", "10 s", "positive", smallest=2 * H, largest=YEAR)]
-
-    @field_validator("into")
-    @classmethod
-    def _is_disturbance(cls, into: str, info: ValidationInfo) -> str:
-        spacecraft = spacecraft_of(info)
-        return _checked(into, spacecraft.disturbances, spacecraft)
-
-    def record(self) -> Pulse:
-        """Return the injection as the simulation knows it."""
-        return Pulse(**self.model_dump(exclude={"shape"}))
-
-
-InjectionTable = Annotated[
-    SineTable | TaperedSineTable | HalfCosineTable | PulseTable, Field(discriminator="shape")
-]
+InjectionTable = Annotated[SineTable | TaperedSineTable | HalfCosineTable, Field(discriminator="shape")]

@@ -81,11 +81,6 @@ def spacecraft_of_experiment(table: CampaignTable, place: ResolvedExperiment, no
     if craft is None:
         if attitude:
             raise ConflictError("control.attitude: the x axis alone has no attitude, it takes [spacecraft]")
-        if place.table.temperature:
-            raise ConflictError(
-                f"{place.place_of('temperature')}: nothing of the x axis alone depends on it, it takes "
-                "[spacecraft]"
-            )
         return None
     period = place.table.inertial_period
     if period is not None and str(period) not in craft.period:
@@ -100,7 +95,7 @@ def spacecraft_of_experiment(table: CampaignTable, place: ResolvedExperiment, no
             f"{place.place_of('noise') if is_own else 'noise'}.thruster_torque: spacecraft.thruster_layout "
             'makes the noise of the torques, write "0 N m Hz^-0.5"'
         )
-    equipment = craft.equipment(period, place.table.temperature)
+    equipment = craft.equipment(period)
     return replace(equipment, attitude=attitude.onto(equipment.attitude)) if attitude else equipment
 
 

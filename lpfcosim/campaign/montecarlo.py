@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from lpfcosim.campaign.campaign import Campaign
+from lpfcosim.signals import generator
 from lpfcosim.spacecraft import H, Truth
 
 GAINS, COEFFICIENTS = 0.05, 0.3  # how far truths are redrawn from those of the campaign, relative, uniformly
@@ -12,17 +13,17 @@ GAINS, COEFFICIENTS = 0.05, 0.3  # how far truths are redrawn from those of the 
 
 def numbered(plan: Campaign, number: int, *, redraw: bool) -> Campaign:
     """Return campaign `number` of a Monte Carlo, the same whatever else is simulated."""
-    seeds = np.random.SeedSequence([plan.seed, number])
-    truth = redrawn(plan.truth, np.random.default_rng(seeds.spawn(1)[0])) if redraw else plan.truth
-    seed = int(seeds.generate_state(1, np.uint64)[0] >> 1)
+    random = generator(plan.seed, "campaign", str(number))
+    seed = int(random.integers(2**63))
+    truth = redrawn(plan.truth, random) if redraw else plan.truth
     return replace(plan, seed=seed, truth=truth)
 
 
-def redrawn(truth: Truth, generator: np.random.Generator) -> Truth:
+def redrawn(truth: Truth, random: np.random.Generator) -> Truth:
     """Return truths up to 5 % (gains) and 30 % (stiffness, delays, delta_ifo) away from `truth`."""
 
     def scattered(value: float, reach: float) -> float:
-        return float(value * generator.uniform(1 - reach, 1 + reach))
+        return float(value * random.uniform(1 - reach, 1 + reach))
 
     gains = {name: scattered(getattr(truth, name), GAINS) for name in ("lambda_1", "lambda_2")}
     delays = {f"C_{j}": scattered(getattr(truth, f"C_{j}"), COEFFICIENTS) for j in (1, 2)}

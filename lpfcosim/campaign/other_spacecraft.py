@@ -22,7 +22,7 @@ from lpfcosim.models import SpacecraftModel
 from lpfcosim.spacecraft import DRAG_FREE, SUSPENSION, Truth
 
 #: Keys of an experiment that say something of LISA Pathfinder only.
-LISA_PATHFINDER_KEYS = ("alignment_epoch", "inertial_period", "temperature", "dc")
+LISA_PATHFINDER_KEYS = ("alignment_epoch", "inertial_period", "dc")
 
 
 class ControllerTable(DeclaredTable):

@@ -31,13 +31,11 @@ from lpfcosim.campaign.units import (
     AlphaX,
     AngleNoise,
     CrossStiffness,
-    Drift,
     Force,
     ForceNoise,
     LengthNoise,
     LengthPerAngle,
     LengthPerAngleDrift,
-    LengthPerAngleKelvin,
     Misalignment,
     PerLength,
     Rate,
@@ -46,8 +44,6 @@ from lpfcosim.campaign.units import (
     Torque,
     TorqueNoise,
     VoltageNoise,
-    Walk,
-    Warming,
 )
 from lpfcosim.campaign.values import (
     AlignmentEpoch,
@@ -72,12 +68,10 @@ from lpfcosim.spacecraft import (
     Controller,
     Lead,
     Spacecraft,
-    Thrusters,
 )
 
 _LAYOUTS = {None: None, "eight nozzles": EIGHT_NOZZLES}
 _DELTA_IFO = re.compile(r"delta_ifo_[1-9]\d{0,3}")
-Bend = Annotated[Number, Field(ge=-0.1, le=0.1)]
 
 
 class TruthTable(ParameterTable):
@@ -108,12 +102,6 @@ class TruthTable(ParameterTable):
     alpha_phi_1: AlphaPhi | None = None
     alpha_phi_2: AlphaPhi | None = None
     lambda_scatter: Annotated[Number, Field(ge=0, le=0.1)] | None = None
-    lambda_drift_1: Drift = 0.0
-    lambda_drift_2: Drift = 0.0
-    lambda_walk_1: Walk = 0.0
-    lambda_walk_2: Walk = 0.0
-    lambda_bend_1: Bend = 0.0
-    lambda_bend_2: Bend = 0.0
 
     @classmethod
     def accepts(cls, key: str) -> bool:
@@ -175,8 +163,7 @@ class ControlTable(Table):
 class NoiseTable(LevelTable):
     """[noise]: one-sided amplitude spectral densities; levels that are left out are zero.
 
-    Noise of cold-gas thrusters is white; that of colloid thrusters rises as 1/f below 1 mHz. Further keys are
-    levels that the spacecraft model declares.
+    Further keys are levels that the spacecraft model declares.
     """
 
     oms: LengthNoise = 0.0
@@ -184,7 +171,6 @@ class NoiseTable(LevelTable):
     plateau: AccelerationNoise = 0.0
     tail: Annotated[Number, Field(ge=0, le=1e6)] = 0.0
     f_x_1_jitter: AccelerationNoise = 0.0
-    thrusters: Thrusters = "cold gas"
     dws: AngleNoise = 0.0
     grs: LengthNoise = 0.0
     grs_angle: AngleNoise = 0.0
@@ -217,8 +203,7 @@ class SpacecraftTable(Table):
 
     Cross-talk b_1 … b_6, rates of the attitude set points, and errors of the actuation. With
     ``lever_arm_compensated`` b_1 and b_2 exclude the lever arm of the misalignment: the read-out has
-    b_1 - d delta_phi and b_2 + d delta_eta. Drifts are relative to ``t0`` of the campaign, coefficients per
-    kelvin to ``temperature`` zero of an experiment.
+    b_1 - d delta_phi and b_2 + d delta_eta. Drifts are relative to ``t0`` of the campaign.
 
     With a background ``omega2_eta_0`` or ``omega2_phi_0`` the stiffness about y or z depends on the
     authority; by default it is -1.5e-6 s^-2. With a ``thruster_layout`` the noise of forces and torques is
@@ -233,8 +218,6 @@ class SpacecraftTable(Table):
     b_6: CrossStiffness = 0.0
     b_1_drift: LengthPerAngleDrift = 0.0
     b_2_drift: LengthPerAngleDrift = 0.0
-    b_1_per_kelvin: LengthPerAngleKelvin = 0.0
-    b_2_per_kelvin: LengthPerAngleKelvin = 0.0
     lever_arm_compensated: Annotated[bool, Strict()] = False
     omega2_eta_0: Stiffness | None = None
     omega2_phi_0: Stiffness | None = None
@@ -248,15 +231,14 @@ class SpacecraftTable(Table):
     kappa_eta: PerLength = 0.0
     period: dict[Annotated[str, Field(pattern=r"^[1-9]\d{0,3}$")], MisalignmentTable] = {}
 
-    def equipment(self, period: int | None, warming: float) -> Spacecraft:
-        """Return what a run has in addition to the x axis, in an inertial period and so much warmer [K]."""
+    def equipment(self, period: int | None) -> Spacecraft:
+        """Return what a run has in addition to the x axis, in an inertial period."""
         misalignment = {} if period is None else self.period[str(period)].model_dump(exclude_unset=True)
-        b = [misalignment.pop(f"b_{i}", getattr(self, f"b_{i}")) for i in range(1, 7)]
+        b_1, b_2, b_3, b_4, b_5, b_6 = (
+            misalignment.pop(f"b_{i}", getattr(self, f"b_{i}")) for i in range(1, 7)
+        )
         craft = Spacecraft(
-            b=(
-                *(b[0] + self.b_1_per_kelvin * warming, b[1] + self.b_2_per_kelvin * warming),
-                *(b[2], b[3], b[4], b[5]),
-            ),
+            b=(b_1, b_2, b_3, b_4, b_5, b_6),
             b_drift=(self.b_1_drift, self.b_2_drift),
             layout=_LAYOUTS[self.thruster_layout],
             Omega_DC=(self.Omega_theta, self.Omega_eta, self.Omega_phi),
@@ -302,7 +284,6 @@ class DefaultsTable(Table):
     authority: Annotated[str, Strict(), Field(examples=['authority = "A"'])] | None = None
     alignment_epoch: AlignmentEpoch = 1
     inertial_period: InertialPeriod | None = None
-    temperature: Warming = 0.0
     sample_rate: SampleRate = FS
     duration: Duration = 0.0
     noise_duration: Duration = 0.0
@@ -323,7 +304,7 @@ class ExperimentTable(DefaultsTable):
 
 
 class SweepTable(Table):
-    """[sweep]: the first experiment, repeated for every value of a list, replaces all experiments.
+    """[sweep]: the first experiment, repeated for every authority of a list, replaces all experiments.
 
     Several lists are combined entry by entry.
     """
@@ -332,11 +313,6 @@ class SweepTable(Table):
     F_max_2: Swept[Force] = []
     N_max_1: Swept[Torque] = []
     N_max_2: Swept[Torque] = []
-    dc: Swept[Acceleration] = []
-    duration: Swept[Duration] = []
-    noise_duration: Swept[Duration] = []
-    alignment_epoch: Swept[AlignmentEpoch] = []
-    inertial_period: Swept[InertialPeriod] = []
 
 
 class FmuTable(Table):

@@ -1,4 +1,4 @@
-"""A sweep: one experiment again for every value of lists, each with a name and an authority set."""
+"""A sweep: one experiment again for every authority of lists, each with a name of its own."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -7,7 +7,6 @@ from lpfcosim.campaign.injection_tables import InjectionTable
 from lpfcosim.campaign.resolved_experiments import ConflictError, ResolvedExperiment
 from lpfcosim.campaign.schema import AuthorityTable, SweepTable
 
-_AUTHORITY = tuple(AuthorityTable.model_fields)
 _OF_MASS_1 = {"F_max_1", "N_max_1"}
 _UNITS = {"F_max": "pN", "N_max": "pNm"}
 _LONGEST = 57  # letters of a name, which leaves room for that of the noise run and for a number
@@ -43,17 +42,15 @@ def entries(
     experiments = []
     first_key = next(iter(lists))
     for n, values in enumerate(zip(*lists.values(), strict=True)):
-        experiment_values = dict(zip(lists, values, strict=True))
-        of_set = {key: experiment_values.pop(key) for key in _AUTHORITY if key in experiment_values}
+        of_set = dict(zip(lists, values, strict=True))
         known = {} if authority is None else authority.model_dump()
         changed = AuthorityTable.model_construct(**(known | of_set)) if known or len(of_set) == 4 else None
-        name = _unique_name(_name(dict(zip(lists, values, strict=True)), lists, n), names)
-        update = {**experiment_values, "name": name, "t0": base.table.t0 if n == 0 else None}
-        if of_set and changed:
+        name = _unique_name(_name(of_set, lists, n), names)
+        update = {"name": name, "t0": base.table.t0 if n == 0 else None}
+        if changed:
             update["authority"] = _label(of_set)
         place = f"sweep.{first_key}[{n}]"
         places = {key: f"{place}: {base.place_of(key)}" for key in type(base.table).model_fields}
-        places |= {key: f"sweep.{key}[{n}]" for key in experiment_values}
         experiments.append(
             ResolvedExperiment(base.table.model_copy(update=update), place, places, changed, f"{place}: ")
         )
@@ -79,11 +76,11 @@ def _check(
     varying = {key for key, values in lists.items() if len(set(values)) > 1}
     if not varying:
         raise ConflictError(f"sweep.{first_key}: all its values are the same, expected two that differ")
-    if not any(lists.get("duration", [base.table.duration])):
+    if not base.table.duration:
         return  # noise runs alone, which no stiffness is asked of
     into = {injection.into for injection in base.table.injections}
     into |= {injection.into for name in base.table.sequences for injection in sequences.get(name, ())}
-    if not into - {"g_1", "g_2"}:
+    if not into:
         raise ConflictError(
             f"sweep: nothing is injected into {base.location}, so that the sweep would determine "
             'nothing; give it sequences, or duration = "0 s" for noise runs alone'
@@ -99,18 +96,16 @@ def _label(values: Mapping[str, Any], *, units: bool = True) -> str:
     """Return values as a name can have them, such as "F_max_2-50pN"."""
     labels = []
     for key, value in values.items():
-        unit = _UNITS.get(key[:5], "")
-        number = f"{value * 1e12 if unit or key == 'dc' else value:.6g}".replace("+", "")
-        labels.append(f"{key}-{number}{unit if units else ''}")
+        number = f"{1e12 * value:.6g}".replace("+", "")
+        labels.append(f"{key}-{number}{_UNITS[key[:5]] if units else ''}")
     return "_".join(labels)
 
 
 def _name(values: Mapping[str, Any], lists: Mapping[str, Sequence[Any]], n: int) -> str:
-    """Return the name of run n of a sweep: after its authority if that is another, else after all."""
+    """Return the name of run n of a sweep, after what of its authority varies."""
     varying = {key: value for key, value in values.items() if len(set(lists[key])) > 1}
-    named = {key: value for key, value in varying.items() if key in _AUTHORITY} or varying
     for units in (True, False):
-        name = _label(named, units=units)
+        name = _label(varying, units=units)
         if len(name) <= _LONGEST:
             return name
     return f"sweep-{n + 1}"

@@ -175,8 +175,6 @@ RateNoise = Annotated[
 VoltageNoise = Annotated[
     float, Quantity("a relative noise", "Hz^-0.5", "2e-6 Hz^-0.5", "not negative", largest=1e-2)
 ]
-Drift = Annotated[float, Quantity("a drift", "day^-1", "1e-4 day^-1", largest=0.1)]
-Walk = Annotated[float, Quantity("a random walk", "day^-0.5", "1e-4 day^-0.5", "not negative", largest=0.1)]
 Rate = Annotated[float, Quantity("a rate", "rad s^-1", "2e-7 rad/s", largest=1e-3)]
 Misalignment = Annotated[float, Quantity("an angle", "rad", "-0.47 mrad", largest=0.1)]
 LengthPerAngle = Annotated[float, Quantity("a length per angle", "m rad^-1", "12 um/rad", largest=1)]
@@ -184,11 +182,6 @@ LengthPerAngleDrift = Annotated[
     float,
     Quantity("a drift of a length per angle", "m rad^-1 s^-1", "0.01 um rad^-1 d^-1", largest=1e-6),
 ]
-LengthPerAngleKelvin = Annotated[
-    float,
-    Quantity("a length per angle and temperature", "m rad^-1 K^-1", "8 um rad^-1 K^-1", largest=1),
-]
-Warming = Annotated[float, Quantity("a difference of temperature", "K", "0.5 K", largest=100)]
 CrossStiffness = Annotated[float, Quantity("a stiffness", "s^-2", "1e-7 s^-2", largest=1)]
 PerLength = Annotated[float, Quantity("an inverse length", "m^-1", "0.01 m^-1", largest=1e3)]
 Time = Annotated[float, Quantity("a time", "s", "900 s", "not negative", largest=YEAR)]

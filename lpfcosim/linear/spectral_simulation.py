@@ -17,7 +17,7 @@ from lpfcosim.linear import response
 from lpfcosim.linear.closed_loop import ClosedLoop
 from lpfcosim.models import model_of, stimuli
 from lpfcosim.signals import decimation, events
-from lpfcosim.spacecraft import Actuation, Noise, Pulse, Run
+from lpfcosim.spacecraft import Actuation, Noise, Run
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -36,11 +36,6 @@ RANK_TOLERANCE = 1e-6  # share of its noise that a channel has similar others, b
 PERIOD = 2
 
 
-def has_glitches(run: Run) -> bool:
-    """Return whether there are glitches in a run."""
-    return any(isinstance(injection, Pulse) for injection in run.injections) or bool(events.glitches(run))
-
-
 class Simulation:
     """A run that is to be drawn many times.
 
@@ -56,7 +51,7 @@ class Simulation:
 
     def __init__(self, run: Run, channels: Sequence[str], similar: "Simulation | None" = None) -> None:
         glitches = None
-        if has_glitches(run):  # the same in every draw
+        if events.glitches(run):  # the same in every draw
             glitches = stimuli.noise_source(replace(run, noise=Noise(), actuation=Actuation()))
         self._n = run.n_samples // round(run.fs / response.RATE)
         driven = run.injections or glitches

@@ -11,7 +11,7 @@ from math import cos, sin
 
 from lpfcosim.models import one_axis
 from lpfcosim.models.spacecraft_model import Parameters, SpacecraftModel, common_parameters
-from lpfcosim.signals import Source, red_noise
+from lpfcosim.signals import Source, white
 from lpfcosim.spacecraft import SUSPENSION, Run, Spacecraft
 
 _AXES, _ANGLES = ("x", "y", "z"), ("theta", "eta", "phi")
@@ -36,11 +36,9 @@ _NOISE: dict[str, tuple[tuple[str, ...], float]] = {
 def sources(run: Run) -> tuple[Source, ...]:
     """Return the streams of noise, one into each signal; a level with a knee rises as 1/f below it."""
     return tuple(
-        source
+        white(name, run.noise.level(level), knee)
         for level, (signals, knee) in _NOISE.items()
         for name in signals
-        for size in (run.noise.level(level),)
-        for source in (Source(name, name, size), *red_noise(name, size, knee))
     )
 
 

@@ -8,12 +8,11 @@ from collections.abc import Mapping
 
 from lpfcosim.models import actuation_noise
 from lpfcosim.models.spacecraft_model import DELTA_G, SpacecraftModel
-from lpfcosim.signals import CORNER, Source, red_noise
-from lpfcosim.spacecraft import GAIN_CHANGES, SCATTERED, Controller, Run
+from lpfcosim.signals import Source, red, white
+from lpfcosim.spacecraft import SCATTERED, Controller, Run
 
 TAIL_LEVEL, TAIL_FREQUENCY = 60e-15, 20e-6  # m s^-2 Hz^-0.5 at Hz
 JITTER_FREQUENCY, JITTER_CORNER = 1e-3, 0.1e-3  # Hz; flat below the corner (choice)
-THRUSTER_KNEE = {"cold gas": 0.0, "colloid": 1e-3}  # Hz, below which thruster noise rises as 1/f
 
 
 def _test_mass_truths(j: int) -> dict[str, tuple[str, ...]]:
@@ -30,8 +29,6 @@ def _test_mass_truths(j: int) -> dict[str, tuple[str, ...]]:
 METROLOGY_TRUTHS: dict[str, tuple[str, ...]] = dict.fromkeys(("delta_ifo", "x_1"), ("delta_ifo",))
 ACTUATION_TRUTHS: dict[str, tuple[str, ...]] = {
     **{f"lambda_{j}": (f"lambda_{j}", f"C_{j}") for j in (1, 2)},
-    **{f"gain_{j}": (f"lambda_drift_{j}", f"lambda_walk_{j}") for j in (1, 2)},
-    **{f"lambda_bend_{j}": (f"lambda_bend_{j}",) for j in (1, 2)},
 }
 PLANT_TRUTHS = _test_mass_truths(1) | _test_mass_truths(2)
 
@@ -47,7 +44,7 @@ def shared_parameters(run: Run) -> dict[str, float | None]:
         **{name: getattr(run, name) for name in ("h", "m_sc", "m_tm", "delta_ifo")},
         "f_x_2_start": run.f_x_2_start,
         "tau_1": run.tau_1 - run.h / 2, "tau_2": run.tau_2 - run.h / 2,
-        "tau_sc": run.thruster_delay, "T_sc": run.thruster_lag, "arm": None, "F_ref": None,
+        "tau_sc": run.thruster_delay, "T_sc": run.thruster_lag, "arm": None,
     }  # fmt: skip
 
 
@@ -77,16 +74,16 @@ def sources(run: Run) -> tuple[Source, ...]:
     plateau = noise.plateau / math.sqrt(2)
     rising = noise.tail * TAIL_LEVEL * TAIL_FREQUENCY / math.sqrt(2)
     jitter = noise.f_x_1_jitter * JITTER_FREQUENCY
+    acceleration = [
+        white(name, plateau, rising / plateau) if plateau else red(name, rising, run.h)
+        for name in ("g_1", "g_2")
+    ]
     return (
-        Source("n_1", "n_1", noise.oms),
-        Source("n_12", "n_12", noise.oms),
-        Source("g_1_plateau", "g_1", plateau),
-        Source("g_2_plateau", "g_2", plateau),
-        Source("F_noise_x_sc", "F_noise_x_sc", noise.thruster),
-        *red_noise("F_noise_x_sc", noise.thruster, THRUSTER_KNEE[noise.thrusters]),
-        Source("g_1_tail", "g_1", rising, CORNER),
-        Source("g_2_tail", "g_2", rising, CORNER),
-        Source("f_x_1_jitter", "f_x_1_jitter", jitter, JITTER_CORNER),
+        white("n_1", noise.oms),
+        white("n_12", noise.oms),
+        *acceleration,
+        white("F_noise_x_sc", noise.thruster),
+        red("f_x_1_jitter", jitter, run.h, JITTER_CORNER),
         *actuation_noise.sources(run),
     )
 
@@ -98,8 +95,7 @@ def truth(run: Run, beyond_x: Mapping[str, float] | None = None) -> dict[str, fl
     """
     fields = {field.name: getattr(run.truth, field.name) for field in dataclasses.fields(run.truth)}
     epochs = fields.pop("delta_ifo")
-    values = {name: value for name, value in fields.items() if value or name not in GAIN_CHANGES}
-    values |= {f"delta_ifo_{k}": value for k, value in epochs.items()}
+    values = fields | {f"delta_ifo_{k}": value for k, value in epochs.items()}
     if run.about is not None:
         values |= {f"{name}_mean": getattr(run.about, name) for name in SCATTERED}
     return {

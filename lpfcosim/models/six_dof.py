@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from lpfcosim.models import actuation_noise, one_axis
 from lpfcosim.models.spacecraft_model import DELTA_G, SpacecraftModel
-from lpfcosim.signals import Source, red_noise
+from lpfcosim.signals import Source, white
 from lpfcosim.spacecraft import Layout, Run, Spacecraft
 
 _GRS_KNEE, _TORQUE_KNEE = 1e-3, 0.2e-3  # Hz, below them sensing and torque noise rise as 1/f
@@ -76,9 +76,7 @@ def sources(run: Run) -> tuple[Source, ...]:
     levels += [(f"n_ast_{k}", getattr(noise, f"star_tracker_{k}"), 0.0) for k in ANGLES]
     levels += [(f"g_{k}", noise.lateral, 0.0) for k in _LATERAL]
     levels += [(f"gamma_{k}", noise.torque, _TORQUE_KNEE) for k in TILT]
-    lateral = [
-        s for name, level, knee in levels for s in (Source(name, name, level), *red_noise(name, level, knee))
-    ]
+    lateral = [white(*level) for level in levels]
     layout = spacecraft_of(run).layout
     along = [s for s in one_axis.sources(run) if s.into != "F_noise_x_sc" or not layout]
     thrust = _nozzle_noise(run, layout) if layout else _axis_noise(run)
@@ -88,24 +86,20 @@ def sources(run: Run) -> tuple[Source, ...]:
 def _axis_noise(run: Run) -> list[Source]:
     """Return the noise of thrusters that push along and about every axis by themselves, x apart."""
     noise = run.noise
-    knee = one_axis.THRUSTER_KNEE[noise.thrusters]
     levels = [(f"F_noise_{k}_sc", noise.thruster) for k in ("y", "z")]
     levels += [(f"N_noise_{k}_sc", noise.thruster_torque) for k in AXES]
-    return [s for name, level in levels for s in (Source(name, name, level), *red_noise(name, level, knee))]
+    return [white(name, level) for name, level in levels]
 
 
 def _nozzle_noise(run: Run, layout: Layout) -> list[Source]:
     """Return the noise of each nozzle, alike, so loud that the force along x has the level of the run."""
-    noise = run.noise
-    knee = one_axis.THRUSTER_KNEE[noise.thrusters]
-    level = noise.thruster / math.hypot(*layout.matrix[0])
+    level = run.noise.thruster / math.hypot(*layout.matrix[0])
     signals = [f"{kind}_noise_{k}_sc" for kind in ("F", "N") for k in AXES]
-    streams: list[Source] = []
-    for i, column in enumerate(layout.matrix.T.tolist(), 1):
-        into = tuple(zip(signals, column, strict=True))
-        name = f"thruster_{i}"
-        streams += [Source(name, into, level), *red_noise(name, level, knee, into)]
-    return streams
+    columns = layout.matrix.T.tolist()
+    return [
+        white(f"thruster_{i}", level, into=tuple(zip(signals, column, strict=True)))
+        for i, column in enumerate(columns, 1)
+    ]
 
 
 def attitude_rates(run: Run) -> dict[str, float]:

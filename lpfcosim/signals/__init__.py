@@ -3,14 +3,11 @@
 Which noise there is depends on the spacecraft model of the run, so `lpfcosim.models` starts the streams.
 """
 
-from lpfcosim.signals.flicker import flicker
-from lpfcosim.signals.gain_drift import GainDrift
 from lpfcosim.signals.injections import commanded, injected
-from lpfcosim.signals.noise import CORNER, Noise, Source, Weights, red_noise
+from lpfcosim.signals.noise import Noise, Source, Weights, flicker, red, white
+from lpfcosim.signals.seeding import generator
 
 __all__ = [
-    "CORNER",
-    "GainDrift",
     "Noise",
     "Source",
     "Weights",
@@ -18,6 +15,8 @@ __all__ = [
     "decimation",
     "events",
     "flicker",
+    "generator",
     "injected",
-    "red_noise",
+    "red",
+    "white",
 ]

@@ -18,7 +18,7 @@ from lpfcosim.spacecraft import Run
 Array = NDArray[np.float64]
 
 PASSBAND, STOPBAND = 0.2, 0.5  # of the new sample rate
-STOPBAND_DB = 120
+STOPBAND_DB = 126  # of each stage, so that two of them keep what is stated above
 BATCH = 10_000  # samples of each channel that are handed on, and written, at a time
 
 
@@ -35,14 +35,38 @@ class Grid:
         return self.start + np.arange(start_sample, stop_sample) / self.fs
 
 
-def taps(factor: int) -> Array:
-    """Return the coefficients of the low-pass, an odd number of them, for a decimation by ``factor``."""
+def stages(factor: int) -> list[tuple[int, Array]]:
+    """Return factor and coefficients, an odd number, of the low-passes that decimate by ``factor`` in turn.
+
+    An even factor is halved at the end, where few samples are left for the steep filter.
+    """
     if factor == 1:
-        return np.ones(1)
+        return []
+    first, *last = (factor // 2, 2) if factor % 2 == 0 and factor > 2 else (factor,)
+    return [(first, _low_pass(first, factor)), *((2, _low_pass(2, 2)) for _ in last)]
+
+
+def _low_pass(divisor: int, factor: int) -> Array:
+    """Return a low-pass for a decimation by ``divisor``, the first of a decimation by ``factor`` in all.
+
+    What it lets alias above the passband of the whole is for the next stage to stop.
+    """
     from scipy.signal import firwin, kaiserord  # takes its time, and what only names the models needs it not
 
-    size, beta = kaiserord(STOPBAND_DB, 2 * (STOPBAND - PASSBAND) / factor)
-    return firwin(size | 1, (STOPBAND + PASSBAND) / factor, window=("kaiser", beta))
+    passband = PASSBAND / factor
+    stopband = 1 / divisor - STOPBAND / factor
+    size, beta = kaiserord(STOPBAND_DB, 2 * (stopband - passband))
+    return firwin(size | 1, stopband + passband, window=("kaiser", beta))
+
+
+def taps(factor: int) -> Array:
+    """Return the coefficients of all `stages` as one low-pass at the original sample rate."""
+    whole, rate = np.ones(1), 1
+    for divisor, low_pass in stages(factor):
+        spread = np.zeros(rate * (low_pass.size - 1) + 1)
+        spread[::rate] = low_pass
+        whole, rate = np.convolve(whole, spread), rate * divisor
+    return whole
 
 
 def grid(run: Run) -> Grid:
@@ -71,13 +95,16 @@ def decimate(run: Run, blocks: Iterable[Mapping[str, Array]]) -> Iterator[Mappin
     if factor == 1:
         yield from blocks
         return
-    yield from _rebatch(_decimate_blocks(factor, blocks))
+    for divisor, low_pass in stages(factor):
+        blocks = _decimate_blocks(divisor, low_pass, blocks)
+    yield from _rebatch(blocks)
 
 
-def _decimate_blocks(factor: int, blocks: Iterable[Mapping[str, Array]]) -> Iterator[dict[str, Array]]:
+def _decimate_blocks(
+    factor: int, low_pass: Array, blocks: Iterable[Mapping[str, Array]]
+) -> Iterator[dict[str, Array]]:
     from scipy.signal import upfirdn
 
-    low_pass = taps(factor)
     delay = math.ceil((low_pass.size - 1) / factor)  # outputs before the first that has all its samples
     padded = np.concatenate([np.zeros(delay * factor - low_pass.size + 1), low_pass])
     tail: Array | None = None  # samples that later outputs need, shape (channels, n)

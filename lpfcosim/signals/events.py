@@ -1,4 +1,4 @@
-"""Events of a run, drawn from its seed by name: glitches, gaps, noise whose level changes.
+"""Events of a run, drawn from its seed by name: glitches and gaps.
 
 A glitch is a stray acceleration that begins at an instant, rises and fades exponentially (arXiv 2205.11938).
 What began before the run is not in it.
@@ -58,7 +58,7 @@ def glitches(run: Run) -> tuple[Glitch, ...]:
     events = run.events
     if events is None or not events.glitches_per_day:
         return ()
-    random = generator(run, "glitches")
+    random = generator(run.seed, run.name, "glitches")
     duration = run.n_samples / run.fs
     begins = np.sort(random.uniform(0, duration, random.poisson(events.glitches_per_day * duration / DAY)))
     drawn = []
@@ -92,17 +92,6 @@ def add_glitches(
             )
 
 
-def apply_level_drift(run: Run, signals: Mapping[str, Array], first_sample: int) -> None:
-    """Change the level of g_1 and g_2 over the run; they begin with its sample ``first_sample``."""
-    if run.events is None or not run.events.noise_drift:
-        return
-    n = signals["g_1"].size
-    since_middle = (np.arange(first_sample, first_sample + n) + 0.5) / run.n_samples - 0.5
-    level = 1 + run.events.noise_drift * since_middle
-    signals["g_1"][:] *= level
-    signals["g_2"][:] *= level
-
-
 def gaps(run: Run) -> tuple[tuple[float, float], ...]:
     """Return start and end [s] of the gaps of the telemetry, in increasing order.
 
@@ -111,7 +100,7 @@ def gaps(run: Run) -> tuple[tuple[float, float], ...]:
     events = run.events
     if events is None or not events.gaps_per_day:
         return ()
-    random = generator(run, "gaps")
+    random = generator(run.seed, run.name, "gaps")
     duration = run.n_samples / run.fs
     remaining = MAX_GAP_FRACTION * duration
     intervals: list[tuple[float, float]] = []

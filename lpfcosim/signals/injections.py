@@ -1,11 +1,11 @@
-"""What is injected into a run on purpose: commands, and pulses that no controller knows of."""
+"""What is injected into a run on purpose."""
 
 from collections.abc import Iterable, Mapping
 
 import numpy as np
 from numpy.typing import NDArray
 
-from lpfcosim.spacecraft import Injection, Pulse, Run, Sine, TaperedSine
+from lpfcosim.spacecraft import Injection, Run, Sine, TaperedSine
 
 Array = NDArray[np.float64]
 
@@ -45,8 +45,6 @@ def commanded(injections: Iterable[Injection], fs: float, start: int, stop: int)
     """Return the commands of these injections at sample rate `fs` [Hz], by target, as `injected` does."""
     signals: dict[str, Array] = {}
     for injection in injections:
-        if isinstance(injection, Pulse):
-            continue  # no command, see `add_pulses`
         i_start = _clip(_sample(fs, injection.start), start, stop)
         i_stop = _clip(_sample(fs, injection.end), start, stop)
         since = np.arange(i_start, i_stop) / fs - injection.start
@@ -60,16 +58,6 @@ def commanded(injections: Iterable[Injection], fs: float, start: int, stop: int)
             signal[i_start - start : i_stop - start] += injection.amplitude * ramp
             signal[i_stop - start :] += injection.amplitude
     return signals
-
-
-def add_pulses(run: Run, signals: Mapping[str, Array], start: int, stop: int) -> None:
-    """Add the pulses of a run to the accelerations they act with, samples ``start`` … ``stop - 1``."""
-    for pulse in run.injections:
-        if isinstance(pulse, Pulse):
-            begin = _clip(_sample(run.fs, pulse.start), start, stop)
-            end = _clip(_sample(run.fs, pulse.end), start, stop)
-            phase = (np.arange(begin, end) / run.fs - pulse.start) / pulse.duration
-            signals[pulse.into][begin - start : end - start] += pulse.amplitude * np.sin(np.pi * phase) ** 2
 
 
 def _envelope(sine: Sine, since: Array) -> Array | float:

@@ -1,24 +1,21 @@
 """The spacecraft: one run of it, with all that a simulation needs, as frozen records in SI units."""
 
-from lpfcosim.spacecraft.actuation import ARM, F_REF, LARGEST_PULL, Actuation, largest_pull
+from lpfcosim.spacecraft.actuation import ARM, LARGEST_PULL, Actuation, largest_pull
 from lpfcosim.spacecraft.control import DRAG_FREE, SUSPENSION, Controller, Lead
 from lpfcosim.spacecraft.electrodes import ETA_PER_X, PHI_PER_X
 from lpfcosim.spacecraft.events import Events
 from lpfcosim.spacecraft.parameters import FS, LONGEST_DELAY, M_TM, READ_OUT_RANGE, H
 from lpfcosim.spacecraft.run import (
-    GAIN_CHANGES,
     SCATTERED,
     Authority,
     HalfCosine,
     Injection,
     Kind,
     Noise,
-    Pulse,
     Replacement,
     Run,
     Sine,
     TaperedSine,
-    Thrusters,
     Truth,
 )
 from lpfcosim.spacecraft.spacecraft import Spacecraft
@@ -30,8 +27,6 @@ __all__ = [
     "EIGHT_NOZZLES",
     "ETA_PER_X",
     "FS",
-    "F_REF",
-    "GAIN_CHANGES",
     "LARGEST_PULL",
     "LONGEST_DELAY",
     "M_TM",
@@ -50,13 +45,11 @@ __all__ = [
     "Layout",
     "Lead",
     "Noise",
-    "Pulse",
     "Replacement",
     "Run",
     "Sine",
     "Spacecraft",
     "TaperedSine",
-    "Thrusters",
     "Truth",
     "largest_pull",
 ]

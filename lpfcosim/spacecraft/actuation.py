@@ -14,7 +14,6 @@ ARM = 11e-3  # m, of an electrode about the middle of its face (choice)
 GRADIENT = 2.9e-10  # F/m, capacitance of an electrode by the place of the test mass (choice)
 LARGEST_VOLTAGE = 12.0  # V rms on an electrode (choice)
 LARGEST_PULL = GRADIENT * LARGEST_VOLTAGE**2 / 2  # N, of an electrode
-F_REF = 1e-9  # N, to which `Truth.lambda_bend_1` and `_2` refer (choice)
 
 
 @dataclass(frozen=True)

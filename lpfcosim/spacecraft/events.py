@@ -1,4 +1,4 @@
-"""What happens to a run unasked: glitches, lost telemetry, noise whose level changes."""
+"""What happens to a run unasked: glitches and lost telemetry."""
 
 from dataclasses import dataclass
 
@@ -24,8 +24,6 @@ class Events:
         Rate of losses of telemetry.
     gap_duration : float
         Their mean length [s].
-    noise_drift : float
-        By how much the level of the noise of Delta g changes over a run, relative to its middle.
     """
 
     glitches_per_day: float = 0.0
@@ -36,4 +34,3 @@ class Events:
     glitch_two_sided: float = 0.3
     gaps_per_day: float = 0.0
     gap_duration: float = 60.0
-    noise_drift: float = 0.0

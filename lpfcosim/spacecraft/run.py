@@ -13,12 +13,9 @@ from lpfcosim.spacecraft.events import Events
 from lpfcosim.spacecraft.parameters import FS, M_SC, M_TM, THRUSTER_DELAY, THRUSTER_LAG, H
 
 Kind = Literal["sysid", "noise"]
-Thrusters = Literal["cold gas", "colloid"]
 
 #: What differs between experiments where gains scatter.
 SCATTERED = ("lambda_1", "lambda_2", "C_1", "C_2")
-#: Changes of the gains within a run, left out of the truth of a telemetry file where they are zero.
-GAIN_CHANGES = tuple(f"lambda_{how}_{j}" for how in ("drift", "walk", "bend") for j in (1, 2))
 
 
 @dataclass(frozen=True)
@@ -41,12 +38,6 @@ class Truth:
         Leak of x_1 into o_12 [1], by alignment epoch.
     lambda_scatter : float
         Relative standard deviation of lambda_1 and lambda_2 between experiments (in flight some 0.5 %).
-    lambda_drift_1, lambda_drift_2 : float
-        Relative growth of the gains within every run [day^-1]; lambda is their mean over a run.
-    lambda_walk_1, lambda_walk_2 : float
-        Relative width after a day of a random walk of the gains within every run [day^-0.5].
-    lambda_bend_1, lambda_bend_2 : float
-        Relative growth of the gains with the size of the force, at `F_REF`.
     """
 
     lambda_1: float = 1.0748
@@ -63,24 +54,12 @@ class Truth:
         default_factory=lambda: {1: -2.2e-5, 2: -1.40e-5, 3: -2.09e-5, 4: 1.91e-5}
     )
     lambda_scatter: float = 0.0
-    lambda_drift_1: float = 0.0
-    lambda_drift_2: float = 0.0
-    lambda_walk_1: float = 0.0
-    lambda_walk_2: float = 0.0
-    lambda_bend_1: float = 0.0
-    lambda_bend_2: float = 0.0
 
-    @property
-    def gain_changes(self) -> tuple[str, ...]:
-        """Names of the changes of gains within a run that are not zero."""
-        return tuple(name for name in GAIN_CHANGES if getattr(self, name))
-
-    def of_experiment(self, name: str, seed: int) -> "Truth":
-        """Return the truth with the gains that this experiment has; its commands are as late as ever."""
+    def scattered(self, random: np.random.Generator) -> "Truth":
+        """Return the truth with the gains of an experiment, drawn at random; commands are as late as ever."""
         if not self.lambda_scatter:
             return self
-        generator = np.random.default_rng([seed, *name.encode()])
-        factor_1, factor_2 = 1 + self.lambda_scatter * generator.standard_normal(2)
+        factor_1, factor_2 = 1 + self.lambda_scatter * random.standard_normal(2)
         return replace(
             self,
             lambda_1=self.lambda_1 * factor_1,
@@ -109,9 +88,6 @@ class Noise:
     [m s^-2 Hz^-0.5], white part of Delta g; ``tail`` [1], its 1/f part relative to 60 fm s^-2 Hz^-0.5 at
     20 uHz; ``f_x_1_jitter`` [m s^-2 Hz^-0.5], level at 1 mHz of the force leaking onto test mass 1.
 
-    ``thrusters``: those with cold gas are white; those with a colloid rise as 1/f below 1 mHz, where the band
-    of their specification begins (choice).
-
     The others drive the whole spacecraft only: ``dws`` [rad Hz^-0.5], each angle of the wavefront sensors;
     ``grs`` [m Hz^-0.5] and ``grs_angle`` [rad Hz^-0.5], each read-out of the inertial sensors, 1/f below
     1 mHz; ``star_tracker_theta``, ``_eta``, ``_phi`` [rad Hz^-0.5]; ``thruster_torque`` [N m Hz^-0.5], each
@@ -126,7 +102,6 @@ class Noise:
     plateau: float = 0.0
     tail: float = 0.0
     f_x_1_jitter: float = 0.0
-    thrusters: Thrusters = "cold gas"
     dws: float = 0.0
     grs: float = 0.0
     grs_angle: float = 0.0
@@ -177,25 +152,7 @@ class HalfCosine:
     end: float
 
 
-@dataclass(frozen=True)
-class Pulse:
-    """A glitch: amplitude sin^2(pi (t - start) / duration) acting on one test mass; SI.
-
-    It is a stray acceleration, such as g_1 and g_2, not a command: no controller knows of it.
-    """
-
-    into: str
-    amplitude: float
-    start: float
-    duration: float
-
-    @property
-    def end(self) -> float:
-        """Time it is over [s]."""
-        return self.start + self.duration
-
-
-Injection = Sine | HalfCosine | Pulse
+Injection = Sine | HalfCosine
 
 
 @dataclass(frozen=True)

@@ -170,14 +170,10 @@ def expected_results(plan: Campaign, fit_settings: Settings, doubts: tuple[str, 
     inertial = expected_euler_fit.expected_periods(
         planned_noise_runs(plan.runs), joint, fit_settings.parameters
     )
-    ignored = [
-        f"truth.{name}: the forecast leaves out gains that change within a run"
-        for name in plan.truth.gain_changes
-    ]
     of_periods = [(period, w.message) for period, fit in inertial.items() for w in fit.warnings]
     messages = [*distinct_messages(joint.warnings), *grouped(of_periods, "inertial period")]
     constraints = fit_settings.without_fmu_parameters().constraints
-    return Forecast(joint, inertial, constraints, (*doubts, *ignored, *messages), plan.digest)
+    return Forecast(joint, inertial, constraints, (*doubts, *messages), plan.digest)
 
 
 def forecast_or_reason(plan: Campaign, fit_settings: Settings) -> tuple[Forecast | None, str]:

@@ -203,16 +203,6 @@ def _check_spectra(plan: Campaign, validated: validation.Validation) -> None:
                 f"run '{run.name}': {demand.channel} is expected beyond its limit of {demand.limit:.3g}; "
                 f"telemetry drawn from spectra knows no limit, {_THROUGH_FMUS}"
             )
-    if plan.events and plan.events.noise_drift:
-        raise InputError(
-            f"events.noise_drift: the noise drawn from spectra keeps its level; {_THROUGH_FMUS}, or a "
-            "campaign without it"
-        )
-    for name in plan.truth.gain_changes:
-        raise InputError(
-            f"truth.{name}: the loop behind the spectra keeps its gains; {_THROUGH_FMUS}, or a campaign "
-            "without it"
-        )
 
 
 def _run_trials(

@@ -25,6 +25,7 @@ from lpfcosim.execution import runner, telemetry_file
 from lpfcosim.linear import ClosedLoop, spectral_simulation, stability
 from lpfcosim.models import DELTA_G, model_of
 from lpfcosim.planned_experiments import LISA, telemetry_of
+from lpfcosim.signals import generator
 from lpfcosim.spacecraft import Run
 
 Record = dict[str, Any]  # of one campaign, as the log holds it
@@ -110,7 +111,7 @@ class MonteCarloTask:
         plan = montecarlo.numbered(self.plan, number, redraw=self.redraw)
         try:
             with serial():  # one process for each processor is faster than threads
-                results = self._with_fmus(plan, progress) if self.fmus else self._from_spectra(plan, number)
+                results = self._with_fmus(plan, progress) if self.fmus else self._from_spectra(plan)
         except (CalibrationError, RunError) as error:
             return {"number": number, "failed": str(error)}
         if results.joint and results.joint.unsound:
@@ -129,12 +130,11 @@ class MonteCarloTask:
             telemetries = read_all(sorted(folder.glob("*.h5")), trusted=True)
             return coverage.with_truth(calibrate(telemetries, self.fit_settings), telemetries)
 
-    def _from_spectra(self, plan: Campaign, number: int) -> Results:
+    def _from_spectra(self, plan: Campaign) -> Results:
         if self.redraw:
             stability.check(*plan.runs)  # other truths may not be stable where the campaign's are
         telemetries = [
-            self._simulator.draw(run, np.random.default_rng([number, plan.seed, *run.name.encode()]))
-            for run in plan.runs
+            self._simulator.draw(run, generator(plan.seed, run.name, "spectra")) for run in plan.runs
         ]
         results = calibrate(telemetries, self.fit_settings)
         truths = {run.name: telemetry_file.truth(run) for run in plan.runs}

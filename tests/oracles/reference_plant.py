@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.linalg import block_diag
 
-from lpfcosim.spacecraft import ARM, F_REF, Controller, Run
+from lpfcosim.spacecraft import ARM, Controller, Run
 
 PLANT_INPUTS = ("F_x_sc", "f_x_1", "f_x_2", "g_1", "g_2", "F_noise_x_sc")
 LOOP_INPUTS = ("n_1", "n_12", "guidance_o_1", "guidance_o_12", "f_x_1", "g_1", "g_2", "F_noise_x_sc")
@@ -273,8 +273,6 @@ class ActuationError:
 
     Attributes
     ----------
-    bend : float
-        Relative growth of the gain with the command [m^-1 s^2].
     gain : ndarray, shape (n,)
         Relative change of the gain.
     push : ndarray, shape (n,)
@@ -283,19 +281,17 @@ class ActuationError:
         Per torque about z [kg^-1 m^-1].
     """
 
-    bend: float
     gain: Array
     push: Array
     twist: Array
 
     def __call__(self, i: int, f: float, N: float = 0.0) -> float:
         """Return it at sample i, for a command f [m s^-2] and a torque N about z [N m]."""
-        bent, gain = self.bend * abs(f), self.gain[i]
-        return float(f * (bent + gain + bent * gain) + self.push[i] + self.twist[i] * N)
+        return float(f * self.gain[i] + self.push[i] + self.twist[i] * N)
 
     def received(self, f: Array) -> Array:
         """Return commands, shape (n,), with their excess."""
-        return f * (1 + self.bend * np.abs(f)) * (1 + self.gain) + self.push
+        return f * (1 + self.gain) + self.push
 
 
 def actuation_errors(run: Run, drawn: Mapping[str, Array]) -> tuple[ActuationError, ActuationError] | None:
@@ -308,9 +304,8 @@ def actuation_errors(run: Run, drawn: Mapping[str, Array]) -> tuple[ActuationErr
     drawn : mapping of str to ndarray, shape (n,)
         Stimuli of the actuation.
     """
-    bends = run.truth.lambda_bend_1, run.truth.lambda_bend_2
     gains = run.truth.lambda_1, run.truth.lambda_2
-    if not any(bends) and not any(f"{name}_{j}" in drawn for name in ("e_x", "gain") for j in (1, 2)):
+    if not any(f"{name}_{j}" in drawn for name in ("e_x", "gain") for j in (1, 2)):
         return None
     still = np.zeros(run.n_samples)
 
@@ -318,7 +313,6 @@ def actuation_errors(run: Run, drawn: Mapping[str, Array]) -> tuple[ActuationErr
         e_x, e_N, gain = (drawn.get(f"{name}_{j}", still) for name in ("e_x", "e_N", "gain"))
         per_lambda = 1 / gains[j - 1]
         return ActuationError(
-            bends[j - 1] * run.m_tm / F_REF,
             gain,
             e_x * preload(run, j) * per_lambda,
             e_N * per_lambda / (ARM * run.m_tm),

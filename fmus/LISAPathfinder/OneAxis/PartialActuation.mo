@@ -10,18 +10,11 @@ partial model PartialActuation "Capacitive actuation along x, with couplings tha
   parameter Types.Torque N_max_1 = 0 "Authority of the torque on test mass 1 about z";
   parameter Types.Torque N_max_2 = 0 "Authority of the torque on test mass 2 about z";
   parameter Types.Length arm = 0.011 "Arm of an electrode about the middle of its face";
-  parameter Types.Ratio lambda_bend_1 = 0 "Relative growth of lambda_1 at the force F_ref";
-  parameter Types.Ratio lambda_bend_2 = 0 "Relative growth of lambda_2 at the force F_ref";
-  parameter Types.Force F_ref = 1e-9 "Force that lambda_bend_1 and lambda_bend_2 refer to";
   parameter Types.Acceleration f_x_2_start = 0 "Command on test mass 2 before the first sample";
   final parameter Types.Acceleration preload_1 = (F_max_1 + N_max_1/arm)/m_tm
     "Sum of the pulls of all electrodes on test mass 1";
   final parameter Types.Acceleration preload_2 = (F_max_2 + N_max_2/arm)/m_tm
     "Sum of the pulls of all electrodes on test mass 2";
-  final parameter Real nonlinearity_1(unit = "m-1.s2") = lambda_bend_1*m_tm/F_ref
-    "Relative growth of lambda_1 with the command";
-  final parameter Real nonlinearity_2(unit = "m-1.s2") = lambda_bend_2*m_tm/F_ref
-    "Relative growth of lambda_2 with the command";
   Interfaces.AccelerationInput f_control_2 "Force per unit mass demanded by the suspension control";
   Interfaces.ForceInput F_x_1 "Injected force command on test mass 1";
   Interfaces.ForceInput F_x_2 "Injected force command on test mass 2";
@@ -46,14 +39,14 @@ equation
   when sample(0, h) then
     f_x_1 = Functions.limit(F_x_1, F_max_1)/m_tm + leak + f_x_1_jitter;
     f_x_2 = Functions.limit(m_tm*f_control_2 + F_x_2, F_max_2)/m_tm;
-    f_applied_1 = Functions.actuatorGain(lambda_1, f_x_1, nonlinearity_1, gain_1) + e_x_1*preload_1 + coupling_1;
-    f_applied_2 = Functions.actuatorGain(lambda_2, f_x_2, nonlinearity_2, gain_2) + e_x_2*preload_2 + coupling_2;
+    f_applied_1 = lambda_1*f_x_1*(1 + gain_1) + e_x_1*preload_1 + coupling_1;
+    f_applied_2 = lambda_2*f_x_2*(1 + gain_2) + e_x_2*preload_2 + coupling_2;
   end when;
   annotation (Documentation(info = "<html>
 <pre>
   f_x_1       = limit(F_x_1)/m_tm + leak + f_x_1_jitter                          commanded, per unit mass
   f_x_2       = limit(m_tm*f_control_2 + F_x_2)/m_tm
-  f_applied_j = lambda_j*f_x_j*(1 + lambda_bend_j*abs(m_tm*f_x_j)/F_ref)*(1 + gain_j) + e_x_j*preload_j + coupling_j
+  f_applied_j = lambda_j*f_x_j*(1 + gain_j) + e_x_j*preload_j + coupling_j
 </pre>
 <p>sampled every h and held. preload_j is the sum of the pulls of all electrodes per unit mass, of which a relative
 voltage noise e_x_j leaves the difference of the two sides.</p>

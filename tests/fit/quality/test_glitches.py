@@ -15,12 +15,12 @@ from fit.settings import settings
 from fit.whitening import Experiment
 from fit.whitening.run import Run
 from lpfcosim.campaign import loading
-from lpfcosim.spacecraft.run import Noise, Pulse
+from lpfcosim.spacecraft.run import Noise
 from tests.fit.recorded import recorded
 from tests.fit.test_pipeline import OFF
 from tests.oracles import thirteen
 from tests.oracles.synthetic import World, pair, telemetry, without
-from tests.reference_run import simulate_reference
+from tests.reference_run import Pulse, simulate_reference
 
 pytestmark = pytest.mark.slow
 
@@ -106,9 +106,8 @@ def simulated(quickstart):
 
     @cache
     def simulate(name, *pulses, noise=True):
-        run = replace(runs[name], injections=(*runs[name].injections, *pulses))
-        run = run if noise else replace(run, noise=Noise())
-        return recorded(run, simulate_reference(run))
+        run = runs[name] if noise else replace(runs[name], noise=Noise())
+        return recorded(run, simulate_reference(run, pulses))
 
     return simulate
 

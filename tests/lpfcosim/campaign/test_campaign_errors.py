@@ -30,7 +30,6 @@ BAD = [  # what to replace, by what, and what the sentence then begins with
     ('into = "F_x_1"', 'into = "g_1"', 'experiments[1].injections[0].into: "g_1" is not known'),
     ('end = "20 s"', 'end = "5 s"', "experiments[1].injections[0].end: 5 s is not after the start"),
     ("cycles = 2,", "cycles = 4,", 'sequences.tone[0]: ends at 4060 s, past the end of experiment "first"'),
-    ("[truth]", "[truth]\nlambda_drift_2 = 1e-4", "truth.lambda_drift_2: 0.0001 has no unit, write a string"),
     ("[truth]", '[actuation]\nelectrode = "2e-6 Hz"\n[truth]', 'actuation.electrode: "2e-6 Hz" is not a rel'),
     ('"2200 pN"', '"80 nN"', "authority.A: F_max_1 and N_max_1 together ask 4.047e+04 pN of an elec"),
     ('["tone"]', '["tome"]', 'experiments[0].sequences[0]: no sequence "tome", did you mean "tone"?'),

@@ -65,7 +65,6 @@ BAD = [
     ('glitch_longest = "2 s"', "events.glitch_longest: 2 s is below glitch_shortest, 5 s"),
     ("gaps_per_day = 20.0", "events.gaps_per_day: 20 gaps of 60 s a day take 1.4 % of a run, expected"),
     ('glitch_impulse = "10 pm/s"', "events: glitch_impulse does nothing without glitches_per_day"),
-    ("noise_drift = 3.0", "events.noise_drift: 3.0 is too large, expected 1 or less"),
     (HISTORY.replace("04-17", "04-15"), "events.plateau: expected dates that grow from entry to entry"),
     (HISTORY.replace("2016-04-17T08:00:00Z", "soon"), 'events.plateau[1].date: "soon" is not a time in UTC'),
 ]  # fmt: skip

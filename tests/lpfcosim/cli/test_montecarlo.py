@@ -57,8 +57,6 @@ TORQUES = SMALL.replace("tail = 1.5", 'tail = 1.5\ndws = "150 nrad Hz^-0.5"') + 
 @pytest.mark.parametrize(
     ("text", "sentence"),
     [
-        (f"{SMALL}[events]\nnoise_drift = 0.1\n", "events.noise_drift: the noise drawn from spectra keeps"),
-        (f"{SMALL}[truth]\nlambda_bend_2 = 1e-4\n", "truth.lambda_bend_2: the loop behind the spectra keeps"),
         (
             TORQUES.replace('N_max_1 = "10.4', 'N_max_1 = "0.01'),
             "N_phi_1 is expected beyond its limit of 1e-14",
@@ -72,9 +70,6 @@ TORQUES = SMALL.replace("tail = 1.5", 'tail = 1.5\ndws = "150 nrad Hz^-0.5"') + 
 def test_what_spectra_do_not_have_takes_fmus(small, lpfcosim, text, sentence):
     small.write_text(text, encoding="utf-8")
     assert sentence in refusal(lpfcosim("montecarlo", small, "-n", 2))
-    if "lambda_bend" in text:
-        for command in ("forecast", "check"):
-            assert "truth.lambda_bend_2: the forecast leaves out gains" in lpfcosim(command, small)[2]
 
 
 def test_estimates_are_those_with_a_truth():

@@ -11,7 +11,7 @@ from lpfcosim.cosim import co_simulation
 from lpfcosim.errors import RunError
 from lpfcosim.modelica import build
 from lpfcosim.models import one_axis
-from lpfcosim.spacecraft.run import Authority, HalfCosine, Pulse, Sine
+from lpfcosim.spacecraft.run import Authority, HalfCosine, Sine
 from tests.agreement import assert_agree
 from tests.lpfcosim.cosim import in_memory
 from tests.reference_run import simulate_reference
@@ -43,8 +43,6 @@ def test_driven_test_mass_1_agrees_with_the_reference_plant(fmus, make_run):
             Sine("F_x_1", amplitude=0.6e-12, frequency=0.02, cycles=20, start=100.05),
             HalfCosine("F_x_1", amplitude=0.4e-9, start=800, end=2800),
             HalfCosine("F_x_2", amplitude=0.4e-9, start=800, end=2800),
-            Pulse("g_1", amplitude=1e-11, start=1500.03, duration=30),
-            Pulse("g_2", amplitude=-2e-12, start=1510, duration=2),
         ),
         dc=4e-12,
         noise=replace(

@@ -135,7 +135,6 @@ def test_what_is_clipped_is_masked(lpfcosim, campaign):
         ("omega_2 = {}", "expected a table of a model, or a parameter of the fit"),
         ("lambda_2 = {}\nActuation.lambda_2 = {}", "lambda_2 is listed twice"),
         ("C_2 = {}\nPlant.tau_2 = {}", "Plant.tau_2 is listed under two names"),
-        ("Actuation.lambda_bend_2 = {}", "starts at 0, which gives no scale; expected a width or bounds"),
         ("lambda_2 = { start = 2, bounds = [1, 1.2] }", "expected bounds about the start, 2"),
         ("lambda_2 = { bounds = [2, 1] }", "expected the lower bound first"),
         (

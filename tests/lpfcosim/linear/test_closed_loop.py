@@ -39,7 +39,6 @@ def deviations(computed, expected):
 def test_simulation_is_that_of_the_reference_plant(driven):
     authority = Authority("wide", 1e-9, 2.2e-9, 1e-11, 1e-11)
     run = driven(authority=authority, actuation=Actuation(electrode=1e-6))
-    run = replace(run, truth=replace(run.truth, lambda_bend_1=1e-3, lambda_walk_2=1e-3))
     result = deviations(ClosedLoop(run).simulate(), simulate_reference(run))
     assert max(result.values()) < 1e-12, result
 

@@ -9,7 +9,7 @@ from scipy.signal import welch
 from lpfcosim.linear import ClosedLoop, closed_loop, response
 from lpfcosim.models import stimuli
 from lpfcosim.spacecraft import Actuation
-from lpfcosim.spacecraft.run import Authority, HalfCosine, Noise, Pulse, Sine, Truth
+from lpfcosim.spacecraft.run import Authority, HalfCosine, Noise, Sine, Truth
 from lpfcosim.spacecraft.spacecraft import Spacecraft
 from tests.agreement import assert_agree
 from tests.oracles.whole_equations import I_SC, SKEW, D, H, by_integration
@@ -81,7 +81,6 @@ def test_x_axis_alone_is_the_reference_of_the_x_axis(craft, flight_noise):
             Sine("guidance_o_1", 4e-9, 26.7e-3, 8, 10.0),
             Sine("guidance_o_12", 10e-9, 10e-3, 3, 100.0),
             HalfCosine("F_x_1", 12e-12, 300.0, 800.0),
-            Pulse("g_1", 1e-12, 600.0, 20.0),
         ),
     )
     quiet = replace(run, spacecraft=None)

@@ -10,8 +10,9 @@ from scipy import signal
 from lpfcosim.campaign import loading
 from lpfcosim.linear import ClosedLoop, response, spectral_simulation
 from lpfcosim.models import stimuli
-from lpfcosim.signals import decimation
-from lpfcosim.spacecraft.run import Noise, Pulse, Sine
+from lpfcosim.signals import decimation, events
+from lpfcosim.spacecraft import Events
+from lpfcosim.spacecraft.run import Noise, Sine
 from tests.reference_run import simulate_reference
 
 CHANNELS = ("o_1", "o_12", "f_x_1", "f_x_2")
@@ -63,13 +64,18 @@ def test_noise_ends_at_a_quarter_of_a_hertz(sysid, samples):
 
 #: A strong tone that begins at once has power at all frequencies, which would alias at 1 Hz.
 TONE = (Sine("F_x_1", 20e-12, 0.04, 60, 900.0),)
-GLITCHES = (Pulse("g_2", 1e-11, 4000.0, 20.0), Pulse("g_1", -3e-12, 5000.5, 7.0))
+GLITCHES = Events(glitches_per_day=20.0)
 
 
-@pytest.mark.parametrize(("injections", "F_max_1", "error"), [(GLITCHES, 0.0, 1e-6), (TONE, 5e-10, 1e-7)])
-def test_glitches_and_abrupt_tones_are_low_passed_as_archives_are(sysid, injections, F_max_1, error):
+@pytest.mark.parametrize(
+    ("injections", "glitches", "F_max_1", "error"), [((), GLITCHES, 0.0, 1e-6), (TONE, None, 5e-10, 1e-7)]
+)
+def test_glitches_and_abrupt_tones_are_low_passed_as_archives_are(
+    sysid, injections, glitches, F_max_1, error
+):
     run = replace(sysid, noise=Noise(), injections=(*sysid.injections, *injections), dc=8e-12)
-    run = replace(run, authority=replace(sysid.authority, F_max_1=F_max_1))
+    run = replace(run, authority=replace(sysid.authority, F_max_1=F_max_1), events=glitches)
+    assert bool(events.glitches(run)) == bool(glitches)
     drawn = spectral_simulation.Simulation(run, CHANNELS).record(np.random.default_rng(1))
     expected = simulate_reference(run)
     for name in CHANNELS:
@@ -80,7 +86,8 @@ def test_glitches_and_abrupt_tones_are_low_passed_as_archives_are(sysid, injecti
 def test_a_glitch_does_not_start_the_turn_of_the_spacecraft_anew(quickstart):
     run = loading.load(quickstart.with_name("spacecraft.toml")).runs[1]
     turning = replace(run, n_samples=20_000, injections=(), noise=Noise())
-    glitchy = replace(turning, injections=(Pulse("g_2", 1e-11, 1500.0, 20.0),))
+    glitchy = replace(turning, events=Events(glitches_per_day=100.0))
+    first = int(events.glitches(glitchy)[0].begin)
     without, result = (
         spectral_simulation.Simulation(each, ("o_12", "f_x_2", "ast_phi", "grs_y_1")).record(
             np.random.default_rng(1)
@@ -89,7 +96,7 @@ def test_a_glitch_does_not_start_the_turn_of_the_spacecraft_anew(quickstart):
     )
     rate = run.spacecraft.Omega_DC[2]
     for name in without:
-        assert np.array_equal(result[name][:1480], without[name][:1480]), name
+        assert np.array_equal(result[name][: first - 20], without[name][: first - 20]), name
         assert not np.array_equal(result[name], without[name])
     assert rate and np.allclose(np.diff(result["ast_phi"]), rate, rtol=1e-6)
 

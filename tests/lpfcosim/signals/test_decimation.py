@@ -49,13 +49,13 @@ def test_file_carries_rate_and_times(make_run, tmp_path):
 @pytest.mark.parametrize("factor", [2, 5, 10])
 def test_the_low_pass_has_the_response_that_its_docstring_states(factor):
     taps = decimation.taps(factor)
-    np.testing.assert_array_equal(taps, taps[::-1])
+    np.testing.assert_allclose(taps, taps[::-1], rtol=0, atol=1e-16)
     f, response = scipy.signal.freqz(taps, worN=5000, fs=factor)  # in units of the new rate
     assert np.abs(np.abs(response[f <= 0.2]) - 1).max() < 2e-6
     assert np.abs(response[f >= 0.5]).max() < 2e-6
 
 
-@pytest.mark.parametrize("size", [263, 2501, 10_262])
+@pytest.mark.parametrize("size", [345, 2501, 10_262])
 @pytest.mark.parametrize("rate", [1.0, 2.0, 5.0])
 def test_the_filter_is_a_convolution_whatever_the_blocks(make_run, rate, size):
     run, factor = make_run(n_samples=size, sample_rate=rate), round(10 / rate)

@@ -14,7 +14,7 @@ from lpfcosim.spacecraft.events import Events
 from lpfcosim.spacecraft.run import Authority, Noise, Run
 from tests.reference_run import simulate_reference
 
-EVENTS = Events(glitches_per_day=60.0, gaps_per_day=20.0, gap_duration=20.0, noise_drift=0.5)
+EVENTS = Events(glitches_per_day=60.0, gaps_per_day=20.0, gap_duration=20.0)
 DAY = 86400
 RUN = Run(
     name="one",
@@ -98,17 +98,8 @@ def test_gaps_are_no_more_than_telemetry_may_lack():
             assert 0 < lost.mean() <= 0.01
 
 
-def test_noise_drifts_from_begin_to_end():
-    steady = stimuli.noise(replace(RUN, events=None))
-    drifting = stimuli.noise(replace(RUN, events=Events(noise_drift=0.5)))
-    ratio = drifting["g_1"] / steady["g_1"]
-    assert ratio[[0, -1]] == pytest.approx([0.75, 1.25], abs=1e-5)
-    assert np.ptp(np.diff(ratio)) < 1e-12
-    np.testing.assert_array_equal(drifting["n_12"], steady["n_12"])
-
-
 def test_a_run_from_spectra_has_the_same_glitches_and_gaps():
-    run = replace(RUN, n_samples=72_000, noise=Noise(), events=replace(EVENTS, noise_drift=0.0))
+    run = replace(RUN, n_samples=72_000, noise=Noise(), events=EVENTS)
     assert events.glitches(run)
     drawn = spectral_simulation.Simulation(run, ["o_1", "o_12", "f_x_1", "f_x_2"]).record(
         np.random.default_rng(1)
