@@ -21,7 +21,7 @@ from fit.forecasting import coverage
 from fit.results import Provenance, Results, check_results, results_file, telemetry_files
 from fit.settings import ParameterSettings, refuse_fmu_parameters, settings
 from fit.tables import latex, notebook  # noqa: F401 - for how what is returned shows itself
-from fit.telemetry import Telemetry, archive_conversion, check_runs, read_all, short_paths
+from fit.telemetry import Telemetry, check_runs, conversion, read_all, short_paths
 from fit.tilt_to_length import Measurements, read_measurements, subtraction_spectra, ttl_fit
 
 if TYPE_CHECKING:
@@ -52,10 +52,10 @@ def load(paths: PathLike | Iterable[PathLike], folder: PathLike | None = None) -
         was expected.
     """
     files = _paths(paths)
-    maps = [path for path in files if archive_conversion.is_map(path)]
+    maps = [path for path in files if conversion.is_map(path)]
     if maps:
         (converted,) = _paths([Path(maps[0].stem) / "telemetry" if folder is None else folder])
-        files = archive_conversion.convert(files, converted, any_gaps=False)
+        files = conversion.convert(files, converted, any_gaps=False)
     return read_all(telemetry_files(files))
 
 

@@ -134,4 +134,4 @@ def check_schema(path: Path, schema: object) -> None:
 
 def _map_advice(path: Path) -> str:
     """Return what to do with an archive that is no telemetry, as the end of a message."""
-    return f"; for another archive write a map: lpfcosim new --map {shlex.quote(str(path))}"
+    return f"; an archive is described by a map: lpfcosim new --map {shlex.quote(path.stem)}.toml"

@@ -2,15 +2,17 @@
 
 import re
 from collections.abc import Iterator, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from datetime import date, time
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import BeforeValidator, ConfigDict, Field, ValidationError, model_validator
+from pydantic import AfterValidator, ConfigDict, Field, ValidationError, WrapValidator, model_validator
 
 from fit.errors import InputError, quote, shown
 from fit.files import Table, closest_match, documents, is_file, key, problem, validation_messages
+from fit.telemetry.archives import Layout
 from fit.telemetry.contract import ATTRIBUTES, CHANNELS, check_root, required
 from fit.units import factor, to_si
 
@@ -26,62 +28,33 @@ SECONDS = (
     "cxcsec",
 )  # formats that count them, in a scale of theirs
 TIME = "time"  # stands for the time column where a channel is named
-_RUN = re.compile(r"[^./\\\x00-\x1f][^/\\\x00-\x1f]*")  # the name of a file, too
 
 
-def _is_number(raw: object) -> bool:
-    return isinstance(raw, int | float) and not isinstance(raw, bool)
+def _expected(words: str) -> WrapValidator:
+    """Return the validator of a value of several types, which pydantic would report one by one."""
 
-
-def _column(raw: object) -> object:
-    if (isinstance(raw, str) and raw) or (isinstance(raw, int) and _is_number(raw) and raw >= 1):
-        return raw
-    raise problem(f'{quote(raw)} is no column, expected its name, "t", or its number from 1 on')
-
-
-def _table(raw: object) -> object:
-    if (isinstance(raw, str) and raw) or (isinstance(raw, int) and _is_number(raw)):
-        return raw
-    raise problem(f'{quote(raw)} is no table, expected its name, "OMS", or its number')
-
-
-def _file(raw: object) -> object:
-    if isinstance(raw, str) and raw:
-        return raw
-    raise problem(f'{quote(raw)} is no file, expected its name, "A.csv"')
-
-
-def _files(raw: object) -> object:
-    several = raw if isinstance(raw, list) else list(raw.values()) if isinstance(raw, dict) else [raw]
-    if several and all(isinstance(name, str) and name for name in several):
-        return raw
-    names = 'a name, "A.csv", a list of them, or a table channel = file'
-    raise problem(f"{quote(raw)} is no file, expected {names}")
-
-
-def _missing(raw: Any) -> object:
-    several = raw if isinstance(raw, list) else [raw]
-    if all(map(_is_number, several)):
+    def validate(raw: object, handler: Any) -> object:
         try:
-            return [float(marker) for marker in several]
-        except OverflowError:
-            raise problem(f"{quote(raw)} is larger than any float, expected a number of a file") from None
-    raise problem(
-        f"{quote(raw)} is no number, expected a number that marks missing samples, or a list of them"
-    )
+            return handler(raw)
+        except ValidationError:
+            raise problem(f"{quote(raw)}, expected {words}") from None
+
+    return WrapValidator(validate)
 
 
-def _run(raw: object) -> object:
-    if isinstance(raw, str) and _RUN.fullmatch(raw):
-        return raw
-    raise problem(f'{quote(raw)} cannot name a file, expected the unique name of the run, such as "A1"')
-
-
-Missing = Annotated[list[float], BeforeValidator(_missing, json_schema_input_type=float | list[float])]
-_Number = Annotated[int, Field(ge=1)]
-_ColumnKey = Annotated[str | int, BeforeValidator(_column, json_schema_input_type=str | _Number)]
-_TableKey = Annotated[str | int, BeforeValidator(_table, json_schema_input_type=str | int)]
-_Files = str | list[str] | dict[str, str]
+_Word = Annotated[str, Field(min_length=1)]
+_Column = Annotated[
+    _Word | Annotated[int, Field(ge=1)],
+    _expected('the name of a column, "t", or its number from 1 on'),
+    Field(examples=['column = "t"']),
+]
+_TableKey = Annotated[_Word | int, _expected('the name of a table, "OMS", or its number')]
+_Number = Annotated[float, Field(allow_inf_nan=False)]
+Missing = Annotated[
+    _Number | list[_Number],
+    _expected("a number that marks missing samples, or a list of them"),
+    AfterValidator(lambda missing: missing if isinstance(missing, list) else [missing]),
+]
 
 
 class _Table(Table):
@@ -94,17 +67,16 @@ class Column(_Table):
     `file` and `table` replace those of the run.
     """
 
-    column: Annotated[_ColumnKey, Field(examples=['column = "t"'])]
     unit: str | None = None
-    file: Annotated[str, BeforeValidator(_file)] | None = None
+    file: _Word | None = None
     table: _TableKey | None = None
 
 
 class Channel(Column):
     """[channels.X]: the column of a channel and the numbers that mark its missing samples, or one value."""
 
-    column: _ColumnKey | None = None  # type: ignore[assignment]  # None with a value
-    value: Annotated[float, Field(allow_inf_nan=False)] | None = None
+    column: _Column | None = None
+    value: _Number | None = None
     missing: Missing | None = None
 
     @model_validator(mode="after")
@@ -121,15 +93,39 @@ class Channel(Column):
 class Clock(Column):
     """[time]: seconds from anywhere, or time stamps of a format and a scale, by default UTC."""
 
+    column: _Column
     format: Format | None = None
     scale: Scale | None = None
+
+    @model_validator(mode="after")
+    def _unit_or_scale(self) -> "Clock":
+        if self.format and self.format not in SECONDS and self.unit:
+            raise problem(f"{quote(self.unit)}, expected none with format {self.format!r}", "unit")
+        if self.format in SECONDS and self.scale:
+            raise problem(
+                f"{quote(self.scale)}, expected none: {self.format!r} has a scale of its own", "scale"
+            )
+        return self
+
+
+class Text(_Table):
+    """[text]: what cannot be recognised of texts, see `fit.telemetry.archives.Layout`."""
+
+    delimiter: Literal[",", ";", "\t", " "] | None = None
+    decimal: Literal[".", ","] = "."
+    header: Annotated[int, Field(ge=0)] | None = None
+
+    @property
+    def layout(self) -> Layout:
+        """The same as archives have it."""
+        return Layout(self.delimiter, self.decimal, self.header)
 
 
 class Source(_Table):
     """[[runs]]: where a run is; its attributes are among the extras.
 
-    `file` is relative to the map. A list of files is searched for the columns; a table has the file of each
-    channel, and of ``time``. In file and table ``{run}`` and ``{channel}`` stand for the names of both.
+    `file` is relative to the map; a list of files is searched for the columns. In file and table ``{run}``
+    and ``{channel}`` stand for the names of both.
     """
 
     model_config = ConfigDict(extra="allow")
@@ -137,12 +133,19 @@ class Source(_Table):
     more_keys = re.compile(r"[\s\S]*")  # attributes
 
     file: Annotated[
-        _Files,
-        BeforeValidator(_files, json_schema_input_type=_Files),
+        _Word
+        | Annotated[list[_Word], Field(min_length=1)]
+        | Annotated[dict[str, _Word], Field(min_length=1)],
+        _expected('the name of a file, "A.csv", or a list of them'),
         Field(examples=['file = "A.csv"']),
     ]
     table: _TableKey | None = None
-    run: Annotated[str, BeforeValidator(_run), Field(examples=['run = "A"'])]
+    run: Annotated[
+        str,
+        Field(pattern=r"^[^./\\\x00-\x1f][^/\\\x00-\x1f]*$"),
+        _expected('the unique name of the run, such as "A1", which names a file'),
+        Field(examples=['run = "A"']),
+    ]
 
 
 class Map(_Table):
@@ -150,10 +153,18 @@ class Map(_Table):
 
     schema_: Annotated[Literal["lpf-map/1"], Field(alias="schema", examples=[f'schema = "{SCHEMA}"'])]
     missing: Missing = []
+    text: Text = Text()
     attributes: dict[str, object] = {}
     channels: Annotated[dict[str, Channel], Field(examples=["[channels] …"])]
     time: Clock | None = None
     runs: Annotated[list[Source], Field(min_length=1, examples=["[[runs]] …"])]
+
+    @property
+    def columns(self) -> Iterator[Column]:
+        """Where the channels are, and the time if it has a file or a table of its own."""
+        yield from (channel for channel in self.channels.values() if channel.value is None)
+        if self.time and (self.time.file or self.time.table is not None):
+            yield self.time
 
 
 @dataclass(frozen=True)
@@ -180,17 +191,26 @@ def load(path: Path) -> Map:
         mapping = Map.model_validate(document)
     except ValidationError as error:
         raise InputError(f"{path}: {validation_messages(error)}") from error
-    _check_channels(path, mapping)
-    _check_clock(path, mapping.time)
+    for name in (*required(mapping.channels), *mapping.channels):
+        place = f"{path}: channels.{key(name)}"
+        if name not in mapping.channels:
+            raise InputError(f"{place}: missing, expected its column")
+        if name not in CHANNELS:
+            raise InputError(f"{place}: not known{closest_match(name, CHANNELS)}")
+        factor_of(f"{place}.unit", mapping.channels[name].unit, name, {"m_tm": 1.0})
+    if mapping.time:
+        factor_of(f"{path}: time.unit", mapping.time.unit, TIME, {})
     for i in range(len(mapping.runs)):
         attributes = attributes_of(path, mapping, i)
-        if mapping.time is None:
-            if "fs" not in attributes:
-                raise InputError(f"{path}: time: missing, expected the column it is in, or an attribute fs")
-        else:  # time stamps say when a run starts
-            attributes.setdefault("t0", "2000-01-01T00:00:00Z")
-        check_root(f"{path}: runs[{i}]", {"fs": 1.0, **attributes})
-        _check_files(path, mapping, i)
+        if mapping.time is None and "fs" not in attributes:
+            raise InputError(f"{path}: time: missing, expected the column it is in, or an attribute fs")
+        # time stamps say when a run starts
+        stamped = {"t0": "2000-01-01T00:00:00Z", "fs": 1.0} if mapping.time else {}
+        check_root(f"{path}: runs[{i}]", {**stamped, **attributes})
+        for column in mapping.columns:
+            for table in places_of(path, mapping, i, column):
+                if not is_file(table.archive):
+                    raise InputError(f"{path}: runs[{i}].file: {table.archive}: no such file")
     return mapping
 
 
@@ -209,67 +229,31 @@ def attributes_of(path: Path, mapping: Map, i: int) -> dict[str, str | int | flo
         place = f"{path}: {places[name]}.{key(name)}"
         if name not in ATTRIBUTES:
             raise InputError(f"{place}: not known{closest_match(name, ATTRIBUTES)}")
-        unit = ATTRIBUTES[name]
         if isinstance(value, date | time):  # of TOML; a date with a time is a date
             value = value.isoformat()
         if isinstance(value, bool) or not isinstance(value, str | int | float):
             raise InputError(f"{place}: {quote(value)}, expected a number or a text")
-        if unit is None:
-            values[name] = value
-        else:
-            try:
-                values[name] = to_si(value, unit)
-            except ValueError as error:
-                reason = f"{shown(value)}, {error}"
-                raise InputError(f"{place}: {reason}, expected a quantity in {unit!r}") from error
+        unit = ATTRIBUTES[name]
+        try:
+            values[name] = value if unit is None else to_si(value, unit)
+        except ValueError as error:
+            raise InputError(f"{place}: {shown(value)}, {error}, expected a quantity in {unit!r}") from error
     return values
 
 
-def places_of(path: Path, mapping: Map, i: int, channel: str) -> list[Place]:
-    """Return the tables of run `i` that may have the column of a channel, or of `TIME`.
-
-    Raises
-    ------
-    InputError
-        If the run has no file for it.
-    """
-    source = mapping.runs[i]
-    column = mapping.time if channel == TIME else mapping.channels[channel]
-    assert column is not None
-    if column.file is not None:
-        names: list[str] = [column.file]
-    elif isinstance(source.file, dict):
-        if channel not in source.file:
-            raise InputError(
-                f"{path}: runs[{i}].file.{key(channel)}: missing, expected the file of its column"
-            )
-        names = [source.file[channel]]
-    else:
-        names = source.file if isinstance(source.file, list) else [source.file]
-    table = source.table if column.table is None else column.table
+def places_of(path: Path, mapping: Map, i: int, column: Column) -> list[Place]:
+    """Return the tables of run `i` that may have a column."""
+    run = mapping.runs[i]
+    files = column.file or run.file
+    table = run.table if column.table is None else column.table
+    channel = next((name for name, known in mapping.channels.items() if known is column), TIME)
 
     def named(template: str) -> str:
-        return template.replace("{run}", source.run).replace("{channel}", channel)
+        return template.replace("{run}", run.run).replace("{channel}", channel)
 
     chosen = named(table) if isinstance(table, str) else table
+    names = [files] if isinstance(files, str) else files
     return [Place(path.parent / named(name), chosen) for name in dict.fromkeys(names)]
-
-
-def has_common_clock(mapping: Map, i: int) -> bool:
-    """Return whether the time of run `i` has one stated place, not one in each table of channels."""
-    source, clock = mapping.runs[i], mapping.time
-    if clock is None or clock.file is not None or clock.table is not None:
-        return True
-    return isinstance(source.file, dict) and TIME in source.file
-
-
-def places_of_run(path: Path, mapping: Map, i: int) -> Iterator[Place]:
-    """Yield the tables of run `i`, each once."""
-    names = [
-        *(name for name, channel in mapping.channels.items() if channel.value is None),
-        *([TIME] if mapping.time is not None and has_common_clock(mapping, i) else []),
-    ]
-    yield from dict.fromkeys(place for name in names for place in places_of(path, mapping, i, name))
 
 
 def factor_of(place: str, unit: str | None, channel: str, attributes: Mapping[str, Any]) -> float:
@@ -287,47 +271,17 @@ def factor_of(place: str, unit: str | None, channel: str, attributes: Mapping[st
         return 1.0 if unit is None else factor(unit, si)
     except ValueError as error:
         if channel in ("f_x_1", "f_x_2"):
-            try:
+            with suppress(ValueError):
                 return factor(unit or "", "N") / float(attributes["m_tm"])
-            except ValueError:
-                raise InputError(f"{place}: {error}, expected {si!r}, 'N' or a multiple of one") from error
-        raise InputError(f"{place}: {error}, expected {si or '1'!r} or a multiple of it") from error
+        expected = "'m s-2', 'N'" if channel in ("f_x_1", "f_x_2") else repr(si or "1")
+        raise InputError(f"{place}: {error}, expected {expected} or a multiple of it") from error
 
 
-def _check_channels(path: Path, mapping: Map) -> None:
-    for name in required(mapping.channels):
-        if name not in mapping.channels:
-            raise InputError(f"{path}: channels.{name}: missing, expected the column it is in")
-    for name, column in mapping.channels.items():
-        if name not in CHANNELS:
-            place = f"{path}: channels.{key(name)}"
-            raise InputError(f"{place}: not known, expected a channel of the contract")
-        factor_of(f"{path}: channels.{name}.unit", column.unit, name, {"m_tm": 1.0})
+def template(name: str) -> str:
+    """Return the text of a map to fill in, a file `name`."""
+    return (Path(__file__).parent / "map-template.toml").read_text(encoding="utf-8").format(name=name)
 
 
-def _check_clock(path: Path, clock: Clock | None) -> None:
-    if clock is None:
-        return
-    if clock.format is None or clock.format in SECONDS:
-        factor_of(f"{path}: time.unit", clock.unit, TIME, {})
-    elif clock.unit is not None:
-        raise InputError(
-            f"{path}: time.unit: {shown(clock.unit)}, expected none with format {clock.format!r}"
-        )
-    if clock.format in SECONDS and clock.scale is not None:
-        raise InputError(
-            f"{path}: time.scale: {clock.scale!r}, expected none: {clock.format!r} has a scale of its own"
-        )
-
-
-def _check_files(path: Path, mapping: Map, i: int) -> None:
-    files = mapping.runs[i].file
-    if isinstance(files, dict):
-        for name in files:
-            if name not in mapping.channels and (name != TIME or mapping.time is None):
-                known = [*mapping.channels, TIME]
-                raise InputError(f"{path}: runs[{i}].file.{key(name)}: not known{closest_match(name, known)}")
-    for place in places_of_run(path, mapping, i):
-        if not is_file(place.archive):
-            name = str(place.archive).removeprefix(f"{path.parent}/")
-            raise InputError(f"{path}: runs[{i}].file: {shown(name)}, no such file in the folder of the map")
+def json_schema() -> dict[str, Any]:
+    """Return the JSON Schema of a map."""
+    return {"$schema": "https://json-schema.org/draft/2020-12/schema", **Map.model_json_schema()}

@@ -32,10 +32,10 @@ from fit.telemetry.contract import (
     whole,
 )
 from fit.telemetry.lazy_channels import LazyChannels, check_schema, open_file
-from fit.telemetry.missing_markers import check_markers
 from fit.telemetry.validation import (
     channel_names,
     channel_units,
+    check_markers,
     check_missing,
     complete_channels,
     plain,
@@ -263,7 +263,8 @@ def check_channels(telemetry: Telemetry) -> None:
         complete = complete_channels(file, telemetry.units)
     for name, values in telemetry.channels.items():
         place = f"{short_path(telemetry.path)}: channel {key(name)}"
-        check_markers(place, name, values, telemetry.fs, is_complete=name in complete)
+        if name not in complete:
+            check_markers(place, name, values)
 
 
 def is_telemetry(path: Path) -> bool:

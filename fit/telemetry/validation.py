@@ -15,13 +15,12 @@ from numpy.typing import NDArray
 
 from fit.errors import InputError, shown
 from fit.files import key
-from fit.telemetry.contract import expected_unit, required
+from fit.telemetry.contract import CHANNELS, expected_unit, required
 from fit.telemetry.time_axis import check_time
 from fit.units import same_unit
 
 Array = NDArray[np.float64]
 
-MAX_MEMBERS = 10_000  # of a file
 MAX_SAMPLES = 2**28  # 310 days at 10 Hz; a file that declares more is damaged
 LARGEST = 1e6  # in SI, of any channel; squares and products of such values keep their digits
 MAX_MISSING = 0.01  # share of the samples that may be missing in the channels a calibration needs
@@ -33,6 +32,18 @@ _FILTERS = {h5py.h5z.FILTER_DEFLATE, h5py.h5z.FILTER_SHUFFLE, h5py.h5z.FILTER_FL
 #: Attributes that make something else of values, and with which value they do not.
 _PACKING: Mapping[str, object] = {"scale_factor": 1, "add_offset": 0, "_Unsigned": "false"}
 _MISSING = ("_FillValue", "missing_value")
+#: What archives write for a missing sample, signs aside: nines, and the ends of integers.
+_USUAL = (
+    *(10.0**n - 1 for n in range(3, 10)),
+    999.9,
+    9999.9,
+    *(2.0**n - k for n in (15, 31) for k in (0, 1)),
+)
+_HUGE = 1e10  # in any unit of an archive; default fills of netCDF and others are beyond
+_DOUBLE = 1e-15  # relative: rounding by a scale that the archive states
+_MARKER_RATIO, _NUMBER_RATIO = 5.0, 100.0  # times the largest other sample: of a usual marker, of any number
+_READ_OUTS = ("o_", "grs_")  # channels with noise in every sample
+_SET_POINTS = "guidance_"  # channels that stay at the numbers that an operator chooses
 
 
 def plain(value: object) -> object:
@@ -90,8 +101,6 @@ def channel_units(file: h5py.File, path: Path, size: int) -> dict[str, str]:
 
     What the contract knows is checked, but for the values.
     """
-    if len(file) > MAX_MEMBERS:
-        raise InputError(f"{path}: {len(file)} datasets and groups, expected at most {MAX_MEMBERS}")
     units: dict[str, str] = {}
     needed = required(file)
     for name in (
@@ -155,6 +164,55 @@ def check_values(place: str, values: Array, fs: float, start: int = 0, *, known:
                 f"{place_and_value}, repeated later, seems to mark missing samples, expected NaN for each"
             )
         raise InputError(f"{place_and_value}, expected a value of at most {LARGEST:g}")
+
+
+def check_markers(place: str, channel: str, values: Array, cure: str = "NaN for each") -> None:
+    """Refuse a channel in which a number seems to mark missing samples: the largest, far from all others.
+
+    An instrument does not give the same number to the last digit again and again, far outside of all others.
+
+    Parameters
+    ----------
+    place, channel : str
+        File and channel for the message, and the name of the channel.
+    values : ndarray, shape (N,)
+        Its samples.
+    cure : str
+        What is expected, with ``{marker}`` for the number.
+    """
+    size = np.where(np.isfinite(values), np.abs(values), 0.0)
+    largest = size.max(initial=0.0)
+    extreme = size == largest
+    count, rest = int(extreme.sum()), float(size[~extreme].max(initial=0.0))
+    if channel not in CHANNELS or not 2 <= count < size.size or largest <= _MARKER_RATIO * rest:
+        return
+    is_usual = largest >= _HUGE or (
+        not channel.startswith(_SET_POINTS) and bool(_equal(np.array(_USUAL), largest).any())
+    )
+    is_rare = channel.startswith(_READ_OUTS) and count < size.size / 2
+    if is_usual or (is_rare and largest > _NUMBER_RATIO * rest > 0.0):
+        n = int(np.argmax(extreme))
+        value, single = float(values[n]), np.float32(values[n])
+        marker = str(single) if float(single) == value else repr(value)
+        raise InputError(
+            f"{place}: {value:.7g} at sample {n}, {count} times in all, seems to mark missing samples, "
+            f"expected {cure.format(marker=marker)}"
+        )
+
+
+def replace_markers(values: Array, missing: Iterable[float]) -> Array:
+    """Return values of an archive, NaN where one is a marker in double or single precision."""
+    for marker in missing:
+        values = np.where(_equal(values, marker), np.nan, values)
+    return values
+
+
+def _equal(values: Array, marker: float) -> NDArray[np.bool_]:
+    """Return which values are a number, or what single precision makes of it."""
+    with np.errstate(over="ignore"):
+        single = float(np.float32(marker))
+    close = np.isclose(values, marker, rtol=_DOUBLE, atol=0.0)
+    return np.asarray(close | ((values == single) & np.isfinite(single)))
 
 
 def check_missing(missing: Mapping[str, NDArray[np.bool_]], fs: float) -> None:

@@ -45,8 +45,7 @@ def _main(
 @app.command(
     epilog=examples(
         "lpfcosim new mine.toml",
-        "lpfcosim new --map mission.toml           an example map",
-        "lpfcosim new --map A.csv A-noise.csv      A.toml, a map of two archives",
+        "lpfcosim new --map mission.toml           a map of archives to fill in",
     )
 )
 def new(
@@ -54,18 +53,15 @@ def new(
         list[Path] | None,
         typer.Argument(
             metavar="NAME.toml",
-            help="The file to write; the campaign has its name. With --map also the archives to describe.",
+            help="The file to write; the campaign has its name.",
             show_default=False,
         ),
     ] = None,
     as_map: Annotated[
-        bool, typer.Option("--map", help="Write a map of archives: CSV, MATLAB, FITS, HDF5 or NumPy.")
+        bool, typer.Option("--map", help="Write a map of archives: CSV, MATLAB, FITS or HDF5.")
     ] = False,
 ) -> None:
     """Write a commented campaign or map of archives to start from.
-
-    A map of archives lists the columns of the first archive. Columns with known names are assigned to
-    channels; fill in the rest.
 
     The JSON Schema of the file, lpf-campaign.json or lpf-map.json, is written to the same folder. The first
     line of the file names it, so that editors complete keys and check values as you type. No existing file

@@ -38,16 +38,13 @@ def new(files: Sequence[Path]) -> None:
 
 def new_map(files: Sequence[Path]) -> None:
     """Write a commented map of archives, and next to it its JSON Schema for editors."""
-    from fit.telemetry import map_draft  # takes its time, which a campaign need not
+    from fit.telemetry import maps  # takes its time, which a campaign need not
 
-    maps = [file for file in files if file.suffix == ".toml"]
-    archives = [file for file in files if file.suffix != ".toml"]
-    if len(maps) > 1:
-        raise InputError(f"{maps[1]}: expected one name that ends in .toml, and archives")
-    stem = archives[0].name.partition(".")[0] if archives else "map"
-    file = maps[0] if maps else Path(f"{stem}.toml")
-    text = map_draft.draft(file.name, archives, file.parent)
-    _write(file, text, MAP_SCHEMA, json.dumps(map_draft.json_schema(), indent=1))
+    file = files[0] if files else Path("map.toml")
+    if len(files) > 1:
+        raise InputError(f"{files[1]}: expected one name that ends in .toml")
+    _check_suffix(file)
+    _write(file, maps.template(file.name), MAP_SCHEMA, json.dumps(maps.json_schema(), indent=1))
     print(f"{file}: written; fill it in, then: lpfcosim fit {shlex.quote(str(file))}")
 
 

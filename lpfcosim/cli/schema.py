@@ -11,9 +11,9 @@ from lpfcosim.models import SpacecraftModel, registered
 def print_schema(*, as_map: bool) -> None:
     """Print the JSON Schema of a campaign file of LISA Pathfinder, or of a map."""
     if as_map:
-        from fit.telemetry import map_draft  # takes its time, which a campaign need not
+        from fit.telemetry import maps  # takes its time, which a campaign need not
 
-        print(json.dumps(map_draft.json_schema(), indent=1))
+        print(json.dumps(maps.json_schema(), indent=1))
     else:
         print(json.dumps(json_schema(), indent=1))
 

@@ -14,7 +14,7 @@ from fit.report import page
 from fit.results import Fit, Results, load, sound_joint, telemetry_files, write
 from fit.settings import Settings, settings
 from fit.tables import Table, estimates
-from fit.telemetry import Telemetry, archive_conversion, read_all
+from fit.telemetry import Telemetry, conversion, read_all
 from fit.warnings import distinct_messages
 from lpfcosim.errors import InputError
 from lpfcosim.execution import checksums, results_folder
@@ -185,9 +185,9 @@ def find_telemetry(
     paths: Sequence[Path], directory: Path, progress: Progress, *, any_gaps: bool = False
 ) -> list[Path]:
     """Return the telemetry files that paths mean; what maps describe is converted into `directory` first."""
-    if any(map(archive_conversion.is_map, paths)):
+    if any(map(conversion.is_map, paths)):
         with progress.stage("conversion"):
-            paths = archive_conversion.convert(paths, directory / "telemetry", any_gaps=any_gaps)
+            paths = conversion.convert(paths, directory / "telemetry", any_gaps=any_gaps)
     return telemetry_files(paths)
 
 

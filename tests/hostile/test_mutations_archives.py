@@ -13,7 +13,6 @@ from astropy.io import fits as astropy
 from matio.utils import MatlabOpaque
 
 from fit.telemetry.archives import open_table
-from tests.fit.telemetry.columns import pandas_file
 from tests.hostile.mutations import damaged, try_all
 
 pytestmark = pytest.mark.slow
@@ -63,28 +62,10 @@ def matlab_objects(version):
 
 
 def hdf5(path):
-    pandas_file(path)
-    with h5py.File(path, "a") as h5:
+    with h5py.File(path, "w") as h5:
         h5.create_dataset("records", data=np.zeros(50, "f8, f4, S3, 2i2"), chunks=(20,), compression="lzf")
         h5["utc"], h5["packed"] = ["2016-04-16T14:00:00Z"] * 50, np.arange(50, dtype="i2")
         h5["packed"].attrs.update({"units": "nm", "_FillValue": np.int16(3), "scale_factor": 0.5})
-    return path
-
-
-def netcdf(path):
-    with scipy.io.netcdf_file(path, "w") as file:
-        file.createDimension("n", 50)
-        file.createVariable("o1", "f8", ("n",))[:] = np.arange(50.0)
-    return path
-
-
-def numpy_array(path):
-    np.save(path, np.zeros(50, "f8, S3, 2i2"))
-    return path
-
-
-def numpy_arrays(path):
-    np.savez_compressed(path, t=np.arange(50.0), out=np.ones((50, 3)))
     return path
 
 
@@ -98,13 +79,9 @@ def read_table(path):
     result = {}
     with open_table(path, None) as table:
         for name, column in table.columns.items():
-            if column.is_text:
-                texts = table.texts(name)
-                assert len(texts) == column.size
-                assert all(isinstance(each, str) for each in texts), name
-            elif column.size:
-                result[name] = table.numbers(name)
-                assert result[name].size == column.size, name
+            if column.read:
+                result[name] = table.read(name)
+                assert result[name].ndim == 1, name
     # a compressed file has a checksum: it is read as it was, or not at all
     assert not path.name.endswith(".fits.gz") or np.array_equal(result["o1"], np.arange(50.0))
 
@@ -115,9 +92,6 @@ def test_damaged_archives(tmp_path, cases):
         ".mat": [matlab, matlab_7_3, matlab_objects("v7"), matlab_objects("v7.3")],
         ".fits": [fits, ascii_fits],
         ".h5": [hdf5],
-        ".nc": [netcdf],
-        ".npy": [numpy_array],
-        ".npz": [numpy_arrays],
         ".csv": [text],
     }
     sources = {

@@ -12,7 +12,7 @@ import tomlkit
 
 from fit import results as fit_results
 from fit import settings as fit_settings
-from fit.telemetry import archive_conversion
+from fit.telemetry import conversion
 from fit.telemetry import maps as mapping
 from lpfcosim.campaign import loading
 from tests import ROOT
@@ -103,7 +103,7 @@ def test_maps_and_their_tables(tmp_path, cases):
         rng = random.Random(n)
         path = written(home, "map.toml", MAP if n % 2 else mutated(MAP, rng))
         written(home, "a.csv", damaged(TABLE.encode(), rng) if n % 2 else TABLE)
-        convert = partial(archive_conversion.convert, [path], home / "telemetry", any_gaps=False)
+        convert = partial(conversion.convert, [path], home / "telemetry", any_gaps=False)
         survives(convert, path, f"map {n}")
     assert {p.name for p in tmp_path.iterdir()} == {"in"}
     assert {p.name for p in home.iterdir()} <= {"map.toml", "a.csv", "telemetry"}

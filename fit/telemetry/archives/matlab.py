@@ -1,60 +1,104 @@
-"""MATLAB .mat files: versions 4 to 7 by SciPy, 7.3 as HDF5."""
+"""MATLAB .mat files of every version, with objects of MATLAB and of LTPDA, by mat-io."""
 
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from typing import Any
 
-import h5py
 import numpy as np
-import scipy
 
-from fit.telemetry.archives import hdf5, matlab_objects
-from fit.telemetry.archives.arrays import select_table
-from fit.telemetry.archives.table import Column, Table, read_error
+from fit.telemetry.archives import tables
+from fit.telemetry.archives.columns import Column, Table, columns_of
 
-SUFFIXES = (".mat",)
-_NAMELESS = "None"  # as SciPy calls every variable that is an object
+_HDF5 = b"\x89HDF"
+_DEEPEST = 20  # structs in structs; objects may contain each other
+_MOST_ITEMS = 100  # of an array of structs, objects or cells
+_REFERENCE = 0xDD000000  # what an object that mat-io cannot find begins with
 
 
 @contextmanager
-def open_table(path: Path, table: str | int | None) -> Iterator[Table]:
-    """Open a .mat file; `table` names a struct, an object or a matrix."""
-    if h5py.is_hdf5(path):
-        with hdf5.open_table(path, table) as archive:
-            yield archive
-    else:
-        yield Table(path, "a MATLAB file", select_table(path, _columns(path), table))
+def open_matlab(path: Path) -> Iterator[Table]:
+    """Open a .mat file.
 
+    A property `y` of an object in the property `data` of the variable `a` is ``a.data.y``; a variable of a
+    timetable is ``name.variable``. Times are texts.
+    """
+    with path.open("rb") as file:
+        is_hdf5 = file.read(len(_HDF5)) == _HDF5  # without the header of MATLAB
+    if is_hdf5:
+        with tables.open_hdf5(path) as table:
+            yield table
+        return
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        import matio  # takes its time
 
-def _columns(path: Path) -> dict[str, Column]:
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            values = scipy.io.loadmat(path, simplify_cells=True)
-    except Exception as error:  # a damaged file makes it raise almost anything
-        raise read_error(path, error, "a MATLAB file") from error
+        variables = matio.load_from_mat(path, add_table_attrs=True)
     columns: dict[str, Column] = {}
-    classes: dict[str, str] = {}
-    for name, value in values.items():
-        kind = _class(value)
-        if kind is not None and name == _NAMELESS:
-            variable = str(value.ravel()[0]["s0"], "utf-8", "replace")
-            classes |= matlab_objects.classes(path, set(values)) or {variable: kind}
-        elif kind is not None:
-            classes[name] = kind
-        elif not name.startswith("__"):
-            columns |= matlab_objects.flatten(name, value)
-    return columns | (matlab_objects.object_columns(path, classes) if classes else {})
+    for name, value in variables.items():
+        columns |= _flat(name, value)
+    yield Table(path, columns)
 
 
-def _class(value: Any) -> str | None:
-    """Return the class of the first object in a value of SciPy, which reads none; None without one."""
+def _flat(name: str, value: Any, depth: int = 0) -> dict[str, Column]:
+    """Return the columns of a value, be it struct, object, table or array, in `depth` others."""
+    if depth > _DEEPEST:
+        return {}
+    if hasattr(value, "itertuples"):
+        return _of_frame(name, value)
+    members = _members(value)
+    if members is not None:
+        columns: dict[str, Column] = {}
+        for member, inner in members:
+            columns |= _flat(f"{name}.{member}", inner, depth + 1)
+        return columns or {name: Column(reason=f"of class {getattr(value, 'classname', 'struct')}, empty")}
+    if not isinstance(value, np.ndarray):
+        return {name: Column(reason="a single value")}
+    if value.dtype.kind in "OV":
+        items = value.ravel().tolist() if value.dtype.kind == "O" else list(value.ravel())
+        if len(items) == 1:
+            return _flat(name, items[0], depth + 1)
+        texts = [item.item() if isinstance(item, np.ndarray) and item.size == 1 else item for item in items]
+        if items and all(isinstance(text, str) for text in texts):
+            return _of_array(name, np.array(texts))
+        columns = {}
+        for k, item in enumerate(items if len(items) <= _MOST_ITEMS else [], 1):
+            columns |= _flat(f"{name}[{k}]", item, depth + 1)
+        return columns or {name: Column(reason="a cell array")}
+    if value.dtype == np.uint32 and value.size and value.flat[0] == _REFERENCE:
+        return {name: Column(reason="an object that mat-io cannot read; save it from MATLAB as a struct")}
+    if value.dtype.kind == "m":  # durations
+        return _of_array(name, value / np.timedelta64(1, "s"), "s")
+    return _of_array(name, value)
+
+
+def _of_array(name: str, values: Any, unit: str | None = None) -> dict[str, Column]:
+    return columns_of(name, values, partial(np.asarray, values), unit)
+
+
+def _members(value: Any) -> Iterable[tuple[str, Any]] | None:
+    """Return what is in a struct or an object by name, None if the value is neither."""
     if isinstance(value, dict):
-        return next((kind for member in value.values() if (kind := _class(member))), None)
-    if isinstance(value, np.ndarray) and value.dtype.names and "s2" in value.dtype.names:
-        return str(value.ravel()[0]["s2"], "utf-8", "replace")
-    if isinstance(value, np.ndarray) and value.dtype.kind == "O":
-        return next((kind for member in value.ravel() if (kind := _class(member))), None)
+        return value.items()
+    if isinstance(properties := getattr(value, "properties", None), dict):
+        return properties.items()
+    if isinstance(value, np.ndarray) and value.dtype.names and value.size == 1:
+        value = value.ravel()[0]
+    if isinstance(value, np.void) and value.dtype.names:
+        return ((field, value[field]) for field in value.dtype.names)
     return None
+
+
+def _of_frame(name: str, frame: Any) -> dict[str, Column]:
+    """Return the variables of a table or timetable with their units, and the times of its rows."""
+    stated = np.ravel(frame.attrs.get("VariableUnits", [])).tolist()
+    units = stated if len(stated) == len(frame.columns) else [""] * len(frame.columns)
+    index = frame.index.to_numpy()
+    columns = {} if index.dtype.kind in "iuO" else _flat(f"{name}.{frame.index.name or 'Time'}", index)
+    for variable, unit in zip(frame.columns, units, strict=True):
+        for member, column in _flat(f"{name}.{variable}", frame[variable].to_numpy()).items():
+            text = str(np.ravel(unit)[0]) if np.size(unit) else ""
+            columns[member] = Column(column.read, text or column.unit, column.reason)
+    return columns

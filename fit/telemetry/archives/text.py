@@ -1,28 +1,34 @@
-"""Text: lines of cells separated by tabs, semicolons, commas or blanks, in any encoding."""
+"""Text: lines of cells separated by tabs, semicolons, commas or blanks, in any encoding.
+
+Delimiter and first row are recognised; whatever a file leaves open is refused until the map states it.
+"""
 
 import bz2
 import codecs
+import csv
 import gzip
 import io
 import lzma
+import re
+from array import array
+from collections import Counter
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
-from itertools import islice
+from dataclasses import dataclass
+from itertools import chain, islice
 from pathlib import Path
-from typing import IO, TextIO, cast
+from typing import IO, Any, TextIO, cast
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fit.errors import InputError, shown
 from fit.files import key
-from fit.telemetry.archives.table import Array, Column, Table
-from fit.telemetry.archives.text_layout import detect_layout, is_data, number, split_numbered, unique_names
+from fit.telemetry.archives.columns import MISSING, Column, Table, clean_unit, is_unit
 
-_PACKED = {".gz": b"\x1f\x8b", ".bz2": b"BZh", ".xz": b"\xfd7zXZ\x00"}
+_OPENERS = {".gz": (b"\x1f\x8b", gzip.open), ".bz2": (b"BZh", bz2.open), ".xz": (b"\xfd7zXZ\x00", lzma.open)}
 SUFFIXES = tuple(
-    f"{kind}{pack}" for kind in (".csv", ".tsv", ".txt", ".dat", ".asc") for pack in ("", *_PACKED)
+    f"{kind}{pack}" for kind in (".csv", ".tsv", ".txt", ".dat", ".asc") for pack in ("", *_OPENERS)
 )
-_BINARY = {b"PK\x03\x04": "an archive of ZIP, as Excel's .xlsx is", b"\x89HDF": "HDF5", b"SIMPLE  =": "FITS"}
 _BOMS = {
     codecs.BOM_UTF8: "utf-8-sig",
     codecs.BOM_UTF32_LE: "utf-32",  # before UTF-16, whose mark it begins with
@@ -30,46 +36,65 @@ _BOMS = {
     codecs.BOM_UTF16_LE: "utf-16",
     codecs.BOM_UTF16_BE: "utf-16",
 }
-_HEAD = 2**16  # bytes that show the encoding
-_LONGEST_LINE = 2**20  # letters
-_LONGEST_HEADER = 4 * _LONGEST_LINE
+_COMMENTS = ("#", "%")
+_DELIMITERS = ("\t", ";", ",", " ")
 _SAMPLE = 200  # lines that show the layout
-_BLOCK = 2**14  # lines that are split at a time
+_TAIL = 50  # of these, the last ones show what the columns are
+_LONGEST_LINE = 2**20  # letters
+_FORTRAN = re.compile(r"([+-]?(?:\d+\.?\d*|\.\d+))[dD]([+-]?\d+)")
+_STAMP = re.compile(r"\d{4}[-/:]\d")
+
+Lines = Iterator[tuple[int, str]]
 
 
-@contextmanager
-def open_table(path: Path, table: str | int | None) -> Iterator[Table]:
-    """Open a text."""
-    if table is not None:
-        raise InputError(f"{path}: no table {table!r}, expected none to be named in a file of one table")
+@dataclass(frozen=True)
+class Layout:
+    """What a map states of texts; None for what is recognised.
+
+    Attributes
+    ----------
+    delimiter : str or None
+        Between cells; a blank stands for any number of them.
+    decimal : str
+        Between the whole and the fraction of a number.
+    header : int or None
+        Number of lines above the data.
+    """
+
+    delimiter: str | None = None
+    decimal: str = "."
+    header: int | None = None
+
+
+def read_text(path: Path, layout: Layout) -> Table:
+    """Read a text.
+
+    Raises
+    ------
+    InputError
+        If rows differ in length, or it is not clear where cells or rows begin.
+    """
     with _unpacked(path) as binary:
-        head = binary.read(_HEAD)
-        for magic, kind in _BINARY.items():
-            if head.startswith(magic):
-                raise InputError(f"{path}: {kind}, expected text as its name says")
+        head = binary.read(2**16)
         binary.seek(0)
         # Letters of another encoding in columns that nobody reads do no harm.
         with io.TextIOWrapper(binary, encoding=_encoding(head), errors="replace") as file:
-            table_of_file = _read_table(file, path)
-        yield table_of_file
+            return _read_table(path, file, layout)
 
 
 def _unpacked(path: Path) -> IO[bytes]:
     with path.open("rb") as file:
         head = file.read(8)
-    if head.startswith(_PACKED[".gz"]):
-        return cast(IO[bytes], gzip.open(path))
-    if head.startswith(_PACKED[".bz2"]):
-        return cast(IO[bytes], bz2.open(path))
-    if head.startswith(_PACKED[".xz"]):
-        return lzma.open(path)
+    opener: Any
+    for magic, opener in _OPENERS.values():
+        if head.startswith(magic):
+            return cast(IO[bytes], opener(path))
     return path.open("rb")
 
 
 def _encoding(head: bytes) -> str:
     """Return the encoding of a text from its first bytes."""
-    marked = next((encoding for bom, encoding in _BOMS.items() if head.startswith(bom)), None)
-    if marked:
+    if marked := next((encoding for bom, encoding in _BOMS.items() if head.startswith(bom)), None):
         return marked
     zeros = [head[i::2].count(0) for i in (0, 1)]
     if 4 * sum(zeros) > len(head):  # digits and delimiters have one in UTF-16
@@ -81,97 +106,179 @@ def _encoding(head: bytes) -> str:
     return "utf-8"
 
 
+def _numbered(path: Path, file: TextIO) -> Lines:
+    for n, line in enumerate(iter(lambda: file.readline(_LONGEST_LINE), ""), 1):
+        if len(line) == _LONGEST_LINE or "\0" in line:
+            raise InputError(f"{path}: line {n}: no text of at most {_LONGEST_LINE} letters, expected cells")
+        yield n, line.rstrip("\r\n")
+
+
+def _split(line: str, delimiter: str) -> list[str]:
+    text = line.strip() if delimiter == " " else line
+    return next(csv.reader([text], delimiter=delimiter, skipinitialspace=True), [])
+
+
+def _is_comment(line: str) -> bool:
+    return line.lstrip().startswith(_COMMENTS)
+
+
+def _is_blank(line: str) -> bool:
+    return not line.strip(" ")
+
+
 class _Cells:
-    """The cells of a column while its text is read.
+    """The cells of a column; in one of numbers, the first that is none is refused when the column is used."""
 
-    Of a column of numbers a cell that is none is remembered, and refused when the column is used.
-    """
-
-    def __init__(self, path: Path, name: str, decimal: str, *, is_text: bool) -> None:
-        self.path, self.name, self._decimal, self._is_text = path, name, decimal, is_text
-        self._rows: list[str] = []
-        self._numbers: list[Array] = []
+    def __init__(self, place: str, decimal: str, *, is_text: bool) -> None:
+        self._place, self._decimal = place, decimal
+        self._texts: list[str] | None = [] if is_text else None
+        self._numbers = array("d")
         self._fault: InputError | None = None
 
-    def append(self, cells: Sequence[str], lines: Sequence[int]) -> None:
-        """Take the cells of further lines."""
-        if self._is_text:
-            self._rows += [cell.strip() for cell in cells]
+    def append(self, n: int, cell: str) -> None:
+        """Take the cell of line `n`."""
+        if self._texts is not None:
+            self._texts.append(cell.strip())
             return
-        try:
-            if self._decimal == "." and not any("_" in cell for cell in cells):  # Python reads 1_0 as 10
-                self._numbers.append(np.array([float(cell) for cell in cells]))
-                return
-        except ValueError:  # an empty cell is a missing sample
-            pass
-        values = [number(cell, self._decimal) for cell in cells]
-        if None in values and self._fault is None:
-            n = values.index(None)
-            mark = "point" if self._decimal == "." else "comma, as others have"
+        value = number(cell, self._decimal)
+        if value is None and self._fault is None:
             self._fault = InputError(
-                f"{self.path}: line {lines[n]}: column {key(self.name)}: {shown(cells[n])}, expected a "
-                f"number with a decimal {mark}, or nothing"
+                f"{self._place} {shown(cell)} on line {n}, expected a number or nothing; decimal commas are "
+                'stated by decimal = "," in [text] of the map'
             )
-        self._numbers.append(np.array(values, dtype=np.float64))
+        self._numbers.append(np.nan if value is None else value)
 
-    def column(self, size: int, unit: str | None) -> Column:
-        """Return the column of the first `size` cells."""
-        if self._is_text:
-            return Column(size, unit, "text", True, lambda: self._rows[:size])
-        return Column(size, unit, read=lambda: self._read(size))
-
-    def _read(self, size: int) -> Array:
-        if self._fault is not None:
+    def read(self) -> NDArray[Any]:
+        """Return the rows."""
+        if self._texts is not None:
+            return np.array(self._texts, dtype=object)
+        if self._fault:
             raise self._fault
-        return np.concatenate([np.zeros(0), *self._numbers])[:size]
+        return np.array(self._numbers)
 
 
-def _read_table(file: TextIO, path: Path) -> Table:
-    """Read a text, once for its layout and once for its cells."""
-    layout = detect_layout(path, list(_sample(path, file)))
-    names = unique_names(layout.names)
-    columns = [
-        _Cells(path, name, layout.decimal, is_text=is_text)
-        for name, is_text in zip(names, layout.is_text, strict=True)
+def number(cell: str, decimal: str = ".") -> float | None:
+    """Return what a cell means, NaN if a sample is missing, None if it is no number."""
+    text = cell.strip()
+    if decimal == ",":
+        text = text.replace(".", "_").replace(",", ".")
+    try:
+        return None if "_" in text else float(text)  # Python reads 1_0 as 10
+    except ValueError:
+        if text in MISSING:
+            return np.nan
+        match = _FORTRAN.fullmatch(text)
+        return float(f"{match[1]}e{match[2]}") if match else None
+
+
+def _read_table(path: Path, file: TextIO, layout: Layout) -> Table:
+    lines = _numbered(path, file)
+    sample = list(islice(lines, _SAMPLE + (layout.header or 0)))
+    while sample and not any(map(_begins_number, sample[-_TAIL:])) and (more := list(islice(lines, _SAMPLE))):
+        sample += more  # a long header
+    body = [(n, line) for n, line in sample if not _is_comment(line) and not _is_blank(line)]
+    end = body[-1][1].strip(" ") if body else ""
+    delimiter = layout.delimiter or next((d for d in _DELIMITERS if d in end and d != layout.decimal), " ")
+    rows = [(n, _split(line, delimiter)) for n, line in body]
+    last = [row for _, row in rows[1:][-_TAIL:] or rows]
+    width = Counter(map(len, last)).most_common(1)[0][0] if last else 0
+    if width > 1 and not any(row[-1].strip() for row in last) and rows[0][1][width - 1 :] == [""]:
+        width -= 1  # a delimiter ends each row
+    last = [row for row in last if len(row) >= width]
+    is_text = [_is_text([row[i] for row in last], layout.decimal) for i in range(width)]
+    first = _first_row(path, rows, is_text, layout)
+    if not rows or rows[-1][0] < first:  # names alone
+        is_text = [False] * width
+    names, units = _names(sample, first, delimiter, is_text)
+    if layout.delimiter is None and delimiter == "," and width == 2 and names == ["1", "2"]:
+        raise InputError(
+            f"{path}: line {first}: the comma may be a decimal mark or separate two columns, expected names "
+            'above the columns, or delimiter = "," in [text] of the map'
+        )
+    cells = [
+        _Cells(f"{path}: column {key(name)}:", layout.decimal, is_text=text)
+        for name, text in zip(names, is_text, strict=True)
     ]
-    count = size = 0
-    rows = (
-        line
-        for line in _numbered(path, file)
-        if line[0] >= layout.first_row and (is_data(line[1]) or layout.is_empty_row(line[1]))
-    )
-    while block := list(islice(rows, _BLOCK)):
-        cells = [layout.row(row) for row in split_numbered(path, block, layout.delimiter)]
-        for (n, text), row in zip(block, cells, strict=True):
-            count += 1
-            size = count if is_data(text) else size  # blank lines at the end are no rows
-            if len(row) != len(names) and is_data(text):
-                expected = f"expected the {len(names)} of the line with the names"
-                raise InputError(f"{path}: line {n}: {len(row)} cells, {expected}")
-        cells = [row if len(row) == len(names) else [""] * len(names) for row in cells]
-        for column, values in zip(columns, zip(*cells, strict=True), strict=True):
-            column.append(values, [n for n, _ in block])
-    units = zip(columns, layout.units, strict=True)
-    return Table(path, "text", {c.name: c.column(size, unit) for c, unit in units}, layout.names)
-
-
-def _sample(path: Path, file: TextIO) -> Iterator[tuple[int, str]]:
-    count = letters = 0
-    for n, text in _numbered(path, file):
-        yield n, text
-        count, letters = count + is_data(text), letters + len(text)
-        if not count and letters > _LONGEST_HEADER:
+    if width == 1 and layout.header is None:  # a blank line above the first number may be a sample
+        first = max((n for n, line in sample if n < first and not _is_blank(line)), default=0) + 1
+    blank = 0
+    for n, line in chain((line for line in sample if line[0] >= first), lines):
+        if _is_comment(line):
+            continue
+        if _is_blank(line):
+            blank = blank or n
+            continue
+        if blank and width == 1:
             raise InputError(
-                f"{path}: line {n}: no row of data in the first {_LONGEST_HEADER // 2**20} MiB, expected a "
-                "shorter header"
+                f"{path}: line {blank}: blank in a single column, expected nan for a missing sample"
             )
-        if count == _SAMPLE or letters > _LONGEST_HEADER:
-            return
+        row = _split(line, delimiter)
+        if len(row) == width + 1 and not row[-1].strip():
+            del row[-1]
+        if len(row) != width:
+            raise InputError(f"{path}: line {n}: {len(row)} cells, expected {width} as in other lines")
+        for column, cell in zip(cells, row, strict=True):
+            column.append(n, cell)
+    columns = zip(names, cells, units, strict=True)
+    return Table(path, {name: Column(column.read, unit) for name, column, unit in columns}, has_order=True)
 
 
-def _numbered(path: Path, file: TextIO) -> Iterator[tuple[int, str]]:
-    file.seek(0)
-    for n, text in enumerate(iter(lambda: file.readline(_LONGEST_LINE), ""), 1):
-        if len(text) == _LONGEST_LINE:
-            raise InputError(f"{path}: line {n}: {_LONGEST_LINE} letters or more, expected a row of cells")
-        yield n, text
+def _begins_number(line: tuple[int, str]) -> bool:
+    return not _is_comment(line[1]) and bool(re.match(r"[\s\"+-]*[\d.,;]", line[1]))
+
+
+def _is_text(cells: Sequence[str], decimal: str) -> bool:
+    stated = [cell for cell in cells if cell.strip() not in MISSING]
+    return 2 * sum(number(cell, decimal) is not None for cell in stated) < len(stated)
+
+
+def _first_row(
+    path: Path, rows: Sequence[tuple[int, list[str]]], is_text: Sequence[bool], layout: Layout
+) -> int:
+    """Return the number of the first line of data."""
+    if layout.header is not None:
+        return layout.header + 1
+    for i, (n, row) in enumerate(rows):
+        cells = [c.strip() for c, text in zip(row, is_text, strict=False) if not text]
+        if all(is_text):
+            begins = any(_STAMP.match(cell.strip()) for cell in row)
+        else:
+            begins = len(row) in (len(is_text), len(is_text) + 1) and all(
+                number(cell, layout.decimal) is not None for cell in cells
+            )
+        if not begins:
+            continue
+        counted = [c for c in cells if c]
+        if i == 0 and len(row) > 2 and counted in ([str(k + o) for k in range(len(counted))] for o in (0, 1)):
+            raise InputError(
+                f"{path}: line {n}: {shown(','.join(row))} may be names or data, expected header = {n} or "
+                f"{n - 1} in [text] of the map"
+            )
+        return n
+    return rows[-1][0] + 1 if rows else 1
+
+
+def _names(
+    sample: Sequence[tuple[int, str]], first: int, delimiter: str, is_text: Sequence[bool]
+) -> tuple[list[str], list[str | None]]:
+    """Return names and units of columns, which stand above the data or in the comments there."""
+    above = [line for n, line in sample if n < first and not _is_blank(line)]
+    comments = [line.lstrip("#% \t") for line in above if _is_comment(line)]
+    width, candidates = len(is_text), list[list[str]]()
+    titles = [line for line in above if not _is_comment(line)]
+    for lines, separator in ((titles, delimiter), (comments, delimiter), (comments, " ")):
+        split = [[cell.strip() for cell in _split(line, separator)] for line in lines]
+        if width == 1:  # a name and its unit
+            split = [[line.strip(' "')] for line in lines]
+        split = [row[:-1] if len(row) == width + 1 and not row[-1] else row for row in split]
+        candidates = candidates or [row for row in split if len(row) == width]
+    units = [""] * width
+    if len(candidates) > 1:
+        cells = [cell for cell, text in zip(candidates[-1], is_text, strict=True) if cell and not text]
+        if all(clean_unit(cell) is None or is_unit(clean_unit(cell) or "") for cell in cells):
+            units = candidates.pop()
+    names = candidates[-1] if candidates else [""] * width
+    counts = Counter(names)
+    numbers = [f"column {i}" if str(i) in counts else str(i) for i in range(1, width + 1)]
+    unique = [n if n and counts[n] == 1 else number for n, number in zip(names, numbers, strict=True)]
+    return unique, [clean_unit(unit) for unit in units]

@@ -7,7 +7,7 @@ import pytest
 from astropy.time import Time, TimeDelta
 
 from fit.errors import InputError
-from fit.telemetry.archive_conversion import convert
+from fit.telemetry.conversion import convert
 from fit.telemetry.reader import read
 
 N = 2400

@@ -11,7 +11,7 @@ from scipy.io import savemat
 
 import fit
 from fit.errors import InputError
-from fit.telemetry.archive_conversion import convert
+from fit.telemetry.conversion import convert
 from fit.telemetry.reader import read_all
 from tests.oracles.contract_file import write_contract_file
 from tests.oracles.synthetic import World, pair
@@ -197,7 +197,7 @@ FAULTS = {
     "unknown channel": (in_map("f_x_2 = ", "f_x_3 = "), r"map\.toml: channels\.f_x_2: missing"),
     "unknown optional channel": (
         in_map("f_x_2 = ", 'N_ph_1 = { column = "a1" }\nf_x_2 = '),
-        r"channels\.N_ph_1: not known, expected a channel of the contract",
+        r"channels\.N_ph_1: not known, did you mean",
     ),
     "unknown attribute of a run": (in_map("kind", "art"), r"map\.toml: runs\[0\]\.art: not known"),
     "wrong frame": (
@@ -269,7 +269,7 @@ BINARY_FAULTS = {
         lambda file: savemat(file, {"x": 1.0}),
         r"no table 'data', expected a struct",
     ),
-    "lengths": ("mat", shorter, r"E1-noise\.mat: column a2 \(channel f_x_2\): 8 samples, expected 9"),
+    "lengths": ("mat", shorter, r"E1-noise\.mat: column a2 \(channel f_x_2\): 8 samples, expected as many"),
     "a unit of the file": (
         "fits",
         other_units,

@@ -19,10 +19,8 @@ def export(folder, channels, change=None):
 
 
 NUMBERED = dict.fromkeys(CHANNELS, "{ column = 2 }")
-FILES_BY_CHANNEL = ", ".join(f'{name} = "A_{name}.txt"' for name in CHANNELS)
 FILES = {
     "template": ('file = "{run}_{channel}.txt"', "column = 1", NUMBERED),
-    "table with time": (f'file = {{ {FILES_BY_CHANNEL}, time = "A_o_12.txt" }}', "column = 1", NUMBERED),
     "in the channels": (
         'file = "A_o_1.txt"',
         "column = 1",

@@ -1,19 +1,34 @@
-"""Archives of LISA: a drafted map has its channels, and converts them."""
+"""Archives of LISA: a map has its channels, and converts them."""
 
 import numpy as np
 import pytest
 
 import fit
-from fit.telemetry import map_draft
 from fit.telemetry.contract import LISA_REQUIRED
 from tests.oracles import lisa_loop
 
 PICO = 1e-12
+MAP = """
+schema = "lpf-map/1"
+[attributes]
+m_tm = "1.928 kg"
+F_max_1 = "1 nN"
+F_max_2 = "1 nN"
+N_max_1 = "10 pN m"
+N_max_2 = "10 pN m"
+alignment_epoch = 1
+half_opening = "30 deg"
+[time]
+column = "t"
+[channels]
+{channels}
+{runs}
+"""
 
 
 @pytest.fixture
-def archives(tmp_path):
-    """Runs and their CSV files, with forces in pN, and the text of a map drafted from these files."""
+def runs_and_map(tmp_path):
+    """Runs, and a map of their CSV files with forces in pN."""
     runs = lisa_loop.campaign(lisa_loop.World(), lisa_loop.sequence(1e-6), duration=3600)
     for run in runs:
         columns = [run.time, *(run.channels[name] / _unit(name) for name in LISA_REQUIRED)]
@@ -21,22 +36,27 @@ def archives(tmp_path):
         np.savetxt(
             tmp_path / f"{run.run}.csv", np.transpose(columns), "%.17g", ",", header=header, comments=""
         )
-    text = map_draft.draft("A.toml", [tmp_path / f"{run.run}.csv" for run in runs], tmp_path)
-    return runs, text
+    channels = [
+        f'{n} = {{ column = "{n}"{", unit = " + chr(34) + "pN" + chr(34) if n[0] == "F" else ""} }}'
+        for n in LISA_REQUIRED
+    ]
+    entries = [
+        f'[[runs]]\nfile = "{{run}}.csv"\nrun = "{r.run}"\nkind = "{r.kind}"\n'
+        f'experiment = "{r.experiment}"\nt0 = {r.t0}\n'
+        for r in runs
+    ]
+    path = tmp_path / "A.toml"
+    path.write_text(MAP.format(channels="\n".join(channels), runs="".join(entries)))
+    return runs, path
 
 
 def _unit(channel):
     return PICO if channel.startswith("F_") else 1.0
 
 
-def test_drafted_map_converts_archives_of_lisa(archives, tmp_path):
-    runs, text = archives
-    assert text.count(map_draft.BLANK) == text.count(f't0 = "{map_draft.BLANK}"') + 1  # and in the head
-    text = text.replace('unit = "N"', 'unit = "pN"').replace(
-        f't0 = "{map_draft.BLANK}"', f"t0 = {runs[0].t0}"
-    )
-    (tmp_path / "A.toml").write_text(text.replace("[attributes]", '[attributes]\nhalf_opening = "30 deg"'))
-    converted = {run.run: run for run in fit.load(tmp_path / "A.toml", folder=tmp_path / "out")}
+def test_map_converts_archives_of_lisa(runs_and_map, tmp_path):
+    runs, path = runs_and_map
+    converted = {run.run: run for run in fit.load(path, folder=tmp_path / "out")}
     for run in runs:
         assert converted[run.run].spacecraft == "LISA"
         assert converted[run.run].attributes["half_opening"] == pytest.approx(np.pi / 6)
@@ -44,9 +64,9 @@ def test_drafted_map_converts_archives_of_lisa(archives, tmp_path):
             np.testing.assert_allclose(converted[run.run].channels[name], run.channels[name], rtol=1e-12)
 
 
-def test_missing_channel_of_lisa_is_named(archives, tmp_path):
-    _, text = archives
-    lines = [line for line in text.splitlines() if not line.startswith("F_y_2 =")]
-    (tmp_path / "A.toml").write_text("\n".join(lines))
-    with pytest.raises(fit.InputError, match=r"A\.toml: channels\.F_y_2: missing, expected the column"):
-        fit.load(tmp_path / "A.toml", folder=tmp_path / "out")
+def test_missing_channel_of_lisa_is_named(runs_and_map, tmp_path):
+    _, path = runs_and_map
+    lines = [line for line in path.read_text().splitlines() if not line.startswith("F_y_2 =")]
+    path.write_text("\n".join(lines))
+    with pytest.raises(fit.InputError, match=r"A\.toml: channels\.F_y_2: missing, expected its column"):
+        fit.load(path, folder=tmp_path / "out")

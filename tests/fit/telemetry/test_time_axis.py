@@ -25,9 +25,9 @@ def milliseconds(t):
 @pytest.mark.parametrize("stated", [True, False])
 def test_a_lost_sample_is_named_whatever_the_rounding(fs, spell, stated):
     rate = fs if stated else None
-    exact = time_stamps.read_elapsed("A: t", spell(np.arange(N) / fs), 1.0)
+    exact = time_stamps.read_stamps("A: t", spell(np.arange(N) / fs), None, None, 1.0)
     assert time_axis.fit_grid("A: t", exact, rate)[1] == fs
-    column = time_stamps.read_elapsed("A: t", spell(SAMPLES / fs), 1.0)
+    column = time_stamps.read_stamps("A: t", spell(SAMPLES / fs), None, None, 1.0)
     with pytest.raises(
         InputError, match=r"at sample 900, expected|1 row is absent, first after sample 899"
     ) as refused:
@@ -38,7 +38,7 @@ def test_a_lost_sample_is_named_whatever_the_rounding(fs, spell, stated):
 
 
 def test_single_precision_is_reported_where_it_loses_samples():
-    column = time_stamps.read_elapsed("A: t", single(1e6)(SAMPLES / 10), 1.0)
+    column = time_stamps.read_stamps("A: t", single(1e6)(SAMPLES / 10), None, None, 1.0)
     with pytest.raises(
         InputError, match=r"A: t: kept in single precision, .* rounded to 0\.0625 s, expected"
     ):
@@ -46,6 +46,6 @@ def test_single_precision_is_reported_where_it_loses_samples():
 
 
 def test_time_that_goes_backwards_in_single_precision():
-    column = time_stamps.read_elapsed("A: t", single(4000.1)(-np.arange(N) / 10), 1.0)
+    column = time_stamps.read_stamps("A: t", single(4000.1)(-np.arange(N) / 10), None, None, 1.0)
     with pytest.raises(InputError, match=r"A: t: from 0 s to -3599\.9 s, expected it to increase"):
         time_axis.fit_grid("A: t", column, None)
