@@ -21,7 +21,7 @@ FAMILIES: Mapping[str, tuple[str, ...]] = MappingProxyType(
         "noise": ("residual power", "subtraction"),
         "consistency": ("runs", "gain drift", "constraints"),
         "frame": ("centrifugal force",),
-        "loop": ("parameters", "fixed values", "commands"),  # of an identification
+        "loop": ("loop",),  # of an identification
     }
 )
 TESTS = tuple(test for tests in FAMILIES.values() for test in tests)

@@ -8,7 +8,7 @@ from contextlib import contextmanager
 
 from fit.errors import FitError, InputError
 
-__all__ = ["DivergenceError", "InputError", "RunError", "UnavailableError", "as_run_error", "prefix_errors"]
+__all__ = ["InputError", "RunError", "UnavailableError", "as_run_error", "prefix_errors"]
 
 
 class UnavailableError(InputError):
@@ -32,25 +32,6 @@ class UnavailableError(InputError):
 
 class RunError(Exception):
     """The input is valid, but the work failed (exit status 1)."""
-
-
-class DivergenceError(RunError):
-    """A loop diverged (exit status 1).
-
-    Parameters
-    ----------
-    run : str
-        Name of the run.
-    cause : str
-        What shows it.
-    """
-
-    def __init__(self, run: str, cause: str) -> None:
-        super().__init__(run, cause)  # both, as processes hand it on
-        self.run, self.cause = run, cause
-
-    def __str__(self) -> str:
-        return f"{self.run}: {self.cause}"
 
 
 @contextmanager

@@ -1,6 +1,5 @@
-"""Results side by side: estimates, their differences in sigma, and whether their data are independent."""
+"""Compare results: the estimates of each parameter, and how far they differ from the first."""
 
-from fit.comparison.comparison import Comparison
-from fit.comparison.differences import compare
+from fit.comparison.comparison import Comparison, compare
 
 __all__ = ["Comparison", "compare"]

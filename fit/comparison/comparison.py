@@ -1,24 +1,34 @@
-"""What a comparison of results holds, as a table in print and as JSON of schema ``lpf-compare/1``."""
+"""Results side by side, in the frame of the first one: differences in sigma, and chi2 of all parameters."""
 
 import json
 import math
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
+import os
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
+import numpy as np
 from markupsafe import Markup
+from scipy.special import chdtrc
 
 from fit.display import Displayed, html, text
-from fit.errors import InputError
-from fit.results import Estimate
+from fit.errors import InputError, shown
+from fit.results import Estimate, Fit, Results, correlation_matrix, load, results_file
 from fit.tables import Table, ascii_value, concise
-from fit.units import campaign_unit
+from fit.units import campaign_unit, same_unit
 
 if TYPE_CHECKING:
     import pandas
 
-SCHEMA = "lpf-compare/1"
-_NONE = "-"
+PathLike = str | os.PathLike[str]
+Place = tuple[str, str]  # section and key
+Fits = dict[Place, Fit]
+
 SECTIONS = ("joint", "inertial", "cross_talk", "experiments")
+REVERSED = ("delta_eta", "b_1", "b_4", "b_6")  # change sign between the two frames of telemetry
+_SINGULAR = 1e-12  # least eigenvalue of the correlation matrix of differences, per parameter
+_NONE = "-"
 
 
 @dataclass(frozen=True)
@@ -30,11 +40,9 @@ class ParameterComparison:
     section, key : str
         Section of the results, and experiment, alignment epoch or inertial period; ``""`` of the joint fit.
     name, unit : str
-        Of the parameter; the unit of the first result that has it.
+        Of the parameter.
     estimates : tuple of Estimate or None, length N
         None where a result does not estimate it.
-    sound : tuple of bool, length N
-        Whether the sigmas of that fit hold.
     differences : tuple of float or None, length N
         From the first result, in units of sqrt(sigma_1^2 + sigma_2^2), which is their standard deviation if
         the data are independent. None for the first, and where there is no estimate or no sound one.
@@ -45,7 +53,6 @@ class ParameterComparison:
     name: str
     unit: str
     estimates: tuple[Estimate | None, ...]
-    sound: tuple[bool, ...]
     differences: tuple[float | None, ...]
 
     @property
@@ -60,26 +67,6 @@ class ParameterComparison:
         return self.truths[0] if len(self.truths) == 1 else None
 
 
-@dataclass(frozen=True)
-class Agreement:
-    """A result and the first one.
-
-    Attributes
-    ----------
-    label : str
-        Of the result.
-    dependence : str
-        Why the data are not, or may not be, independent; empty if they are.
-    tests : dict of str to tuple of (float, int, float)
-        By fit (``"joint"``, ``"inertial.1"``), if the data are independent: chi2 of the differences of all
-        parameters that both estimate, its degrees of freedom, and the probability of a larger one.
-    """
-
-    label: str
-    dependence: str
-    tests: dict[str, tuple[float, int, float]]
-
-
 @dataclass(frozen=True, repr=False)
 class Comparison(Displayed):
     """Estimates of N results, compared.
@@ -91,15 +78,17 @@ class Comparison(Displayed):
     parameters : tuple of ParameterComparison
         Of the joint fits, then of inertial periods and of the cross-talk; those of experiments where a
         result has no joint fit.
-    agreements : tuple of Agreement, length N - 1
-        Agreement of every other result with the first.
+    tests : dict of str to dict of str to tuple of (float, int, float)
+        By the label of a result that uses no run of the first, and by fit (``"joint"``, ``"inertial.1"``):
+        chi2 of the differences of all parameters that both estimate, its degrees of freedom, and the
+        probability of a larger one.
     notes : tuple of str
         Remarks, one sentence each.
     """
 
     labels: tuple[str, ...]
     parameters: tuple[ParameterComparison, ...]
-    agreements: tuple[Agreement, ...]
+    tests: dict[str, dict[str, tuple[float, int, float]]]
     notes: tuple[str, ...]
 
     def __getitem__(self, name: str) -> ParameterComparison:
@@ -128,24 +117,19 @@ class Comparison(Displayed):
             for n, (estimate, difference) in enumerate(zip(p.estimates, p.differences, strict=True)):
                 cells.append(concise(estimate) if estimate else _NONE)
                 cells += [_NONE if difference is None else f"{round(difference, 2) + 0.0:+.2f}"] if n else []
-            rows.append((*cells, *([_truth(p)] if truth else [])))
+            sigmas = [e.sigma for e in p.estimates if e and not e.is_exact]
+            known = _NONE if p.truth is None else ascii_value(p.truth, min(sigmas, default=0.0))
+            rows.append((*cells, *([known] if truth else [])))
         return Table((*head, *(["truth"] if truth else [])), tuple(rows))
 
     def sentences(self) -> list[str]:
-        """Return the statements of the comparison, a sentence each."""
-        reference, statements = self.labels[0], []
-        for agreement in self.agreements:
-            if agreement.dependence:
-                statements.append(
-                    f"{agreement.label} is not independent of {reference} ({agreement.dependence}): "
-                    "difference/sigma does not follow a standard normal distribution, and chi2 is not given"
-                )
-            statements += [
-                f"{agreement.label}: {place}: chi2 = {chi2:.1f} of {dof} differences from {reference}, "
-                f"p = {p:.2g}"
-                for place, (chi2, dof, p) in agreement.tests.items()
-            ]
-        return [*statements, *self.notes]
+        """Return the tests and the notes, a sentence each."""
+        tests = [
+            f"{label}: {place}: chi2 = {chi2:.1f} of {dof} differences from {self.labels[0]}, p = {p:.2g}"
+            for label, by_fit in self.tests.items()
+            for place, (chi2, dof, p) in by_fit.items()
+        ]
+        return [*tests, *self.notes]
 
     def to_dataframe(self) -> "pandas.DataFrame":
         """Return a table: a row for each parameter; for each result value, sigma, difference, sound."""
@@ -154,42 +138,35 @@ class Comparison(Displayed):
         columns: dict[tuple[str, str], list[object]] = {}
         for n, label in enumerate(self.labels):
             estimates = [p.estimates[n] for p in self.parameters]
+            differences = [p.differences[n] for p in self.parameters]
             columns[label, "value"] = [e.value if e else math.nan for e in estimates]
             columns[label, "sigma"] = [e.sigma if e else math.nan for e in estimates]
-            differences = [p.differences[n] for p in self.parameters]
             columns[label, "difference"] = [math.nan if d is None else d for d in differences]
-            columns[label, "sound"] = [p.sound[n] for p in self.parameters]
+            columns[label, "sound"] = [e is not None and e.sound for e in estimates]
         rows = [(p.section, p.key, p.name, p.unit) for p in self.parameters]
         index = pd.MultiIndex.from_tuples(rows, names=["section", "key", "parameter", "unit"])
         return pd.DataFrame(columns, index=index)
 
     def to_json(self) -> str:
-        """Return the comparison as JSON, schema ``lpf-compare/1``."""
-        sections: dict[str, dict[str, object]] = {section: {} for section in SECTIONS}
+        """Return labels, estimates and differences by section and parameter, tests and notes as JSON."""
+        sections: dict[str, dict[str, Any]] = {section: {} for section in SECTIONS}
         for p in self.parameters:
-            place = sections[p.section] if p.section == "joint" else sections[p.section].setdefault(p.key, {})
-            assert isinstance(place, dict)
-            place[p.name] = {
-                "unit": p.unit,
-                "estimates": [e and _estimate(e, s) for e, s in zip(p.estimates, p.sound, strict=True)],
-                "differences": list(p.differences),
+            place = sections[p.section].setdefault(p.key, {}) if p.key else sections[p.section]
+            estimates = [e and _numbers(e) for e in p.estimates]
+            place[p.name] = {"unit": p.unit, "estimates": estimates, "differences": p.differences}
+        tests = {
+            label: {
+                place: dict(zip(("chi2", "dof", "p"), test, strict=True)) for place, test in tests.items()
             }
-        agreements = [
-            {
-                "result": a.label,
-                "independent": not a.dependence,
-                "dependence": a.dependence or None,
-                "tests": {f: dict(zip(("chi2", "dof", "p"), t, strict=True)) for f, t in a.tests.items()},
-            }
-            for a in self.agreements
-        ]
-        document = {"schema": SCHEMA, "results": self.labels, **sections, "agreement": agreements}
-        return json.dumps({**document, "notes": self.notes}, indent=1, allow_nan=False)
+            for label, tests in self.tests.items()
+        }
+        document = {"results": self.labels, **sections, "tests": tests, "notes": self.notes}
+        return json.dumps(document, indent=1, allow_nan=False)
 
 
-def _estimate(estimate: Estimate, sound: bool) -> dict[str, object]:
-    numbers = {name: getattr(estimate, name) for name in ("value", "sigma", "truth", "pull")}
-    return {name: number for name, number in numbers.items() if number is not None} | {"sound": sound}
+def _numbers(estimate: Estimate) -> dict[str, float | bool]:
+    numbers = {name: getattr(estimate, name) for name in ("value", "sigma", "truth", "pull", "sound")}
+    return {name: number for name, number in numbers.items() if number is not None}
 
 
 @text.register
@@ -203,8 +180,163 @@ def _(comparison: Comparison) -> str:
     return Markup("<div>{}<ul>{}</ul></div>").format(comparison.table().html(2), items)
 
 
-def _truth(p: ParameterComparison) -> str:
-    if p.truth is None:
-        return _NONE
-    sigma = min((e.sigma for e in p.estimates if e is not None and not e.is_exact), default=0.0)
-    return ascii_value(p.truth, sigma)
+def compare(results: Sequence[PathLike | Results] | Mapping[str, PathLike | Results]) -> Comparison:
+    """Compare the estimates of two or more results with those of the first.
+
+    Parameters
+    ----------
+    results : sequence, or mapping by label
+        Folders of results, files of schema ``lpf-results/1``, or `Results`.
+
+    Returns
+    -------
+    Comparison
+        In the frame of the first result.
+
+    Raises
+    ------
+    InputError
+        If there are fewer than two, one cannot be read or is given twice, or units differ.
+    """
+    named = _labelled(results)
+    (reference, first), *others = named.items()
+    notes: list[str] = []
+    has_joint = all(result.joint and result.joint.parameters for result in named.values())
+    fits = {
+        label: {
+            (section, key): _in_frame(fit, section, result.provenance.frame != first.provenance.frame)
+            for section in (SECTIONS[:-1] if has_joint else SECTIONS)
+            for key, fit in _section(result, section).items()
+        }
+        for label, result in named.items()
+    }
+    tests = {}
+    for label, result in others:
+        if result.provenance.frame != first.provenance.frame:
+            notes.append(
+                f"{label}: {', '.join(REVERSED)} with the other sign, as +x points {result.provenance.frame} "
+                f"in it and {first.provenance.frame} in {reference}"
+            )
+        if runs := [*_runs(first).items() & _runs(result).items()]:
+            names = ", ".join(sorted(name for name, _ in runs))
+            notes.append(
+                f"{label} and {reference} both use {names}: difference/sigma does not follow a standard "
+                "normal distribution, and chi2 is not given"
+            )
+        else:
+            tests[label] = _tests(fits[reference], fits[label])
+    parameters = tuple(_parameters(fits))
+    notes += [
+        f"{label}: {_name(place)}: not sound ({fit.unsound[0].message}); its uncertainties are not valid"
+        for label, of_label in fits.items()
+        for place, fit in of_label.items()
+        if fit.unsound
+    ]
+    if differing := [p.name for p in parameters if len(p.truths) > 1]:
+        notes.append(f"the true values differ, and with them the estimates: {', '.join(differing)}")
+    if not any(sum(e is not None for e in p.estimates) > 1 for p in parameters):
+        notes.append("no parameter is estimated by more than one of the results")
+    return Comparison(tuple(named), parameters, tests, tuple(notes))
+
+
+def _labelled(
+    results: Sequence[PathLike | Results] | Mapping[str, PathLike | Results],
+) -> dict[str, Results]:
+    """Return two results or more by their labels."""
+    if isinstance(results, str | os.PathLike) or not isinstance(results, Sequence | Mapping):
+        raise InputError(f"compare: {shown(results)}, expected a list of two or more results")
+    labels = list(results) if isinstance(results, Mapping) else [None] * len(results)
+    values = list(results.values()) if isinstance(results, Mapping) else list(results)
+    if len(values) < 2:
+        raise InputError(f"compare: {len(values)} given, expected two or more results")
+    named: dict[str, Results] = {}
+    files: dict[Path, object] = {}
+    for n, (label, result) in enumerate(zip(labels, values, strict=True), 1):
+        if isinstance(result, Results):
+            named[label or f"results {n}"] = result
+        elif isinstance(result, str | os.PathLike):
+            file = results_file(Path(result))
+            if files.setdefault(file.resolve(), result) is not result:
+                raise InputError(f"{result}: given twice, expected other results to compare")
+            named[label or str(result)] = load(file)
+        else:
+            raise InputError(f"compare: {shown(result)}, expected a path or Results")
+    return named
+
+
+def _section(results: Results, section: str) -> Mapping[str, Fit]:
+    """Return the fits of a section by their key, that of the joint fit empty."""
+    if section == "joint":
+        return {"": results.joint} if results.joint else {}
+    fits: Mapping[str, Fit] = getattr(results, section)
+    return fits
+
+
+def _runs(results: Results) -> dict[str, object]:
+    """Return the runs that results use, and the seed of each if it is simulated: a run of its own."""
+    p = results.provenance
+    names = [*(p.joint_runs or ()), *(p.noise_runs or {}).values()]
+    names += [name for runs in (p.inertial_runs or {}).values() for name in runs]
+    return dict.fromkeys(names, p.extra.get("seed"))
+
+
+def _in_frame(fit: Fit, section: str, is_reversed: bool) -> Fit:
+    """Return a fit with the signs that its parameters have in the other frame, where `is_reversed`."""
+    if not is_reversed or section == "joint":
+        return fit
+    parameters = {
+        name: replace(e, value=-e.value, truth=e.truth and -e.truth, pull=e.pull and -e.pull)
+        if name in REVERSED
+        else e
+        for name, e in fit.parameters.items()
+    }
+    signs = np.array([-1.0 if name in REVERSED else 1.0 for name in fit])
+    covariance = fit.covariance_matrix * np.outer(signs, signs)
+    return replace(fit, parameters=parameters, covariance_matrix=covariance)
+
+
+def _parameters(fits: Mapping[str, Fits]) -> Iterable[ParameterComparison]:
+    reference, *_ = fits.values()
+    places = dict.fromkeys(place for of_label in fits.values() for place in of_label)
+    for place in sorted(places, key=lambda place: SECTIONS.index(place[0])):
+        of_place = {label: of_label.get(place) for label, of_label in fits.items()}
+        for name in dict.fromkeys(name for fit in of_place.values() if fit for name in fit):
+            estimates = [fit.parameters.get(name) if fit else None for fit in of_place.values()]
+            units = {
+                label: fit[name].unit for label, fit in of_place.items() if fit and name in fit.parameters
+            }
+            (first, unit), *_ = units.items()
+            for label, other in units.items():
+                if not same_unit(other, unit):
+                    where = f"{label}: {_name(place)}.parameters.{name}"
+                    raise InputError(f"{where}: unit {shown(other)}, expected {shown(unit)} as in {first}")
+            first_estimate = reference[place].parameters.get(name) if place in reference else None
+            differences = [
+                e.difference(first_estimate.value, first_estimate.sigma)
+                if n and e and first_estimate and e.sound and first_estimate.sound
+                else None
+                for n, e in enumerate(estimates)
+            ]
+            yield ParameterComparison(*place, name, unit, tuple(estimates), tuple(differences))
+
+
+def _tests(reference: Fits, result: Fits) -> dict[str, tuple[float, int, float]]:
+    """Test by fit whether all parameters in common are the same, for independent data."""
+    tests = {}
+    for place in sorted(reference.keys() & result.keys(), key=lambda p: (SECTIONS.index(p[0]), p[1])):
+        a, b = reference[place], result[place]
+        names = [n for n in a if n in b.parameters and not (a[n].is_exact and b[n].is_exact)]
+        if not names or a.unsound or b.unsound:
+            continue
+        indices = [[list(fit).index(name) for name in names] for fit in (a, b)]
+        covariance = sum(f.covariance_matrix[np.ix_(i, i)] for f, i in zip((a, b), indices, strict=True))
+        z = np.array([b[n].value - a[n].value for n in names]) / np.sqrt(np.diag(covariance))
+        correlation = correlation_matrix(np.asarray(covariance))
+        if np.linalg.eigvalsh(correlation)[0] > _SINGULAR * len(names):
+            chi2 = float(z @ np.linalg.solve(correlation, z))
+            tests[_name(place)] = (chi2, len(names), float(chdtrc(len(names), chi2)))
+    return tests
+
+
+def _name(place: Place) -> str:
+    return ".".join(filter(None, place))

@@ -77,7 +77,6 @@ __all__ = [
     "moments",
     "null_space",
     "parameter_values",
-    "priors",
     "random_effects",
     "readout_excess_noise",
     "reported_estimates",

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 from typing import TYPE_CHECKING
 
@@ -11,30 +12,31 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fit.consistency import consistency_warnings
-from fit.crosstalk import attenuation, refit
-from fit.errors import InputError
+from fit.errors import FitError, InputError
+from fit.false_alarms import sigma_limit
 from fit.fitting import constraint_test, irls, width_posterior
-from fit.identification import comparison
-from fit.identification.loop import FreeParameter, Loop, joint_parameters
-from fit.identification.parameters import (
-    check_constraints,
-    joint,
-    run_dynamics,
-    with_params,
-    without_constraints,
-)
-from fit.identification.search import Search
-from fit.model import Sharing
-from fit.parallel import one_blas_thread
+from fit.identification.linearised_run import SimulatedExperiment
+from fit.identification.loop import FreeParameter, Loop
+from fit.identification.parameters import JointParameters, constrained_settings, joint, run_dynamics
+from fit.parallel import one_blas_thread, parallel_map
 from fit.quality import fit_quality, noise_adaptation
-from fit.results import Estimate, Fit, Provenance, Results
+from fit.results import Fit, Provenance, Results
 from fit.settings import Settings
-from fit.whitening import Experiment
+from fit.warnings import FitWarning
+from fit.whitening import Experiment, Likelihood
 
 if TYPE_CHECKING:
     import lmfit
 
 Array = NDArray[np.float64]
+
+STEP_HALVINGS = 12  # times at most that a step is halved lest the loop be unstable
+METHOD_SIGMA = 0.3  # sigma, allowed difference from the fit of the same data; it is some hundredths
+#: Codes of warnings about the data as prepared for the fit, which hold for the loop as well.
+DATA_CODES = (
+    *("saturated", "saturated_too_long", "glitches", "too_many_glitches", "readout_excess_noise", "rejected"),
+    *("excluded", "short_run", "missing_run", "suspect_samples", "interpolated", "guidance_scale"),
+)
 
 
 @one_blas_thread
@@ -47,13 +49,16 @@ def identify(
     fixed_values: Mapping[str, float] = MappingProxyType({}),
     params: lmfit.Parameters | None = None,
 ) -> Results:
-    """Estimate parameters of a simulated loop.
+    """Estimate parameters of a simulated loop; the results have a joint fit alone.
 
     Parameters
     ----------
     experiments : sequence of Experiment
+        As they were prepared for the fit.
     free : sequence of FreeParameter
+        The parameters.
     loop : Loop
+        Simulates the experiments.
     calibrated : Results
         Of the same telemetry, by the equation of motion.
     settings : Settings
@@ -63,11 +68,6 @@ def identify(
     params : lmfit.Parameters, optional
         Constraints in addition to those of the settings, see `make_params`.
 
-    Returns
-    -------
-    Results
-        With a joint fit alone; see `comparison` for ``from_fit`` and ``commands`` of its provenance.
-
     Raises
     ------
     InputError
@@ -75,169 +75,199 @@ def identify(
     FitError
         If the loop cannot be simulated, or no valid estimate results.
     """
-    identification = _Identification(
-        experiments, free, loop, calibrated, _constrained(experiments, free, calibrated, settings, params)
-    )
-    return identification.results(fixed_values)
+    settings = constrained_settings(experiments, free, calibrated, settings, params)
+    parameters = joint(experiments, free, settings, calibrated)
+    steps = _Steps(_weighings(experiments, loop, parameters, calibrated, settings))
+    steps.begin(parameters.start, is_stated=any(p.start is not None for p in free))
+    outcome = steps.outcome(parameters)
+    if outcome.random_effects:
+        widened = width_posterior.marginalise_widths(outcome)
+        outcome = replace(widened, data_driven=settings.scatter == ["auto"])
+    fit = _report(experiments, parameters, outcome, settings)
+    test = constraint_test.refit_unconstrained(outcome, settings.parameters)
+    warnings = [
+        *test.warnings(),
+        *fit.warnings,
+        *_doubts(experiments, calibrated, outcome),
+        *steps.warnings(),
+    ]
+    if not test.is_contradicted:  # of which a difference is a consequence
+        tested = {c.name for c in test.active}
+        warnings += _differences(fit, calibrated.joint, fixed_values, tested, loop)
+    provenance = _provenance(experiments, calibrated.provenance, outcome, settings)
+    return Results(replace(fit, warnings=tuple(warnings)), {}, {}, {}, provenance)
 
 
-def _constrained(
+def _weighings(
     experiments: Sequence[Experiment],
-    free: Sequence[FreeParameter],
+    loop: Loop,
+    parameters: JointParameters,
     calibrated: Results,
     settings: Settings,
-    params: lmfit.Parameters | None,
-) -> Settings:
-    """Return the settings with all constraints of identified parameters.
+) -> list[SimulatedExperiment]:
+    """Return the experiments against the simulated loop, forces computed from motions as in the fit."""
+    if settings.estimator == "flscov":
+        raise InputError(
+            'fit.estimator: "flscov" is not available with a simulated loop, expected another estimator'
+        )
+    likelihood: Likelihood = settings.estimator
+    return [
+        SimulatedExperiment(
+            e,
+            loop,
+            run_dynamics(e, calibrated, settings),
+            parameters.run_parameters(k, parameters.start),
+            parameters,
+            k,
+            "marginalised" if e.marginalised else likelihood,
+        )
+        for k, e in enumerate(experiments)
+    ]
 
-    Raises
-    ------
-    InputError
-        If one is of no parameter.
+
+@dataclass
+class _Steps:
+    """The steps of the iteration, halved where the loop cannot be simulated; `refusals` says why."""
+
+    weighings: Sequence[SimulatedExperiment]
+    refusals: list[str] = field(default_factory=list)
+
+    def begin(self, start: Array, *, is_stated: bool) -> None:
+        """Simulate the loop where the search begins; it is wrong input if the user states where."""
+        try:
+            self._simulate(start)
+        except FitError as error:
+            kind = InputError if is_stated else FitError
+            raise kind(f"identify: start: {error}; expected a loop that can be simulated") from None
+
+    def _simulate(self, theta: Array) -> None:
+        parallel_map(lambda weighing: weighing.simulate(theta), self.weighings)
+
+    def outcome(self, parameters: JointParameters) -> irls.IRLSResult:
+        """Iterate."""
+        return irls.iterate(
+            self.weighings,
+            parameters.parameters,
+            random_effects=parameters.random_effects,
+            limit_step=self.limited,
+            settings=parameters.settings,
+        )
+
+    def limited(self, theta: Array, target: Array) -> Array:
+        """Return the next estimate, shape (P,), with loops that can be simulated."""
+        for _ in range(STEP_HALVINGS):
+            try:
+                self._simulate(target)
+            except FitError as error:
+                self.refusals.append(str(error))
+                target = (theta + target) / 2
+            else:
+                return target
+        raise FitError(f"no step leads on, however short: {self.refusals[-1]}")
+
+    def warnings(self) -> list[FitWarning]:
+        """Report steps that were halved."""
+        if not self.refusals:
+            return []
+        message = (
+            f"{len(self.refusals)} steps of the search were halved, the last one because of this: "
+            f"{self.refusals[-1]}"
+        )
+        return [FitWarning("step_halved", (), message)]
+
+
+def _report(
+    experiments: Sequence[Experiment],
+    parameters: JointParameters,
+    outcome: irls.IRLSResult,
+    settings: Settings,
+) -> Fit:
+    """Return the free parameters that are determined, and why the others are not."""
+    names = {name: name for name in parameters.free}
+    undetermined = fit_quality.indeterminable(outcome, experiments, names)
+    doubts = [*fit_quality.doubts(outcome, experiments), *fit_quality.scattered(outcome)]
+    fit = fit_quality.report(outcome, experiments, names, [*undetermined, *doubts])
+    estimates = {  # physical limits of a parameter are no constraint unless it is at one
+        name: e
+        if name in settings.parameters or (e.constraint and e.constraint.at_bound)
+        else replace(e, constraint=None)
+        for name, e in fit.parameters.items()
+    }
+    return replace(fit, parameters=estimates)
+
+
+def _doubts(
+    experiments: Sequence[Experiment], calibrated: Results, outcome: irls.IRLSResult
+) -> list[FitWarning]:
+    """Return the warnings about the data, and about what the loop leaves of them."""
+    return [
+        *(w for w in (calibrated.joint.warnings if calibrated.joint else ()) if w.code in DATA_CODES),
+        *consistency_warnings(experiments, outcome),
+        *noise_adaptation.misfits(experiments, outcome),
+        *(noise_adaptation.marginalised_warning(e.name) for e in experiments if e.marginalised),
+    ]
+
+
+def _differences(
+    fit: Fit, calibrated: Fit | None, fixed_values: Mapping[str, float], tested: set[str], loop: Loop
+) -> list[FitWarning]:
+    """Warn of differences from the fit of the equation that are larger than those of the two methods.
+
+    Both see the same data. Where one has parameters that the other has not, or values that are fixed, their
+    sigmas differ, and the variance of the difference is that of the variances (Hausman). If the telemetry
+    does not say that this very loop simulated it, the loop may be wrong without any trace in chi2: the
+    read-outs determine only the product of the gains of controller and actuation.
+
+    Parameters
+    ----------
+    fit, calibrated : Fit
+        The identification, and the fit; one that is not sound is no reference.
+    fixed_values : mapping of str to float
+        What the loop has of other parameters of the fit.
+    tested : set of str
+        Parameters whose constraints have been tested.
+    loop : Loop
+        The loop.
     """
-    names = [*joint_parameters(free, [e.sysid.telemetry for e in experiments])]
-    constrained = settings if params is None else with_params(settings, params, names)
-    check_constraints(constrained, names, calibrated)
-    return constrained
-
-
-@dataclass(frozen=True)
-class _Identification:
-    """What is identified, and from what; attributes as the arguments of `identify`."""
-
-    experiments: Sequence[Experiment]
-    free: Sequence[FreeParameter]
-    loop: Loop
-    calibrated: Results
-    settings: Settings
-
-    def results(self, fixed_values: Mapping[str, float]) -> Results:
-        """Estimate the parameters, and compare them with the fit of the equation."""
-        experiments, calibrated, settings = self.experiments, self.calibrated, self.settings
-        unconstrained = replace(self, settings=without_constraints(settings))
-        # data are judged without what the user says of parameters, which may be wrong
-        search, judged, levels = unconstrained._search()
-        outcome = judged
-        if unconstrained.settings != settings:
-            search, outcome = self._search_with([e.name in levels for e in experiments])
-        if outcome.random_effects:
-            outcome = replace(
-                width_posterior.marginalise_widths(outcome), data_driven=settings.scatter == ["auto"]
-            )
-        joint_fit = self._with_instruments(self._report(outcome))
-        commands = comparison.command_mismatches(experiments, self.loop, search.joint, outcome)
-        constraints = constraint_test.refit_unconstrained(outcome, settings.parameters)
-        bounded = {c.name for c in constraints.at_bound}  # the test of the constraints reports these
-        runs = [e.sysid.telemetry for e in experiments] if not outcome.random_effects else []
-        context = comparison.LoopContext(fixed_values, runs, Sharing(settings.shared))
-        discrepancies = comparison.discrepancies(
-            joint_fit, calibrated, context, bounded, same_loop=self.loop.simulated_telemetry
+    if calibrated is None or calibrated.unsound:
+        return []
+    values = {name: (value, 0.0) for name, value in fixed_values.items()}
+    values |= {name: (e.value, e.sigma) for name, e in fit.parameters.items()}
+    compared = {
+        name: (value, sigma, calibrated[name])
+        for name, (value, sigma) in values.items()
+        if name in calibrated.parameters and name not in tested and not calibrated[name].is_exact
+    }
+    limit = sigma_limit("loop", len(compared))
+    differing = {
+        name: (value - e.value) / e.sigma
+        for name, (value, sigma, e) in compared.items()
+        if abs(value - e.value) > METHOD_SIGMA * e.sigma + limit * math.sqrt(abs(e.sigma**2 - sigma**2))
+    }
+    if not differing:
+        return []
+    listed = ", ".join(f"{name} by {sigmas:+.2g} sigma" for name, sigmas in differing.items())
+    message = f"the simulated loop and the equation of motion differ in the same data: {listed}"
+    if loop.simulated_telemetry and not differing.keys() & fixed_values.keys():
+        return [FitWarning("loop_discrepancy", tuple(differing), message)]
+    return [
+        FitWarning(
+            "loop_contradiction", tuple(differing), f"{message}; chi2 does not show which of them is wrong"
         )
-        if constraints.is_contradicted:  # of which they are a consequence
-            discrepancies = []
-        warnings = [
-            *comparison.data_warnings(calibrated),
-            *consistency_warnings(experiments, judged),
-            *noise_adaptation.misfits(experiments, judged),
-            *comparison.command_warnings(commands, list(joint_fit)),
-            *search.warnings(),
-            *map(noise_adaptation.marginalised_warning, levels),
-            *discrepancies,
-            *comparison.fixed_value_conflicts(fixed_values, calibrated.joint),
-        ]
-        entries = {
-            "from_fit": comparison.differences(joint_fit, calibrated.joint),
-            "commands": {run: command.mismatch for run, command in commands.items()},
-        }
-        joint_fit = replace(joint_fit, warnings=(*constraints.warnings(), *joint_fit.warnings, *warnings))
-        return Results(joint_fit, {}, {}, {}, self._provenance(outcome, entries, levels))
+    ]
 
-    def _begin(self, levels: Sequence[bool], previous: Mapping[str, float]) -> Search:
-        """Begin where the fit or the `previous` search ended, with the random effects of the fit."""
-        calibrated, settings = self.calibrated, self.settings
-        if settings.estimator == "flscov":
-            raise InputError(
-                'fit.estimator: "flscov" is not available with a simulated loop, expected another estimator'
-            )
-        references = [run_dynamics(e, calibrated, settings) for e in self.experiments]
-        values = calibrated.joint.values if calibrated.joint else {}
-        scatter = [*(calibrated.provenance.scatter or {})]  # stated, or the data ask for them
-        parameters = joint(self.experiments, self.free, settings, scatter, (previous, values))
-        return Search(self.experiments, self.loop, references, parameters, settings.estimator, levels)
 
-    def _search(self) -> tuple[Search, irls.IRLSResult, list[str]]:
-        """Search; return also the experiments whose noise levels are marginalised.
-
-        Where the data chose them in the fit, the equation may only have lacked what the loop has: they are
-        marginalised if the loop leaves too much as well.
-        """
-        experiments, by_data = self.experiments, self.settings.levels == ["auto"]
-        levels = [e.marginalised and not by_data for e in experiments]
-        search, outcome = self._search_with(levels)
-        if by_data and any(e.marginalised for e in experiments):
-            misfits = noise_adaptation.misfit_ratios(experiments, outcome)
-            levels = [e.marginalised and e.name in misfits for e in experiments]
-            if any(levels):
-                search, outcome = self._search_with(levels)
-        names = [e.name for e, is_marginalised in zip(experiments, levels, strict=True) if is_marginalised]
-        return search, outcome, names
-
-    def _search_with(self, levels: Sequence[bool]) -> tuple[Search, irls.IRLSResult]:
-        """Search, and once more if the controller has moved from where forces were computed from motions."""
-        search = self._begin(levels, {})
-        outcome = search.outcome()
-        if not search.has_strayed(outcome.solution.theta):
-            return search, outcome
-        restarted = self._begin(levels, search.joint.named(outcome.solution.theta))
-        restarted.halved_steps = search.halved_steps
-        return restarted, restarted.outcome()
-
-    def _report(self, outcome: irls.IRLSResult) -> Fit:
-        """Return the free parameters that are determined, and why the others are not."""
-        experiments = self.experiments
-        free_parameters = joint_parameters(self.free, [e.sysid.telemetry for e in experiments])
-        names = {p.name: p.name for p in outcome.parameters if p.name in free_parameters}
-        undetermined = fit_quality.indeterminable(outcome, experiments, names)
-        doubts = [*fit_quality.doubts(outcome, experiments), *fit_quality.scattered(outcome)]
-        fit = fit_quality.report(outcome, experiments, names, [*undetermined, *doubts])
-        return replace(fit, parameters={n: self._stated(n, e) for n, e in fit.parameters.items()})
-
-    def _stated(self, name: str, estimate: Estimate) -> Estimate:
-        """Return an estimate without the physical limits of its parameter, where it is not at one."""
-        constraint = estimate.constraint
-        is_stated = name in self.settings.parameters or (constraint and constraint.at_bound)
-        return estimate if is_stated else replace(estimate, constraint=None)
-
-    def _with_instruments(self, joint_fit: Fit) -> Fit:
-        """Return an identification with what instrumental variables change in the fit of the equation.
-
-        The loop takes its cross-talk from the same noisy read-outs and has no instruments, so that the same
-        attenuation shifts both.
-        """
-        fitted = self.calibrated.joint
-        names = [name for name in joint_fit.parameters if name in attenuation.iv_parameters(fitted)]
-        if fitted is None or not names:
-            return joint_fit
-        least_squares = refit.least_squares(self.experiments, self.settings, self.calibrated)
-        corrections = attenuation.iv_corrections({name: fitted[name] for name in names}, least_squares)
-        missing = ", ".join(name for name in joint_fit.parameters if name not in fitted.parameters)
-        note = f"; by how much it is for {missing} is not known" if missing else ""
-        description = "corrected and widened as by the instrumental variables of the fit"
-        return attenuation.apply_iv(joint_fit, corrections, description, note)
-
-    def _provenance(
-        self, outcome: irls.IRLSResult, entries: Mapping[str, object], levels: list[str]
-    ) -> Provenance:
-        """Return that of the calibration without what an identification has not."""
-        provenance = self.calibrated.provenance
-        absent = dict.fromkeys(("cross_talk_periods", "subtraction", "inertial_runs", "inertial_band"))
-        widths = {name: {"value": value, "sigma": sigma} for name, (value, sigma) in outcome.scatter.items()}
-        extra = {**provenance.extra, **entries}
-        return replace(
-            provenance,
-            settings=self.settings.record(),
-            extra=extra,
-            levels=levels,
-            scatter=widths,
-            **absent,
-        )
+def _provenance(
+    experiments: Sequence[Experiment], provenance: Provenance, outcome: irls.IRLSResult, settings: Settings
+) -> Provenance:
+    """Return that of the calibration without what an identification has not."""
+    return replace(
+        provenance,
+        settings=settings.record(),
+        levels=[e.name for e in experiments if e.marginalised],
+        scatter={name: {"value": value, "sigma": sigma} for name, (value, sigma) in outcome.scatter.items()},
+        cross_talk_periods=None,
+        subtraction=None,
+        inertial_runs=None,
+        inertial_band=None,
+    )

@@ -28,7 +28,6 @@ Array = NDArray[np.float64]
 RELINEARISE_SIGMA = 3.0  # sigma, distance from the expansion point that requires new derivatives
 STEP_LIMIT = 0.1  # of its natural scale, largest sigma for that purpose
 STEP = 1e-3  # of its natural scale, by which a parameter is varied unless its sigma is smaller
-STEP_REDUCTIONS = 6  # attempts at a difference before the simulation counts as failed
 MOTION = 1e-9  # m, for a sample, that a controller answers
 IMPULSE = 1e-6  # N, for a sample: moves test mass 1 by some nanometres
 
@@ -55,22 +54,6 @@ class LinearisedRun(whitened_run.WhitenedRun):
         return np.eye(len(self.parameter_map) + 1, len(self.parameter_map), k=-1)
 
 
-@dataclass(frozen=True)
-class InvertedLoop:
-    """The loop by which a force is computed from a motion; it stays while parameters move.
-
-    Attributes
-    ----------
-    dynamics : ndarray, shape (7,)
-        Of `dynamics.PARAMETERS`.
-    theta : mapping of str to float
-        Of the loop that is simulated, for its controller.
-    """
-
-    dynamics: Array
-    theta: Mapping[str, float]
-
-
 class MeasuredInputs:
     """A run and its simulated loop, on which the measured inputs are imposed.
 
@@ -80,12 +63,17 @@ class MeasuredInputs:
         As measured, with what is masked.
     loop : Loop
         Simulates it.
-    reference : InvertedLoop
-        By which forces are computed from motions.
+    dynamics_parameters : ndarray, shape (7,)
+        Of `dynamics.PARAMETERS`, by which forces are computed from motions.
+    controller : mapping of str to float
+        Parameters of the loop with whose controller they are.
     """
 
-    def __init__(self, run: Run, loop: Loop, reference: InvertedLoop) -> None:
-        self.telemetry, self._loop, self._reference = run.telemetry, loop, reference
+    def __init__(
+        self, run: Run, loop: Loop, dynamics_parameters: Array, controller: Mapping[str, float]
+    ) -> None:
+        self.telemetry, self._loop = run.telemetry, loop
+        self._dynamics_parameters, self._controller = dynamics_parameters, controller
         self._run = run
         self._o_1, self._o_12, force_1 = (
             series.at_loop_rate(run.telemetry, name) for name in ("o_1", "o_12", "f_x_1")
@@ -102,7 +90,7 @@ class MeasuredInputs:
         From what was measured, as in the fit, and zero where the run has nothing of it: of motion that the
         loop does not predict, and of gains and delays that are not identified but differ between runs.
         """
-        theta, run = self._reference.dynamics, self._run
+        theta, run = self._dynamics_parameters, self._run
         tau = dynamics.delays(theta)
         columns = run.columns(tau)
         extra_names = columns.names[len(dynamics.COLUMNS) :]
@@ -143,7 +131,7 @@ class MeasuredInputs:
         self._force_response = self._force(impulse_response["o_12"] - reference["o_12"])
         if not self._initial_transient.size:
             unit_sample = np.where(np.arange(self._impulse.size) == 0, MOTION, 0.0)
-            answer = self._loop.command(self.telemetry, self._reference.theta, unit_sample)
+            answer = self._loop.command(self.telemetry, self._controller, unit_sample)
             self._initial_transient = series.initial_transient(answer, self._o_1.size)
 
     def residual_difference(self, upper: Mapping[str, float], lower: Mapping[str, float]) -> Array:
@@ -167,8 +155,8 @@ class MeasuredInputs:
         return self._loop.response(self.telemetry, theta, self._inputs)
 
     def _force(self, o_12: Array) -> Array:
-        answer = self._loop.command(self.telemetry, self._reference.theta, o_12)
-        return series.force(o_12, answer, self._reference.dynamics)
+        answer = self._loop.command(self.telemetry, self._controller, o_12)
+        return series.force(o_12, answer, self._dynamics_parameters)
 
 
 class SimulatedExperiment:
@@ -180,8 +168,8 @@ class SimulatedExperiment:
         As it is to be fitted.
     loop : Loop
         Simulates it.
-    reference : InvertedLoop
-        See `MeasuredInputs`.
+    dynamics_parameters, controller
+        As those of `MeasuredInputs`.
     joint : JointParameters
         The P joint parameters.
     index : int
@@ -196,17 +184,20 @@ class SimulatedExperiment:
         self,
         experiment: Experiment,
         loop: Loop,
-        reference: InvertedLoop,
+        dynamics_parameters: Array,
+        controller: Mapping[str, float],
         joint: JointParameters,
         index: int,
         likelihood: Likelihood,
     ) -> None:
         self.name = experiment.name
-        self._sysid = MeasuredInputs(experiment.sysid, loop, reference)
-        self._noise = experiment.noise and MeasuredInputs(experiment.noise, loop, reference)
-        self._names, self._share, self._likelihood = joint.names, joint.views[index].parameter_map, likelihood
+        self._sysid = MeasuredInputs(experiment.sysid, loop, dynamics_parameters, controller)
+        self._noise = experiment.noise and MeasuredInputs(
+            experiment.noise, loop, dynamics_parameters, controller
+        )
+        self._names, self._share, self._likelihood = joint.names, joint.maps[index], likelihood
         self._widths, self._low, self._high = joint.scales
-        self._measured_names = names = joint.views[index].measured_names
+        self._measured_names = names = joint.measured_names[index]
         self._measured_columns = [
             run.measured_derivatives(names) for run in (self._sysid, self._noise) if run
         ]
@@ -229,17 +220,6 @@ class SimulatedExperiment:
             run_parameters = self._run_parameters(theta)
             self._residuals = [run.residual(run_parameters) for run in (self._sysid, self._noise) if run]
             self._simulated_at = theta
-
-    def infeasible(self, theta: Array, target: Array) -> NDArray[np.bool_]:
-        """Return which parameters, shape (P,), cannot take the step to the target, not even one alone."""
-        changed = self._share[: len(self._names)].any(axis=0) & (theta != target)
-        infeasible = np.zeros(changed.size, bool)
-        for k in np.flatnonzero(changed):
-            try:
-                self.simulate(np.where(np.arange(changed.size) == k, target, theta))
-            except FitError:
-                infeasible[k] = True
-        return infeasible
 
     def block(self, theta: Array, covariance: Array, iteration: int) -> LinearisedRun:
         """Return the run weighed at the estimate theta, shape (P,), of that covariance, shape (P, P)."""
@@ -313,28 +293,13 @@ class SimulatedExperiment:
         return [*by_loop, *self._measured_columns[0]]
 
     def _derivative(self, run_parameters: Array, h: Array) -> Array:
-        """Return the derivative by a parameter from a central difference, if need be a shorter one."""
+        """Return the derivative by a parameter from a central difference."""
         # what departs may be beyond the bounds of what it departs from
-        high, low = np.maximum(self._high, run_parameters), np.minimum(self._low, run_parameters)
-        for _ in range(STEP_REDUCTIONS):
-            upper, lower = np.minimum(run_parameters + h, high), np.maximum(run_parameters - h, low)
-            try:
-                return self._difference_quotient(upper, lower)
-            except FitError as error:
-                h, failed = h / 4, error
-        raise failed
-
-    def _difference_quotient(self, upper: Array, lower: Array) -> Array:
-        """Return the difference of the residual at two trials over that of the parameter which differs."""
-        span = float(np.sum(upper - lower))
+        upper = np.minimum(run_parameters + h, np.maximum(self._high, run_parameters))
+        lower = np.maximum(run_parameters - h, np.minimum(self._low, run_parameters))
         shift = self._sysid.residual_difference(self._named(upper), self._named(lower))
-        if span > 0 and np.isfinite(shift).all():
-            return shift / span
-        values = ", ".join(f"{name} = {value:.6g}" for name, value in self._named(lower).items())
-        reason = (
-            "the response to a step in a parameter is not finite"
-            if span > 0
-            else "the response grows without limit as steps in the parameters shrink; expected FMUs that a "
-            "reset brings back to their start"
-        )
-        raise FitError(f"run '{self._sysid.telemetry.run}' at {values}: {reason}")
+        if not np.isfinite(shift).all():
+            values = ", ".join(f"{name} = {value:.6g}" for name, value in self._named(lower).items())
+            run = self._sysid.telemetry.run
+            raise FitError(f"run '{run}' at {values}: the response to a step in a parameter is not finite")
+        return np.asarray(shift / np.sum(upper - lower))

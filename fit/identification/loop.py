@@ -1,6 +1,6 @@
 """The interface of a simulated loop, and the parameters to be identified."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Protocol
 
@@ -57,9 +57,6 @@ class Loop(Protocol):
             If it cannot be simulated.
         """
 
-    def direct(self, run: Telemetry) -> Array:
-        """Return the force [m s^-2] that is commanded on test mass 2 past the controller."""
-
 
 @dataclass(frozen=True)
 class FreeParameter:
@@ -110,27 +107,3 @@ class FreeParameter:
             return Parameter(
                 self.name, 0.0, scale, self.unit, scale, 0, self.name, self.name, description, False
             )
-
-
-def joint_parameters(
-    free: Sequence[FreeParameter], runs: Sequence[Telemetry]
-) -> dict[str, tuple[Parameter, FreeParameter]]:
-    """Return the parameters of a joint fit by name, each with what it came from."""
-    parameters: dict[str, tuple[Parameter, FreeParameter]] = {}
-    for free_parameter in free:
-        ordered_runs = (
-            sorted(runs, key=lambda run: run.alignment_epoch)
-            if free_parameter.shared != "experiment"
-            else runs
-        )
-        for run in ordered_runs:
-            parameter = free_parameter.parameter(run)
-            parameters.setdefault(parameter.name, (parameter, free_parameter))
-    return parameters
-
-
-def parameter_map(free: Sequence[FreeParameter], run: Telemetry, names: Sequence[str]) -> Array:
-    """Return the map from the P joint parameters `names` to the K of a run, shape (K, P)."""
-    return np.array(
-        [[float(free_parameter.parameter(run).name == name) for name in names] for free_parameter in free]
-    )

@@ -1,6 +1,5 @@
 """The part of the report on what ``identify`` left in the same folder."""
 
-from collections.abc import Mapping
 from pathlib import Path
 
 from markupsafe import Markup
@@ -34,7 +33,7 @@ def sections(results: Results, directory: Path) -> list[Section]:
     identification = load(directory)
     if identification is None or identification.joint is None:
         return []
-    return [_section(identification.joint, identification.provenance.extra, results)]
+    return [_section(identification.joint, results)]
 
 
 def load(directory: Path) -> Results | None:
@@ -49,7 +48,7 @@ def load(directory: Path) -> Results | None:
     return fit_results.load(path) if path.exists() else None
 
 
-def _section(joint: Fit, entries: Mapping[str, object], results: Results) -> Section:
+def _section(joint: Fit, results: Results) -> Section:
     rows = []
     estimates = results.joint.parameters if results.joint else {}
     for name, e in joint.parameters.items():
@@ -68,7 +67,6 @@ def _section(joint: Fit, entries: Mapping[str, object], results: Results) -> Sec
     ).format(joint.chi2, joint.dof)
     if joint.unsound:
         text += highlight(f" The uncertainties are not valid ({WITHHELD}).", True)
-    text += _commands(entries)
     for warning in joint.warnings:
         text += Markup("<br>{}").format(highlight(warning.message, warning.kind.unsound))
     caption = (
@@ -78,14 +76,3 @@ def _section(joint: Fit, entries: Mapping[str, object], results: Results) -> Sec
     columns = ("Parameter", "Estimate", "Truth", "Pull / σ", "From the fit / σ")
     table = Table(columns, tuple(rows), caption)
     return Section("identified", "Parameters of the FMUs", text, tables=(table,))
-
-
-def _commands(entries: Mapping[str, object]) -> Markup:
-    """Say how well the recorded commands are those of the controller."""
-    commands = entries.get("commands")
-    values = [v for v in commands.values() if isinstance(v, float)] if isinstance(commands, dict) else []
-    if not values:
-        return Markup("")
-    return Markup(
-        " Recorded commands differ by {:.1g} at most, relative, from those of the simulated controller."
-    ).format(max(values))

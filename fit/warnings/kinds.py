@@ -92,13 +92,6 @@ WARNING_KINDS: Mapping[str, WarningKind] = {
         headline="The telemetry is not in the frame that it states",
         unsound=True,
     ),
-    "controller_mismatch": WarningKind(
-        "Put the controller that flew into the campaign (`[control]` or `[fmus]`): the read-outs determine "
-        "only the product of its gain and the gain of the actuation.",
-        severity=Severity.FAILURE,
-        headline="The simulated controller is not the one that flew",
-        unsound=True,
-    ),
     "loop_contradiction": WarningKind(
         "Find the FMU that adds to the named parameters or reverses a sign: the read-outs determine only the "
         "product. If the equation of motion lacks an effect, show it by a campaign with these FMUs.",
@@ -111,12 +104,6 @@ WARNING_KINDS: Mapping[str, WarningKind] = {
         "FMUs have.",
         severity=Severity.DOUBT,
         headline="The FMUs and the equation of motion differ",
-    ),
-    "loop_mismatch": WarningKind(
-        "Nothing if intended, such as a model of your own on simulated telemetry; otherwise name the "
-        "campaign and the FMUs that simulated the telemetry.",
-        severity=Severity.DOUBT,
-        headline="The telemetry was simulated with another loop",
     ),
     "rejected": WarningKind(
         "Correct the named data and repeat the fit; the fit of the other experiments does not use them.",

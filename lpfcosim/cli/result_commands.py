@@ -152,7 +152,7 @@ def compare(
         list[Path],
         typer.Argument(metavar="DIR", help="Two or more folders or files of results."),
     ],
-    as_json: Annotated[bool, typer.Option("--json", help="Print JSON, schema lpf-compare/1.")] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
     quiet: Quiet = False,
 ) -> None:
     """Compare the estimates of several results.

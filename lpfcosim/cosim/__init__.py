@@ -5,14 +5,12 @@ It treats FMUs of any origin alike. The loop itself is compiled C (`engine.c`).
 
 from lpfcosim.cosim.co_simulation import SimulationProgress
 from lpfcosim.cosim.compatibility import read_interfaces, read_interfaces_of_runs, warnings
-from lpfcosim.cosim.fmu_instance import FmuInstance
 from lpfcosim.cosim.fmu_library import FmuLibraryCache
 from lpfcosim.cosim.interface import Interface, describe, nonconformity, read
 from lpfcosim.cosim.variables import REALS, Value
 
 __all__ = [
     "REALS",
-    "FmuInstance",
     "FmuLibraryCache",
     "Interface",
     "SimulationProgress",

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -11,16 +11,15 @@ import numpy as np
 from fit.requirements import F_MAX, MOST_SATURATED, SHORTEST, TAPER
 from fit.units import contract_spelling
 from lpfcosim.campaign import Campaign
-from lpfcosim.errors import DivergenceError, InputError, UnavailableError
+from lpfcosim.errors import InputError, UnavailableError
 from lpfcosim.linear import saturation, stability
 from lpfcosim.messages import grouped
 from lpfcosim.models import model_of
-from lpfcosim.spacecraft import HalfCosine, Injection, Run, Sine
+from lpfcosim.spacecraft import Injection, Run, Sine
 
 if TYPE_CHECKING:
     from lpfcosim.cosim import Interface
 
-_CURE = "inject less or allow more"
 FADED = 0.1  # of an injection, as the window counts it: less is as good as nothing
 
 
@@ -73,7 +72,7 @@ def validate(plan: Campaign, *, fitted: bool = True) -> Validation:
     ------
     InputError
         If an experiment is too short, an FMU does not fit its place or is not the one meant, a loop is not
-        stable, a read-out leaves its range, or a command is at its limit for longer than a fit masks.
+        stable, a read-out leaves its range, or a command is beyond its limit for longer than a fit masks.
     """
     if fitted:
         _check_durations(plan)
@@ -159,70 +158,30 @@ def _check_durations(plan: Campaign) -> None:
 def _saturation(plan: Campaign) -> list[str]:
     """Return what is to be said of commands that reach their limits; refuse what leaves too little."""
     refused, accepted = list[tuple[str, str]](), list[tuple[str, str]]()
-    modest: set[str] = set()  # loops in which even a run with injections keeps below its limits
-    for run in sorted(plan.runs, key=lambda run: run.kind == "noise"):
-        loop = replace(run, name="", kind="sysid", t0="", n_samples=1, seed=0, injections=(), events=None)
-        if run.kind == "noise" and repr(loop) in modest:
-            continue
-        demands = saturation.demands(run)
-        if not demands:
-            modest.add(repr(loop))
-        for demand in demands:
-            if demand.is_read_out:
-                refused.append((run.name, _out_of_range(run, demand)))
-        commands = [demand for demand in demands if not demand.is_read_out]
-        if not commands:
-            continue
-        share, ended = max(demand.share for demand in commands), ""
-        try:
-            share = share if share > MOST_SATURATED else saturation.masked_share(run)
-        except DivergenceError as error:
-            ended = error.cause
-        for demand in commands:
-            sentence = f"{_limited(run, demand)}; "
-            if ended:
-                refused.append((run.name, f"{sentence}{ended}; {_CURE}"))
-            elif share > MOST_SATURATED:
-                cost = (
-                    f"masking would remove {100 * share:.0f} % of the run, more than the "
-                    f"{100 * MOST_SATURATED:g} % that a fit accepts"
-                )
-                refused.append((run.name, f"{sentence}{cost}; {_CURE}"))
-            elif share > 0:
-                cost = f"{100 * share:.2g} % of the run will be masked, and a forecast knows of no limit"
-                accepted.append((run.name, f"{sentence}{cost}; {_CURE}"))
+    for run in plan.runs:
+        for demand in saturation.demands(run):
+            is_refused = demand.is_read_out or demand.share > MOST_SATURATED
+            (refused if is_refused else accepted).append((run.name, _limited(run, demand)))
     if refused:
         raise InputError("; ".join(grouped(refused)))
     return grouped(accepted)
 
 
-def _out_of_range(run: Run, demand: saturation.Demand) -> str:
-    return (
-        f"{demand.channel} leaves the range of the interferometers: {_cause(run, demand)} moves it by "
-        f"{1e6 * demand.peak:.3g} um at {demand.time:.0f} s, expected less than {1e6 * demand.limit:g} um"
-    )
-
-
 def _limited(run: Run, demand: saturation.Demand) -> str:
-    spacecraft, j = model_of(run), demand.channel[-1]
-    is_acceleration = spacecraft.units[demand.channel] == "m/s2"
-    unit = "pN" if is_acceleration else f"p{contract_spelling(spacecraft.units[demand.channel])}"
-    scale = 1e12 * (run.m_tm if is_acceleration else 1.0)
-    peak, limit, rms = (scale * x for x in (demand.peak, demand.limit, demand.rms))
-    demand_text = (
-        f"{_cause(run, demand)} takes {peak:.4g} {unit} at {demand.time:.0f} s"
-        if demand.peak > demand.limit
-        else f"noise of {rms:.3g} {unit} rms adds to {peak:.4g} {unit}"
-    )
-    authority = f"F_max_{j} of authority set" if is_acceleration else "its limit under authority set"
+    spacecraft, name = model_of(run), demand.channel
+    unit, scale = contract_spelling(spacecraft.units[name]), 1.0
+    if unit == "m s-2":
+        unit, scale = "N", run.m_tm
+    if demand.is_read_out:
+        kind, limit = "read-out", "the range of the interferometers"
+    else:
+        limit = f"F_max_{name[-1]}" if unit == "N" else "the limit"
+        kind, limit = "command", f'{limit} of authority set "{run.authority.name}"'
+    peak, rms, largest = (f"{scale * x:.3g} {unit}" for x in (demand.peak, demand.rms, demand.limit))
     return (
-        f"command {demand.channel} reaches its limit: {demand_text}, {authority} "
-        f'"{run.authority.name}" is {limit:.4g} {unit}'
+        f"{kind} {name} reaches {peak} at {demand.time:.0f} s, and noise of {rms} rms; {limit} is {largest}, "
+        f"beyond which it is for {100 * demand.share:.2g} % of the run; inject less or allow more"
     )
-
-
-def _cause(run: Run, demand: saturation.Demand) -> str:
-    return described(run, demand.injection) if demand.injection else "what holds dc"
 
 
 def _idle(run: Run) -> Iterator[str]:
@@ -230,12 +189,12 @@ def _idle(run: Run) -> Iterator[str]:
     for injection in run.injections:
         if isinstance(injection, Sine) and injection.frequency > F_MAX:
             yield (
-                f"{described(run, injection)} is above the fitted band, which ends at {1e3 * F_MAX:g} mHz: "
+                f"{_described(injection)} is above the fitted band, which ends at {1e3 * F_MAX:g} mHz: "
                 "no estimate takes anything from it"
             )
         elif isinstance(injection, Sine) and _weight(run, injection) < FADED:
             yield (
-                f"{described(run, injection)} is at an end of the run, where the window of the fit fades: "
+                f"{_described(injection)} is at an end of the run, where the window of the fit fades: "
                 f"{100 * _weight(run, injection):.2g} % of its power counts"
             )
 
@@ -249,20 +208,6 @@ def _weight(run: Run, injection: Sine) -> float:
     return float(np.mean(np.sin(np.pi / 2 * distance) ** 4))
 
 
-def described(run: Run, injection: Injection) -> str:
-    """Return an injection of a run in words."""
-    amplitude, unit = injection.amplitude, model_of(run).unit(injection.into)
-    if unit in ("m", "rad"):
-        size = f"{1e9 * amplitude:.4g} n{unit}" if amplitude < 1e-6 else f"{1e6 * amplitude:.4g} u{unit}"
-    elif unit in ("N", "N m"):
-        size = f"{1e12 * amplitude:.4g} p{unit}"
-    else:
-        size = f"{amplitude:.4g} {'m s^-2' if unit == 'm s-2' else unit}"
-    kind = (
-        f"sine of {1e3 * injection.frequency:.4g} mHz and {size}"
-        if isinstance(injection, Sine)
-        else f"step of {size}"
-        if isinstance(injection, HalfCosine)
-        else f"pulse of {size}"
-    )
-    return f"the {kind} into {injection.into} from {injection.start:g} s"
+def _described(injection: Injection) -> str:
+    tone = f"sine of {1e3 * injection.frequency:.4g} mHz" if isinstance(injection, Sine) else "step"
+    return f"the {tone} into {injection.into} from {injection.start:g} s"

@@ -3,8 +3,7 @@
 Nothing is estimated here: `fit.identification` calls the response, and knows no FMU.
 """
 
-from lpfcosim.identification.closed_loop_response import ClosedLoopResponse
-from lpfcosim.identification.consistency import check
+from lpfcosim.identification.closed_loop_response import ClosedLoopResponse, run_of
 from lpfcosim.identification.parameters import Target, targets
 
-__all__ = ["ClosedLoopResponse", "Target", "check", "targets"]
+__all__ = ["ClosedLoopResponse", "Target", "run_of", "targets"]

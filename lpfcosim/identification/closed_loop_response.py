@@ -11,27 +11,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 import fit.errors
-from fit.telemetry import TOWARDS_1, Telemetry
+from fit.errors import quote
+from fit.files import closest_match
+from fit.telemetry import TOWARDS_1, Telemetry, utc
 from lpfcosim.campaign import Campaign
-from lpfcosim.cosim import SimulationProgress, read_interfaces
+from lpfcosim.cosim import read_interfaces
 from lpfcosim.errors import InputError, RunError
 from lpfcosim.execution import checksums
 from lpfcosim.identification import simulation_session
-from lpfcosim.identification.consistency import (
-    GUIDANCE,
-    is_simulated,
-    loop_mismatch,
-    run_of,
-    size,
-    start_sample,
-)
 from lpfcosim.identification.parameters import fixed_values, settings, targets
 from lpfcosim.identification.simulation_session import SimulationSession
 from lpfcosim.models import stimuli
-from lpfcosim.spacecraft import Run
+from lpfcosim.spacecraft import Authority, Run
 
 Array = NDArray[np.float64]
 
+GUIDANCE = ("guidance_o_1", "guidance_o_12")
 UNDRIVEN_SHARE = 0.02  # share of a run without direct forces, that suffices to see what is held
 
 
@@ -65,8 +60,6 @@ class ClosedLoopResponse:
         The runs.
     fmus : mapping of str to Path
         The FMU of each component.
-    progress : SimulationProgress, optional
-        Kept up to date, if but one thread asks.
 
     Attributes
     ----------
@@ -74,10 +67,8 @@ class ClosedLoopResponse:
         The parameters that are sought.
     fixed_values : mapping of str to float
         What the loop has of those of the fit that are not.
-    loop_mismatch : str
-        How the loop that simulated the telemetry differs, by its attributes; see `loop_mismatch`.
     simulated_telemetry : bool
-        Whether it says that this very loop did.
+        Whether the telemetry says that these very FMUs simulated it.
     on_simulation : callable
         Called after every simulation of a run with their number.
 
@@ -93,7 +84,6 @@ class ClosedLoopResponse:
         plan: Campaign,
         telemetries: Sequence[Telemetry],
         fmus: Mapping[str, Path],
-        progress: SimulationProgress | None = None,
     ) -> None:
         self.on_simulation: Callable[[int], None] = lambda _: None
         self._done = 0
@@ -101,14 +91,10 @@ class ClosedLoopResponse:
         placed = read_interfaces(first_run, fmus)
         self.targets = targets(plan, first_run, placed)
         self.fixed_values = fixed_values(first_run, placed, self.targets)
-        self.loop_mismatch = loop_mismatch(
-            plan, telemetries, {m: checksums.digest(path) for m, path in fmus.items()}
-        )
-        self.simulated_telemetry = not self.loop_mismatch and all(is_simulated(t) for t in telemetries)
-        replaced = ", ".join(f"{i.model} ({i.replacement.archive.name})" for i in placed if i.replacement)
-        self._replaced = f", third-party FMUs {replaced}" if replaced else ""
+        digests = {f"fmu_{model}": checksums.digest(path) for model, path in fmus.items()}
+        self.simulated_telemetry = all(digests.items() <= dict(t.attributes).items() for t in telemetries)
         self._gains = {f"lambda_{j}": getattr(plan.truth, f"lambda_{j}") for j in (1, 2)}
-        self._loaded = {t.run: _load(stack, plan, t, fmus, progress) for t in telemetries}
+        self._loaded = {t.run: _load(stack, plan, t, fmus) for t in telemetries}
 
     def response(
         self, run: Telemetry, theta: Mapping[str, float], inputs: Mapping[str, Array]
@@ -134,13 +120,6 @@ class ClosedLoopResponse:
         outputs = self._simulated(loaded.controller, o_12.size, {"o_12": loaded.x_sign * o_12}, theta)
         return loaded.x_sign * outputs["f_control_2"]
 
-    def direct(self, run: Telemetry) -> Array:
-        """Return the force commanded past the controller, see `fit.identification.loop.Loop`."""
-        loaded = self._loaded[run.run]
-        if "F_x_2" not in loaded.feeds:
-            return np.zeros(size(loaded.run, run))
-        return loaded.x_sign * loaded.feeds["F_x_2"] / loaded.run.m_tm
-
     def _simulated(
         self, part: SimulationSession, n: int, feeds: Mapping[str, Array], theta: Mapping[str, float]
     ) -> dict[str, Array]:
@@ -148,9 +127,32 @@ class ClosedLoopResponse:
             return part.simulate(n, feeds, settings(self.targets, theta, self._gains))
         except (RunError, InputError) as error:
             trial = ", ".join(f"{name} = {value:.6g}" for name, value in theta.items())
-            raise fit.errors.FitError(
-                f"{error}{f'; simulated with {trial}' * bool(trial)}{self._replaced}"
-            ) from None
+            raise fit.errors.FitError(f"{error}; simulated with {trial}") from None
+
+
+def run_of(plan: Campaign, telemetry: Telemetry) -> Run:
+    """Return the run of a campaign that a telemetry is of, as the telemetry has it.
+
+    Raises
+    ------
+    InputError
+        If the campaign has no such run.
+    """
+    runs = {run.experiment: run for run in plan.runs if run.kind == telemetry.kind}
+    if telemetry.experiment not in runs:
+        raise InputError(
+            f"{telemetry.path}: attribute experiment: {quote(telemetry.experiment)}, expected one of which "
+            f"the campaign has a {telemetry.kind} run{closest_match(telemetry.experiment, runs)}"
+        )
+    run = runs[telemetry.experiment]
+    (F_1, N_1), (F_2, N_2) = telemetry.authority
+    return replace(
+        run,
+        truth=plan.truth,
+        authority=Authority(run.authority.name, F_1, F_2, N_1, N_2),
+        alignment_epoch=telemetry.alignment_epoch,
+        m_tm=telemetry.m_tm,
+    )
 
 
 def _load(
@@ -158,7 +160,6 @@ def _load(
     plan: Campaign,
     telemetry: Telemetry,
     fmus: Mapping[str, Path],
-    progress: SimulationProgress | None,
 ) -> _LoadedRun:
     run = run_of(plan, telemetry)
     if run.alignment_epoch not in run.truth.delta_ifo:  # any value: it is sought
@@ -174,8 +175,8 @@ def _load(
         ),
     )
     placed = read_interfaces(run, fmus)
-    loop = simulation_session.load_loop(stack, run, placed, ("o_1", "o_12"), progress)
-    controller = simulation_session.load_controller(stack, replace(run, dc=0.0), placed, progress)
+    loop = simulation_session.load_loop(stack, run, placed, ("o_1", "o_12"))
+    controller = simulation_session.load_controller(stack, replace(run, dc=0.0), placed)
     jitters = any("f_x_1_jitter" in i.component.inputs for i in placed)
     feeds = {name: x for name, x in feeds.items() if x.any()}  # most are zero, of every run of a campaign
     return _LoadedRun(run, feeds, loop, controller, jitters, x_sign, mean_commands)
@@ -201,8 +202,9 @@ def _mean_commands(
 
 def _driven(run: Run, telemetry: Telemetry, x_sign: float) -> dict[str, Array]:
     """Return what is injected into a run, at the rate of the loop; the guidance as it was recorded, if so."""
-    n = size(run, telemetry)
-    start = start_sample(run, telemetry)
+    n = round(telemetry.size * run.fs / telemetry.fs)
+    since = (utc(telemetry.t0) - utc(run.t0)).total_seconds() + float(telemetry.time[0])
+    start = round(since * run.fs)
     feeds = stimuli.injections(run, start, start + n)
     recorded = {name for name in GUIDANCE if name in telemetry.channels and telemetry.fs == run.fs}
     needed = {i.into for i in run.injections} - recorded

@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 from fit.errors import quote
 from fit.files import closest_match
@@ -22,6 +22,8 @@ SHARED_NAMES = (
     *("alpha_x_1", "alpha_phi_1", "alpha_x_2", "alpha_phi_2", "delta_ifo"),
 )
 DELAYS = {"C_1": ("lambda_1", "tau_1"), "C_2": ("lambda_2", "tau_2")}
+#: What a campaign seeks by default; fixed values are in this order, gains before their delays.
+OF_FIT = (*SHARED_NAMES[:2], *DELAYS, *SHARED_NAMES[2:])
 _FIXED = ("h",)  # the step of the loop is no parameter of it
 GAIN_RANGE = 10.0  # times a gain of the campaign, or as little: beyond, it is another actuation
 _ANY = (-math.inf, math.inf)
@@ -55,6 +57,11 @@ class Target:
     request: ParameterSpec
     limits: tuple[float, float] = _ANY
 
+    @property
+    def place(self) -> str:
+        """Model and variable."""
+        return f"{self.model}.{self.variable}"
+
 
 def targets(plan: Campaign, run: Run, interfaces: Sequence[Interface]) -> tuple[Target, ...]:
     """Return what a campaign seeks; without a table ``[identify]``, all that the fit estimates too.
@@ -64,68 +71,36 @@ def targets(plan: Campaign, run: Run, interfaces: Sequence[Interface]) -> tuple[
     InputError
         If there is no such parameter, or it cannot be set.
     """
-    by_model = {i.model: i for i in interfaces}
-    values = model_of(run).parameters(run)
-    of_fit = (*SHARED_NAMES[:2], *DELAYS, *SHARED_NAMES[2:])
-    requests = dict(plan.identify) or {name: ParameterSpec() for name in of_fit}
-    resolved = []
-    for key, entry in requests.items():
-        location = f"identify.{key}"
-        model, dot, name = key.partition(".")
-        if not dot:
-            model, name = _place(key, by_model, location), DELAYS[key][1] if key in DELAYS else key
-        if model not in by_model:
-            raise InputError(f"{location}: the loop has no {quote(model)}{closest_match(model, by_model)}")
-        target = _target(key, name, by_model[model], values[model], entry)
-        default_value = target.default_value
-        if key in DELAYS:
-            default_value = (default_value + H / 2) * _gain(key, run)
-        resolved.append(replace(target, default_value=default_value, limits=_limits(target, run)))
-    names = [target.name for target in resolved]
-    for name in names:
-        if names.count(name) > 1:
-            raise InputError(f"identify: {name} is listed twice, expected once")
-    places = [(target.model, target.variable) for target in resolved]
-    for target in resolved:
-        if places.count((target.model, target.variable)) > 1:
-            raise InputError(f"identify: {target.model}.{target.variable} is listed under two names")
-    return tuple(resolved)
-
-
-def _limits(target: Target, run: Run) -> tuple[float, float]:
-    """Return between which values a gain or a delay can be; the hold of a command takes half a sample."""
-    if target.name in ("lambda_1", "lambda_2") and target.default_value > 0:
-        return target.default_value / GAIN_RANGE, target.default_value * GAIN_RANGE
-    if target.name in DELAYS:
-        gain = _gain(target.name, run)
-        return H / 2 * gain, LONGEST_DELAY * gain
-    return (0, LONGEST_DELAY) if target.name.endswith(("Plant.tau_1", "Plant.tau_2")) else _ANY
-
-
-def _gain(delay: str, run: Run) -> float:
-    """Return the gain that makes a delay its coefficient."""
-    gain: float = getattr(run.truth, DELAYS[delay][0])
-    return gain
+    requests = dict(plan.identify) or dict.fromkeys(OF_FIT, ParameterSpec())
+    resolved = tuple(_target(key, entry, run, interfaces) for key, entry in requests.items())
+    places = [target.place for target in resolved]
+    for place in places:
+        if places.count(place) > 1:
+            raise InputError(f"identify: {place} is listed twice, expected once")
+    return resolved
 
 
 def fixed_values(
     run: Run, interfaces: Sequence[Interface], free_targets: Sequence[Target]
 ) -> dict[str, float]:
     """Return the parameters of the fit that the loop fixes, by name, without delta_ifo."""
-    by_model = {i.model: i for i in interfaces}
-    values = model_of(run).parameters(run)
+    free = {target.place for target in free_targets}
     known: dict[str, float] = {}
-    for name in (*SHARED_NAMES[:-1], *(tau for _, tau in DELAYS.values())):
+    for name in OF_FIT[:-1]:
         with contextlib.suppress(InputError):  # no FMU takes it
-            model = _place(name, by_model, "identify")
-            target = _target(name, name, by_model[model], values[model], ParameterSpec())
-            if (model, target.variable) not in [(t.model, t.variable) for t in free_targets]:
+            target = _target(name, ParameterSpec(), run, interfaces)
+            if target.place not in free and (name not in DELAYS or DELAYS[name][0] in known):
                 known[name] = target.default_value
-    for name, (gain, tau) in DELAYS.items():
-        delay = known.pop(tau, None)
-        if delay is not None and gain in known:
-            known[name] = known[gain] * (delay + H / 2)
     return known
+
+
+def _limits(name: str, value: float, gain: float) -> tuple[float, float]:
+    """Return between which values a gain or a delay can be; the hold of a command takes half a sample."""
+    if name in ("lambda_1", "lambda_2") and value > 0:
+        return value / GAIN_RANGE, value * GAIN_RANGE
+    if name in DELAYS:
+        return H / 2 * gain, LONGEST_DELAY * gain
+    return (0, LONGEST_DELAY) if name in ("Plant.tau_1", "Plant.tau_2") else _ANY
 
 
 def _place(name: str, by_model: Mapping[str, Interface], location: str) -> str:
@@ -142,9 +117,15 @@ def _place(name: str, by_model: Mapping[str, Interface], location: str) -> str:
     )
 
 
-def _target(
-    key: str, name: str, interface: Interface, values: Mapping[str, float], request: ParameterSpec
-) -> Target:
+def _target(key: str, request: ParameterSpec, run: Run, interfaces: Sequence[Interface]) -> Target:
+    by_model = {i.model: i for i in interfaces}
+    model, dot, name = key.partition(".")
+    if not dot:
+        model = _place(key, by_model, f"identify.{key}")
+        name = DELAYS[key][1] if key in DELAYS else key
+    if model not in by_model:
+        raise InputError(f"identify.{key}: the loop has no {quote(model)}{closest_match(model, by_model)}")
+    interface = by_model[model]
     mapped = interface.replacement.variables if interface.replacement else {}
     name = {fmu_name: known for known, fmu_name in mapped.items()}.get(name, name)
     ours = name in interface.settings and interface.takes(name)
@@ -163,11 +144,13 @@ def _target(
     if record.type not in ("Real", "Float64", "Float32"):
         raise InputError(f"{location}: {quote(variable)} is of type {record.type}; expected a real number")
     _, element = interface.place(variable)
-    default_value = values[name] if ours else float(interface.start_values(record)[element])
-    shared = ours and name in SHARED_NAMES
-    result_name = key if key in DELAYS else name if shared else f"{interface.model}.{name}"
+    values = model_of(run).parameters(run)[model]
+    value = values[name] if ours else float(interface.start_values(record)[element])
+    result_name = key if key in DELAYS else name if ours and name in SHARED_NAMES else f"{model}.{name}"
     unit = "s" if key in DELAYS else (interface.stated_unit(variable) or "1").replace(".", " ")
-    return Target(result_name, interface.model, variable, default_value, unit, request)
+    gain = getattr(run.truth, DELAYS[key][0]) if key in DELAYS else 1.0
+    value = (value + H / 2) * gain if key in DELAYS else value
+    return Target(result_name, model, variable, value, unit, request, _limits(result_name, value, gain))
 
 
 def settings(

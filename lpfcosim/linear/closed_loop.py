@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lpfcosim.errors import DivergenceError
+from lpfcosim.errors import RunError
 from lpfcosim.linear.sampled_model import OperatingPoint, SampledModel
 from lpfcosim.linear.state_space import StateSpace
 from lpfcosim.models import model_of, stimuli
@@ -177,7 +177,7 @@ class ClosedLoop:
 
         Raises
         ------
-        DivergenceError
+        RunError
             If a read-out leaves its range.
         """
         run = self.run
@@ -258,4 +258,4 @@ def _check_range(run: Run, checked: Sequence[tuple[int, str]], block: Array, beg
         channel = checked[int(outside[sample].argmax())][1]
         time = (begin + sample) / run.fs
         cause = f"the loop diverged, {channel} left +-{READ_OUT_RANGE:g} m at t = {time:g} s"
-        raise DivergenceError(run.name, cause)
+        raise RunError(f"{run.name}: {cause}")

@@ -1,7 +1,7 @@
 """Parameters of the FMUs in the loop, estimated from telemetry by simulating the loop with trial values."""
 
 from collections.abc import Mapping, Sequence
-from contextlib import ExitStack
+from contextlib import ExitStack, nullcontext
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -13,16 +13,14 @@ from fit.identification import identify as estimate
 from fit.parallel import one_blas_thread, serial
 from fit.report import page as fit_report
 from fit.results import Results, write
-from fit.settings import Group, Settings, refuse_narrow_band, settings
+from fit.settings import Settings, refuse_narrow_band, settings
 from fit.telemetry import Telemetry, read_truth
-from fit.warnings import FitWarning
-from fit.whitening import Experiment
 from lpfcosim.campaign import Campaign
-from lpfcosim.cosim import SimulationProgress, read_interfaces_of_runs, warnings
-from lpfcosim.errors import InputError, RunError, as_run_error, prefix_errors
-from lpfcosim.execution import Tasks, Workers, results_folder, runner, validation
+from lpfcosim.cosim import read_interfaces_of_runs, warnings
+from lpfcosim.errors import InputError, as_run_error, prefix_errors
 from lpfcosim.execution import fmus as fmu_archives
-from lpfcosim.identification import ClosedLoopResponse, Target, check, targets
+from lpfcosim.execution import results_folder, validation
+from lpfcosim.identification import ClosedLoopResponse, Target, run_of, targets
 from lpfcosim.models import DELTA_G
 from lpfcosim.workflows.arguments import check_options
 from lpfcosim.workflows.calibration import Calibration, calibrate_into, constrain, read_telemetry
@@ -32,9 +30,6 @@ from lpfcosim.workflows.progress import LOG, Progress
 from lpfcosim.workflows.run import output_folder
 
 RESULTS = "identified.json"  # which the report looks for
-MAX_START_DISTANCE = (
-    100.0  # natural scales from the value of the campaign: beyond, the search would not begin
-)
 MIN_RELATIVE_SCALE = 1e-9  # of a value: less is lost in the rounding of what is simulated
 # Simulations of every run in a search, as a rule: iterations, and responses to a pulse.
 ITERATIONS, PULSE_RESPONSES = 3, 2
@@ -54,78 +49,6 @@ class Identification(Calibration):
             )
 
 
-@dataclass(frozen=True)
-class _Task:
-    """An identification as it is handed to a process.
-
-    Attributes
-    ----------
-    plan : Campaign
-        What is in the loop, and which parameters are estimated.
-    source : Path or None
-        Its file.
-    fmus : mapping of str to Path
-        By model.
-    directory : Path
-        With results and telemetry.
-    fit_settings : Settings
-        With the constraints of the parameters.
-    """
-
-    plan: Campaign
-    source: Path | None
-    fmus: Mapping[str, Path]
-    directory: Path
-    fit_settings: Settings
-
-    def __call__(self, _item: None, progress: SimulationProgress) -> Results:
-        """Identify in a worker: one thread, so that it is known which FMU is at work."""
-        with as_run_error(), serial(), ExitStack() as stack, prefix_errors(self.source):
-            results, telemetries = refit.load(self.directory)
-            prepared = self.prepare(results, telemetries)
-            loop = self.load_loop(stack, prepared[0], progress)
-            return self.identify(loop, prepared, results, telemetries)
-
-    def prepare(
-        self, results: Results, telemetries: Sequence[Telemetry]
-    ) -> tuple[Sequence[Experiment], Settings]:
-        """Return the experiments of the fit and its settings, with the constraints of the parameters."""
-        experiments, fitted = refit.experiments(results, telemetries, self.directory / "results.json")
-        parameters = {**fitted.parameters, **self.fit_settings.parameters}
-        return experiments, fitted.model_copy(update={"parameters": parameters})
-
-    def load_loop(
-        self,
-        stack: ExitStack,
-        experiments: Sequence[Experiment],
-        fmu_progress: SimulationProgress | None = None,
-    ) -> ClosedLoopResponse:
-        """Load the FMUs of the loop of every run."""
-        runs = [run.telemetry for e in experiments for run in (e.sysid, e.noise) if run]
-        return ClosedLoopResponse(stack, self.plan, runs, self.fmus, fmu_progress)
-
-    def identify(
-        self,
-        loop: ClosedLoopResponse,
-        prepared: tuple[Sequence[Experiment], Settings],
-        results: Results,
-        telemetries: Sequence[Telemetry],
-    ) -> Results:
-        """Estimate the parameters, and add warnings and true values."""
-        experiments, fit_settings = prepared
-        free = [free_parameter(target) for target in loop.targets]
-        identified = estimate(experiments, free, loop, results, fit_settings, loop.fixed_values)
-        variables = {t.name: {"model": t.model, "variable": t.variable} for t in loop.targets}
-        extra = {**identified.provenance.extra, "identified": variables}
-        identified = replace(identified, provenance=replace(identified.provenance, extra=extra))
-        if loop.loop_mismatch and identified.joint is not None:
-            message = f"the telemetry says that it was simulated otherwise: {loop.loop_mismatch}"
-            joint_warnings = (*identified.joint.warnings, FitWarning("loop_mismatch", (), message))
-            identified = replace(identified, joint=replace(identified.joint, warnings=joint_warnings))
-        truths = {t.run: _truth(t, self.plan, loop.targets) for t in telemetries}
-        return coverage.with_truth(identified, telemetries, truths)
-
-
 @one_blas_thread
 def identify(
     campaign: CampaignLike,
@@ -138,8 +61,7 @@ def identify(
 ) -> Identification:
     """Estimate parameters of the FMUs in the loop.
 
-    The closed loop is simulated through the FMUs with trial values; ``o_1`` and ``f_x_1`` are imposed as
-    measured, ``o_12`` is compared.
+    The closed loop is simulated with trial values; ``o_1`` and ``f_x_1`` are imposed, ``o_12`` is compared.
 
     Parameters
     ----------
@@ -166,23 +88,22 @@ def identify(
     directory = output_folder(out, plan, source, "-identified" if paths else "")
     files = as_paths(paths, "the path of telemetry")
     with prefix_errors(source):
-        plan_settings = _validate(plan, trusted=trusted)
-    fit_settings, fmus = constrain(plan_settings, parameters), campaign_fmus(plan, progress)
+        fit_settings = constrain(_validate(plan, trusted=trusted), parameters)
+    fmus = campaign_fmus(plan, progress)
     with prefix_errors(source):
         interfaces = read_interfaces_of_runs(plan.runs, fmus)
         for target in targets(plan, plan.runs[0], interfaces):
             free_parameter(target)  # refused before anything takes its time
     for warning in warnings(interfaces):
         progress.warn(warning)
-    results, telemetries = _calibrated(plan, source, files, directory, fit_settings, progress)
+    if files:
+        _calibrate(plan, files, directory, fit_settings, progress)
+    else:
+        _check_results(directory / "results.json", source or Path(f"{plan.name}.toml"))
     with results_folder.lock(directory, alternative=True), ExitStack() as stack:
         with prefix_errors(source):
             copies = stack.enter_context(fmu_archives.snapshot(plan, fmus, directory, trusted=trusted))
-        task = _Task(plan, source, dict(copies), directory, fit_settings)
-        if plan.replacements:
-            identified = _identify_in_process(task, progress)
-        else:
-            identified = _identify(task, results, telemetries, progress)
+        identified, results, telemetries = _identify(plan, source, copies, directory, fit_settings, progress)
         write(identified, directory / RESULTS)
         with progress.stage("report"):
             report = fit_report.write_report(directory, results, telemetries)
@@ -202,30 +123,12 @@ def _validate(plan: Campaign, *, trusted: bool) -> Settings:
     return fit_settings
 
 
-def _calibrated(
-    plan: Campaign,
-    source: Path | None,
-    files: Sequence[Path],
-    directory: Path,
-    fit_settings: Settings,
-    progress: Progress,
-) -> tuple[Results, Sequence[Telemetry]]:
-    """Return the results of the fit of the same telemetry, which is fitted if it comes from elsewhere."""
-    path = directory / "results.json"
-    if files:
-        _calibrate(plan, files, directory, fit_settings, progress)
-    elif not path.is_file():
-        name = source or f"{plan.name}.toml"
+def _check_results(path: Path, campaign: Path) -> None:
+    if not path.is_file():
         raise InputError(
             f"{path}: no such file, expected what lpfcosim run leaves, or telemetry: give the command "
-            f"lpfcosim run {name}, or add files to this one"
+            f"lpfcosim run {campaign}, or add files to this one"
         )
-    with progress.stage("reading"):
-        results, telemetries = refit.load(directory)
-    place = f"{path}: provenance.settings"
-    refuse_narrow_band(settings(results.provenance.settings, place), "identify", place)
-    check(plan, telemetries)
-    return results, telemetries
 
 
 def _calibrate(
@@ -233,7 +136,8 @@ def _calibrate(
 ) -> None:
     """Fit telemetry by the equation of motion; results that are not sound do not preclude a better model."""
     telemetries = read_telemetry(files, directory, progress)
-    check(plan, telemetries)
+    for telemetry in telemetries:
+        run_of(plan, telemetry)
     (directory / "results.json").unlink(missing_ok=True)
     calibration = calibrate_into(directory, telemetries, fit_settings, progress)
     try:
@@ -242,29 +146,49 @@ def _calibrate(
         progress.warn(str(error))
 
 
-def _identify(task: _Task, results: Results, telemetries: Sequence[Telemetry], progress: Progress) -> Results:
-    with progress.stage("preparation"):
-        prepared = task.prepare(results, telemetries)
-    with ExitStack() as stack, prefix_errors(task.source):
+def _identify(
+    plan: Campaign,
+    source: Path | None,
+    fmus: Mapping[str, Path],
+    directory: Path,
+    fit_settings: Settings,
+    progress: Progress,
+) -> tuple[Results, Results, Sequence[Telemetry]]:
+    """Identify from telemetry that has been fitted; return also the results of the fit, and the telemetry."""
+    path = directory / "results.json"
+    with progress.stage("reading"):
+        results, telemetries = refit.load(directory)
+        place = f"{path}: provenance.settings"
+        refuse_narrow_band(settings(results.provenance.settings, place), "identify", place)
+        for telemetry in telemetries:
+            run_of(plan, telemetry)
+        experiments, fitted = refit.experiments(results, telemetries, path)
+    runs = [run.telemetry for e in experiments for run in (e.sysid, e.noise) if run]
+    constraints = {**fitted.parameters, **fit_settings.parameters}
+    # third-party FMUs may not stand being loaded by several threads
+    with (
+        as_run_error(),
+        prefix_errors(source),
+        serial() if plan.replacements else nullcontext(),
+        ExitStack() as stack,
+    ):
         with progress.stage("loading"):
-            loop = task.load_loop(stack, prepared[0])
-        n_runs, n_parameters = sum(2 if e.noise else 1 for e in prepared[0]), len(loop.targets)
-        total = (ITERATIONS + PULSE_RESPONSES) * n_runs + 2 * n_parameters * len(prepared[0])
+            loop = ClosedLoopResponse(stack, plan, runs, fmus)
+        total = (ITERATIONS + PULSE_RESPONSES) * len(runs) + 2 * len(loop.targets) * len(experiments)
         with progress.counted("simulations", total) as loop.on_simulation:
-            return task.identify(loop, prepared, results, telemetries)
-
-
-def _identify_in_process(task: _Task, progress: Progress) -> Results:
-    """Identify in a process of its own, which third-party FMUs may crash."""
-    name = "identification"
-    models = runner.fmu_order(task.plan)
-    tasks = Tasks(task, {name: None}, task.directory, task.directory / "logs", "{}", models)
-    with progress.stage(name):
-        ((_, outcome),) = Workers(1).results(tasks)
-    if isinstance(outcome, InputError | RunError):
-        raise outcome
-    assert isinstance(outcome, Results)
-    return outcome
+            identified = estimate(
+                experiments,
+                [free_parameter(target) for target in loop.targets],
+                loop,
+                results,
+                fitted.model_copy(update={"parameters": constraints}),
+                loop.fixed_values,
+            )
+    variables = {t.name: {"model": t.model, "variable": t.variable} for t in loop.targets}
+    extra = {**identified.provenance.extra, "identified": variables}
+    identified = replace(identified, provenance=replace(identified.provenance, extra=extra))
+    truths = {t.run: _truth(t, plan, loop.targets) for t in telemetries}
+    return coverage.with_truth(identified, telemetries, truths), results, telemetries
 
 
 def _truth(telemetry: Telemetry, plan: Campaign, parameters: Sequence[Target]) -> dict[str, float]:
@@ -276,31 +200,26 @@ def _truth(telemetry: Telemetry, plan: Campaign, parameters: Sequence[Target]) -
 
 
 def free_parameter(target: Target) -> FreeParameter:
-    """Return a parameter as the estimation has it."""
+    """Return a parameter as the estimation has it.
+
+    Raises
+    ------
+    InputError
+        If it has no natural scale, or one that numbers do not resolve.
+    """
     request, place = target.request, f"identify.{target.name}"
     start, width = request.start, request.width
     low, high = request.bounds or target.limits
-    of_fmu = "." in target.name
-    if of_fmu and start is None:
-        start = target.default_value
-    if of_fmu and width is None and not start:
-        if request.bounds is None:
-            raise InputError(f"{place}: starts at 0, which gives no scale; expected a width or bounds")
-        width = (high - low) / 2
-    group: Group = "alignment_epoch" if target.name == "delta_ifo" else "campaign"
-    free = FreeParameter(target.name, start, width, (low, high), request.shared or group, target.unit)
-    if start is not None and not low <= start <= high:
+    if "." in target.name:  # of an FMU
+        start = target.default_value if start is None else start
+        if width is None and not start:
+            if request.bounds is None:
+                raise InputError(f"{place}: starts at 0, which gives no scale; expected a width or bounds")
+            width = (high - low) / 2
+    shared = request.shared or ("alignment_epoch" if target.name == "delta_ifo" else "campaign")
+    free = FreeParameter(target.name, start, width, (low, high), shared, target.unit)
+    if free.scale < MIN_RELATIVE_SCALE * max(abs(target.default_value), abs(start or 0.0)):
         raise InputError(
-            f"{place}.start: {start:g}, expected {low:.4g} to {high:.4g}, what is possible about the "
-            f"{target.default_value:.5g} of the campaign; bounds of yours allow more"
-        )
-    scale = free.scale
-    if scale < MIN_RELATIVE_SCALE * max(abs(target.default_value), abs(start or 0.0)):
-        raise InputError(f"{place}.width: {scale:g} is too small for numbers of 16 digits, expected more")
-    reach = MAX_START_DISTANCE * scale
-    if request.start is not None and not of_fmu and abs(request.start - target.default_value) > reach:
-        raise InputError(
-            f"{place}.start: {request.start:g}, expected a value within {reach:.2g} of "
-            f"{target.default_value:.4g}, that of the campaign; a larger width allows more"
+            f"{place}.width: {free.scale:g} is too small for numbers of 16 digits, expected more"
         )
     return free

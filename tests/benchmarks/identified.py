@@ -85,7 +85,11 @@ def trial(plan: Campaign, number: int) -> Line:
     return {
         **line,
         "pulls": {name: e.pull for name, e in joint.parameters.items() if e.pull is not None},
-        "from_fit": found.provenance.extra["from_fit"],
+        "from_fit": {
+            n: (e.value - theirs[n].value) / theirs[n].sigma
+            for n, e in joint.parameters.items()
+            if n in theirs
+        },
         "ratio": {n: e.sigma / theirs[n].sigma for n, e in joint.parameters.items() if n in theirs},
         "chi2": joint.chi2 / joint.dof,
         "warnings": [w.code for w in joint.warnings],

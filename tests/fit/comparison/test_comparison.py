@@ -1,4 +1,4 @@
-"""Results side by side: differences in sigma, chi2 of all parameters, and data that are not independent."""
+"""Results side by side: differences in sigma, chi2 of all parameters, and results that use the same runs."""
 
 import json
 import re
@@ -13,7 +13,6 @@ from fit.results import Fit, Results
 from fit.results.estimates import Constraint, Estimate
 from fit.results.provenance import Provenance
 from fit.warnings import FitWarning
-from tests.oracles.contract_file import write_contract_file
 
 TO_1, TO_2 = "towards test mass 1", "towards test mass 2"
 UNSOUND = FitWarning("unsound_file", (), "the runs contradict each other")
@@ -49,7 +48,7 @@ def test_difference_and_chi2_of_known_numbers():
     )
     assert comparison["a"].differences == (None, pytest.approx(1.0))
     assert comparison["b"].differences == (None, pytest.approx(-2.0))
-    ((chi2, dof, p),) = comparison.agreements[0].tests.values()
+    ((chi2, dof, p),) = comparison.tests["two"].values()
     assert (chi2, dof) == (pytest.approx(1 + 4), 2)
     assert p == pytest.approx(np.exp(-2.5))  # of two degrees of freedom
 
@@ -62,10 +61,10 @@ def test_chi2_takes_the_covariances_of_both_and_what_they_have_in_common():
     difference = np.array([two[name].value - one[name].value for name in "bd"])
     total = one.covariance_matrix[np.ix_(indices, indices)] + two.covariance_matrix[np.ix_([0, 2], [0, 2])]
     expected = difference @ np.linalg.inv(total) @ difference
-    chi2, dof, p = comparison.agreements[0].tests["joint"]
+    chi2, dof, p = comparison.tests["results 2"]["joint"]
     assert (chi2, dof) == (pytest.approx(expected, rel=1e-9), 2)
     assert p == pytest.approx(chi2_distribution.sf(expected, 2), rel=1e-9)
-    assert [p.name for p in comparison.parameters] == ["a", "b", "x", "c", "d"]
+    assert [p.name for p in comparison.parameters] == ["a", "b", "c", "d", "x"]
     assert comparison["c"].estimates == (one["c"], None)
     assert comparison["x"].differences == (None, None)
 
@@ -89,7 +88,7 @@ def test_chi2_of_independent_results_that_agree_is_distributed_as_it_says():
             )
         )
 
-    p = [fit.compare([drawn(one), drawn(two)]).agreements[0].tests["joint"][2] for _ in range(2000)]
+    p = [fit.compare([drawn(one), drawn(two)]).tests["results 2"]["joint"][2] for _ in range(2000)]
     distance = np.abs(np.sort(p) - (np.arange(2000) + 0.5) / 2000).max()
     assert distance < 2.23 / np.sqrt(2000)
 
@@ -109,7 +108,7 @@ def test_sections_follow_one_another_and_experiments_only_stand_in_for_a_joint_f
     comparison = fit.compare([whole, single])
     assert [(p.section, p.key) for p in comparison.parameters][-1] == ("experiments", "A")
     assert comparison.parameters[-1].differences[1] == pytest.approx(1 / np.sqrt(2))
-    assert list(comparison.agreements[0].tests) == ["experiments.A"]
+    assert list(comparison.tests["results 2"]) == ["experiments.A"]
 
 
 def test_another_frame_reverses_what_depends_on_it():
@@ -127,16 +126,14 @@ def test_another_frame_reverses_what_depends_on_it():
     comparison = fit.compare({"one": one, "two": two})
     assert all(p.differences[1] == 0 for p in comparison.parameters if p.section != "joint")
     assert comparison["a"].estimates[1].value == 2.0
-    assert comparison.agreements[0].tests["cross_talk.1"][0] == 0
-    assert sum("with the other sign" in note for note in comparison.notes) == 2
+    assert comparison.tests["two"]["cross_talk.1"][0] == 0
+    assert sum("with the other sign" in note for note in comparison.notes) == 1
 
 
-def test_units_are_converted_or_refused():
-    one = results(make_fit({"C_2": 0.2}, [0.01], units="s"))
-    two = results(make_fit({"C_2": 210.0}, [10.0], units="ms"))
-    assert fit.compare([one, two])["C_2"].differences[1] == pytest.approx(0.01 / np.hypot(0.01, 0.01))
+def test_other_units_are_refused():
+    one, two = (results(make_fit({"C_2": 0.2}, [0.01], units=unit)) for unit in ("s", "m"))
     with pytest.raises(fit.InputError, match=r"^b: joint\.parameters\.C_2: unit 'm', expected 's' as in a$"):
-        fit.compare({"a": one, "b": results(make_fit({"C_2": 0.2}, [0.01], units="m"))})
+        fit.compare({"a": one, "b": two})
 
 
 @pytest.mark.parametrize("is_reference", [True, False])
@@ -144,7 +141,7 @@ def test_sigmas_that_do_not_hold_make_no_difference(is_reference):
     good, bad = results(make_fit([1.0], [0.1])), results(make_fit([2.0], [0.1], warnings=(UNSOUND,)))
     comparison = fit.compare({"x": bad, "y": good} if is_reference else {"y": good, "x": bad})
     assert comparison["a"].differences == (None, None)
-    assert comparison.agreements[0].tests == {}
+    assert {} in comparison.tests.values()
     (note,) = comparison.notes
     assert note == "x: joint: not sound (the runs contradict each other); its uncertainties are not valid"
     assert "2.0(?)" in str(comparison)
@@ -168,73 +165,41 @@ def test_a_fixed_parameter_is_shown_as_such():
     (row,) = fit.compare([results(fixed), results(free)]).table().rows
     assert row == ("a", "", "1 (fixed)", "1.1(1)", "+1.00", "1.0")
     both = fit.compare([results(fixed), results(make_fit([1.1], [0.0]))])  # nothing to test
-    assert both["a"].differences == (None, None) and both.agreements[0].tests == {}
+    assert both["a"].differences == (None, None) and both.tests == {"results 2": {}}
     assert json.loads(both.to_json())["joint"]["a"]["differences"] == [None, None]
 
 
 def test_nothing_in_common():
     comparison = fit.compare([results(make_fit({"a": 1.0}, [1.0])), results(make_fit({"b": 1.0}, [1.0]))])
     assert comparison.notes == ("no parameter is estimated by more than one of the results",)
-    assert comparison.agreements[0].tests == {}
+    assert comparison.tests == {"results 2": {}}
 
 
 # Independence ---------------------------------------------------------------------------------------------
 
 
-def saved(folder, joint, *runs, seed=None, t0="2016-04-16T00:00:00Z", keep=True, name="results.json"):
-    """Write results with their telemetry; returns their folder."""
-    (folder / "telemetry").mkdir(parents=True, exist_ok=True)
-    for run in runs:
-        path = folder / "telemetry" / f"{run}.h5"
-        write_contract_file(path, run=run, t0=t0, seed=seed)
-        if not keep:
-            path.unlink()
-    provenance = {
-        "telemetry": [f"telemetry/{run}.h5" for run in runs],
-        "extra": {"seed": seed} if seed else {},
-    }
-    results(joint, joint_runs=list(runs), noise_runs={}, **provenance).save(folder / name)
-    return folder
-
-
 @pytest.mark.parametrize(
-    ("one", "two", "reason"),
+    ("one", "two", "runs"),
     [
         ({"seed": 1}, {"seed": 2}, ""),
-        ({"seed": 1}, {"seed": 1}, "the same simulated noise, since seed and run names are the same: A, B"),
-        ({"seed": 1}, {}, "telemetry of the same time: A, B"),
-        ({"seed": 1}, {"t0": "2016-04-17T00:00:00Z"}, ""),
-        ({}, {}, "telemetry of the same time: A, B"),
-        ({}, {"t0": "2016-04-17T00:00:00Z"}, ""),
-        ({"keep": False}, {"t0": "2016-04-17T00:00:00Z"}, "runs of the same names, and no telemetry"),
-        ({"keep": False, "seed": 1}, {"seed": 2}, ""),
-        ({"keep": False, "seed": 1}, {"seed": 1}, "runs of the same names, and no telemetry"),
+        ({"seed": 1}, {"seed": 1}, "A, B"),
+        ({}, {}, "A, B"),
+        ({}, {"names": ("B", "C")}, "B"),
+        ({}, {"names": ("C", "D")}, ""),
     ],
-)  # fmt: skip
-def test_results_of_other_data_are_independent(tmp_path, one, two, reason):
-    a = saved(tmp_path / "a", make_fit([1.0], [0.1]), "A", "B", **one)
-    b = saved(tmp_path / "b", make_fit([1.1], [0.1]), "A", "B", **two)
-    (agreement,) = fit.compare([a, b]).agreements
-    assert agreement.dependence.startswith(reason)
-    assert bool(agreement.dependence) == bool(reason)
-    assert bool(agreement.tests) == (not reason)
+)
+def test_results_that_use_the_same_runs_are_not_independent(one, two, runs):
+    def made(value, seed=None, names=("A", "B")):
+        extra = {} if seed is None else {"seed": seed}
+        noise_runs = {name: f"{name}-noise" for name in names}
+        return results(make_fit([value], [0.1]), joint_runs=[*names], noise_runs=noise_runs, extra=extra)
 
-
-def test_results_of_the_same_files_are_not_independent(tmp_path):
-    folder = saved(tmp_path / "a", make_fit([1.0], [0.1]), "A", "B", seed=1)
-    saved(folder, make_fit([1.2], [0.2]), "B", seed=1, name="identified.json")
-    comparison = fit.compare([folder, folder / "identified.json"])
-    assert comparison.agreements[0].dependence == "the same telemetry: B"
-    assert comparison["a"].differences[1] == pytest.approx(0.2 / np.hypot(0.1, 0.2))
-    (sentence,) = comparison.sentences()
-    assert "not independent" in sentence
-
-
-def test_a_joint_fit_carried_over_is_no_second_one(tmp_path):
-    joint = make_fit([1.0], [0.1])
-    a = saved(tmp_path / "a", joint, "A", seed=1)
-    b = saved(tmp_path / "b", joint, "N", seed=2)
-    assert fit.compare([a, b]).agreements[0].dependence == "the same joint fit in both"
+    comparison = fit.compare({"one": made(1.0, **one), "two": made(1.1, **two)})
+    assert bool(comparison.tests) == (not runs)
+    assert comparison["a"].differences[1] == pytest.approx(0.1 / np.hypot(0.1, 0.1))
+    noises = ", ".join(word for name in runs.split(", ") for word in (name, f"{name}-noise"))
+    expected = [f"two and one both use {noises}: difference/sigma does not"] if runs else []
+    assert [note[: len(expected[0])] for note in comparison.notes] == expected
 
 
 # Forms ----------------------------------------------------------------------------------------------------
@@ -261,15 +226,13 @@ def test_as_text_and_as_html(comparison):
 
 def test_as_json(comparison):
     document = json.loads(comparison.to_json(), parse_constant=pytest.fail)
-    assert (document["schema"], document["results"]) == ("lpf-compare/1", ["one", "two"])
+    assert document["results"] == ["one", "two"]
     reference, second = document["joint"]["lambda_2"]["estimates"]
     assert second == {"value": 1.0777, "sigma": 4e-5, "sound": True}
     assert document["joint"]["lambda_2"]["differences"] == [None, pytest.approx(2.0)]
     assert document["joint"]["alpha_x_2"]["estimates"][1] is None
-    (agreement,) = document["agreement"]
-    assert agreement["independent"] is True
-    assert agreement["tests"]["joint"]["dof"] == 2
-    assert agreement["tests"]["joint"]["p"] == pytest.approx(np.exp(-agreement["tests"]["joint"]["chi2"] / 2))
+    test = document["tests"]["two"]["joint"]
+    assert test["dof"] == 2 and test["p"] == pytest.approx(np.exp(-test["chi2"] / 2))
     assert reference["sigma"] == 3e-5
 
 
@@ -285,17 +248,18 @@ def test_as_data_frame(comparison):
     ("paths", "message"),
     [
         ([], "compare: 0 given, expected two or more results"),
-        (["q"], "q: 1 given, expected two or more results"),
+        (["q"], "compare: 1 given, expected two or more results"),
         ("q", "compare: 'q', expected a list of two or more results"),
         (5, "compare: 5, expected a list"),
         ([5, 6], "compare: 5, expected a path or Results"),
         (["nowhere", "q"], "nowhere: no such file or folder, expected results"),
-        (["a", "a/results.json"], "a/results.json: the same results as a, expected others"),
+        (["a", "a/results.json"], "a/results.json: given twice, expected other results"),
         (["a", "b/montecarlo.json"], "schema is 'lpf-montecarlo/1', expected 'lpf-results/1'"),
     ],
 )
 def test_what_cannot_be_compared(tmp_path, monkeypatch, paths, message):
-    saved(tmp_path / "a", make_fit([1.0], [0.1]), "A")
+    (tmp_path / "a").mkdir()
+    results(make_fit([1.0], [0.1])).save(tmp_path / "a" / "results.json")
     (tmp_path / "b").mkdir()
     (tmp_path / "b" / "montecarlo.json").write_text('{"schema": "lpf-montecarlo/1"}')
     monkeypatch.chdir(tmp_path)

@@ -15,7 +15,6 @@ from fit.telemetry.reader import Telemetry
 from fit.whitening import pair
 from lpfcosim.execution import telemetry_file
 from lpfcosim.linear import ClosedLoop, response
-from lpfcosim.models import stimuli
 from lpfcosim.spacecraft import Noise, Sine, Truth
 from tests.oracles.reference_plant import tustin
 
@@ -107,10 +106,6 @@ class LinearLoop:
             command = command + scipy.signal.lfilter([0, e], [1, -d], o_12)
         return -command
 
-    def direct(self, telemetry):
-        run = self._runs[telemetry.run]
-        return stimuli.injections(run)["F_x_2"] / run.m_tm
-
 
 # What the tests of one experiment share -------------------------------------------------------------------
 
@@ -125,14 +120,25 @@ FREE = (
 )
 
 
-def identified(flown, free=FREE, refused=lambda _theta: False, unity_gain=1e-3, chosen=CHOSEN, params=None):
+def identified(
+    flown,
+    free=FREE,
+    refused=lambda _theta: False,
+    unity_gain=1e-3,
+    chosen=CHOSEN,
+    params=None,
+    *,
+    simulated=False,
+    fixed=None,
+):
+    """Identify `free` with a loop whose other parameters have flight values, or those in `fixed`."""
     runs, telemetries, calibrated = flown
-    blank = [replace(run, truth=Truth(), dc=0.0) for run in runs]  # what is not sought has its flight value
+    blank = [replace(run, truth=replace(Truth(), **(fixed or {})), dc=0.0) for run in runs]
     loop = LinearLoop(
         [replace(run, suspension=replace(run.suspension, unity_gain=unity_gain)) for run in blank]
     )
-    loop.refused = refused
+    loop.refused, loop.simulated_telemetry = refused, simulated
     experiments = pair(telemetries)
     excess = noise_adaptation.adapt_to_readout_excess(experiments, CHOSEN)
     prepared = [excess[e.name][1] if e.name in excess else e for e in experiments]
-    return identify(prepared, free, loop, calibrated, chosen, params=params)
+    return identify(prepared, free, loop, calibrated, chosen, fixed or {}, params)

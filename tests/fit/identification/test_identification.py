@@ -6,13 +6,10 @@ import numpy as np
 import pytest
 
 from fit import pipeline
-from fit.errors import FitError, InputError
-from fit.identification import comparison, linearised_run
+from fit.errors import InputError
 from fit.identification.identify import identify
 from fit.identification.loop import FreeParameter
-from fit.identification.search import Search
 from fit.settings import settings
-from fit.warnings import FitWarning
 from fit.whitening import pair
 from tests.fit.identification.linear_loop import CHOSEN, FREE, LinearLoop, identified
 
@@ -47,34 +44,15 @@ def test_recovers_the_truth_as_the_equation_of_motion_does(flown, unconstrained)
 
 
 @pytest.mark.slow
-def test_derivatives_hold_while_parameters_move_within_their_sigmas(flown, unconstrained, monkeypatch):
-    calls = []
-    derivatives = linearised_run.SimulatedExperiment._derivatives
-    counted = lambda self, theta, step: calls.append(1) or derivatives(self, theta, step)  # noqa: E731
-    monkeypatch.setattr(linearised_run.SimulatedExperiment, "_derivatives", counted)
-    repeated = identified(flown).joint
-    n_calls = len(calls)
-    monkeypatch.setattr(linearised_run, "STEP_LIMIT", 0.0)  # then any thousandth of a natural scale counts
-    relinearised = identified(flown).joint
-    assert n_calls < len(calls) - n_calls
-    for name, estimate in repeated.parameters.items():
-        assert estimate == unconstrained.joint[name]
-        assert abs(relinearised[name].value - estimate.value) < 0.01 * estimate.sigma
-
-
-def test_recorded_commands_are_those_of_the_controller(unconstrained):
-    assert unconstrained.provenance.extra["commands"]["A"] < 1e-9
-
-
-@pytest.mark.slow
-def test_a_wrong_controller_is_seen_in_the_commands_and_not_in_chi2(flown, unconstrained):
+def test_a_wrong_controller_is_seen_in_the_difference_from_the_fit_and_not_in_chi2(flown, unconstrained):
     fit = identified(flown, unity_gain=1.0005e-3).joint
     assert fit.chi2 == pytest.approx(unconstrained.joint.chi2, rel=1e-3)
     assert abs(fit["lambda_2"].value - unconstrained.joint["lambda_2"].value) > 3 * fit["lambda_2"].sigma
-    codes = {w.code: w for w in fit.warnings}
-    assert codes["controller_mismatch"].parameters == ("lambda_2", "C_2")
-    assert "A by 0.00" in codes["controller_mismatch"].message
-    assert fit.unsound
+    (contradiction,) = [w for w in fit.unsound if w.code == "loop_contradiction"]
+    assert "lambda_2" in contradiction.parameters
+    simulated = identified(flown, unity_gain=1.0005e-3, simulated=True).joint
+    assert "loop_discrepancy" in {w.code for w in simulated.warnings}
+    assert not simulated.unsound  # the telemetry says that this very loop simulated it
 
 
 def test_gain_of_the_controller_and_of_the_actuation_are_one_number_to_the_read_out(flown):
@@ -87,15 +65,15 @@ def test_gain_of_the_controller_and_of_the_actuation_are_one_number_to_the_read_
 
 @pytest.mark.slow
 def test_a_pole_of_the_controller_is_found_wherever_the_search_begins(flown):
+    free = (FreeParameter("C_2", bounds=(0.06, 10.0)), *(p for p in FREE if p.name != "C_2"))
     fit, second_fit = (
-        identified(flown, (*FREE, FreeParameter("Controller.f_p", p, 6e-3))).joint for p in (6.6e-3, 0.012)
+        identified(flown, (*free, FreeParameter("Controller.f_p", p, 6e-3))).joint for p in (6.6e-3, 0.012)
     )
     pole = fit["Controller.f_p"]
     for name, estimate in fit.parameters.items():
-        assert abs(second_fit[name].value - estimate.value) < 0.01 * estimate.sigma
-        assert second_fit[name].sigma == pytest.approx(estimate.sigma, rel=0.001)
+        assert abs(second_fit[name].value - estimate.value) < 0.05 * estimate.sigma
+        assert second_fit[name].sigma == pytest.approx(estimate.sigma, rel=0.01)
     assert abs(pole.value - 6e-3) < 4 * pole.sigma < 0.02 * 6e-3
-    assert "controller_mismatch" not in {w.code for w in fit.warnings}  # its sigma allows for the difference
 
 
 @pytest.mark.slow
@@ -113,28 +91,9 @@ def test_steps_into_unstable_loops_are_halved_and_reported(flown, unconstrained)
     assert "the loop is not stable" in warning.message
 
 
-@pytest.mark.slow
-def test_a_delay_that_is_too_short_keeps_no_other_parameter_back(flown, unconstrained):
-    distant = tuple(
-        replace(parameter, start=1.3 * parameter.parameter(flown[1][0]).value) for parameter in FREE
-    )
-    simulated, failed = set(), set()
-
-    def refused(theta):
-        (failed if theta["C_2"] < 0.15 else simulated).add(theta["lambda_2"])
-        return theta["C_2"] < 0.15
-
-    fit = identified(flown, distant, refused).joint
-    assert (failed - {distant[0].start}) & simulated  # the gain goes all its way, the delay half of it
-    for name, estimate in fit.parameters.items():
-        assert abs(estimate.value - unconstrained.joint[name].value) < 0.01 * estimate.sigma
-
-
 def test_a_search_that_cannot_begin_is_refused(flown):
-    with pytest.raises(InputError, match="identify: start at lambda_2 = 2: the loop is not stable; "):
+    with pytest.raises(InputError, match="identify: start: the loop is not stable; "):
         identified(flown, (FreeParameter("lambda_2", 2.0), *FREE[1:]), refused=lambda _theta: True)
-    with pytest.raises(FitError, match="where the search begins: the loop is not stable"):
-        identified(flown, refused=lambda _theta: True)
 
 
 @pytest.mark.slow
@@ -209,41 +168,8 @@ def test_another_plant_is_reported_by_chi2(flown):
     assert results.joint.unsound
 
 
-def test_fixed_values_that_the_fit_contradicts_are_reported(flown):
-    calibrated = flown[2]
-    fit = calibrated.experiments["A"]
-    for calibration, count in (
-        (fit, 1),
-        (replace(fit, warnings=(FitWarning("invalid_data", (), ""),)), 0),
-        (None, 0),
-    ):
-        conflicts = comparison.fixed_value_conflicts(
-            {"lambda_2": 1.0776, "C_2": fit["C_2"].value, "alpha_x_2": 0.0}, calibration
-        )
-        assert len(conflicts) == count
-    (conflict,) = comparison.fixed_value_conflicts({"lambda_2": 1.0776}, fit)
-    assert conflict.parameters == ("lambda_2",)
-    assert "lambda_2 is 1.0776, the estimate of the fit 1.0600" in conflict.message
-
-
-def test_undetermined_parameters_return_to_their_start_before_a_step_is_halved():
-    """A delay of a test mass that nothing drives strays to where no loop is."""
-    start, target, tried = np.array([1.0, 0.15]), np.array([1.2, 0.01]), []
-
-    class Loops:
-        def simulate(self, theta):
-            tried.append(theta.tolist())
-            if theta[1] < 0.05:
-                raise FitError("a delay is negative")
-
-        def infeasible(self, theta, target):
-            return np.array([False, True])
-
-    search = object.__new__(Search)
-    search.__dict__.update(weighings=[Loops()], halved_steps=[], _start=start)
-    search._undetermined = np.array([False, True])
-    assert search.limit_step(start, target).tolist() == [1.2, 0.15]
-    assert (tried, search.halved_steps) == ([[1.2, 0.01], [1.2, 0.15]], [])
-    search._undetermined = np.array([False, False])
-    assert search.limit_step(start, target).tolist() == [1.2, 0.08]
-    assert search.halved_steps == ["a delay is negative"]
+def test_fixed_values_that_the_fit_contradicts_make_it_unsound(flown, unconstrained):
+    estimate = flown[2].joint["lambda_2"]
+    for value, unsound in ((estimate.value, False), (estimate.value + 10 * estimate.sigma, True)):
+        fit = identified(flown, fixed={"lambda_2": value}, free=FREE[1:]).joint
+        assert ("loop_contradiction" in {w.code for w in fit.unsound}) == unsound

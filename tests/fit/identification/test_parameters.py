@@ -4,15 +4,15 @@ import numpy as np
 import pytest
 
 from fit.fitting import random_effects
-from fit.identification.parameters import _view
+from fit.identification.parameters import _with_departures
 from fit.parameters import FLIGHT
 
 RATIO = FLIGHT["C_2"].value / FLIGHT["lambda_2"].value
 
 
-def view(loop_names, deviating):
-    """Return the view of the second of two experiments with parameters of its loop and deviations."""
-    return _view(np.eye(len(loop_names)), loop_names, [], deviating, 1, 2)
+def second_of_two(loop_names, deviating):
+    """Return the map of the second of two experiments with deviations, and what it measures of them."""
+    return _with_departures(np.eye(len(loop_names)), loop_names, [], deviating, 1, 2)
 
 
 @pytest.mark.parametrize(
@@ -27,20 +27,20 @@ def view(loop_names, deviating):
     ],
 )
 def test_a_gain_deviates_with_the_delay_of_its_force(loop_names, deviating, along, entries):
-    experiment_view = view(loop_names, deviating)
-    assert experiment_view.measured_names == along
+    parameter_map, measured_names = second_of_two(loop_names, deviating)
+    assert measured_names == along
     of_run = [*loop_names, *along]
     expected = np.zeros((len(of_run), len(loop_names) + 2))
     expected[: len(loop_names), : len(loop_names)] = np.eye(len(loop_names))
     for name, value in entries.items():
         expected[of_run.index(name), -1] = value  # the deviation of the second experiment
-    np.testing.assert_array_equal(experiment_view.parameter_map, expected)
+    np.testing.assert_array_equal(parameter_map, expected)
 
 
 def test_a_delay_that_deviates_with_a_gain_of_the_loop_counts_once():
-    experiment_view = view(("lambda_2",), ["lambda_2", "C_2"])
-    assert experiment_view.measured_names == ("C_2",)
-    np.testing.assert_array_equal(experiment_view.parameter_map, [[1, 0, 1, 0, 0], [0, 0, 0, 0, 1]])
+    parameter_map, measured_names = second_of_two(("lambda_2",), ["lambda_2", "C_2"])
+    assert measured_names == ("C_2",)
+    np.testing.assert_array_equal(parameter_map, [[1, 0, 1, 0, 0], [0, 0, 0, 0, 1]])
 
 
 def test_the_map_of_the_fit_is_the_same():

@@ -9,7 +9,6 @@ from dataclasses import replace
 import fmpy
 import pytest
 
-import fit
 import lpfcosim as package
 from lpfcosim.campaign import loading
 from lpfcosim.errors import InputError
@@ -160,11 +159,8 @@ def test_every_command_that_simulates_refuses_alike_and_writes_nothing(lpfcosim,
 def test_commands_that_stay_at_their_limits_are_refused(lpfcosim, tone, monkeypatch):
     monkeypatch.setattr(build, "build", None)
     refused = refusal(lpfcosim("check", tone("1 um", 13)))
-    assert "run one: command f_x_2 reaches its limit: the sine of 5 mHz and 1 um into gui" in refused
-    assert (
-        'takes 324.6 pN at 1126 s, F_max_2 of authority set "A" is 50 pN; masking would remove 66 %'
-        in refused
-    )
+    assert "run one: command f_x_2 reaches 3.25e-10 N at 1126 s" in refused
+    assert 'F_max_2 of authority set "A" is 5e-11 N, beyond which it is for 66 % of the run' in refused
 
 
 def test_a_step_beyond_the_range_of_the_interferometers_is_refused(lpfcosim, tone):
@@ -173,31 +169,19 @@ def test_a_step_beyond_the_range_of_the_interferometers_is_refused(lpfcosim, ton
         'into = "guidance_o_12"\nshape = "half_cosine"\namplitude = "90 um"\nstart = "1000 s"\nend = "1001 s"'
     )
     path.write_text(f"{path.read_text()}\n[[experiments.injections]]\n{step}\n")
-    assert "the step of 90 um into guidance_o_12 from 1000 s" in refusal(lpfcosim("check", path))
+    assert re.search("o_12 reaches .* the range of the interferometers", refusal(lpfcosim("check", path)))
 
 
 def test_a_command_at_its_limit_for_a_while_is_doubtful(lpfcosim, tone):
     path = tone("1 um", 2)
     _, out, err = lpfcosim("check", path, status=0)
     assert out.startswith(f"{path}: doubtful (see the warnings): 2 runs along x, 2 h\n")
-    (line,) = (line for line in err.splitlines() if "reaches its limit" in line)
-    assert line.startswith(
-        "warning: run one: command f_x_2 reaches its limit: the sine of 5 mHz and 1 um into"
+    assert re.search(
+        "warning: run one: command f_x_2 reaches .*, beyond which it is for [0-9]+ % of the run", err
     )
-    assert "16 % of the run will be masked, and a forecast knows of no limit" in line
     assert refusal(lpfcosim("montecarlo", path, "-n", 2, "--out", "out")).endswith(
         "telemetry drawn from spectra knows no limit, expected a simulation through the FMUs (fmus)"
     )
-
-
-def test_share_that_is_masked_is_that_of_the_fit(tone, tmp_path):
-    path = tone("1 um", 2)
-    (doubt,) = validation.validate(loading.load(path)).doubts
-    package.simulate(path, tmp_path / "out", fmus=False)
-    results = fit.calibrate(fit.load(tmp_path / "out"), include_short=True)
-    (warning,) = (w.message for w in results.experiments["one"].warnings if w.code == "saturated")
-    masked = 100 - float(re.search(r"([\d.]+) % is left", warning)[1])
-    assert float(re.search(r"([\d.]+) % of the run will be masked", doubt)[1]) == pytest.approx(masked, abs=1)
 
 
 @pytest.mark.parametrize("name", ["quickstart", "mission-x", "spacecraft", "operations", "sweep", "designed"])
@@ -215,13 +199,13 @@ def test_shipped_campaigns_are_valid(quickstart, name):
         (
             'frequency = "0.833 mHz", amplitude = "10 nm", cycles = 4, start = "900 s"',
             'frequency = "0.833 Hz", amplitude = "10 nm", cycles = 4, start = "900 s"',
-            "the sine of 833 mHz and 10 nm into guidance_o_12 from 900 s is above the fitted band, which "
+            "the sine of 833 mHz into guidance_o_12 from 900 s is above the fitted band, which "
             "ends at 100 mHz: no estimate takes anything from it",
         ),
         (
             'frequency = "53.3 mHz", amplitude = "0.7 nm", cycles = 32, start = "20941 s"',
             'frequency = "53.3 mHz", amplitude = "0.7 nm", cycles = 16, start = "21280 s"',
-            "the sine of 53.3 mHz and 0.7 nm into guidance_o_1 from 21280 s is at an end of the run, where "
+            "the sine of 53.3 mHz into guidance_o_1 from 21280 s is at an end of the run, where "
             "the window of the fit fades: 0.9 % of its power counts",
         ),
     ],

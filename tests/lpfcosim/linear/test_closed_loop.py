@@ -6,7 +6,7 @@ from functools import partial
 import numpy as np
 import pytest
 
-from lpfcosim.errors import DivergenceError, InputError
+from lpfcosim.errors import InputError, RunError
 from lpfcosim.linear.closed_loop import ClosedLoop
 from lpfcosim.linear.sampled_model import SampledModel
 from lpfcosim.models import stimuli
@@ -103,5 +103,5 @@ def test_model_of_another_sample_time_is_refused():
 def test_divergence_gives_channel_and_time(driven):
     run = driven()
     run = replace(run, drag_free=replace(run.drag_free, unity_gain=3.0), n_samples=6000)
-    with pytest.raises(DivergenceError, match=r"the loop diverged, o_1 left \+-0.0001 m at t = \d+"):
+    with pytest.raises(RunError, match=r"the loop diverged, o_1 left \+-0.0001 m at t = \d+"):
         ClosedLoop(run).simulate()
