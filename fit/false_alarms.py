@@ -16,7 +16,7 @@ FAMILIES: Mapping[str, tuple[str, ...]] = MappingProxyType(
     {
         "samples": ("straight lines",),
         "loop response": ("guidance gain",),
-        "glitches": ("matched filter", "matching pursuit"),
+        "glitches": ("matched filter",),
         "model": ("driven bins", "templates", "masks at injections"),
         "noise": ("residual power", "subtraction"),
         "consistency": ("runs", "gain drift", "constraints"),

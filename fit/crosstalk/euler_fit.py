@@ -37,7 +37,7 @@ from fit.fitting import (
 )
 from fit.model import Dynamics, angular_rate, dynamics, dynamics_of, inertial_forces, rotation
 from fit.parameters import Parameter, cross_talk_parameter, misalignments
-from fit.quality import long_noise
+from fit.quality import long_glitches
 from fit.results import Estimate, Fit
 from fit.settings import ParameterSettings
 from fit.spectra import NoiseModel, Spectrum, windowing
@@ -47,7 +47,6 @@ from fit.whitening import (
     ResidualSpectrum,
     check_coverage,
     fit_residual_noise,
-    glitch_templates,
     weights,
     whitened_run,
 )
@@ -240,14 +239,13 @@ class _EulerWeighing:
         of_run = dynamics_of(run, joint)
         columns = _columns(run, sources, of_run)
         terms = columns.terms
-        glitches = long_noise.find_glitches(terms.values[:, :CENTRIFUGAL], terms.valid, terms.time, BAND)
+        glitches = long_glitches.find_glitches(terms.values[:, :CENTRIFUGAL], terms.valid, terms.time, BAND)
         spectra = windowing.transform(terms.values, terms.valid, terms.fs, band=BAND)
         check_coverage(run, spectra.window, "missing samples in read-outs, torques or angles")
         window, fs = windowing.resample_window(spectra.window, terms.fs, PER_CYCLE * BAND[1])
-        templates = glitch_templates.columns_with_derivatives(
-            glitches or (), terms.time[0] + np.arange(window.size) / fs, fs
-        )
-        shaped = [windowing.windowed_spectra(part, window, fs, spectra.bins) for part in templates]
+        instants = terms.time[0] + np.arange(window.size) / fs
+        shapes = long_glitches.columns(glitches or (), instants, fs, BAND[1])
+        shaped = [windowing.windowed_spectra(shapes, window, fs, spectra.bins)] if glitches else []
         self._terms = replace(
             spectra,
             columns=np.hstack([spectra.columns, columns.calibration_error]),
@@ -256,7 +254,7 @@ class _EulerWeighing:
         self._model: NoiseModel | None = None
         self.name, self.correlation, self.missing = run.run, of_run.correlation, columns.missing
         self.warnings = [*sources.warnings, *columns.warnings, *of_run.warnings]
-        if warning := long_noise.glitch_warning(run.run, glitches, run.duration):
+        if warning := long_glitches.glitch_warning(run.run, glitches, run.duration):
             self.warnings.append(warning)
 
     def block(self, theta: Array, covariance: Array, _: int) -> _WhitenedRotation:

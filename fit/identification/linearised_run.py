@@ -82,7 +82,6 @@ class MeasuredInputs:
         self._grid = series.reduced_grid(run.telemetry, run.channels)
         self._impulse = series.impulse(force_1.size, IMPULSE)
         self._motion_response = self._force_response = self._initial_transient = np.empty(0)
-        self._nuisance = [self._grid.steps, *run.nuisance_columns(self._grid.time, self._grid.fs)]
 
     def measured_derivatives(self, names: Sequence[str]) -> Array:
         """Return the derivatives of the residual by parameters of the equation, shape (names, N).
@@ -147,9 +146,8 @@ class MeasuredInputs:
         """Return the spectra of series on the grid of residuals."""
         values = np.stack(columns, axis=1)
         grid = self._grid
-        impulses = self._run.impulses(grid.time, grid.fs)
-        nuisance = [*self._nuisance, self._initial_transient]
-        return windowing.transform(values, grid.valid, grid.fs, nuisance=nuisance, impulses=impulses)
+        nuisance = [grid.steps, self._initial_transient]
+        return windowing.transform(values, grid.valid, grid.fs, nuisance=nuisance)
 
     def _response(self, theta: Mapping[str, float]) -> Mapping[str, Array]:
         return self._loop.response(self.telemetry, theta, self._inputs)

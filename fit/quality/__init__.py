@@ -1,7 +1,7 @@
 """Quality of the data: what is masked, subtracted or excluded before anything is estimated, and why.
 
-`metadata` holds the table of checks of files and samples. Saturation is masked, glitches are masked or
-subtracted, and noise is compared with the noise run.
+`metadata` holds the table of checks of files and samples. Saturation, spikes and
+glitches are masked, and noise is compared with the noise run.
 """
 
 from fit.quality.channel_units import unit_faults
@@ -21,7 +21,7 @@ __all__ = [
     "has_spectra",
     "indeterminable",
     "initial_fit",
-    "long_noise",
+    "long_glitches",
     "mask_experiments",
     "metadata",
     "noise_adaptation",

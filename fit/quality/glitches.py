@@ -1,52 +1,52 @@
-"""Glitches: forces on a test mass, or jumps of a read-out, that last seconds to hours.
+"""Glitches: forces on a test mass, or jumps of a read-out, that last seconds to hours, are masked.
 
 In closed loop a force of seconds moves the bodies for hours, but the calibrated Delta g shows the force
-itself and nothing else. The search is that for known shapes in coloured noise. The residual of a run,
-windowed and whitened as the fit does it, is filtered with bell curves of some widths and with the longer
-shapes of `matching_pursuit`, which gives the signal-to-noise ratio of a glitch at every instant.
-
-A short glitch is masked: its own samples go, whatever its shape. Patches take them out as long as these are
-few; where they are long or many, the window has notches. To mask a long one would cost hours, so that its
-shape becomes a column of the run with an amplitude of its own, projected out of everything like constant and
-ramp. What a shape leaves of it is found by the next round. In the end begin and times are free as well.
+itself and nothing else. The residual of a run, windowed and whitened as the fit does it, is filtered with the
+shapes that glitches had in flight (arXiv 2205.11938), which gives the signal-to-noise ratio of each at every
+instant. What stands out most is masked first, because a glitch spoils coefficients and PSD; then all begins
+again, until nothing stands out.
 
 What the search needs of the dynamics it takes from the run itself: the coefficients of the columns, free of
 any model of what experiments share, that leave the least residual. Injected sines are subtracted that way
-however far the truth is from the flight's. What stands out most is dealt with first, because a glitch spoils
-coefficients and PSD; then all begins again, until nothing new stands out.
+however far the truth is from the flight's.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
 from fit.errors import FitError
+from fit.false_alarms import sigma_limit
 from fit.quality.initial_fit import initial_fit, lstsq_coefficients
 from fit.quality.injections import Coincidences, coincidences, injected_cells, is_excessive
-from fit.quality.matched_filter import WIDTHS, MatchedFilter
-from fit.quality.matching_pursuit import matching_pursuit
-from fit.quality.whitened_templates import WhitenedTemplates
-from fit.spectra import NoiseModel, Spectrum, derivatives, fit_noise
+from fit.spectra import NoiseModel, Spectra, Spectrum, derivatives, fit_noise, windowing
 from fit.warnings import FitWarning, TimeSpan
-from fit.whitening import Experiment, Glitch, Run, whitened_run
+from fit.whitening import Experiment, Run, whitened_run
 
 Array = NDArray[np.float64]
+Spans = list[tuple[float, float]]
 
-REACH = 2.2  # widths on either side of a glitch that are masked along
-MIN_REACH = 2.0  # s, the same; the stencils add some 10 s, as they do to missing samples
+TAUS = 2.0 * 10 ** (np.arange(13) / 3)  # s, 2 s to 5.6 h
+#: By name, the transform as a function of ``s = 2 pi i f tau``: exp(-t), t exp(-t), (1 - t) exp(-t), exp(t).
+SHAPES: Mapping[str, Callable[[Spectrum], Spectrum]] = {
+    "one-sided": lambda s: 1 / (1 + s),
+    "rounded": lambda s: 1 / (1 + s) ** 2,
+    "of two signs": lambda s: s / (1 + s) ** 2,
+    "reversed": lambda s: 1 / (1 - s),
+}
+RESOLVED = 10.0  # s, tau from which shapes differ
+MAX_DURATION_FRACTION = 0.25  # of a run, that tau may take: what is longer passes for a drift
+MAD = 1.4826  # standard deviation of normal noise over its median deviation
+MARGIN, AFTER = 30.0, 4.0  # s before and after a glitch, and tau in which it dies away, that are masked
+PER_CYCLE = 4  # instants in a cycle of the highest frequency, at which glitches are looked for
 PEAK_SHARE = 0.3  # of the highest ratio: what is lower may be due to what is higher
 MAX_ITERATIONS = 60  # to get from the highest ratio to the threshold, in both runs
-SHAPE_MARGIN = 1.2  # a mask goes with any shape, so that one must be that much clearer than a bell curve
-RAISED_SIGMA = 0.5  # noise of the narrowest bell curve, relative to the PSD, that a short glitch has raised
 MAX_MASKED = 0.6  # of the weight of a run; if masks would take more, it is no matter of glitches
-MAX_SEGMENT = 60.0  # s; a patch that is longer may hide the onset of a long glitch, which is then not found
-MAX_IMPULSES = 100  # that patches are made of; with more, all masks are cut out of the window
-MAX_SHAPES = 40  # that are taken out of a run; beyond, the same
-FITTED_ALONG = "fitted and subtracted"
 TOO_MANY = "too_many_glitches"  # code of the warning where nothing was masked
 
 
@@ -59,7 +59,7 @@ class GlitchResult:
     searched : Experiment
         The runs as they were.
     experiment : Experiment
-        The runs with short glitches masked and long ones fitted along.
+        The runs with glitches masked.
     warnings : tuple of tuple
         Name of a run, and the warning that it has glitches, or too many.
     coincidences : Coincidences
@@ -79,10 +79,10 @@ class GlitchResult:
 
 
 def remove_glitches(experiment: Experiment, n_experiments: int = 1) -> GlitchResult:
-    """Mask the short glitches of an experiment and fit the shapes of the long ones along.
+    """Mask the glitches of an experiment.
 
-    A run that would lose more than `MAX_MASKED` to masks, or need more than `MAX_SHAPES`, is left as it
-    was. The search ends early where what it finds lies in the injections.
+    A run that would lose more than `MAX_MASKED` to masks is left as it was. The search ends early where what
+    it finds lies in the injections.
 
     Parameters
     ----------
@@ -119,10 +119,10 @@ def _search(experiment: Experiment, index: int, n_experiments: int) -> GlitchRes
         # the noise weighs: it goes first
         if not any(search.iterate(noise) for search in reversed(searches)):
             break
-        if sysid.has_glitches and is_excessive([sysid.coincidences], n_experiments + 1):
+        if sysid.spans and is_excessive([sysid.coincidences], n_experiments + 1):
             break
-    cleaned = Experiment(sysid.run.with_free_shapes(), noise.run.with_free_shapes() if noise else None)
-    named = [(search.run.telemetry.run, search.warning()) for search in searches if search.has_glitches]
+    cleaned = replace(experiment, sysid=sysid.run, noise=noise.run if noise else None)
+    named = [(search.run.telemetry.run, search.warning()) for search in searches if search.spans]
     return GlitchResult(experiment, cleaned, tuple(named), sysid.coincidences)
 
 
@@ -144,15 +144,16 @@ class GlitchSearch:
     ----------
     run : Run
         Without what has been found so far.
-    has_glitches, gave_up : bool
-        Whether there are glitches, and whether they were too many.
+    spans : list of tuple of float
+        Begin and end [s] of what is found.
+    gave_up : bool
+        Whether there was too much.
     """
 
     def __init__(self, run: Run, tau: tuple[float, float], n_runs: int, index: int = 0) -> None:
         self.run, self._original, self._n_runs = run, run, n_runs
-        self.has_glitches = self.gave_up = False
-        self._flags = np.zeros_like(run.channels.valid)
-        self._shapes: list[Glitch] = []
+        self.spans: Spans = []
+        self.gave_up = False
         self._equation = run.equations[index]
         self._names = self._equation.columns
         self._model: NoiseModel | None = None
@@ -179,13 +180,12 @@ class GlitchSearch:
     @property
     def coincidences(self) -> Coincidences:
         """Glitches and injections of the run."""
-        masks, shapes = self.run.masks[len(self._original.masks) :], self._shapes
-        return coincidences(self._original, masks, shapes, self._injected)
+        return coincidences(self._original, self.spans, self._injected if self.spans else None)
 
     @cached_property
-    def _injected(self) -> NDArray[np.bool_] | None:
+    def _injected(self) -> NDArray[np.bool_]:
         """Which of its cells are injected."""
-        return injected_cells(self._original, self._tau) if self.has_glitches else None
+        return injected_cells(self._original, self._tau)
 
     def _psd(self, f: Array) -> Array:
         """Return the PSD of what is left, shape (B,), at first the shape it had in flight."""
@@ -196,93 +196,28 @@ class GlitchSearch:
         return self._model.expected(f) if self._model else self.run.spacecraft.level(f)
 
     def iterate(self, noise: "GlitchSearch | None") -> bool:
-        """Mask the strongest short glitches or subtract long ones; return False if there are none."""
-        if self.gave_up:
+        """Mask the strongest glitches; return False if there are none."""
+        if self.gave_up or not (found := self._strongest(noise)):
             return False
-        terms = self._equation.spectra(self.run.spectra(self._tau))
-        S = (noise or self)._psd(terms.f)
-        U, _ = whitened_run.whiten(terms, S)
-        matched = MatchedFilter(terms, U @ self._c, S, 0.0 if noise in (self, None) else 1.0, self._n_runs)
-        short_glitch = not matched.below_threshold and matched.maximum > matched.threshold
-        # of what is raised at the highest frequencies nothing long is the cause, and it hides what is
-        raised = short_glitch and matched.narrowest_sigma < RAISED_SIGMA
-        templates = None if raised else self._templates(noise, S, U)
-        del U  # it fills the memory, with that of a long run
-        long = matching_pursuit(templates) if templates else []
-        clear = [
-            candidate.glitch
-            for candidate in long
-            if candidate.snr > SHAPE_MARGIN * self._mask_snr(candidate.glitch, matched)
-        ]
-        if clear:
-            self._shapes += clear
-        elif short_glitch:
-            self._mask(matched)
-        elif long:
-            self._shapes += [candidate.glitch for candidate in long]
-        else:
-            return False
-        self.has_glitches = True
-        time = self.run.channels.time
-        stretches = [(float(time[a]), float(time[b - 1])) for a, b in derivatives.true_runs(self._flags)]
-        masked = self._original.mask(stretches)
-        self.gave_up = (
-            masked.weight < (1 - MAX_MASKED) * self._original.weight or len(self._shapes) > MAX_SHAPES
-        )
-        if self.gave_up:
-            self.run = self._original
-        else:
-            brief = [(begin, end) for begin, end in stretches if end - begin <= MAX_SEGMENT]
-            patched = self._original.mask_by_impulses(brief)
-            impulses = patched.impulses(time, self.run.channels.fs)
-            if impulses is not None and impulses.size <= MAX_IMPULSES:
-                masked = patched.mask([stretch for stretch in stretches if stretch not in brief])
-            self.run = masked.with_glitches(self._shapes)
+        self.spans = merge_spans([*self.spans, *found])
+        masked = self._original.mask(self.spans)
+        self.gave_up = masked.weight < (1 - MAX_MASKED) * self._original.weight
+        self.run = self._original if self.gave_up else masked
         return True
 
-    def _mask_snr(self, glitch: Glitch, matched: MatchedFilter) -> float:
-        """Return what a bell curve finds where a glitch is notable, at most."""
-        start, fs, (begin, end) = self.run.channels.time[derivatives.HALF], self.run.channels.fs, glitch.span
-        samples = (round((t - start) * fs) for t in (begin - WIDTHS[-1], end + WIDTHS[-1]))
-        return matched.largest_output(slice(*(max(sample, 0) for sample in samples)))
-
-    def _mask(self, matched: MatchedFilter) -> None:
-        """Flag the samples of the peaks of the matched filters."""
-        fs, envelope = self.run.channels.fs, matched.envelope
-        runs = derivatives.true_runs(envelope > max(matched.threshold, PEAK_SHARE * float(envelope.max())))
-        peaks = [begin + int(np.argmax(envelope[begin:end])) for begin, end in runs]
-        for peak, width in zip(peaks, matched.widths(peaks), strict=True):
-            reach, middle = int(np.ceil(max(MIN_REACH, REACH * width) * fs)), peak + derivatives.HALF
-            self._flags[max(0, middle - reach) : middle + reach + 1] = True
-        for begin, end in derivatives.true_runs(~self._flags):
-            if begin > 0 and end < self._flags.size and end - begin <= 2 * derivatives.HALF:
-                self._flags[begin:end] = True  # the stencils leave nothing of it
-
-    def _templates(self, noise: "GlitchSearch | None", S: Array, U: Spectrum) -> WhitenedTemplates:
-        """Return the run as the pursuit sees it, whitened by the PSD S of its noise or of its noise run."""
+    def _strongest(self, noise: "GlitchSearch | None") -> Spans:
+        """Return where the shape that stands out most does, nothing if none does."""
         terms = self._equation.spectra(self.run.spectra(self._tau))
-        transformed = slice(derivatives.HALF, derivatives.HALF + terms.window.size)
-        projected = [terms.nuisance * np.sqrt(2 / S)[:, None]]
-        if self is not noise:  # the coefficients of a noise run are those of the sysid run
-            projected.append(U[:, 1:][:, np.any(U[:, 1:] != 0, axis=0)])
-        nuisance = np.asfortranarray(np.concatenate(projected, axis=1))
-        nuisance /= np.linalg.norm(nuisance, axis=0)
-        Q, residual = (
-            whitened_run.orthonormal(whitened_run.as_real(nuisance)),
-            whitened_run.as_real(U @ self._c),
-        )
-        return WhitenedTemplates(
-            time=self.run.channels.time[transformed],
-            fs=self.run.channels.fs,
-            f=terms.f,
-            S=S,
-            window=terms.window,
-            residual=residual - Q @ (Q.T @ residual),
-            Q=Q,
-            is_own_psd=noise in (self, None),
-            known=tuple(self._shapes),
-            n_runs=self._n_runs,
-        )
+        S = (noise or self)._psd(terms.f)
+        residual = whitened_run.whiten(terms, S)[0] @ self._c
+        least = 0.0 if noise in (self, None) else 1.0  # of the noise: that of the noise run
+        fs, start = self.run.channels.fs, float(self.run.channels.time[derivatives.HALF])
+        best = strongest(matched_filters(terms, residual, S, fs, least, self._n_runs))
+        if best is None:
+            return []
+        reach = AFTER * best.tau
+        before, after = (reach, 0.0) if best.shape == "reversed" else (0.0, reach)
+        return [(start + t - MARGIN - before, start + t + MARGIN + after) for t in best.times]
 
     def warning(self) -> FitWarning:
         """Return the warning that describes the glitches."""
@@ -290,19 +225,89 @@ class GlitchSearch:
         if self.gave_up:
             message = (
                 f"{name}: masking everything that exceeds the noise would remove more than "
-                f"{100 * MAX_MASKED:g} % of the run, or take more than {MAX_SHAPES} shapes, which "
-                "glitches do not explain; nothing is masked"
+                f"{100 * MAX_MASKED:g} % of the run, which glitches do not explain; nothing is masked"
             )
             return FitWarning(TOO_MANY, (), message)
-        masks, end = (
-            sorted(self.run.masks[len(self._original.masks) :]),
-            float(self.run.telemetry.time[-1]),
-        )
-        subtracted = merge_spans([(max(a, 0.0), min(b, end)) for a, b in (g.span for g in self._shapes)])
-        groups = ((masks, "masked"), (subtracted, FITTED_ALONG))
-        clauses = [describe_spans(spans, treatment) for spans, treatment in groups if spans]
-        spans = tuple(TimeSpan(name, *span) for span in sorted([*masks, *subtracted]))
-        return FitWarning("glitches", (), f"{name}: {'; '.join(clauses)}", spans=spans)
+        spans = tuple(TimeSpan(name, *span) for span in self.spans)
+        return FitWarning("glitches", (), f"{name}: {describe_spans(self.spans, 'masked')}", spans=spans)
+
+
+@dataclass(frozen=True)
+class FilterOutput:
+    """Output of the matched filter of a shape.
+
+    Attributes
+    ----------
+    shape : str
+        One of the `SHAPES`.
+    tau : float
+        Its time scale [s].
+    ratio : ndarray, shape (M,)
+        Size of the output over the threshold.
+    step : float
+        Time from one to the next [s].
+    """
+
+    shape: str
+    tau: float
+    ratio: Array
+    step: float
+
+    @property
+    def largest(self) -> float:
+        """The largest ratio."""
+        return float(self.ratio.max(initial=0.0))
+
+    @property
+    def times(self) -> list[float]:
+        """The times [s] of its peaks, the highest first."""
+        peaks = derivatives.true_runs(self.ratio > max(1.0, PEAK_SHARE * self.largest))
+        highest = [begin + int(np.argmax(self.ratio[begin:end])) for begin, end in peaks]
+        return [self.step * i for i in sorted(highest, key=lambda i: -self.ratio[i])]
+
+
+def strongest(outputs: Iterable[FilterOutput]) -> FilterOutput | None:
+    """Return the output that is farthest over the threshold, None if none is."""
+    best = max(outputs, key=lambda output: output.largest, default=None)
+    return best if best and best.largest > 1 else None
+
+
+def matched_filters(
+    terms: Spectra, residual: Spectrum, S: Array, fs: float, least: float = 0.0, n_runs: int = 1
+) -> Iterator[FilterOutput]:
+    """Yield the output of the matched filter of every shape.
+
+    Parameters
+    ----------
+    terms : Spectra
+        The run.
+    residual : ndarray of complex, shape (B,)
+        Whitened.
+    S : ndarray, shape (B,)
+        PSD of its noise.
+    fs : float
+        Sample rate of the run [Hz].
+    least : float
+        Least standard deviation of the output.
+    n_runs : int
+        Number of runs of the campaign that are searched.
+    """
+    n = terms.window.size
+    m = min(scipy.fft.next_fast_len(PER_CYCLE * (terms.first + terms.f.size), real=True), n)
+    visible = np.interp(np.arange(m) * n / m, np.arange(n), terms.window) > 0.5
+    scale = m / 2 * np.sqrt(np.mean(terms.window**2))
+    for tau in TAUS[MAX_DURATION_FRACTION * n / fs > TAUS]:
+        limit = sigma_limit("matched filter", round(n_runs * len(SHAPES) * 4 * n / fs / tau))
+        for name, transform in SHAPES.items():
+            if tau < RESOLVED and name != "one-sided":
+                continue
+            template = np.conj(transform(2j * np.pi * terms.f * tau)) / np.sqrt(S)
+            template *= scale / np.linalg.norm(template)
+            output = windowing.inverse_transform((residual * template)[:, None], terms.first, m)[:, 0]
+            output = np.abs(output)
+            sigma = max(MAD * float(np.median(output[visible])), least) if visible.any() else 0.0
+            ratio = output / (sigma * limit) if sigma else np.zeros(m)
+            yield FilterOutput(name, float(tau), ratio, n / m / fs)
 
 
 def describe_spans(spans: Sequence[tuple[float, float]], treatment: str, what: str = "glitch") -> str:
@@ -312,12 +317,12 @@ def describe_spans(spans: Sequence[tuple[float, float]], treatment: str, what: s
     return f"{len(spans)} {what}{plural} {treatment}, at {places}"
 
 
-def merge_spans(spans: Sequence[tuple[float, float]]) -> list[tuple[float, float]]:
-    """Join spans that overlap: several shapes may make one glitch."""
-    joined: list[tuple[float, float]] = []
+def merge_spans(spans: Sequence[tuple[float, float]]) -> Spans:
+    """Join spans that overlap."""
+    merged: Spans = []
     for begin, end in sorted(spans):
-        if joined and begin <= joined[-1][1]:
-            joined[-1] = joined[-1][0], max(end, joined[-1][1])
+        if merged and begin <= merged[-1][1]:
+            merged[-1] = merged[-1][0], max(end, merged[-1][1])
         else:
-            joined.append((begin, end))
-    return joined
+            merged.append((begin, end))
+    return merged

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from fit.false_alarms import p_limit
 from fit.spectra import windowing
-from fit.whitening import Glitch, Run, whitened_run
+from fit.whitening import Run, whitened_run
 
 F_MIN = 3e-3  # Hz; below, glitches of hours look like injections
 BACKGROUND_BINS, BACKGROUND_PERCENTILE = 401, 10  # neighbours that show with what power a run moves by itself
@@ -103,7 +103,6 @@ def n_cells(run: Run) -> int:
 def coincidences(
     run: Run,
     masks: Sequence[tuple[float, float]],
-    glitches: Sequence[Glitch],
     injected: NDArray[np.bool_] | None = None,
 ) -> Coincidences:
     """Count the cells of a run with glitches, with injections, and with both.
@@ -114,13 +113,11 @@ def coincidences(
         The run.
     masks : sequence of tuple of float
         Begin and end [s] of every stretch that is masked; a long one counts in every cell that it fills.
-    glitches : sequence of Glitch
-        Shapes that are fitted along; these count where they begin.
     injected : ndarray of bool, shape (number of cells,), optional
         Which cells are injected, see `injected_cells`; none by default.
     """
     flags = np.zeros(n_cells(run), dtype=bool) if injected is None else injected
-    instants = [glitch.begin for glitch in glitches]
+    instants: list[float] = []
     for begin, end in masks:
         instants += np.arange(begin + min(CELL, end - begin) / 2, end, CELL).tolist()
     start = float(run.channels.time[:1][0])

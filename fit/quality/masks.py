@@ -1,4 +1,4 @@
-"""Masks of an experiment: saturation and spikes are masked, glitches are masked or their shapes fitted along.
+"""Masks of an experiment: saturation, spikes and glitches.
 
 Where a commanded force is at the limit of its authority, the force that acted is unknown. The equation holds
 sample by sample: what is masked takes nothing else with it but the reach of low-pass and stencils.

@@ -20,6 +20,5 @@ __all__ = [
     "derivatives",
     "fit_noise",
     "log_psds",
-    "masked_segments",
     "windowing",
 ]

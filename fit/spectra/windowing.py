@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 
 from fit.requirements import F_MAX, GAP_TAPER, TAPER
 from fit.spectra.derivatives import true_runs
-from fit.spectra.masked_segments import impulse_basis
 from fit.telemetry import pieces
 
 Array = NDArray[np.float64]
@@ -90,7 +89,6 @@ def transform(
     fs: float,
     tau: tuple[float, float] = (0.0, 0.0),
     nuisance: Iterable[Array] = (),
-    impulses: NDArray[np.intp] | None = None,
     band: tuple[float, float] | None = None,
     gap_taper: float = GAP_TAPER,
 ) -> Spectra:
@@ -110,8 +108,6 @@ def transform(
         Delays [s] about which the columns were expanded.
     nuisance : iterable of ndarray, shape (N, G) each
         Series to be projected out along with constant and ramp.
-    impulses : ndarray of int, optional
-        Samples with an impulse to be projected out, see `masked_segments`.
     band : tuple of float, optional
         Ends of the part of the fitted band to transform [Hz].
     gap_taper : float
@@ -124,9 +120,6 @@ def transform(
     else:
         projected = [_constant_and_ramp(w, fs, bins)]
     projected += [windowed_spectra(chunk, w, fs, bins) for chunk in nuisance]
-    if impulses is not None:
-        inside = impulses[impulses < n]
-        projected.append(impulse_basis(inside[w[inside] > 0], n, bins))
     f = np.arange(bins.start, bins.stop) * fs / n
     return Spectra(f, windowed_spectra(columns, w, fs, bins), np.hstack(projected), w, tau, bins.start)
 
@@ -164,15 +157,6 @@ def windowed_spectra(
         del chunk  # free its memory
     transform_rows()  # the last one, if any
     return np.concatenate(spectra).T
-
-
-def lowest_bins(series: Array, w: Array, end: int) -> Spectrum:
-    """Return the bins 0 to `end`, that left out, of transforms of series, shape (K, n), under a window.
-
-    The series are overwritten.
-    """
-    series *= w
-    return scipy.fft.rfft(series)[:, :end]
 
 
 def resample_window(w: Array, fs: float, rate: float) -> tuple[Array, float]:

@@ -5,7 +5,6 @@ the PSD of the noise run. A `WhitenedRun` holds all of chi^2 of a run in a small
 """
 
 from fit.whitening.experiment import Experiment, divide, pair
-from fit.whitening.glitch_templates import Glitch, Shape
 from fit.whitening.likelihoods import Likelihood, Weights, expected_weights, weights
 from fit.whitening.residual_psd import ResidualSpectrum, fit_residual_noise, noise_model
 from fit.whitening.run import MAX_DELAY_SHIFT, Run, check_coverage
@@ -15,18 +14,15 @@ from fit.whitening.whitened_run import WhitenedRun
 __all__ = [
     "MAX_DELAY_SHIFT",
     "Experiment",
-    "Glitch",
     "Likelihood",
     "ResidualSpectrum",
     "Run",
-    "Shape",
     "Weights",
     "WhitenedRun",
     "check_coverage",
     "divide",
     "expected_weights",
     "fit_residual_noise",
-    "glitch_templates",
     "noise_model",
     "pair",
     "system_run",

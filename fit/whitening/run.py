@@ -1,6 +1,6 @@
 """A run, and its spectra at any delay."""
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -9,10 +9,8 @@ from numpy.typing import NDArray
 from fit.errors import InputError
 from fit.model import Columns, Equation, RunChannels, Spacecraft
 from fit.spacecraft import spacecraft_of
-from fit.spectra import NoiseModel, Spectra, derivatives, masked_segments, windowing
+from fit.spectra import NoiseModel, Spectra, derivatives, windowing
 from fit.telemetry import Telemetry
-from fit.whitening import glitch_templates
-from fit.whitening.glitch_templates import Glitch
 
 Array = NDArray[np.float64]
 
@@ -45,12 +43,6 @@ class Run:
         What its equations need, by default of the telemetry.
     masks : tuple of tuple of float
         Begin and end [s] of every stretch that is masked though its samples are there.
-    glitches : tuple of Glitch
-        Glitches that are fitted, each with its own amplitude, and projected out.
-    free_shapes : bool
-        Whether their begin and times are fitted as well.
-    patches : tuple of tuple of float
-        Masks that leave the window as it is, see `spectra.masked_segments`.
     f_max : float
         End of the fitted band [Hz].
     """
@@ -58,9 +50,6 @@ class Run:
     telemetry: Telemetry
     channels: RunChannels = None  # type: ignore[assignment]  # see __post_init__
     masks: tuple[tuple[float, float], ...] = ()
-    glitches: tuple[Glitch, ...] = ()
-    free_shapes: bool = False
-    patches: tuple[tuple[float, float], ...] = ()
     f_max: float = derivatives.F_MAX
     _cache: _SpectraCache = field(default_factory=_SpectraCache, init=False, repr=False)
 
@@ -101,10 +90,6 @@ class Run:
             valid &= (time < begin) | (time > end)
         return replace(self, channels=replace(self.channels, valid=valid), masks=(*self.masks, *stretches))
 
-    def mask_by_impulses(self, stretches: Sequence[tuple[float, float]]) -> "Run":
-        """Return the run with these stretches [s] masked by patches as well."""
-        return replace(self, masks=(*self.masks, *stretches), patches=(*self.patches, *stretches))
-
     def without_samples(self) -> "Run":
         """Return the run without its samples: every channel is as long, and its largest value throughout."""
 
@@ -134,23 +119,6 @@ class Run:
     def with_channels(self, channels: Mapping[str, Array]) -> "Run":
         """Return the run with other series, shape (N,), in some of its channels."""
         return replace(self, channels=replace(self.channels, series={**self.channels.series, **channels}))
-
-    def with_glitches(self, glitches: Sequence[Glitch]) -> "Run":
-        """Return the run with these glitches projected out as well."""
-        return replace(self, glitches=(*self.glitches, *glitches))
-
-    def with_free_shapes(self) -> "Run":
-        """Return the run with begin and times of its glitches free, about their values."""
-        return replace(self, free_shapes=True) if self.glitches else self
-
-    def nuisance_columns(self, time: Array, fs: float) -> Iterator[Array]:
-        """Yield the columns of glitches at the instants `time` [s], shape (N, G), some at a time."""
-        columns = glitch_templates.columns_with_derivatives if self.free_shapes else glitch_templates.columns
-        return columns(self.glitches, time, fs)
-
-    def impulses(self, time: Array, fs: float) -> NDArray[np.intp] | None:
-        """Return at which of the instants `time` [s] patches have impulses; None without patches."""
-        return masked_segments.impulse_samples(self.patches, time, fs) if self.patches else None
 
     @property
     def n_masked(self) -> int:
@@ -216,17 +184,8 @@ class Run:
         if known := self._cache.initial:  # window, and what is projected out, are those of the run
             columns = windowing.windowed_spectra(values, known.window, terms.fs, known.bins)
             return replace(known, columns=columns, tau=terms.tau)
-        nuisance_columns = self.nuisance_columns(terms.time, terms.fs)
-        impulses = self.impulses(terms.time, terms.fs)
         return windowing.transform(
-            values,
-            terms.valid,
-            terms.fs,
-            terms.tau,
-            nuisance_columns,
-            impulses,
-            self.band,
-            self.spacecraft.gap_taper,
+            values, terms.valid, terms.fs, terms.tau, band=self.band, gap_taper=self.spacecraft.gap_taper
         )
 
 

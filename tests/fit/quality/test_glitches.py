@@ -18,6 +18,7 @@ from lpfcosim.campaign import loading
 from lpfcosim.spacecraft.run import Noise
 from tests.fit.recorded import recorded
 from tests.fit.test_pipeline import OFF
+from tests.oracles import glitches as flown
 from tests.oracles import thirteen
 from tests.oracles.synthetic import World, pair, telemetry, without
 from tests.reference_run import Pulse, simulate_reference
@@ -139,7 +140,7 @@ def test_twenty_glitches_in_a_campaign_move_nothing(simulated):
     lost = 1 - np.mean([window_weight(r) for e in after for r in both(e)]) / np.mean(
         [window_weight(r) for e in before for r in both(e)]
     )
-    assert lost < 0.04
+    assert lost < 0.06
 
     def joint(found):
         return estimate(fit_joint(found, settings()))
@@ -147,7 +148,7 @@ def test_twenty_glitches_in_a_campaign_move_nothing(simulated):
     theta, sigma = joint(before)
     assert np.max(np.abs(joint(glitchy)[0] - theta) / sigma) > 5  # something was at stake
     assert np.all(np.abs(joint(after)[0] - theta) < sigma)
-    assert np.mean(joint(after)[1] / sigma) < 1.04
+    assert np.mean(joint(after)[1] / sigma) < 1.1
 
     for e, masked in zip(before, after, strict=True):
         theta, sigma = estimate(fit_experiment(e))
@@ -174,6 +175,24 @@ def test_at_the_edges_and_beside_gaps(simulated):
     assert np.all(np.abs(estimate(fit_experiment(after))[0] - theta) < sigma)
 
 
+@pytest.mark.stat
+def test_glitches_of_seconds_to_hours_leave_the_joint_estimates():
+    # left in they move an estimate by 2.8 sigma; the seed is fixed: it passes or fails for good
+    rng, clean, after, n_glitches = np.random.default_rng(7000), [], [], 0
+    for name in thirteen.PLANS:
+        made = {kind: thirteen.made(name, kind) for kind in ("sysid", "noise")}
+        drawn = {kind: flown.draw(rng, 1, one.duration) for kind, one in made.items()}
+        n_glitches += sum(map(len, drawn.values()))
+        clean.append(experiment([thirteen.telemetry(one) for one in made.values()]))
+        after.append(search(experiment([flown.struck(made[kind], drawn[kind]) for kind in made]))[0])
+    assert n_glitches >= 15
+    fits = [fit_joint(experiments, settings({"scatter": []})) for experiments in (after, clean)]
+    theta, (expected, sigma) = estimate(fits[0])[0], estimate(fits[1])
+    moved = np.abs(theta - expected) / sigma
+    assert np.max(moved) < 1
+    assert np.sqrt(np.mean(moved**2)) < 0.4
+
+
 def test_too_much_is_told_and_left(simulated):
     storm = draw(1, 400)
     before = experiment([simulated("A", *storm), simulated("A-noise")])
@@ -189,8 +208,8 @@ def test_a_calibration_masks_and_tells(simulated):
     results = calibrate(runs)
     for fit in (results.joint, results.experiments["A"]):
         (warning,) = (w for w in fit.warnings if w.code == "glitches")
-        assert warning.message.startswith("A: 1 glitch masked, at 512")
-        assert 40 <= fit.masked_samples <= 400  # at 10 Hz
+        assert warning.message.startswith("A: 1 glitch masked, at 50")
+        assert 400 <= fit.masked_samples <= 2000  # at 10 Hz
     plain = calibrate(runs, settings({"glitches": False}))
     assert not [w for w in plain.joint.warnings if w.code == "glitches"]
     assert plain.joint.masked_samples == 0
@@ -202,9 +221,7 @@ def test_what_is_full_of_glitches_stays_out_of_the_joint_fit(simulated):
     results = calibrate(runs)
     assert results.provenance.joint_runs == ["B"]
     (told,) = (w.message for w in results.joint.warnings if w.code == "rejected")
-    assert re.search(
-        r"\bA\b.*(no matter of glitches|not in the equation of motion|no change of the noise)", told
-    )
+    assert re.search(r"\bA\b.*(glitches do not explain|no change of the noise)", told)
     others = [w.message for w in results.joint.warnings if w.message != told]
     assert not [m for m in others if re.search(r"\bA\b", m)]
     assert not results.joint.unsound

@@ -1,7 +1,5 @@
 """Filters, stencils, windows and the noise model against formulas."""
 
-import tracemalloc
-
 import numpy as np
 import pytest
 from hypothesis import given
@@ -10,7 +8,7 @@ from hypothesis import strategies as st
 from fit.errors import FitError
 from fit.spectra import derivatives, windowing
 from fit.spectra.noise_psd import fit_noise
-from fit.whitening import glitch_templates, whitened_run
+from fit.whitening import whitened_run
 
 BAND = np.array([1e-3, 13.33e-3, 53.33e-3, 0.1])  # Hz, at a sample rate of 1 Hz
 
@@ -209,27 +207,6 @@ def test_parts_beside_are_projected_out_together_and_bins_are_those_of_the_band(
     assert parts.first == band.first
     for name in ("f", "columns", "nuisance"):
         np.testing.assert_allclose(getattr(parts, name), getattr(band, name), rtol=1e-12)
-
-
-def test_many_series_beside_take_no_more_memory_than_few():
-    n = 400_000
-    time, valid, peaks = np.arange(n, dtype=float), np.ones(n, dtype=bool), []
-    found = [
-        glitch_templates.Glitch(glitch_templates.Shape("double_exponential", 300.0), 1e4 * i)
-        for i in range(1, 13)
-    ]
-    for some in (found[:4], found):
-        tracemalloc.start()
-        windowing.transform(
-            time[:, None],
-            valid,
-            1.0,
-            nuisance=glitch_templates.columns_with_derivatives(some, time, 1.0),
-            band=(3e-5, 2e-3),
-        )
-        peaks.append(tracemalloc.get_traced_memory()[1])
-        tracemalloc.stop()
-    assert peaks[1] < 1.1 * peaks[0]
 
 
 @pytest.mark.parametrize("n", [2160, 2187, 40])
