@@ -104,7 +104,7 @@ def run(
             "--time-limit",
             metavar="DURATION",
             parser=duration,
-            help='Wall time of each run, such as "2 h".',
+            help='Wall time of each run, such as "2 h"; without --scheduler.',
         ),
     ] = None,
     rerun: Annotated[

@@ -219,31 +219,22 @@ def write_telemetry(
     Without FMUs it is simulated from the equations of its models, as one block. The attribute
     ``saturated_samples`` counts the samples with a command at its limit, if there are any.
     """
-    saturated, loop = 0, ClosedLoop(run)
-    limits = loop.limits
-    spacecraft = model_of(run)
+    loop, spacecraft, saturated = ClosedLoop(run), model_of(run), 0
     interfaces = compatibility.read_interfaces(run, fmus) if fmus else []
     unknown = spacecraft.unknown_truths(run, compatibility.ignored_names(interfaces))
+
+    def simulated_blocks() -> Iterator[Mapping[str, co_simulation.Array]]:
+        nonlocal saturated
+        blocks = co_simulation.blocks(run, interfaces, progress, libraries) if fmus else [loop.simulate()]
+        for block in blocks:
+            saturated += saturation.count(loop.limits, block)
+            yield {name: block[name] for name in spacecraft.record}
+
     with telemetry_file.create(path, run, spacecraft.record, attributes, unknown, is_final=False) as writer:
-
-        def simulated_blocks() -> Iterator[Mapping[str, co_simulation.Array]]:
-            nonlocal saturated
-            for block in (
-                co_simulation.blocks(run, interfaces, progress, libraries) if fmus else _evaluate(loop)
-            ):
-                saturated += saturation.count(limits, block)
-                yield block
-
         for block in decimation.decimate(run, simulated_blocks()):
             writer.append(block)
         if saturated:
             writer.annotate("saturated_samples", saturated)
-
-
-def _evaluate(loop: ClosedLoop) -> Iterator[dict[str, co_simulation.Array]]:
-    """Yield the recorded channels of a run that is simulated from the equations of its models."""
-    simulated = loop.simulate()
-    yield {name: simulated[name] for name in model_of(loop.run).record}
 
 
 def saturated_samples(paths: Iterable[Path]) -> dict[str, int]:

@@ -1,11 +1,13 @@
 """Runs on several processes: all there, once, resumed, and honest about failure."""
 
+import multiprocessing
 import os
 import re
 import shutil
 import subprocess
 import sys
 import tempfile
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
 
 import h5py
@@ -52,10 +54,13 @@ def test_files_hold_what_the_reference_plant_computes(plan, files, seen):
                 assert error <= 1e-9 * np.sqrt(np.mean(expected[channel] ** 2)), channel
 
 
-def test_the_number_of_processes_does_not_change_a_byte(fmus, plan, files, tmp_path):
-    plain = runner.simulate(plan, tmp_path / "plain", fmus, runner.RunOptions(jobs=1))
-    for a, b in zip(files, plain.files.values(), strict=True):
-        assert a.read_bytes() == b.read_bytes()
+def test_who_does_the_work_does_not_change_a_byte(fmus, plan, files, tmp_path):
+    with ProcessPoolExecutor(1, multiprocessing.get_context("spawn")) as executor:
+        for options in (runner.RunOptions(jobs=1), runner.RunOptions(executor=executor)):
+            done = runner.simulate(plan, tmp_path, fmus, replace(options, rerun=True))
+            for a, b in zip(files, done.files.values(), strict=True):
+                assert a.read_bytes() == b.read_bytes()
+            shutil.rmtree(tmp_path)
 
 
 @pytest.fixture
