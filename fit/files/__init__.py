@@ -5,7 +5,7 @@ file, the error is one sentence that names it and the place in it.
 """
 
 from fit.files.documents import is_file, short_path
-from fit.files.faults import closest_match, key, place, problem, suggestion, validation_messages
+from fit.files.faults import closest_match, key, problem, suggestion, validation_messages
 from fit.files.outputs import refuse_links
 from fit.files.tables import Table
 
@@ -16,7 +16,6 @@ __all__ = [
     "documents",
     "is_file",
     "key",
-    "place",
     "problem",
     "refuse_links",
     "short_path",

@@ -6,7 +6,7 @@ import tomllib
 from pathlib import Path
 from typing import Any, TypeVar
 
-from pydantic import BaseModel, ValidationError
+from pydantic import TypeAdapter, ValidationError
 
 from fit.errors import InputError, shown
 from fit.files.faults import validation_messages
@@ -25,7 +25,7 @@ _WRITE = {  # what tomllib says, and what to write instead
     ),
     "unclosed array": ", a list ends with ] and has commas between its values",
 }
-_Content = TypeVar("_Content", bound=BaseModel)
+_Content = TypeVar("_Content")
 
 
 def text(path: Path, kind: str, largest: int = MAX_SIZE) -> str:
@@ -98,7 +98,7 @@ def from_json(path: Path, kind: str, schema: str, content: type[_Content]) -> _C
     if found_schema != schema:
         raise InputError(f"{path}: schema is {shown(found_schema)}, expected {schema!r}")
     try:
-        return content.model_validate_json(document)
+        return TypeAdapter(content).validate_json(document)
     except ValidationError as error:
         raise InputError(f"{path}: {validation_messages(error)}") from error
 

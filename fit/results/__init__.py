@@ -20,12 +20,12 @@ from fit.results.folders import (
     telemetry_files,
     telemetry_of,
 )
-from fit.results.json_reader import load
 from fit.results.provenance import Provenance
 from fit.results.results import (
     Results,
     check_frame,
     check_results,
+    load,
     sound_joint,
     write,
 )

@@ -6,21 +6,24 @@ from typing import TYPE_CHECKING, Annotated, Literal, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field
+from pydantic import ConfigDict, Field, model_validator
 
 from fit.display import Displayed
+from fit.files import problem
 from fit.units import prior_text
 
 if TYPE_CHECKING:
     from lmfit import Minimizer, Parameters
     from lmfit.minimizer import MinimizerResult
 
+CONFIG = ConfigDict(arbitrary_types_allowed=True, allow_inf_nan=False)
 QUANTILES = 27  # of a residual
 FIXED = "fixed"  # shown for the sigma of an exact value
 WITHHELD = "?"  # shown for a sigma that is not valid
 ConstraintKind = Literal["fixed", "tied", "prior", "bounds"]
 Bound = Literal["min", "max"]
 _Score = Annotated[float, Field(ge=-1e9, le=1e9)]
+_Number = Annotated[float, Field(ge=-1e100, le=1e100)]  # its square is still a number
 
 
 @dataclass(frozen=True)
@@ -80,13 +83,23 @@ class Estimate(Displayed):
         Whether `sigma` is valid: that of an unsound `Fit` is not. Files state it of the fit.
     """
 
-    value: float
-    sigma: float
+    value: _Number
+    sigma: _Number
     unit: str
     truth: float | None = None
     pull: float | None = None
     constraint: Constraint | None = None
-    sound: bool = field(default=True, compare=False)
+    sound: Annotated[bool, Field(exclude=True)] = field(default=True, compare=False)
+
+    @model_validator(mode="after")
+    def _check_sigma(self) -> "Estimate":
+        """Refuse the sigma of a file if it is none, which would make an estimate look exact."""
+        kind = self.constraint.kind if self.constraint else ""
+        if self.sigma > 0 or (self.is_exact and kind in ("fixed", "tied")):
+            return self
+        raise problem(
+            f'{self.sigma:g}, expected more than 0, or 0 with a constraint "fixed" or "tied"', "sigma"
+        )
 
     @property
     def is_exact(self) -> bool:

@@ -1,22 +1,38 @@
-"""The record of one fit, and those of a section of results by their key."""
+"""The record of one fit: as it is in memory, and as it is in a file."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Literal, NoReturn, overload
+from typing import TYPE_CHECKING, Annotated, Any, Literal, overload
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import (
+    Field,
+    PlainSerializer,
+    PlainValidator,
+    SerializerFunctionWrapHandler,
+    SkipValidation,
+    model_serializer,
+    model_validator,
+)
 
 from fit.display import Displayed
-from fit.errors import InputError, MissingKeyError, shown
-from fit.results import data_frames
-from fit.results.estimates import Diagnostics, Estimate, SolvedModel, Stiffness, correlation_matrix
+from fit.errors import InputError
+from fit.files import problem
+from fit.results.estimates import CONFIG, Diagnostics, Estimate, SolvedModel, Stiffness, correlation_matrix
 from fit.warnings import FitWarning
 
 if TYPE_CHECKING:
     import pandas
     from lmfit import Minimizer, Parameters
     from lmfit.minimizer import MinimizerResult
+
+
+def _matrix(rows: Any) -> NDArray[np.float64]:
+    try:
+        return np.array(rows, dtype=np.float64)
+    except (ValueError, TypeError):
+        raise problem("expected rows of numbers") from None
 
 
 @dataclass(frozen=True, repr=False)
@@ -49,17 +65,26 @@ class Fit(Displayed):
         The fitted model; not in files.
     """
 
+    __pydantic_config__ = CONFIG
+
     parameters: dict[str, Estimate]
-    covariance_matrix: NDArray[np.float64]
+    covariance_matrix: Annotated[
+        NDArray[np.float64],
+        PlainValidator(_matrix),
+        PlainSerializer(lambda matrix: matrix.tolist()),
+        Field(alias="covariance"),
+    ]
     chi2: float
-    dof: int
+    dof: Annotated[int, Field(ge=0, le=2**53)]
     converged: bool
     warnings: tuple[FitWarning, ...]
-    masked_samples: int | None = None
+    masked_samples: Annotated[int, Field(ge=0)] | None = None
     diagnostics: Diagnostics | None = None
     centrifugal: Estimate | None = None
     stiffness: tuple[Stiffness, ...] = ()
-    solved: SolvedModel | None = field(default=None, compare=False)
+    solved: Annotated[SkipValidation[SolvedModel | None], Field(exclude=True)] = field(
+        default=None, compare=False
+    )
 
     def __post_init__(self) -> None:
         sound = not self.unsound
@@ -67,6 +92,44 @@ class Fit(Displayed):
             name: e if e.sound == sound else replace(e, sound=sound) for name, e in self.parameters.items()
         }
         object.__setattr__(self, "parameters", estimates)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _order(cls, document: Any) -> Any:
+        """Put the parameters of a file into the order of its covariance, and state why it is not sound."""
+        if not isinstance(document, dict) or not isinstance(parameters := document.get("parameters"), dict):
+            return document
+        names = document.get("names")
+        if not isinstance(names, list) or sorted(map(str, names)) != sorted(parameters):
+            raise problem("expected each of the parameters once", "names")
+        warnings = document.get("warnings")
+        if document.get("sound") is False and isinstance(warnings, list):
+            known = [w for w in warnings if isinstance(w, dict)]
+            if not any(FitWarning(str(w.get("code")), (), "").kind.unsound for w in known):
+                reasons = "; ".join(str(w.get("message")) for w in known) or "no warning"
+                message = f"its file says sound = false and has as reason: {reasons}"
+                warnings = [*warnings, {"code": "unsound_file", "parameters": (), "message": message}]
+        ordered = {name: parameters[name] for name in names}
+        return {**document, "parameters": ordered, "warnings": warnings, "solved": None}
+
+    @model_validator(mode="after")
+    def _check_covariance(self) -> "Fit":
+        size, matrix = len(self.parameters), self.covariance_matrix
+        if not size and not matrix.size:
+            object.__setattr__(self, "covariance_matrix", np.empty((0, 0)))
+            return self
+        if matrix.shape != (size, size):
+            raise problem(f"expected {size} rows of {size} numbers", "covariance")
+        sigmas = np.array([e.sigma for e in self.parameters.values()])
+        if not np.allclose(np.diag(matrix), sigmas**2, rtol=1e-6, atol=0):
+            raise problem("expected the squares of the sigmas on the diagonal", "covariance")
+        if not np.all(np.abs(matrix) <= (1 + 1e-6) * np.outer(sigmas, sigmas)):
+            raise problem("expected correlations of at most 1", "covariance")
+        return self
+
+    @model_serializer(mode="wrap")
+    def _write(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        return {**write(self), "names": list(self), "sound": not self.unsound}
 
     def __getitem__(self, name: str) -> Estimate:
         """Return the estimate of a parameter.
@@ -147,25 +210,13 @@ class Fit(Displayed):
         as_frame : bool
             As a data frame with the names of the parameters on both axes.
         """
-        return (
-            data_frames.covariance_frame(self.covariance_matrix, list(self))
-            if as_frame
-            else self.covariance_matrix
-        )
+        if not as_frame:
+            return self.covariance_matrix
+        import pandas as pd  # slow to import
+
+        return pd.DataFrame(self.covariance_matrix, index=[*self], columns=[*self])
 
     @property
     def correlation(self) -> NDArray[np.float64]:
         """The correlation matrix, shape (P, P), in the order of `parameters`."""
         return correlation_matrix(self.covariance_matrix)
-
-
-class KeyedFits(dict[str, Fit]):
-    """The fits of a section of results by experiment, epoch or period, which is their `kind`."""
-
-    def __init__(self, kind: str, fits: Mapping[str, Fit]) -> None:
-        super().__init__(fits)
-        self.kind = kind
-
-    def __missing__(self, key: object) -> NoReturn:
-        known = ", ".join(self) or "none"
-        raise MissingKeyError(f"no {self.kind} {shown(key)} in these results, known: {known}")

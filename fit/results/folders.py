@@ -13,8 +13,7 @@ from pathlib import Path
 
 from fit.errors import InputError, shown
 from fit.files import documents, is_file
-from fit.results.json_reader import load
-from fit.results.results import Results
+from fit.results.results import Results, load
 from fit.telemetry import is_telemetry
 
 RESULTS, TELEMETRY = "results.json", "telemetry"

@@ -1,17 +1,15 @@
 """How the results of a calibration came about."""
 
-from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
-from typing import Any, get_type_hints
+from typing import Any
 
-from pydantic import TypeAdapter, ValidationError
+from pydantic import model_serializer, model_validator
 
-from fit.errors import MissingKeyError, shown
 from fit.telemetry import TOWARDS_2, XAxis
 
 
 @dataclass(frozen=True, kw_only=True)
-class Provenance(Mapping[str, object]):
+class Provenance:
     """How results came about; None where nothing is recorded.
 
     Attributes
@@ -52,58 +50,34 @@ class Provenance(Mapping[str, object]):
     window: str | None = None
     cross_talk_periods: dict[str, str] | None = None
     subtraction: dict[str, dict[str, float]] | None = None
-    settings: dict[str, object] | None = None
+    settings: dict[str, Any] | None = None
     scatter: dict[str, dict[str, float]] | None = None
     levels: list[str] | None = None
     inertial_runs: dict[str, list[str]] | None = None
     inertial_band: list[float] | None = None
     x_axis: XAxis | None = None
-    extra: dict[str, object] = field(default_factory=dict)
+    extra: dict[str, Any] = field(default_factory=dict)
     versions: dict[str, str] | None = None
     telemetry: list[str] | None = None
-
-    @classmethod
-    def from_entries(cls, entries: Mapping[str, object]) -> "Provenance":
-        """Return the entries of JSON; one of another type than documented is kept in `extra`."""
-        known: dict[str, Any] = {}
-        additional: dict[str, object] = {}
-        for name, value in entries.items():
-            try:
-                known[name] = _KINDS[name].validate_python(value, strict=True)
-            except (KeyError, ValidationError):
-                additional[name] = value
-        return cls(**known, extra=additional)
 
     @property
     def frame(self) -> XAxis:
         """Where +x points to."""
         return self.x_axis or TOWARDS_2
 
-    def entries(self) -> dict[str, object]:
+    def entries(self) -> dict[str, Any]:
         """Return everything as JSON has it."""
-        entries: dict[str, object] = {}
-        for name, value in vars(self).items():
-            entries |= self.extra if name == "extra" else {} if value is None else {name: value}
-        return entries
+        return {n: x for n, x in vars(self).items() if x is not None and n != "extra"} | self.extra
 
-    def __getitem__(self, name: str) -> object:
-        """Return an entry as JSON has it.
+    @model_validator(mode="before")
+    @classmethod
+    def _gather(cls, document: Any) -> Any:
+        if not isinstance(document, dict):
+            return document
+        known = {name: x for name, x in document.items() if name in cls.__dataclass_fields__}
+        extra = {name: x for name, x in document.items() if name not in known or name == "extra"}
+        return {**known, "extra": extra}
 
-        Raises
-        ------
-        MissingKeyError
-            If there is none of that name.
-        """
-        entries = self.entries()
-        if name not in entries:
-            raise MissingKeyError(f"no entry {shown(name)} in this provenance, known: {', '.join(entries)}")
-        return entries[name]
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(self.entries())
-
-    def __len__(self) -> int:
-        return len(self.entries())
-
-
-_KINDS = {name: TypeAdapter(kind) for name, kind in get_type_hints(Provenance).items() if name != "extra"}
+    @model_serializer
+    def _flatten(self) -> dict[str, Any]:
+        return self.entries()

@@ -1,30 +1,43 @@
-"""The result of a calibration, and its writer as JSON, schema ``lpf-results/1``."""
+"""The results of one calibration, and their file, schema ``lpf-results/1``."""
 
 import os
 from collections.abc import Iterator, Mapping
-from dataclasses import MISSING, dataclass, fields, is_dataclass
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NoReturn
 
-import numpy as np
+from pydantic import TypeAdapter, model_validator
 
 from fit.display import Displayed, latex
-from fit.errors import InputError, shown
-from fit.files import atomic
-from fit.results import data_frames
-from fit.results.fit_record import Fit, KeyedFits
+from fit.errors import InputError, MissingKeyError, shown
+from fit.files import atomic, documents
+from fit.results.estimates import CONFIG
+from fit.results.fit_record import Fit
 from fit.results.provenance import Provenance
 from fit.telemetry import Telemetry
-from fit.warnings import Cause, FitWarning
+from fit.warnings import FitWarning
 
 if TYPE_CHECKING:
     import pandas
 
 SCHEMA = "lpf-results/1"
-JSON_NAMES = {"covariance_matrix": "covariance"}  # of fields that have another name in the file
 #: Sections of fits by key, and what the keys name.
 SECTIONS = {"experiments": "experiment", "cross_talk": "alignment epoch", "inertial": "inertial period"}
 SINGLE_FITS = ("joint", "ttl")
+INDEX = ["section", "key", "parameter", "unit"]
+COLUMNS = ["value", "sigma", "sound", "constraint", "truth", "pull"]
+
+
+class KeyedFits(dict[str, Fit]):
+    """The fits of a section of results by experiment, epoch or period, which is their `kind`."""
+
+    def __init__(self, kind: str, fits: Mapping[str, Fit]) -> None:
+        super().__init__(fits)
+        self.kind = kind
+
+    def __missing__(self, key: object) -> NoReturn:
+        known = ", ".join(self) or "none"
+        raise MissingKeyError(f"no {self.kind} {shown(key)} in these results, known: {known}")
 
 
 @dataclass(frozen=True, repr=False)
@@ -50,12 +63,21 @@ class Results(Displayed):
         If a section is indexed by a fit that it does not have.
     """
 
+    __pydantic_config__ = CONFIG
+
     joint: Fit | None
     experiments: dict[str, Fit]
     cross_talk: dict[str, Fit]
     inertial: dict[str, Fit]
     provenance: Provenance
     ttl: Fit | None = None
+
+    @model_validator(mode="before")
+    @classmethod
+    def _add_sections(cls, document: Any) -> Any:
+        """Return a document with the sections that it lacks, empty."""
+        empty: dict[str, Any] = {"joint": None, **{section: {} for section in (*SECTIONS, "provenance")}}
+        return empty | document if isinstance(document, dict) else document
 
     def __post_init__(self) -> None:
         for section, kind in SECTIONS.items():
@@ -85,22 +107,27 @@ class Results(Displayed):
         The index is section, key (of an experiment, epoch or period), parameter and unit. Where `sound` is
         false, `sigma` is not valid; `constraint` is empty where the user states none.
         """
-        return data_frames.estimates_frame(
-            (section, key, not fit.unsound, fit.parameters) for section, key, fit in self.fits()
-        )
+        import pandas as pd  # slow to import
+
+        rows = {
+            (section, key, name, e.unit): (
+                e.value,
+                e.sigma,
+                e.sound,
+                str(e.constraint or ""),
+                e.truth,
+                e.pull,
+            )
+            for section, key, fit in self.fits()
+            for name, e in fit.parameters.items()
+        }
+        index = pd.MultiIndex.from_tuples([*rows] or [("",) * len(INDEX)], names=INDEX)
+        frame = pd.DataFrame([*rows.values()], index=index[: len(rows)], columns=COLUMNS)
+        return frame.astype({"truth": float, "pull": float})
 
     def to_csv(self, path: str | Path) -> None:
-        """Write all estimates as comma-separated values, with the columns of `to_dataframe`.
-
-        Raises
-        ------
-        InputError
-            If it is no path, or of a folder that does not exist.
-        """
-        data_frames.write_csv(
-            _checked(path, "to_csv"),
-            ((section, key, not fit.unsound, fit.parameters) for section, key, fit in self.fits()),
-        )
+        """Write all estimates as comma-separated values, with the columns of `to_dataframe`."""
+        self.to_dataframe().to_csv(_checked(path, "to_csv"))
 
     def to_latex(self) -> str:
         r"""Return the joint fit and the inertial forces as a ``tabular`` of LaTeX, with rules of booktabs.
@@ -173,6 +200,17 @@ def check_frame(results: Results, run: Telemetry) -> None:
         )
 
 
+def load(path: Path) -> Results:
+    """Read results.
+
+    Raises
+    ------
+    InputError
+        If the file is missing, is no JSON, has another schema or breaks it.
+    """
+    return documents.from_json(path, "a file of results", SCHEMA, Results)
+
+
 def write(results: Results, path: Path) -> str:
     """Write `results` as JSON, which is returned; the file appears whole or not at all.
 
@@ -181,24 +219,5 @@ def write(results: Results, path: Path) -> str:
     FitError
         If a number is not finite: such a result must not look like one.
     """
-    sections = {section: getattr(results, section) for section in ("joint", *SECTIONS)}
-    sections |= {"ttl": results.ttl} if results.ttl else {}
-    document = {"schema": SCHEMA, **_to_json(sections), "provenance": results.provenance.entries()}
-    return atomic.write_json(path, document)
-
-
-def _to_json(value: Any) -> Any:
-    """Return records as JSON has them, without the fields that have their default."""
-    if isinstance(value, Cause):
-        return value.as_dict()
-    if is_dataclass(value):
-        values = {f: getattr(value, f.name) for f in fields(value) if f.compare}
-        stated = {f.name: x for f, x in values.items() if f.default is MISSING or x != f.default}
-        derived = {"names": list(value), "sound": not value.unsound} if isinstance(value, Fit) else {}
-        entries = {JSON_NAMES.get(name, name): x for name, x in (stated | derived).items()}
-        return _to_json(entries)
-    if isinstance(value, Mapping):
-        return {name: _to_json(x) for name, x in value.items()}
-    if isinstance(value, tuple | list):
-        return [_to_json(x) for x in value]
-    return value.tolist() if isinstance(value, np.ndarray) else value
+    document = TypeAdapter(Results).dump_python(results, by_alias=True, exclude_defaults=True)
+    return atomic.write_json(path, {"schema": SCHEMA, **document})

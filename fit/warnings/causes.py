@@ -3,6 +3,8 @@
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 
+from pydantic import model_serializer
+
 
 @dataclass(frozen=True)
 class Cause:
@@ -50,6 +52,7 @@ class Cause:
             return (self.sentence,)
         return self.channel, self.kind, self.unit, f"{self.size:.1g}"
 
+    @model_serializer
     def as_dict(self) -> dict[str, str | float | None]:
         """Return the record for JSON."""
         return asdict(self)

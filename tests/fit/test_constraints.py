@@ -54,7 +54,7 @@ def test_a_fixed_parameter(runs, free):
     assert f"C_2 fixed at {known:.9g}" in next(
         w.message for w in results.joint.warnings if w.code == "constrained"
     )
-    assert results.provenance["settings"]["parameters"] == {"C_2": {"value": known, "vary": False}}
+    assert results.provenance.settings["parameters"] == {"C_2": {"value": known, "vary": False}}
 
 
 def test_fixed_parameters_alone_have_a_chi2(runs, free):
@@ -114,7 +114,7 @@ def test_what_the_data_contradict_is_not_sound(runs, free, said):
     (told,) = results.joint.unsound
     assert told.code == "constraint_contradicted"
     assert f"without: {free.joint['lambda_2'].value:.4g}"[:-1] in told.message
-    assert results.provenance["joint_runs"] == free.provenance["joint_runs"]  # no run is blamed for it
+    assert results.provenance.joint_runs == free.provenance.joint_runs  # no run is blamed for it
     assert "random_effects" not in codes(results.joint)
 
 
@@ -130,7 +130,7 @@ def test_the_model_of_a_fit_answers_in_milliseconds(runs, free):
         assert p.value == e.value
         assert p.stderr == pytest.approx(e.sigma, rel=1e-5)
     assert "chi-square" in lmfit.fit_report(joint.lmfit)
-    agreement = free.provenance["agreement"][""]
+    agreement = free.provenance.extra["agreement"][""]
     assert joint.lmfit.chisqr == pytest.approx(agreement["chi2"], rel=1e-3)
     assert joint.lmfit.nfree == agreement["dof"]
     others = fit.calibrate(runs, exclude=["E"]).joint
@@ -200,7 +200,7 @@ def test_the_information_of_experiments_is_that_of_what_varies():
 
 def test_the_end_of_the_band(runs, free):
     found = fit.calibrate(runs, f_max=0.03)
-    assert found.provenance["f_max"] == 0.03
+    assert found.provenance.f_max == 0.03
     assert found.joint.dof == pytest.approx(0.3 * free.joint.dof, rel=0.01)
     for name, e in found.joint.parameters.items():
         assert abs(e.value - getattr(WORLD, name)) < 4 * e.sigma

@@ -38,7 +38,6 @@ RESULTS = Results(FIT, {"A": FIT}, {}, {}, Provenance())
         (lambda: RESULTS.experiments["Z"], "no experiment 'Z' in these results, known: A"),
         (lambda: RESULTS.inertial[1], "no inertial period 1 in these results, known: none"),
         (lambda: RESULTS.cross_talk[None], "no alignment epoch None in these results"),
-        (lambda: RESULTS.provenance["Z"], "no entry 'Z' in this provenance"),
         (lambda: RESULTS.experiments["A"]["Z"], "Z is no parameter of this fit"),
         (lambda: RESULTS.save(None), "save: path: None, expected the path of a file"),
         (lambda: RESULTS.save("/"), "save: path: '/', expected the path of a file"),
@@ -60,7 +59,6 @@ def test_wrong_arguments_are_refused_in_one_sentence(act, expected):
 
 def test_sections_of_results_are_mappings():
     assert RESULTS.experiments == {"A": FIT} and RESULTS.experiments.get("Z") is None
-    assert "Z" not in RESULTS.provenance and RESULTS.provenance.get("Z", 1) == 1
     with pytest.raises(KeyError):
         _ = RESULTS.experiments["Z"]
 

@@ -52,7 +52,7 @@ def test_outlier_is_left_out():
     assert re.match(r"left out of the joint fit: B.*F_max_2 is 1\.[01]", message)
     assert "omega2_2 differs" in message
     assert results.experiments["B"].unsound
-    agreement = results.provenance["agreement"]
+    agreement = results.provenance.extra["agreement"]
     assert set(agreement) == {"", "A", "B", "C", "D", "E"}
     assert agreement["B"] == {"p_outlier": pytest.approx(1.0, abs=0.01)}
     assert all(of_run["p"] > 1e-3 and of_run["dof"] > 0 for name, of_run in agreement.items() if name != "B")

@@ -163,8 +163,8 @@ def test_the_whole_report(tmp_path, campaign):
         results(
             joint=joint_fit({"C_2": 1.7}),
             experiments={"A1": experiment_fit(), "B2": experiment_fit()},
-            provenance=Provenance.from_entries(
-                {"campaign": "quickstart", "fit_version": "0.1.0", "files": ["a", "b"]}
+            provenance=Provenance(
+                extra={"campaign": "quickstart", "fit_version": "0.1.0", "files": ["a", "b"]}
             ),
         ),
         runs,
@@ -247,7 +247,7 @@ def test_every_foreign_text_is_escaped(tmp_path, campaign):
         results(
             joint=foreign_fit,
             experiments={EVIL: fit},
-            provenance=Provenance.from_entries({EVIL: {EVIL: [EVIL]}}),
+            provenance=Provenance(extra={EVIL: {EVIL: [EVIL]}}),
         ),
         runs,
     )
@@ -303,11 +303,14 @@ def test_experiments_are_folded_but_the_first(tmp_path):
 
 
 def test_what_was_run_is_at_the_end(tmp_path, campaign):
-    origin = {"campaign_digest": 64 * "a", "seed": 5, "f_max": 0.1}
-    origin["versions"] = {"lpfcosim": "0.1.0", "numpy": "2.1"}
+    origin = Provenance(
+        f_max=0.1,
+        versions={"lpfcosim": "0.1.0", "numpy": "2.1"},
+        extra={"campaign_digest": 64 * "a", "seed": 5},
+    )
     page = written(
         tmp_path,
-        results(experiments={"A1": experiment_fit()}, provenance=Provenance.from_entries(origin)),
+        results(experiments={"A1": experiment_fit()}, provenance=origin),
         campaign(),
     )
     top, end = page.text.rsplit("Provenance", maxsplit=1)
