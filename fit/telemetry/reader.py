@@ -33,11 +33,10 @@ from fit.telemetry.contract import (
 )
 from fit.telemetry.lazy_channels import LazyChannels, check_schema, open_file
 from fit.telemetry.validation import (
-    channel_names,
+    channel_attribute,
     channel_units,
     check_markers,
     check_missing,
-    complete_channels,
     plain,
     read_time,
     readable_attributes,
@@ -189,7 +188,7 @@ def open_run(path: Path) -> Telemetry:
             channels=LazyChannels(path, units, range(time.size), root.fs),
             units=units,
             attributes=dict(root.model_extra or {}),
-            long_names=channel_names(file, units),
+            long_names={k: str(v) for k, v in channel_attribute(file, units, "long_name").items()},
         )
     inertial_period(telemetry)
     return telemetry
@@ -260,10 +259,10 @@ def check_channels(telemetry: Telemetry) -> None:
         If a value breaks the contract, or seems to mark missing samples.
     """
     with open_file(telemetry.path) as file:
-        complete = complete_channels(file, telemetry.units)
+        markers = channel_attribute(file, telemetry.units, "missing_value")
     for name, values in telemetry.channels.items():
         place = f"{short_path(telemetry.path)}: channel {key(name)}"
-        if name not in complete:
+        if markers.get(name) is None:  # NaN states that there are none
             check_markers(place, name, values)
 
 

@@ -14,9 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fit.errors import InputError, shown
+from fit.files import key
 from fit.telemetry.lazy_channels import open_file
-from fit.telemetry.validation import check_values, plain, read_time, readable_attributes
-from fit.units import same_unit
+from fit.telemetry.validation import checked_dataset, read_channel, read_time, readable_attributes
 
 Array = NDArray[np.float64]
 
@@ -91,17 +91,9 @@ def _rate(path: Path, attributes: Mapping[str, object]) -> float:
 
 def _read(file: h5py.File, path: Path, name: str, unit: str, size: int, fs: float) -> Array:
     """Return a series, checked to be complete."""
-    place = f"{path}: series {name}"
-    dataset = file.get(name)
-    if not isinstance(dataset, h5py.Dataset):
-        raise InputError(f"{place}: missing, expected it in {unit}")
-    stated = plain(dataset.attrs.get("units", ""))
-    if not (isinstance(stated, str) and same_unit(stated, unit)):
-        raise InputError(f"{place}: units {shown(stated)}, expected {unit!r}")
-    if dataset.shape != (size,) or dataset.dtype.kind not in "fiu":
-        raise InputError(f"{place}: shape {dataset.shape}, expected {size} numbers, one for each time")
-    values = np.asarray(dataset[()], dtype=np.float64)
-    check_values(place, values, fs, known=False)
+    checked_dataset(file, path, name, unit, size)
+    values = read_channel(file, path, name, slice(0, size), fs)
     if np.isnan(values).any():
+        place = f"{path}: channel {key(name)}"
         raise InputError(f"{place}: sample {int(np.argmax(np.isnan(values)))} is missing, expected all")
     return values

@@ -125,7 +125,7 @@ def _read_own(path: Path) -> Measurements:
     try:
         file = read_series(path, SCHEMA, _UNITS)
     except InputError as error:
-        if any(f"series {name}: missing" in str(error) for name in VARIABLES):
+        if any(f"channel {name}: missing" in str(error) for name in VARIABLES):
             raise InputError(
                 f"{error}: {', '.join(VARIABLES)} are Michelson variables of second generation in frequency, "
                 "as pytdi computes them; other channels are not used"

@@ -69,10 +69,13 @@ def _noise(file):
 @pytest.mark.parametrize(
     ("damage", "sentence"),
     [
-        (_unit, r"series dws_phi_12: units 'rad', expected 'rad s-1'"),
-        (_missing, r"series Y2: missing, expected it in Hz: X2, Y2, Z2 are .* of second generation .* pytdi"),
+        (_unit, r"channel dws_phi_12: units 'rad', expected 'rad s-1'"),
+        (
+            _missing,
+            r"channel Y2: missing, expected it in Hz: X2, Y2, Z2 are .* of second generation .* pytdi",
+        ),
         (_schema, r"attribute schema: 'lisa-measurements/2', expected 'lisa-measurements/1'"),
-        (_nan, r"series X2: sample 7 is missing, expected all"),
+        (_nan, r"channel X2: sample 7 is missing, expected all"),
         (_delay, r"d_12: 8.3e\+09 s, expected a light travel time of 1 to 60 s"),
         (_motion, r"eta_21: moves by .* rad, .*repeat the manoeuvre with a smaller amplitude"),
         (_constant, r"phi_12: 0 throughout, expected what .* wavefront sensing of all six assemblies"),

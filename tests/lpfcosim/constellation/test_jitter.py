@@ -114,4 +114,4 @@ def test_telemetry_of_another_spacecraft_is_refused(lpfcosim, tmp_path, files):
     with h5py.File(files[1], "r+") as file:
         del file["mosa_1"]
     message = lpfcosim("jitter", *files, "--out", "j.h5", status=2)[2]
-    assert "sc2.h5: series mosa_1: missing, expected it in rad" in message
+    assert "sc2.h5: channel mosa_1: missing, expected it in rad" in message
