@@ -29,7 +29,7 @@ TABLES = {  # in the order of a campaign file
     "FmuTable": "[fmus.MODEL]",
     "DesignTable": "[design]",
     "CapTable": "[design.limits.QUANTITY]",
-    "SoughtTable": "[identify.MODEL.PARAMETER]",
+    "IdentifyTable": "[identify.MODEL.PARAMETER]",
 }
 
 

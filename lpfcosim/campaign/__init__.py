@@ -5,13 +5,13 @@ Everything in the file is checked here, so that a mistake is reported before any
 
 from lpfcosim.campaign.campaign import Campaign, Experiment
 from lpfcosim.campaign.design_table import DesignTable
-from lpfcosim.campaign.parameter_spec import ParameterSpec
+from lpfcosim.campaign.identify_table import IdentifyTable
 
 __all__ = [
     "Campaign",
     "DesignTable",
     "Experiment",
-    "ParameterSpec",
+    "IdentifyTable",
     "loading",
     "montecarlo",
     "names",

@@ -10,7 +10,7 @@ from typing import Any
 
 from lpfcosim.campaign import history
 from lpfcosim.campaign.design_table import DesignTable
-from lpfcosim.campaign.parameter_spec import ParameterSpec
+from lpfcosim.campaign.identify_table import IdentifyTable
 from lpfcosim.signals import generator
 from lpfcosim.spacecraft import (
     FS,
@@ -85,7 +85,7 @@ class Campaign:
     controllers: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     fit: Mapping[str, object] = field(default_factory=dict)
     design: DesignTable = field(default_factory=DesignTable)
-    identify: Mapping[str, ParameterSpec] = field(default_factory=dict)
+    identify: Mapping[str, IdentifyTable] = field(default_factory=dict)
     tables: Mapping[str, Any] = field(default_factory=dict, repr=False, compare=False)
 
     @cached_property

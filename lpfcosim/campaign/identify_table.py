@@ -1,16 +1,17 @@
 """Table ``[identify]`` of a campaign file: the parameters that `lpfcosim identify` looks for."""
 
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field, ValidationInfo, field_validator
 
 from fit.errors import quote
 from fit.files import Table, problem
-from lpfcosim.campaign.parameter_spec import ParameterSpec, Shared
 from lpfcosim.campaign.values import Number
 
+Shared = Literal["campaign", "alignment_epoch", "experiment"]
 
-class SoughtTable(Table):
+
+class IdentifyTable(Table):
     """[identify.MODEL.PARAMETER]: a parameter that `lpfcosim identify` estimates, in the unit of its FMU.
 
     Start value, bounds, natural scale ``width`` (a parameter with a larger sigma counts as undetermined), and
@@ -32,11 +33,6 @@ class SoughtTable(Table):
         if start is not None and not low <= start <= high:
             raise problem(f"from {low:g} to {high:g}, expected bounds about the start, {start:g}")
         return bounds
-
-    def record(self) -> ParameterSpec:
-        """Return it as the campaign knows it."""
-        bounds = (self.bounds[0], self.bounds[1]) if self.bounds else None
-        return ParameterSpec(self.start, bounds, self.width, self.shared)
 
 
 def _flat(raw: Any) -> Any:
@@ -61,4 +57,4 @@ def _either(schema: dict[str, Any]) -> None:
 
 
 #: By ``Model.parameter``, or by the name that the fit has for it.
-SoughtTables = Annotated[dict[str, SoughtTable], BeforeValidator(_flat), Field(json_schema_extra=_either)]
+IdentifyTables = Annotated[dict[str, IdentifyTable], BeforeValidator(_flat), Field(json_schema_extra=_either)]

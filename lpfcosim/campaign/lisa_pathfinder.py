@@ -37,7 +37,7 @@ def campaign_fields(table: CampaignTable) -> dict[str, Any]:
         "suspension": table.control.suspension.onto(SUSPENSION),
         "actuation": table.actuation.record(),
         "design": table.design,
-        "identify": {name: entry.record() for name, entry in table.identify.items()},
+        "identify": table.identify,
     }
 
 

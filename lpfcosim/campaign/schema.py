@@ -21,7 +21,7 @@ from fit.files import Table, problem
 from lpfcosim.campaign.declared_tables import LevelTable, ParameterTable
 from lpfcosim.campaign.design_table import DesignTable
 from lpfcosim.campaign.disturbance_table import EventsTable
-from lpfcosim.campaign.identify_table import SoughtTables
+from lpfcosim.campaign.identify_table import IdentifyTables
 from lpfcosim.campaign.injection_tables import InjectionTable
 from lpfcosim.campaign.names import Name
 from lpfcosim.campaign.units import (
@@ -358,5 +358,5 @@ class CampaignTable(CommonTables):
     actuation: ActuationTable = ActuationTable()
     spacecraft: SpacecraftTable | None = None
     design: DesignTable = DesignTable()
-    identify: SoughtTables = {}
+    identify: IdentifyTables = {}
     experiments: Annotated[list[ExperimentTable], Field(min_length=1, examples=["[[experiments]] …"])]

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 from fit.errors import quote
 from fit.files import closest_match
-from lpfcosim.campaign import Campaign, ParameterSpec
+from lpfcosim.campaign import Campaign, IdentifyTable
 from lpfcosim.cosim import Interface
 from lpfcosim.errors import InputError
 from lpfcosim.models import model_of
@@ -24,7 +24,6 @@ SHARED_NAMES = (
 DELAYS = {"C_1": ("lambda_1", "tau_1"), "C_2": ("lambda_2", "tau_2")}
 #: What a campaign seeks by default; fixed values are in this order, gains before their delays.
 OF_FIT = (*SHARED_NAMES[:2], *DELAYS, *SHARED_NAMES[2:])
-_FIXED = ("h",)  # the step of the loop is no parameter of it
 GAIN_RANGE = 10.0  # times a gain of the campaign, or as little: beyond, it is another actuation
 _ANY = (-math.inf, math.inf)
 
@@ -43,7 +42,7 @@ class Target:
         Its value where nothing else is said, in the unit of the FMU.
     unit : str
         Its unit.
-    request : ParameterSpec
+    request : IdentifyTable
         What the campaign says of it.
     limits : tuple of float
         Between which values it can be, if the campaign gives no bounds.
@@ -54,7 +53,7 @@ class Target:
     variable: str
     default_value: float
     unit: str
-    request: ParameterSpec
+    request: IdentifyTable
     limits: tuple[float, float] = _ANY
 
     @property
@@ -71,7 +70,7 @@ def targets(plan: Campaign, run: Run, interfaces: Sequence[Interface]) -> tuple[
     InputError
         If there is no such parameter, or it cannot be set.
     """
-    requests = dict(plan.identify) or dict.fromkeys(OF_FIT, ParameterSpec())
+    requests = dict(plan.identify) or dict.fromkeys(OF_FIT, IdentifyTable())
     resolved = tuple(_target(key, entry, run, interfaces) for key, entry in requests.items())
     places = [target.place for target in resolved]
     for place in places:
@@ -88,7 +87,7 @@ def fixed_values(
     known: dict[str, float] = {}
     for name in OF_FIT[:-1]:
         with contextlib.suppress(InputError):  # no FMU takes it
-            target = _target(name, ParameterSpec(), run, interfaces)
+            target = _target(name, IdentifyTable(), run, interfaces)
             if target.place not in free and (name not in DELAYS or DELAYS[name][0] in known):
                 known[name] = target.default_value
     return known
@@ -117,7 +116,7 @@ def _place(name: str, by_model: Mapping[str, Interface], location: str) -> str:
     )
 
 
-def _target(key: str, request: ParameterSpec, run: Run, interfaces: Sequence[Interface]) -> Target:
+def _target(key: str, request: IdentifyTable, run: Run, interfaces: Sequence[Interface]) -> Target:
     by_model = {i.model: i for i in interfaces}
     model, dot, name = key.partition(".")
     if not dot:
@@ -138,11 +137,12 @@ def _target(key: str, request: ParameterSpec, run: Run, interfaces: Sequence[Int
         raise InputError(
             f"{location}: has no parameter {quote(variable)}{closest_match(variable, parameters)}"
         ) from None
-    if record.causality != "parameter" or record.variability == "constant" or name in _FIXED:
-        kind = "held by the loop" if name in _FIXED else f"of causality '{record.causality}'"
-        raise InputError(f"{location}: {quote(variable)} is {kind}; expected a parameter that can be set")
-    if record.type not in ("Real", "Float64", "Float32"):
-        raise InputError(f"{location}: {quote(variable)} is of type {record.type}; expected a real number")
+    is_settable = record.causality == "parameter" and record.variability != "constant" and name != "h"
+    if not is_settable or record.type not in ("Real", "Float64", "Float32"):
+        kind = f"{record.type} of causality '{record.causality}'"
+        raise InputError(
+            f"{location}: {quote(variable)} is a {kind}; expected a real parameter but the step h"
+        )
     _, element = interface.place(variable)
     values = model_of(run).parameters(run)[model]
     value = values[name] if ours else float(interface.start_values(record)[element])

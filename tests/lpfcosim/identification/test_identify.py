@@ -130,7 +130,7 @@ def test_what_is_clipped_is_masked(lpfcosim, campaign):
     [
         ("Plant.omega2_2 = {}", 'has no parameter "omega2_2", did you mean "omega2_2_0"'),
         ("Plnt.omega2_2_0 = {}", 'identify.Plnt.omega2_2_0: the loop has no "Plnt", did you mean "Plant"'),
-        ("Plant.x_1 = {}", "of causality 'output'; expected a parameter"),
+        ("Plant.x_1 = {}", "of causality 'output'; expected a real parameter"),
         ("omega_2 = {}", "expected a table of a model, or a parameter of the fit"),
         ("lambda_2 = {}\nActuation.lambda_2 = {}", "identify: Actuation.lambda_2 is listed twice"),
         ("C_2 = {}\nPlant.tau_2 = {}", "identify: Plant.tau_2 is listed twice"),

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import pytest
 
-from lpfcosim.campaign import ParameterSpec
+from lpfcosim.campaign import IdentifyTable
 from lpfcosim.cosim import compatibility
 from lpfcosim.identification import targets
 from lpfcosim.identification.parameters import settings
@@ -26,13 +26,13 @@ def resolved(make_run, plan, fmus):
 
 
 def test_a_delay_coefficient_is_a_gain_times_a_delay(resolved):
-    both = resolved({"C_2": ParameterSpec(), "lambda_2": ParameterSpec()})
+    both = resolved({"C_2": IdentifyTable(), "lambda_2": IdentifyTable()})
     theta = {"C_2": 0.2, "lambda_2": 1.25}
     half_sample = 0.05  # of hold, which the coefficient includes and the FMU's transport delay does not
     values = settings(both, theta, {})
     assert values["Actuation"] == {"lambda_2": 1.25}
     assert values["Plant"]["tau_2"] == pytest.approx(0.16 - half_sample, rel=1e-14)
-    alone = resolved({"C_2": ParameterSpec()})
+    alone = resolved({"C_2": IdentifyTable()})
     values = settings(alone, {"C_2": 0.2}, {"lambda_2": 1.25, "lambda_1": 1.0})
     assert values["Plant"]["tau_2"] == pytest.approx(0.16 - half_sample, rel=1e-14)
 
@@ -41,7 +41,7 @@ def test_a_delay_coefficient_is_a_gain_times_a_delay(resolved):
 def test_a_parameter_of_another_fmu_is_meant_by_its_name_or_by_ours(resolved, fmus, tmp_path, key):
     archive = renamed(fmus["SuspensionControl"], tmp_path / "mine.fmu", {"f_u": "bandwidth"})
     mine = Replacement("SuspensionControl", archive, {"f_u": "bandwidth"})
-    (target,) = resolved({key: ParameterSpec(start=1.1e-3)}, mine)
+    (target,) = resolved({key: IdentifyTable(start=1.1e-3)}, mine)
     assert (target.name, target.variable) == ("SuspensionControl.f_u", "bandwidth")
     assert (target.default_value, target.unit) == (1e-3, "Hz")
     assert settings([target], {target.name: 2e-3}, {}) == {"SuspensionControl": {"bandwidth": 2e-3}}
@@ -52,5 +52,5 @@ def test_an_element_of_an_array_is_given_by_its_own_start_value(resolved, tmp_pa
     two = ('valueReference="11" causality="parameter" start="0.5"', 'valueReference="11" start="0.5 0.25"')
     archive = third_party.built(tmp_path, fmi="3.0", changes=[(two[0], f'causality="parameter" {two[1]}')])
     mine = Replacement("SuspensionControl", archive, third_party.VARIABLES, third_party.UNUSED, values=values)
-    (target,) = resolved({"SuspensionControl.weights[2]": ParameterSpec(width=0.1)}, mine)
+    (target,) = resolved({"SuspensionControl.weights[2]": IdentifyTable(width=0.1)}, mine)
     assert target.default_value == given
