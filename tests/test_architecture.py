@@ -116,7 +116,6 @@ HEAVY += ("scipy", "sympy", "typer", "astropy")
 #: Names that doors hand to users, or to other processes, beside those that the packages use.
 PUBLIC = {
     "lpfcosim.models": {"SpacecraftModel", "register"},
-    "fit.identification": {"make_params"},
     "lpfcosim.constellation": {"ASSEMBLIES", "SERIES", "Jitter", "read_jitter"},
     "fit.tilt_to_length": {"NAMES", "make_params", "write_measurements"},
 }

@@ -19,7 +19,6 @@ from fit.fitting.joint_model import (
     JointModel,
     Prior,
     free_directions,
-    lmfit_symbol,
     parameter_values,
 )
 from fit.fitting.parameter_set import ParameterSet
@@ -72,7 +71,6 @@ __all__ = [
     "iterate",
     "joint_parameters",
     "linear_combination",
-    "lmfit_symbol",
     "ltpda_flscov",
     "moments",
     "null_space",

@@ -6,6 +6,5 @@ causes it and weighted as a residual of the fit. The simulation is an implementa
 
 from fit.identification.identify import identify
 from fit.identification.loop import FreeParameter
-from fit.identification.parameters import make_params
 
-__all__ = ["FreeParameter", "identify", "make_params"]
+__all__ = ["FreeParameter", "identify"]

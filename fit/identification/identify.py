@@ -6,7 +6,6 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from types import MappingProxyType
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,16 +16,13 @@ from fit.false_alarms import sigma_limit
 from fit.fitting import constraint_test, irls, width_posterior
 from fit.identification.linearised_run import SimulatedExperiment
 from fit.identification.loop import FreeParameter, Loop
-from fit.identification.parameters import JointParameters, constrained_settings, joint, run_dynamics
+from fit.identification.parameters import JointParameters, check_constraints, joint
 from fit.parallel import one_blas_thread, parallel_map
 from fit.quality import fit_quality, noise_adaptation
 from fit.results import Fit, Provenance, Results
 from fit.settings import Settings
 from fit.warnings import FitWarning
 from fit.whitening import Experiment, Likelihood
-
-if TYPE_CHECKING:
-    import lmfit
 
 Array = NDArray[np.float64]
 
@@ -47,7 +43,6 @@ def identify(
     calibrated: Results,
     settings: Settings,
     fixed_values: Mapping[str, float] = MappingProxyType({}),
-    params: lmfit.Parameters | None = None,
 ) -> Results:
     """Estimate parameters of a simulated loop; the results have a joint fit alone.
 
@@ -65,8 +60,6 @@ def identify(
         Of the fit; constraints of parameters hold here too.
     fixed_values : mapping of str to float
         Values in the loop of parameters of the fit that are not identified.
-    params : lmfit.Parameters, optional
-        Constraints in addition to those of the settings, see `make_params`.
 
     Raises
     ------
@@ -75,9 +68,19 @@ def identify(
     FitError
         If the loop cannot be simulated, or no valid estimate results.
     """
-    settings = constrained_settings(experiments, free, calibrated, settings, params)
+    if settings.estimator == "flscov":
+        raise InputError(
+            'fit.estimator: "flscov" is not available with a simulated loop, expected another estimator'
+        )
+    likelihood: Likelihood = settings.estimator
+    check_constraints(experiments, free, calibrated, settings)
     parameters = joint(experiments, free, settings, calibrated)
-    steps = _Steps(_weighings(experiments, loop, parameters, calibrated, settings))
+    steps = _Steps(
+        [
+            SimulatedExperiment(e, loop, parameters, k, "marginalised" if e.marginalised else likelihood)
+            for k, e in enumerate(experiments)
+        ]
+    )
     steps.begin(parameters.start, is_stated=any(p.start is not None for p in free))
     outcome = steps.outcome(parameters)
     if outcome.random_effects:
@@ -96,33 +99,6 @@ def identify(
         warnings += _differences(fit, calibrated.joint, fixed_values, tested, loop)
     provenance = _provenance(experiments, calibrated.provenance, outcome, settings)
     return Results(replace(fit, warnings=tuple(warnings)), {}, {}, {}, provenance)
-
-
-def _weighings(
-    experiments: Sequence[Experiment],
-    loop: Loop,
-    parameters: JointParameters,
-    calibrated: Results,
-    settings: Settings,
-) -> list[SimulatedExperiment]:
-    """Return the experiments against the simulated loop, forces computed from motions as in the fit."""
-    if settings.estimator == "flscov":
-        raise InputError(
-            'fit.estimator: "flscov" is not available with a simulated loop, expected another estimator'
-        )
-    likelihood: Likelihood = settings.estimator
-    return [
-        SimulatedExperiment(
-            e,
-            loop,
-            run_dynamics(e, calibrated, settings),
-            parameters.run_parameters(k, parameters.start),
-            parameters,
-            k,
-            "marginalised" if e.marginalised else likelihood,
-        )
-        for k, e in enumerate(experiments)
-    ]
 
 
 @dataclass

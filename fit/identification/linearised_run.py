@@ -166,8 +166,6 @@ class SimulatedExperiment:
         As it is to be fitted.
     loop : Loop
         Simulates it.
-    dynamics_parameters, controller
-        As those of `MeasuredInputs`.
     joint : JointParameters
         The P joint parameters.
     index : int
@@ -182,17 +180,14 @@ class SimulatedExperiment:
         self,
         experiment: Experiment,
         loop: Loop,
-        dynamics_parameters: Array,
-        controller: Mapping[str, float],
         joint: JointParameters,
         index: int,
         likelihood: Likelihood,
     ) -> None:
         self.name = experiment.name
-        self._sysid = MeasuredInputs(experiment.sysid, loop, dynamics_parameters, controller)
-        self._noise = experiment.noise and MeasuredInputs(
-            experiment.noise, loop, dynamics_parameters, controller
-        )
+        inverse = joint.dynamics[index], joint.run_parameters(index, joint.start)
+        self._sysid = MeasuredInputs(experiment.sysid, loop, *inverse)
+        self._noise = experiment.noise and MeasuredInputs(experiment.noise, loop, *inverse)
         self._names, self._share, self._likelihood = joint.names, joint.maps[index], likelihood
         self._widths, self._low, self._high = joint.scales
         self._measured_names = names = joint.measured_names[index]

@@ -8,12 +8,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fit.fitting import constraints, lmfit_symbol, random_effects, user_params
+from fit.fitting import constraints, random_effects
 from fit.identification.loop import FreeParameter
 from fit.model import Sharing, dynamics
 from fit.parameters import Parameter
@@ -21,9 +20,6 @@ from fit.results import Results
 from fit.settings import ParameterSettings, Settings
 from fit.telemetry import Telemetry
 from fit.whitening import Experiment
-
-if TYPE_CHECKING:
-    import lmfit
 
 Array = NDArray[np.float64]
 
@@ -50,6 +46,8 @@ class JointParameters:
         By experiment, the map from the joint parameters to those of the loop and the measured ones.
     measured_names : tuple of tuple of str
         By experiment, its K - L parameters after those of the loop, see `MeasuredInputs`.
+    dynamics : tuple of ndarray, each of shape (7,)
+        By experiment, `dynamics.PARAMETERS` as the fit has them.
     """
 
     parameters: tuple[Parameter, ...]
@@ -60,6 +58,7 @@ class JointParameters:
     random_effects: tuple[random_effects.ScaleParameter, ...]
     maps: tuple[Array, ...]
     measured_names: tuple[tuple[str, ...], ...]
+    dynamics: tuple[Array, ...]
 
     @property
     def start(self) -> Array:
@@ -122,6 +121,7 @@ def joint(
         random_effects=tuple(widths),
         maps=tuple(maps),
         measured_names=tuple(measured_names),
+        dynamics=tuple(_dynamics(run, fitted, settings) for run in runs),
     )
 
 
@@ -160,53 +160,22 @@ def _bounded(stated: ParameterSettings | None, low: float, high: float) -> Param
     return setting.model_copy(update=limits)
 
 
-def make_params(free: Sequence[FreeParameter], runs: Sequence[Telemetry]) -> lmfit.Parameters:
-    """Return the parameters of an identification, for `identify`: start values and bounds.
-
-    Fix them, give them other bounds or ties as lmfit has them, or a `fit.Prior` as ``user_data``. Those of
-    FMUs have an underscore for the dot: ``SuspensionControl_f_p``.
-
-    Parameters
-    ----------
-    free : sequence of FreeParameter
-        The parameters.
-    runs : sequence of Telemetry
-        With injections, one of each experiment.
-    """
-    parameters = joint_parameters(free, runs)
-    bounds = {name: _bounded(None, *p.bounds) for name, (_, p) in parameters.items()}
-    return user_params.constrained_params([p for p, _ in parameters.values()], bounds)
-
-
-def constrained_settings(
-    experiments: Sequence[Experiment],
-    free: Sequence[FreeParameter],
-    calibrated: Results,
-    settings: Settings,
-    params: lmfit.Parameters | None,
-) -> Settings:
-    """Return the settings with the constraints of `params`, see `identify`.
+def check_constraints(
+    experiments: Sequence[Experiment], free: Sequence[FreeParameter], calibrated: Results, settings: Settings
+) -> None:
+    """Refuse constraints of parameters that are neither identified nor were constrained in the fit.
 
     Raises
     ------
     InputError
-        If a constraint is of a parameter that is neither identified nor was constrained in the fit, or a tie
-        cannot be followed.
+        If there are any, or a tie cannot be followed.
     """
-    names = list(joint_parameters(free, [e.sysid.telemetry for e in experiments]))
-    if params is not None:
-        by_symbol = {lmfit_symbol(name): name for name in names}
-        of_params = {
-            by_symbol.get(symbol, symbol): ParameterSettings.model_validate(constraint)
-            for symbol, constraint in user_params.as_settings(params).items()
-        }
-        settings = settings.model_copy(update={"parameters": {**settings.parameters, **of_params}})
+    names = joint_parameters(free, [e.sysid.telemetry for e in experiments])
     fitted = (calibrated.provenance.settings or {}).get("parameters", {})
     of_fit = fitted if isinstance(fitted, Mapping) else {}
     stated = {n: s for n, s in settings.parameters.items() if "." in n or of_fit.get(n) != s.record()}
     known = [*names, *(name for name in of_fit if "." not in name)]
     constraints.check(stated, known, "fit.parameters", has_fmus=True)
-    return settings
 
 
 def _with_departures(
@@ -236,10 +205,9 @@ def _with_departures(
     return np.hstack([extended, departures]), tuple(names[len(loop_names) :])
 
 
-def run_dynamics(experiment: Experiment, calibrated: Results, settings: Settings) -> Array:
-    """Return `dynamics.PARAMETERS` of a run as calibrated, shape (7,), or else as in flight."""
-    run, sharing = experiment.sysid.telemetry, Sharing(settings.shared)
-    fitted_values = calibrated.joint.values if calibrated.joint else {}
+def _dynamics(run: Telemetry, fitted: Mapping[str, float], settings: Settings) -> Array:
+    """Return `dynamics.PARAMETERS` of a run as fitted, shape (7,), or else as in flight."""
+    sharing = Sharing(settings.shared)
     parameters = sharing.parameters([(run, dynamics.PARAMETERS)])
-    values = [fitted_values.get(p.name, p.value) for p in parameters]
+    values = [fitted.get(p.name, p.value) for p in parameters]
     return sharing.matrix(run, dynamics.PARAMETERS, [p.name for p in parameters]) @ values

@@ -126,7 +126,6 @@ def identified(
     refused=lambda _theta: False,
     unity_gain=1e-3,
     chosen=CHOSEN,
-    params=None,
     *,
     simulated=False,
     fixed=None,
@@ -141,4 +140,4 @@ def identified(
     experiments = pair(telemetries)
     excess = noise_adaptation.adapt_to_readout_excess(experiments, CHOSEN)
     prepared = [excess[e.name][1] if e.name in excess else e for e in experiments]
-    return identify(prepared, free, loop, calibrated, chosen, fixed or {}, params)
+    return identify(prepared, free, loop, calibrated, chosen, fixed or {})

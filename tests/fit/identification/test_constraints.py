@@ -3,17 +3,14 @@
 import numpy as np
 import pytest
 
-import fit
 from fit.errors import InputError
-from fit.identification import make_params
 from fit.settings import settings
 from tests.fit.conditional import assert_conditional, conditional, row_of
-from tests.fit.identification.linear_loop import CHOSEN, FREE, identified
+from tests.fit.identification.linear_loop import CHOSEN, identified
 
 
-def constrained(flight, constraints=None, params=None):
-    chosen = settings({**CHOSEN.record(), "parameters": constraints or {}})
-    return identified(flight, chosen=chosen, params=params).joint
+def constrained(flight, constraints):
+    return identified(flight, chosen=settings({**CHOSEN.record(), "parameters": constraints})).joint
 
 
 def test_a_fixed_parameter(flown, unconstrained):
@@ -37,12 +34,10 @@ def test_constraints_are_in_the_provenance(flown):
 def test_a_tie_and_a_prior(flown, unconstrained):
     free = unconstrained.joint
     ratio = free["omega2_1_0"].value / free["omega2_2_0"].value
-    params = make_params(FREE, [flown[1][0]])
-    assert list(params) == list(free)
-    params["omega2_1_0"].set(expr=f"{ratio!r} * omega2_2_0")
     mean, sigma = free["lambda_2"].value + free["lambda_2"].sigma, free["lambda_2"].sigma
-    params["lambda_2"].user_data = fit.Prior(mean, sigma)
-    tied = constrained(flown, params=params)
+    tied = constrained(
+        flown, {"omega2_1_0": {"expr": f"{ratio!r} * omega2_2_0"}, "lambda_2": {"prior": [mean, sigma]}}
+    )
     row = row_of(free, omega2_1_0=1.0, omega2_2_0=-ratio)
     tied_estimate = conditional(free, row, 0.0)
     C = free.covariance_matrix
