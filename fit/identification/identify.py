@@ -68,11 +68,7 @@ def identify(
     FitError
         If the loop cannot be simulated, or no valid estimate results.
     """
-    if settings.estimator == "flscov":
-        raise InputError(
-            'fit.estimator: "flscov" is not available with a simulated loop, expected another estimator'
-        )
-    likelihood: Likelihood = settings.estimator
+    likelihood = _likelihood(settings)
     check_constraints(experiments, free, calibrated, settings)
     parameters = joint(experiments, free, settings, calibrated)
     steps = _Steps(
@@ -99,6 +95,14 @@ def identify(
         warnings += _differences(fit, calibrated.joint, fixed_values, tested, loop)
     provenance = _provenance(experiments, calibrated.provenance, outcome, settings)
     return Results(replace(fit, warnings=tuple(warnings)), {}, {}, {}, provenance)
+
+
+def _likelihood(settings: Settings) -> Likelihood:
+    if settings.estimator == "flscov":
+        raise InputError(
+            'fit.estimator: "flscov" is not available with a simulated loop, expected another estimator'
+        )
+    return settings.estimator
 
 
 @dataclass

@@ -51,7 +51,7 @@ def at_loop_rate(telemetry: Telemetry, channel: str) -> Array:
     fine = np.interp(np.arange(x.size * factor) / factor, np.arange(x.size), ends)
     count, beta = scipy.signal.kaiserord(RIPPLE, 2 * (STOPBAND - PASSBAND) / factor)
     taps = scipy.signal.firwin(count | 1, (STOPBAND + PASSBAND) / factor, window=("kaiser", beta))
-    resampled = scipy.signal.resample_poly(x - ends, factor, 1, window=taps)
+    resampled = scipy.signal.upfirdn(factor * taps, x - ends, up=factor)[taps.size // 2 :][: fine.size]
     return np.asarray(resampled + fine, dtype=np.float64)
 
 

@@ -5,6 +5,7 @@ import pytest
 
 from fit.fitting import random_effects
 from fit.identification.parameters import _with_departures
+from fit.model import dynamics
 from fit.parameters import FLIGHT
 
 RATIO = FLIGHT["C_2"].value / FLIGHT["lambda_2"].value
@@ -44,10 +45,10 @@ def test_a_delay_that_deviates_with_a_gain_of_the_loop_counts_once():
 
 
 def test_the_map_of_the_fit_is_the_same():
-    plain = np.arange(16.0).reshape(8, 2)
+    plain = np.arange(14.0).reshape(7, 2)
     names = ("lambda_1", "C_2")
-    share = random_effects.extend_map(plain, names, 0, 2)
-    assert share.shape == (8, 6)
+    share = random_effects.extend_map(plain, dynamics.PARAMETERS, names, 0, 2)
+    assert share.shape == (7, 6)
     np.testing.assert_array_equal(share[:, :2], plain)
     deviations = share[:, 2:]
     assert [int(i) for i in np.flatnonzero(deviations.any(axis=1))] == [0, 2, 3]
