@@ -3,7 +3,13 @@
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
-from fit.consistency import equation_warnings, explain_exclusions, fit_consistent_runs, model_warnings
+from fit.consistency import (
+    equation_warnings,
+    exclusion_warnings,
+    explain_exclusions,
+    fit_consistent_runs,
+    model_warnings,
+)
 from fit.crosstalk import attenuation, centrifugal, coupling_constraints, crosstalk_fit, euler_fit
 from fit.errors import FitError, InputError
 from fit.fitting import (
@@ -259,15 +265,12 @@ def _together(
     test = coupling_constraints.check_constraints(outcome, agreed.outcome, agreed.experiments, correction)
     contradictions = equation_warnings(agreed.test, agreed.experiments) if agreed.test else ()
     of_runs = [w for w in agreed.warnings if not (contradictions and w.code == "contradiction")]
-    warnings = (*contradictions, *of_runs, *test.warnings())
+    exclusions = (*campaign.exclusions, *agreed.left_out)
+    excess = exclusion_warnings(exclusions, len(agreed.experiments))
+    warnings = (*contradictions, *of_runs, *test.warnings(), *excess)
     fit = _warned(fit_quality.as_fit(outcome, agreed.experiments), warnings)
-    left_out = explain_exclusions(
-        (*campaign.exclusions, *agreed.left_out),
-        campaign.experiments,
-        single_fits,
-        agreed,
-        Sharing(chosen.shared),
-    )
+    sharing = Sharing(chosen.shared)
+    left_out = explain_exclusions(exclusions, campaign.experiments, single_fits, agreed, sharing)
     return _Together(outcome, fit, left_out, agreed.statistics, correction)
 
 

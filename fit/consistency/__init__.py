@@ -1,6 +1,6 @@
 """Consistency: which runs agree with each other, their joint fit, what is wrong with the others."""
 
-from fit.consistency.consistent_fit import consistency_warnings, fit_consistent_runs
+from fit.consistency.consistent_fit import consistency_warnings, exclusion_warnings, fit_consistent_runs
 from fit.consistency.equation_test import equation_warnings
 from fit.consistency.likely_causes import explain_exclusions
 from fit.consistency.model_misfit import model_warnings
@@ -8,6 +8,7 @@ from fit.consistency.model_misfit import model_warnings
 __all__ = [
     "consistency_warnings",
     "equation_warnings",
+    "exclusion_warnings",
     "explain_exclusions",
     "fit_consistent_runs",
     "model_warnings",

@@ -12,14 +12,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from fit.consistency.consistency_test import ConsistencyTest, consistency_test
+from fit.consistency.leverage import LEVERAGE, find_leverages, pull_limit
 from fit.consistency.likely_causes import contradiction_exclusions, largest_pull
-from fit.consistency.outlier_runs import (
-    LEVERAGE,
-    OutlierRuns,
-    find_outlier_runs,
-    is_contradicted,
-    leverage,
-)
+from fit.consistency.outlier_runs import find_outlier_runs, is_contradicted
 from fit.consistency.run_scores import RunScore, run_score
 from fit.consistency.scatter import estimate_scatter, scattering_parameters
 from fit.errors import FitError
@@ -31,6 +26,8 @@ from fit.settings import Settings
 from fit.warnings import Cause, FitWarning
 from fit.whitening import Experiment, WhitenedRun
 
+MAX_ANSWERS = 3  # that are named, of what may be wrong
+MAX_LEFT_OUT = 1 / 3  # of the experiments, for the joint fit of the others to be sound
 UNTESTED = ("flscov",)  # estimators whose sigmas are too small by far for a test
 
 SingleFits = Mapping[str, IRLSResult | FitError]
@@ -82,7 +79,7 @@ class _Selection:
 
     experiments: list[Experiment]
     scatter: list[str]
-    outliers: dict[str, OutlierRuns]
+    outliers: set[str]
     probabilities: dict[str, float]
     contradicted: bool  # by runs that are left, which of them is bad being undecided
 
@@ -125,16 +122,19 @@ def fit_consistent_runs(
     assert joint is not None  # without any run that settles, the fit of all or its error
     if settings.scatter == ["auto"] and selection.scatter:
         joint = replace(joint, data_driven=True)
-    contradicting = _contradicting(usable, selection, joint, single_fits, settings)
     consistent = selection.experiments
-    test = consistency_test(consistent, joint)
+    outliers = [e for e in usable if e.name in selection.outliers]
+    test_of_all = _test_with(outliers, consistent, joint, single_fits, settings)
+    numbers = range(len(consistent), len(consistent) + len(outliers))
+    contradicting = contradiction_exclusions(
+        test_of_all, numbers, (*consistent, *outliers), selection.probabilities
+    )
     left_out = (*unusable, *unsettled, *contradicting)
+    test = test_of_all.without(numbers)
     warnings = [
-        *_warnings(test, joint, consistent),
+        *_warnings(test, joint, consistent, test_of_all.runs[numbers.start :]),
         *fit_quality.acausal(joint, experiments[0].sysid.spacecraft.commands),
     ]
-    if 2 * len(left_out) > len(experiments):
-        warnings.append(_majority(left_out, experiments))
     return ConsistentFit(joint, tuple(consistent), left_out, tuple(warnings), test, selection.probabilities)
 
 
@@ -182,7 +182,7 @@ def _leave_out(
         Of the fit.
     """
     scatter = [*scatter]
-    outliers: dict[str, OutlierRuns] = {}
+    outliers: set[str] = set()
     probabilities: dict[str, float] = {}
     contradicted = False
     while len(experiments) > 1:
@@ -191,8 +191,7 @@ def _leave_out(
             test = consistency_test(experiments, fit_joint(experiments, chosen, single_fits))
         else:
             test = single_fit_test(experiments, single_fits, settings)
-        groups = _groups(experiments)
-        bad = find_outlier_runs(test, groups)
+        bad = find_outlier_runs(test)
         if candidates and not scatter:
             estimate = estimate_scatter(test, candidates)
             if estimate and estimate.significant and (not bad.runs or estimate.log_likelihood > bad.log_odds):
@@ -200,9 +199,9 @@ def _leave_out(
                 continue
         probabilities |= bad.probabilities
         if not bad.runs:
-            contradicted = is_contradicted(test, groups)
+            contradicted = is_contradicted(test, _groups(experiments))
             break
-        outliers |= dict.fromkeys(bad.runs, bad)
+        outliers |= {*bad.runs}
         experiments = [e for e in experiments if e.name not in bad.runs]
     return _Selection(experiments, scatter, outliers, probabilities, contradicted)
 
@@ -235,27 +234,21 @@ def single_fit_test(
     return test
 
 
-def _contradicting(
-    experiments: Sequence[Experiment],
-    selection: _Selection,
+def _test_with(
+    outliers: Sequence[Experiment],
+    consistent: Sequence[Experiment],
     joint: IRLSResult,
     single_fits: SingleFits,
     settings: Settings,
-) -> tuple[Exclusion, ...]:
-    """Return the outliers with what is known of each."""
-    outliers = [e for e in experiments if e.name in selection.outliers]
-    if not outliers:
-        return ()
+) -> ConsistencyTest:
+    """Return the test of the experiments of a joint fit and, after them, of those that contradict them."""
     sharing, names = Sharing(settings.shared), [p.name for p in joint.parameters]
     whitened_runs = [
         replace(fit.whitened_runs[0], parameter_map=sharing.matrix(e.sysid.telemetry, e.parameters, names))
         for e in outliers
         if isinstance(fit := single_fits[e.name], IRLSResult)
     ]
-    members = (*selection.experiments, *outliers)
-    test = consistency_test(members, joint, (*joint.whitened_runs, *whitened_runs))
-    numbers = range(len(selection.experiments), len(members))
-    return contradiction_exclusions(test, numbers, members, selection.probabilities)
+    return consistency_test((*consistent, *outliers), joint, (*joint.whitened_runs, *whitened_runs))
 
 
 def _untested(settings: Settings) -> FitWarning:
@@ -325,51 +318,82 @@ def _minority(exclusions: Sequence[Exclusion], experiments: Sequence[Experiment]
     return tuple(exclusions) if 2 * len(exclusions) <= len(experiments) else ()
 
 
-def _groups(experiments: Sequence[Experiment]) -> list[frozenset[str]]:
+def _groups(experiments: Sequence[Experiment]) -> set[frozenset[str]]:
     """Return the runs of each authority and of each alignment epoch, by name."""
-    members: dict[object, list[str]] = {}
+    members: dict[object, set[str]] = {}
     for e in experiments:
         run = e.sysid.telemetry
         for key in (run.authority, run.alignment_epoch):
-            members.setdefault(key, []).append(e.name)
-    return list(dict.fromkeys(map(frozenset, members.values())))
+            members.setdefault(key, set()).add(e.name)
+    return {frozenset(names) for names in members.values()}
 
 
 def _warnings(
-    test: ConsistencyTest, joint: IRLSResult, experiments: Sequence[Experiment]
+    test: ConsistencyTest,
+    joint: IRLSResult,
+    experiments: Sequence[Experiment],
+    left_out: Sequence[RunScore] = (),
 ) -> list[FitWarning]:
-    """Return a warning that the runs contradict each other, or of what a single one determines."""
-    groups = _groups(experiments)
-    if not is_contradicted(test, groups):
-        return _leverage(test, joint)
-    outliers = find_outlier_runs(test, groups)
-    p = {name: round(value, 3) for name, value in outliers.probabilities.items()}  # the same on every machine
-    suspects = outliers.undecided or sorted(p, key=lambda name: -p[name])[:2]
-    i = [run.name for run in test.runs].index(suspects[0])
+    """Return a warning that the runs contradict each other, or of what a single one determines.
+
+    `left_out` are the runs that contradict those of the joint fit.
+    """
+    if not is_contradicted(test, _groups(experiments)):
+        return _leverage_warnings(test, joint, left_out)
+    answers = find_outlier_runs(test).answers[:MAX_ANSWERS]
+    suspect = answers[0][0]
+    i = [run.name for run in test.runs].index(suspect)
     message = (
         f"the experiments contradict each other: chi2 between them is {test.total.value:.4g} for "
-        f"{test.total.dof} degrees of freedom; the data do not show which of them is wrong; "
-        f"{' or '.join(suspects)} most likely: {suspects[0]} {largest_pull(test, i, experiments[i])}; "
-        "the uncertainties are not valid"
+        f"{test.total.dof} degrees of freedom; the data do not show which of them is wrong: "
+        f"{', or '.join(map(' and '.join, answers))}; {suspect} "
+        f"{largest_pull(test, i, experiments[i])}; the uncertainties are not valid"
     )
     return [FitWarning("contradiction", (), message)]
 
 
-def _majority(left_out: Sequence[Exclusion], experiments: Sequence[Experiment]) -> FitWarning:
-    names = ", ".join(exclusion.experiment for exclusion in left_out)
-    share = f"{len(left_out)} of {len(experiments)} experiments, more than half"
-    message = f"{share}, contradict the others ({names}); the uncertainties are not valid"
-    return FitWarning("contradiction", (), message)
+def exclusion_warnings(exclusions: Iterable[Exclusion], n_fitted: int) -> list[FitWarning]:
+    """Return a warning if too many of the experiments are left out for the others to be trusted.
+
+    `n_fitted` is the number of these others.
+    """
+    names = dict.fromkeys(exclusion.experiment for exclusion in exclusions)
+    total = len(names) + n_fitted
+    if len(names) <= max(1, MAX_LEFT_OUT * total):
+        return []
+    message = (
+        f"{len(names)} of {total} experiments, more than a third, are left out ({', '.join(names)}): the "
+        "others may agree by chance or have a fault in common; the uncertainties are not valid"
+    )
+    return [FitWarning("too_many_exclusions", (), message)]
 
 
-def _leverage(test: ConsistencyTest, joint: IRLSResult) -> list[FitWarning]:
-    """Return warnings of what a single run determines almost alone."""
+def _leverage_warnings(
+    test: ConsistencyTest, joint: IRLSResult, left_out: Sequence[RunScore]
+) -> list[FitWarning]:
+    """Return warnings of what a single run determines almost alone, and where others contradict it."""
+    leverages = [x for x in find_leverages(test, joint.undetermined, left_out) if x.index < joint.shared]
+    limit = pull_limit(leverages)
+    names_by_run: dict[str, list[str]] = {}
+    contradictions: dict[tuple[str, str], list[str]] = {}
+    for leverage in leverages:
+        name = joint.parameters[leverage.index].name
+        if leverage.is_high:
+            names_by_run.setdefault(leverage.run, []).append(name)
+        for other, pull in leverage.contradicting(limit).items():
+            contradictions.setdefault((leverage.run, other), []).append(f"{name} by {pull:.1f} sigma")
     warnings = []
-    for run, growth in leverage(test, joint.undetermined).items():
-        names = tuple(joint.parameters[k].name for k in growth if k < joint.shared)
-        if names:
-            subject = f"{', '.join(names)} {'is' if len(names) == 1 else 'are'}"
-            check = f"no cross-check: without {run}, sigma grows by a factor of more than {LEVERAGE:g}"
-            message = f"{subject} determined almost entirely by {run}; {check}"
-            warnings.append(FitWarning("high_leverage", names, message))
+    for run, names in names_by_run.items():
+        subject = f"{', '.join(names)} {'is' if len(names) == 1 else 'are'}"
+        check = f"no cross-check: without {run}, sigma grows by a factor of more than {LEVERAGE:g}"
+        message = f"{subject} determined almost entirely by {run}; {check}"
+        warnings.append(FitWarning("high_leverage", tuple(names), message))
+    for (run, other), pulls in contradictions.items():
+        others = f"{other}, which is left out," if other else "the other experiments"
+        message = (
+            f"{run} and {others} contradict each other: they differ in {' and '.join(pulls)}, for which the "
+            f"joint fit relies on {run}; the data do not show which of them is wrong; the uncertainties are "
+            "not valid"
+        )
+        warnings.append(FitWarning("contradiction", (), message))
     return warnings

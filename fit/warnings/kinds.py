@@ -78,6 +78,13 @@ WARNING_KINDS: Mapping[str, WarningKind] = {
         headline="The experiments contradict each other",
         unsound=True,
     ),
+    "too_many_exclusions": WarningKind(
+        "Find what the experiments that are left out have in common, correct or repeat them, and repeat the "
+        "fit; those that are left need not be the right ones.",
+        severity=Severity.FAILURE,
+        headline="More than a third of the experiments are left out",
+        unsound=True,
+    ),
     "invalid_data": WarningKind(
         "Correct the file, the archive or the map that reads it, and repeat the fit; do not use this "
         "experiment by itself.",

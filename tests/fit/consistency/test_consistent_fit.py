@@ -6,9 +6,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from fit.consistency import exclusion_warnings, fit_consistent_runs
+from fit.fitting import fit_experiment
 from fit.pipeline import calibrate
+from fit.quality import Exclusion
+from fit.settings import settings
+from fit.whitening import pair as paired
 from tests.benchmarks import sbc
-from tests.oracles import bump_synthetic
+from tests.oracles import bump_synthetic, thirteen
 from tests.oracles.bump_synthetic import Motion
 from tests.oracles.synthetic import World, pair
 
@@ -59,16 +64,47 @@ def test_outlier_is_left_out():
     assert all(agreement[name]["p_outlier"] < 0.01 for name in "ACDE")
 
 
-def test_weak_fault_of_all_runs_of_an_epoch_leaves_these_out():
+def test_weak_fault_of_all_runs_of_an_epoch_is_a_contradiction():
     # in none of its runs is it as much as 5 sigma
     scaled = channel("o_1", lambda o: 1.1 * o)
     scaled_runs = [
         scaled(r) for name in "BCD" for r in pair(World(), name, experiment=f"{name}2", epoch=2, seed=5)
     ]
-    results = calibrate([*campaign(), *scaled_runs])
-    assert not results.joint.unsound
-    check_estimates(results.joint)
-    assert results.provenance.joint_runs == [f"{name}-sysid" for name in "ABCDE"]
+    joint = calibrate([*campaign(), *scaled_runs]).joint
+    assert [w.code for w in joint.unsound] == ["contradiction"]
+
+
+@pytest.mark.slow
+def test_an_experiment_of_a_wrong_epoch_alone_is_left_out():
+    names = tuple(name for name in thirteen.PLANS if name != "D3")  # 65 h
+    experiments = paired(list(thirteen.campaign(names=names).values()))
+    single_fits = {e.name: fit_experiment(e) for e in experiments}
+    for i, wrong in enumerate(experiments):
+        epoch = wrong.sysid.telemetry.alignment_epoch % 4 + 1
+        runs = [
+            replace(r, telemetry=replace(r.telemetry, alignment_epoch=epoch))
+            for r in (wrong.sysid, wrong.noise)
+        ]
+        labelled = [*experiments[:i], replace(wrong, sysid=runs[0], noise=runs[1]), *experiments[i + 1 :]]
+        fit = fit_consistent_runs(labelled, single_fits, settings())
+        assert {exclusion.experiment for exclusion in fit.left_out} <= {wrong.name}
+        solution, names = fit.outcome.solution, [p.name for p in fit.outcome.parameters]
+        pulls = (solution.theta - [thirteen.TRUTH[name] for name in names]) / solution.sigma
+        is_right = np.abs(pulls[~fit.outcome.undetermined]).max() < 4.5
+        assert is_right or any(w.kind.unsound for w in fit.warnings), wrong.name
+
+
+def test_a_fit_without_more_than_a_third_of_the_experiments_is_not_sound():
+    exclusions = [Exclusion(name, ()) for name in "ABCDE"]
+    assert exclusion_warnings(exclusions[:1], 1) == []
+    assert exclusion_warnings(exclusions[:4], 8) == []
+    (warning,) = exclusion_warnings(exclusions, 8)
+    assert warning.kind.unsound and "5 of 13" in warning.message
+    runs = replace_runs("A", channel("f_x_2", lambda f: 1.02 * f))(campaign())
+    runs = replace_runs("C", channel("f_x_2", lambda f: 1.05 * f))(runs)
+    results = calibrate(runs)
+    assert results.provenance.joint_runs == ["B-sysid", "D-sysid", "E-sysid"]
+    assert {w.code for w in results.joint.unsound} == {"too_many_exclusions"}
 
 
 def test_commands_late_in_every_run_leave_out_none():

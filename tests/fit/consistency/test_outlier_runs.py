@@ -5,9 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fit.consistency.outlier_runs import find_outlier_runs, is_contradicted, leverage
+from fit.consistency.leverage import find_leverages, pull_limit
+from fit.consistency.outlier_runs import find_outlier_runs, is_contradicted
 from fit.consistency.scatter import estimate_scatter
-from tests.fit.consistency.runs import SCALE, P, consistency, scattered
+from tests.fit.consistency.runs import SCALE, P, consistency, scattered, shifted
 
 NAMES = ("lambda_1", "lambda_2", "C_1", "C_2")
 
@@ -41,33 +42,51 @@ def test_half_of_the_runs_contradict_the_others(n_runs, bad):
     assert len(outliers.runs) < n_runs / 2
 
 
-def test_group_counts_as_one_reason():
-    groups = {frozenset({"run 0", "run 1", "run 2"})}
-    test = consistency(1, 9, (0, 1, 2), shift=6.0)
-    ungrouped, grouped = find_outlier_runs(test), find_outlier_runs(test, groups)
-    assert grouped.log_odds > ungrouped.log_odds
-    assert find_outlier_runs(consistency(2, 7, (1,)), groups).runs == ("run 1",)
+def only_in(test, numbers):
+    """Return the test where only some runs determine the first parameter."""
+    shares = [run.equation.parameter_map.copy() for run in test.runs]
+    for i, share in enumerate(shares):
+        share[:, 0] *= i in numbers
+    runs = [with_parameter_map(run, share) for run, share in zip(test.runs, shares, strict=True)]
+    return replace(test, runs=tuple(runs))
 
 
-def test_a_group_is_left_out_where_it_may_as_well_be_bad_as_some_of_its_runs():
-    groups = {frozenset({"run 0", "run 1", "run 2"})}
-    test = consistency(3, 9, (0, 1), shift=30.0)  # log odds of group to runs: -5.7
-    assert find_outlier_runs(test).runs == ("run 0", "run 1")
-    assert find_outlier_runs(test, groups).runs == ("run 0", "run 1", "run 2")
-    assert find_outlier_runs(consistency(4, 9, (0, 1), shift=30.0), groups).runs == ("run 0", "run 1")
+def of_label(test, numbers):
+    """Return the test where the first parameter is the coefficient of lambda_1 of some runs."""
+    runs = []
+    for i, run in enumerate(test.runs):
+        share = run.equation.parameter_map.copy()
+        share[0], share[1:, 0] = (np.arange(P) == 0) * (i in numbers), 0.0
+        runs.append(with_parameter_map(run, share))
+    return replace(test, runs=tuple(runs))
+
+
+def moved(test, numbers, amount):
+    """Return the test where the first parameter has another value in some runs."""
+    runs = [
+        shifted(run, amount * SCALE * run.equation.parameter_map[:, 0]) if i in numbers else run
+        for i, run in enumerate(test.runs)
+    ]
+    return replace(test, runs=tuple(runs))
 
 
 def test_of_two_runs_that_may_equally_well_be_bad_both_are_left_out():
-    # these two alone determine the first parameter
-    test = consistency(1, 7)
-    shares = [
-        run.equation.parameter_map * (np.arange(P) > 0 if i > 1 else 1.0) for i, run in enumerate(test.runs)
-    ]
-    runs = [with_parameter_map(run, share) for run, share in zip(test.runs, shares, strict=True)]
-    estimate = runs[0].estimate
-    runs[0] = replace(runs[0], estimate=replace(estimate, c=estimate.c + 1e3 * SCALE * shares[0][:, 0]))
-    outliers = find_outlier_runs(replace(test, runs=tuple(runs)))
+    outliers = find_outlier_runs(moved(only_in(consistency(1, 7), (0, 1)), (0,), 1e3))
     assert outliers.runs == ("run 0", "run 1")
+    assert set(outliers.answers) == {("run 0",), ("run 1",)}
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_the_fewest_runs_are_bad(seed):
+    test = moved(only_in(consistency(seed, 13), (0, 1, 2)), (2,), 1e3)
+    assert find_outlier_runs(test).runs == ("run 2",)
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_two_runs_against_two_are_not_decided_and_both_answers_are_given(seed):
+    outliers = find_outlier_runs(moved(only_in(consistency(seed, 13), (0, 1, 2, 3)), (2, 3), 1e3))
+    assert not outliers.runs
+    assert {("run 0", "run 1"), ("run 2", "run 3")} <= set(outliers.answers)
 
 
 @pytest.mark.parametrize(("seed", "width"), [(12, 1.5), (18, 2.0)])
@@ -84,18 +103,33 @@ def test_bad_run_is_more_likely_than_scatter_where_one_run_is_bad():
 
 @pytest.mark.stat  # 60 campaigns, false alarms below 2e-4 each: one by chance in 1e-2, two in 1e-4
 def test_noise_is_neither_contradiction_nor_scatter():
-    groups = {frozenset({"run 0", "run 1"}), frozenset({"run 2", "run 3"})}
-    tests = [consistency(seed, 5) for seed in range(100, 160)]
+    groups = {frozenset({"run 0", "run 1", "run 2"}), frozenset({"run 2", "run 3", "run 4"})}
+    tests = [consistency(seed, 7) for seed in range(100, 160)]
     assert sum(is_contradicted(test, groups) for test in tests) < 2
     assert sum(estimate_scatter(test, NAMES).p < 1e-5 for test in tests) < 2
 
 
+def leverages_of_first(test, left_out=()):
+    leverages = find_leverages(test, np.zeros(P, dtype=bool), left_out)
+    limit = pull_limit(leverages)
+    return {x.run: x.contradicting(limit) for x in leverages if x.index == 0 and x.is_high}
+
+
 def test_what_one_run_determines_rests_on_it():
-    test = consistency(6, 5)
-    runs = tuple(
-        with_parameter_map(run, run.equation.parameter_map * (np.arange(P) > 0)) if i else run
-        for i, run in enumerate(test.runs)
-    )
-    growth = leverage(replace(test, runs=runs), np.zeros(P, dtype=bool))
-    assert 0 in growth["run 0"]
-    assert not any(0 in places for name, places in growth.items() if name != "run 0")
+    test = only_in(consistency(6, 5), (0,))
+    assert leverages_of_first(test) == {"run 0": {}}
+    # a run that was left out, and determines it too
+    (left_out,) = moved(of_label(consistency(7, 5), (0,)), (0,), 1e3).runs[:1]
+    assert set(leverages_of_first(test, [left_out])["run 0"]) == {left_out.name}
+
+
+def test_weak_runs_contradict_the_strong_one_in_the_parameter_of_their_label():
+    test = of_label(consistency(8, 9), (0, 1, 2, 3))
+    estimate = test.runs[0].estimate
+    precise = replace(estimate, root=20 * estimate.root, c=estimate.c / 20)
+    test = replace(test, runs=(replace(test.runs[0], estimate=precise), *test.runs[1:]))
+    assert leverages_of_first(test) == {"run 0": {}}
+    sigma = float(np.sqrt(test.without((0,)).covariance()[0, 0]))
+    contradicted = moved(test, (0,), 4 * sigma)
+    assert not is_contradicted(contradicted)
+    assert leverages_of_first(contradicted)["run 0"]
