@@ -1,4 +1,4 @@
-"""Delta g of a run, or D of a LISA spacecraft, and its terms over time, and their spectra."""
+"""The equations of a run, Delta g or D_x and D_y, their terms over time, and their spectra."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -7,7 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fit.figures.series import averaged, glitch_mask
-from fit.model import dynamics
+from fit.model import Equation
+from fit.spacecraft import spacecraft_of
 from fit.spectra import Binned, Estimator, derivatives
 from fit.telemetry import Telemetry
 from fit.whitening import Run
@@ -21,10 +22,12 @@ SLOW, FAST = 200.0, 20.0  # s, lengths of the windows over which the residual is
 
 @dataclass(frozen=True)
 class Terms:
-    """Delta g of a run, or a component of D, and its terms, up to the `HIGHEST` frequency shown.
+    """An equation of a run, and its terms, up to the `HIGHEST` frequency shown.
 
     Attributes
     ----------
+    equation : Equation
+        Which.
     fs : float
         Sample rate [Hz].
     time : ndarray, shape (N,)
@@ -37,6 +40,7 @@ class Terms:
         The terms, with their signs, that are not zero throughout [m s^-2].
     """
 
+    equation: Equation
     fs: float
     time: Array
     valid: NDArray[np.bool_]
@@ -44,44 +48,26 @@ class Terms:
     terms: Mapping[str, Array]
 
 
-def split(telemetry: Telemetry, parameters: Mapping[str, float]) -> Terms:
-    """Return the terms of Delta g; of a noise run only their sum.
+def split(telemetry: Telemetry, parameters: Mapping[str, float]) -> tuple[Terms, ...]:
+    """Return the terms of each equation of a run; of a noise run only their sum.
 
     Parameters
     ----------
     telemetry : Telemetry
         The run.
     parameters : mapping
-        Those of `fit.model.dynamics.residual`.
+        By name; what is not in it counts as zero.
     """
-    run = dynamics.wideband_channels(telemetry, HIGHEST)
-    theta = np.array([parameters.get(name, 0.0) for name in run.parameters])
-    columns = dynamics.columns(run, dynamics.delays(theta))
-    terms = {} if telemetry.kind == "noise" else dynamics.terms(columns, theta)
-    driven = {name: term for name, term in terms.items() if np.any(term)}
-    return Terms(run.fs, columns.time, columns.valid, dynamics.total(columns, theta), driven)
-
-
-def split_component(telemetry: Telemetry, parameters: Mapping[str, float], index: int) -> Terms:
-    """Return the terms of an equation of a run; of a noise run only their sum.
-
-    Parameters
-    ----------
-    telemetry : Telemetry
-        The run.
-    parameters : mapping
-        By name.
-    index : int
-        Number of the equation.
-    """
-    run = Run(telemetry)
-    equation = run.equations[index]
-    theta = equation.parameters_of(parameters)
-    columns = run.columns(run.spacecraft.delays_of(theta, equation.parameters))
-    terms = equation.terms(columns, theta)
-    total = np.sum(list(terms.values()), axis=0)
-    driven = {} if telemetry.kind == "noise" else {name: x for name, x in terms.items() if np.any(x)}
-    return Terms(columns.fs, columns.time, columns.valid, total, driven)
+    run = Run(telemetry, spacecraft_of(telemetry).channels(telemetry, HIGHEST))
+    columns, split_terms = None, []
+    for equation in run.equations:
+        theta = equation.parameters_of(parameters)
+        columns = columns or run.columns(run.spacecraft.delays_of(theta, equation.parameters))
+        terms = equation.terms(columns, theta)
+        total = np.sum(list(terms.values()), axis=0)
+        driven = {} if telemetry.kind == "noise" else {name: x for name, x in terms.items() if np.any(x)}
+        split_terms.append(Terms(equation, columns.fs, columns.time, columns.valid, total, driven))
+    return tuple(split_terms)
 
 
 @dataclass(frozen=True)
@@ -93,20 +79,23 @@ class Analysis:
 
     Attributes
     ----------
+    equation : Equation
+        Which.
     fs : float
         Sample rate [Hz].
     missing, masked : ndarray, shape (G, 2)
         Begin and end of every stretch where samples are missing, and of glitches [h since the start].
     fast, slow : tuple of ndarray, or None
-        Delta g averaged over `FAST` and over `SLOW`.
+        The residual averaged over `FAST`, None where noise rises, and over `SLOW`.
     signal : tuple of ndarray, or None
-        Second derivative of o_12 (of D: relative acceleration) averaged over `FAST`; None of a noise run.
+        Term of the injected signal averaged over `FAST`; None of a noise run.
     asd : Binned or None
-        Of Delta g outside the masked intervals; None of a simulation without noise.
+        Of the residual outside the masked intervals; None of a simulation without noise.
     terms : mapping of str to Binned
         Of its terms; none of a noise run.
     """
 
+    equation: Equation
     fs: float
     missing: Array
     masked: Array
@@ -119,36 +108,27 @@ class Analysis:
 
 def analyse(
     telemetry: Telemetry, parameters: Mapping[str, float], masked: Sequence[tuple[float, float]] = ()
-) -> Analysis:
-    """Analyse a run of LISA Pathfinder for its figures; see `split` and `analyse_terms`."""
-    return analyse_terms(split(telemetry, parameters), float(telemetry.time[0]), "ddo_12", masked)
+) -> tuple[Analysis, ...]:
+    """Analyse each equation of a run for its figures.
 
-
-def analyse_terms(
-    run: Terms,
-    start: float,
-    signal_term: str,
-    masked: Sequence[tuple[float, float]] = (),
-    *,
-    rising_noise: bool = False,
-) -> Analysis:
-    """Analyse the terms of a run for its figures.
-
-    The spectrum of Delta g excludes the `masked` intervals, begin and end [s], unless they cover half of it.
+    The spectrum of the residual excludes the `masked` intervals, begin and end [s], unless they cover half of
+    it. Averages over `FAST` are left out where noise rises with frequency: they would hide the slow ones.
 
     Parameters
     ----------
-    run : Terms
-        The terms of the run.
-    start : float
-        Its first time [s].
-    signal_term : str
-        The term that has the injected signal.
+    telemetry : Telemetry
+        The run.
+    parameters : mapping
+        See `split`.
     masked : sequence of tuple of float
         Begin and end [s] of glitches.
-    rising_noise : bool
-        See `fit.spectra.Estimator`.
     """
+    rising_noise, start = spacecraft_of(telemetry).rising_noise, float(telemetry.time[0])
+    terms = split(telemetry, parameters)
+    return tuple(_analyse(of_equation, start, masked, rising_noise) for of_equation in terms)
+
+
+def _analyse(run: Terms, start: float, masked: Sequence[tuple[float, float]], rising_noise: bool) -> Analysis:
     asd, spectra = None, {}
     if run.valid.any():
         estimator = Estimator(run.valid, run.fs, HIGHEST, rising_noise=rising_noise)
@@ -159,12 +139,13 @@ def analyse_terms(
             if is_partial:
                 estimator = Estimator(unmasked, run.fs, HIGHEST, rising_noise=rising_noise)
             asd = estimator.asd(run.delta_g)
-    signal = run.terms.get(signal_term)
+    signal = run.terms.get(run.equation.signal)
     return Analysis(
+        run.equation,
         run.fs,
         (derivatives.true_runs(~run.valid) / run.fs + run.time[0] - start) / 3600,
         (np.reshape(masked, (-1, 2)) - start) / 3600,
-        _averages(run, run.delta_g, FAST, start),
+        None if rising_noise else _averages(run, run.delta_g, FAST, start),
         _averages(run, run.delta_g, SLOW, start),
         None if signal is None else _averages(run, signal, FAST, start),
         asd,

@@ -25,20 +25,24 @@ from fit.figures.charts import (
 )
 from fit.figures.series import envelope, glitch_mask
 from fit.model import dynamics
+from fit.spacecraft import spacecraft_of
 from fit.spectra import Binned, derivatives
 from fit.telemetry import GUIDANCE, Telemetry
 
 Array = NDArray[np.float64]
 
+#: An equation of an experiment, and of its noise run, if there is one.
+AnalysedPair = tuple[Analysis, Analysis | None]
 _SUBSCRIPTS = str.maketrans("x12", "ₓ₁₂")
-_LISA_READ_OUTS = ("o_1", "o_2", "grs_y_1", "grs_y_2")
+_UNITS = ("m", "m s⁻²")
+_TITLES = {"o_1": "drag-free loop", "o_12": "suspension loop", "f_x_1": "force on test mass 1"}
 LOWEST = 1e-4  # Hz, shown at most
 _SIGNAL = Axis("acceleration", "pm s⁻²", "value - mean")
 _RATIO = Axis("residual / noise", "", "ratio")
 _RESIDUAL = Axis("residual Δg", "fm s⁻²", "value - mean")
-_SYMBOLS: Mapping[str, str] = {term.name: term.symbol for term in dynamics.TERMS}
-#: Symbols of the terms of D (`spacecraft.lisa.TERMS`).
-_LISA_SYMBOLS = {
+#: Symbols of the terms of all equations.
+_SYMBOLS: Mapping[str, str] = {
+    **{term.name: term.symbol for term in dynamics.TERMS},
     "dds": "s̈₁ − s̈₂",
     "K_1 s_1": "K₁s₁",
     "K_2 s_2": "K₂s₂",
@@ -67,12 +71,10 @@ _DRAWN: Mapping[str, tuple[str, Literal["-", "--", ":"]]] = {
 
 def responses(run: Telemetry) -> Chart:
     """Draw the injections and the responses of the read-outs (and of a commanded f_x_1) against time."""
-    shown = [("o_1", "drag-free loop", "m"), ("o_12", "suspension loop", "m")]
-    shown.append(("f_x_1", "force on test mass 1", "m s⁻²"))
-    if run.spacecraft == "LISA":
-        shown = [(name, "", "m") for name in _LISA_READ_OUTS]
+    read_outs = sorted(spacecraft_of(run).read_outs, key=lambda name: (name.startswith("grs"), name))
+    forces = [name for name in run.channels if name == "f_x_1"]
     panels = []
-    for channel, title, unit in shown:
+    for channel in (*read_outs, *forces):
         names = [name for name in (channel, GUIDANCE.get(channel, "")) if name in run.channels]
         envelopes = {name: _hourly(run, name) for name in names}
         largest = max(float(np.nanmax(np.abs(y))) for _, y in envelopes.values())
@@ -80,10 +82,10 @@ def responses(run: Telemetry) -> Chart:
             continue
         scale, prefix = _prefix(largest)
         label = channel.removeprefix("grs_").translate(_SUBSCRIPTS).replace("_", "")
-        y = Axis(label, f"{prefix}{unit}", "value")
+        y = Axis(label, f"{prefix}{_UNITS[channel in forces]}", "value")
         curves = _response(channel, y.label, envelopes, scale)
         across = (0.0, run.duration / 3600)
-        panels.append(Panel(TIME, y, curves, across, limits(y, curves), 1.05, title))
+        panels.append(Panel(TIME, y, curves, across, limits(y, curves), 1.05, _TITLES.get(channel, "")))
     return Chart(tuple(panels))
 
 
@@ -112,42 +114,27 @@ def _prefix(largest: float) -> tuple[float, str]:
     return 1e15, "f"
 
 
-def acceleration(run: Analysis, noise: Analysis | None) -> Chart:
-    """Draw the ASD of the injected signal o_12'', of the residual Delta g and of the noise run's Delta g.
+def acceleration(pairs: Sequence[AnalysedPair]) -> Chart:
+    """Draw the ASD of the injected signal, of the residual and of the noise run for each equation.
 
     Parameters
     ----------
-    run, noise : Analysis
-        Of the experiment and of its noise run, if there is one.
+    pairs : sequence of tuple of Analysis
+        For each equation, the experiment and its noise run, if there is one.
     """
-    return Chart((_acceleration(run, noise, ("ddo_12", "ö₁₂"), ("Delta g", "Δg"), 2.2),))
+    return Chart(tuple(_acceleration(*pair, *_size(pairs, pair[0], 2.2, 1.7)) for pair in pairs))
 
 
-def lisa_acceleration(pairs: Mapping[str, tuple[Analysis, Analysis | None]]) -> Chart:
-    """Draw the ASD of relative acceleration, residual and noise run for each component of D.
-
-    Parameters
-    ----------
-    pairs : mapping of str to tuple of Analysis
-        By component, the experiment and its noise run, if there is one.
-    """
-    signal = ("dds", _LISA_SYMBOLS["dds"])
-    panels = [_acceleration(*pair, signal, (name, name), 1.7, name) for name, pair in pairs.items()]
-    return Chart(tuple(panels))
+def _size(pairs: Sequence[AnalysedPair], analysed: Analysis, one: float, several: float) -> tuple[float, str]:
+    """Return height and title of the panel of an equation, which needs none if it is the only one."""
+    return (one, "") if len(pairs) == 1 else (several, analysed.equation.name)
 
 
-def _acceleration(
-    run: Analysis,
-    noise: Analysis | None,
-    signal: tuple[str, str],
-    observable: tuple[str, str],
-    height: float,
-    title: str = "",
-) -> Panel:
-    """Return a panel of signal, residual and noise; `signal` and `observable` are names and symbols."""
-    name, symbol = observable
+def _acceleration(run: Analysis, noise: Analysis | None, height: float, title: str) -> Panel:
+    """Return a panel of signal, residual and noise."""
+    name, symbol, signal = run.equation.name, run.equation.symbol, run.equation.signal
     spectra = [
-        (f"signal {signal[0]}", f"signal {signal[1]}", "blue", run.terms.get(signal[0]), 0.9),
+        (f"signal {signal}", f"signal {_SYMBOLS[signal]}", "blue", run.terms.get(signal), 0.9),
         (f"noise run {name}", f"{symbol} of the noise run", "grey", noise and noise.asd, 1.4),
         (f"residual {name}", f"residual {symbol}", "orange", run.asd, 0.8),
     ]
@@ -216,28 +203,21 @@ def _ratio(a: Binned, b: Binned) -> Binned:
     return Binned(a.f, ratio, ratio - error, ratio + error)
 
 
-def breakdown(run: Analysis) -> Chart:
-    """Draw the ASD of every term of Delta g, and of the residual they add up to."""
-    return Chart((_breakdown(run, _SYMBOLS, ("Delta g", "Δg"), 2.35),))
+def breakdown(pairs: Sequence[AnalysedPair]) -> Chart:
+    """Draw, for each equation, the ASD of its terms and of the residual they add up to."""
+    return Chart(tuple(_breakdown(run, *_size(pairs, run, 2.35, 1.8)) for run, _ in pairs))
 
 
-def lisa_breakdown(components: Mapping[str, Analysis]) -> Chart:
-    """Draw, for each component of D, the ASD of its terms and of the residual they add up to."""
-    panels = [_breakdown(run, _LISA_SYMBOLS, (name, name), 1.8, name) for name, run in components.items()]
-    return Chart(tuple(panels))
-
-
-def _breakdown(
-    run: Analysis, symbols: Mapping[str, str], observable: tuple[str, str], height: float, title: str = ""
-) -> Panel:
-    """Return a panel of the terms of an observable, by name and symbol, and of its residual."""
+def _breakdown(run: Analysis, height: float, title: str) -> Panel:
+    """Return a panel of the terms of an equation and of its residual."""
+    name, symbol = run.equation.name, run.equation.symbol
     curves = []
-    for name, term in run.terms.items():
-        role, dash = _DRAWN[name]
-        curve = _curve(name, symbols[name], role, 0.8, term)
+    for term_name, term in run.terms.items():
+        role, dash = _DRAWN[term_name]
+        curve = _curve(term_name, _SYMBOLS[term_name], role, 0.8, term)
         curves.append(replace(curve, low=None, high=None, dash=dash))  # a band for each would hide the others
     if run.asd:
-        curves.append(_curve(f"residual {observable[0]}", f"residual {observable[1]}", "ink", 1.2, run.asd))
+        curves.append(_curve(f"residual {name}", f"residual {symbol}", "ink", 1.2, run.asd))
     across = _shown(run.fs)
     low, high = limits(ASD, curves, across)
     if run.asd and (level := run.asd.asd[run.asd.f > LOWEST]).any():
@@ -271,8 +251,8 @@ def _outside(across: Limits) -> tuple[Mark, ...]:
     return shade, Note(text="not fitted", x=end)
 
 
-def residual(run: Telemetry, analysed: Analysis, noise: Analysis | None = None) -> Chart:
-    """Draw signal and residual Delta g over time, and below, magnified, the residual with the noise run.
+def residual(run: Telemetry, pairs: Sequence[AnalysedPair]) -> Chart:
+    """Draw signal and residual of each equation over time, and magnified the residual with the noise run.
 
     Magnified, it is the residual less its mean: slow part, extremes of the fast one, missing samples.
 
@@ -280,38 +260,21 @@ def residual(run: Telemetry, analysed: Analysis, noise: Analysis | None = None) 
     ----------
     run : Telemetry
         Of the experiment.
-    analysed : Analysis
-        Of the same run.
-    noise : Analysis, optional
-        Of its noise run, of which the first hours are drawn.
+    pairs : sequence of tuple of Analysis
+        For each equation, the experiment and its noise run, if there is one.
 
     Raises
     ------
     InputError
         If the parameters leave nothing of the run, such as a delay that is longer.
     """
-    if analysed.fast is None or analysed.slow is None:
-        raise InputError(f"{run.path}: no data remain of the run with the parameters of the results")
-    across = (0.0, run.duration / 3600)
-    return Chart((*_signal(analysed, across), _residual(across, analysed, noise, _RESIDUAL, 1.4)))
-
-
-def lisa_residual(run: Telemetry, pairs: Mapping[str, tuple[Analysis, Analysis | None]]) -> Chart:
-    """Draw the residual of each component of D over time, with that of the noise run.
-
-    Fast averages are not drawn: the noise of D rises with frequency, and they would hide the slow ones.
-
-    Parameters
-    ----------
-    run : Telemetry
-        Of the experiment.
-    pairs : mapping of str to tuple of Analysis
-        By component, the experiment and its noise run, if there is one.
-    """
     across, panels = (0.0, run.duration / 3600), []
-    for name, (analysed, noise) in pairs.items():
-        axis = replace(_RESIDUAL, label=f"residual {name}")
-        panels.append(_residual(across, replace(analysed, fast=None), noise, axis, 1.4, name))
+    for analysed, noise in pairs:
+        if analysed.slow is None:
+            raise InputError(f"{run.path}: no data remain of the run with the parameters of the results")
+        axis = replace(_RESIDUAL, label=f"residual {analysed.equation.symbol}")
+        panels += _signal(analysed, across)
+        panels.append(_residual(across, analysed, noise, axis, *_size(pairs, analysed, 1.4, 1.4)))
     return Chart(tuple(panels))
 
 
@@ -347,13 +310,14 @@ def _smoothed(series: Series, hours: Array) -> Curve:
 
 
 def _signal(analysed: Analysis, across: Limits) -> list[Panel]:
-    """Return the panel of the injected signal in o_12, with the residual on the same scale."""
+    """Return the panel of the injected signal, with the residual on the same scale."""
     if analysed.signal is None or analysed.fast is None:
         return []
     (x, y), (hours, residual) = analysed.signal, analysed.fast
-    name = f"ddo_12 averaged over {FAST:g} s"
+    term = analysed.equation.signal
+    name = f"{term} averaged over {FAST:g} s"
     curves = (
-        _smooth(name, f"signal ö₁₂, {FAST:g} s", "blue", (x, 1e-3 * y), 0.6),
+        _smooth(name, f"signal {_SYMBOLS[term]}, {FAST:g} s", "blue", (x, 1e-3 * y), 0.6),
         _smooth("residual on the same scale", "residual", "orange", (hours, 1e-3 * residual), 0.9),
     )
     unmasked = [_smoothed(series, analysed.masked) for series in ((x, 1e-3 * y), (hours, 1e-3 * residual))]

@@ -29,8 +29,10 @@ class Equation(ABC):
 
     Attributes
     ----------
-    name : str
+    name, symbol : str
         Of the acceleration.
+    signal : str
+        The term that has the injected signal.
     parameters : tuple of str
         The P parameters of the run.
     columns : tuple of str
@@ -45,8 +47,14 @@ class Equation(ABC):
     """
 
     name: str
+    signal: str
     parameters: tuple[str, ...]
     noisy = False
+
+    @property
+    def symbol(self) -> str:
+        """See the class."""
+        return self.name
 
     @property
     @abstractmethod
@@ -138,6 +146,12 @@ class Spacecraft(ABC):
         Least duration of a run in the joint fit [s].
     gap_taper : float
         Flank of the window beside missing samples [s].
+    rising_noise : bool
+        Whether the noise of the residual rises with frequency beyond all that is slow.
+    overview : tuple of str
+        A gain and a stiffness, of each experiment by itself.
+    template, meaning : str
+        Template of the equations in the report, and what experiments share.
     """
 
     name: str
@@ -152,10 +166,14 @@ class Spacecraft(ABC):
     optional: tuple[str, ...] = ()
     jitter: str = ""
     gap_taper: float = GAP_TAPER
+    rising_noise: bool = False
+    overview: tuple[str, str] = ("", "")
+    template: str = ""
+    meaning: str = "One value for all experiments."
 
     @abstractmethod
-    def channels(self, telemetry: Telemetry) -> RunChannels:
-        """Low-pass and decimate what the equations need of a run."""
+    def channels(self, telemetry: Telemetry, f_max: float | None = None) -> RunChannels:
+        """Low-pass and decimate what the equations need of a run, or of a wider band up to `f_max` [Hz]."""
 
     @abstractmethod
     def limits(self, telemetry: Telemetry) -> dict[str, float]:

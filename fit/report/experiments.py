@@ -11,10 +11,11 @@ from markupsafe import Markup, escape
 from fit.crosstalk import crosstalk_fit
 from fit.figures import Chart, analysis
 from fit.figures import runs as figures
-from fit.parameters import Parameter, experiment_parameters
+from fit.parameters import Parameter
 from fit.report.section import FigureSpec, Section, start_text
 from fit.report.verdict import failures, fit_warnings, symbols
 from fit.results import Fit, Results
+from fit.spacecraft import PATHFINDER, spacecraft_of
 from fit.tables import Table, fit_estimate, highlight, parameter_table, symbol
 from fit.telemetry import Telemetry
 from fit.warnings import FitWarning, masked_spans
@@ -29,8 +30,9 @@ _DESCRIPTION = (
 # Description and caption of the figures.
 _RESPONSES = (
     "Guidance injections and read-outs of both loops against time",
-    "Injections and responses. Within the bandwidth of a loop, the read-out follows the guidance; the "
-    "scatter of o₁ is the jitter of the spacecraft. Curves show the minimum and maximum of short intervals.",
+    "Injections and responses. Within the bandwidth of a loop, the read-out follows the guidance; a "
+    "drag-free read-out shows the jitter of the spacecraft. Curves show the minimum and maximum of short "
+    "intervals.",
 )
 _SPECTRA = tuple(
     (
@@ -48,12 +50,12 @@ _SPECTRA = tuple(
 )
 _BREAKDOWN = (
     "Amplitude spectral densities of the terms that add up to the differential acceleration",
-    "Breakdown of Δg: the fitted terms of the equation of motion, and their sum, the residual. Terms far "
-    "above the residual cancel.",
+    "Breakdown: the fitted terms of each equation of motion, and their sum, the residual. Terms far above "
+    "the residual cancel.",
 )
 _RESIDUAL = (
-    "Signal and residual differential acceleration against time, and the residual magnified",
-    f"Signal and residual over time, averaged with Hann windows of {analysis.FAST:g} s; below: "
+    "Signal and residual acceleration against time, and the residual magnified",
+    f"Signal and residual over time, averaged with Hann windows of {analysis.FAST:g} s; magnified: "
     f"residual and noise run, averaged over {analysis.SLOW:g} s; grey, the extremes of the residual averaged "
     f"over {analysis.FAST:g} s. Missing or masked samples and glitches are marked.",
 )
@@ -68,7 +70,7 @@ class AnalysedExperiment:
     run, noise : Telemetry
         Its run, and its noise run or None.
     parameters : mapping
-        Those of `fit.model.dynamics.residual`.
+        By name, see `fit.figures.analysis.split`.
     warnings : sequence of FitWarning
         Of the fit, with the time spans of glitches.
     """
@@ -79,36 +81,26 @@ class AnalysedExperiment:
     warnings: Sequence[FitWarning]
 
     @cached_property
-    def of_run(self) -> analysis.Analysis:
-        """Spectra and averages of the run."""
-        return self._analyse(self.run)
+    def pairs(self) -> tuple[figures.AnalysedPair, ...]:
+        """Spectra and averages of each equation, of the run and of its noise run."""
+        run = self._analyse(self.run)
+        return tuple(zip(run, self._analyse(self.noise) if self.noise else [None] * len(run), strict=True))
 
-    @cached_property
-    def of_noise(self) -> analysis.Analysis | None:
-        """Spectra and averages of the noise run."""
-        return self._analyse(self.noise) if self.noise else None
-
-    def _analyse(self, run: Telemetry) -> analysis.Analysis:
+    def _analyse(self, run: Telemetry) -> tuple[analysis.Analysis, ...]:
         return analysis.analyse(run, self.parameters, masked_spans(self.warnings, run.run))
 
 
 def analysed(results: Results, telemetries: Sequence[Telemetry]) -> dict[str, AnalysedExperiment]:
     """Return the experiments of which there is telemetry."""
+    by_kind = {(t.experiment, t.kind): t for t in telemetries}
+    runs = {
+        name: (run, by_kind.get((name, "noise")))
+        for name in results.experiments
+        if (run := by_kind.get((name, "sysid")))
+    }
     return {
         name: AnalysedExperiment(run, noise, parameters(results, run), results.experiments[name].warnings)
-        for name, (run, noise) in experiment_runs(results, telemetries).items()
-    }
-
-
-def experiment_runs(
-    results: Results, telemetries: Sequence[Telemetry]
-) -> dict[str, tuple[Telemetry, Telemetry | None]]:
-    """Return the run and the noise run of the experiments of which there is telemetry."""
-    runs = {(t.experiment, t.kind): t for t in telemetries}
-    return {
-        name: (run, runs.get((name, "noise")))
-        for name in results.experiments
-        if (run := runs.get((name, "sysid")))
+        for name, (run, noise) in runs.items()
     }
 
 
@@ -121,40 +113,27 @@ def sections(results: Results, experiments: Mapping[str, AnalysedExperiment]) ->
 
 
 def residual_over_noise(experiments: Mapping[str, AnalysedExperiment]) -> FigureSpec | None:
-    """Return the figure of the residual of all experiments over their noise, None without noise runs."""
-    pairs = {name: (e.of_run, e.of_noise) for name, e in experiments.items()}
-    return residual_over_noise_of(pairs, "the experiments")
-
-
-def residual_over_noise_of(
-    pairs: Mapping[str, tuple[analysis.Analysis, analysis.Analysis | None]], averaged: str
-) -> FigureSpec | None:
-    """Return the figure of residuals over noise, None without noise runs.
-
-    Parameters
-    ----------
-    pairs : mapping of str to tuple of Analysis
-        The run and its noise run, if there is one.
-    averaged : str
-        What the mean is taken over, in the words of the caption.
-    """
-    spectra = {name: (run.asd, noise.asd) for name, (run, noise) in pairs.items() if noise}
-    known = {name: (a, b) for name, (a, b) in spectra.items() if a and b}
+    """Return the figure of the residuals of all experiments over their noise, None without noise runs."""
+    known = {
+        name if len(experiment.pairs) == 1 else f"{name}, {run.equation.name}": (run.asd, noise.asd)
+        for name, experiment in experiments.items()
+        for run, noise in experiment.pairs
+        if noise and run.asd and noise.asd
+    }
     if not known:
         return None
     return FigureSpec(
         "residual-over-noise",
         "Amplitude spectral densities of residuals and noise runs, and their ratio",
-        f"Residuals and noise runs, mean of {averaged}, and their ratio; 1 is expected. A peak at an "
-        "injected frequency is an effect missing from the model.",
+        "Residuals and noise runs, mean of all experiments and equations, and their ratio; 1 is expected. A "
+        "peak at an injected frequency is an effect missing from the model.",
         partial(figures.residual_over_noise, known),
     )
 
 
 def overview(results: Results, telemetries: Sequence[Telemetry]) -> Table:
     """Return a row for every experiment: date, quality of its fit, a gain and a stiffness, warnings."""
-    is_lisa = any(run.spacecraft == "LISA" for run in telemetries)
-    gain, stiffness = ("lambda_y_1", "omega2_x_1") if is_lisa else ("lambda_2", "omega2_2")
+    gain, stiffness = spacecraft_of(telemetries[0]).overview if telemetries else PATHFINDER.overview
     runs = {t.experiment: t for t in telemetries if t.kind == "sysid"}
     rows = []
     for i, (name, fit) in enumerate(results.experiments.items(), start=1):
@@ -166,20 +145,19 @@ def overview(results: Results, telemetries: Sequence[Telemetry]) -> Table:
                 start_text(run, "%Y-%m-%d") if run else None,
                 f"{run.duration / 3600:.3g}" if run else None,
                 highlight(chi2_red, "chi2" in failures(fit)),
-                *(() if is_lisa else (_p_value(fit),)),
+                _p_value(fit),
                 fit_estimate(fit, gain),
                 fit_estimate(fit, stiffness, -7),
                 _warnings(fit) or None,
             )
         )
     symbols_of_columns = symbol(gain), Markup("{} [10⁻⁷ s⁻²]").format(symbol(stiffness))
-    head = ("Experiment", "Start", "Hours", "χ² / dof", *(() if is_lisa else ("p",)), *symbols_of_columns)
-    caption = "Each experiment fitted on its own; its name leads to its responses, spectra and residual."
-    if not is_lisa:
-        caption += (
-            " p: probability of a χ² at least as far from its expectation, if the residual has the noise of "
-            "the noise run."
-        )
+    head = ("Experiment", "Start", "Hours", "χ² / dof", "p", *symbols_of_columns)
+    caption = (
+        "Each experiment fitted on its own; its name leads to its responses, spectra and residual. p: "
+        "probability of a χ² at least as far from its expectation, if the residual has the noise of the "
+        "noise run."
+    )
     return Table((*head, "Warnings"), tuple(rows), caption)
 
 
@@ -201,70 +179,40 @@ def _warnings(fit: Fit) -> Markup:
 
 
 def _section(i: int, name: str, fit: Fit, experiment: AnalysedExperiment | None) -> Section:
+    """Return the section on experiment number `i`, with quality and warnings of its fit among the facts."""
     facts: dict[str, str] = {}
     known: list[Parameter] = []
     specs: tuple[FigureSpec, ...] = ()
     if experiment:
         run, noise = experiment.run, experiment.noise
         facts = {
-            **run_facts(run, noise),
+            "Start": f"{start_text(run)} UTC, {run.duration / 3600:.3g} h",
+            "Noise run": f"{noise.run}, {noise.duration / 3600:.3g} h" if noise else "none",
             _BOTH.format("F", "F"): f"{1e12 * run.F_max_1:.4g} and {1e12 * run.F_max_2:.4g} pN",
             _BOTH.format("N", "N"): f"{1e12 * run.N_max_1:.4g} and {1e12 * run.N_max_2:.4g} pN m",
             "Alignment epoch": str(run.alignment_epoch),
         }
-        known = list(experiment_parameters(run.authority, run.alignment_epoch).values())
-        specs = figure_specs(f"e{i}", slug(name), experiment)
-    return fit_section(i, name, fit, _DESCRIPTION, facts, known, specs)
-
-
-def run_facts(run: Telemetry, noise: Telemetry | None) -> dict[str, str]:
-    """Return start and length of an experiment and of its noise run in a few words."""
-    return {
-        "Start": f"{start_text(run)} UTC, {run.duration / 3600:.3g} h",
-        "Noise run": f"{noise.run}, {noise.duration / 3600:.3g} h" if noise else "none",
-    }
-
-
-def slug(name: str) -> str:
-    """Return the part of the names of figures that an experiment gives."""
-    return re.sub(r"[^A-Za-z0-9]+", "_", name)[:60]
-
-
-def fit_section(
-    i: int,
-    name: str,
-    fit: Fit,
-    description: str,
-    facts: Mapping[str, str],
-    known: Sequence[Parameter],
-    specs: tuple[FigureSpec, ...],
-) -> Section:
-    """Return the section on experiment number `i`, with quality and warnings of its fit among the facts."""
-    complete = {**facts}
-    complete["χ² / degrees of freedom"] = f"{fit.chi2:.1f} / {fit.dof}"
+        known = spacecraft_of(run).parameters(run, (*fit.parameters, *fit.undetermined))
+        specs = figure_specs(f"e{i}", re.sub(r"[^A-Za-z0-9]+", "_", name)[:60], experiment)
+    facts["χ² / degrees of freedom"] = f"{fit.chi2:.1f} / {fit.dof}"
     if fit.masked_samples is not None:
-        complete["Masked samples"] = str(fit.masked_samples)
+        facts["Masked samples"] = str(fit.masked_samples)
     if warnings := _warnings(fit):
-        complete["Warnings"] = Markup('<a href="#warnings">{}</a>').format(warnings)
-    return Section(
-        f"e{i}",
-        f"Experiment {name}",
-        description,
-        complete,
-        parameter_table(fit, known),
-        figures=specs,
-    )
+        facts["Warnings"] = Markup('<a href="#warnings">{}</a>').format(warnings)
+    table = parameter_table(fit, known)
+    return Section(f"e{i}", f"Experiment {name}", _DESCRIPTION, facts, table, figures=specs)
 
 
 def parameters(results: Results, run: Telemetry) -> dict[str, float]:
-    """Return the parameters of `fit.model.dynamics.residual` with which the figures of a run are drawn.
+    """Return the parameters with which the figures of a run are drawn.
 
-    Undetermined parameters have their flight values, about which the fit has its weak priors.
+    Undetermined parameters have their nominal values, about which the fit has its weak priors.
     """
-    known = experiment_parameters(run.authority, run.alignment_epoch)
+    fit = results.experiments[run.experiment]
+    nominal = spacecraft_of(run).parameters(run, (*fit.parameters, *fit.undetermined))
     return {
-        **{name: p.value for name, p in known.items()},
-        **results.experiments[run.experiment].values,
+        **{p.name: p.value for p in nominal},
+        **fit.values,
         **crosstalk_fit.subtraction_coefficients(results, str(run.alignment_epoch)),
     }
 
@@ -284,9 +232,9 @@ def figure_specs(stem: str, slug: str, experiment: AnalysedExperiment) -> tuple[
         "r-{}-responses": (_RESPONSES, partial(figures.responses, run)),
         "s-{}-spectra": (
             _SPECTRA[experiment.noise is not None],
-            lambda: figures.acceleration(experiment.of_run, experiment.of_noise),
+            lambda: figures.acceleration(experiment.pairs),
         ),
-        "b-{}-breakdown": (_BREAKDOWN, lambda: figures.breakdown(experiment.of_run)),
-        "t-{}-residual": (_RESIDUAL, lambda: figures.residual(run, experiment.of_run, experiment.of_noise)),
+        "b-{}-breakdown": (_BREAKDOWN, lambda: figures.breakdown(experiment.pairs)),
+        "t-{}-residual": (_RESIDUAL, lambda: figures.residual(run, experiment.pairs)),
     }
     return tuple(FigureSpec(stem + name.format(slug), *texts, draw) for name, (texts, draw) in charts.items())

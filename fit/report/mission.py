@@ -66,7 +66,7 @@ def _sound(results: Results) -> Results:
 
 def _side_by_side(results: Results, telemetries: Sequence[Telemetry]) -> Section | None:
     tables, text = [], Markup()
-    if results.joint is not None:
+    if results.joint is not None and results.joint.parameters.keys() & FLIGHT.keys():
         epochs = [t.alignment_epoch for t in telemetries if t.kind == "sysid"]
         names = joint_names(epochs) if epochs else tuple(FLIGHT)
         known = [p for p in map(joint_parameter, names) if p.flown]

@@ -18,13 +18,12 @@ from fit.figures import COLOURS
 from fit.files import atomic, documents
 from fit.forecasting import expected_fit
 from fit.parallel import one_blas_thread, parallel_map, progress_stage
-from fit.parameters import joint_names, joint_parameter
+from fit.parameters import LISA, joint_names, joint_parameter
 from fit.report import (
     charts,
     control_loops,
     experiments,
     identification,
-    lisa,
     mission,
     motion,
     sampling,
@@ -34,6 +33,7 @@ from fit.report import (
 from fit.report.section import FigureSpec, Section, start_text
 from fit.report.verdict import verdict, warning_groups
 from fit.results import Fit, Results
+from fit.spacecraft import PATHFINDER, spacecraft_of
 from fit.tables import LIMIT, ParameterTable, parameter_table, prose, signed
 from fit.telemetry import Telemetry
 
@@ -67,15 +67,16 @@ def write_report(directory: Path, results: Results, telemetries: Sequence[Teleme
     InputError
         If a telemetry file can no longer be read, or the output of another command breaks its schema.
     """
-    joint = results.joint
-    is_lisa = _is_lisa(telemetries)
+    joint, spacecraft = results.joint, spacecraft_of(telemetries[0]) if telemetries else PATHFINDER
     digest = _entry("campaign_digest", results, telemetries)
     joint_table = joint and _joint_table(joint, telemetries, _forecast(directory, digest))
     progress_stage(0.3 if results.inertial else 0.8)
-    if is_lisa:
-        single_sections, sections, ratio = _lisa_sections(results, telemetries)
-    else:
-        single_sections, sections, ratio = _pathfinder_sections(results, telemetries)
+    analysed = experiments.analysed(results, telemetries)
+    single_sections = _rendered(experiments.sections(results, analysed))
+    progress_stage(0.8)
+    sections = [*motion.sections(results, telemetries), *mission.sections(results, telemetries)]
+    progress_stage(1.0)
+    ratio = experiments.residual_over_noise(analysed)
     sections += control_loops.sections(directory, digest)
     sections += [*identification.sections(results, directory), *sampling.sections(results, directory)]
     sections += tests.sections(results)
@@ -86,7 +87,9 @@ def write_report(directory: Path, results: Results, telemetries: Sequence[Teleme
         extent=_extent(results, telemetries),
         facts=_facts(results, telemetries),
         version=(results.provenance.versions or {}).get("lpfcosim"),
-        spacecraft="LISA" if is_lisa or results.ttl else "LISA Pathfinder",
+        spacecraft="LISA" if results.ttl else spacecraft.name,
+        equations=spacecraft.template,
+        meaning=spacecraft.meaning if results.experiments else "One value for all experiments.",
         ratio=ratio and charts.render(ratio),
         verdict=verdict(results, [joint_table] if joint_table else tables, identification.load(directory)),
         warning_groups=warning_groups(results),
@@ -109,51 +112,21 @@ def _joint_table(
 ) -> ParameterTable:
     """Return the table of the joint fit, with the expected sigmas by parameter."""
     epochs = [t.alignment_epoch for t in telemetries if t.kind == "sysid"]
-    names = tuple(joint) if _is_lisa(telemetries) else joint_names(epochs)
+    known = (*joint_names(epochs), *LISA)
+    names = [name for name in known if name in joint.parameters or name in joint.undetermined]
     return parameter_table(joint, list(map(joint_parameter, names)), expected)
-
-
-def _is_lisa(telemetries: Sequence[Telemetry]) -> bool:
-    return any(run.spacecraft == "LISA" for run in telemetries)
-
-
-def _lisa_sections(
-    results: Results, telemetries: Sequence[Telemetry]
-) -> tuple[list[Section], list[Section], FigureSpec | None]:
-    """Return the same for LISA, which has no sections on all experiments."""
-    analysed = lisa.analysed(results, telemetries)
-    return _rendered(lisa.sections(results, analysed)), [], lisa.residual_over_noise(analysed)
-
-
-def _pathfinder_sections(
-    results: Results, telemetries: Sequence[Telemetry]
-) -> tuple[list[Section], list[Section], FigureSpec | None]:
-    """Return the sections on single experiments, those on all of them, and the figure at the top."""
-    analysed = experiments.analysed(results, telemetries)
-    single_sections = _rendered(experiments.sections(results, analysed))
-    progress_stage(0.8)
-    motion_sections = motion.sections(results, telemetries)
-    progress_stage(1.0)
-    of_mission = mission.sections(results, telemetries)
-    ratio = experiments.residual_over_noise(analysed)
-    return single_sections, [*motion_sections, *of_mission], ratio
 
 
 def figure_specs(results: Results, telemetries: Sequence[Telemetry], directory: Path) -> list[FigureSpec]:
     """Return all figures of the report of a folder but those of other commands, not yet drawn."""
     digest = _entry("campaign_digest", results, telemetries)
-    if _is_lisa(telemetries):
-        of_lisa = lisa.analysed(results, telemetries)
-        sections = lisa.sections(results, of_lisa)
-        ratio = lisa.residual_over_noise(of_lisa)
-    else:
-        analysed = experiments.analysed(results, telemetries)
-        sections = [
-            *experiments.sections(results, analysed),
-            *motion.sections(results, telemetries),
-            *mission.sections(results, telemetries),
-        ]
-        ratio = experiments.residual_over_noise(analysed)
+    analysed = experiments.analysed(results, telemetries)
+    sections = [
+        *experiments.sections(results, analysed),
+        *motion.sections(results, telemetries),
+        *mission.sections(results, telemetries),
+    ]
+    ratio = experiments.residual_over_noise(analysed)
     sections += control_loops.sections(directory, digest)
     drawn = [spec for section in sections for spec in section.figures if isinstance(spec, FigureSpec)]
     return [*([ratio] if ratio else []), *drawn]

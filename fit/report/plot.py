@@ -14,7 +14,7 @@ from fit.errors import InputError, shown
 from fit.figures import runs as figures_runs
 from fit.figures import stiffness as figures_stiffness
 from fit.plotting import Plot, PlotAxes, draw
-from fit.report import experiments, lisa
+from fit.report import experiments
 from fit.report.stiffness import stiffness_points
 from fit.results import Results, check_results
 from fit.telemetry import Telemetry, check_runs
@@ -72,8 +72,8 @@ def _experiment_plot(
     if experiment not in results.experiments:
         known = ", ".join(results.experiments) or "none"
         raise InputError(f"the results have no experiment {experiment!r}, expected one of {known}")
-    page = lisa if pair["sysid"].spacecraft == "LISA" else experiments
-    specs = page.figure_specs("", experiment, page.analysed(results, list(pair.values()))[experiment])
+    analysed = experiments.analysed(results, list(pair.values()))[experiment]
+    specs = experiments.figure_specs("", experiment, analysed)
     (figure,) = (spec.draw() for spec in specs if spec.name.endswith(f"-{name}"))
     assert not isinstance(figure, Markup)
     return draw(figure, ax)

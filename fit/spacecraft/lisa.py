@@ -106,9 +106,8 @@ class Channels(RunChannels):
     attitude: tuple[str, ...] = ()
 
 
-def channels(telemetry: Telemetry) -> Channels:
+def channels(telemetry: Telemetry, taps: Array, factor: int) -> Channels:
     """Low-pass and decimate what D needs."""
-    taps, factor = derivatives.low_pass(telemetry.fs)
     raw = ((name, telemetry.channels[name]) for name in CHANNELS if name in telemetry.channels)
     varying = ((name, x) for name, x in raw if name[:3] != "F_x" or np.any(x))
     reduced = reduce_channels(telemetry, varying, taps, factor)
@@ -157,6 +156,7 @@ class Component(Equation):
     parameters: tuple[str, ...]
     half_opening: float = HALF_OPENING
     baseline: tuple[float, float] = BASELINE
+    signal = "dds"
     noisy = True
 
     def coefficients(self, theta: Array, tau: Delays, /) -> Array:
@@ -257,9 +257,10 @@ def delays(parameters: Sequence[str], theta: Array) -> Delays:
 class Lisa(Spacecraft):
     """The record of a LISA spacecraft."""
 
-    def channels(self, telemetry: Telemetry) -> Channels:
+    def channels(self, telemetry: Telemetry, f_max: float | None = None) -> Channels:
         """See `Spacecraft`."""
-        return channels(telemetry)
+        band = () if f_max is None else (f_max, 3 * f_max)
+        return channels(telemetry, *derivatives.low_pass(telemetry.fs, *band))
 
     def limits(self, telemetry: Telemetry) -> dict[str, float]:
         """See `Spacecraft`; along x."""
@@ -317,7 +318,7 @@ class Lisa(Spacecraft):
 
     def parameters(self, _: Telemetry, names: Sequence[str], /) -> list[Parameter]:
         """See `Spacecraft`."""
-        return [parameters.LISA[name] for name in names]
+        return [parameter for name, parameter in parameters.LISA.items() if name in names]
 
 
 _UNIT_OR_SIGN = "its unit or its sign is wrong"
@@ -345,4 +346,7 @@ LISA = Lisa(
         for j in (1, 2)
     },
     gap_taper=STEEP_GAP_TAPER,
+    rising_noise=True,
+    overview=("lambda_y_1", "omega2_x_1"),
+    template="lisa_equations.html.jinja",
 )

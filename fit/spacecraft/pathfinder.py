@@ -18,7 +18,12 @@ class DeltaG(Equation):
     """The differential acceleration along x (Eq. (11))."""
 
     parameters: tuple[str, ...] = dynamics.PARAMETERS
-    name = "Delta g"
+    name, signal = "Delta g", "ddo_12"
+
+    @property
+    def symbol(self) -> str:
+        """See `Equation`."""
+        return "Δg"
 
     @property
     def columns(self) -> tuple[str, ...]:
@@ -54,9 +59,11 @@ DELTA_G = DeltaG()
 class Pathfinder(Spacecraft):
     """The record of LISA Pathfinder."""
 
-    def channels(self, telemetry: Telemetry) -> RunChannels:
+    def channels(self, telemetry: Telemetry, f_max: float | None = None) -> RunChannels:
         """See `Spacecraft`."""
-        return dynamics.channels(telemetry)
+        if f_max is None:
+            return dynamics.channels(telemetry)
+        return dynamics.wideband_channels(telemetry, f_max)
 
     def limits(self, telemetry: Telemetry) -> dict[str, float]:
         """See `Spacecraft`."""
@@ -100,7 +107,8 @@ class Pathfinder(Spacecraft):
     def parameters(self, telemetry: Telemetry, names: Sequence[str], /) -> list[Parameter]:
         """See `Spacecraft`; those of cross-talk come last."""
         flight = experiment_parameters(telemetry.authority, telemetry.alignment_epoch)
-        return [*flight.values(), *map(cross_talk_parameter, names[len(dynamics.PARAMETERS) :])]
+        cross_talk = [name for name in names if name in dynamics.CROSS_TALK]
+        return [*flight.values(), *map(cross_talk_parameter, cross_talk)]
 
 
 PATHFINDER = Pathfinder(
@@ -111,5 +119,9 @@ PATHFINDER = Pathfinder(
     forces=dynamics.FORCES,
     levels={"o_1": 1.5e-10, "o_12": 6e-15},  # in flight
     jitter="o_1",
+    overview=("lambda_2", "omega2_2"),
+    template="equations.html.jinja",
+    meaning="Common gains, delays and stiffness model, one δ_ifo per alignment epoch. Flight: values of LISA "
+    "Pathfinder.",
     shortest=21600.0,  # shorter runs hardly see the stiffness
 )

@@ -34,7 +34,7 @@ def pulls(outcome, truth):
     return {
         p.name: (x - truth[p.name]) / s
         for (p, x, s), is_determined in zip(estimates, determined, strict=True)
-        if p.equation and is_determined
+        if p.equation > 0 and is_determined
     }
 
 

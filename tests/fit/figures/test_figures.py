@@ -79,7 +79,7 @@ def test_terms_are_those_of_newton():
     f = {"o_1": 5e-3, "o_12": 0.02, "f_x_1": 0.11, "f_x_2": 0.3}
     wave = {name: np.sin(2 * np.pi * f[name] * t) for name in f}
     run = type(run)(**{**vars(run), "fs": fs, "time": t, "channels": wave})
-    terms = analysis.split(run, {**TRUTH, "delta_ifo": 2e-5})
+    terms = analysis.split(run, {**TRUTH, "delta_ifo": 2e-5})[0]
     inner = terms.time
     assert np.diff(inner) == pytest.approx(0.3)
 
@@ -122,7 +122,7 @@ def test_what_was_decimated_for_the_eye_is_flat_up_to_the_edge():
     zeros = {name: np.zeros(n) for name in ("o_1", "f_x_1", "f_x_2")}
     channels = {**zeros, "o_12": 1e-12 * rng.standard_normal(n)}
     run = type(run)(**{**vars(run), "fs": 10.0, "time": np.arange(n) / 10, "channels": channels})
-    asd = analysis.analyse(run, {"lambda_2": 1.0}).terms["ddo_12"]
+    asd = analysis.analyse(run, {"lambda_2": 1.0})[0].terms["ddo_12"]
     level = asd.asd / (2 * np.pi * asd.f) ** 2 / (1e-12 * np.sqrt(2 / 10))
     for low, high in ((0.03, 0.1), (0.1, 0.4), (0.4, 0.99)):
         assert np.median(level[(asd.f > low) & (asd.f < high)]) == pytest.approx(1, abs=0.06)
@@ -145,7 +145,7 @@ def test_gaps_and_glitches_are_marked(runs, charts):
     )
     masked = masked_spans([FitWarning("glitches", (), "masked", spans=spans)], gone.run)
     assert masked == [(100.0, 112.0), (900.0, 907.0)]
-    chart = figures_runs.residual(gone, analysis.analyse(gone, TRUTH, masked))
+    chart = figures_runs.residual(gone, [(*analysis.analyse(gone, TRUTH, masked), None)])
     shades = [mark for mark in chart.panels[1].marks if isinstance(mark, Span)]
     assert [mark.label for mark in shades] == ["missing samples", "", "masked, or a glitch", ""]
     assert (shades[2].low, shades[2].high) == pytest.approx((100 / 3600, 112 / 3600))
@@ -159,15 +159,15 @@ def test_a_glitch_hides_neither_the_residual_nor_its_spectrum(runs):
     run = runs[0]
     hit = np.where((run.time >= 5000) & (run.time < 5030), 1e-10, 0.0)  # a force that o_12 does not follow
     disturbed = replace(run, channels={**run.channels, "f_x_2": run.channels["f_x_2"] + hit})
-    undisturbed = analysis.analyse(run, TRUTH)
-    unmasked, masked = (analysis.analyse(disturbed, TRUTH, spans) for spans in ((), [(4998.0, 5032.0)]))
+    (undisturbed,) = analysis.analyse(run, TRUTH)
+    unmasked, masked = (analysis.analyse(disturbed, TRUTH, spans)[0] for spans in ((), [(4998.0, 5032.0)]))
     levels = [
         np.mean(x.asd.asd[(x.asd.f > 1e-3) & (x.asd.f < 1e-2)]) for x in (masked, unmasked, undisturbed)
     ]
     assert levels[0] == pytest.approx(levels[2], rel=0.2)
     assert levels[1] > 3 * levels[2]
     up, hidden, right = (
-        np.ptp(figures_runs.residual(run, analysed).panels[1].up)
+        np.ptp(figures_runs.residual(run, [(analysed, None)]).panels[1].up)
         for analysed in (masked, unmasked, undisturbed)
     )
     assert up == pytest.approx(right, rel=0.2)
