@@ -5,7 +5,6 @@ import signal
 import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from uuid import uuid4
 
 import pytest
 from hypothesis import settings
@@ -34,12 +33,6 @@ def interrupts() -> Iterator[None]:
     yield
     if before is signal.SIG_IGN:
         signal.signal(signal.SIGINT, before)
-
-
-@pytest.fixture(autouse=True)
-def configuration(monkeypatch, tmp_path_factory) -> None:
-    """Give every test a configuration of its own: no test sees or changes what the user has approved."""
-    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path_factory.getbasetemp() / "configuration" / uuid4().hex))
 
 
 @pytest.fixture(scope="session")

@@ -6,11 +6,7 @@ from typing import Annotated
 import typer
 
 from lpfcosim.cli import campaign_commands, fmu_commands, result_commands
-from lpfcosim.cli.options import (
-    Quiet,
-    examples,
-    help_without_command,
-)
+from lpfcosim.cli.options import examples, help_without_command
 
 app = typer.Typer(
     help="Calibrate drag-free spacecraft: simulate LISA Pathfinder through FMUs, fit its dynamics, report.",
@@ -70,33 +66,6 @@ def new(
     from lpfcosim.cli import new as cli_new
 
     (cli_new.new_map if as_map else cli_new.new)(files or [])
-
-
-@app.command(
-    epilog=examples(
-        "lpfcosim trust my_controller.fmu",
-        "lpfcosim trust                         list the approved FMUs",
-        "lpfcosim trust --remove 3f5a09c2       by the first digits of its digest",
-    )
-)
-def trust(
-    files: Annotated[
-        list[str] | None, typer.Argument(metavar="FILE.fmu", help="FMUs [default: list the approved ones].")
-    ] = None,
-    remove: Annotated[
-        bool, typer.Option("--remove", help="Withdraw the approval of files, or of digests.")
-    ] = False,
-    quiet: Quiet = False,
-) -> None:
-    """Approve third-party FMUs; list the approved ones.
-
-    An FMU is native code that runs with your permissions. Digest, name and date of approved files are stored
-    in your own configuration. An FMU that changes needs a new approval.
-    """
-    from lpfcosim.cli import trust as cli_trust
-    from lpfcosim.cli.console import Console
-
-    cli_trust.trust(files or [], Console(quiet=quiet), remove=remove)
 
 
 @app.command(epilog=examples("lpfcosim schema > lpf-campaign.json", "lpfcosim schema --map > lpf-map.json"))

@@ -1,6 +1,5 @@
-"""The commands about FMUs: build, list, show, validate, export."""
+"""The commands about FMUs: build, list, export."""
 
-import sys
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -10,7 +9,7 @@ from lpfcosim.cli.options import CampaignFile, Quiet, examples, help_without_com
 from lpfcosim.errors import InputError, prefix_errors
 
 app = typer.Typer(
-    help="Build, list, show, check and export FMUs.",
+    help="Build, list and export FMUs.",
     epilog=examples("lpfcosim fmu list", "lpfcosim fmu build Plant Actuation --out here"),
     rich_markup_mode=None,
 )
@@ -78,70 +77,6 @@ def list_(as_json: AsJson = False) -> None:
     width = max(map(len, fmu_names()))
     for fmu in results:
         print(f"{fmu['model']:{width}} {'built    ' if fmu['built'] else 'not built'} {fmu['path']}")
-
-
-@app.command(
-    epilog=examples(
-        "lpfcosim fmu show SuspensionControl",
-        "lpfcosim fmu show my_controller.fmu --json",
-        "lpfcosim fmu show SuspensionControl my_controller.fmu",
-    )
-)
-def show(
-    arguments: Annotated[
-        list[str],
-        typer.Argument(metavar="PLACE|FILE.fmu", help="A place of the loop, an FMU, or one of each."),
-    ],
-    as_json: AsJson = False,
-) -> None:
-    """Show the interface of a place or an FMU, or match both.
-
-    With both, print a proposal for the table of the campaign. The exit status is 1 if the FMU does not fit,
-    or if a name is ambiguous. The code of the FMU is not run.
-    """
-    from lpfcosim.cli import fmu_show
-    from lpfcosim.cli.console import Console
-    from lpfcosim.workflows import fmus
-
-    console = Console(quiet=False, as_json=as_json)
-    if fmu_show.show(arguments, lambda models: fmus.build_fmus(models, Console(quiet=True)), console):
-        raise typer.Exit(1)
-
-
-@app.command(epilog=examples("lpfcosim fmu validate", "lpfcosim fmu validate my_controller.fmu"))
-def validate(
-    paths: Annotated[
-        list[Path] | None, typer.Argument(metavar="FMU", help="Archives [default: ours].")
-    ] = None,
-    as_json: AsJson = False,
-    quiet: Quiet = False,
-) -> None:
-    """Check FMUs; exit status 1 if a fault is found.
-
-    The checks are those of FMPy and of the FMU manipulation toolbox.
-    """
-    import json
-
-    from lpfcosim.cli.console import Console
-    from lpfcosim.cosim import checks
-    from lpfcosim.models import fmu_names
-    from lpfcosim.workflows import fmus
-
-    console = Console(quiet=quiet, as_json=as_json)
-    archives = paths or list(fmus.build_fmus(fmu_names(), console).values())
-    results = {}
-    with console.counted("checks", len(archives)) as progress:
-        for path in archives:
-            results[str(path)] = checks.problems(path)
-            progress(len(results))
-    entries = [{"path": name, "faults": faults} for name, faults in results.items()]
-    console.print_json(json.dumps({"schema": "lpf-faults/1", "fmus": entries}, indent=1))
-    for name, faults in results.items():
-        console.print_line(f"{name}: {f'{len(faults)} faults' if faults else 'no fault found'}")
-        for fault in faults:
-            print(f"  {fault}", file=sys.stderr)
-    if any(results.values()):
-        raise typer.Exit(1)
 
 
 @app.command(name="export-ssp", epilog=examples("lpfcosim fmu export-ssp mine.toml"))

@@ -32,8 +32,7 @@ Scheduler = Annotated[
     ),
 ]
 Trust = Annotated[
-    bool,
-    typer.Option("--trust", help="Run third-party FMUs that are not approved (lpfcosim trust), this once."),
+    bool, typer.Option("--trust", help="Let third-party FMUs run: native code with your permissions.")
 ]
 Many = list[str] | None  # an option that may be repeated
 Fix = Annotated[Many, typer.Option("--fix", metavar="NAME[=VALUE]", help="Fix a parameter at a value (SI).")]

@@ -32,7 +32,7 @@ def reproduce(directory: Path, console: Console, *, jobs: int | None, trusted: b
         raise InputError(f"{directory / 'telemetry'}: no telemetry, expected the folder of an earlier run")
     plan = loading.load(campaign)
     with prefix_errors(campaign):
-        fmus.check(plan, {r.model: r.archive for r in plan.replacements}, trusted=trusted)
+        fmus.check_trust(plan, trusted=trusted)
     with tempfile.TemporaryDirectory(prefix="lpfcosim-") as name:
         repetition = Path(name) / "again"
         _repeat(plan, recorded[0], repetition, console, jobs=jobs, trusted=trusted)

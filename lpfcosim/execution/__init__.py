@@ -17,6 +17,5 @@ __all__ = [
     "results_folder",
     "runner",
     "telemetry_file",
-    "trust_store",
     "validation",
 ]

@@ -5,18 +5,16 @@ An FMU is native code with all rights of its user: one not built here runs only 
 
 from __future__ import annotations
 
-import shlex
 import shutil
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
 from lpfcosim.campaign import Campaign
-from lpfcosim.cosim import compilation
 from lpfcosim.errors import InputError
-from lpfcosim.execution import checksums, trust_store
+from lpfcosim.execution import checksums
 from lpfcosim.modelica import build
-from lpfcosim.models import fmu_names, model_of
+from lpfcosim.models import model_of
 
 
 def resolve_fmus(
@@ -37,8 +35,9 @@ def snapshot(
     Raises
     ------
     InputError
-        If one cannot be read, or `check` refuses the copy, or its sources do not compile.
+        If one cannot be read, or they are not `trusted`.
     """
+    check_trust(plan, trusted=trusted)
     with checksums.temporary_folder(directory) as folder:
         copies = {r.model: folder / f"{r.model}.fmu" for r in plan.replacements}
         for model, copy in copies.items():
@@ -46,71 +45,19 @@ def snapshot(
                 shutil.copyfile(fmus[model], copy)
             except OSError as error:
                 raise InputError(f"fmus.{model}: {fmus[model]}: {error.strerror}") from None
-        check(plan, copies, trusted=trusted)
-        for r in plan.replacements:
-            compilation.prepare(copies[r.model], r.archive, validate=r.validate)
         yield {**fmus, **copies}
 
 
-def check(plan: Campaign, archives: Mapping[str, Path], *, trusted: bool = False) -> None:
-    """Refuse FMUs that are not the ones meant, and third-party FMUs that the user has not approved.
-
-    Parameters
-    ----------
-    plan : Campaign
-        Whose replacements are meant.
-    archives : mapping of str to Path
-        What is going to be loaded in their places: copies, which nobody changes after this.
-    trusted : bool
-        The user vouches for all of them, this once.
-
-    Raises
-    ------
-    InputError
-        If an FMU is not approved, or another than the one that the campaign gives the digest of.
-    """
-    check_digests(plan, archives)
-    for sentence in unapproved(plan, archives):
-        if not trusted:
-            raise InputError(f"{sentence}, or trust it for this run only (--trust)")
+def check_trust(plan: Campaign, *, trusted: bool) -> None:
+    """Raise InputError if a campaign has third-party FMUs and the user does not vouch for them."""
+    if plan.replacements and not trusted:
+        raise InputError("; ".join(trust_needed(plan)))
 
 
-def check_digests(plan: Campaign, archives: Mapping[str, Path]) -> None:
-    """Refuse FMUs that are others than the campaign gives the digests of.
-
-    Raises
-    ------
-    InputError
-        Gives both digests.
-    """
-    for replacement in plan.replacements:
-        model, sha256 = replacement.model, checksums.digest(archives[replacement.model])
-        if replacement.sha256 and sha256 != replacement.sha256:
-            raise InputError(
-                f"fmus.{model}.sha256: {replacement.archive} has the digest {sha256}; expected "
-                f"{replacement.sha256}, the FMU is another one"
-            )
-
-
-def unapproved(plan: Campaign, archives: Mapping[str, Path]) -> list[str]:
-    """Return one sentence about each third-party FMU that the user has not approved, and how to approve it.
-
-    That a campaign gives its digest is no approval: who sends an FMU sends the campaign along.
-    """
-    sentences = []
-    known = _ours() | trust_store.digests() if plan.replacements else set()
-    for replacement in plan.replacements:
-        model = replacement.model
-        if checksums.digest(archives[model]) not in known:
-            sentences.append(
-                f"fmus.{model}: {replacement.archive} is native code that lpfcosim did not build and would "
-                f"run with your permissions: if you trust it, give the command lpfcosim trust "
-                f"{shlex.quote(str(replacement.archive))}"
-            )
-    return sentences
-
-
-def _ours() -> set[str]:
-    """Return the digests of the FMUs that were built here or came with the package."""
-    paths = [path for fmi in ("2.0", "3.0") for path in build.locations(fmu_names(), fmi=fmi).values()]
-    return {checksums.digest(path) for path in paths if path.is_file()}
+def trust_needed(plan: Campaign) -> list[str]:
+    """Return a sentence about each third-party FMU of a campaign."""
+    return [
+        f"fmus.{r.model}: {r.archive} is native code that lpfcosim did not build and that runs with your "
+        "permissions; expected --trust (in Python trusted=True) if you trust it"
+        for r in plan.replacements
+    ]

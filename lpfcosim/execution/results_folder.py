@@ -77,9 +77,7 @@ def lock(directory: Path, *, alternative: bool = False) -> Iterator[None]:
                 holder.unlink()
 
 
-def write_provenance(
-    directory: Path, content: Mapping[str, Any], fmus: Mapping[str, Path], digests: Mapping[str, str]
-) -> None:
+def write_provenance(directory: Path, content: Mapping[str, Any], fmus: Mapping[str, Path]) -> None:
     """Write ``campaign.toml``, and ``fmus/MODEL.fmu`` for each third-party FMU.
 
     Parameters
@@ -90,8 +88,6 @@ def write_provenance(
         The tables of the campaign, with those that it extends.
     fmus : mapping of str to Path
         Those FMUs by model.
-    digests : mapping of str to str
-        SHA-256 of each.
     """
     tables = {**content}
     if fmus:
@@ -100,8 +96,7 @@ def write_provenance(
     for model, archive in fmus.items():
         copy = directory / _FMUS / f"{model}.fmu"
         checksums.write(copy, archive.read_bytes())
-        entry = {"path": f"{_FMUS}/{copy.name}", "sha256": digests[model]}
-        tables["fmus"][model] = {**content["fmus"][model], **entry}
+        tables["fmus"][model] = {**content["fmus"][model], "path": f"{_FMUS}/{copy.name}"}
     checksums.write(directory / CAMPAIGN, tomlkit.dumps(tables))
 
 

@@ -180,8 +180,7 @@ def check(campaign: CampaignLike) -> CampaignCheck:
         except UnavailableError as error:
             from lpfcosim.execution import fmus  # needs FMPy, and few campaigns need it
 
-            unapproved = fmus.unapproved(plan, {r.model: r.archive for r in plan.replacements})
-            warnings = (*validated.warnings, error.reason, *unapproved)
+            warnings = (*validated.warnings, error.reason, *fmus.trust_needed(plan))
             stated = fit_settings.constraints
             return CampaignCheck(
                 plan, not validated.doubts, None, None, {}, {}, error.reason, stated, warnings

@@ -146,7 +146,7 @@ def montecarlo(
     fmus : bool
         Simulate through the FMUs, which takes many times as long.
     trusted : bool
-        Let FMUs run that are not built here and not approved.
+        Let third-party FMUs run, which are native code.
     jobs : int, optional
         Number of processes, by default one per processor.
     executor : concurrent.futures.Executor, optional

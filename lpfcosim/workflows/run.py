@@ -90,7 +90,7 @@ def run(
     rerun : bool
         Simulate again what was made with another campaign, seed, version or FMU.
     trusted : bool
-        Let FMUs run that are not built here and not approved.
+        Let third-party FMUs run, which are native code.
     progress : Progress, optional
         By default warnings are logged.
 
