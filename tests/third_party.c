@@ -10,25 +10,22 @@
 #define EXPORT __attribute__((visibility("default")))
 
 enum { OK, WARNING, DISCARD, ERROR, FATAL };
-enum { DISTANCE, WANTED, BANDWIDTH, HOLD, FORCE, MODE, ENABLED, LABEL, LAW, SINGLE, ORDER, WEIGHTS, STATE, N };
+enum { DISTANCE, WANTED, BANDWIDTH, HOLD, FORCE, MODE, ENABLED, LABEL, LAW, SINGLE, STATE, N };
 
 typedef void (*Log2)(void *, const char *, int, const char *, const char *, ...);
 typedef void (*Log3)(void *, int, const char *, const char *);
 
 typedef struct {
-    double real[N], weights[8];
-    int64_t mode, law, order;
+    double real[N];
+    int64_t mode, law;
     bool enabled;
     char label[100], resources[1000];
     double omega, scale, low, sum, time;
     int steps;
-    bool configuring;
     void *environment;
     Log2 log2;
     Log3 log3;
 } Slave;
-
-static int leftover = 0; /* of earlier instances in the same library */
 
 static void say(Slave *s, int status, const char *message) {
     if (s->log2) s->log2(s->environment, "slave", status, "logStatusError", "%s", message);
@@ -40,8 +37,6 @@ static void begin(Slave *s) {
     s->real[BANDWIDTH] = 1e-3;
     s->real[SINGLE] = 1;
     s->mode = s->law = 1;
-    s->order = 2;
-    for (int i = 0; i < 8; i++) s->weights[i] = 0.5;
     s->enabled = true;
     strcpy(s->label, "");
     s->omega = s->scale = s->low = s->sum = s->time = 0;
@@ -54,9 +49,6 @@ static void compute(Slave *s) {
     if (s->law == 2) s->scale *= 1.25;
     if (!strcmp(s->label, "half")) s->scale *= 0.5;
     if (!s->enabled) s->scale = 0;
-    double total = 0;
-    for (int i = 0; i < s->order; i++) total += s->weights[i];
-    s->scale *= total;
     s->low = s->real[STATE];
 }
 
@@ -65,23 +57,6 @@ static void *instantiate(void *environment, Log2 log2, Log3 log3, const char *re
     s->environment = environment, s->log2 = log2, s->log3 = log3;
     strncpy(s->resources, resources ? resources : "", sizeof s->resources - 1);
     begin(s);
-#ifdef ONCE
-    if (leftover++) {
-        say(s, ERROR, "only one instance");
-        return NULL;
-    }
-#endif
-#ifdef REMEMBERS /* across copies of the library */
-    char name[200];
-    snprintf(name, sizeof name, "%s", REMEMBERS);
-    FILE *file = fopen(name, "a");
-    if (file) {
-        fputc('.', file);
-        s->real[HOLD] = 1e-20 * (double)ftell(file);
-        s->sum = 1e-20 * (double)ftell(file);
-        fclose(file);
-    }
-#endif
 #ifdef RESOURCE
     const char *path = s->resources;
     if (!strncmp(path, "file://", 7)) path += 7; /* no decoding */
@@ -117,22 +92,7 @@ static int leave(Slave *s) {
 }
 
 static int reset(Slave *s) {
-#if defined RESET_FAILS
-    say(s, ERROR, "reset is not implemented");
-    return ERROR;
-#elif defined RESET_IDLE
-    (void)s;
-#elif defined RESET_KEEPS_STATE
-    double low = s->low, sum = s->sum;
     begin(s);
-    s->sum = sum, s->real[STATE] = low;
-#elif defined RESET_KEEPS_TIME
-    double time = s->time;
-    begin(s);
-    s->time = time;
-#else
-    begin(s);
-#endif
     return OK;
 }
 
@@ -144,22 +104,27 @@ static int step(Slave *s, double time, double h) {
     }
 #endif
     (void)time;
-    double w = s->omega, e = s->real[DISTANCE] - s->real[WANTED];
-    s->low += (1 - exp(-0.6 * w)) * (e - s->low);
-    s->sum += 0.0018 * w * w * w * e;
-    double force = w * 6 * w * (e - s->low) + 0.3 * w * w * s->low + s->sum;
-#ifdef AGES
-    force *= 1 + 1e-3 * s->time;
+#ifdef SHORT
+    if (h > 0.0201) return DISCARD;
 #endif
+    double w = s->omega, e = s->real[DISTANCE] - s->real[WANTED];
+    s->low += (1 - exp(-6 * w * h)) * (e - s->low);
+    s->sum += 0.018 * w * w * w * e * h;
+    double force = w * 6 * w * (e - s->low) + 0.3 * w * w * s->low + s->sum;
     s->real[FORCE] = s->real[HOLD] - s->scale * force;
     s->time += h;
     s->steps++;
-#ifdef WARNS
-    say(s, WARNING, "a minor matter");
-    return WARNING;
-#endif
 #ifdef DISCARDS
-    if (s->steps > 100) return DISCARD;
+    if (s->steps > 50) return DISCARD;
+#endif
+#ifdef INFINITE
+    if (s->steps > 50) s->real[FORCE] = INFINITY;
+#endif
+#ifdef TRACEBACK
+    if (s->steps > 50) {
+        say(s, FATAL, "Traceback (most recent call last):\n  File \"slave.py\", line 3\nValueError: an empty table");
+        return FATAL;
+    }
 #endif
     return OK;
 }
@@ -171,8 +136,6 @@ EXPORT void *fmi3InstantiateCoSimulation(const char *name, const char *token, co
     return instantiate(environment, NULL, log, resources);
 }
 EXPORT void fmi3FreeInstance(void *s) { free(s); }
-EXPORT int fmi3EnterConfigurationMode(void *s) { return ((Slave *)s)->configuring = true, OK; }
-EXPORT int fmi3ExitConfigurationMode(void *s) { return ((Slave *)s)->configuring = false, OK; }
 EXPORT int fmi3EnterInitializationMode(void *s, bool t, double tolerance, double start, bool e, double stop) {
     return enter(s);
 }
@@ -183,14 +146,15 @@ EXPORT int fmi3DoStep(void *s, double time, double h, bool keep, bool *event, bo
                       double *last) {
     *event = *terminate = *early = false;
     *last = time + h;
-    return step(s, time, h);
+    int status = step(s, time, h);
+#ifdef TERMINATES
+    *terminate = ((Slave *)s)->steps > 50;
+#endif
+    return status;
 }
 EXPORT int fmi3SetFloat64(void *c, const uint32_t *r, size_t n, const double *x, size_t m) {
     Slave *s = c;
-    for (size_t i = 0; i < n; i++) {
-        if (r[i] != WEIGHTS) s->real[r[i]] = *x++;
-        else for (int k = 0; k < s->order; k++) s->weights[k] = *x++;
-    }
+    for (size_t i = 0; i < n; i++) s->real[r[i]] = x[i];
     return OK;
 }
 EXPORT int fmi3GetFloat64(void *c, const uint32_t *r, size_t n, double *x, size_t m) {
@@ -201,19 +165,11 @@ EXPORT int fmi3SetFloat32(void *c, const uint32_t *r, size_t n, const float *x, 
     for (size_t i = 0; i < n; i++) ((Slave *)c)->real[r[i]] = x[i];
     return OK;
 }
-EXPORT int fmi3GetFloat32(void *c, const uint32_t *r, size_t n, float *x, size_t m) {
-    for (size_t i = 0; i < n; i++) x[i] = (float)((Slave *)c)->real[r[i]];
-    return OK;
-}
 EXPORT int fmi3SetUInt8(void *c, const uint32_t *r, size_t n, const uint8_t *x, size_t m) {
     return ((Slave *)c)->mode = x[0], OK;
 }
 EXPORT int fmi3SetInt64(void *c, const uint32_t *r, size_t n, const int64_t *x, size_t m) {
     return ((Slave *)c)->law = x[0], OK;
-}
-EXPORT int fmi3SetUInt64(void *c, const uint32_t *r, size_t n, const uint64_t *x, size_t m) {
-    if (!((Slave *)c)->configuring) return ERROR;
-    return ((Slave *)c)->order = (int64_t)x[0], OK;
 }
 EXPORT int fmi3SetBoolean(void *c, const uint32_t *r, size_t n, const bool *x, size_t m) {
     return ((Slave *)c)->enabled = x[0], OK;
@@ -228,9 +184,6 @@ typedef struct {
 } Callbacks;
 EXPORT void *fmi2Instantiate(const char *name, int kind, const char *guid, const char *resources,
                              const Callbacks *callbacks, int visible, int logging) {
-#ifdef SPEAKS_IF_ASKED
-    if (!logging) return instantiate(callbacks->environment, NULL, NULL, resources);
-#endif
     return instantiate(callbacks->environment, callbacks->log, NULL, resources);
 }
 EXPORT void fmi2FreeInstance(void *s) { free(s); }
@@ -240,14 +193,7 @@ EXPORT int fmi2ExitInitializationMode(void *s) { return leave(s); }
 EXPORT int fmi2Terminate(void *s) { return OK; }
 EXPORT int fmi2Reset(void *s) { return reset(s); }
 EXPORT int fmi2DoStep(void *s, double time, double h, int keep) {
-    int status = step(s, time, h);
-#ifdef SPEAKS_IF_ASKED
-    if (((Slave *)s)->steps > 50) {
-        say(s, FATAL, "Traceback (most recent call last):\n  File \"slave.py\", line 3\nValueError: an empty table");
-        return FATAL;
-    }
-#endif
-    return status;
+    return step(s, time, h);
 }
 EXPORT int fmi2SetReal(void *c, const uint32_t *r, size_t n, const double *x) {
     for (size_t i = 0; i < n; i++) ((Slave *)c)->real[r[i]] = x[i];

@@ -61,9 +61,9 @@ _FMI2 = f"""<?xml version="1.0" encoding="UTF-8"?>
 </ScalarVariable>
 <ScalarVariable name="law" valueReference="8" causality="parameter" variability="fixed">
 <Enumeration declaredType="Law" start="1"/></ScalarVariable>
-<ScalarVariable name="state" valueReference="12" causality="local" variability="continuous" initial="exact">
+<ScalarVariable name="state" valueReference="10" causality="local" variability="continuous" initial="exact">
 <Real start="0"/></ScalarVariable>
-<ScalarVariable name="cold" valueReference="13" causality="calculatedParameter" variability="fixed"><Real/>
+<ScalarVariable name="cold" valueReference="11" causality="calculatedParameter" variability="fixed"><Real/>
 </ScalarVariable>
 </ModelVariables>
 <ModelStructure><Outputs><Unknown index="5" dependencies="1 2"/></Outputs>
@@ -89,20 +89,12 @@ _FMI3 = f"""<?xml version="1.0" encoding="UTF-8"?>
 <String name="label" valueReference="7" causality="parameter"><Start value=""/></String>
 <Enumeration name="law" valueReference="8" causality="parameter" declaredType="Law" start="1"/>
 <Float32 name="single" valueReference="9" causality="parameter" start="1"/>
-<UInt64 name="order" valueReference="10" causality="structuralParameter" start="2"/>
-<Float64 name="weights" valueReference="11" causality="parameter" start="0.5">
-<Dimension valueReference="10"/></Float64>
-<Float64 name="state" valueReference="12" causality="local" initial="exact" start="0"/>
-<Float64 name="cold" valueReference="13" causality="calculatedParameter"/>
+<Float64 name="state" valueReference="10" causality="local" initial="exact" start="0"/>
+<Float64 name="cold" valueReference="11" causality="calculatedParameter"/>
 </ModelVariables>
 <ModelStructure><Output valueReference="4" dependencies="0 1"/><InitialUnknown valueReference="4"/>
-<InitialUnknown valueReference="13"/></ModelStructure>
+<InitialUnknown valueReference="11"/></ModelStructure>
 </fmiModelDescription>"""
-_BUILD = """<?xml version="1.0" encoding="UTF-8"?>
-<fmiBuildDescription fmiVersion="3.0"><BuildConfiguration modelIdentifier="ThirdParty">
-<SourceFileSet language="C11"><SourceFile name="slave.c"/>
-<PreprocessorDefinition name="EARLY"/><PreprocessorDefinition name="UNUSED" value="1"/></SourceFileSet>
-</BuildConfiguration></fmiBuildDescription>"""
 _DESCRIPTIONS = {"2.0": _FMI2, "3.0": _FMI3}
 
 
@@ -113,12 +105,11 @@ def built(
     name: str = "ThirdParty",
     changes: Sequence[tuple[str, str]] = (),
     files: Mapping[str, str] | None = None,
-    sources: bool = False,
 ) -> Path:
     """Build the FMU.
 
     `macros` are defined for the C source; `changes` are (pattern, replacement) on the description; `files`
-    are added. With `sources` it has these, and no binary.
+    are added.
     """
     text = _DESCRIPTIONS[fmi]
     for pattern, replacement in changes:
@@ -128,17 +119,9 @@ def built(
     code += SOURCE.read_text() + _stubs(fmi, SOURCE.read_text())
     archive = folder / f"{name}.fmu"
     with zipfile.ZipFile(archive, "w") as target:
-        if sources:
-            listed = '<SourceFiles><File name="slave.c"/></SourceFiles>'
-            if fmi == "2.0":
-                text = re.sub(r"(<CoSimulation [^>]*)/>", rf"\1>{listed}</CoSimulation>", text)
-            else:
-                target.writestr("sources/buildDescription.xml", _BUILD)
-            target.writestr("sources/slave.c", code)
-        else:
-            target.write(
-                _library(folder, code), f"binaries/{_platform(fmi)}/ThirdParty{fmpy.sharedLibraryExtension}"
-            )
+        target.write(
+            _library(folder, code), f"binaries/{_platform(fmi)}/ThirdParty{fmpy.sharedLibraryExtension}"
+        )
         target.writestr("modelDescription.xml", text)
         for place, content in (files or {}).items():
             target.writestr(place, content)

@@ -5,7 +5,7 @@ file, the error is one sentence that names it and the place in it.
 """
 
 from fit.files.documents import is_file, short_path
-from fit.files.faults import closest_match, key, problem, suggestion, validation_messages
+from fit.files.faults import closest_match, key, problem, validation_messages
 from fit.files.outputs import refuse_links
 from fit.files.tables import Table
 
@@ -19,6 +19,5 @@ __all__ = [
     "problem",
     "refuse_links",
     "short_path",
-    "suggestion",
     "validation_messages",
 ]

@@ -147,6 +147,7 @@ class Campaign:
                 "model": replacement.model,
                 "variables": replacement.variables,
                 "unused": replacement.unused,
+                "step": replacement.step,
                 "values": {name: _number(value) for name, value in replacement.values.items()},
             }
             for replacement in self.replacements

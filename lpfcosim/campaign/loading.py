@@ -205,7 +205,7 @@ def _replacement(component: Component, parameters: Collection[str], entry: FmuTa
         dict(entry.variables),
         tuple(entry.unused),
         dict(entry.values),
-        entry.sha256,
+        entry.step,
         entry.validate_,
     )
 

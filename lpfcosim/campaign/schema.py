@@ -41,6 +41,7 @@ from lpfcosim.campaign.units import (
     Rate,
     RateNoise,
     Stiffness,
+    Time,
     Torque,
     TorqueNoise,
     VoltageNoise,
@@ -322,7 +323,7 @@ class FmuTable(Table):
     variables: dict[str, Annotated[str, Strict(), Field(min_length=1)]] = {}
     unused: list[Annotated[str, Strict()]] = []
     values: dict[str, ParameterValue] = {}
-    sha256: Annotated[str, Strict(), Field(pattern=r"^([0-9a-f]{64})?$")] = ""
+    step: Time = 0.0
     validate_: Annotated[bool, Strict(), Field(alias="validate")] = True
 
 

@@ -4,10 +4,15 @@ It treats FMUs of any origin alike. The loop itself is compiled C (`engine.c`).
 """
 
 from lpfcosim.cosim.co_simulation import SimulationProgress
-from lpfcosim.cosim.compatibility import read_interfaces, read_interfaces_of_runs, warnings
-from lpfcosim.cosim.fmu_library import FmuLibraryCache
-from lpfcosim.cosim.interface import Interface, describe, nonconformity, read
-from lpfcosim.cosim.variables import REALS, Value
+from lpfcosim.cosim.fmu_instance import FmuLibraryCache
+from lpfcosim.cosim.interface import (
+    Interface,
+    ignored_names,
+    read_interfaces,
+    read_interfaces_of_runs,
+    warnings,
+)
+from lpfcosim.cosim.values import REALS, Value
 
 __all__ = [
     "REALS",
@@ -15,14 +20,8 @@ __all__ = [
     "Interface",
     "SimulationProgress",
     "Value",
-    "archive",
-    "checks",
     "co_simulation",
-    "compatibility",
-    "compilation",
-    "describe",
-    "nonconformity",
-    "read",
+    "ignored_names",
     "read_interfaces",
     "read_interfaces_of_runs",
     "warnings",

@@ -11,8 +11,7 @@ import numpy.typing as npt
 from fmpy.fmi1 import FMICallException
 
 from lpfcosim.cosim.engine import CompiledLoop
-from lpfcosim.cosim.fmu_instance import EARLY, ENDS, NOT_FINITE, FmuInstance
-from lpfcosim.cosim.fmu_library import FmuLibraryCache
+from lpfcosim.cosim.fmu_instance import EARLY, ENDS, NOT_FINITE, FmuInstance, FmuLibraryCache
 from lpfcosim.cosim.interface import Interface
 from lpfcosim.errors import RunError
 from lpfcosim.models import model_of, stimuli
@@ -82,7 +81,7 @@ def blocks(
     run : Run
         What to simulate.
     interfaces : sequence of Interface
-        The FMU of each component, in the order of the steps; see `compatibility.read_interfaces`.
+        The FMU of each component, in the order of the steps; see `read_interfaces`.
     progress : SimulationProgress, optional
         Kept up to date.
     libraries : FmuLibraryCache, optional
@@ -100,31 +99,10 @@ def blocks(
     RunError
         If an FMU reports an error or a read-out leaves its range.
     """
-    try:
-        yield from _blocks(run, interfaces, progress, libraries)
-    except _NoMessageError as error:
-        # Again with debug logging, which may give the reason.
-        for _ in _blocks(run, interfaces, progress, libraries, logging=True):
-            pass
-        raise RunError(str(error)) from None
-
-
-class _NoMessageError(RunError):
-    """An FMU refused a step without a message."""
-
-
-def _blocks(
-    run: Run,
-    interfaces: Sequence[Interface],
-    progress: SimulationProgress | None,
-    libraries: FmuLibraryCache | None,
-    *,
-    logging: bool = False,
-) -> Iterator[dict[str, Array]]:
     progress = progress or SimulationProgress()
     progress.reset()
     with contextlib.ExitStack() as stack:
-        fmus = start(stack, run, interfaces, progress, libraries, logging=logging)
+        fmus = start(stack, run, interfaces, progress, libraries)
         with translate_fmi_errors(run.name, fmus):
             yield from RunCoSimulation(run, [i.component for i in interfaces], fmus, progress).blocks()
 
@@ -144,17 +122,12 @@ def load(
     interfaces: Iterable[Interface],
     progress: SimulationProgress | None = None,
     libraries: FmuLibraryCache | None = None,
-    *,
-    logging: bool = False,
 ) -> list[FmuInstance]:
     """Load the FMUs of a run and make an instance of each, not initialised yet; ``stack`` frees them."""
     progress = progress or SimulationProgress()
     fmus = []
-    for progress.component, i in enumerate(interfaces):
-        if i.replacement is None:
-            fmus.append(FmuInstance(stack, i, libraries=libraries))
-        else:
-            fmus.append(FmuInstance(stack, i, check_finite=True, logging=logging))
+    for progress.component, interface in enumerate(interfaces):
+        fmus.append(FmuInstance(stack, interface, libraries=libraries))
     return fmus
 
 
@@ -164,13 +137,11 @@ def start(
     interfaces: Sequence[Interface],
     progress: SimulationProgress | None = None,
     libraries: FmuLibraryCache | None = None,
-    *,
-    logging: bool = False,
 ) -> list[FmuInstance]:
     """Load the FMUs of a run and give them their parameters; ``stack`` frees them."""
     progress = progress or SimulationProgress()
     values = model_of(run).parameters(run)
-    fmus = load(stack, interfaces, progress, libraries, logging=logging)
+    fmus = load(stack, interfaces, progress, libraries)
     for progress.component, (fmu, i) in enumerate(zip(fmus, interfaces, strict=True)):
         fmu.initialize(i.parameters(values[i.model]))
     return fmus
@@ -178,12 +149,11 @@ def start(
 
 def _step_error(run: str, fmu: FmuInstance, status: int, time: float) -> RunError:
     description = _STATUS_DESCRIPTIONS.get(status, f"returns status {status}")
-    kind = _NoMessageError if fmu.is_silent and status not in (ENDS, EARLY, NOT_FINITE) else RunError
-    return kind(f"run '{run}': the {fmu.name} FMU {description} at {time:.1f} s{fmu.error_suffix}")
+    return RunError(f"run '{run}': the {fmu.name} FMU {description} at {time:.1f} s{fmu.error_suffix}")
 
 
 class CoSimulation:
-    """FMU instances and their bus, which holds the stimuli of a sample, then all outputs, then constants.
+    """FMU instances and their bus, which holds the stimuli of a sample, then all outputs.
 
     Parameters
     ----------
@@ -216,42 +186,33 @@ class CoSimulation:
         self._name, self._h, self._fmus, self._progress = name, h, fmus, progress or SimulationProgress()
         self._n_stimuli = len(stimuli)
         place = {name: i for i, name in enumerate(stimuli)}
-        bus = [0.0] * self._n_stimuli
         self._outputs = []
-        for fmu, component in zip(fmus, components, strict=True):
-            self._outputs.append(slice(len(bus), len(bus) + len(fmu.outputs.values)))
-            for output, offset in zip(component.outputs, fmu.outputs.offsets, strict=True):
-                place[f"{component.model}.{output}"] = len(bus) + offset
-            bus += [0.0] * len(fmu.outputs.values)
-        self._sources = []
-        for fmu, component in zip(fmus, components, strict=True):
-            # Elements of an array without a source keep their start values.
-            sources = list(range(len(bus), len(bus) + len(fmu.inputs.values)))
-            bus += list(fmu.inputs.values)
-            for source, offset in zip(component.inputs.values(), fmu.inputs.offsets, strict=True):
-                sources[offset] = place[source]
-            self._sources.append(sources)
-        self._bus = np.array(bus)
+        for component in components:
+            self._outputs.append(len(place))
+            for output in component.outputs:
+                place[f"{component.model}.{output}"] = len(place)
+        self._sources = [[place[source] for source in c.inputs.values()] for c in components]
+        self._bus = np.zeros(len(place))
         self._record = np.array([place[source] for source in record], dtype=np.int32)
         self.connect()
 
     def connect(self) -> None:
         """Build the tables of the compiled loop, anew after an instance was replaced."""
-        self._compiled = CompiledLoop(self._fmus, self._sources, self._outputs)
+        self._compiled = CompiledLoop(self._fmus, self._sources, self._outputs, self._h)
 
     @property
     def signals(self) -> Array:
-        """What was last on the bus: stimuli, then all outputs, then constants; a copy."""
+        """What was last on the bus: stimuli, then all outputs; a copy."""
         return self._bus.copy()
 
     def initialize(self, stimuli: Array) -> None:
         """Pass the outputs on once, in the order of the steps, and begin to step."""
         self._bus[: self._n_stimuli] = stimuli
         connections = zip(self._fmus, self._sources, self._outputs, strict=True)
-        for self._progress.component, (fmu, sources, outputs) in enumerate(connections):
-            fmu.inputs.values[:] = self._bus[sources].tolist()
+        for self._progress.component, (fmu, sources, output) in enumerate(connections):
+            fmu.inputs[:] = self._bus[sources].tolist()
             fmu.exchange()
-            self._bus[outputs] = fmu.outputs.values[:]
+            self._bus[output : output + len(fmu.outputs)] = fmu.outputs[:]
         for place, fmu in enumerate(self._fmus):
             self._progress.component = place
             fmu.exit_initialization()
@@ -268,7 +229,7 @@ class CoSimulation:
         start : int
             Number of the first sample.
         """
-        self._compiled(self._bus, stimuli, self._record, recorded, start, self._h, self._progress)
+        self._compiled(self._bus, stimuli, self._record, recorded, start, self._progress)
         if self._progress.status:
             fmu = self._fmus[self._progress.component]
             raise _step_error(self._name, fmu, self._progress.status, self._progress.sample * self._h)

@@ -38,10 +38,10 @@ typedef struct {
     size_t n_inputs, n_outputs;
     const int32_t *sources;           /* place on the bus of each input value */
     double *values;                   /* buffer for the input values */
-    size_t n_values;
-    size_t output, n_output_values;   /* where the output values go on the bus */
+    size_t output;                    /* where the output values go on the bus */
     int32_t version;                  /* of FMI: 2 or 3 */
-    int32_t check_finite;                  /* the outputs of a third-party FMU must be finite */
+    int32_t check_finite;             /* the outputs of a third-party FMU must be finite */
+    int32_t n_steps;                  /* of the FMU in one of the loop */
 } Fmu;
 
 /* Signals of a block: that of place j at sample i is values[i * per_sample + j * per_signal]. */
@@ -56,72 +56,41 @@ typedef struct {
     int32_t status;    /* of the call that failed; 0: none failed */
 } Progress;
 
-static int step_2(const Fmu *s, double *bus, double time, double h) {
-    int status = s->n_inputs ? s->set.v2(s->instance, s->inputs, s->n_inputs, s->values) : 0;
-    if (status > WARNING) return status;
-    status = s->step.v2(s->instance, time, h, 1);
-    if (status > WARNING) return status;
-    return s->get.v2(s->instance, s->outputs, s->n_outputs, bus + s->output);
-}
-
-static int step_3(const Fmu *s, double *bus, double time, double h) {
+static int step(const Fmu *s, double time, double h) {
+    if (s->version == 2) return s->step.v2(s->instance, time, h, 1);
     _Bool event = 0, terminate = 0, early = 0;
     double last = 0;
-    int status = s->n_inputs ? s->set.v3(s->instance, s->inputs, s->n_inputs, s->values, s->n_values) : 0;
+    int status = s->step.v3(s->instance, time, h, 1, &event, &terminate, &early, &last);
     if (status > WARNING) return status;
-    status = s->step.v3(s->instance, time, h, 1, &event, &terminate, &early, &last);
-    if (status > WARNING) return status;
-    if (terminate) return ENDS;
-    if (early) return EARLY; /* a step that ends before its end is no step */
-    return s->get.v3(s->instance, s->outputs, s->n_outputs, bus + s->output, s->n_output_values);
+    return terminate ? ENDS : early ? EARLY : status; /* a step that ends before its end is no step */
 }
 
-static int exchange(const Fmu *s, double *bus, double time, double h) {
-    for (size_t i = 0; i < s->n_values; i++) s->values[i] = bus[s->sources[i]];
-    int status = s->version == 2 ? step_2(s, bus, time, h) : step_3(s, bus, time, h);
-    if (s->check_finite && status <= WARNING)
-        for (size_t i = 0; i < s->n_output_values; i++)
-            if (!(bus[s->output + i] - bus[s->output + i] == 0)) return NOT_FINITE;
+/* The steps of an FMU within one of the loop; where each begins is where the one before it ended, without rounding. */
+static int several_steps(const Fmu *s, double time, double h) {
+    int status = 0;
+    double begin = time, end;
+    for (int32_t k = 1; k <= s->n_steps && status <= WARNING; k++, begin = end) {
+        end = k < s->n_steps ? time + k * (h / s->n_steps) : time + h;
+        status = step(s, begin, end - begin);
+    }
     return status;
 }
 
-/* An FMU of FMI 3.0 with Float32 variables, behind functions that take doubles; its Float64 variables come
-   first. The loop has it as the instance of an Fmu. */
-typedef struct {
-    void *instance;
-    Set3 set;
-    Get3 get;
-    Step3 step;
-    int (*set_single)(void *, const uint32_t *, size_t, const float *, size_t);
-    int (*get_single)(void *, const uint32_t *, size_t, float *, size_t);
-    size_t n_inputs, n_input_values, n_outputs, n_output_values; /* of Float64 */
-    float *buffer;                                                 /* of all Float32 inputs, or outputs */
-} MixedInstance;
-
-EXPORT int mixed_set(void *mixed, const uint32_t *references, size_t n, const double *values, size_t n_values) {
-    const MixedInstance *m = mixed;
-    size_t wide = m->n_inputs, n_wide = m->n_input_values;
-    int status = wide ? m->set(m->instance, references, wide, values, n_wide) : 0;
-    if (status > WARNING || n == wide) return status;
-    for (size_t i = n_wide; i < n_values; i++) m->buffer[i - n_wide] = (float)values[i];
-    int single = m->set_single(m->instance, references + wide, n - wide, m->buffer, n_values - n_wide);
-    return single > status ? single : status;
-}
-
-EXPORT int mixed_get(void *mixed, const uint32_t *references, size_t n, double *values, size_t n_values) {
-    const MixedInstance *m = mixed;
-    size_t wide = m->n_outputs, n_wide = m->n_output_values;
-    int status = wide ? m->get(m->instance, references, wide, values, n_wide) : 0;
-    if (status > WARNING || n == wide) return status;
-    int single = m->get_single(m->instance, references + wide, n - wide, m->buffer, n_values - n_wide);
-    for (size_t i = n_wide; i < n_values; i++) values[i] = m->buffer[i - n_wide];
-    return single > status ? single : status;
-}
-
-EXPORT int mixed_step(void *mixed, double time, double h, _Bool keep, _Bool *event, _Bool *terminate,
-                      _Bool *early, double *last) {
-    const MixedInstance *m = mixed;
-    return m->step(m->instance, time, h, keep, event, terminate, early, last);
+static int exchange(const Fmu *s, double *bus, double time, double h) {
+    int status = 0;
+    for (size_t i = 0; i < s->n_inputs; i++) s->values[i] = bus[s->sources[i]];
+    if (s->n_inputs)
+        status = s->version == 2 ? s->set.v2(s->instance, s->inputs, s->n_inputs, s->values)
+                                 : s->set.v3(s->instance, s->inputs, s->n_inputs, s->values, s->n_inputs);
+    if (status <= WARNING) status = s->n_steps == 1 ? step(s, time, h) : several_steps(s, time, h);
+    if (status > WARNING) return status;
+    double *outputs = bus + s->output;
+    status = s->version == 2 ? s->get.v2(s->instance, s->outputs, s->n_outputs, outputs)
+                             : s->get.v3(s->instance, s->outputs, s->n_outputs, outputs, s->n_outputs);
+    if (s->check_finite && status <= WARNING)
+        for (size_t i = 0; i < s->n_outputs; i++)
+            if (!(outputs[i] - outputs[i] == 0)) return NOT_FINITE;
+    return status;
 }
 
 /* Steps the FMUs in their order through samples first … first + n - 1, or until a call fails.

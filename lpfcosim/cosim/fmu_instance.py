@@ -1,56 +1,97 @@
-"""One FMU of the loop, FMI 2.0 or 3.0: FMPy loads, checks, initialises and frees it."""
+"""One FMU of the loop, FMI 2.0 or 3.0: FMPy loads, initialises and frees it."""
 
 from __future__ import annotations
 
 import contextlib
+import copy
 import ctypes
 import logging
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
-from functools import partial
-from typing import Any
+import tempfile
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, Self
 
+import fmpy
 from fmpy import fmi2
 from fmpy.fmi1 import FMICallException, printLogMessage
+from fmpy.fmi2 import FMU2Slave
+from fmpy.fmi3 import FMU3Slave
 
-from lpfcosim.cosim import fmu_library
-from lpfcosim.cosim.interface import Interface, reference
-from lpfcosim.cosim.variables import Stage, Value, resolve, size, stage
+from lpfcosim.cosim.interface import Interface
+from lpfcosim.cosim.values import Value
 from lpfcosim.errors import InputError, RunError
 from lpfcosim.messages import line
 
 _messages = logging.getLogger(__name__)
 
 ENDS, EARLY, NOT_FINITE = 100, 101, 102  # as in engine.c, beside the status of FMI
+# Of an archive, what is for people and tools: an instance gets the place of its resources only.
+_UNUSED = ("sources/", "documentation/", "extra/", "terminalsAndIcons/")
 
 
-@dataclass(frozen=True)
-class Port:
-    """The values behind some variables of an FMU, in a fixed buffer.
+class FmuLibraryCache:
+    """Libraries of our own FMUs, for a process that simulates many runs; a ``with`` statement frees them.
 
-    Attributes
-    ----------
-    references : ctypes array of uint32
-        Value references, one per variable; an array variable has one.
-    values : ctypes array of double
-        The values, arrays row by row.
-    offsets : tuple of int
-        For every name, its place among the values.
-    n_doubles, n_double_values : int
-        Number of variables, and of their values, that are not of type Float32; they come first.
+    To unpack and load one takes as long as an hour of simulation, and ours keep nothing of an instance.
     """
 
-    references: Any
-    values: Any
-    offsets: tuple[int, ...]
-    n_doubles: int
-    n_double_values: int
+    def __init__(self) -> None:
+        self._stack = contextlib.ExitStack()
+        self._loaded: dict[tuple[Path, int, str], Any] = {}
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._loaded.clear()
+        self._stack.close()
+
+    def library(self, interface: Interface) -> Any:
+        """Do as `load`, if an earlier call did not load the same archive."""
+        key = (interface.archive, interface.archive.stat().st_mtime_ns, interface.model)
+        if key not in self._loaded:
+            self._loaded[key] = load(self._stack, interface)
+        return copy.copy(self._loaded[key])  # which has an instance of its own
+
+
+def load(stack: contextlib.ExitStack, interface: Interface) -> Any:
+    """Unpack an FMU and load its library for an instance that is named after its place; ``stack`` frees it.
+
+    Raises
+    ------
+    InputError
+        If it cannot be read or loaded.
+    RunError
+        If there is no room to unpack it.
+    """
+    named, description = interface.named, interface.description
+    try:
+        folder = stack.enter_context(tempfile.TemporaryDirectory(ignore_cleanup_errors=True))
+        fmpy.extract(str(interface.archive), folder, include=lambda name: not name.startswith(_UNUSED))
+    except OSError as error:
+        raise RunError(
+            f"{named}: cannot be unpacked in {tempfile.gettempdir()}: {error.strerror or error}"
+        ) from None
+    except Exception as error:  # FMPy and zipfile
+        raise InputError(f"{named}: not a readable FMU: {line(error)}") from None
+    kind = FMU2Slave if interface.version.startswith("2") else FMU3Slave
+    try:
+        with contextlib.chdir("."):  # FMPy stays in the folder of a library that it cannot load
+            library = kind(
+                instanceName=interface.model,
+                guid=description.guid,
+                unzipDirectory=folder,
+                modelIdentifier=description.coSimulation.modelIdentifier,
+            )
+    except Exception as error:  # as bare as FMPy has it
+        why = line(error).replace(folder, str(named))
+        raise InputError(f"{named}: cannot be loaded: {why}") from None
+    stack.callback(library.freeLibrary)
+    return library
 
 
 class FmuInstance:
-    """An instance in step mode or on its way there.
-
-    It is not initialised yet: that takes `initialize`.
+    """An instance of an FMU; to step it takes `initialize`, `exchange` and `exit_initialization`.
 
     Parameters
     ----------
@@ -58,22 +99,22 @@ class FmuInstance:
         Frees the instance, its library and its temporary folder.
     interface : Interface
         The FMU in its place.
-    check_finite : bool
-        It is a third-party FMU, whose outputs must be finite after every step.
-    logging : bool
-        Turn its debug logging on.
     libraries : FmuLibraryCache, optional
-        Libraries of FMUs that are loaded already.
+        Libraries that are loaded already, of FMUs that are ours.
 
     Attributes
     ----------
+    input_references, output_references : ctypes arrays of uint32
+        Value references, in the order of the component.
+    inputs, outputs : ctypes arrays of double
+        Buffers of the values.
     last_error : str
         The last message of the FMU about an error; empty if there was none.
 
     Raises
     ------
     InputError
-        If the archive cannot be loaded, lacks one of the variables, or refuses to be instantiated.
+        If the archive cannot be loaded, or refuses to be instantiated.
     RunError
         If there is no room to unpack it.
     """
@@ -83,17 +124,19 @@ class FmuInstance:
         stack: contextlib.ExitStack,
         interface: Interface,
         *,
-        check_finite: bool = False,
-        logging: bool = False,
-        libraries: fmu_library.FmuLibraryCache | None = None,
+        libraries: FmuLibraryCache | None = None,
     ) -> None:
-        self.name = interface.model
-        self.check_finite = check_finite
-        self.last_error = ""
-        self._interface, self._libraries, self._logging = interface, libraries, logging
+        self.interface, self.name = interface, interface.model
+        self.is_third_party = interface.replacement is not None
         self.version = int(interface.version[0])
-        self.inputs, self.outputs = self._port(interface.inputs), self._port(interface.outputs)
-        self._starts = list(self.inputs.values)
+        self.last_error = ""
+        self.input_references, self.output_references = (
+            (ctypes.c_uint32 * len(names))(*(interface.variable(name).valueReference for name in names))
+            for names in (interface.inputs, interface.outputs)
+        )
+        self.inputs = (ctypes.c_double * len(self.input_references))()
+        self.outputs = (ctypes.c_double * len(self.output_references))()
+        self._libraries = None if self.is_third_party else libraries
         self._resources = contextlib.ExitStack()
         stack.push(self._resources)
         if self.version == 2:
@@ -110,7 +153,7 @@ class FmuInstance:
         Parameters
         ----------
         parameters : mapping of str to bool, int, float or str
-            Values by the FMU's names, of the types of `variables.convert`.
+            Values by the FMU's names, of the types of `Interface.parameters`.
 
         Raises
         ------
@@ -119,11 +162,8 @@ class FmuInstance:
         """
         try:
             self._initialize(parameters)
-        except InputError:
-            raise
         except Exception as error:  # as bare as FMPy has it
-            named = self._interface.named
-            self._repeat_with_logging(partial(self._repeat, parameters))
+            named = self.interface.named
             raise InputError(f"{named}: cannot be initialised: {line(error)}{self.error_suffix}") from None
 
     def restart(self, parameters: Mapping[str, Value]) -> None:
@@ -135,12 +175,11 @@ class FmuInstance:
             If it refuses.
         """
         self.last_error = ""
-        self.inputs.values[:] = self._starts
         try:
             self.library.reset()
             self._initialize(parameters)
         except FMICallException as error:
-            named = self._interface.named
+            named = self.interface.named
             raise RunError(f"{named}: cannot be reset: {error}{self.error_suffix}") from None
 
     def renew(self, parameters: Mapping[str, Value]) -> None:
@@ -154,7 +193,6 @@ class FmuInstance:
             If it refuses.
         """
         self.last_error = ""
-        self.inputs.values[:] = self._starts
         self._resources.close()
         self._load()
         self.initialize(parameters)
@@ -164,11 +202,6 @@ class FmuInstance:
         """The last error in parentheses, to be appended to a sentence about the FMU."""
         return f" ({self.last_error})" if self.last_error else ""
 
-    @property
-    def is_silent(self) -> bool:
-        """Whether it is a third-party FMU without a message, which debug logging might give."""
-        return self.check_finite and not self.last_error and not self._logging
-
     def on_log(self, status: int, message: bytes | None) -> None:
         """Log a message of the FMU, and keep one that is worse than a warning."""
         text = (message or b"").decode("utf-8", "replace")
@@ -176,147 +209,59 @@ class FmuInstance:
         if status > 1:
             self.last_error = line(_last_line(text))
 
-    def _repeat(self, parameters: Mapping[str, Value], logging: bool) -> None:
-        self._logging = logging
-        self._resources.close()
-        self._load()
-        self._initialize(parameters)
+    def exchange(self) -> None:
+        """Set the inputs and read the outputs without stepping (initialisation)."""
+        for action, references, values in (
+            ("Set", self.input_references, self.inputs),
+            ("Get", self.output_references, self.outputs),
+        ):
+            n, component = len(values), self.library.component
+            if n and self.version == 2:
+                getattr(self.library, f"fmi2{action}Real")(component, references, n, values)
+            elif n:
+                getattr(self.library, f"fmi3{action}Float64")(component, references, n, values, n)
+
+    def exit_initialization(self) -> None:
+        """Begin to step."""
+        self.library.exitInitializationMode()
 
     def _load(self) -> None:
-        stack, named = self._resources, self._interface.named
-        if self._libraries:
-            self.library = self._libraries.library(stack, self._interface)
-        else:
-            self.library = fmu_library.load_fmu(stack, self._interface)
+        stack, interface = self._resources, self.interface
+        self.library = self._libraries.library(interface) if self._libraries else load(stack, interface)
         try:
-            self._instantiate(self._logging)
-        except Exception as error:  # as bare as FMPy has it
-            self._repeat_with_logging(self._instantiate)
-            why = f"{line(error)}{self.error_suffix}".replace(self.library.unzipDirectory, str(named))
-            if self._interface.description.coSimulation.canBeInstantiatedOnlyOncePerProcess:
-                why += (
-                    "; its description allows one instance in a process (canBeInstantiatedOnlyOncePerProcess)"
+            if self.version == 2:
+                callbacks = fmi2.fmi2CallbackFunctions.from_buffer_copy(_callbacks)
+                callbacks.componentEnvironment = id(self)
+                self.library.instantiate(callbacks=callbacks)
+            else:
+                self.library.instantiate(
+                    logMessage=lambda _, status, __, message: self.on_log(status, message)
                 )
+        except Exception as error:  # as bare as FMPy has it
+            named = str(interface.named)
+            why = f"{line(error)}{self.error_suffix}".replace(self.library.unzipDirectory, named)
             raise InputError(f"{named}: cannot be loaded: {why}") from None
         stack.callback(self._free)
 
-    def _instantiate(self, logging: bool) -> None:
-        if self.version == 2:
-            callbacks = fmi2.fmi2CallbackFunctions.from_buffer_copy(_callbacks)
-            callbacks.componentEnvironment = id(self)
-            self.library.instantiate(callbacks=callbacks, loggingOn=logging)
-        else:
-            self.library.instantiate(
-                logMessage=lambda _, status, __, message: self.on_log(status, message), loggingOn=logging
-            )
-
-    def _repeat_with_logging(self, call: Callable[[bool], None]) -> None:
-        """Repeat a call that a third-party FMU refused without a message, with debug logging."""
-        if self.is_silent:
-            with contextlib.suppress(Exception):  # it fails again
-                call(True)
-
     def _initialize(self, parameters: Mapping[str, Value]) -> None:
-        values = self._values(parameters)
-        if Stage.CONFIGURATION in values:
-            self.library.enterConfigurationMode()
-            self._assign(values[Stage.CONFIGURATION])
-            self.library.exitConfigurationMode()
-        self._assign(values.get(Stage.INSTANTIATED, {}))
+        by_type: dict[str, dict[int, Value]] = {}
+        for name, value in parameters.items():
+            variable = self.interface.variable(name)
+            by_type.setdefault(variable.type, {})[variable.valueReference] = value
+        for kind, values in by_type.items():
+            setter = ("Integer" if self.version == 2 else "Int64") if kind == "Enumeration" else kind
+            getattr(self.library, f"set{setter}")(list(values), list(values.values()))
         if self.version == 2:
             self.library.setupExperiment(startTime=0.0)
             self.library.enterInitializationMode()
         else:
             self.library.enterInitializationMode(startTime=0.0)
-        self._assign(values.get(Stage.INITIALIZATION, {}))
-
-    def _values(
-        self, parameters: Mapping[str, Value]
-    ) -> dict[Stage, dict[str, list[tuple[int, list[Value]]]]]:
-        """Return what is to be set, by stage and type: value references and values, arrays as a whole."""
-        arrays: dict[str, list[Value]] = {}
-        by_stage: dict[Stage, dict[str, list[tuple[int, list[Value]]]]] = {}
-        for name, value in parameters.items():
-            variable, element = self._resolve(name)
-            if variable.causality == "structuralParameter" and str(value).lower() == variable.start:
-                continue  # nothing changes, and not every FMU has a configuration mode
-            if variable.name not in arrays:
-                single = size(variable) == 1
-                arrays[variable.name] = [value] if single else self._interface.start_values(variable)
-                when = stage(variable) or Stage.INSTANTIATED
-                of_type = by_stage.setdefault(when, {}).setdefault(variable.type, [])
-                of_type.append((variable.valueReference, arrays[variable.name]))
-            arrays[variable.name][element] = value
-        return by_stage
-
-    def _assign(self, values: Mapping[str, list[tuple[int, list[Value]]]]) -> None:
-        for kind, assigned in values.items():
-            name = ("Integer" if self.version == 2 else "Int64") if kind == "Enumeration" else kind
-            references = [reference for reference, _ in assigned]
-            getattr(self.library, f"set{name}")(references, [v for _, values in assigned for v in values])
 
     def _free(self) -> None:
         if self.version == 2:
             self.library.fmi2FreeInstance(self.library.component)
         else:
             self.library.fmi3FreeInstance(self.library.component)
-
-    def _resolve(self, name: str) -> tuple[Any, int]:
-        interface = self._interface
-        return resolve(interface.named, interface.variables, name, self.name)
-
-    def _port(self, names: Sequence[str]) -> Port:
-        resolved = [self._resolve(name) for name in names]
-        distinct = {reference(variable): variable for variable, _ in resolved}
-        variables = sorted(distinct.values(), key=lambda v: bool(v.type == "Float32"))
-        offsets: dict[tuple[str, int], int] = {}  # variable to the place of its first value
-        starts: list[float] = []
-        n_doubles = n_double_values = 0
-        for variable in variables:
-            offsets[reference(variable)] = len(starts)
-            starts += map(float, self._interface.start_values(variable))
-            if variable.type != "Float32":
-                n_doubles, n_double_values = n_doubles + 1, len(starts)
-        return Port(
-            (ctypes.c_uint32 * len(variables))(*(v.valueReference for v in variables)),
-            (ctypes.c_double * len(starts))(*starts),
-            tuple(offsets[reference(variable)] + element for variable, element in resolved),
-            n_doubles,
-            n_double_values,
-        )
-
-    def exchange(self) -> None:
-        """Set the inputs and read the outputs without stepping (initialisation)."""
-        self._set(self.inputs)
-        self._get(self.outputs)
-
-    def exit_initialization(self) -> None:
-        """Begin to step."""
-        self.library.exitInitializationMode()
-
-    @property
-    def has_singles(self) -> bool:
-        """Whether inputs or outputs are of type Float32."""
-        return any(p.n_doubles < len(p.references) for p in (self.inputs, self.outputs))
-
-    def _set(self, port: Port) -> None:
-        n, n_values = port.n_doubles, port.n_double_values
-        if n and self.version == 2:
-            self.library.fmi2SetReal(self.library.component, port.references, n, port.values)
-        elif n:
-            self.library.fmi3SetFloat64(self.library.component, port.references, n, port.values, n_values)
-        if n < len(port.references):
-            self.library.setFloat32(port.references[n:], port.values[n_values:])
-
-    def _get(self, port: Port) -> None:
-        n, n_values = port.n_doubles, port.n_double_values
-        if n and self.version == 2:
-            self.library.fmi2GetReal(self.library.component, port.references, n, port.values)
-        elif n:
-            self.library.fmi3GetFloat64(self.library.component, port.references, n, port.values, n_values)
-        if n < len(port.references):
-            n_single = len(port.values) - n_values
-            port.values[n_values:] = self.library.getFloat32(port.references[n:], n_single)
 
 
 _loggers: dict[int, FmuInstance] = {}  # FMI 2.0 instances by what they pass to the logger

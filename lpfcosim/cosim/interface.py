@@ -1,28 +1,23 @@
-"""What an FMU says of itself, read for its place in the loop."""
+"""An FMU in its place in the loop: what its description says, and whether it fits."""
 
 from __future__ import annotations
 
-import zipfile
+import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
 from pathlib import Path
 from typing import Any
-from xml.etree import ElementTree as ET
 
-import fmpy
-from fmpy.model_description import ValidationError
-
+from fit import units
 from fit.errors import quote
-from lpfcosim.cosim import archive as archives
-from lpfcosim.cosim.variables import Value, convert, resized, resolve, start_values
+from fit.files import closest_match
+from lpfcosim.cosim import archive
+from lpfcosim.cosim.values import REALS, Value, base_unit, converted, other_unit
 from lpfcosim.errors import InputError
-from lpfcosim.messages import line
-from lpfcosim.network import Component
-from lpfcosim.spacecraft import Replacement
-
-_LONGEST_NAME = 200  # bytes, of a binary without its extension
-BASE_UNITS = ("kg", "m", "s", "A", "K", "mol", "cd", "rad")
+from lpfcosim.messages import grouped, line
+from lpfcosim.models import model_of
+from lpfcosim.network import Component, check_feedthrough
+from lpfcosim.spacecraft import Replacement, Run
 
 
 @dataclass(frozen=True)
@@ -35,8 +30,6 @@ class Interface:
         Its place; inputs and outputs by our names.
     archive : Path
         The ``.fmu``.
-    version : str
-        Version of FMI.
     description : object
         FMPy's model description.
     variables : dict of str to object
@@ -53,13 +46,17 @@ class Interface:
 
     component: Component
     archive: Path
-    version: str
     description: Any
     variables: Mapping[str, Any]
     units: Mapping[str, dict[str, str]]
     settings: tuple[str, ...] = ()
     replacement: Replacement | None = None
     faults: tuple[str, ...] = ()
+
+    @property
+    def version(self) -> str:
+        """Version of FMI."""
+        return str(self.description.fmiVersion)
 
     @property
     def named(self) -> Path:
@@ -100,57 +97,81 @@ class Interface:
         unused = self.replacement.unused if self.replacement else ()
         return tuple(dict.fromkeys([*unused, *(name for name in self.settings if not self.takes(name))]))
 
+    @property
+    def values(self) -> Mapping[str, Value]:
+        """What the user sets, by the FMU's names."""
+        return self.replacement.values if self.replacement else {}
+
     def parameters(self, values: Mapping[str, float]) -> dict[str, Value]:
         """Return what is to be set, by the FMU's names: ours as far as it takes them, then its own.
 
-        Raises
-        ------
-        InputError
-            If a value is not one of its variable.
+        InputError if a value is not one of its variable.
         """
-        values_by_name: dict[str, Value] = {self.name(n): v for n, v in values.items() if self.takes(n)}
+        ours: dict[str, Value] = {self.name(n): v for n, v in values.items() if self.takes(n)}
         if self.replacement is None:
-            return values_by_name
-        user_values = self.replacement.values
-        for name, value in {**values_by_name, **user_values}.items():
-            variable = self.variable(name)
-            place = f"values.{name}" if name in user_values else f"variable '{name}'"
-            values_by_name[name] = _converted(variable, value, place, self.named)
-        return values_by_name
+            return ours
+        places = {name: f"variable '{name}'" for name in ours} | {n: f"values.{n}" for n in self.values}
+        return {
+            name: converted(self.variable(name), value, f"{self.named}: {places[name]}")
+            for name, value in {**ours, **self.values}.items()
+        }
 
-    def place(self, name: str) -> tuple[tuple[str, int], int]:
-        """Return what aliases share that a name of the FMU means: `reference` and element."""
-        variable, element = resolve(self.named, self.variables, name, self.model)
-        return reference(variable), element
+    @property
+    def open_inputs(self) -> dict[str, Value]:
+        """The FMU's inputs that nothing feeds, and their start values."""
+        fed = {reference(self.variable(name)) for name in self.inputs}
+        return {
+            name: self.start(name)
+            for name, variable in self.variables.items()
+            if variable.causality == "input" and reference(variable) not in fed
+        }
 
-    def start_values(self, variable: Any) -> list[Value]:
-        """Return the value of each element of a variable, row by row, until the loop sets it.
+    def start(self, name: str) -> Value:
+        """Return the start value of a variable: that of the user, else that of the description, else zero."""
+        return self.values.get(name, self.variables[name].start or 0)
 
-        Raises
-        ------
-        InputError
-            If a start value of the description, or a value that the user gives, is not one of the type.
+    @property
+    def own_step(self) -> float | None:
+        """The step that the FMU is made for [s]: that of the user, else its fixed or its default one."""
+        simulation, experiment = self.description.coSimulation, self.description.defaultExperiment
+        stated = simulation.fixedInternalStepSize or (experiment and experiment.stepSize)
+        stated = (self.replacement and self.replacement.step) or stated
+        try:
+            return float(stated) if stated else None
+        except ValueError:  # in an archive that is not valid
+            return math.nan
+
+    def n_steps(self, h: float) -> int:
+        """Return in how many steps of its own the FMU covers one of the loop, of ``h`` seconds.
+
+        InputError if it takes no step but its own, and that does not divide the step of the loop.
         """
-        if variable.type == "String" and variable.shape:
-            texts = _strings(self.archive, variable.name)
-        elif variable.type == "String":
-            texts = [variable.start or ""]
-        else:
-            texts = str(variable.start if variable.start is not None else "").split()
-        values = start_values(self.named, variable, texts)
-        for name, value in (self.replacement.values if self.replacement else {}).items():
-            variable_reference, element = self.place(name)
-            if variable_reference == reference(variable):
-                values[element] = _converted(variable, value, f"values.{name}", self.named)
-        return values
+        step, simulation = self.own_step, self.description.coSimulation
+        if step is None:
+            return 1
+        n = h / step if step > 0 else math.nan
+        if 1 - 1e-6 < n < 1e6 and abs(n - round(n)) < 1e-6 * n:
+            return round(n)
+        is_free = (
+            simulation.fixedInternalStepSize is None and simulation.canHandleVariableCommunicationStepSize
+        )
+        if is_free and not (self.replacement and self.replacement.step):
+            return 1
+        raise InputError(
+            f"{self.named}: steps by {step:g} s; expected a step that divides that of the loop, {h:g} s"
+        )
 
     def variable(self, name: str) -> Any:
-        """Return FMPy's record of the variable that a name of the FMU means; the name may be an element's."""
-        return resolve(self.named, self.variables, name, self.model)[0]
+        """Return FMPy's record of a scalar; InputError if there is none of this name, or it is an array."""
+        if name not in self.variables:
+            raise InputError(f"{self.named}: variable '{name}' is missing; expected of the {self.model}")
+        if self.variables[name].dimensions:
+            raise InputError(f"{self.named}: variable '{name}' is an array; expected a scalar")
+        return self.variables[name]
 
-    def candidates(self, *causalities: str) -> list[str]:
-        """Return the FMU's names of its variables of some causalities."""
-        return [v.name for v in self.variables.values() if v.causality in causalities]
+    def candidates(self, causality: str) -> list[str]:
+        """Return the names of its variables of a causality."""
+        return [v.name for v in self.variables.values() if v.causality == causality]
 
     def unit(self, name: str) -> str | None:
         """Return the unit of a variable, if it has one that the FMU defines in SI."""
@@ -169,17 +190,18 @@ class Interface:
         Ours are known: what `moves` has none, the others have all. Of another FMU its description is used;
         what it leaves open is taken like ours.
         """
-        dependencies = (
-            {u.variable.name: u.dependencies for u in self.description.outputs} if self.replacement else {}
-        )
+        outputs = self.description.outputs if self.replacement else ()
+        dependencies = {reference(u.variable): u.dependencies for u in outputs}
         feedthrough = {}
         for output in self.component.outputs:
-            depends_on = dependencies.get(self.variable(self.name(output)).name)
-            names = None if depends_on is None else {v.name for v in depends_on}
+            depends_on = dependencies.get(reference(self.variable(self.name(output))))
+            references = {reference(v) for v in depends_on or ()}
             feedthrough[output] = (
                 self.component.direct[output]
-                if names is None
-                else [v for v in self.component.inputs if self.variable(self.name(v)).name in names]
+                if depends_on is None
+                else [
+                    v for v in self.component.inputs if reference(self.variable(self.name(v))) in references
+                ]
             )
         return feedthrough
 
@@ -190,134 +212,189 @@ def reference(variable: Any) -> tuple[str, int]:
     return str(kind), int(variable.valueReference)
 
 
-def _converted(variable: Any, value: Value, place: str, named: Path) -> Value:
-    """Return a value as the type of a variable has it; an InputError gives the `place` of the value."""
-    try:
-        return convert(variable, value)
-    except InputError as error:
-        raise InputError(f"{place}: {error}, for {named}") from None
-
-
-def _strings(archive: Path, name: str) -> list[str]:
-    """Return the start values of an array of strings, of which FMPy reads the first alone."""
-    with zipfile.ZipFile(archive) as file:
-        root = ET.fromstring(file.read("modelDescription.xml"))
-    for variable in root.iter("String"):
-        if name in (variable.get("name"), *(alias.get("name") for alias in variable.iter("Alias"))):
-            return [start.get("value", "") for start in variable.iter("Start")]
-    return []
-
-
 def read(
-    component: Component, archive: Path, settings: Iterable[str], replacement: Replacement | None
+    component: Component, path: Path, settings: Iterable[str], replacement: Replacement | None
 ) -> Interface:
     """Read the description of an FMU for its place; InputError if that cannot be done."""
-    named = replacement.archive if replacement else archive
-    validate = replacement is None or replacement.validate
-    description, faults = describe(archive, named, validate=validate)
+    named = replacement.archive if replacement else path
+    description, faults = archive.describe(path, named, validate=replacement is None or replacement.validate)
     if description.fmiVersion[:2] not in ("2.", "3."):
         raise InputError(f"{named}: is FMI {description.fmiVersion}; expected 2.0 or 3.0")
     if description.coSimulation is None or not description.coSimulation.modelIdentifier:
-        also = " (it is one for model exchange)" if description.modelExchange else ""
-        raise InputError(f"{named}: expected an FMU for co-simulation{also}")
-    identifier = description.coSimulation.modelIdentifier
-    if len(identifier.encode()) > _LONGEST_NAME or set(identifier) & set("/\\"):
-        raise InputError(
-            f"{named}: has the model identifier {quote(identifier)}; expected one that names a file"
-        )
+        raise InputError(f"{named}: expected an FMU for co-simulation")
+    if not description.instantiationToken:
+        raise InputError(f"{named}: its modelDescription.xml has no guid or instantiationToken; expected one")
     variables = {v.name: v for v in description.modelVariables}
-    user_values = replacement.values if replacement else {}
-    structure = {n: v for n, v in user_values.items() if n in variables and _is_structural(variables[n])}
+    base_units = {
+        u.name: base_unit(u.baseUnit) for u in description.unitDefinitions if u.baseUnit is not None
+    }
     return Interface(
-        component,
-        archive,
-        description.fmiVersion,
-        description,
-        resized(
-            variables,
-            {n: _converted(variables[n], v, f"values.{n}", named) for n, v in structure.items()},
-        ),
-        {u.name: _base(u.baseUnit) for u in description.unitDefinitions if u.baseUnit is not None},
-        tuple(settings),
-        replacement,
-        faults,
+        component, path, description, variables, base_units, tuple(settings), replacement, faults
     )
 
 
-def _is_structural(variable: Any) -> bool:
-    return bool(variable.causality == "structuralParameter")
+def read_interfaces(run: Run, fmus: Mapping[str, Path]) -> list[Interface]:
+    """Read the descriptions of the FMUs of a run, in the order of their steps, and check that they fit.
 
-
-def describe(
-    archive: Path, named: Path | None = None, *, validate: bool = True
-) -> tuple[Any, tuple[str, ...]]:
-    """Return FMPy's model description of an archive, and its faults against the FMI schema.
+    Their code is not loaded.
 
     Parameters
     ----------
-    archive : Path
-        The ``.fmu``.
-    named : Path, optional
-        What messages call it, if it is a copy.
-    validate : bool
-        Refuse one that is not valid, so that no fault remains.
+    run : Run
+        Gives parameters, step and what is put in the place of ours.
+    fmus : mapping of str to Path
+        The FMU of each component, the file itself or a copy; a component without one is not read.
 
     Raises
     ------
     InputError
-        If it cannot be read, or is not valid and should be.
+        If an FMU cannot be read or does not fit, or closes an algebraic loop; with table and file.
     """
-    try:
-        status = archive.stat()
-    except OSError as error:
-        raise InputError(f"{named or archive}: not a readable FMU: {error.strerror}") from None
-    description, faults = _describe(archive, named or archive, status.st_mtime_ns, status.st_size)
-    if faults and validate:
+    replaced, interfaces = {r.model: r for r in run.replacements}, []
+    spacecraft = model_of(run)
+    settings = spacecraft.parameters(run)
+    direct: dict[str, Mapping[str, Iterable[str]]] = {}
+    for component in spacecraft.components(run):
+        if component.model not in fmus:
+            direct[component.model] = component.direct
+            continue
+        replacement, values = replaced.get(component.model), settings[component.model]
+        try:
+            interface = read(component, fmus[component.model], values, replacement)
+            _check(interface, spacecraft.units, values, run.h)
+        except InputError as error:
+            place = f"fmus.{component.model}: " if replacement else ""
+            raise InputError(f"{place}{error}") from None
+        interfaces.append(interface)
+        direct[component.model] = interface.direct
+    check_feedthrough(spacecraft.components(run), direct)
+    return interfaces
+
+
+def read_interfaces_of_runs(runs: Sequence[Run], fmus: Mapping[str, Path]) -> list[Interface]:
+    """Do as `read_interfaces` for all runs of a campaign, and return the interfaces of the first.
+
+    An InputError gives the names of the runs, whose parameters may differ, unless it is the same for all.
+    """
+    interfaces: list[list[Interface]] = []
+    refused: list[tuple[str, str]] = []
+    for run in runs:
+        try:
+            interfaces.append(read_interfaces(run, fmus))
+        except InputError as error:
+            refused.append((run.name, str(error)))
+    causes = {cause for _, cause in refused}
+    if refused:
+        common = len(refused) == len(runs) and len(causes) == 1
+        raise InputError(causes.pop() if common else "; ".join(grouped(refused)))
+    return interfaces[0]
+
+
+def warnings(interfaces: Iterable[Interface], h: float) -> list[str]:
+    """Return what users should know of their FMUs in a loop of step ``h`` [s], a sentence each."""
+    sentences = []
+    for interface in interfaces:
+        if interface.replacement is None:
+            continue
+        place = f"fmus.{interface.model}: {interface.named}"
+        if interface.faults:
+            fault = archive.nonconformity(interface.faults)
+            sentences.append(f"{place}: {fault}; accepted because of validate = false")
+        if interface.open_inputs:
+            listed = ", ".join(
+                f"{line(name)} = {line(value)}" for name, value in interface.open_inputs.items()
+            )
+            sentences.append(f"{place}: open inputs, at their start values: {listed}")
+        step, n = interface.own_step, interface.n_steps(h)
+        if n > 1:
+            sentences.append(f"{place}: takes {n} steps of {step:g} s in each step of the loop, {h:g} s")
+        elif step is not None and not math.isclose(step, h, rel_tol=1e-6):
+            sentences.append(f"{place}: is stepped by {h:g} s; its default step is {step:g} s")
+    return sentences
+
+
+def ignored_names(interfaces: Iterable[Interface]) -> dict[str, tuple[str, ...]]:
+    """Of every replaced component, inputs and parameters of ours that the FMU in its place does not take."""
+    return {i.model: i.ignored for i in interfaces if i.replacement}
+
+
+def _check(interface: Interface, unit_of: Mapping[str, str], values: Mapping[str, float], h: float) -> None:
+    """Refuse an FMU that does not fit its place; the arguments are units, parameters in SI, step [s]."""
+    parameters = [name for name in interface.settings if interface.takes(name)]
+    for names, causality in (
+        (interface.component.inputs, "input"),
+        (interface.component.outputs, "output"),
+        (parameters, "parameter"),
+    ):
+        for name in names:
+            _check_variable(interface, name, causality)
+            if interface.replacement:  # ours have the units of the place, from the same Modelica
+                _check_unit(interface, name, unit_of[name])
+    for name in interface.values:
+        _check_settable(interface, name)
+    _check_once(interface, parameters)
+    interface.parameters(values)
+    interface.n_steps(h)
+    archive.check_platform(interface.archive, interface.description, interface.named)
+
+
+def _check_variable(interface: Interface, ours: str, causality: str) -> None:
+    """Refuse a variable for one of ours that is missing, or of another causality or type."""
+    name = interface.name(ours)
+    if name not in interface.variables:
+        known = line(closest_match(name, interface.candidates(causality)))
         raise InputError(
-            f"{named or archive}: {nonconformity(faults)}; correct the archive, or accept it as it is with "
-            "validate = false in its table [fmus.MODEL] of the campaign"
+            f"{interface.named}: variable '{name}' is missing, the {causality} for {ours}{known}"
         )
-    return description, faults
+    variable = interface.variable(name)
+    place = f"{interface.named}: variable '{name}'"
+    if variable.causality != causality or variable.variability == "constant":
+        constant = variable.variability == "constant"
+        attribute = "constant" if constant else f"of causality '{line(variable.causality)}'"
+        raise InputError(f"{place} is {attribute}; expected causality '{causality}' for {ours}")
+    kind = "Real" if interface.version.startswith("2") else "Float64"
+    if variable.type != kind and not (causality == "parameter" and variable.type in REALS):
+        raise InputError(f"{place} is of type {line(variable.type)}; expected {kind} for {ours}")
 
 
-def nonconformity(faults: Sequence[str]) -> str:
-    """Return one line about the faults of a description against the FMI schema."""
-    suffix = f" (and {len(faults) - 1} more)" if len(faults) > 1 else ""
-    return (
-        f"its modelDescription.xml does not conform to the FMI schema: {line(faults[0]).rstrip('.')}{suffix}"
-    )
+def _check_settable(interface: Interface, name: str) -> None:
+    """Refuse a variable under ``values`` that FMI does not let be set before initialization mode."""
+    fixed = ("constant", "structuralParameter")
+    settable = [
+        v.name
+        for v in interface.variables.values()
+        if v.variability not in fixed and v.causality not in fixed
+        if v.causality in ("input", "parameter") or v.initial in ("exact", "approx")
+    ]
+    if name not in settable:
+        known = line(closest_match(name, settable))
+        raise InputError(
+            f"{interface.named}: values names {quote(name)}, expected a parameter, an input or a variable "
+            f"with a start value{known}"
+        )
 
 
-@lru_cache(maxsize=32)
-def _describe(archive: Path, named: Path, _changed: int, _size: int) -> tuple[Any, tuple[str, ...]]:
-    archives.check(archive, named)
-    try:
-        return _read(archive, validate=True), ()
-    except Exception as error:  # FMPy raises bare exceptions for broken archives
-        fault = error
-    try:
-        description = _read(archive, validate=False)
-        usable = all(v.name and v.type for v in description.modelVariables)
-    except Exception:
-        usable = False
-    if not usable:
-        raise InputError(f"{named}: not a readable FMU: {line(fault)}") from None
-    faults = fault.problems if isinstance(fault, ValidationError) else [_spelled(fault)]
-    return description, tuple(map(str, faults))
+def _check_once(interface: Interface, parameters: Iterable[str]) -> None:
+    """Refuse a variable that would be set from two sides, be it under two names."""
+    set_by: dict[tuple[str, int], str] = {}
+    for name in (*interface.inputs, *map(interface.name, parameters), *interface.values):
+        place = reference(interface.variable(name))
+        if place in set_by:
+            raise InputError(f"{interface.named}: '{name}' is set twice, also as '{set_by[place]}'")
+        set_by[place] = name
 
 
-def _read(archive: Path, *, validate: bool) -> Any:
-    with archive.open("rb") as file:  # by name, FMPy would leave open what it fails on
-        return fmpy.read_model_description(file, validate=validate)
-
-
-def _spelled(fault: Exception) -> str:
-    if isinstance(fault, KeyError):  # FMPy looks up the unit of a display unit
-        return f"the unit {fault} is not defined"
-    return str(fault)
-
-
-def _base(unit: Any) -> dict[str, str]:
-    attributes = {name: str(getattr(unit, name)) for name in BASE_UNITS if getattr(unit, name)}
-    defaults = {"factor": 1.0, "offset": 0.0}
-    return attributes | {n: repr(getattr(unit, n)) for n, v in defaults.items() if getattr(unit, n) != v}
+def _check_unit(interface: Interface, ours: str, expected: str) -> None:
+    """Refuse a variable in another unit than ours; one that states none is taken to be in ours."""
+    name = interface.name(ours)
+    unit = interface.stated_unit(name)
+    if unit is None:
+        return
+    place = f"{interface.named}: variable '{name}' is in {line(unit)}"
+    base = interface.units.get(unit)
+    if base is None and not units.same_unit(unit, expected):
+        raise InputError(
+            f"{place}, of which it does not give the base units; expected {expected}, for {ours}"
+        )
+    if base is not None and (meaning := other_unit(base, expected)):
+        raise InputError(f"{place}, by which it means {meaning}; expected {expected}, for {ours}")

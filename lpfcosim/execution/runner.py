@@ -12,7 +12,7 @@ from fit.files import atomic
 from fit.parallel import parallel_map
 from fit.telemetry import root_attributes
 from lpfcosim.campaign import Campaign
-from lpfcosim.cosim import FmuLibraryCache, SimulationProgress, co_simulation, compatibility
+from lpfcosim.cosim import FmuLibraryCache, SimulationProgress, co_simulation, ignored_names, read_interfaces
 from lpfcosim.errors import InputError, RunError
 from lpfcosim.execution import telemetry_file
 from lpfcosim.execution.checksums import ChecksumFile, PendingFile, digest
@@ -220,8 +220,8 @@ def write_telemetry(
     ``saturated_samples`` counts the samples with a command at its limit, if there are any.
     """
     loop, spacecraft, saturated = ClosedLoop(run), model_of(run), 0
-    interfaces = compatibility.read_interfaces(run, fmus) if fmus else []
-    unknown = spacecraft.unknown_truths(run, compatibility.ignored_names(interfaces))
+    interfaces = read_interfaces(run, fmus) if fmus else []
+    unknown = spacecraft.unknown_truths(run, ignored_names(interfaces))
 
     def simulated_blocks() -> Iterator[Mapping[str, co_simulation.Array]]:
         nonlocal saturated

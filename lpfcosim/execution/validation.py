@@ -71,20 +71,18 @@ def validate(plan: Campaign, *, fitted: bool = True) -> Validation:
     Raises
     ------
     InputError
-        If an experiment is too short, an FMU does not fit its place or is not the one meant, a loop is not
+        If an experiment is too short, an FMU does not fit its place, a loop is not
         stable, a read-out leaves its range, or a command is beyond its limit for longer than a fit masks.
     """
     if fitted:
         _check_durations(plan)
     interfaces, fmu_warnings, saturated = list["Interface"](), list[str](), list[str]()
     if plan.replacements:
-        from lpfcosim.cosim import compatibility  # takes its time, and few campaigns need it
-        from lpfcosim.execution import fmus
+        from lpfcosim import cosim  # takes its time, and few campaigns need it
 
         third_party = {r.model: r.archive for r in plan.replacements}
-        interfaces = compatibility.read_interfaces_of_runs(plan.runs, third_party)
-        fmu_warnings = compatibility.warnings(interfaces)
-        fmus.check_digests(plan, third_party)
+        interfaces = cosim.read_interfaces_of_runs(plan.runs, third_party)
+        fmu_warnings = cosim.warnings(interfaces, plan.runs[0].h)
     else:
         stability.check(*plan.runs)
         saturated = _saturation(plan)

@@ -12,11 +12,12 @@ import logging
 import tempfile
 import uuid
 import zipfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from xml.etree import ElementTree as ET
 
-from lpfcosim.cosim import Interface, Value, checks, read_interfaces
+from lpfcosim.cosim import Interface, Value, read_interfaces
 from lpfcosim.errors import InputError
 from lpfcosim.export.ssp import same_units
 from lpfcosim.modelica import build, serialize_xml
@@ -78,7 +79,7 @@ def _make(run: Run, interfaces: Sequence[Interface], folder: Path) -> Path:
             "a container FMU needs 'fmu-manipulation-toolbox', which is not installed; "
             "install the build extra (pip install 'lpfcosim[build]')"
         ) from None
-    with checks.toolbox_messages(logging.CRITICAL) as fatal:  # it only logs that the container cannot run
+    with _critical_messages() as fatal:  # it only logs that the container cannot run
         try:
             box = FMUContainer(IDENTIFIER, folder, fmi_version=2)
             by_model = {interface.model: interface for interface in interfaces}
@@ -107,6 +108,26 @@ def _make(run: Run, interfaces: Sequence[Interface], folder: Path) -> Path:
     if fatal:
         raise InputError(f"the FMUs do not fit into a container: {fatal[0]}")
     return folder / f"{IDENTIFIER}.fmu"
+
+
+@contextmanager
+def _critical_messages() -> Iterator[list[str]]:
+    """Collect what the FMU manipulation toolbox logs as critical; keep it quiet otherwise."""
+    messages: list[str] = []
+
+    class Collector(logging.Handler):
+        def emit(self, record: logging.LogRecord) -> None:
+            messages.append(record.getMessage())
+
+    logger = logging.getLogger("fmu_manipulation_toolbox")
+    collector = Collector(level=logging.CRITICAL)
+    propagate, logger.propagate = logger.propagate, False
+    logger.addHandler(collector)
+    try:
+        yield messages
+    finally:
+        logger.removeHandler(collector)
+        logger.propagate = propagate
 
 
 def _written(value: Value) -> str:

@@ -143,9 +143,8 @@ def _target(key: str, request: IdentifyTable, run: Run, interfaces: Sequence[Int
         raise InputError(
             f"{location}: {quote(variable)} is a {kind}; expected a real parameter but the step h"
         )
-    _, element = interface.place(variable)
     values = model_of(run).parameters(run)[model]
-    value = values[name] if ours else float(interface.start_values(record)[element])
+    value = values[name] if ours else float(interface.start(variable))
     result_name = key if key in DELAYS else name if ours and name in SHARED_NAMES else f"{model}.{name}"
     unit = "s" if key in DELAYS else (interface.stated_unit(variable) or "1").replace(".", " ")
     gain = getattr(run.truth, DELAYS[key][0]) if key in DELAYS else 1.0

@@ -171,8 +171,8 @@ class Replacement:
         Inputs and parameters of the place that the FMU does without.
     values : mapping of str to bool, int, float or str
         Values of the FMU's own parameters, in their own types and units.
-    sha256 : str
-        Digest of the archive that is meant; ``""`` where the campaign does not give it.
+    step : float
+        Step of the FMU in the loop [s]; 0: what its description says.
     validate : bool
         Refuse an archive whose description is not valid by the FMI schema, instead of a warning.
     """
@@ -182,7 +182,7 @@ class Replacement:
     variables: Mapping[str, str] = field(default_factory=dict)
     unused: tuple[str, ...] = ()
     values: Mapping[str, bool | int | float | str] = field(default_factory=dict)
-    sha256: str = ""
+    step: float = 0.0
     validate: bool = True
 
 

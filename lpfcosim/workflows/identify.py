@@ -74,7 +74,7 @@ def identify(
     parameters : mapping, optional
         Constraints by parameter, as in the table ``[fit.parameters]``.
     trusted : bool
-        Let FMUs run that are not built here and not approved.
+        Let third-party FMUs run, which are native code.
     progress : Progress, optional
         By default warnings are logged.
 
@@ -94,7 +94,7 @@ def identify(
         interfaces = read_interfaces_of_runs(plan.runs, fmus)
         for target in targets(plan, plan.runs[0], interfaces):
             free_parameter(target)  # refused before anything takes its time
-    for warning in warnings(interfaces):
+    for warning in warnings(interfaces, plan.runs[0].h):
         progress.warn(warning)
     if files:
         _calibrate(plan, files, directory, fit_settings, progress)
@@ -118,8 +118,7 @@ def _validate(plan: Campaign, *, trusted: bool) -> Settings:
     refuse_narrow_band(fit_settings, "identify", "fit")
     validation.check_equation(plan, "an identification is", DELTA_G)
     validation.validate(plan)
-    # Before telemetry is fitted; `fmus.snapshot` checks the copies that are loaded.
-    fmu_archives.check(plan, {r.model: r.archive for r in plan.replacements}, trusted=trusted)
+    fmu_archives.check_trust(plan, trusted=trusted)
     return fit_settings
 
 

@@ -16,7 +16,7 @@ from fit.settings import Settings, settings
 from fit.telemetry import Telemetry, read_all
 from fit.warnings import FitWarning
 from lpfcosim.campaign import Campaign
-from lpfcosim.errors import RunError, prefix_errors
+from lpfcosim.errors import InputError, RunError, prefix_errors
 from lpfcosim.execution import results_folder, runner, validation
 from lpfcosim.messages import grouped, names
 from lpfcosim.workflows.arguments import check_options, check_workers
@@ -178,9 +178,11 @@ def _fit(
             amend=partial(_with_missing, missing=missing, causes="; ".join(causes)),
         )
     except CalibrationError as error:
-        if not missing:
-            raise
-        raise RunError(f"{failure}; remaining experiments: {error}") from None
+        if missing:
+            raise RunError(f"{failure}; remaining experiments: {error}") from None
+        if isinstance(error, InputError):  # about the telemetry: the campaign was found valid
+            raise RunError(str(error)) from None
+        raise
     failures = {name: str(error) for name, error in simulated.failures.items()}
     return CampaignRun(fitted.results, fitted.path, fitted.report, simulated.files, failures)
 

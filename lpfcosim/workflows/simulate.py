@@ -6,7 +6,7 @@ from pathlib import Path
 
 from fit.parallel import one_blas_thread
 from lpfcosim.campaign import Campaign
-from lpfcosim.cosim import compatibility
+from lpfcosim.cosim import ignored_names
 from lpfcosim.errors import InputError, RunError, prefix_errors
 from lpfcosim.execution import Provenance, results_folder, runner, validation
 from lpfcosim.execution import fmus as archives
@@ -47,7 +47,7 @@ def simulate(
     rerun : bool
         Simulate again what was simulated with another campaign, seed, version or FMU.
     trusted : bool
-        Let FMUs run that are not built here and not approved (``lpfcosim trust``).
+        Let third-party FMUs run, which are native code.
     progress : Progress, optional
         By default warnings are logged by the logger ``lpfcosim``.
 
@@ -97,11 +97,11 @@ def simulate_into(
     Without `fmus`, the equations of the models are evaluated.
     """
 
-    def begin(provenance: Provenance) -> None:
+    def begin(_: Provenance) -> None:
         for name in ("results.json", "report.html") if options.rerun else ():
             (directory / name).unlink(missing_ok=True)
         third_party = {r.model: copies[r.model] for r in plan.replacements}
-        _write_campaign(plan, directory, third_party, provenance, progress)
+        _write_campaign(plan, directory, third_party, progress)
 
     with ExitStack() as stack:
         with prefix_errors(source):
@@ -128,13 +128,12 @@ def _write_campaign(
     plan: Campaign,
     directory: Path,
     fmus: Mapping[str, Path],
-    provenance: Provenance,
     progress: Progress,
 ) -> None:
     """Write the campaign and its third-party FMUs to the folder, if its file describes it as it is."""
     path = directory / results_folder.CAMPAIGN
     if is_described_by_file(plan, fmus):
-        results_folder.write_provenance(directory, plan.tables, fmus, provenance.fmus)
+        results_folder.write_provenance(directory, plan.tables, fmus)
     else:
         path.unlink(missing_ok=True)
         progress.note(f"{path}: not written, as the campaign was changed in Python")
@@ -152,7 +151,5 @@ def _describe_replacements(plan: Campaign, validated: validation.Validation) -> 
         yield f"{replacement.model}: {replacement.archive}, a third-party FMU; takes {used}{unused}"
     if plan.replacements:
         yield "stability and saturation are not checked beforehand, as its dynamics are not known"
-    if unknown := sorted(
-        model_of(run).unknown_truths(run, compatibility.ignored_names(validated.interfaces))
-    ):
+    if unknown := sorted(model_of(run).unknown_truths(run, ignored_names(validated.interfaces))):
         yield f"true values not known, left out of /truth: {', '.join(unknown)}"

@@ -27,8 +27,7 @@ from pathlib import Path
 import numpy as np
 
 from lpfcosim.campaign import loading
-from lpfcosim.cosim import co_simulation
-from lpfcosim.cosim.compatibility import read_interfaces
+from lpfcosim.cosim import co_simulation, read_interfaces
 from lpfcosim.execution import runner
 from lpfcosim.modelica import build
 from lpfcosim.modelica.compiler import FLAGS, compiler

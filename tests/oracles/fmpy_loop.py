@@ -2,11 +2,22 @@
 
 import tempfile
 from contextlib import ExitStack
+from typing import NamedTuple
 
 import fmpy
 import numpy as np
 from fmpy.fmi2 import FMU2Slave
 from fmpy.fmi3 import FMU3Slave
+
+
+class Place(NamedTuple):
+    """An FMU in the loop: sources of its inputs, signals that its outputs are, values, steps in a sample."""
+
+    archive: object
+    inputs: dict
+    outputs: dict
+    parameters: dict
+    steps: int = 1
 
 
 class Slave:
@@ -42,37 +53,32 @@ class Slave:
         return get_values([self.references[name] for name in names])
 
 
-def simulate(components, archives, parameters, signals, record, h, steps=None):
+def simulate(places, signals, record, h):
     """Signals of the loop by name, each of shape (N,).
 
     Parameters
     ----------
-    components : sequence
-        Places in the loop in the order of the steps, with `model`, `inputs` (source by name) and `outputs`.
-    archives, parameters : mapping
-        FMU, and values by name, by model.
+    places : sequence of Place
+        In the order of the steps.
     signals : mapping of str to ndarray, each of shape (N,)
         From outside.
     record : mapping of str to str
         Source of what is recorded.
     h : float
         Step of the loop [s].
-    steps : mapping of str to int, optional
-        By model, in how many steps the FMU covers one of the loop.
     """
     n = len(next(iter(signals.values())))
-    bus = {f"{c.model}.{name}": 0.0 for c in components for name in c.outputs}
+    bus = {signal: 0.0 for place in places for signal in place.outputs.values()}
     recorded = {name: np.empty(n) for name in record}
     with ExitStack() as stack:
-        loop = [(c, Slave(stack, archives[c.model], parameters[c.model])) for c in components]
+        loop = [(place, Slave(stack, place.archive, place.parameters)) for place in places]
         for i in range(-1, n):  # -1: initialization
             bus.update((name, float(x[max(i, 0)])) for name, x in signals.items())
-            for component, slave in loop:
-                slave.set({name: bus[source] for name, source in component.inputs.items()})
-                for k in range(parts := (steps or {}).get(component.model, 1)) if i >= 0 else ():
-                    slave.fmu.doStep(i * h + k * (h / parts), h / parts)
-                outputs = zip(component.outputs, slave.get(component.outputs), strict=True)
-                bus.update((f"{component.model}.{name}", x) for name, x in outputs)
+            for place, slave in loop:
+                slave.set({variable: bus[source] for variable, source in place.inputs.items()})
+                for k in range(place.steps) if i >= 0 else ():
+                    slave.fmu.doStep(i * h + k * (h / place.steps), h / place.steps)
+                bus.update(zip(place.outputs.values(), slave.get(place.outputs), strict=True))
             if i < 0:
                 for _, slave in loop:
                     slave.fmu.exitInitializationMode()

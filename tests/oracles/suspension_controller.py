@@ -1,6 +1,6 @@
 """A suspension controller in Python, for `pythonfmu3` to make an FMU of: an exporter that is not ours.
 
-Its names are its own, and both read-outs come as one array. K(s) is discretised with the bilinear rule as a
+Its names are its own. K(s) is discretised with the bilinear rule as a
 chain of second-order sections; ours is a sum of first-order terms.
 """
 
@@ -8,7 +8,6 @@ import math
 
 import numpy as np
 from pythonfmu3 import (
-    Dimension,
     Float64,
     Fmi3Causality,
     Fmi3Slave,
@@ -21,13 +20,12 @@ from scipy.signal import bilinear_zpk, zpk2sos
 
 
 class Suspension(Fmi3Slave):
-    """Acceleration u = bias - K(y[1] - y[2])."""
+    """Acceleration u = bias - K(distance - wanted)."""
 
     def __init__(self, **kwargs):
         super().__init__(**kwargs)
         self.register_units([Unit("m", m=1), Unit("m/s2", m=1, s=-2), Unit("Hz", s=-1)])
-        self.time = self.u = self.bias = 0.0
-        self.y = np.zeros(2)
+        self.time = self.u = self.bias = self.distance = self.wanted = 0.0
         self.unity_gain = 1e-3
         kinds, of = Fmi3Causality, Fmi3Variability
         for name, causality, variability, unit in (
@@ -35,19 +33,10 @@ class Suspension(Fmi3Slave):
             ("bias", kinds.parameter, of.tunable, "m/s2"),
             ("unity_gain", kinds.parameter, of.tunable, "Hz"),
             ("u", kinds.output, of.continuous, "m/s2"),
+            ("distance", kinds.input, of.continuous, "m"),
+            ("wanted", kinds.input, of.continuous, "m"),
         ):
             self.register_variable(Float64(name, causality=causality, variability=variability, unit=unit))
-        self.register_variable(
-            Float64(
-                "y",
-                causality=kinds.input,
-                variability=of.continuous,
-                unit="m",
-                dimensions=[Dimension(start="2")],
-                # Its own setter calls numpy.reshape by a keyword that NumPy has dropped.
-                setter=lambda values: setattr(self, "y", np.array(values)),
-            )
-        )
 
     def exit_initialization_mode(self):
         """Work out the filter from the parameters."""
@@ -60,7 +49,7 @@ class Suspension(Fmi3Slave):
 
     def do_step(self, current_time, step_size):
         """Filter one sample."""
-        x = float(self.y[0] - self.y[1])
+        x = self.distance - self.wanted
         for (b0, b1, b2, _, a1, a2), memory in zip(self._sections, self._memory, strict=True):
             out = b0 * x + memory[0]
             memory[:] = b1 * x - a1 * out + memory[1], b2 * x - a2 * out

@@ -12,7 +12,6 @@ import fmpy
 import pytest
 
 from lpfcosim.campaign import loading
-from lpfcosim.cosim import compatibility
 from lpfcosim.errors import InputError, RunError
 from lpfcosim.execution import runner, telemetry_file
 from lpfcosim.modelica import build as fmu_build
@@ -95,8 +94,6 @@ def test_fmu_commands(lpfcosim, tmp_path):
     out = lpfcosim("fmu", "list", status=0)[1]
     assert out.count("built") == len(fmu_names())
     assert "not built" not in out
-    out = lpfcosim("fmu", "validate", "here/Plant.fmu", status=0)[1]
-    assert "no fault found" in out
 
 
 @pytest.mark.fmu
@@ -127,7 +124,7 @@ def test_what_fails_is_one_sentence_and_a_status(lpfcosim, short, monkeypatch, e
 
     before = signal.getsignal(signal.SIGTERM)
     monkeypatch.setattr(fmu_build, "build", lambda *_, **__: {})
-    monkeypatch.setattr(compatibility, "read_interfaces", lambda *_: [])
+    monkeypatch.setattr(runner, "read_interfaces", lambda *_: [])
     monkeypatch.setattr(runner, "simulate", fail)
     try:
         assert lpfcosim("run", short, "--quiet") == (status, "", f"lpfcosim: error: {sentence}\n")

@@ -9,9 +9,9 @@ from pathlib import Path
 import pytest
 
 GROUPS = {
-    (): "new trust schema check forecast margins run montecarlo design identify "
+    (): "new schema check forecast margins run montecarlo design identify "
     "fit report figures deltag compare jitter ttl mcmc reproduce fmu",
-    ("fmu",): "build list show validate export-ssp container",
+    ("fmu",): "build list export-ssp container",
 }
 COMMANDS = [(*group, name) for group, names in GROUPS.items() for name in names.split()]
 HEAVY = ("fmpy", "h5py", "lmfit", "matplotlib", "scipy", "sympy")

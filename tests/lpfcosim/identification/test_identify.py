@@ -9,7 +9,6 @@ import pytest
 
 from lpfcosim.modelica import build as fmu_build
 from tests import ROOT, campaign_text, third_party
-from tests.odd_controller import built
 
 pytestmark = pytest.mark.fmu
 
@@ -237,9 +236,8 @@ def test_bounds_that_the_data_contradict_make_the_result_unsound(identify):
 
 @pytest.mark.slow
 def test_an_fmu_that_fails_in_a_trial_is_named(lpfcosim, done, tmp_path):
-    built(tmp_path, "Divides", "self.f_control_2 = float('nan') if late else 0.0")
-    unused = '["h", "f_u", "f_z", "f_i", "f_p", "f_r", "f_x_2_start"]'
-    done.write_text(f'{CAMPAIGN}\n[fmus.SuspensionControl]\npath = "Divides.fmu"\nunused = {unused}\n')
+    third_party.built(tmp_path, "INFINITE")
+    done.write_text(CAMPAIGN + third_party.TABLE)
     before = (done.with_suffix("") / "results.json").read_bytes()
     err = lpfcosim("identify", done, "--trust", status=1)[2]
     sentence = (

@@ -5,7 +5,7 @@ from dataclasses import replace
 import pytest
 
 from lpfcosim.campaign import IdentifyTable
-from lpfcosim.cosim import compatibility
+from lpfcosim.cosim import read_interfaces
 from lpfcosim.identification import targets
 from lpfcosim.identification.parameters import settings
 from lpfcosim.spacecraft.run import Replacement
@@ -20,7 +20,7 @@ def resolved(make_run, plan, fmus):
     def made(sought, *replacements):
         run = make_run(replacements=replacements)
         archives = {**fmus, **{r.model: r.archive for r in replacements}}
-        return targets(replace(plan, identify=sought), run, compatibility.read_interfaces(run, archives))
+        return targets(replace(plan, identify=sought), run, read_interfaces(run, archives))
 
     return made
 
@@ -47,10 +47,11 @@ def test_a_parameter_of_another_fmu_is_meant_by_its_name_or_by_ours(resolved, fm
     assert settings([target], {target.name: 2e-3}, {}) == {"SuspensionControl": {"bandwidth": 2e-3}}
 
 
-@pytest.mark.parametrize(("values", "given"), [({}, 0.25), ({"weights[2]": 0.75}, 0.75)])
-def test_an_element_of_an_array_is_given_by_its_own_start_value(resolved, tmp_path, values, given):
-    two = ('valueReference="11" causality="parameter" start="0.5"', 'valueReference="11" start="0.5 0.25"')
-    archive = third_party.built(tmp_path, fmi="3.0", changes=[(two[0], f'causality="parameter" {two[1]}')])
+@pytest.mark.parametrize(("values", "given"), [({}, 1.0), ({"single": 0.75}, 0.75)])
+def test_a_parameter_of_another_fmu_has_its_start_value_or_that_of_the_campaign(
+    resolved, tmp_path, values, given
+):
+    archive = third_party.built(tmp_path, fmi="3.0")
     mine = Replacement("SuspensionControl", archive, third_party.VARIABLES, third_party.UNUSED, values=values)
-    (target,) = resolved({"SuspensionControl.weights[2]": IdentifyTable(width=0.1)}, mine)
+    (target,) = resolved({"SuspensionControl.single": IdentifyTable(width=0.1)}, mine)
     assert target.default_value == given

@@ -5,7 +5,7 @@ import contextlib
 import numpy as np
 import pytest
 
-from lpfcosim.cosim import compatibility
+from lpfcosim.cosim import read_interfaces
 from lpfcosim.errors import RunError
 from lpfcosim.identification import simulation_session
 from lpfcosim.linear import ClosedLoop
@@ -24,7 +24,7 @@ def run(make_run):
 
 @pytest.mark.parametrize("fmi", ["2.0", "3.0"])
 def test_a_trial_leaves_nothing_behind(run, fmi):
-    result = compatibility.read_interfaces(run, build.build(fmi=fmi))
+    result = read_interfaces(run, build.build(fmi=fmi))
     feeds = {**stimuli.injections(run), "g_2": np.full(N, run.dc)}
     with contextlib.ExitStack() as stack:
         loop = simulation_session.load_loop(stack, run, result, ("o_1", "o_12"))
@@ -41,7 +41,7 @@ def test_a_trial_leaves_nothing_behind(run, fmi):
 
 
 def test_a_loop_goes_on_after_a_trial_that_is_not_stable(run, fmus):
-    result = compatibility.read_interfaces(run, fmus)
+    result = read_interfaces(run, fmus)
     feeds = {**stimuli.injections(run), "g_2": np.full(N, run.dc)}
     with contextlib.ExitStack() as stack:
         loop = simulation_session.load_loop(stack, run, result, ("o_1", "o_12"))
@@ -54,7 +54,7 @@ def test_a_loop_goes_on_after_a_trial_that_is_not_stable(run, fmus):
 
 
 def test_the_controller_alone_makes_the_commands_that_it_made_in_the_loop(run, fmus):
-    result = compatibility.read_interfaces(run, fmus)
+    result = read_interfaces(run, fmus)
     feeds = {**stimuli.injections(run), "g_2": np.full(N, run.dc)}
     with contextlib.ExitStack() as stack:
         loop = simulation_session.load_loop(stack, run, result, ("o_12", "f_x_2"))

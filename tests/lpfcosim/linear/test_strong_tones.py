@@ -9,7 +9,7 @@ from scipy import signal
 from fit.forecasting import coverage
 from fit.pipeline import calibrate
 from lpfcosim.campaign import loading
-from lpfcosim.cosim import co_simulation, compatibility
+from lpfcosim.cosim import co_simulation, read_interfaces
 from lpfcosim.execution import telemetry_file
 from lpfcosim.linear import response, spectral_simulation
 from lpfcosim.models import stimuli
@@ -39,7 +39,7 @@ def campaign(quickstart, tmp_path):
 
 
 def through_fmus(run, fmus):
-    blocks = list(co_simulation.blocks(run, compatibility.read_interfaces(run, fmus)))
+    blocks = list(co_simulation.blocks(run, read_interfaces(run, fmus)))
     channels = {name: np.concatenate([block[name] for block in blocks]) for name in channels_of_fit(run)}
     time = np.arange(run.n_samples) / run.fs
     return replace(telemetry_of(run, channels), fs=run.fs, time=time)

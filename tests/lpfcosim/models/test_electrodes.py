@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from lpfcosim.cosim import compatibility
+from lpfcosim.cosim import read_interfaces
 from lpfcosim.linear import ClosedLoop, response
 from lpfcosim.modelica import build
 from lpfcosim.models import model_of
@@ -87,7 +87,7 @@ def test_what_is_not_asked_for_is_not_wired(make_run, fmus):
     (usual,) = (c for c in model_of(make_run()).components(make_run()) if c.model == "Actuation")
     assert set(usual.inputs) == {"f_control_2", "F_x_1", "F_x_2", "f_x_1_jitter"}
     asked = make_run(actuation=Actuation(electrode=1e-6))
-    (result,) = (i for i in compatibility.read_interfaces(asked, fmus) if i.model == "Actuation")
+    (result,) = (i for i in read_interfaces(asked, fmus) if i.model == "Actuation")
     assert set(result.inputs) - set(usual.inputs) == {"e_x_1", "e_x_2", "gain_1", "gain_2"}
     assert "N_max_2" in result.settings
 
