@@ -13,9 +13,10 @@ import scipy
 from numpy.typing import NDArray
 
 from fit.false_alarms import p_limit
+from fit.quality import saturation
 from fit.quality.initial_fit import initial_fit, lstsq_coefficients
 from fit.spectra import NoiseModel, derivatives
-from fit.telemetry import Telemetry
+from fit.telemetry import CHANNELS, Telemetry
 from fit.warnings import Cause
 from fit.whitening import Run, whitened_run
 
@@ -69,7 +70,19 @@ def sample_faults(run: Telemetry, name: str, x: Array, n_channels: int = 1) -> I
         return
     flat = _flat(x)
     stretches = _flat_stretches(flat, p_limit("straight lines", n_channels * x.size))
-    for begin, end in stretches:
+    authority = saturation.limits(run).get(name, 0.0)
+    extremes = [value for value in (np.nanmin(x), np.nanmax(x)) if abs(value) < authority]
+    stops = [(end - begin, begin) for begin, end in stretches if x[(begin + end) // 2] in extremes]
+    if stops:
+        length, begin = max(stops)
+        seconds, limit = length / run.fs, abs(x[begin + length // 2])
+        words = (
+            f"stops at its limit of {limit:.3g} {CHANNELS[name].unit} for {seconds:g} s at "
+            f"{begin / run.fs:.7g} s, below its authority {saturation.limit_text(name, authority)}; state "
+            f"the true limit as F_max_{name[-1]}, then these samples are masked"
+        )
+        yield cause("limit", words, seconds, "s")
+    for begin, end in stretches if not stops else ():
         seconds = (end - begin) / run.fs
         shape = "constant" if x[begin] == x[end - 1] else "a straight line"
         yield cause("stuck", f"is {shape} for {seconds:g} s at {begin / run.fs:.7g} s", seconds, "s")
