@@ -12,7 +12,6 @@ from contextlib import ExitStack, suppress
 from dataclasses import dataclass
 from pathlib import Path
 
-import h5py
 import numpy as np
 from numpy.typing import NDArray
 
@@ -21,6 +20,7 @@ from fit.files import key, refuse_links
 from fit.telemetry import time_axis, time_stamps
 from fit.telemetry.archives import Table, open_table
 from fit.telemetry.contract import CHANNELS, SCHEMA, check_root, required
+from fit.telemetry.lazy_channels import root_attributes
 from fit.telemetry.maps import (
     SECONDS,
     TIME,
@@ -95,7 +95,7 @@ def _write_all(maps: Mapping[Path, Map], folder: Path, *, any_gaps: bool) -> Non
     """Write the runs of all maps in place of those of earlier conversions, or none of them."""
     existing = sorted(folder.glob("*.h5"))
     for path in existing:
-        if not _is_converted(path):
+        if _MARK not in (root_attributes(path) or {}):
             raise InputError(
                 f"{path}: telemetry that was not converted, expected another folder to convert into"
             )
@@ -110,13 +110,6 @@ def _write_all(maps: Mapping[Path, Map], folder: Path, *, any_gaps: bool) -> Non
             file.unlink()
         for file in Path(workspace).glob("*.h5"):
             file.replace(folder / file.name)
-
-
-def _is_converted(path: Path) -> bool:
-    if not h5py.is_hdf5(path):
-        return False
-    with h5py.File(path) as file:
-        return _MARK in file.attrs
 
 
 @dataclass(frozen=True)
@@ -191,7 +184,7 @@ class _Run:
         tables = []
         for place in places_of(self._path, self._map, self._i, column):
             if place not in self._tables:
-                opened = open_table(place.archive, place.table, self._map.text.layout)
+                opened = open_table(place.archive, place.table, self._map.text)
                 self._tables[place] = self._stack.enter_context(opened)
             tables.append(self._tables[place])
         having = [table for table in tables if table.has(column.column)] if len(tables) > 1 else tables

@@ -108,19 +108,6 @@ class Clock(Column):
         return self
 
 
-class Text(_Table):
-    """[text]: what cannot be recognised of texts, see `fit.telemetry.archives.Layout`."""
-
-    delimiter: Literal[",", ";", "\t", " "] | None = None
-    decimal: Literal[".", ","] = "."
-    header: Annotated[int, Field(ge=0)] | None = None
-
-    @property
-    def layout(self) -> Layout:
-        """The same as archives have it."""
-        return Layout(self.delimiter, self.decimal, self.header)
-
-
 class Source(_Table):
     """[[runs]]: where a run is; its attributes are among the extras.
 
@@ -153,7 +140,7 @@ class Map(_Table):
 
     schema_: Annotated[Literal["lpf-map/1"], Field(alias="schema", examples=[f'schema = "{SCHEMA}"'])]
     missing: Missing = []
-    text: Text = Text()
+    text: Layout = Layout()
     attributes: dict[str, object] = {}
     channels: Annotated[dict[str, Channel], Field(examples=["[channels] …"])]
     time: Clock | None = None

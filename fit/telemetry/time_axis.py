@@ -172,30 +172,21 @@ def _is_rounded(off: Array, digit: float, rate: float) -> bool:
 def check_agreement(place: str, stamps: Stamps, other_place: str, reference: Stamps) -> None:
     """Refuse the time stamps of one table that are not those of another table of the same run."""
     expected = "expected the same time stamps in all files of a run"
-    sizes = stamps.seconds.size, reference.seconds.size
-    if sizes[0] != sizes[1]:
-        raise InputError(f"{place}: {sizes[0]} samples, but {other_place} has {sizes[1]}, {expected}")
-    if stamps.t0 is None or reference.t0 is None:
-        off = stamps.start - reference.start
-    else:
-        off = (utc(stamps.t0) - utc(reference.t0)).total_seconds()
-    if sizes[0] < 2:
+    size = reference.seconds.size
+    if stamps.seconds.size != size:
+        raise InputError(f"{place}: {stamps.seconds.size} samples, but {other_place} has {size}, {expected}")
+    if size < 2:
         return  # too few samples in any case
-    step = float(reference.seconds[-1]) / (sizes[0] - 1)
+    off = stamps.start - reference.start
+    if stamps.t0 is not None and reference.t0 is not None:
+        off = (utc(stamps.t0) - utc(reference.t0)).total_seconds()
+    late = off + stamps.seconds - reference.seconds
+    step = float(reference.seconds[-1]) / (size - 1)
     digit = min(max(stamps.resolution, reference.resolution, 1e-3 * step), 0.5 * step)
-    if abs(off) > digit:
-        raise InputError(f"{place}: begins {abs(off):.10g} s {_order(off)} {other_place}, {expected}")
-    differences = stamps.seconds - reference.seconds
-    disagrees = np.abs(differences) > digit
-    if disagrees.any():
-        n = int(np.argmax(disagrees))
-        off = float(differences[n])
-        raise InputError(
-            f"{place}: sample {n} is {abs(off):.10g} s {_order(off)} that of {other_place}, {expected}"
-        )
-    mean = off + float(differences.mean())  # in which the rounding of stamps averages out
-    if abs(mean) > max(AGREEMENT, 1e-3 * step):
-        raise InputError(f"{place}: {abs(mean):.3g} s {_order(mean)} {other_place} on average, {expected}")
+    n, mean = int(np.argmax(np.abs(late) > digit)), float(late.mean())  # in the mean, rounding averages out
+    if abs(late[n]) > digit or abs(mean) > max(AGREEMENT, 1e-3 * step):
+        off, which = (float(late[n]), f"sample {n}") if abs(late[n]) > digit else (mean, "on average")
+        raise InputError(f"{place}: {which} {abs(off):.3g} s {_order(off)} {other_place}, {expected}")
 
 
 def check_start(place: str, stated: str, stamps: Stamps, fs: float) -> None:

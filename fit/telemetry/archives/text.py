@@ -13,14 +13,15 @@ import re
 from array import array
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from itertools import chain, islice
 from pathlib import Path
-from typing import IO, Any, TextIO, cast
+from typing import IO, Annotated, Any, Literal, TextIO, cast
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import Field
 
+from fit import files
 from fit.errors import InputError, shown
 from fit.files import key
 from fit.telemetry.archives.columns import MISSING, Column, Table, clean_unit, is_unit
@@ -47,9 +48,8 @@ _STAMP = re.compile(r"\d{4}[-/:]\d")
 Lines = Iterator[tuple[int, str]]
 
 
-@dataclass(frozen=True)
-class Layout:
-    """What a map states of texts; None for what is recognised.
+class Layout(files.Table, strict=True):
+    """What a map states of texts in its table [text]; None for what is recognised.
 
     Attributes
     ----------
@@ -61,9 +61,9 @@ class Layout:
         Number of lines above the data.
     """
 
-    delimiter: str | None = None
-    decimal: str = "."
-    header: int | None = None
+    delimiter: Literal[",", ";", "\t", " "] | None = None
+    decimal: Literal[".", ","] = "."
+    header: Annotated[int, Field(ge=0)] | None = None
 
 
 def read_text(path: Path, layout: Layout) -> Table:
@@ -178,7 +178,8 @@ def _read_table(path: Path, file: TextIO, layout: Layout) -> Table:
         sample += more  # a long header
     body = [(n, line) for n, line in sample if not _is_comment(line) and not _is_blank(line)]
     end = body[-1][1].strip(" ") if body else ""
-    delimiter = layout.delimiter or next((d for d in _DELIMITERS if d in end and d != layout.decimal), " ")
+    recognised: Iterator[str] = (d for d in _DELIMITERS if d in end and d != layout.decimal)
+    delimiter: str = layout.delimiter or next(recognised, " ")
     rows = [(n, _split(line, delimiter)) for n, line in body]
     last = [row for _, row in rows[1:][-_TAIL:] or rows]
     width = Counter(map(len, last)).most_common(1)[0][0] if last else 0

@@ -90,7 +90,7 @@ def test_text(folder, matrix, delimiter, end, head, encoding, decimal):
     path = folder / "a.txt"
     path.write_bytes(end.join([*"\n".join(lines).split("\n"), ""]).encode(encoding))
     names = columns if head else [str(k + 1) for k in range(len(columns))]
-    layout = Layout(delimiter if not head else None, decimal)
+    layout = Layout(delimiter=None if head else delimiter, decimal=decimal)
     assert_same(read(path, layout=layout), dict(zip(names, matrix.T, strict=True)))
     assert set(units(path, layout).values()) == ({"nm"} if "units" in head else set())
 
@@ -143,8 +143,8 @@ def test_unclear_texts_are_refused(tmp_path, fault):
 
 def test_what_a_map_states_of_texts(tmp_path):
     (tmp_path / "a.csv").write_text("0,5\n1,5\n")
-    assert_same(read(tmp_path / "a.csv", layout=Layout(",")), {"1": [0, 1], "2": [5, 5]})
-    assert_same(read(tmp_path / "a.csv", layout=Layout(";", ",")), {"1": [0.5, 1.5]})
+    assert_same(read(tmp_path / "a.csv", layout=Layout(delimiter=",")), {"1": [0, 1], "2": [5, 5]})
+    assert_same(read(tmp_path / "a.csv", layout=Layout(delimiter=";", decimal=",")), {"1": [0.5, 1.5]})
     (tmp_path / "a.csv").write_text(",0,1\n0,1.5,2.5\n")
     assert_same(
         read(tmp_path / "a.csv", layout=Layout(header=0)), {"1": [NAN, 0], "2": [0, 1.5], "3": [1, 2.5]}

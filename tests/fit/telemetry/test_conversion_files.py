@@ -66,15 +66,15 @@ def test_a_list_of_files_is_searched_for_the_columns(archive, channels):
 DISAGREEMENTS = {
     "start": (
         lambda name, t: t + 5 * (name == "f_x_1"),
-        "A_f_x_1.txt: column 1: begins 5 s after ",
+        "A_f_x_1.txt: column 1: sample 0 5 s after ",
     ),
     "steps": (
         lambda name, t: t + np.where(np.arange(N) > 99, 0.1, 0.0) * (name == "o_12"),
-        "A_o_12.txt: column 1: sample 100 is 0.1 s after that of ",
+        "A_o_12.txt: column 1: sample 100 0.1 s after ",
     ),
     "a fifth of a sample": (
         lambda name, t: t + 0.02 * (name == "f_x_1"),
-        "A_f_x_1.txt: column 1: 0.02 s after ",
+        "A_f_x_1.txt: column 1: on average 0.02 s after ",
     ),
 }
 

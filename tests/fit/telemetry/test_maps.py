@@ -93,9 +93,21 @@ FAULTS = {
     "mass beyond all floats": ('"1.928 kg"', 400 * "9", "attributes.m_tm: 9999"),
     "unit of a velocity": ('"pN"', '"m/s"', "channels.f_x_1.unit: unit 'm/s' does not measure what"),
     "delimiter": ('";"', '"|"', 'text.delimiter: "|" is not known'),
-    "start in words": ("2016-04-16T14:00:00Z", '"yesterday"', "'yesterday' is not a time"),
-    "start in seconds": ("2016-04-16T14:00:00Z", "1460815200", "1460815200 is not a text"),
-    "start without time": ("2016-04-16T14:00:00Z", "2016-04-16", "'2016-04-16' is a date without the time"),
+    "start in words": (
+        "2016-04-16T14:00:00Z",
+        '"yesterday"',
+        "attribute t0: 'yesterday', expected date and time",
+    ),
+    "start in seconds": (
+        "2016-04-16T14:00:00Z",
+        "1460815200",
+        "attribute t0: 1460815200, expected date and time",
+    ),
+    "start without time": (
+        "2016-04-16T14:00:00Z",
+        "2016-04-16",
+        "attribute t0: '2016-04-16', expected date and time",
+    ),
 }
 
 
@@ -150,7 +162,7 @@ def test_an_archive_without_a_map_points_to_the_template(lpfcosim, tmp_path, nam
     text = (tmp_path / "A.toml").read_text(encoding="utf-8")
     assert text.startswith("#:schema ./lpf-map.json\n")
     assert json.loads((tmp_path / "lpf-map.json").read_text(encoding="utf-8")) == maps.json_schema()
-    with pytest.raises(InputError, match=r"runs\[0\]: attribute t0: 'FILL IN' is not a time"):
+    with pytest.raises(InputError, match=r"runs\[0\]: attribute t0: 'FILL IN', expected date and time"):
         fit.load(tmp_path / "A.toml", tmp_path / "out")
     head, run, _ = text.split("\n[[runs]]\n")
     run = run.replace('t0 = "FILL IN"', "t0 = 2016-04-16T14:00:00Z").replace("FILL IN", name)
