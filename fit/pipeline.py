@@ -269,9 +269,11 @@ def _together(
     excess = exclusion_warnings(exclusions, len(agreed.experiments))
     warnings = (*contradictions, *of_runs, *test.warnings(), *excess)
     fit = _warned(fit_quality.as_fit(outcome, agreed.experiments), warnings)
-    sharing = Sharing(chosen.shared)
-    left_out = explain_exclusions(exclusions, campaign.experiments, single_fits, agreed, sharing)
-    return _Together(outcome, fit, left_out, agreed.statistics, correction)
+    if agreed.test:
+        exclusions = explain_exclusions(
+            exclusions, campaign.experiments, single_fits, agreed.outcome, agreed.test, Sharing(chosen.shared)
+        )
+    return _Together(outcome, fit, exclusions, agreed.statistics, correction)
 
 
 def _judged(

@@ -12,8 +12,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from fit.consistency.consistency_test import ConsistencyTest, consistency_test
+from fit.consistency.contradictions import contradiction_exclusions, largest_pull
 from fit.consistency.leverage import LEVERAGE, find_leverages, pull_limit
-from fit.consistency.likely_causes import contradiction_exclusions, largest_pull
 from fit.consistency.outlier_runs import find_outlier_runs, is_contradicted
 from fit.consistency.run_scores import RunScore, run_score
 from fit.consistency.scatter import estimate_scatter, scattering_parameters

@@ -1,117 +1,108 @@
-"""Why experiments are left out of the joint fit: the corrections of a run, ranked, as typed causes.
+"""What may be wrong with all of a run that disagrees with the others: explanations of a column each.
 
-Every run that is left out is tested with all corrections. The best is named if nothing but noise remains with
-it, together with those that the data do not distinguish from it. If one of these leaves more than noise, no
-cause is named: none is better than a wrong one.
+What the others determine, theta with covariance P, predicts the coefficients p of the columns of the run. Its
+own, c, differ by more than noise. An explanation changes the prediction by one amount at most: a channel that
+is ``a`` times what it should be divides the coefficients of its columns by ``a``; one that is late moves a
+delay; exchanged channels exchange columns; a wrong label takes the parameters of another one. The amount is
+fitted within the covariance of the prediction. The best explanation is named if nothing but noise remains
+with it, together with those that the data do not distinguish from it.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Protocol
+from functools import partial
 
 import numpy as np
+import scipy
+from numpy.typing import NDArray
 
 from fit.consistency.consistency_test import ConsistencyTest
-from fit.consistency.corrections import Candidate, segment_candidates, whole_run_candidates
-from fit.consistency.run_test import MAX_EXCESS, Correction, RunTest
+from fit.consistency.run_scores import RunScore, run_score
+from fit.consistency.score_test import ScoreTest
 from fit.errors import FitError
 from fit.false_alarms import p_limit
-from fit.fitting import IRLSResult
-from fit.model import Sharing
-from fit.parallel import parallel_map
-from fit.quality import Exclusion, noise_adaptation
-from fit.units import campaign_unit, concise_value
+from fit.fitting import IRLSResult, run_estimate
+from fit.model import Sharing, dynamics
+from fit.parameters import M_TM
+from fit.quality import Exclusion
+from fit.units import concise_value
 from fit.warnings import Cause
-from fit.whitening import Experiment
+from fit.whitening import Experiment, whitened_run
+
+Array = NDArray[np.float64]
+MakeCause = Callable[[float, float], Cause]  # of an amount and its sigma
 
 INDISTINCT = 10.0  # Delta chi^2 up to which the data do not distinguish two causes
-MAX_CAUSES = 4  # that are named
-SIMPLE = ("sign", "unit", "scale", "lag", "exchange", "jump")  # special cases of other kinds
-GAIN_KINDS = ("sign", "unit", "scale")  # that an implausible gain alone suggests
+AMOUNT = 2.0  # by which chi^2 must fall for an amount to be as likely as none
+SIGNIFICANT = 5.0  # sigma, from which an amount differs from zero
+EXACT_SCALE = 0.01  # relative, up to which a scale is a unit or a sign
+ITERATIONS = 4  # of the amount: the covariance of the prediction depends on it
+GAIN_KINDS = ("sign", "unit", "scale")  # that an implausible gain suggests
+PREFIXES = {1e3: "m", 1e6: "u", 1e9: "n", 1e12: "p"}
+#: The columns that are made of each channel.
+CHANNEL_COLUMNS = {
+    "o_1": ("o_1", "ddo_1"),
+    "o_12": ("o_12", "ddo_12"),
+    "f_x_1": ("f_1", "df_1"),
+    "f_x_2": ("f_2", "df_2"),
+}
+#: Delays that a channel lowers by being late by one second, in units of the gain.
+LATE = {"f_x_1": {"C_1": -1.0}, "f_x_2": {"C_2": -1.0}, "o_12": {"C_1": 1.0, "C_2": 1.0}}
+GAINS = {"C_1": "lambda_1", "C_2": "lambda_2"}
+#: Parameters of the run that the stiffness of each test mass is part of.
+STIFFNESSES = {"omega2_1": {"domega2_12": -1.0}, "omega2_2": {"omega2_2": 1.0, "domega2_12": 1.0}}
 
 
-class _JointFit(Protocol):
-    """The joint fit of the runs that agree."""
+@dataclass(frozen=True)
+class _Explanation:
+    """What may be wrong with a run.
+
+    Attributes
+    ----------
+    cause : callable
+        From the amount and its sigma to the cause.
+    parameter_map : ndarray, shape (Q, P)
+        From the joint parameters to those that the run should have.
+    shift : ndarray, shape (Q,)
+        Change of these by unit amount.
+    scaled : ndarray, shape (K,)
+        1 for coefficients of columns that grow by the amount, relative to themselves, 0 for others.
+    order : ndarray of int, shape (K,)
+        Whose coefficients the columns have.
+    tau : tuple of float
+        Delays [s] about which these are expanded.
+    """
+
+    cause: MakeCause
+    parameter_map: Array
+    shift: Array
+    scaled: Array
+    order: NDArray[np.intp]
+    tau: tuple[float, float]
 
     @property
-    def outcome(self) -> IRLSResult: ...
-
-    @property
-    def experiments(self) -> tuple[Experiment, ...]: ...
+    def has_amount(self) -> bool:
+        """Whether it has an amount."""
+        return bool(self.scaled.any() or self.shift.any())
 
 
 @dataclass(frozen=True)
 class _Rating:
-    """A candidate, chi^2 with its correction and its cost, and whether nothing but noise remains."""
+    """Amount and sigma of an explanation, chi^2 with it, and whether nothing but noise remains."""
 
-    candidate: Candidate
+    explanation: _Explanation
+    amount: float
+    sigma: float
     chi2: float
-    level: float
     is_noise: bool
-
-
-def rank_causes(test: RunTest, lenders: Sequence[Experiment]) -> tuple[Cause, ...]:
-    """Return the causes that explain a run and that the data do not distinguish, the likeliest first.
-
-    Parameters
-    ----------
-    test : RunTest
-        The run.
-    lenders : sequence of Experiment
-        Runs whose channels it may contain.
-    """
-    if test.recorded.is_noise:
-        return ()
-
-    def rate(candidate: Candidate) -> _Rating:
-        corrected = test.corrected(candidate.correction)
-        return _Rating(candidate, corrected.chi2 + candidate.cost, corrected.level, corrected.is_noise)
-
-    ratings = [rate(candidate) for candidate in whole_run_candidates(test, lenders)]
-    unexplained = test.recorded.chi2
-    explained = min((rating.chi2 for rating in ratings if rating.is_noise), default=unexplained)
-    min_gain = unexplained - explained - INDISTINCT if explained < unexplained else INDISTINCT
-    ratings += [rate(candidate) for candidate in segment_candidates(test, min_gain)]
-    # one that leaves less than noise fits noise
-    ratings = [rating for rating in ratings if rating.level > 1 / MAX_EXCESS]
-    if not ratings:
-        return ()
-    limit = INDISTINCT * max(1.0, min(rating.level for rating in ratings))
-    ratings.sort(key=lambda rating: rating.chi2)
-    likely = [rating for rating in ratings if rating.chi2 < ratings[0].chi2 + limit]
-    if not all(rating.is_noise for rating in likely):
-        return ()
-    causes = _simplest([rating.candidate.cause for rating in likely])
-    named = [cause for one in causes for cause in _authorities(one, test)]
-    return tuple(replace(cause, run=test.experiment.name) for cause in named[:MAX_CAUSES])
-
-
-def _simplest(causes: Sequence[Cause]) -> list[Cause]:
-    """Return those of which no simpler or likelier one is of the same channel."""
-    simple = {cause.channel for cause in causes if cause.kind in SIMPLE}
-    remaining = [cause for cause in causes if cause.kind in SIMPLE or cause.channel not in simple]
-    return list({(cause.kind, cause.channel): cause for cause in reversed(remaining)}.values())[::-1]
-
-
-def _authorities(cause: Cause, test: RunTest) -> Iterator[Cause]:
-    """Yield the authorities that make a stiffness that differs, then the cause itself."""
-    if cause.kind == "stiffness" and cause.size is not None and cause.sigma is not None:
-        j = int(cause.channel[-1])
-        F, N = test.telemetry.authority[j - 1]
-        for key, value, base, unit in (("F_max", F, "alpha_x", "N"), ("N_max", N, "alpha_phi", "N m")):
-            alpha = test.parameters.get(f"{base}_{j}")
-            size = value + cause.size / alpha if alpha else -1.0
-            if alpha and size >= 0:
-                words = f"its {key}_{j} is {size:.4g} and not {value:.4g} {unit}"
-                yield Cause("", f"{key}_{j}", "authority", size, cause.sigma / abs(alpha), unit, words)
-    yield cause
 
 
 def explain_exclusions(
     exclusions: Sequence[Exclusion],
     experiments: Sequence[Experiment],
     single_fits: Mapping[str, IRLSResult | FitError],
-    joint_fit: _JointFit,
+    joint: IRLSResult,
+    test: ConsistencyTest,
     sharing: Sharing,
 ) -> tuple[Exclusion, ...]:
     """Return the exclusions with the causes that explain them.
@@ -124,147 +115,154 @@ def explain_exclusions(
         All that could be masked.
     single_fits : mapping of str to IRLSResult or FitError
         The fit of each of them by itself.
-    joint_fit : ConsistentFit
+    joint : IRLSResult
         The joint fit of the others.
+    test : ConsistencyTest
+        Of these.
     sharing : Sharing
         What experiments share.
     """
-    known = {e.name: e for e in experiments}
-    consistent = {e.name for e in joint_fit.experiments}
-    lenders = [e for e in experiments if e.name not in consistent]
-
-    def run_test(name: str) -> RunTest | None:
-        single, e = single_fits.get(name), known[name]
-        single = single if isinstance(single, IRLSResult) else None
-        if e.noise is None and single is None:
-            return None
-        return RunTest(e, joint_fit.outcome, joint_fit.experiments, sharing, single)
-
-    names = [x.experiment for x in exclusions if x.experiment in known and x.evidence != "cause"]
-    tests = dict(zip(names, parallel_map(run_test, names), strict=True))
+    by_name, names = {e.name: e for e in experiments}, [p.name for p in joint.parameters]
+    epochs = {by_name[run.name].sysid.telemetry.alignment_epoch for run in test.runs}
 
     def explain(exclusion: Exclusion) -> Exclusion:
-        test = tests.get(exclusion.experiment)
-        if test is None or exclusion.evidence == "cause":
+        single = single_fits.get(exclusion.experiment)
+        is_open = exclusion.evidence in ("guess", "misfit") or exclusion.single_fit_code == "contradiction"
+        if not is_open or not isinstance(single, IRLSResult):
             return exclusion
-        if exchange := _exchanged_data(exclusion, exclusions, tests):
-            return replace(exclusion, causes=(exchange,))
-        causes = rank_causes(test, lenders)
+        e = by_name[exclusion.experiment]
+        run = e.sysid.telemetry
+        block = replace(single.whitened_runs[0], parameter_map=sharing.matrix(run, e.parameters, names))
+        score = run_score(e.name, block, run_estimate(e.name, block), joint.solution.theta)
+        maps = {
+            epoch: sharing.matrix(replace(run, alignment_epoch=epoch), e.parameters, names)
+            for epoch in sorted(epochs - {run.alignment_epoch})
+        }
+        causes = likely_causes(replace(test, runs=(*test.runs, score)), maps)
         if exclusion.evidence == "guess" and any(cause.kind in GAIN_KINDS for cause in causes):
             return exclusion
-        if exclusion.evidence in ("guess", "misfit") and causes:
-            return replace(exclusion, causes=causes, corrected=str(test.telemetry.path))
-        if exclusion.evidence == "misfit":
-            observations = (*exclusion.observations, *_peculiarities(test.experiment))
-            return replace(exclusion, observations=observations)
-        # segments are less specific than what was observed
-        return replace(exclusion, causes=tuple(cause for cause in causes if cause.kind != "segments"))
+        return replace(exclusion, causes=causes)
 
-    return tuple(parallel_map(explain, exclusions))
+    return tuple(map(explain, exclusions))
 
 
-def _exchanged_data(
-    exclusion: Exclusion, exclusions: Sequence[Exclusion], tests: Mapping[str, RunTest | None]
-) -> Cause | None:
-    """Return the exchange of data with another run that contradicts the others, None if there is none."""
-    names = [x.experiment for x in exclusions if x.single_fit_code == "contradiction"]
-    test = tests[exclusion.experiment]
-    if test is None or exclusion.experiment not in names:
-        return None
-    for name in names:
-        partner = tests[name]
-        labels = _exchanged_labels(test, partner) if partner and partner is not test else []
-        if labels:
-            words = (
-                f"its data and those of {name} look exchanged, each fits with the {' and '.join(labels)} of "
-                "the other"
-            )
-            return Cause(exclusion.experiment, "", "exchanged data", words=words)
-    return None
-
-
-def _exchanged_labels(test: RunTest, partner: RunTest) -> list[str]:
-    """Return the labels that differ between two runs if each run fits with those of the other."""
-    a, b = test.telemetry, partner.telemetry
-    differs = {
-        "authority": a.authority != b.authority,
-        "alignment epoch": a.alignment_epoch != b.alignment_epoch,
-    }
-    labels = [label for label, is_different in differs.items() if is_different]
-    fits = labels and all(
-        one.corrected(Correction(labels=run)).is_noise for one, run in ((test, b), (partner, a))
-    )
-    return labels if fits else []
-
-
-def _peculiarities(experiment: Experiment) -> list[Cause]:
-    """Return what is unusual about a run that nothing explains, though it is harmless in others."""
-    message = noise_adaptation.readout_message(experiment)
-    return [Cause(experiment.name, "o_1", "excess noise", words=message)] if message else []
-
-
-def contradiction_exclusions(
-    test: ConsistencyTest,
-    outliers: Sequence[int],
-    experiments: Sequence[Experiment],
-    probabilities: Mapping[str, float],
-) -> tuple[Exclusion, ...]:
-    """Return the runs that contradict the others, with what they contradict.
+def likely_causes(test: ConsistencyTest, epochs: Mapping[int, Array]) -> tuple[Cause, ...]:
+    """Return the causes that explain a run and that the data do not distinguish, the likeliest first.
 
     Parameters
     ----------
     test : ConsistencyTest
-        All runs.
-    outliers : sequence of int
-        Those that contradict the others, by number.
-    experiments : sequence of Experiment
-        All runs.
-    probabilities : mapping of str to float
-        By run, that it contradicts the others.
+        Runs that agree, and last the run that does not.
+    epochs : mapping of int to ndarray
+        Other alignment epochs that it may belong to, and the parameter maps that it would have.
     """
-    total, rest = test.total, test.without(outliers).total
-    names = [test.runs[i].name for i in outliers]
-    observation = (
-        f"{' and '.join(names)} contradict{'s' * (len(names) == 1)} the others, which agree without "
-        f"{'them' if len(names) > 1 else 'it'}: chi2 among all is {total.value:.4g} for "
-        f"{total.dof} degrees of freedom, among the others {rest.value:.4g} for {rest.dof}"
-    )
-    exclusions = []
-    for i, name in zip(outliers, names, strict=True):
-        numbers = [k for k in outliers if k != i]
-        remaining = test.without(numbers)
-        position = i - sum(k < i for k in numbers)
-        agrees = test.runs[i].noise_level == 1 and remaining.of_runs([position]).p > p_limit("runs")
-        # from the other outliers, or from all
-        largest = (
-            largest_pull(test, i, experiments[i])
-            if agrees
-            else largest_pull(remaining, position, experiments[i])
-        )
-        cause = Cause(name, "", "contradiction", words=f"{observation}; {name} {largest}")
-        exclusions.append(
-            Exclusion(name, (cause,), "rejected", "contradiction", probability=probabilities.get(name))
-        )
-    return tuple(exclusions)
+    *others, run = test.runs
+    if tuple(run.equation.names) != dynamics.PARAMETERS:
+        return ()
+    rest = replace(test, runs=tuple(others))
+    run = replace(run, theta=run.theta + rest.step())
+    covariance = rest.covariance() * np.outer(test.width, test.width)
+    none, *ratings = [_rate(x, run, covariance) for x in _explanations(run, epochs)]
+    best = min(rating.chi2 for rating in ratings)
+    likely = sorted((r for r in ratings if r.chi2 < best + INDISTINCT), key=lambda rating: rating.chi2)
+    if none.is_noise or not all(rating.is_noise for rating in likely):
+        return ()
+    causes = [r.explanation.cause(r.amount, r.sigma) for r in likely]
+    return tuple(replace(cause, run=run.name) for cause in causes)
 
 
-def largest_pull(test: ConsistencyTest, i: int, experiment: Experiment) -> str:
-    """Describe the parameter of a run that differs most from what the others determine, in sigmas."""
-    score, rest = test.runs[i], test.without((i,))
-    theta = score.run_theta + score.equation.parameter_map @ rest.step()
-    share = score.equation.parameter_map * rest.width
-    sigma = np.sqrt(np.einsum("ij,jk,ik->i", share, rest.covariance(), share))
-    single, single_sigma = score.single_fit()
-    names = score.equation.names
-    n = len(names)
-    shared = sigma[:n] > 0  # the others have no delta_ifo of an epoch that they do not belong to
-    pulls = np.where(shared, np.abs(single[:n] - theta[:n]) / np.hypot(single_sigma[:n], sigma[:n]), 0.0)
-    if not np.any(pulls > 0):
-        return "agrees with them"
-    k = int(np.argmax(pulls))
-    name, run = names[k], experiment.sysid
-    units = {p.name: p.unit for p in run.spacecraft.parameters(run.telemetry, experiment.parameters)}
-    return (
-        f"alone puts {name} at {concise_value(single[k], single_sigma[k])}, the others at "
-        f"{concise_value(theta[k], sigma[k])} {campaign_unit(units.get(name, '1'))}"
-    ).rstrip()
+def _rate(explanation: _Explanation, run: RunScore, covariance: Array) -> _Rating:
+    """Fit the amount of an explanation; `covariance`, shape (P, P), is that of the joint parameters."""
+    equation, estimate, share = run.equation.equation, run.estimate, explanation.parameter_map
+    root, P = whitened_run.matrix_sqrt(covariance).T, run.theta.size
+    amount, sigma = 0.0, 0.0
+    for _ in range(ITERATIONS if explanation.has_amount else 1):
+        theta = share @ run.theta + amount * explanation.shift
+        growth = 1 + amount * explanation.scaled
+        p = equation.coefficients(theta, explanation.tau)[explanation.order]
+        slope = equation.gradient(theta, explanation.tau)[explanation.order]
+        changes = np.column_stack([slope @ share @ root, slope @ explanation.shift]) * growth[:, None]
+        changes[:, -1] += explanation.scaled * p
+        p = p * growth
+        changes = (changes - np.outer(p, changes[0]) / p[0])[1:] / p[0]  # the coefficient of the first is 1
+        residual = estimate.root @ (p[1:] / p[0] - estimate.c)
+        rows = np.vstack([estimate.root @ changes, np.eye(P, P + 1)])
+        test = ScoreTest(np.append(residual, np.zeros(P)), rows[:, :P])
+        result = test.test(rows[:, P:])
+        amount, sigma = amount - float(result.amounts[0]), float(result.sigmas[0])
+    chi2 = test.chi2 - result.delta_chi2
+    is_significant = abs(amount) > SIGNIFICANT * sigma or not explanation.has_amount
+    p_value = scipy.special.chdtrc(residual.size - explanation.has_amount, chi2)
+    is_noise = is_significant and bool(p_value > p_limit("runs"))
+    return _Rating(explanation, amount, sigma, chi2 + AMOUNT * explanation.has_amount, is_noise)
+
+
+def _explanations(run: RunScore, epochs: Mapping[int, Array]) -> Iterator[_Explanation]:
+    """Yield that nothing is wrong, then what may be."""
+    share, tau = run.equation.parameter_map, run.equation.tau
+    K = len(share) + 1
+    index = {name: k for k, name in enumerate(dynamics.COLUMNS)}
+    columns = {name: [index[column] for column in of] for name, of in CHANNEL_COLUMNS.items()}
+    measured = np.append(True, run.estimate.root.any(axis=0))
+    live = [name for name, of in columns.items() if measured[of].all()]
+    theta = dict(zip(dynamics.PARAMETERS, run.run_theta.tolist(), strict=False))
+    none = _constant(Cause("", "", ""))
+    nothing = _Explanation(none, share, np.zeros(K - 1), np.zeros(K), np.arange(K), tau)
+
+    def shifted(cause: MakeCause, shifts: Mapping[str, float]) -> _Explanation:
+        names = dynamics.PARAMETERS
+        weights = [shifts.get(name, 0.0) for name in names] + [0.0] * (K - 1 - len(names))
+        return replace(nothing, cause=cause, shift=np.array(weights))
+
+    yield nothing
+    for name in live:
+        scaled = np.zeros(K)
+        scaled[columns[name]] = 1.0
+        yield replace(nothing, cause=partial(_scale_cause, name), scaled=scaled)
+        shifts = {C: weight * theta[GAINS[C]] for C, weight in LATE.get(name, {}).items()}
+        if shifts:
+            yield shifted(partial(_lag_cause, name), shifts)
+    for a, b, delays in (("o_1", "o_12", tau), ("f_x_1", "f_x_2", tau[::-1])):
+        order = nothing.order.copy()
+        order[columns[a] + columns[b]] = columns[b] + columns[a]
+        cause = Cause("", f"{a} {b}", "exchange", words=f"{a} and {b} are exchanged")
+        yield replace(nothing, cause=_constant(cause), order=order, tau=delays)
+    for epoch, parameter_map in epochs.items():
+        cause = Cause("", "alignment_epoch", "label", epoch, words=f"its alignment epoch is {epoch}")
+        yield replace(nothing, cause=_constant(cause), parameter_map=parameter_map)
+    for name, shifts in STIFFNESSES.items():
+        yield shifted(partial(_stiffness_cause, name), shifts)
+
+
+def _constant(cause: Cause) -> MakeCause:
+    return lambda *_: cause
+
+
+def _scale_cause(channel: str, growth: float, sigma: float) -> Cause:
+    """Return a sign, a unit, or a scale: the coefficient of a channel that is too large is too small."""
+    factor, sigma = 1 / (1 + growth), sigma / (1 + growth) ** 2
+
+    def cause(kind: str, words: str) -> Cause:
+        return Cause("", channel, kind, factor, sigma, "1", words)
+
+    tolerance = max(EXACT_SCALE, SIGNIFICANT * sigma / abs(factor))
+    if abs(factor + 1) < tolerance:
+        return cause("sign", f"{channel} has the wrong sign")
+    unit = "m s-2" if channel.startswith("f") else "m"
+    for size, prefix in PREFIXES.items():
+        for scale, name in ((size, f"{prefix}{unit}"), (1 / size, f"10^{round(np.log10(size))} {unit}")):
+            if abs(factor / scale - 1) < tolerance:
+                return cause("unit", f"{channel} is in {name} and not in {unit}")
+    if channel.startswith("f") and abs(factor / M_TM - 1) < tolerance:
+        return cause("unit", f"{channel} is in N and not in m s-2")
+    return cause("scale", f"{channel} is {concise_value(factor, sigma)} times its correct value")
+
+
+def _lag_cause(channel: str, lag: float, sigma: float) -> Cause:
+    words = f"{channel} is {'late' if lag > 0 else 'early'} by {concise_value(abs(lag), sigma)} s"
+    return Cause("", channel, "lag", lag, sigma, "s", words)
+
+
+def _stiffness_cause(name: str, difference: float, sigma: float) -> Cause:
+    words = f"{name} differs by {concise_value(difference, sigma)} s-2 from that of the authority in the file"
+    return Cause("", name, "stiffness", difference, sigma, "s-2", words)

@@ -15,9 +15,8 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from fit.consistency.fault_templates import MODEL_TEMPLATES, Template
+from fit.consistency.fault_templates import MODEL_TEMPLATES, RunSeries, Template
 from fit.consistency.score_test import ScoreTest
-from fit.consistency.template_effects import RunSeries
 from fit.false_alarms import chi2_limit, p_limit, sigma_limit
 from fit.model import dynamics
 from fit.parallel import parallel_map

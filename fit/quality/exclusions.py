@@ -28,8 +28,6 @@ class Exclusion:
         than that the run does not fit.
     causes : tuple of Cause
         What explains the observations; several where the data do not distinguish them.
-    corrected : str
-        File of the run if its samples, corrected for the cause, agree with the other experiments.
     probability : float or None
         That the run contradicts the others; None where it was not compared with them.
     """
@@ -40,7 +38,6 @@ class Exclusion:
     single_fit_code: str = "invalid_data"
     evidence: Evidence = "sign"
     causes: tuple[Cause, ...] = ()
-    corrected: str = ""
     probability: float | None = None
 
     @property
@@ -50,12 +47,8 @@ class Exclusion:
 
     def message(self) -> str:
         """Return the observations and their causes as one sentence."""
-        if self.corrected:
-            return f"{self.corrected}: {either(self.causes)}; corrected, it agrees with the others"
         if self.causes:
             return f"{self.experiment}: perhaps {either(self.causes)}; {self.reason}"
-        if self.single_fit_code == "contradiction":
-            return f"{self.reason}; no single cause that was tried explains it"
         return self.reason
 
     @property

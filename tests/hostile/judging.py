@@ -13,7 +13,7 @@ from tests.hostile.spoiling import clean
 from tests.oracles.thirteen import PLANS, TRUTH
 
 FAR = 5.0  # sigma
-UNNAMED = ("no single cause", "no channel alone", "does not fit either")
+UNNAMED = ("alone puts", "does not fit either")
 LONG = "D3"
 NARROW = 0.85  # of the sigma without the fault, upon which no copy may improve
 RESTS = "high_leverage"  # said of a clean campaign too

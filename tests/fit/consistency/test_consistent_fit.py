@@ -54,8 +54,7 @@ def test_outlier_is_left_out():
     assert not results.joint.unsound
     check_estimates(results.joint)
     (message,) = left_out(results)
-    assert re.match(r"left out of the joint fit: B.*F_max_2 is 1\.[01]", message)
-    assert "omega2_2 differs" in message
+    assert re.match(r"left out of the joint fit: B: perhaps omega2_2 differs by 3\.[45]", message)
     assert results.experiments["B"].unsound
     agreement = results.provenance.extra["agreement"]
     assert set(agreement) == {"", "A", "B", "C", "D", "E"}
@@ -132,19 +131,13 @@ def test_ambiguous_authority_leaves_out_no_run():
     assert "the data do not show which of them is wrong" in warning.message
 
 
-@pytest.mark.parametrize(
-    ("counts", "expected"),  # from 1e11 or 1e12 on, rounding leaves nothing of what they say
-    [
-        (3e9, r"A-sysid.*: o_12 is 3\.\d*\(\d+\)e\+09 times its correct value"),
-        (3e13, "channels do not follow the equation"),
-    ],
-)
-def test_counts_of_a_converter_cost_no_other_run_its_fit(counts, expected):
+@pytest.mark.parametrize("counts", [3e9, 3e13])  # of which rounding leaves less and less
+def test_counts_of_a_converter_cost_no_other_run_its_fit(counts):
     results = calibrate(replace_runs("A", channel("o_12", lambda x: counts * x))(campaign()))
     assert not results.joint.unsound
     check_estimates(results.joint)
     (message,) = left_out(results)
-    assert re.search(expected, message)
+    assert "A-sysid.h5: the channels do not follow the equation" in message
 
 
 def test_two_runs_that_disagree_are_both_doubtful():
