@@ -182,6 +182,8 @@ def scattered(outcome: IRLSResult) -> list[FitWarning]:
 def doubts(outcome: IRLSResult, experiments: Sequence[Experiment]) -> list[FitWarning]:
     """Warn of assumptions behind the sigmas that may be violated."""
     warnings = without_noise_run(e.name for e in experiments if e.noise is None)
+    if not outcome.determined and not outcome.exact.all():
+        warnings.append(FitWarning("no_estimate", (), "the data determine no parameter"))
     for experiment in experiments:
         noise = experiment.noise or experiment.sysid
         lacking = ", ".join(sorted({*experiment.sysid.channels.means} - {*noise.channels.means}))
@@ -275,14 +277,14 @@ def suspects(single_fits: Mapping[str, IRLSResult | FitError]) -> dict[str, str]
             reasons[name] = f"{name} alone does not fit either"
             continue
         ratio = single.solution.chi2 / single.solution.dof
-        if ratio > noise_tests.MAX_CHI2_RATIO:
+        if ratio > 1 and not noise_tests.is_plausible(ratio, single.solution.dof):
             reasons[name] = f"{name} alone leaves {ratio:.3g} times the power of the noise"
     return reasons
 
 
 def is_off(fit: Fit) -> bool:
     """Return whether chi2 and its degrees of freedom have nothing to do with each other."""
-    return not noise_tests.is_plausible(fit.chi2 / max(fit.dof, 1))
+    return not noise_tests.is_plausible(fit.chi2 / max(fit.dof, 1), fit.dof)
 
 
 def of_experiment(name: str, fit: Fit) -> list[FitWarning]:

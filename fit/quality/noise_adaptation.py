@@ -157,9 +157,12 @@ def marginalised_warning(
 def misfits(experiments: Sequence[Experiment], result: IRLSResult) -> list[FitWarning]:
     """Return a warning for each run whose residual has another power than its noise run."""
     warnings = []
+    dofs = {e.name: run.size for e, run in zip(experiments, result.whitened_runs, strict=True)}
     for name, ratio in misfit_ratios(experiments, result).items():
         message = f"{name}: the simulated loop leaves {ratio:.3g} times the power of the noise run"
-        warnings.append(FitWarning("chi2" if noise_tests.is_plausible(ratio) else MISMATCH, (), message))
+        warnings.append(
+            FitWarning("chi2" if noise_tests.is_plausible(ratio, dofs[name]) else MISMATCH, (), message)
+        )
     return warnings
 
 

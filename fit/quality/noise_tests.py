@@ -44,8 +44,7 @@ N_BANDS = BAND_EDGES.size - 1
 TESTS_PER_RUN = N_BANDS + 2  # level of every band, chi^2, read-out noise
 MIN_BINS = 8  # of a band
 READOUT_BAND = (0.04, np.inf)  # Hz: o_1 adds to Delta g beyond its noise; no leakage of injections far below
-CHI2_TOLERANCE = 0.2  # of chi^2 / dof: 10 % of the sigmas, less is of no consequence
-MAX_CHI2_RATIO = 1.5  # beyond, the uncertainties are not valid
+MAX_DEPARTURE = 7.5  # of chi^2, in standard deviations of as many numbers: 5 with window and error of the PSD
 MAX_POWER_RATIO = 100.0  # beyond, the noise run does not represent the noise at all
 NORMAL_SCORES = np.linspace(-3.25, 3.25, QUANTILES)  # at which quantiles of the residual are given
 N_DRAWS = 4000  # of the Kolmogorov-Smirnov statistic: +- 0.003 at a p-value of 5 %
@@ -236,13 +235,17 @@ def chi2_ratio(result: IRLSResult, *indices: int) -> tuple[float, float]:
 
 
 def is_misfit(ratio: float, sigma: float, n_runs: int) -> bool:
-    """Return whether chi^2 / dof differs from 1, significantly and by more than `CHI2_TOLERANCE`."""
-    return abs(ratio - 1) > max(CHI2_TOLERANCE, sigma_limit("residual power", n_tests(n_runs)) * sigma)
+    """Return whether chi^2 / dof differs from 1 significantly."""
+    return abs(ratio - 1) > sigma_limit("residual power", n_tests(n_runs)) * sigma
 
 
-def is_plausible(ratio: float) -> bool:
-    """Return whether the sigmas may be valid at this chi^2 / dof."""
-    return 1 / MAX_CHI2_RATIO < ratio < MAX_CHI2_RATIO
+def is_plausible(ratio: float, dof: int) -> bool:
+    """Return whether the sigmas may be valid at this chi^2 / dof.
+
+    An excess E of chi^2 may be an effect that moves a parameter by the root of E in sigmas: the limit is no
+    fixed ratio but what chance makes.
+    """
+    return abs(math.log(max(ratio, 1e-300))) < MAX_DEPARTURE * math.sqrt(2 / max(dof, 1))
 
 
 def is_broadband(residual: WhitenedResidual, bands: NDArray[np.intp], n_runs: int) -> bool:

@@ -55,7 +55,13 @@ WARNING_KINDS: Mapping[str, WarningKind] = {
         "frequency is an effect missing from the model, a raised floor means that the noise run does not "
         "represent the noise; do not rely on the sigmas until the cause is known.",
         severity=Severity.FAILURE,
-        headline="χ² is off by more than 20 %, and sigmas by more than 10 %",
+        headline="χ² is off by more than chance makes it",
+    ),
+    "no_estimate": WarningKind(
+        "Inject more, longer or at more frequencies; check the units of channels and attributes.",
+        severity=Severity.FAILURE,
+        headline="Determines no parameter",
+        unsound=True,
     ),
     "noise_mismatch": WarningKind(
         "Pair the experiment with a noise run of the same authority and season; if the excess lies at "

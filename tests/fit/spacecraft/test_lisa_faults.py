@@ -44,6 +44,35 @@ def test_estimates_from_faulty_channels_are_not_sound(changes, code, words):
     assert any(w.code == code and w.message.startswith(words) for w in joint.unsound)
 
 
+def with_geometry(**attributes):
+    """Return the campaign with other attributes."""
+    return [replace(run, attributes={**run.attributes, **attributes}) for run in campaign()]
+
+
+@pytest.mark.parametrize(
+    "runs",
+    [
+        lambda: with_channels(o_1=lambda c: c["o_1"] + 1e-3 * c["grs_y_1"]),
+        lambda: with_geometry(half_opening=np.pi / 6 + 3e-4),
+        lambda: with_channels(
+            o_1=lambda c: c["o_1"] + 1e-3 * c["grs_y_1"], grs_y_1=lambda c: c["grs_y_1"] - 1e-3 * c["o_1"]
+        ),
+    ],
+    ids=["misaligned interferometer", "half opening", "turned read-out"],
+)
+def test_geometry_that_is_not_what_is_stated_is_not_sound(runs):
+    joint = fit.calibrate(runs()).joint
+    assert "D_x and D_y contradict each other in A" in joint.unsound[0].message
+
+
+def test_misalignment_that_is_named_is_fitted():
+    runs = with_channels(o_1=lambda c: c["o_1"] + 1e-3 * c["grs_y_1"])
+    joint = fit.calibrate(runs, parameters={"o_per_y_1": {}, "o_per_y_2": {}}).joint
+    assert not joint.unsound
+    truth = {**WORLD.truth, "o_per_y_1": 1e-3, "o_per_y_2": 0.0}
+    assert max(abs(e.value - truth[name]) / e.sigma for name, e in joint.parameters.items()) < 4
+
+
 @pytest.mark.parametrize("channel", ["o_2", "grs_y_1", "F_y_2"])
 def test_channel_in_another_unit_is_named(channel):
     runs = with_channels(**{channel: lambda c: 1e3 * c[channel]})
