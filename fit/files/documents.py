@@ -15,16 +15,6 @@ MAX_SIZE = 2**24  # bytes
 MAX_TOML = 2**20  # bytes; what is written by hand
 # tomllib takes minutes and gigabytes for a key of thousands of parts
 _DEEP_KEY = re.compile(r"""(?<![\w"'-])(?:[\w"'-]+[ \t]*\.[ \t]*){100}""")
-_WRITE = {  # what tomllib says, and what to write instead
-    "cannot overwrite a value": "; a key or [table] may occur once, a list of tables is written [[name]]",
-    "invalid statement": ", expected key = value or [table]",
-    "invalid value": ", text must be in quotes",
-    "invalid date or datetime": ", a time is written as in 2016-04-16T14:00:00Z",
-    "expected newline or end of document after a statement": (
-        "; text must be in quotes, and a time is written as in 2016-04-16T14:00:00Z"
-    ),
-    "unclosed array": ", a list ends with ] and has commas between its values",
-}
 _Content = TypeVar("_Content")
 
 
@@ -69,20 +59,9 @@ def toml(path: Path, kind: str) -> dict[str, Any]:
     except RecursionError:
         raise InputError(deep) from None
     except tomllib.TOMLDecodeError as error:
-        raise InputError(f"{path}: {_toml_problem(str(error))}") from None
+        raise InputError(f"{path}: {' '.join(str(error).split())[:300]}") from None
     except ValueError:  # what is left: Python refuses to convert thousands of digits
         raise InputError(f"{path}: holds a number of too many digits, expected {kind}") from None
-
-
-def _toml_problem(message: str) -> str:
-    """Turn tomllib's "What (at line 3, column 5)" into "line 3, column 5: what", and say what to write."""
-    match = re.fullmatch(r"(.*) \(at (.*)\)", " ".join(message.split()))
-    if not match:
-        return message[:200]
-    problem = f"{match[1][0].lower()}{match[1][1:200]}"
-    if (problem, match[2]) == ("invalid value", "end of document"):  # in a list or behind an equals sign
-        return "end of document: a value is missing, or the ] of a list"
-    return f"{match[2]}: {problem}{_WRITE.get(problem, '')}"
 
 
 def from_json(path: Path, kind: str, schema: str, content: type[_Content]) -> _Content:

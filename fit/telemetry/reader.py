@@ -262,7 +262,8 @@ def check_channels(telemetry: Telemetry) -> None:
         markers = channel_attribute(file, telemetry.units, "missing_value")
     for name, values in telemetry.channels.items():
         place = f"{short_path(telemetry.path)}: channel {key(name)}"
-        if markers.get(name) is None:  # NaN states that there are none
+        marker = markers.get(name)
+        if not (isinstance(marker, float) and math.isnan(marker)):  # which states that there are none
             check_markers(place, name, values)
 
 

@@ -189,7 +189,7 @@ def in_archive(old, new, line=None):
 
 FAULTS = {
     "no map": (lambda map_path: map_path.unlink(), "map.toml: no such file"),
-    "no TOML": (in_map("schema = ", "schema "), r"map\.toml: line 1, column 8: expected '='"),
+    "no TOML": (in_map("schema = ", "schema "), r"map\.toml: Expected '=' .* \(at line 1, column 8\)"),
     "unknown schema": (in_map("lpf-map/1", "lpf-map/9"), r"schema: 'lpf-map/9', expected 'lpf-map/1'"),
     "missing channel": (in_map("f_x_2 = ", "f_x_3 = "), r"map\.toml: channels\.f_x_2: missing"),
     "unknown attribute of a run": (in_map("kind", "art"), r"map\.toml: runs\[0\]\.art: not known"),

@@ -204,6 +204,7 @@ def test_a_marker_in_telemetry(archive, channels):
     path = archive.convert().path
     with h5py.File(path, "r+") as file:
         file["o_12"][50::500] = -9999.0
+        file["o_12"].attrs["missing_value"] = 9.96921e36  # states another marker, not that there is none
     with pytest.raises(
         InputError,
         match=r"A\.h5: channel o_12: -9999 at sample 50, 5 times .* seems to mark missing samples",

@@ -58,7 +58,7 @@ BAD = [  # what to replace, by what, and what the sentence then begins with
     ('"90 mHz"', '"1e300 Hz"', 'control.drag_free.unity_gain: "1e300 Hz" is above 1000 Hz, which'),
     ('"90 mHz"', '"5 Hz"', "control.drag_free.unity_gain: 5 Hz is not below the Nyquist"),
     ('"90 deg"', '"1e300 deg"', 'experiments[1].injections[1].phase: "1e300 deg" is above'),
-    ("seed = 1", "seed = 1\nseed = 2", "line 5, column 9: cannot overwrite a value"),
+    ("seed = 1", "seed = 1\nseed = 2", "Cannot overwrite a value (at line 5, column 9)"),
 ]  # fmt: skip
 
 
@@ -76,7 +76,7 @@ def test_what_is_no_file_at_all(tmp_path):
     (tmp_path / "deep.toml").write_text("x = " + "[" * 100_000, encoding="utf-8")
     for name, words in {
         "absent.toml": "no such file",
-        "open.toml": "end of document: a value is missing, or the ] of a list",
+        "open.toml": r"Invalid value \(at end of document\)",
         "commas.toml": "unclosed array, a list ends with ] and has commas between its values",
         ".": "is a folder",
         "binary.toml": "is not UTF-8",
