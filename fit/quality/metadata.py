@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from fit.parallel import parallel_map
 from fit.quality import duplicates, samples, saturation
 from fit.quality.channel_units import unit_faults
+from fit.quality.exchanged_channels import exchange_faults
 from fit.quality.exclusions import Evidence, Exclusion, join_messages
 from fit.quality.initial_fit import initial_noise_psd
 from fit.quality.loop_response import response_faults
@@ -258,6 +259,7 @@ def _curvature_psd(x: Array, fs: float) -> tuple[Array, Array]:
 CHECKS: Mapping[str, Check] = {
     "duplicate noise": Check(_duplicate_noise),
     "units of channels": Check(_unit_faults),
+    "exchanged channels": Check(_per_experiment(exchange_faults, evidence="cause")),
     "levels of the test masses": Check(
         lambda experiments: chain.from_iterable(map(level_faults, experiments))
     ),

@@ -13,8 +13,18 @@ SPACECRAFT = {spacecraft.name: spacecraft for spacecraft in (PATHFINDER, LISA)}
 
 
 def spacecraft_of(telemetry: Telemetry) -> Spacecraft:
-    """Return the spacecraft of a run."""
-    return SPACECRAFT[telemetry.spacecraft]
+    """Return the spacecraft of a run.
+
+    Raises
+    ------
+    InputError
+        If it is not known.
+    """
+    name = telemetry.spacecraft
+    if name not in SPACECRAFT:
+        known = " or ".join(SPACECRAFT)
+        raise InputError(f"{telemetry.path}: attribute spacecraft: {name!r} is not known, expected {known}")
+    return SPACECRAFT[name]
 
 
 def check_same(telemetries: Sequence[Telemetry]) -> None:

@@ -130,7 +130,9 @@ class Telemetry(Displayed):
 
     @property
     def spacecraft(self) -> str:
-        """Of which it is: ``"LISA Pathfinder"``, or ``"LISA"``."""
+        """Of which it is, as its attribute states or its channels show: such as ``"LISA Pathfinder"``."""
+        if (stated := self.attributes.get("spacecraft")) is not None:
+            return str(stated)
         return "LISA" if has_lisa_channels(self.channels) else "LISA Pathfinder"
 
     @property

@@ -44,13 +44,15 @@ class World:
     thrust: float = 0.1e-6  # N
     torque: float = 0.05e-6  # N m
     fall_back: bool = False
+    half_opening: float = HALF_OPENING
 
     def __hash__(self) -> int:
         return id(self)
 
     def turn(self, j):
         """The matrix from housing j to the spacecraft; `opening` turns the first."""
-        angle = HALF_OPENING + self.geometry.get("opening", 0.0) if j == 1 else -HALF_OPENING
+        half = self.half_opening
+        angle = half + self.geometry.get("opening", 0.0) if j == 1 else -half
         return np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
 
     def housing(self, j):

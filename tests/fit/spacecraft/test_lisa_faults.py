@@ -44,6 +44,28 @@ def test_estimates_from_faulty_channels_are_not_sound(changes, code, words):
     assert any(w.code == code and w.message.startswith(words) for w in joint.unsound)
 
 
+def exchanged(*names):
+    """Return changes by which pairs of channels are exchanged."""
+    pairs = [(name, name.replace("_1", "_2")) for name in names]
+    both = [*pairs, *((b, a) for a, b in pairs)]
+    return {a: lambda c, b=b: c[b] for a, b in both}
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        (exchanged("o_1", "grs_y_1", "F_y_1"), "test masses 1 and 2 are exchanged"),
+        (exchanged("o_1"), "o_1 and o_2 are exchanged"),
+        (exchanged("grs_y_1"), "grs_y_1 and grs_y_2 are exchanged"),
+        ({"o_1": lambda c: -c["o_1"]}, "o_1 has the wrong sign"),
+        ({"grs_y_2": lambda c: -c["grs_y_2"]}, "grs_y_2 has the wrong sign"),
+    ],
+)
+def test_exchanged_channels_and_wrong_signs_are_named(changes, words):
+    with pytest.raises(fit.InputError, match=rf"A-sysid\.h5: {words}: the residual is"):
+        fit.calibrate(with_channels(**changes))
+
+
 def with_geometry(**attributes):
     """Return the campaign with other attributes."""
     return [replace(run, attributes={**run.attributes, **attributes}) for run in campaign()]
