@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from lpfcosim.errors import InputError
 from lpfcosim.linear.state_space import StateSpace
-from lpfcosim.modelica import numpy_models
+from lpfcosim.modelica import numerics, numpy_models
 
 Array = NDArray[np.float64]
 Values = Sequence[float]
@@ -57,9 +57,8 @@ class SampledModel:
 
     def __init__(self, name: str, parameters: Mapping[str, float], dt: float) -> None:
         self.name, self.dt = name, dt
-        self._module = module = numpy_models.load(name)
-        defaults = {parameter: value for parameter, (value, _) in module.PARAMETERS.items()}
-        self._equations = module.bind({name: float(x) for name, x in {**defaults, **parameters}.items()})
+        self._parameters = parameters
+        self._module = module = numpy_models.bind(name, parameters)
         self.inputs = tuple(module.INPUTS)
         self.outputs = tuple(module.OUTPUTS)
         #: Outputs that follow from states and parameters alone.
@@ -67,7 +66,7 @@ class SampledModel:
         #: Control laws, by the name of their part.
         self.controllers = tuple(module.ERRORS)
         self._check_clocks()
-        steps = np.array(self._equations.delay_times, dtype=float) / dt
+        steps = np.array(module.delay_times(), dtype=float) / dt
         if (steps < 0).any():
             raise InputError(f"{name}: a delay is negative, expected none or a positive one")
         self._whole = np.floor(steps + _ROUNDING).astype(int)
@@ -77,7 +76,7 @@ class SampledModel:
         self._memory = [(j, age) for j, ages in enumerate(self._age.tolist()) for age in range(1, ages + 1)]
 
     def _check_clocks(self) -> None:
-        times = self._equations.clocks
+        times = self._module.clocks()
         for start, period in zip(times[::2], times[1::2], strict=True):
             if abs(start) > 1e-6 * self.dt or abs(period - self.dt) > 1e-6 * self.dt:
                 raise InputError(f"{self.name}: samples every {period:g} s, expected {self.dt:g} s")
@@ -85,7 +84,7 @@ class SampledModel:
     @property
     def limits(self) -> dict[str, float]:
         """Largest magnitude of each output behind a limiter, SI."""
-        return dict(zip(self._module.LIMITED, self._equations.limits, strict=True))
+        return dict(zip(self._module.LIMITED, self._module.limits(), strict=True))
 
     @cached_property
     def _transition(self) -> Array:
@@ -94,9 +93,9 @@ class SampledModel:
         The old value of delay j acts up to its switch at ``_part[j]``, the new one after it; with
         G(t) the integral of exp(A s) over 0 < s < t, these make of it G(h) - G(h - part) and G(h - part).
         """
-        n, n_held = len(self._equations.state_starts), len(self._module.HELD)
-        A = np.array(self._equations.A, dtype=float).reshape(n, n)
-        B = np.array(self._equations.B, dtype=float).reshape(n, -1)
+        n, n_held = len(self._module.STATES), len(self._module.HELD)
+        A = np.array(self._module.A(), dtype=float).reshape(n, n)
+        B = np.array(self._module.B(), dtype=float).reshape(n, -1)
         times = [self.dt, *(self.dt - self._part)]
         unique, places = np.unique(times, return_inverse=True)
         augmented = np.block([[A, np.eye(n)], [np.zeros((n, 2 * n))]])
@@ -112,8 +111,8 @@ class SampledModel:
 
     def initial_outputs(self, u: Values) -> Values:
         """Return all outputs at the start, before any event, for inputs ``u``."""
-        x, z = self._equations.state_starts, self._equations.discrete_starts
-        return tuple(self._equations.outputs(x, u, self._equations.delay_values(u, z), z))
+        x, z = self._module.state_starts(), self._module.discrete_starts()
+        return tuple(self._module.outputs(x, u, self._module.delay_values(u, z), z))
 
     def stepper(self, u: Values, *, moves: bool) -> Callable[[Values], Values]:
         """Return a function that steps the model by a sample, from its start with inputs ``u``.
@@ -121,28 +120,28 @@ class SampledModel:
         It takes the inputs of the step and returns the outputs after it; those that follow from states
         alone if the model ``moves``, else all.
         """
-        equations = self._equations
-        events, delay_values, outputs = equations.events, equations.delay_values, equations.outputs
-        state_outputs, held_inputs = equations.state_outputs, self._module.HELD
-        x, z = list(map(float, equations.state_starts)), tuple(map(float, equations.discrete_starts))
+        module, undisturbed = self._module, [0.0] * len(self.controllers)
+        events, delay_values, outputs = module.events, module.delay_values, module.outputs
+        state_outputs, held_inputs = module.state_outputs, module.HELD
+        x, z = list(map(float, module.state_starts())), list(map(float, module.discrete_starts()))
         if not (x or len(self._age)):  # what remembers its sampled variables alone takes half the time
 
             def sample(u: Values) -> Values:
                 nonlocal z
-                z = events(x, z, u, ())
-                return tuple(outputs(x, u, (), z))
+                z = events(x, z, u, (), undisturbed)
+                return outputs(x, u, (), z)  # type: ignore[no-any-return]
 
             return sample
         delays = list(enumerate(zip(self._whole.tolist(), self._age.tolist(), strict=True)))
         history = deque([delay_values(u, z)] * (int(self._age.max(initial=0)) + 1))
         transition = self._transition if x else None
-        remainder, previous = equations.remainder if self._module.REMAINDER else None, None
+        remainder, previous = module.remainder if module.REMAINDER else None, None
 
         def step(u: Values) -> Values:
             nonlocal x, z, previous
             values = delay_values(u, z)
             d = [history[age - 1][j] if age else values[j] for j, (_, age) in delays]
-            z = events(x, z, u, d)
+            z = events(x, z, u, d, undisturbed)
             if delays:
                 history.pop()
                 history.appendleft(delay_values(u, z))
@@ -176,19 +175,19 @@ class SampledModel:
         sampled : mapping of str to float, optional
             Sampled variables that have other values.
         """
-        equations = self._equations
-        x, z = equations.state_starts, equations.discrete_starts
+        module, undisturbed = self._module, [0.0] * len(self.controllers)
+        x, z = module.state_starts(), module.discrete_starts()
         q = z
-        d = equations.delay_values(u, z)
+        d = module.delay_values(u, z)
         for _ in range(2):
-            q, z = z, equations.events(x, z, u, d)
-            d = equations.delay_values(u, z)
+            q, z = z, module.events(x, z, u, d, undisturbed)
+            d = module.delay_values(u, z)
         z = [(sampled or {}).get(name, value) for name, value in zip(self._module.DISCRETE, z, strict=True)]
         return OperatingPoint(x, q, u, d, z)
 
     def outputs_at(self, point: OperatingPoint) -> tuple[float, ...]:
         """Return all outputs at an operating point."""
-        return tuple(self._equations.outputs(point.x, point.u, point.d, point.z))
+        return tuple(self._module.outputs(point.x, point.u, point.d, point.z))
 
     def linearize(self, point: OperatingPoint, *, moves: bool) -> StateSpace:
         """Linearise one step about an operating point, with every limiter the identity.
@@ -206,20 +205,36 @@ class SampledModel:
             Its inputs are those of the model, then disturbances of the errors of its `controllers`; its
             outputs likewise, then the errors before these disturbances.
         """
+        functions = numpy_models.bind(self.name, self._parameters, derivatives=True)
         rows, disturbance = self._unit_rows()
         width = disturbance.shape[1]
         states = width - len(self.inputs) - len(disturbance)
-        rows["d"] = self._delayed_rows(self._rows("delay", point, rows | {"z": rows["q"]}), rows, self._age)
-        rows["z"], errors = self._event_rows(point, rows, disturbance)
-        issued = self._rows("delay", point, rows)
-        remainder = self._remainder_rows(point, rows, issued)
+
+        def derived(function: str, rows: Mapping[str, Array], **point: Values) -> Array:
+            """Return the rows of the values of a function by the chain rule, from those of its arguments."""
+            matrix = numerics.jacobian(getattr(functions, function), *point.values())
+            return np.asarray(matrix @ np.concatenate([rows[name] for name in point]))
+
+        x, q, u, d, z = point.x, point.q, point.u, point.d, point.z
+        delayed = derived("delay_values", rows | {"z": rows["q"]}, u=u, z=z)
+        rows["d"] = self._delayed_rows(delayed, rows, self._age)
+        undisturbed = [0.0] * len(disturbance)
+        before = rows | {"z": np.zeros((len(z), width)), "e": disturbance}
+        values = derived("event_values", before, x=x, q=q, u=u, d=d, z=z, e=undisturbed)
+        # each sampled variable follows from those before it as well
+        coupling = numerics.jacobian(lambda z: functions.event_values(x, q, u, d, z, undisturbed), z)
+        rows["z"] = scipy.linalg.solve_triangular(np.eye(len(z)) - coupling, values, lower=True)
+        errors = rows["z"][list(self._module.ERRORS.values())] - disturbance
+        issued = derived("delay_values", rows, u=u, z=z)
+        acting = rows | {"d": self._delayed_rows(issued, rows, self._age)}
+        remainder = derived("remainder", acting, x=x, u=u, d=d, z=z)
         next_states = self._state_rows(rows, issued, 1.5 * remainder - 0.5 * rows["r"])
         ages = np.array([(j, age - 1) for j, age in self._memory], dtype=int).reshape(-1, 2)
         remembered = [self._delayed_row(issued, rows, j, age) for j, age in ages]
         update = np.array([*next_states, *rows["z"], *remembered, *remainder]).reshape(states, width)
         if not moves:
             rows |= {"x": next_states, "d": self._delayed_rows(issued, rows, self._age - 1)}
-        output = np.vstack([self._rows("output", point, rows), errors])
+        output = np.vstack([derived("outputs", rows, x=x, u=u, d=d, z=z), errors])
         return StateSpace(
             A=update[:, :states],
             B=update[:, states:],
@@ -252,30 +267,6 @@ class SampledModel:
         delayed = [self._delayed_row(issued, rows, j, age) for j, age in enumerate(ages.tolist())]
         return np.array(delayed).reshape(-1, rows["u"].shape[1])
 
-    def _event_rows(
-        self, point: OperatingPoint, rows: Mapping[str, Array], disturbance: Array
-    ) -> tuple[Array, Array]:
-        """Return the rows of the sampled variables after their events, and of errors before disturbances."""
-        events: dict[int, list[tuple[str, int, float]]] = {}
-        partials = self._partials("event", point)
-        for (row, (group, i)), value in zip(self._module.EVENT_PARTIALS, partials, strict=True):
-            events.setdefault(row, []).append((group, i, value))
-        sampled = np.zeros((len(self._module.DISCRETE), rows["u"].shape[1]))
-        errors = np.zeros_like(disturbance)
-        controllers = {target: k for k, target in enumerate(self._module.ERRORS.values())}
-        for row, terms in events.items():  # each follows from those before it
-            for group, i, value in terms:
-                sampled[row] += value * (sampled if group == "z" else rows[group])[i]
-            if row in controllers:
-                errors[controllers[row]] = sampled[row]
-                sampled[row] += disturbance[controllers[row]]
-        return sampled, errors
-
-    def _remainder_rows(self, point: OperatingPoint, rows: Mapping[str, Array], issued: Array) -> Array:
-        """Return the rows of the remainder of the derivatives at the begin of the step."""
-        acting = self._delayed_rows(issued, rows, self._age)
-        return self._rows("remainder", point, {**rows, "d": acting})
-
     def _state_rows(self, rows: Mapping[str, Array], issued: Array, remainder: Array) -> Array:
         """Return the rows of the states after the step."""
         if not self._module.STATES:
@@ -285,17 +276,3 @@ class SampledModel:
         constant = np.zeros(rows["u"].shape[1])
         columns = np.array([*rows["x"], *held_rows, *old, *new, constant, *remainder])
         return np.asarray(self._transition @ columns)
-
-    def _partials(self, function: str, point: OperatingPoint) -> Values:
-        evaluate = getattr(self._equations, f"{function}_partials")
-        return tuple(evaluate(point.x, point.q, point.u, point.d, point.z))
-
-    def _rows(self, function: str, point: OperatingPoint, rows: Mapping[str, Array]) -> Array:
-        """Return the derivatives of delayed values or outputs by the chain rule."""
-        m = self._module
-        count = {"delay": len(self._age), "output": len(m.OUTPUTS), "remainder": len(m.REMAINDER)}[function]
-        result = np.zeros((count, rows["u"].shape[1]))
-        places = getattr(self._module, f"{function.upper()}_PARTIALS")
-        for (row, (group, i)), value in zip(places, self._partials(function, point), strict=True):
-            result[row] += value * rows[group][i]
-        return result

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping, Sequence
 
 import sympy as sp
+from sympy.solvers.solveset import NonlinearError
 
 from lpfcosim.modelica.evaluator import TIME
 from lpfcosim.modelica.event_functions import switches
@@ -15,11 +16,20 @@ def linear(
     expressions: Sequence[sp.Expr], symbols: Sequence[sp.Symbol], moving: set[sp.Symbol]
 ) -> tuple[sp.Matrix, sp.Matrix] | None:
     """Return M and r of ``expressions = M symbols + r``; None if M, or an ``if``, depends on what moves."""
-    matrix = sp.Matrix(expressions).jacobian(symbols) if symbols else sp.zeros(len(expressions), 0)
-    # The derivative of an `if` does not show its condition.
-    if matrix.free_symbols & moving or switches(expressions, moving):
+    if switches(expressions, moving):
         return None
-    return matrix, sp.Matrix(expressions).xreplace(dict.fromkeys(symbols, sp.S.Zero))
+    if not symbols:
+        return sp.zeros(len(expressions), 0), sp.Matrix(expressions)
+    if any(e.has(sp.Piecewise) for e in expressions):  # whose branches only a Jacobian differentiates
+        matrix = sp.Matrix(expressions).jacobian(symbols)
+        rest = sp.Matrix(expressions).xreplace(dict.fromkeys(symbols, sp.S.Zero))
+    else:
+        try:
+            matrix, negative = sp.linear_eq_to_matrix(list(expressions), list(symbols))
+        except NonlinearError:
+            return None
+        rest = -negative
+    return None if matrix.free_symbols & moving else (matrix, rest)
 
 
 def split_derivatives(

@@ -26,6 +26,7 @@ static double modelica_abs(double x) { return fabs(x); }
 static double modelica_sign(double x) { return x != x ? x : (double)((x > 0) - (x < 0)); }
 static double modelica_min(double x, double y) { return x < y || x != x ? x : y; }
 static double modelica_max(double x, double y) { return x > y || x != x ? x : y; }
+static double modelica_limit(double x, double size) { return modelica_max(-size, modelica_min(size, x)); }
 static double modelica_floor(double x) { return floor(x); }
 static double modelica_ceil(double x) { return ceil(x); }
 """

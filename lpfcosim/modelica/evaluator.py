@@ -49,6 +49,7 @@ _ELEMENTARY: dict[str, Callable[..., sp.Expr]] = {
 _NO_NUMBERS = {sp.zoo, sp.oo, -sp.oo, sp.nan, sp.I}
 
 TIME = sp.Symbol("time", real=True)
+LIMITER = "LISAPathfinder.Functions.limit"  # stays opaque: a linearisation takes it for the identity
 Scope = Mapping[str, Algebra]
 
 
@@ -233,6 +234,8 @@ class Evaluator:
         if name in self._calling:
             self.refuse(f"recursive function '{name}'")
         arguments = [self(a, scope) for a in body["args"]]
+        if name == LIMITER:
+            return map_elements(EVENT_FUNCTIONS["limit"], *arguments)
         self._calling.append(name)
         result = self._inlined(function, arguments)
         self._calling.pop()

@@ -16,13 +16,14 @@ def either(condition: Any, value: sp.Expr, otherwise: sp.Expr) -> sp.Expr:
 # Opaque: C functions of the same name in the runtime; a NaN comes out of them as NaN.
 EVENT_FUNCTIONS = {
     name: sp.Function(f"modelica_{name}", real=True)
-    for name in ("abs", "sign", "min", "max", "floor", "ceil")
+    for name in ("abs", "sign", "min", "max", "floor", "ceil", "limit")
 }
 # Their derivatives by argument; the others are level between their jumps.
 _SLOPES: dict[str, Callable[..., Any]] = {
     "modelica_abs": lambda _, x: EVENT_FUNCTIONS["sign"](x),
     "modelica_min": lambda i, x, y: either(x < y, sp.Integer(i == 1), sp.Integer(i == 2)),
     "modelica_max": lambda i, x, y: either(x > y, sp.Integer(i == 1), sp.Integer(i == 2)),
+    "modelica_limit": lambda i, _x, _size: sp.Integer(i == 1),  # as long as nothing is limited
 }
 
 

@@ -4,36 +4,61 @@ from __future__ import annotations
 
 import functools
 import hashlib
-import importlib.util
 import os
 from collections.abc import Iterable, Mapping
 from pathlib import Path
-from types import ModuleType
+from types import CodeType, SimpleNamespace
+from typing import Any
 
 from lpfcosim.errors import InputError
-from lpfcosim.modelica import build, prebuilt
+from lpfcosim.modelica import build, numerics, prebuilt
 
 GROUP = "numpy"
 _TOOLS = ("rumoca", "sympy")
 _PROBLEM = "the Modelica models cannot be translated"
 
 
-@functools.cache
-def load(model: str) -> ModuleType:
-    """Return the module of a model, see `numpy_printer`.
+def load(model: str) -> SimpleNamespace:
+    """Return the tables of a model, see `numpy_printer`.
 
     Raises
     ------
     InputError
         If it has to be translated and the tools for that are not installed, or the model is wrong.
     """
+    return _bound(model, (), False)
+
+
+def bind(model: str, parameters: Mapping[str, float], *, derivatives: bool = False) -> SimpleNamespace:
+    """Return the functions of a model with values of its parameters.
+
+    Parameters
+    ----------
+    model : str
+        Its name.
+    parameters : mapping of str to float
+        SI; what is missing has the default of the model.
+    derivatives : bool
+        Whether the functions are for `numerics.jacobian`, not for numbers.
+    """
+    values = (float(parameters.get(name, value)) for name, (value, _) in load(model).PARAMETERS.items())
+    return _bound(model, tuple(values), derivatives)
+
+
+@functools.lru_cache(maxsize=64)
+def _bound(model: str, values: tuple[float, ...], derivatives: bool) -> SimpleNamespace:
+    names: dict[str, Any] = dict(numerics.COMPLEX_STEPS if derivatives else numerics.NUMBERS)
+    names |= {f"p_{i}": value for i, value in enumerate(values)}
+    exec(_code(model), names)
+    if values or not names["PARAMETERS"]:
+        names |= {f"c_{i}": value for i, value in enumerate(names["calculated"]())}
+    return SimpleNamespace(**names)
+
+
+@functools.cache
+def _code(model: str) -> CodeType:
     path = _location(model)
-    specification = importlib.util.spec_from_file_location(f"lpfcosim_{model}", path)
-    assert specification is not None
-    assert specification.loader is not None
-    module = importlib.util.module_from_spec(specification)
-    specification.loader.exec_module(module)
-    return module
+    return compile(path.read_text(encoding="utf-8"), path, "exec")
 
 
 def write(model: str, path: Path) -> None:

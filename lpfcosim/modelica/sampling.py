@@ -65,7 +65,8 @@ def sort_assignments(
     evaluate: Evaluator, values: Mapping[sp.Symbol, sp.Expr], places: Mapping[sp.Symbol, Node]
 ) -> list[sp.Symbol]:
     """Sort symbols so that the value of each needs those before it only."""
-    graph = {symbol: value.free_symbols & values.keys() for symbol, value in values.items()}
+    # sorted, so that the same model gives the same order in every process
+    graph = {s: sorted(value.free_symbols & values.keys(), key=str) for s, value in values.items()}
     try:
         return list(graphlib.TopologicalSorter(graph).static_order())
     except graphlib.CycleError as error:
