@@ -20,7 +20,6 @@ from fit.fitting import parameter_values, user_params
 from fit.forecasting import coverage
 from fit.results import Provenance, Results, check_results, results_file, telemetry_files
 from fit.settings import ParameterSettings, refuse_fmu_parameters, settings
-from fit.tables import latex, notebook  # noqa: F401 - for how what is returned shows itself
 from fit.telemetry import Telemetry, check_runs, conversion, read_all, short_paths
 from fit.tilt_to_length import Measurements, read_measurements, subtraction_spectra, ttl_fit
 

@@ -17,7 +17,6 @@ _PRODUCT = re.compile(r"·|\.(?=[^\W\d_])")  # as in N·m and N.m
 # No unit needs 9^9^9^9 or (9 m)^9999, and none may take for ever.
 _ENDLESS = re.compile(r"\d\s*(?:\^|\*\*)|\d{4}|(?:\)\s*(?:\^|\*\*).*){2}")
 _LONGEST = 80  # letters
-MAX_DECIMALS = 12  # of a value with its sigma in print
 _SPELLING = re.compile(r"[\w°·⁺⁻%^*/.(){}+\-\s]*")  # pint ignores any other sign
 
 
@@ -155,37 +154,18 @@ def _pint_spelling(unit: str) -> str:
     return f"1{text}" if text.startswith("/") else text
 
 
-def power_of_ten(value: float) -> int:
-    """Return the exponent a row shares: 0 from 0.01 to 9999, multiples of 3 above."""
-    exponent = math.floor(math.log10(abs(value))) if value else 0
-    if -2 <= exponent <= 3:
-        return 0
-    return exponent if exponent < 0 else 3 * (exponent // 3)
-
-
-def decimals(sigma: float) -> int:
-    """Return the decimals that show two digits of an uncertainty, one where it was given with one."""
-    if sigma <= 0:
-        return 6
-    digits = 1 if math.isclose(float(f"{sigma:.0e}"), sigma, rel_tol=1e-9) else 2
-    rounded = float(f"{sigma:.1e}")  # 0.0996 is 0.10
-    return max(0, digits - 1 - math.floor(math.log10(rounded or sigma) + 1e-9))
-
-
 def concise_value(value: float, sigma: float) -> str:
-    """Return a value with its sigma in units of the last digits, ``-3.983(52)e-07``.
+    """Return a value with its sigma in units of the last digits, ``-3.983(52)e-07``."""
+    from uncertainties import ufloat  # takes its time
 
-    Beyond `MAX_DECIMALS` both are written in full, ``1 ± 3.1e-15``.
-    """
     if not (math.isfinite(value) and 0 < sigma < math.inf):
         return f"{value:.6g}"
-    exponent = power_of_ten(max(value, sigma, key=abs))
-    scale = 10.0**exponent
-    places = decimals(sigma / scale)
-    if places > MAX_DECIMALS:
-        return f"{value:.9g} ± {sigma:.1e}"
-    digits = f"{sigma / scale:.{places}f}".replace(".", "").lstrip("0")
-    return f"{value / scale:.{places}f}({digits})" + (f"e{exponent:+03d}" if exponent else "")
+    return f"{ufloat(value, sigma):.{significant_digits(sigma)}uS}"
+
+
+def significant_digits(sigma: float) -> int:
+    """Return how many digits of an uncertainty are shown: two, one where it was given with one."""
+    return 1 if math.isclose(float(f"{sigma:.0e}"), sigma, rel_tol=1e-9) else 2
 
 
 def prior_text(mean: float, sigma: float, unit: str = "") -> str:

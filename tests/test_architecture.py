@@ -21,10 +21,10 @@ LAYERS = {
     "fit": (
         *(
             "errors",
-            "display",
             "units",
             "warnings",
             "parameters",
+            "tables",
             "requirements",
             "false_alarms",
             "files",
@@ -50,7 +50,6 @@ LAYERS = {
             "tilt_to_length",
             "deltag",
             "pipeline",
-            "tables",
             "comparison",
             "cross_checks",
             "figures",

@@ -147,7 +147,7 @@ def occurs(shown: list[str], printed: list[str]) -> bool:
 
 
 def alike(shown: str, printed: str) -> bool:
-    shown, printed = (re.sub(r"\(\d+\)", "", text) for text in (shown, printed))  # uncertainties
+    shown, printed = (re.sub(r"\([\d.]+\)", "", text) for text in (shown, printed))  # uncertainties
     if _NUMBER.fullmatch(shown) and _NUMBER.fullmatch(printed):
         return float(printed) == pytest.approx(float(shown), rel=2e-2, abs=0.02 if shown[0] in "+-" else 0)
     return shown in (printed, "...")

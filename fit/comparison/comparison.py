@@ -12,10 +12,9 @@ import numpy as np
 from markupsafe import Markup
 from scipy.special import chdtrc
 
-from fit.display import Displayed, html, text
 from fit.errors import InputError, shown
 from fit.results import Estimate, Fit, Results, correlation_matrix, load, results_file
-from fit.tables import Table, ascii_value, concise
+from fit.tables import Table, html_list, rounded
 from fit.units import campaign_unit, same_unit
 
 if TYPE_CHECKING:
@@ -68,7 +67,7 @@ class ParameterComparison:
 
 
 @dataclass(frozen=True, repr=False)
-class Comparison(Displayed):
+class Comparison:
     """Estimates of N results, compared.
 
     Attributes
@@ -115,10 +114,10 @@ class Comparison(Displayed):
         for p in self.parameters:
             cells = [p.name + (f" ({p.key})" if p.key else ""), campaign_unit(p.unit)]
             for n, (estimate, difference) in enumerate(zip(p.estimates, p.differences, strict=True)):
-                cells.append(concise(estimate) if estimate else _NONE)
+                cells.append(estimate.number if estimate else _NONE)
                 cells += [_NONE if difference is None else f"{round(difference, 2) + 0.0:+.2f}"] if n else []
             sigmas = [e.sigma for e in p.estimates if e and not e.is_exact]
-            known = _NONE if p.truth is None else ascii_value(p.truth, min(sigmas, default=0.0))
+            known = _NONE if p.truth is None else rounded(p.truth, min(sigmas, default=0.0))
             rows.append((*cells, *([known] if truth else [])))
         return Table((*head, *(["truth"] if truth else [])), tuple(rows))
 
@@ -163,21 +162,17 @@ class Comparison(Displayed):
         document = {"results": self.labels, **sections, "tests": tests, "notes": self.notes}
         return json.dumps(document, indent=1, allow_nan=False)
 
+    def __repr__(self) -> str:
+        return "\n".join([*self.table().aligned(), *self.sentences()])
+
+    def _repr_html_(self) -> str:
+        """Return what Jupyter shows."""
+        return str(Markup("<div>{}{}</div>").format(self.table().html(), html_list(self.sentences())))
+
 
 def _numbers(estimate: Estimate) -> dict[str, float | bool]:
     numbers = {name: getattr(estimate, name) for name in ("value", "sigma", "truth", "pull", "sound")}
     return {name: number for name, number in numbers.items() if number is not None}
-
-
-@text.register
-def _(comparison: Comparison) -> str:
-    return "\n".join([*comparison.table().aligned(), *comparison.sentences()])
-
-
-@html.register
-def _(comparison: Comparison) -> str:
-    items = Markup().join(Markup("<li>{}</li>").format(sentence) for sentence in comparison.sentences())
-    return Markup("<div>{}<ul>{}</ul></div>").format(comparison.table().html(2), items)
 
 
 def compare(results: Sequence[PathLike | Results] | Mapping[str, PathLike | Results]) -> Comparison:

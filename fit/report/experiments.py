@@ -12,11 +12,12 @@ from fit.crosstalk import crosstalk_fit
 from fit.figures import Chart, analysis
 from fit.figures import runs as figures
 from fit.parameters import Parameter
+from fit.report.parameter_table import fit_estimate, parameter_table
 from fit.report.section import FigureSpec, Section, start_text
 from fit.report.verdict import failures, fit_warnings, symbols
 from fit.results import Fit, Results
 from fit.spacecraft import PATHFINDER, spacecraft_of
-from fit.tables import Table, fit_estimate, highlight, parameter_table, symbol
+from fit.tables import Table, highlight, symbol
 from fit.telemetry import Telemetry
 from fit.warnings import FitWarning, masked_spans
 

@@ -5,19 +5,20 @@ from pathlib import Path
 from markupsafe import Markup
 
 from fit import results as fit_results
+from fit.report.parameter_table import fit_estimate
 from fit.report.section import Section
-from fit.results import WITHHELD, Fit, Results
+from fit.results import Fit, Results
 from fit.tables import (
+    WITHHELD,
     Table,
-    fit_estimate,
     highlight,
-    measurement,
     name_head,
+    power_of_ten,
     pull_text,
     symbol,
     unit_text,
+    value_text,
 )
-from fit.units import power_of_ten
 
 NAME = "identified.json"
 
@@ -53,7 +54,7 @@ def _section(joint: Fit, results: Results) -> Section:
     estimates = results.joint.parameters if results.joint else {}
     for name, e in joint.parameters.items():
         exponent = power_of_ten(e.value)
-        truth = None if e.truth is None else measurement(e.truth, e.sigma, exponent).value
+        truth = None if e.truth is None else value_text(e.truth, e.sigma, exponent)
         pull = None if e.pull is None or joint.unsound else pull_text(e.pull, 2)
         shift = None
         if reference := estimates.get(name):

@@ -21,16 +21,8 @@ from fit.parameters import (
 )
 from fit.report import stiffness as report_stiffness
 from fit.report.section import FigureSpec, Section, single_fits, start_time
-from fit.results import FIXED, Fit, Results
-from fit.tables import (
-    Cell,
-    Table,
-    estimate_text,
-    highlight,
-    measurement,
-    parameter_head,
-    pull_text,
-)
+from fit.results import Fit, Results
+from fit.tables import FIXED, Cell, Table, highlight, measurement, parameter_head, pull_text
 from fit.telemetry import Telemetry
 
 _FLIGHT_HEAD = ("Parameter", "This calibration", "Flight", "σ / σ flight", "Difference / combined σ")
@@ -104,7 +96,7 @@ def _flight_rows(
         ratio = estimate.sigma / parameter.sigma
         pull = (estimate.value - parameter.value) / math.hypot(estimate.sigma, parameter.sigma)
         n_finer += ratio <= 1
-        rows.append((head, estimate_text(estimate, exponent), flight, f"{ratio:.2f}", pull_text(pull, 2)))
+        rows.append((head, estimate.printed(exponent), flight, f"{ratio:.2f}", pull_text(pull, 2)))
     return tuple(rows), n_finer
 
 
@@ -123,7 +115,7 @@ def _gain(results: Results, telemetries: Sequence[Telemetry]) -> Section | None:
             measurement(gain.mean, gain.sigma),
             measurement(*GAIN_MEAN),
         ),
-        ("joint fit", estimate_text(joint) if joint else None, measurement(flown.value, flown.sigma)),
+        ("joint fit", joint.printed() if joint else None, measurement(flown.value, flown.sigma)),
         ("χ² / degrees of freedom about the mean", f"{gain.chi2_red:.2f}", f"≈ {GAIN_CHI2_RED}"),
         ("p-value", _p_value(gain.p), "< 0.001"),
         ("scatter beyond noise", scatter, f"≈ {100 * GAIN_SCATTER:g} %"),

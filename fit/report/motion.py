@@ -11,10 +11,11 @@ from fit.figures import motion as figures_motion
 from fit.figures import series
 from fit.parallel import parallel_map
 from fit.parameters import cross_talk_parameter, misalignments
+from fit.report.parameter_table import parameter_table
 from fit.report.section import FigureSpec, Section
 from fit.report.verdict import biased
 from fit.results import Estimate, Fit, Results
-from fit.tables import measurement, parameter_table
+from fit.tables import measurement
 from fit.telemetry import Telemetry, XAxis, inertial_period
 from fit.warnings import masked_spans
 

@@ -30,11 +30,12 @@ from fit.report import (
     tests,
     tilt_to_length,
 )
+from fit.report.parameter_table import ParameterTable, parameter_table
 from fit.report.section import FigureSpec, Section, start_text
 from fit.report.verdict import verdict, warning_groups
 from fit.results import Fit, Results
 from fit.spacecraft import PATHFINDER, spacecraft_of
-from fit.tables import LIMIT, ParameterTable, parameter_table, prose, signed
+from fit.tables import LIMIT, prose, signed
 from fit.telemetry import Telemetry
 
 #: In the order in which the page runs them.

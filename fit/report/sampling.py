@@ -12,17 +12,7 @@ from fit.report.charts import element
 from fit.report.section import FigureSpec, Section
 from fit.results import Results
 from fit.sampling import MAX_CHANGE, SCHEMA
-from fit.tables import (
-    LIMIT,
-    Measurement,
-    Table,
-    highlight,
-    measurement,
-    name_head,
-    symbol,
-    unit_text,
-)
-from fit.units import power_of_ten
+from fit.tables import LIMIT, Table, highlight, measurement, name_head, power_of_ten, symbol, unit_text
 
 _COVERAGE = 0.6827  # of a normal variable, within 1 sigma
 
@@ -167,9 +157,9 @@ def _study(study: _Study, folder: Path) -> Section:
     return Section("montecarlo", "Monte Carlo", text, tables=(table,), figures=pictures)
 
 
-def _against(value: float, error: float, expected: float) -> str | Measurement:
+def _against(value: float, error: float, expected: float) -> str:
     text = measurement(value, error)
-    return highlight(str(text), True) if abs(value - expected) > LIMIT * error > 0 else text
+    return highlight(text, True) if abs(value - expected) > LIMIT * error > 0 else text
 
 
 def _picture(folder: Path, name: str, description: str, caption: str) -> tuple[FigureSpec, ...]:

@@ -8,8 +8,9 @@ import numpy as np
 from markupsafe import Markup
 
 from fit.figures import Chart
+from fit.report.parameter_table import ParameterTable
 from fit.results import Fit, Results
-from fit.tables import ParameterTable, Table
+from fit.tables import Table
 from fit.telemetry import Telemetry, utc
 
 

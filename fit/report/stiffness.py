@@ -10,7 +10,7 @@ from markupsafe import Markup, escape
 from fit.figures import stiffness as figures
 from fit.report.section import FigureSpec, Section, single_fits
 from fit.results import Estimate, Fit, Results
-from fit.tables import Table, estimate_text, measurement, pull_text
+from fit.tables import Table, measurement, pull_text
 from fit.telemetry import Telemetry
 
 
@@ -57,7 +57,7 @@ def _table(
             (
                 escape(name),
                 f"{1e12 * point.F_max:.4g}, {1e12 * point.N_max:.3g}",
-                estimate_text(point.omega2, -7),
+                point.omega2.printed(-7),
                 measurement(*model, -7) if model else None,
                 None if pull is None else pull_text(pull),
             )

@@ -5,9 +5,9 @@ from collections.abc import Mapping
 import numpy as np
 
 from fit.figures import tilt_to_length as figures
+from fit.report.parameter_table import parameter_table
 from fit.report.section import FigureSpec, Section
 from fit.results import Results
-from fit.tables import parameter_table
 from fit.tilt_to_length import COEFFICIENTS
 
 _NAMES = ("f", "before", "after")

@@ -6,8 +6,9 @@ from dataclasses import dataclass
 
 from markupsafe import Markup, escape
 
+from fit.report.parameter_table import ParameterTable
 from fit.results import Fit, Results
-from fit.tables import LIMIT, ParameterTable, combination_text, prose, symbol
+from fit.tables import LIMIT, combination_text, prose, symbol
 from fit.warnings import WARNING_KINDS, FitWarning, Severity
 
 NOT_CONVERGED = FitWarning("not_converged", (), "the iteration did not converge")

@@ -1,9 +1,7 @@
 """The results of a calibration: what they hold, how they came about, their JSON form and their folder."""
 
 from fit.results.estimates import (
-    FIXED,
     QUANTILES,
-    WITHHELD,
     Bound,
     Constraint,
     ConstraintKind,
@@ -12,7 +10,7 @@ from fit.results.estimates import (
     Stiffness,
     correlation_matrix,
 )
-from fit.results.fit_record import Fit
+from fit.results.fit_record import Fit, estimates
 from fit.results.folders import (
     results_beside,
     results_file,
@@ -31,9 +29,7 @@ from fit.results.results import (
 )
 
 __all__ = [
-    "FIXED",
     "QUANTILES",
-    "WITHHELD",
     "Bound",
     "Constraint",
     "ConstraintKind",
@@ -46,6 +42,7 @@ __all__ = [
     "check_frame",
     "check_results",
     "correlation_matrix",
+    "estimates",
     "load",
     "results_beside",
     "results_file",

@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import ConfigDict, Field, model_validator
 
-from fit.display import Displayed
 from fit.files import problem
-from fit.units import prior_text
+from fit.tables import FIXED, measurement, rounded, withheld
+from fit.units import campaign_unit, concise_value, prior_text
 
 if TYPE_CHECKING:
     from lmfit import Minimizer, Parameters
@@ -18,8 +18,6 @@ if TYPE_CHECKING:
 
 CONFIG = ConfigDict(arbitrary_types_allowed=True, allow_inf_nan=False)
 QUANTILES = 27  # of a residual
-FIXED = "fixed"  # shown for the sigma of an exact value
-WITHHELD = "?"  # shown for a sigma that is not valid
 ConstraintKind = Literal["fixed", "tied", "prior", "bounds"]
 Bound = Literal["min", "max"]
 _Score = Annotated[float, Field(ge=-1e9, le=1e9)]
@@ -66,7 +64,7 @@ class Constraint:
 
 
 @dataclass(frozen=True, repr=False)
-class Estimate(Displayed):
+class Estimate:
     """One estimated parameter.
 
     Attributes
@@ -105,6 +103,25 @@ class Estimate(Displayed):
     def is_exact(self) -> bool:
         """Whether it is no estimate: a fixed parameter, or one that is tied to fixed ones alone."""
         return self.sigma == 0
+
+    @property
+    def number(self) -> str:
+        """In ASCII, with sigma in units of the last digits: ``-3.983(52)e-07``, ``-3.983(?)e-07``."""
+        if self.is_exact:
+            return f"{self.value:.8g} ({FIXED})"
+        text = concise_value(self.value, self.sigma)
+        return text if self.sound else withheld(text)
+
+    def printed(self, exponent: int = 0) -> str:
+        """Return the number for the page, in units of a power of ten."""
+        return measurement(self.value, self.sigma, exponent, sound=self.sound)
+
+    def __repr__(self) -> str:
+        text = f"{self.number} {campaign_unit(self.unit)}".rstrip()
+        text += "" if self.truth is None else f", truth {rounded(self.truth, self.sigma)}"
+        text += "" if self.pull is None or not self.sound else f", pull {self.pull:+.2f}"
+        stated = str(self.constraint or "")
+        return f"{text} ({stated})" if stated not in ("", FIXED) else text
 
     def difference(self, value: float, sigma: float = 0.0) -> float | None:
         """Return value of the estimate - `value` over both sigmas; None where neither has a sigma."""

@@ -1,10 +1,11 @@
 """The record of one fit: as it is in memory, and as it is in a file."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Annotated, Any, Literal, overload
 
 import numpy as np
+from markupsafe import Markup
 from numpy.typing import NDArray
 from pydantic import (
     Field,
@@ -16,11 +17,12 @@ from pydantic import (
     model_validator,
 )
 
-from fit.display import Displayed
 from fit.errors import InputError
 from fit.files import problem
 from fit.results.estimates import CONFIG, Diagnostics, Estimate, SolvedModel, Stiffness, correlation_matrix
-from fit.warnings import FitWarning
+from fit.tables import Table, html_list, rounded
+from fit.units import campaign_unit
+from fit.warnings import FitWarning, distinct_messages
 
 if TYPE_CHECKING:
     import pandas
@@ -36,7 +38,7 @@ def _matrix(rows: Any) -> NDArray[np.float64]:
 
 
 @dataclass(frozen=True, repr=False)
-class Fit(Displayed):
+class Fit:
     """Estimates of one fit.
 
     Attributes
@@ -220,3 +222,50 @@ class Fit(Displayed):
     def correlation(self) -> NDArray[np.float64]:
         """The correlation matrix, shape (P, P), in the order of `parameters`."""
         return correlation_matrix(self.covariance_matrix)
+
+    @property
+    def state(self) -> str:
+        """What chi2 is, and whether the uncertainties are valid, in words."""
+        state = f"chi2 / dof = {self.chi2:.1f} / {self.dof}"
+        state += f", {self.masked_samples} samples masked" if self.masked_samples else ""
+        state += "; the uncertainties are not valid" if self.unsound else ""
+        return state if self.converged else f"{state}; not converged"
+
+    def messages(self) -> list[str]:
+        """Return the messages of the warnings, once each."""
+        return list(distinct_messages(self.warnings))
+
+    def __repr__(self) -> str:
+        warnings = (f"warning: {message}" for message in self.messages())
+        return "\n".join([self.state, *estimates({"": self}).aligned(), *warnings])
+
+    def _repr_html_(self) -> str:
+        """Return what Jupyter shows."""
+        table, state, messages = estimates({"": self}).html(), self.state, html_list(self.messages())
+        return str(Markup("<div>{}<p>{}</p>{}</div>").format(table, state, messages))
+
+
+def estimates(fits: Mapping[str, Fit]) -> Table:
+    """Return the estimates of fits as value(uncertainty), with truth and pull where they are known.
+
+    Uncertainties and pulls that are not valid are withheld.
+
+    Parameters
+    ----------
+    fits : mapping of str to Fit
+        By the suffix of the names of their parameters.
+
+    Returns
+    -------
+    Table
+        With a column ``constraint`` where the user states something of parameters.
+    """
+    rows = []
+    for suffix, fit in fits.items():
+        for name, e in fit.parameters.items():
+            truth = "" if e.truth is None else rounded(e.truth, e.sigma)
+            pull = "" if e.pull is None or not e.sound else f"{e.pull:+.2f}"
+            stated = str(e.constraint or "")
+            rows.append((name + suffix, e.number, campaign_unit(e.unit), truth, pull, stated))
+    head = ("parameter", "estimate", "unit", "truth", "pull", "constraint")
+    return Table(head, tuple(rows)).filled(n_always=3)

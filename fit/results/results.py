@@ -6,14 +6,15 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
 
+from markupsafe import Markup
 from pydantic import TypeAdapter, model_validator
 
-from fit.display import Displayed, latex
 from fit.errors import InputError, MissingKeyError, shown
 from fit.files import atomic, documents
 from fit.results.estimates import CONFIG
-from fit.results.fit_record import Fit
+from fit.results.fit_record import Fit, estimates
 from fit.results.provenance import Provenance
+from fit.tables import Table, latex_symbol, latex_text, latex_unit, latex_value
 from fit.telemetry import Telemetry
 from fit.warnings import FitWarning
 
@@ -41,7 +42,7 @@ class KeyedFits(dict[str, Fit]):
 
 
 @dataclass(frozen=True, repr=False)
-class Results(Displayed):
+class Results:
     """Results of one calibration.
 
     Attributes
@@ -135,7 +136,41 @@ class Results(Displayed):
         Without a joint fit it holds those of the experiments. A sigma that is not valid is ``?``; what the
         user states of parameters has a column.
         """
-        return latex(self)
+        import pandas as pd  # slow to import
+
+        shown = ("joint", "inertial", "ttl") if self.joint else ("experiments", "inertial", "ttl")
+        rows = [
+            {
+                "fit": latex_text(f"{SECTIONS[section]} {key}") if key else "",
+                "parameter": f"${latex_symbol(name)}$",
+                "estimate": f"${latex_value(e.value, e.sigma, sound=e.sound)}$",
+                "unit": latex_unit(e.unit),
+                "constraint": latex_text(str(e.constraint or "")),
+            }
+            for section, key, fit in self.fits()
+            if section in shown
+            for name, e in fit.parameters.items()
+        ]
+        table = pd.DataFrame(rows)
+        return str(table[[c for c in table if table[c].any()]].to_latex(index=False, escape=False))
+
+    def _summary(self) -> dict[str, str]:
+        sections = {"joint": self.joint.state if self.joint else "none"}
+        for name in SECTIONS:
+            sections[name] = ", ".join(f"{key!r}" for key in getattr(self, name))
+        return {name: line for name, line in sections.items() if line}
+
+    def __repr__(self) -> str:
+        main = self.joint or self.ttl
+        lines = estimates({"": main}).aligned() if main else []
+        lines += [f"{name}: {line}" for name, line in self._summary().items()]
+        return "\n".join([*lines, *(f"warning: {message}" for message in (main.messages() if main else ()))])
+
+    def _repr_html_(self) -> str:
+        """Return what Jupyter shows."""
+        main = self.joint or self.ttl
+        summary = Table(("", ""), tuple(self._summary().items())).html()
+        return str(Markup("<div>{}{}</div>").format(Markup(main._repr_html_() if main else ""), summary))
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write the results as JSON, schema ``lpf-results/1``; see `write`.

@@ -1,85 +1,66 @@
-"""Numbers in print: a value with its uncertainty and unit, down to two digits of sigma."""
+"""Numbers, units and parameters in print."""
 
+import math
 import re
 from collections.abc import Mapping
 from contextlib import suppress
-from dataclasses import dataclass, replace
 
 from markupsafe import Markup, escape
+from uncertainties import ufloat
 
 from fit.parameters import Parameter, experiment_parameters, joint_parameter, misalignments
-from fit.results import FIXED, WITHHELD, Estimate, Fit
-from fit.units import MAX_DECIMALS, decimals, power_of_ten
+from fit.units import concise_value, significant_digits
 
+FIXED = "fixed"  # shown of an exact value
+WITHHELD = "?"  # shown for a sigma that is not valid
 _SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
-@dataclass(frozen=True)
-class Measurement:
-    """A value with its sigma in print."""
-
-    value: str
-    sigma: str
-
-    def __str__(self) -> str:
-        return f"{self.value} ({FIXED})" if self.sigma == FIXED else self.concise
-
-    @property
-    def concise(self) -> str:
-        """The sigma in brackets, in units of the last digit: ``1.0776(3)``; very small ones in full."""
-        if "e" in self.sigma:
-            return f"{self.value} ± {self.sigma}"
-        digits = self.sigma.replace(".", "").lstrip("0") if self.sigma[:1].isdigit() else self.sigma
-        return f"{self.value}({digits or 0})"
-
-
-def measurement(value: float, sigma: float, exponent: int = 0) -> Measurement:
-    """Return a value and its sigma in print, in units of a power of ten; an exact value has the sigma 0."""
+def measurement(value: float, sigma: float, exponent: int = 0, *, sound: bool = True) -> str:
+    """Return a value and its sigma for the page, ``−3.983(52)`` in units of a power of ten."""
     scale = 10.0**exponent
     if sigma == 0:
-        return Measurement(f"{value / scale:.9g}".replace("-", "−"), "0")
-    places = decimals(sigma / scale)
-    if places > MAX_DECIMALS:
-        return Measurement(f"{value / scale:.9g}".replace("-", "−"), f"{sigma / scale:.1e}")
-    return Measurement(signed(value / scale, places), f"{sigma / scale:.{places}f}")
+        text = f"{value / scale:.9g} ({FIXED})"
+    else:
+        text = f"{ufloat(value / scale, sigma / scale):.{significant_digits(sigma)}ufS}"
+    return (text if sound else withheld(text)).replace("-", "−")
 
 
-def estimate_text(estimate: Estimate, exponent: int = 0) -> Measurement:
-    """Return an estimate in print; a mark replaces the sigma if it is none or not valid."""
-    text = measurement(estimate.value, estimate.sigma, exponent)
-    return replace(text, sigma=FIXED if estimate.is_exact else text.sigma if estimate.sound else WITHHELD)
+def value_text(value: float, sigma: float, exponent: int = 0) -> str:
+    """Return a number for the page, with the digits that an estimate of this sigma has."""
+    return measurement(value, sigma, exponent).partition("(")[0].strip()
 
 
-def fit_estimate(fit: Fit, name: str, exponent: int = 0) -> Measurement | None:
-    """Return an estimate of a fit in print, None where there is none."""
-    estimate = fit.parameters.get(name)
-    return None if estimate is None else estimate_text(estimate, exponent)
+def sigma_text(sigma: float, exponent: int = 0, *, sound: bool = True) -> str:
+    """Return a sigma for the page, in units of a power of ten."""
+    if not sound or sigma == 0:
+        return WITHHELD if sigma else FIXED
+    digits = significant_digits(sigma)
+    return f"{ufloat(0.0, sigma / 10.0**exponent):.{digits}uf}".partition("+/-")[2]
+
+
+def withheld(text: str) -> str:
+    """Return a number in print with a mark in place of its sigma, which is not valid."""
+    return re.sub(r"\([\d.]+\)", f"({WITHHELD})", text)
+
+
+def rounded(value: float, sigma: float) -> str:
+    """Return a number with the digits that an estimate of this sigma has."""
+    return re.sub(r"\(.*?\)", "", concise_value(value, sigma)) if sigma else f"{value:.9g}"
+
+
+def power_of_ten(value: float) -> int:
+    """Return the exponent a row shares: 0 from 0.01 to 9999, multiples of 3 above."""
+    exponent = math.floor(math.log10(abs(value))) if value else 0
+    if -2 <= exponent <= 3:
+        return 0
+    return exponent if exponent < 0 else 3 * (exponent // 3)
 
 
 def signed(value: float, decimals: int) -> str:
     """Return a number with a true minus sign; zero carries none."""
     text = f"{value:.{decimals}f}"
     return text.lstrip("-") if float(text) == 0 else text.replace("-", "−")
-
-
-def concise(estimate: Estimate) -> str:
-    """Return an estimate in ASCII, with its sigma in units of the last digits: ``-3.983(52)e-07``."""
-    if estimate.is_exact:
-        return f"{estimate.value:.8g} ({FIXED})"
-    exponent = power_of_ten(estimate.value)
-    return _ascii(estimate_text(estimate, exponent).concise, exponent)
-
-
-def ascii_value(value: float, sigma: float) -> str:
-    """Return a number in ASCII, with the digits that an estimate of this sigma has."""
-    exponent = power_of_ten(value)
-    return _ascii(measurement(value, sigma, exponent).value, exponent)
-
-
-def _ascii(number: str, exponent: int) -> str:
-    text = number.replace("−", "-").replace("±", "+/-")
-    power = f"e{exponent:+03d}" if exponent else ""
-    return f"({text}){power}" if "+/-" in text and power else text + power
 
 
 def unit_text(unit: str, exponent: int = 0) -> str:
@@ -106,7 +87,7 @@ def described_parameter(name: str) -> Parameter | None:
 
 def prose(message: str) -> Markup:
     """Return a message for the page: symbols of parameters, value(uncertainty), typeset powers and units."""
-    text = re.sub(r"(?<![\w.])(-?[\d.]+(?:\(\d+\))?)e([-+]\d+)", _power, message)
+    text = re.sub(r"(?<![\w.])(-?[\d.]+(?:\([\d.]+\))?)e([-+]\d+)", _power, message)
     text = re.sub(
         r"\b(kg|m|s|rad|Hz|N)\^?(-?\d+(?:/2)?)\b(?! of|\.\d)",
         lambda m: m[1] + m[2].translate(_SUPERSCRIPTS),
@@ -129,3 +110,39 @@ def combination_text(combination: Mapping[str, float]) -> Markup:
         factor = f"{mantissa}·{unit_text('1', int(exponent))}" if exponent else mantissa
         terms.append(Markup("{} {} {}").format("−" if coefficient < 0 else "+", factor, symbol(name)))
     return Markup(" ").join(terms).removeprefix("+ ")
+
+
+def latex_symbol(name: str) -> str:
+    """Return the symbol of a parameter for math mode, its name where it has none."""
+    parameter = described_parameter(name)
+    return parameter.latex if parameter else rf"\mathtt{{{latex_text(name)}}}"
+
+
+def latex_value(value: float, sigma: float, *, sound: bool = True) -> str:
+    """Return a value with its sigma for math mode, an exact one without."""
+    if sigma == 0:
+        return f"{value:.9g}"
+    text = f"{ufloat(value, sigma):.{significant_digits(sigma)}uSL}"
+    return text if sound else withheld(text)
+
+
+def latex_unit(unit: str) -> str:
+    """Return a unit in LaTeX."""
+    factors = []
+    for factor in unit.split() if unit != "1" else []:
+        symbol = factor.rstrip("-0123456789")
+        power = factor.removeprefix(symbol)
+        factors.append(rf"\mathrm{{{symbol}}}" + (f"^{{{power}}}" if power else ""))
+    product = r"\,".join(factors)
+    return f"${product}$" if product else ""
+
+
+def latex_text(text: str) -> str:
+    """Return a text with the special characters of LaTeX escaped."""
+    special = {
+        "\\": r"\textbackslash{}",
+        "~": r"\textasciitilde{}",
+        "^": r"\textasciicircum{}",
+        "±": r"$\pm$",
+    }
+    return "".join(special.get(c, "\\" + c if c in "&%$#_{}" else c) for c in text)

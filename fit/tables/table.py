@@ -1,16 +1,16 @@
 """A table as text, as an element of a notebook, and as the page shows it."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 from markupsafe import Markup
 
 from fit.parameters import Parameter
-from fit.tables.numbers import Measurement, signed, unit_text
-from fit.units import power_of_ten
+from fit.tables.numbers import power_of_ten, signed, unit_text
 
 LIMIT = 4.0  # sigma, beyond which page and tables flag a difference
 
-Cell = Measurement | str | None
+Cell = str | None
 
 
 @dataclass(frozen=True)
@@ -22,7 +22,7 @@ class Table:
     head : tuple of str, length C
         Over the columns.
     rows : sequence of tuple, each of length C
-        In every cell a number with its sigma, a text, or None.
+        In every cell a text, or None.
     caption : str
         What it shows.
     """
@@ -31,29 +31,32 @@ class Table:
     rows: tuple[tuple[Cell, ...], ...]
     caption: str = ""
 
-    @property
-    def texts(self) -> list[list[str]]:
-        """The cells as texts."""
-        return [["" if cell is None else str(cell) for cell in row] for row in self.rows]
+    def filled(self, n_always: int = 0) -> "Table":
+        """Return the table without columns that are empty, but for the first `n_always`."""
+        columns = [i for i in range(len(self.head)) if i < n_always or any(row[i] for row in self.rows)]
+        rows = tuple(tuple(row[i] for i in columns) for row in self.rows)
+        return Table(tuple(self.head[i] for i in columns), rows, self.caption)
 
     def aligned(self) -> list[str]:
         """Return the lines of the table in letters of one width."""
-        lines = [list(self.head), *self.texts]
+        lines = [list(self.head), *([cell or "" for cell in row] for row in self.rows)]
         widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
         return ["  ".join(map(str.ljust, line, widths)).rstrip() for line in lines]
 
-    def html(self, n_left: int) -> Markup:
-        """Return an element of a notebook; all but the first `n_left` columns are aligned to the right."""
+    def html(self) -> Markup:
+        """Return an element of a notebook."""
 
-        def line(tag: str, cells: list[str]) -> Markup:
-            cell = Markup(f'<{tag} style="text-align:{{}}">{{}}</{tag}>')
-            sides = ("left" if i < n_left else "right" for i in range(len(cells)))
-            return Markup("<tr>{}</tr>").format(Markup().join(map(cell.format, sides, cells)))
+        def line(tag: str, cells: Iterable[Cell]) -> Markup:
+            cell = Markup(f'<{tag} style="text-align:left">{{}}</{tag}>')
+            return Markup("<tr>{}</tr>").format(Markup().join(cell.format(text or "") for text in cells))
 
-        body = [[cell if isinstance(cell, str) else str(cell or "") for cell in row] for row in self.rows]
-        return Markup("<table><thead>{}</thead><tbody>{}</tbody></table>").format(
-            line("th", list(self.head)), Markup().join(line("td", row) for row in body)
-        )
+        body = Markup().join(line("td", row) for row in self.rows)
+        return Markup("<table>{}{}</table>").format(line("th", self.head), body)
+
+
+def html_list(lines: Iterable[str]) -> Markup:
+    """Return lines as an element of a notebook."""
+    return Markup("<ul>{}</ul>").format(Markup().join(map(Markup("<li>{}</li>").format, lines)))
 
 
 def highlight(text: str, condition: bool) -> str:

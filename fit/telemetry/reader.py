@@ -13,12 +13,13 @@ from typing import TYPE_CHECKING
 
 import h5py
 import numpy as np
+from markupsafe import Markup
 from numpy.typing import NDArray
 
-from fit.display import Displayed
 from fit.errors import InputError, shown
 from fit.files import key, short_path
 from fit.parallel import parallel_map
+from fit.tables import Table, html_list
 from fit.telemetry.contract import (
     SCHEMA,
     TOWARDS_1,
@@ -47,7 +48,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, repr=False)
-class Telemetry(Displayed):
+class Telemetry:
     """Telemetry of one run.
 
     Attributes
@@ -165,6 +166,21 @@ class Telemetry(Displayed):
         time = ("time", self.time, {"units": "s", "long_name": f"time since {self.t0}"})
         dataset: xarray.Dataset = xr.Dataset(channels, {"time": time}, self.root)
         return dataset
+
+    def __repr__(self) -> str:
+        return f"<Telemetry {self.run}: {self._extent()}; {', '.join(self.channels)}>"
+
+    def _repr_html_(self) -> str:
+        """Return what Jupyter shows."""
+        rows = [(n, self.units.get(n, ""), self.long_names.get(n, "")) for n in self.channels]
+        channels = Table(("channel", "unit", "description"), tuple(rows)).html()
+        notes = html_list(str(self.attributes.get("notes", "")).splitlines())  # of a product such as Delta g
+        text = Markup("<p><strong>{}</strong>: {}</p>").format(self.run, self._extent())
+        return str(Markup("<div>{}{}{}</div>").format(text, channels, notes))
+
+    def _extent(self) -> str:
+        role = f"{self.kind} run of {self.experiment}"
+        return f"{role}, {self.duration / 3600:.3g} h at {self.fs:g} Hz from {self.t0}"
 
 
 def open_run(path: Path) -> Telemetry:

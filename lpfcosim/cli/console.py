@@ -89,7 +89,7 @@ class Console(progress.Progress):
         """Print a table of the result."""
         if not self._is_quiet and not self._as_json:
             columns = Table(*table.head, box=None)
-            for row in table.texts:
+            for row in table.rows:
                 columns.add_row(*row)
             rich.console.Console().print(columns)
 

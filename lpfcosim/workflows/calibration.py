@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING
 from fit import api
 from fit.errors import FitError, shown
 from fit.report import page
-from fit.results import Fit, Results, load, sound_joint, telemetry_files, write
+from fit.results import Fit, Results, estimates, load, sound_joint, telemetry_files, write
 from fit.settings import Settings, settings
-from fit.tables import Table, estimates
+from fit.tables import Table
 from fit.telemetry import Telemetry, conversion, read_all
 from fit.warnings import distinct_messages
 from lpfcosim.errors import InputError

@@ -9,9 +9,9 @@ from fit.files import closest_match
 from fit.forecasting import expected_euler_fit, expected_fit
 from fit.parallel import one_blas_thread
 from fit.parameters import FLIGHT, misalignments
-from fit.results import FIXED, Estimate, Fit
+from fit.results import Estimate, Fit
 from fit.settings import Settings, settings
-from fit.tables import Table
+from fit.tables import FIXED, Table
 from fit.units import campaign_unit
 from fit.warnings import distinct_messages
 from lpfcosim.campaign import Campaign

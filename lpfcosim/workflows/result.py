@@ -44,7 +44,7 @@ class WorkflowResult(ABC):
 
     def _repr_html_(self) -> str:
         """Return what Jupyter shows."""
-        return str(self.table().html(1))
+        return str(self.table().html())
 
 
 def by_parameter(records: Iterable[Mapping[str, Any]]) -> dict[str, dict[str, float | None]]:

@@ -8,8 +8,8 @@ from pathlib import Path
 from fit import api
 from fit.errors import FitError
 from fit.report import page
-from fit.results import Fit, Results, write
-from fit.tables import Table, estimates
+from fit.results import Fit, Results, estimates, write
+from fit.tables import Table
 from lpfcosim.execution import checksums, results_folder
 from lpfcosim.workflows.progress import Progress
 

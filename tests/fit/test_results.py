@@ -10,10 +10,10 @@ from hypothesis import strategies as st
 from fit.crosstalk.crosstalk_fit import with_euler_warning
 from fit.errors import FitError, InputError
 from fit.forecasting.coverage import with_truth
-from fit.results import Fit, Results, load, sound_joint, write
+from fit.report.parameter_table import parameter_table
+from fit.results import Fit, Results, estimates, load, sound_joint, write
 from fit.results.estimates import Constraint, Estimate, Stiffness
 from fit.results.provenance import Provenance
-from fit.tables import estimates, parameter_table
 from fit.telemetry.reader import read
 from fit.warnings import FitWarning, TimeSpan
 from tests.oracles.contract_file import write_contract_file

@@ -7,9 +7,9 @@ from dataclasses import replace
 import pytest
 
 from fit.parameters import FLIGHT, joint_names, joint_parameter
+from fit.report.parameter_table import parameter_table
 from fit.report.verdict import verdict, warning_groups
 from fit.results.estimates import Estimate
-from fit.tables import parameter_table
 from fit.warnings import WARNING_KINDS, FitWarning, Severity
 from tests import ROOT
 from tests.fit.report.test_report import UNDETERMINED, experiment_fit, joint_fit, make_fit, results
