@@ -69,23 +69,6 @@ def forecast(
     cli_forecast.forecast(campaign, out, Console(quiet=quiet, as_json=as_json))
 
 
-@app.command(epilog=examples("lpfcosim margins mine.toml"))
-def margins(
-    campaign: CampaignFile,
-    as_json: Annotated[bool, typer.Option("--json", help="Print JSON, schema lpf-margins/1.")] = False,
-) -> None:
-    """Print the stability margins of every control loop.
-
-    These are unity-gain frequency, phase margin and gain margin of each loop, with the others closed,
-    computed from the equations of the models. With a third-party FMU in the loop they are not available
-    (exit status 2; null in JSON).
-    """
-    from lpfcosim.cli import margins as cli_margins
-    from lpfcosim.cli.console import Console
-
-    cli_margins.margins(campaign, Console(as_json=as_json))
-
-
 @app.command(
     epilog=examples(
         "lpfcosim run campaigns/quickstart.toml",

@@ -105,39 +105,3 @@ def export_ssp(
         archives = fmus.campaign_fmus(plan, console, ssp.FMI)
         written = ssp.export(plan, archives, path)
     console.print_line(str(written))
-
-
-@app.command(name="container", epilog=examples("lpfcosim fmu container mine.toml A --out loop.fmu"))
-def container(
-    campaign: CampaignFile,
-    run_name: Annotated[str, typer.Argument(metavar="RUN", help="The run that gives the parameters.")],
-    out: Annotated[
-        Path | None,
-        typer.Option("--out", metavar="FILE.fmu", help="The file [default: named after the run]."),
-    ] = None,
-    quiet: Quiet = False,
-) -> None:
-    """Write the closed loop of one run as a single FMU.
-
-    Its inputs are injections and noise.
-    """
-    from fit.errors import quote
-    from fit.files import closest_match
-    from lpfcosim.campaign import loading
-    from lpfcosim.cli.console import Console
-    from lpfcosim.export import container as containers
-    from lpfcosim.workflows import fmus, output_paths
-
-    console = Console(quiet=quiet)
-    plan = loading.load(campaign)
-    runs = {r.name: r for r in plan.runs}
-    if run_name not in runs:
-        raise InputError(f"{campaign}: no run {quote(run_name)}{closest_match(run_name, runs)}")
-    path = out or Path(f"{run_name}.fmu")
-    output_paths.check_file(
-        path, [*loading.sources(campaign), *(r.archive for r in plan.replacements)], parents=True
-    )
-    with prefix_errors(campaign):
-        archives = fmus.campaign_fmus(plan, console, "2.0")
-        written = containers.container(runs[run_name], archives, path)
-    console.print_line(str(written))

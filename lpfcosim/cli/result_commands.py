@@ -16,7 +16,6 @@ from lpfcosim.cli.options import (
     Paths,
     Quiet,
     Tie,
-    Trust,
     examples,
 )
 
@@ -248,16 +247,3 @@ def mcmc(
     from lpfcosim.cli.console import Console
 
     cli_mcmc.mcmc(directory, Console(quiet=quiet, as_json=as_json), steps=steps, seed=seed)
-
-
-@app.command(epilog=examples("lpfcosim reproduce quickstart"))
-def reproduce(directory: Directory, jobs: Jobs = None, trusted: Trust = False, quiet: Quiet = False) -> None:
-    """Run the campaign in DIR again elsewhere, and compare.
-
-    Telemetry must be identical byte for byte. Results must be the same but for their provenance. The exit
-    status is 1 if anything differs. DIR is not changed. Another version or other FMUs are reported.
-    """
-    from lpfcosim.cli import reproduce as cli_reproduce
-    from lpfcosim.cli.console import Console
-
-    cli_reproduce.reproduce(directory, Console(quiet=quiet), jobs=jobs, trusted=trusted)

@@ -98,17 +98,3 @@ def write_provenance(directory: Path, content: Mapping[str, Any], fmus: Mapping[
         checksums.write(copy, archive.read_bytes())
         tables["fmus"][model] = {**content["fmus"][model], "path": f"{_FMUS}/{copy.name}"}
     checksums.write(directory / CAMPAIGN, tomlkit.dumps(tables))
-
-
-def campaign_path(directory: Path) -> Path:
-    """Return the campaign that a folder of results holds.
-
-    Raises
-    ------
-    InputError
-        If there is none.
-    """
-    path = directory / CAMPAIGN
-    if not path.is_file():
-        raise InputError(f"{path}: no such file, expected the folder of an earlier run")
-    return path

@@ -1,3 +1,3 @@
-"""Export: the closed loop for other tools, as SSP 1.0 or as a single container FMU."""
+"""Export: the closed loop for other tools, as SSP 1.0."""
 
-__all__ = ["container", "ssp"]
+__all__ = ["ssp"]

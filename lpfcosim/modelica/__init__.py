@@ -5,6 +5,5 @@ A construct that cannot be translated faithfully is refused with file, line and 
 """
 
 from lpfcosim.modelica.build import engine_library
-from lpfcosim.modelica.xml_text import serialize_xml
 
-__all__ = ["build", "engine_library", "numerics", "numpy_models", "serialize_xml"]
+__all__ = ["build", "engine_library", "numerics", "numpy_models"]

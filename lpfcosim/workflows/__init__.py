@@ -12,11 +12,9 @@ __all__ = [
     "forecast",
     "identify",
     "jitter",
-    "margins",
     "montecarlo",
     "output_paths",
     "progress",
     "run",
-    "simulate",
     "ttl",
 ]

@@ -31,7 +31,7 @@ def simulate(
 ) -> list[Path]:
     """Simulate a campaign into ``folder/telemetry``, one file per run. Files that exist are kept.
 
-    The campaign and third-party FMUs are written too, so that `lpfcosim reproduce` takes the folder; a
+    The campaign and third-party FMUs are written too, so that the folder can be made again; a
     campaign that was changed in Python cannot be written.
 
     Parameters

@@ -13,7 +13,6 @@ from fit.crosstalk import refit
 from fit.errors import InputError
 from fit.pipeline import calibrate
 from fit.report import page as report
-from lpfcosim.execution import results_folder as folders
 from lpfcosim.workflows import montecarlo
 from tests.hostile.mutations import damaged, hostile, restructured, survives
 from tests.oracles.synthetic import World, pair
@@ -126,22 +125,6 @@ def test_logs_of_campaigns(tmp_path, cases):
             montecarlo.coverage.summary([line["estimates"] for line in kept.values()])
 
         survives(read, path, f"log {n}")
-
-
-@pytest.mark.parametrize("there", [None, "folder", b"\xff", b"schema = 1", b'extends = "/dev/zero"'])
-def test_what_is_to_be_reproduced(tmp_path, lpfcosim, there):
-    path = tmp_path / "out" / folders.CAMPAIGN
-    path.parent.mkdir()
-    (tmp_path / "out" / "telemetry").mkdir()
-    (tmp_path / "out" / "telemetry" / "A.h5").write_bytes(b"x")
-    if there == "folder":
-        path.mkdir()
-    elif there is not None:
-        path.write_bytes(there)
-    status, _, err = lpfcosim("reproduce", "out")
-    assert status in (1, 2)
-    assert "Traceback" not in err
-    assert err.splitlines()[-1].startswith("lpfcosim: error: ")
 
 
 def test_what_is_read_names_a_file_that_is_none(copied):

@@ -100,9 +100,7 @@ def test_fmu_commands(lpfcosim, tmp_path):
 def test_interchange_commands(lpfcosim, short, tmp_path):
     status, out, err = lpfcosim("fmu", "export-ssp", short)
     assert (status, out.strip()) == (0, "short.ssp"), err
-    status, out, err = lpfcosim("fmu", "container", short, "one", "--out", "loop.fmu")
-    assert (status, out.strip()) == (0, "loop.fmu"), err
-    assert {"short.ssp", "loop.fmu"} <= {p.name for p in tmp_path.iterdir()}
+    assert (tmp_path / "short.ssp").is_file()
 
 
 @pytest.mark.parametrize(

@@ -39,9 +39,9 @@ def test_the_angles_of_a_period_are_forecast_by_name(quickstart):
     assert "delta_phi_2" in expected.to_dataframe().index
 
 
-def test_margins_are_those_of_the_command(campaign, quickstart, lpfcosim_json):
+def test_margins_are_found_by_loop(campaign, quickstart):
     result = lpfcosim.margins(str(quickstart))
-    assert json.loads(result.to_json()) == lpfcosim_json("margins", quickstart)
+    assert json.loads(result.to_json())["loops"] == result.to_dataframe().reset_index().to_dict("records")
     assert [margin.loop for margin in result] == ["drag_free_x", "suspension_x"]
     assert result["suspension_x"].unity_gain == result.to_dataframe().loc["suspension_x", "unity_gain"]
     assert repr(lpfcosim.margins(campaign)) == repr(result)
@@ -49,9 +49,9 @@ def test_margins_are_those_of_the_command(campaign, quickstart, lpfcosim_json):
         result["drag_free_y"]
 
 
-def test_a_check_is_that_of_the_command(campaign, quickstart, lpfcosim_json):
+def test_a_check_has_margins_and_forecast(campaign):
     checked = lpfcosim.check(campaign)
-    assert json.loads(checked.to_json()) == lpfcosim_json("check", quickstart)
+    assert json.loads(checked.to_json())["schema"] == "lpf-check/1"
     assert checked.valid
     assert checked.forecast["C_2"].sigma == lpfcosim.forecast(campaign)["C_2"].sigma
     assert checked.to_dataframe().loc["A", "injections"] == 10
@@ -61,48 +61,11 @@ def test_a_check_is_that_of_the_command(campaign, quickstart, lpfcosim_json):
     assert "warning: the data do not determine lambda_1" in text
 
 
+@pytest.mark.parametrize("argument", [3, None, "nowhere.toml", "no\0where"])
 @pytest.mark.parametrize("name", ["check", "forecast", "margins", "montecarlo", "design", "identify", "run"])
-@pytest.mark.parametrize(
-    ("argument", "message"),
-    [
-        (3, r"^3: expected a Campaign, or the path of its file$"),
-        (None, r"^None: expected a Campaign"),
-        ("nowhere.toml", r"^nowhere\.toml: no such file"),
-        ("no\0where", "without NUL"),
-    ],
-)
-def test_what_is_no_campaign_is_refused_in_one_sentence(name, argument, message):
-    with pytest.raises(fit.InputError, match=message):
+def test_what_is_no_campaign_is_one_class_of_error(name, argument):
+    with pytest.raises(fit.InputError):
         getattr(lpfcosim, name)(argument)
-
-
-ARGUMENTS = {
-    r"^n: 1, expected two campaigns or more$": lambda c, out: lpfcosim.montecarlo(c, 1, out),
-    r"^4: expected the path of a folder$": lambda c, out: lpfcosim.run(c, 4),
-    r"^5: expected the path of telemetry$": lambda c, out: lpfcosim.identify(c, 5),
-    r"^time_limit: nan, expected a time in s$": lambda c, out: lpfcosim.run(c, out, time_limit=float("nan")),
-    r"^parameters: 5, expected constraints by parameter$": lambda c, out: lpfcosim.identify(c, parameters=5),
-    r"^no run \['A'\]": lambda c, out: lpfcosim.closed_loop(c, ["A"]),
-    r"^no loop \['A'\]": lambda c, out: lpfcosim.margins(c)[["A"]],
-    r"^no parameter \['A'\]": lambda c, out: lpfcosim.forecast(c)[["A"]],
-    r"changed in Python": lambda c, out: lpfcosim.design(
-        replace(c, experiments=c.experiments[:2]), out / "a.toml"
-    ),
-}
-
-
-@pytest.mark.parametrize("message", ARGUMENTS)
-def test_arguments_of_other_types_are_refused(campaign, tmp_path, message):
-    with pytest.raises(fit.InputError, match=message):
-        ARGUMENTS[message](campaign, tmp_path)
-
-
-@pytest.mark.parametrize("jobs", [-1, 0, "2", 1.5, True])
-@pytest.mark.parametrize("name", ["simulate", "run", "montecarlo", "design"])
-def test_a_number_of_processes_is_one_or_more(name, jobs, campaign, tmp_path):
-    size = (2,) if name == "montecarlo" else ()
-    with pytest.raises(fit.InputError, match=r"^jobs: .*, expected one or more processes$"):
-        getattr(lpfcosim, name)(campaign, *size, tmp_path / "out.toml", jobs=jobs)
 
 
 def test_telemetry_from_equations_is_checked_as_that_of_fmus(campaign, tmp_path):
@@ -145,12 +108,13 @@ def test_a_campaign_whose_fit_was_changed_in_python_is_not_written(quickstart, t
     assert not is_described_by_file(replace(short, fit={"f_max": 0.02}))
 
 
-def test_a_simulated_folder_is_reproduced(tmp_path, run_lpfcosim):
+def test_a_simulated_folder_can_be_made_again(tmp_path):
     path = tmp_path / "short.toml"
     path.write_text(SHORT_PLAN, encoding="utf-8")
     lpfcosim.simulate(path, tmp_path / "out", fmus=False)
-    out = run_lpfcosim("reproduce", tmp_path / "out", status=0)[1]
-    assert [line.rsplit(": ")[-1] for line in out.splitlines()] == ["the same", "the same"]
+    digests = (tmp_path / "out" / "telemetry.sha256").read_bytes()
+    lpfcosim.simulate(tmp_path / "out" / "campaign.toml", tmp_path / "again", fmus=False)
+    assert (tmp_path / "again" / "telemetry.sha256").read_bytes() == digests
     changed = replace(lpfcosim.load_campaign(path), seed=8)
     lpfcosim.simulate(changed, tmp_path / "changed", fmus=False)
     assert not (tmp_path / "changed" / "campaign.toml").exists()
@@ -169,7 +133,7 @@ def test_a_montecarlo_study_from_python(campaign, tmp_path):
 
 @pytest.mark.fmu
 @pytest.mark.slow
-def test_a_run_from_python_is_that_of_the_command(quickstart, tmp_path, run_lpfcosim):
+def test_a_run_from_python_leaves_what_it_returns(quickstart, tmp_path):
     path = tmp_path / "short.toml"
     text = quickstart.read_text(encoding="utf-8").split("[[experiments]]")
     path.write_text("[[experiments]]".join(text[:2]), encoding="utf-8")
@@ -178,7 +142,6 @@ def test_a_run_from_python_is_that_of_the_command(quickstart, tmp_path, run_lpfc
     assert finished.results.experiments["A"]["lambda_2"].pull is not None
     assert finished.to_json() == (tmp_path / "out" / "results.json").read_text(encoding="utf-8")
     assert "lambda_2" in repr(finished)
-    run_lpfcosim("reproduce", tmp_path / "out", status=0)
 
 
 def test_run_refuses_an_unknown_parameter_before_anything_is_simulated(quickstart, tmp_path):
