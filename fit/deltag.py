@@ -36,12 +36,12 @@ from fit.errors import InputError, shown
 from fit.model import Dynamics, angular_rate, dynamics, dynamics_of, inertial_forces, rotation, separation
 from fit.parallel import update_progress
 from fit.results import Fit, Results, check_frame, check_results, sound_joint
+from fit.spacecraft import CalibratedTerms, spacecraft_of
 from fit.spectra import Excess, derivatives
 from fit.telemetry import (
     Telemetry,
     Writer,
     check_channels,
-    check_pathfinder,
     inertial_period,
     open_run,
 )
@@ -139,15 +139,14 @@ def write_delta_g(path: Path, out: Path, results: Results, provenance: Mapping[s
     Raises
     ------
     InputError
-        If the file is of LISA, breaks the contract or is shorter than the filters, or if there is no sound
+        If the file breaks the contract or is shorter than the filters, or if there is no sound
         joint fit.
     FitError
         If the product cannot be written.
     """
     run = open_run(path)
-    check_pathfinder(run, "Delta g is")
     check_channels(run)
-    product = _Product(run, results)
+    product = _product(run, results)
     head, described = product.head, {name: (UNIT, text) for name, text in product.descriptions.items()}
     attributes = {**head.root, **provenance, "fs": product.fs}
     with Writer(out, product.n_outputs, described, attributes) as writer:
@@ -175,7 +174,8 @@ def delta_g(run: Telemetry, results: Results) -> Telemetry:
     Telemetry
         At 1 to 2 Hz, in memory. Every term is a channel [m s^-2]: those of the equation of motion, their sum
         ``delta_g_x``, the corrections ``delta_g_SC``, ``g_Omega``, ``g_dOmega``, and the total
-        ``delta_g``. The attributes ``notes`` and ``louder_bands`` are those of `write_delta_g`.
+        ``delta_g``. The attributes ``notes`` and ``louder_bands`` are those of `write_delta_g`. Of LISA, the
+        terms of D_x and D_y and their sums.
 
     Raises
     ------
@@ -185,8 +185,7 @@ def delta_g(run: Telemetry, results: Results) -> Telemetry:
     if not isinstance(run, Telemetry):
         raise InputError(f"delta_g: run: {shown(run)}, expected Telemetry (fit.load)")
     check_results(results, "delta_g")
-    check_pathfinder(run, "Delta g is")
-    product = _Product(run, results)
+    product = _product(run, results)
     times, series = zip(*product.stretches(), strict=True)
     return replace(
         product.head,
@@ -197,6 +196,11 @@ def delta_g(run: Telemetry, results: Results) -> Telemetry:
         long_names=product.descriptions,
         attributes={**product.head.attributes, **product.attributes()},
     )
+
+
+def _product(run: Telemetry, results: Results) -> "_Product | CalibratedTerms":
+    spacecraft = spacecraft_of(run)
+    return _Product(run, results) if spacecraft.has_inertial else CalibratedTerms(spacecraft, run, results)
 
 
 class _Product:

@@ -40,6 +40,7 @@ from fit.parameters import Parameter, cross_talk_parameter, misalignments
 from fit.quality import long_glitches
 from fit.results import Estimate, Fit
 from fit.settings import ParameterSettings
+from fit.spacecraft import spacecraft_of
 from fit.spectra import NoiseModel, Spectrum, windowing
 from fit.telemetry import Telemetry, common_x_axis, inertial_period
 from fit.warnings import FitWarning
@@ -66,7 +67,12 @@ MIN_DURATION = 43200.0  # s: below, Omega and the PSD depend on a handful of bin
 def takes_part(run: Telemetry) -> bool:
     """Return whether a run is a noise run of Delta g, long enough, with torques about both axes."""
     torques = all(any(f"N_{axis}_{j}" in run.channels for j in (1, 2)) for axis in rotation.AXES)
-    return run.kind == "noise" and run.duration >= MIN_DURATION * 0.995 and torques and "o_12" in run.channels
+    return (
+        run.kind == "noise"
+        and run.duration >= MIN_DURATION * 0.995
+        and torques
+        and spacecraft_of(run).has_inertial
+    )
 
 
 def names(runs: Sequence[Telemetry]) -> list[str]:

@@ -1,17 +1,16 @@
 """The equations of a run, Delta g or D_x and D_y, their terms over time, and their spectra."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fit.figures.series import averaged, glitch_mask
 from fit.model import Equation
-from fit.spacecraft import spacecraft_of
+from fit.spacecraft import Terms, equation_terms, spacecraft_of
 from fit.spectra import Binned, Estimator, derivatives
 from fit.telemetry import Telemetry
-from fit.whitening import Run
 
 Array = NDArray[np.float64]
 Series = tuple[Array, Array]
@@ -20,36 +19,8 @@ HIGHEST = 1.0  # Hz, shown at most
 SLOW, FAST = 200.0, 20.0  # s, lengths of the windows over which the residual is averaged
 
 
-@dataclass(frozen=True)
-class Terms:
-    """An equation of a run, and its terms, up to the `HIGHEST` frequency shown.
-
-    Attributes
-    ----------
-    equation : Equation
-        Which.
-    fs : float
-        Sample rate [Hz].
-    time : ndarray, shape (N,)
-        Seconds since the start of the run.
-    valid : ndarray of bool, shape (N,)
-        False where samples are missing.
-    delta_g : ndarray, shape (N,)
-        The sum of all terms [m s^-2].
-    terms : mapping of str to ndarray, each of shape (N,)
-        The terms, with their signs, that are not zero throughout [m s^-2].
-    """
-
-    equation: Equation
-    fs: float
-    time: Array
-    valid: NDArray[np.bool_]
-    delta_g: Array
-    terms: Mapping[str, Array]
-
-
 def split(telemetry: Telemetry, parameters: Mapping[str, float]) -> tuple[Terms, ...]:
-    """Return the terms of each equation of a run; of a noise run only their sum.
+    """Return the terms of each equation of a run up to the `HIGHEST` frequency shown, of a noise run none.
 
     Parameters
     ----------
@@ -58,16 +29,8 @@ def split(telemetry: Telemetry, parameters: Mapping[str, float]) -> tuple[Terms,
     parameters : mapping
         By name; what is not in it counts as zero.
     """
-    run = Run(telemetry, spacecraft_of(telemetry).channels(telemetry, HIGHEST))
-    columns, split_terms = None, []
-    for equation in run.equations:
-        theta = equation.parameters_of(parameters)
-        columns = columns or run.columns(run.spacecraft.delays_of(theta, equation.parameters))
-        terms = equation.terms(columns, theta)
-        total = np.sum(list(terms.values()), axis=0)
-        driven = {} if telemetry.kind == "noise" else {name: x for name, x in terms.items() if np.any(x)}
-        split_terms.append(Terms(equation, columns.fs, columns.time, columns.valid, total, driven))
-    return tuple(split_terms)
+    of_run = equation_terms(spacecraft_of(telemetry), telemetry, parameters, HIGHEST)
+    return of_run if telemetry.kind != "noise" else tuple(replace(one, terms={}) for one in of_run)
 
 
 @dataclass(frozen=True)
@@ -134,19 +97,19 @@ def _analyse(run: Terms, start: float, masked: Sequence[tuple[float, float]], ri
         estimator = Estimator(run.valid, run.fs, HIGHEST, rising_noise=rising_noise)
         spectra = {name: estimator.asd(term) for name, term in run.terms.items()}
         unmasked = run.valid & ~glitch_mask(run.time, masked)
-        if np.any(run.delta_g[run.valid]):
+        if np.any(run.total[run.valid]):
             is_partial = run.valid.sum() > unmasked.sum() > unmasked.size / 2
             if is_partial:
                 estimator = Estimator(unmasked, run.fs, HIGHEST, rising_noise=rising_noise)
-            asd = estimator.asd(run.delta_g)
+            asd = estimator.asd(run.total)
     signal = run.terms.get(run.equation.signal)
     return Analysis(
         run.equation,
         run.fs,
         (derivatives.true_runs(~run.valid) / run.fs + run.time[0] - start) / 3600,
         (np.reshape(masked, (-1, 2)) - start) / 3600,
-        None if rising_noise else _averages(run, run.delta_g, FAST, start),
-        _averages(run, run.delta_g, SLOW, start),
+        None if rising_noise else _averages(run, run.total, FAST, start),
+        _averages(run, run.total, SLOW, start),
         None if signal is None else _averages(run, signal, FAST, start),
         asd,
         spectra,

@@ -148,6 +148,8 @@ class Spacecraft(ABC):
         Flank of the window beside missing samples [s].
     rising_noise : bool
         Whether the noise of the residual rises with frequency beyond all that is slow.
+    has_inertial : bool
+        Whether cross-talk of its motion and inertial forces are calibrated and subtracted.
     overview : tuple of str
         A gain and a stiffness, of each experiment by itself.
     template, meaning : str
@@ -167,6 +169,7 @@ class Spacecraft(ABC):
     jitter: str = ""
     gap_taper: float = GAP_TAPER
     rising_noise: bool = False
+    has_inertial: bool = False
     overview: tuple[str, str] = ("", "")
     template: str = ""
     meaning: str = "One value for all experiments."

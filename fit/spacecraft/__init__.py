@@ -6,6 +6,7 @@ from fit.errors import InputError
 from fit.model import Spacecraft
 from fit.spacecraft.lisa import LISA
 from fit.spacecraft.pathfinder import DELTA_G, PATHFINDER
+from fit.spacecraft.terms import CalibratedTerms, Terms, equation_terms
 from fit.telemetry import Telemetry
 
 #: By the name that telemetry states.
@@ -43,4 +44,13 @@ def check_same(telemetries: Sequence[Telemetry]) -> None:
             )
 
 
-__all__ = ["DELTA_G", "PATHFINDER", "check_same", "lisa", "spacecraft_of"]
+__all__ = [
+    "DELTA_G",
+    "PATHFINDER",
+    "CalibratedTerms",
+    "Terms",
+    "check_same",
+    "equation_terms",
+    "lisa",
+    "spacecraft_of",
+]

@@ -131,7 +131,7 @@ def deltag(
     """Write the calibrated Delta g of telemetry, term by term.
 
     The output for NAME.h5 is NAME-deltag.h5, at 1 to 2 Hz. Its channels are the terms of
-    delta_g = delta_g_x + delta_g_SC + g_Omega + g_dOmega.
+    delta_g = delta_g_x + delta_g_SC + g_Omega + g_dOmega. Of LISA they are the terms of D_x and D_y.
     """
     from lpfcosim.cli import deltag as cli_deltag
     from lpfcosim.cli.console import Console

@@ -100,7 +100,7 @@ def test_terms_are_those_of_newton():
     assert terms.terms.keys() == expected.keys()
     for name, term in expected.items():
         np.testing.assert_allclose(terms.terms[name], term, atol=1e-5 * np.abs(term).max(), err_msg=name)
-    np.testing.assert_allclose(terms.delta_g, sum(expected.values()), atol=1e-5)
+    np.testing.assert_allclose(terms.total, sum(expected.values()), atol=1e-5)
 
 
 def test_the_residual_lies_on_the_noise_and_its_tones_stand_out(charts):

@@ -4,10 +4,12 @@ import re
 from functools import lru_cache
 from pathlib import Path
 
+import h5py
 import numpy as np
 import pytest
 
 import fit
+from fit.deltag import write_delta_g
 from fit.figures import analysis
 from fit.report import experiments, page
 from fit.spectra import Estimator
@@ -34,9 +36,9 @@ def test_terms_of_a_run_without_noise_cancel(index):
     parts = analysis.split(run, WORLD.truth)[index]
     rotation = ["ddphi"] if parts.equation.name == "D_x" else []  # the baseline is along y
     assert list(parts.terms) == ["dds", "K_1 s_1", "K_2 s_2", "f_1", "f_2", *rotation]
-    np.testing.assert_allclose(np.sum(list(parts.terms.values()), axis=0), parts.delta_g, atol=1e-25)
+    np.testing.assert_allclose(np.sum(list(parts.terms.values()), axis=0), parts.total, atol=1e-25)
     # the starts of tones have frequencies beyond the band, where delays are not expanded well
-    assert parts.delta_g.std() < 1e-3 * parts.terms["dds"].std()
+    assert parts.total.std() < 1e-3 * parts.terms["dds"].std()
 
 
 def test_residual_lies_on_the_noise():
@@ -97,8 +99,15 @@ def test_page_without_telemetry_of_an_experiment(tmp_path):
     assert "Breakdown: the fitted terms" not in text
 
 
-def test_delta_g_is_that_of_lisa_pathfinder(tmp_path):
+def test_calibrated_D_is_the_sum_of_its_terms(tmp_path):
+    product = fit.delta_g(campaign()[0], calibrated())
+    for name in ("D_x", "D_y"):
+        terms = [x for key, x in product.channels.items() if key.startswith(f"{name}_")]
+        np.testing.assert_allclose(np.sum(terms, axis=0), product.channels[name], atol=1e-24)
+        slow = {key: np.convolve(x, np.ones(60) / 60, "valid") for key, x in product.channels.items()}
+        assert slow[name].std() < 0.1 * slow[f"{name}_dds"].std()
     lisa_loop.save(tmp_path, campaign()[:1])
-    (run,) = fit.load(tmp_path)
-    with pytest.raises(fit.InputError, match="telemetry of LISA, Delta g is not available for it, expected"):
-        fit.delta_g(run, calibrated())
+    (path,) = tmp_path.iterdir()
+    assert write_delta_g(path, tmp_path / "D.h5", calibrated(), {}) == ()
+    with h5py.File(tmp_path / "D.h5") as file:
+        np.testing.assert_array_equal(file["D_x"][()], product.channels["D_x"])
