@@ -228,7 +228,7 @@ def _explanations(run: RunScore, epochs: Mapping[int, Array]) -> Iterator[_Expla
         cause = Cause("", f"{a} {b}", "exchange", words=f"{a} and {b} are exchanged")
         yield replace(nothing, cause=_constant(cause), order=order, tau=delays)
     for epoch, parameter_map in epochs.items():
-        cause = Cause("", "alignment_epoch", "label", epoch, words=f"its alignment epoch is {epoch}")
+        cause = Cause("", "alignment_epoch", "label", float(epoch), words=f"its alignment epoch is {epoch}")
         yield replace(nothing, cause=_constant(cause), parameter_map=parameter_map)
     for name, shifts in STIFFNESSES.items():
         yield shifted(partial(_stiffness_cause, name), shifts)
