@@ -13,10 +13,10 @@ import numpy as np
 
 from fit.consistency.consistency_test import ConsistencyTest, consistency_test
 from fit.consistency.contradictions import contradiction_exclusions, largest_pull
-from fit.consistency.leverage import LEVERAGE, find_leverages, pull_limit
+from fit.consistency.leverage import leverage_warnings
 from fit.consistency.outlier_runs import find_outlier_runs, is_contradicted
 from fit.consistency.run_scores import RunScore, run_score
-from fit.consistency.scatter import estimate_scatter, scattering_parameters
+from fit.consistency.scatter import P_SCATTER, estimate_scatter, scattering_parameters
 from fit.errors import FitError
 from fit.fitting import IRLSResult, fit_joint, run_estimate
 from fit.model import Sharing
@@ -194,7 +194,11 @@ def _leave_out(
         bad = find_outlier_runs(test)
         if candidates and not scatter:
             estimate = estimate_scatter(test, candidates)
-            if estimate and estimate.significant and (not bad.runs or estimate.log_likelihood > bad.log_odds):
+            if (
+                estimate
+                and estimate.p < P_SCATTER
+                and (not bad.runs or estimate.log_likelihood > bad.log_odds)
+            ):
                 scatter = scattering_parameters(candidates)
                 continue
         probabilities |= bad.probabilities
@@ -339,7 +343,7 @@ def _warnings(
     `left_out` are the runs that contradict those of the joint fit.
     """
     if not is_contradicted(test, _groups(experiments)):
-        return _leverage_warnings(test, joint, left_out)
+        return leverage_warnings(test, joint, left_out)
     answers = find_outlier_runs(test).answers[:MAX_ANSWERS]
     suspect = answers[0][0]
     i = [run.name for run in test.runs].index(suspect)
@@ -366,34 +370,3 @@ def exclusion_warnings(exclusions: Iterable[Exclusion], n_fitted: int) -> list[F
         "others may agree by chance or have a fault in common; the uncertainties are not valid"
     )
     return [FitWarning("too_many_exclusions", (), message)]
-
-
-def _leverage_warnings(
-    test: ConsistencyTest, joint: IRLSResult, left_out: Sequence[RunScore]
-) -> list[FitWarning]:
-    """Return warnings of what a single run determines almost alone, and where others contradict it."""
-    leverages = [x for x in find_leverages(test, joint.undetermined, left_out) if x.index < joint.shared]
-    limit = pull_limit(leverages)
-    names_by_run: dict[str, list[str]] = {}
-    contradictions: dict[tuple[str, str], list[str]] = {}
-    for leverage in leverages:
-        name = joint.parameters[leverage.index].name
-        if leverage.is_high:
-            names_by_run.setdefault(leverage.run, []).append(name)
-        for other, pull in leverage.contradicting(limit).items():
-            contradictions.setdefault((leverage.run, other), []).append(f"{name} by {pull:.1f} sigma")
-    warnings = []
-    for run, names in names_by_run.items():
-        subject = f"{', '.join(names)} {'is' if len(names) == 1 else 'are'}"
-        check = f"no cross-check: without {run}, sigma grows by a factor of more than {LEVERAGE:g}"
-        message = f"{subject} determined almost entirely by {run}; {check}"
-        warnings.append(FitWarning("high_leverage", tuple(names), message))
-    for (run, other), pulls in contradictions.items():
-        others = f"{other}, which is left out," if other else "the other experiments"
-        message = (
-            f"{run} and {others} contradict each other: they differ in {' and '.join(pulls)}, for which the "
-            f"joint fit relies on {run}; the data do not show which of them is wrong; the uncertainties are "
-            "not valid"
-        )
-        warnings.append(FitWarning("contradiction", (), message))
-    return warnings

@@ -14,6 +14,8 @@ from numpy.typing import NDArray
 from fit.consistency.consistency_test import ConsistencyTest
 from fit.consistency.run_scores import RunScore
 from fit.false_alarms import sigma_limit
+from fit.fitting import IRLSResult
+from fit.warnings import FitWarning
 
 Array = NDArray[np.float64]
 
@@ -80,6 +82,37 @@ def find_leverages(
 def pull_limit(leverages: Sequence[Leverage]) -> float:
     """Return the pull from which others contradict the run that determines a parameter."""
     return sigma_limit("runs", sum(len(leverage.pulls) for leverage in leverages))
+
+
+def leverage_warnings(
+    test: ConsistencyTest, joint: IRLSResult, left_out: Sequence[RunScore]
+) -> list[FitWarning]:
+    """Return warnings of what a single run determines almost alone, and where others contradict it."""
+    leverages = [x for x in find_leverages(test, joint.undetermined, left_out) if x.index < joint.shared]
+    limit = pull_limit(leverages)
+    names_by_run: dict[str, list[str]] = {}
+    contradictions: dict[tuple[str, str], list[str]] = {}
+    for leverage in leverages:
+        name = joint.parameters[leverage.index].name
+        if leverage.is_high:
+            names_by_run.setdefault(leverage.run, []).append(name)
+        for other, pull in leverage.contradicting(limit).items():
+            contradictions.setdefault((leverage.run, other), []).append(f"{name} by {pull:.1f} sigma")
+    warnings = []
+    for run, names in names_by_run.items():
+        subject = f"{', '.join(names)} {'is' if len(names) == 1 else 'are'}"
+        check = f"no cross-check: without {run}, sigma grows by a factor of more than {LEVERAGE:g}"
+        message = f"{subject} determined almost entirely by {run}; {check}"
+        warnings.append(FitWarning("high_leverage", tuple(names), message))
+    for (run, other), pulls in contradictions.items():
+        others = f"{other}, which is left out," if other else "the other experiments"
+        message = (
+            f"{run} and {others} contradict each other: they differ in {' and '.join(pulls)}, for which the "
+            f"joint fit relies on {run}; the data do not show which of them is wrong; the uncertainties are "
+            "not valid"
+        )
+        warnings.append(FitWarning("contradiction", (), message))
+    return warnings
 
 
 def _leverages(

@@ -222,7 +222,10 @@ def _explanations(run: RunScore, epochs: Mapping[int, Array]) -> Iterator[_Expla
         shifts = {C: weight * theta[GAINS[C]] for C, weight in LATE.get(name, {}).items()}
         if shifts:
             yield shifted(partial(_lag_cause, name), shifts)
-    for a, b, delays in (("o_1", "o_12", tau), ("f_x_1", "f_x_2", tau[::-1])):
+    exchanges = [("f_x_1", "f_x_2", tau[::-1])]
+    if theta["delta_ifo"]:  # whose column is that of o_12 then
+        exchanges.append(("o_1", "o_12", tau))
+    for a, b, delays in exchanges:
         order = nothing.order.copy()
         order[columns[a] + columns[b]] = columns[b] + columns[a]
         cause = Cause("", f"{a} {b}", "exchange", words=f"{a} and {b} are exchanged")

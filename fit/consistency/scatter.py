@@ -5,7 +5,6 @@ Both test masses share a width, relative to the flight values. The likelihood is
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,30 +26,6 @@ GAIN, DELAY = (
 CANDIDATES = ((GAIN,), (DELAY,), (GAIN, DELAY))
 
 
-@dataclass(frozen=True)
-class Scatter:
-    """Parameters that scatter from run to run.
-
-    Attributes
-    ----------
-    kinds : tuple of Kind
-        What scatters.
-    log_likelihood : float
-        Logarithm of the likelihood ratio to no scatter.
-    p : float
-        Probability of as large a ratio without scatter.
-    """
-
-    kinds: tuple[random_effects.RandomEffect, ...]
-    log_likelihood: float
-    p: float
-
-    @property
-    def significant(self) -> bool:
-        """Whether it is more than noise makes of none."""
-        return self.p < P_SCATTER
-
-
 def scattering_parameters(names: Sequence[str]) -> list[str]:
     """Return the gains and the delays that a fit gives random effects once either of them scatters.
 
@@ -66,8 +41,8 @@ def scattering_parameters(names: Sequence[str]) -> list[str]:
     return [name for effect in effects for name in effect.parameters]
 
 
-def estimate_scatter(test: ConsistencyTest, names: Sequence[str]) -> Scatter | None:
-    """Return the most likely scatter among the candidates; None if no run is sensitive to any.
+def estimate_scatter(test: ConsistencyTest, names: Sequence[str]) -> random_effects.WidthEstimate | None:
+    """Return the widths of the most likely candidate; None if no run is sensitive to any.
 
     Parameters
     ----------
@@ -78,10 +53,12 @@ def estimate_scatter(test: ConsistencyTest, names: Sequence[str]) -> Scatter | N
     """
     candidates = [c for c in CANDIDATES if all({*kind.parameters} <= {*names} for kind in c)]
     estimates = [e for kinds in candidates if (e := _estimate(test, kinds))]
-    return max(estimates, key=lambda e: e.log_likelihood - len(e.kinds), default=None)
+    return max(estimates, key=lambda e: e.log_likelihood - len(e.widths), default=None)
 
 
-def _estimate(test: ConsistencyTest, kinds: Sequence[random_effects.RandomEffect]) -> Scatter | None:
+def _estimate(
+    test: ConsistencyTest, kinds: Sequence[random_effects.RandomEffect]
+) -> random_effects.WidthEstimate | None:
     columns = []
     for kind in kinds:
         Z = test.residual_maker @ _deviations(test, kind)
@@ -90,8 +67,7 @@ def _estimate(test: ConsistencyTest, kinds: Sequence[random_effects.RandomEffect
         if np.unique(np.flatnonzero(sensitive) % len(test.runs)).size < FEWEST:
             return None
         columns.append(Z[:, sensitive])
-    estimate = estimate_widths(test.residual_maker @ test.residual, columns)
-    return Scatter(tuple(kinds), estimate.log_likelihood, estimate.p)
+    return estimate_widths(test.residual_maker @ test.residual, columns)
 
 
 def _deviations(test: ConsistencyTest, kind: random_effects.RandomEffect) -> Array:

@@ -10,7 +10,13 @@ from fit.consistency.model_misfit import model_warnings
 from fit.pipeline import calibrate
 from fit.results import load
 from fit.whitening import pair
-from tests.hostile.catalogue.common import averaged, leaking_guidance, pushed_at, weaker_at_large_force
+from tests.hostile.catalogue.common import (
+    averaged,
+    leaking_guidance,
+    pushed_at,
+    weaker_at_large_force,
+    with_hysteresis,
+)
 from tests.hostile.spoiling import all_of, changed, clean, every, gain, glitch, pushed, remade
 from tests.oracles import synthetic, thirteen
 
@@ -40,6 +46,12 @@ def test_an_actuator_that_acts_less_at_large_forces_is_named():
     assert "f_x_2" in {cause.channel for cause in named}
     sizes = {cause.channel: cause.size for cause in named}
     assert abs(sizes["f_x_2"] + 2e-4) < 2e-5
+
+
+def test_what_runs_have_in_common_with_a_template_is_a_misfit_though_it_is_not_all_of_it():
+    runs = with_hysteresis(2e-3, 2e-9)(clean(NAMES))
+    (warning,) = model_warnings(pair(list(runs.values())))
+    assert warning.kind.unsound and "have a part in common" in warning.message
 
 
 def test_forces_that_most_runs_do_not_record_are_named():

@@ -35,6 +35,19 @@ def averaged(seconds):
     return every(lambda run: before_archive(run, lambda c: {n: average(c[n]) for n in ("o_1", "o_12")}))
 
 
+def with_hysteresis(share, width):
+    """Let a share of o_12 follow with a play of a width [m] on either side, in every run."""
+
+    def played(values):
+        position = np.empty_like(values)
+        last = values[0]
+        for i, value in enumerate(values):
+            position[i] = last = min(max(last, value - width), value + width)
+        return values + share * (position - values)
+
+    return every(lambda run: changed(run, o_12=played))
+
+
 def pushed_at(*frequencies, amplitude, names):
     """Push test mass 2 at injected frequencies [Hz] by a force [m s-2] that is not recorded."""
 
@@ -71,6 +84,7 @@ COMMON = (
             pushed_at(0.833e-3, 1.667e-3, 6.67e-3, amplitude=2e-14, names=HALF),
         ),
     ),
+    *faults("hysteresis in every run", "", ("2 nm in 0.2 %", "o_12", "", with_hysteresis(2e-3, 2e-9))),
     *faults("read-outs averaged in every run", AVERAGED, ("1 s", "o_1 o_12", "", averaged(1.0))),
     *changes(
         "unit wrong by a power of ten",

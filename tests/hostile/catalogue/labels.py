@@ -61,6 +61,7 @@ ATTRIBUTES = (
         ("4 is 3", "", *attribute("B4", alignment_epoch=3)),
         ("1 is 2", "", *attribute("A1b", alignment_epoch=2)),
         ("3 is 4", "", *attribute("G3", alignment_epoch=4)),
+        ("4 is 1, of two runs", "", *attribute("C4", alignment_epoch=1)),
     ),
     *faults("alignment epoch wrong", "", ("2 is 9", "", *attribute("D2", alignment_epoch=9)), harmless=True),
     *faults(

@@ -87,6 +87,7 @@ SEVERAL = (
             "B2 B4",
             all_of(labelled("B2", alignment_epoch=4), labelled("B4", alignment_epoch=2)),
         ),
+        ("2 is 1, two runs of four", "", *each(("B2", "C2"), lambda n: labelled(n, alignment_epoch=1))),
     ),
     *faults(
         "two faults of one run",
