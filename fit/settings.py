@@ -10,7 +10,7 @@ from pydantic import BeforeValidator, ConfigDict, Field, ValidationError, field_
 
 from fit.errors import InputError, quote
 from fit.files import Table, closest_match, documents, key, problem, validation_messages
-from fit.parameters import FLIGHT
+from fit.parameters import FLIGHT, LISA
 from fit.units import prior_text
 
 Estimator = Literal["gaussian", "student_t", "marginalised", "flscov"]  # of the likelihood, or LTPDA's
@@ -245,7 +245,7 @@ def settings(table: Mapping[str, object] | None = None, context: str = "[fit]") 
     if not isinstance(shared, Mapping):
         raise InputError(f"{context}.shared: {quote(shared)}, expected a table of parameters")
     for name in shared:
-        if name not in known:
+        if name not in known and name not in LISA:
             raise InputError(f"{context}.shared.{key(name)}: unknown key{closest_match(name, known)}")
     try:
         result = Settings.model_validate({**default, **table, "shared": {**known, **shared}})

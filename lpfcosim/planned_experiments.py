@@ -46,11 +46,6 @@ def planned_experiments(campaign: Campaign) -> list[PlannedExperiment]:
     ]
 
 
-def is_lisa(campaign: Campaign) -> bool:
-    """Return whether a campaign is of a LISA spacecraft."""
-    return any(model_of(run).equation == LISA for run in campaign.runs)
-
-
 def planned_noise_runs(runs: Sequence[Run]) -> list[PlannedNoiseRun]:
     """Return the noise runs of the whole spacecraft, which the inertial calibration may use.
 

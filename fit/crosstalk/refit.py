@@ -11,7 +11,7 @@ from fit.parallel import one_blas_thread
 from fit.quality import mask_experiments, noise_adaptation
 from fit.results import Results, results_folder, telemetry_of
 from fit.settings import Settings, settings
-from fit.telemetry import Telemetry, check_pathfinder, read_all
+from fit.telemetry import Telemetry, read_all
 from fit.whitening import Experiment, Run
 
 
@@ -37,12 +37,10 @@ def experiments(
     Raises
     ------
     InputError
-        If the telemetry is of LISA, or the results do not say how they came about.
+        If the results do not say how they came about.
     """
     if results.joint is None or not results.joint.parameters:
         raise InputError(f"{path}: joint: expected a joint fit that determined parameters")
-    for run in telemetries:
-        check_pathfinder(run, "a refit is")
     runs = {t.run: t for t in telemetries}
     provenance = results.provenance
     joint, pairs, chosen = provenance.joint_runs, provenance.noise_runs, provenance.settings
@@ -56,9 +54,8 @@ def experiments(
     ]
     fit_settings = settings(chosen, f"{path}: provenance.settings")
     prepared = []
-    for one in mask_experiments(
-        [e.limit_band(fit_settings.f_max) for e in recorded], fit_settings, ()
-    ).values():
+    limited = [e.limit_band(fit_settings.f_max).with_parameters(fit_settings.parameters) for e in recorded]
+    for one in mask_experiments(limited, fit_settings, ()).values():
         if isinstance(one, InputError):
             raise one
         prepared.append(one.experiment)

@@ -123,6 +123,9 @@ def joint_parameters(
         Of the departures.
     """
     sharing, N = Sharing(settings.shared), len(experiments)
+    for e, name in ((e, name) for e in experiments for name in scattering):
+        if name not in e.parameters:
+            raise InputError(f"fit.scatter: {name}: no parameter of {e.name}, expected one")
     shared = sharing.parameters([(e.sysid.telemetry, e.parameters) for e in experiments])
     names = [p.name for p in shared]
     deviations, widths = random_effects.parameters(scattering, [e.name for e in experiments], len(names))

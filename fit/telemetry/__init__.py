@@ -9,7 +9,6 @@ from fit.telemetry.pieces import PIECE, pieces
 from fit.telemetry.reader import (
     Telemetry,
     check_channels,
-    check_pathfinder,
     check_runs,
     common_x_axis,
     inertial_period,
@@ -36,7 +35,6 @@ __all__ = [
     "Writer",
     "XAxis",
     "check_channels",
-    "check_pathfinder",
     "check_runs",
     "common_x_axis",
     "conversion",

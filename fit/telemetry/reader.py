@@ -246,28 +246,6 @@ def check_runs(runs: object, function: str) -> None:
         raise InputError(f"{function}: runs: {shown(runs)}, expected a list of Telemetry (fit.load)")
 
 
-def check_pathfinder(telemetry: Telemetry, purpose: str) -> None:
-    """Check that a run is of LISA Pathfinder.
-
-    Parameters
-    ----------
-    telemetry : Telemetry
-        The run.
-    purpose : str
-        What needs it, with its verb, for the message.
-
-    Raises
-    ------
-    InputError
-        If it is of a LISA spacecraft.
-    """
-    if telemetry.spacecraft == "LISA":
-        raise InputError(
-            f"{telemetry.path}: telemetry of LISA, {purpose} not available for it, expected LISA Pathfinder; "
-            "lpfcosim fit calibrates LISA, lpfcosim report draws D"
-        )
-
-
 def check_channels(telemetry: Telemetry) -> None:
     """Read all channels, so that their values are not refused in the middle of a fit.
 

@@ -10,7 +10,6 @@ from lpfcosim.campaign import Campaign
 from lpfcosim.constellation import ASSEMBLIES, LEAD, TAIL, assembly_angles, spacecraft_motion
 from lpfcosim.linear import response
 from lpfcosim.models import model_of
-from lpfcosim.planned_experiments import is_lisa
 
 MANOEUVRES = {"guidance_theta", "guidance_eta", "guidance_phi", "guidance_opening"}  # set points
 LINK_DELAY = 2.5e9 / michelson.C  # s, of an arm of 2.5 Gm
@@ -36,7 +35,8 @@ def expected_ttl_sigmas(campaign: Campaign) -> dict[str, float]:
     runs = [run for run in campaign.runs if run.kind == "sysid"]
     moved = [any(injection.into in MANOEUVRES for injection in run.injections) for run in runs]
     same_length = len({run.n_samples for run in runs}) == 1
-    if not (is_lisa(campaign) and same_length and len(runs) == len(ASSEMBLIES) and all(moved)):
+    has_telescopes = all("half_opening" in model_of(run).attributes(run) for run in runs)
+    if not (has_telescopes and same_length and len(runs) == len(ASSEMBLIES) and all(moved)):
         return {}
     series: dict[str, NDArray[np.float64]] = {}
     for run, spacecraft in zip(runs, ASSEMBLIES, strict=True):
