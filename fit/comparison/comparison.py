@@ -106,10 +106,13 @@ class Comparison:
     def table(self) -> Table:
         """Return a row for each parameter: values, and differences from the first result in sigma."""
         reference, *labels = self.labels
-        truth = any(p.truth is not None for p in self.parameters)
-        head = ["parameter", "unit", reference]
-        for label in labels:
-            head += [label, "difference/sigma"]
+        head = [
+            "parameter",
+            "unit",
+            reference,
+            *(h for x in labels for h in (x, "difference/sigma")),
+            "truth",
+        ]
         rows = []
         for p in self.parameters:
             cells = [p.name + (f" ({p.key})" if p.key else ""), campaign_unit(p.unit)]
@@ -117,9 +120,9 @@ class Comparison:
                 cells.append(estimate.number if estimate else _NONE)
                 cells += [_NONE if difference is None else f"{round(difference, 2) + 0.0:+.2f}"] if n else []
             sigmas = [e.sigma for e in p.estimates if e and not e.is_exact]
-            known = _NONE if p.truth is None else rounded(p.truth, min(sigmas, default=0.0))
-            rows.append((*cells, *([known] if truth else [])))
-        return Table((*head, *(["truth"] if truth else [])), tuple(rows))
+            cells.append("" if p.truth is None else rounded(p.truth, min(sigmas, default=0.0)))
+            rows.append(tuple(cells))
+        return Table(tuple(head), tuple(rows)).filled(n_always=len(head) - 1)
 
     def sentences(self) -> list[str]:
         """Return the tests and the notes, a sentence each."""

@@ -2,7 +2,7 @@
 
 import math
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Annotated, Literal, Protocol
+from typing import Annotated, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,10 +11,6 @@ from pydantic import ConfigDict, Field, model_validator
 from fit.files import problem
 from fit.tables import FIXED, measurement, rounded, withheld
 from fit.units import campaign_unit, concise_value, prior_text
-
-if TYPE_CHECKING:
-    from lmfit import Minimizer, Parameters
-    from lmfit.minimizer import MinimizerResult
 
 CONFIG = ConfigDict(arbitrary_types_allowed=True, allow_inf_nan=False)
 QUANTILES = 27  # of a residual
@@ -169,24 +165,3 @@ class Stiffness:
     N_max: float
     value: float
     sigma: float
-
-
-class SolvedModel(Protocol):
-    """A joint model and its solution by lmfit, see `fit.fitting.SolvedModel`."""
-
-    @property
-    def result(self) -> "MinimizerResult":
-        """The estimate."""
-
-    @property
-    def minimizer(self) -> "Minimizer":
-        """The problem as lmfit has it."""
-
-    def refit(self, params: "Parameters") -> "MinimizerResult":
-        """Return the fit with other settings of its parameters."""
-
-    def exclude(self, *runs: str) -> "MinimizerResult":
-        """Return the fit without some of the experiments."""
-
-    def shift_sigma(self, reduced: "MinimizerResult", *runs: str) -> NDArray[np.float64]:
-        """Return the standard deviations of the shifts that leaving out experiments has."""

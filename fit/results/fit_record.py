@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Annotated, Any, Literal, overload
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 from markupsafe import Markup
@@ -12,20 +12,18 @@ from pydantic import (
     PlainSerializer,
     PlainValidator,
     SerializerFunctionWrapHandler,
-    SkipValidation,
     model_serializer,
     model_validator,
 )
 
 from fit.errors import InputError
 from fit.files import problem
-from fit.results.estimates import CONFIG, Diagnostics, Estimate, SolvedModel, Stiffness, correlation_matrix
+from fit.results.estimates import CONFIG, Diagnostics, Estimate, Stiffness, correlation_matrix
 from fit.tables import Table, html_list, rounded
 from fit.units import campaign_unit
 from fit.warnings import FitWarning, distinct_messages
 
 if TYPE_CHECKING:
-    import pandas
     from lmfit import Minimizer, Parameters
     from lmfit.minimizer import MinimizerResult
 
@@ -63,7 +61,7 @@ class Fit:
         Of an inertial period: coefficient of g_Omega if it is free; 1 expected.
     stiffness : tuple of Stiffness
         Of a joint fit: omega2_j at the authorities of its runs, also where its parts are not determined.
-    solved : SolvedModel, optional
+    solved : fit.fitting.SolvedModel, optional
         The fitted model; not in files.
     """
 
@@ -84,9 +82,7 @@ class Fit:
     diagnostics: Diagnostics | None = None
     centrifugal: Estimate | None = None
     stiffness: tuple[Stiffness, ...] = ()
-    solved: Annotated[SkipValidation[SolvedModel | None], Field(exclude=True)] = field(
-        default=None, compare=False
-    )
+    solved: Annotated[Any, Field(exclude=True)] = field(default=None, compare=False)
 
     def __post_init__(self) -> None:
         sound = not self.unsound
@@ -162,12 +158,12 @@ class Fit:
         ``covar`` is the true covariance, window and priors included; ``chisqr`` and ``nfree`` are those of
         the consistency of the runs with each other.
         """
-        return self._solved.result
+        return self._model().result
 
     @property
     def minimizer(self) -> "Minimizer":
         """The problem as lmfit has it: `emcee`, ``lmfit.conf_interval`` with ``prob_func=fit.delta_chi2``."""
-        return self._solved.minimizer
+        return self._model().minimizer
 
     def refit(self, params: "Parameters") -> "MinimizerResult":
         """Fit the compressed runs again, which takes milliseconds.
@@ -177,14 +173,13 @@ class Fit:
         params : lmfit.Parameters
             Those of `lmfit`, some of them fixed, bounded or tied; priors are `fit.Prior` as ``user_data``.
         """
-        return self._solved.refit(params)
+        return self._model().refit(params)
 
     def without(self, *runs: str) -> "MinimizerResult":
         """Fit the compressed runs again without some of the experiments, which takes milliseconds."""
-        return self._solved.exclude(*runs)
+        return self._model().exclude(*runs)
 
-    @property
-    def _solved(self) -> SolvedModel:
+    def _model(self) -> Any:
         if self.solved is None:
             raise InputError("results from a file hold no lmfit model, expected those of fit.calibrate")
         return self.solved
@@ -200,11 +195,7 @@ class Fit:
         names = (name for w in self.warnings if w.code == "indeterminable" for name in w.parameters)
         return tuple(dict.fromkeys(names))
 
-    @overload
-    def covariance(self, *, as_frame: Literal[False] = False) -> NDArray[np.float64]: ...
-    @overload
-    def covariance(self, *, as_frame: Literal[True]) -> "pandas.DataFrame": ...
-    def covariance(self, *, as_frame: bool = False) -> "NDArray[np.float64] | pandas.DataFrame":
+    def covariance(self, *, as_frame: bool = False) -> Any:
         """Return the covariance of the estimates, shape (P, P), in the order of `parameters`.
 
         Parameters

@@ -6,19 +6,16 @@ paths go by these rules.
 """
 
 import os
-import shlex
 import stat
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 from fit.errors import InputError, shown
-from fit.files import documents, is_file
+from fit.files import is_file
 from fit.results.results import Results, load
 from fit.telemetry import is_telemetry
 
 RESULTS, TELEMETRY = "results.json", "telemetry"
-_MAP = "lpf-map/"
-_ARCHIVES = (".csv", ".txt", ".dat", ".mat", ".fits", ".npy", ".gz")
 _PRODUCT = "*-deltag.h5"  # output of `deltag` in a folder of results
 
 
@@ -150,7 +147,10 @@ def _of_folder(folder: Path) -> list[Path]:
     else:
         files = hdf5_files
     if not files:
-        raise InputError(f"{folder}: folder without telemetry, expected files *.h5 in it{_instead(folder)}")
+        raise InputError(
+            f"{folder}: folder without telemetry, expected files *.h5 in it; archives are read through a "
+            "map, which lpfcosim new --map writes"
+        )
     _check_alone(folder, hdf5_files, files)
     return files
 
@@ -188,34 +188,6 @@ def _hdf5(folder: Path) -> list[Path]:
     except OSError as error:
         raise InputError(f"{folder}: cannot be read ({error.strerror}), expected telemetry") from None
     return [folder / name for name in names if name.endswith(".h5") and not name.startswith(".")]
-
-
-def _instead(folder: Path) -> str:
-    """Return a suggestion for a folder without telemetry, if its content allows one."""
-    paths = sorted(folder.iterdir())
-    maps = [path for path in paths if path.suffix == ".toml" and _schema(path).startswith(_MAP)]
-    if maps:
-        return f"; {maps[0]} is a map of archives: name it instead of the folder"
-    inner = [path for path in paths if is_file(path / RESULTS) or _hdf5_of_run(path)]
-    if inner:
-        return f"; did you mean {', '.join(map(str, inner[:3]))}{' ...' if len(inner) > 3 else ''}?"
-    archives = [path for path in paths if path.suffix.lower() in _ARCHIVES]
-    if archives:
-        command = f"lpfcosim new --map {shlex.quote(str(archives[0]))}"
-        return f"; archives such as {archives[0].name} are read through a map, which {command} writes"
-    return ""
-
-
-def _hdf5_of_run(folder: Path) -> bool:
-    """Return whether a folder is that of a run with telemetry."""
-    return any((folder / TELEMETRY).glob("*.h5"))
-
-
-def _schema(path: Path) -> str:
-    try:
-        return str(documents.toml(path, "a map").get("schema"))
-    except InputError:
-        return ""
 
 
 def _mode(path: Path) -> int:

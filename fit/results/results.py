@@ -185,13 +185,10 @@ class Results:
 
 def _checked(path: object, function: str) -> Path:
     """Return the path of a file to write."""
-    if not isinstance(path, str | os.PathLike) or not Path(path).name:
-        raise InputError(f"{function}: path: {shown(path)}, expected the path of a file")
-    if not Path(path).parent.is_dir():
-        raise InputError(f"{path}: no such folder, expected a file in one that exists")
-    if Path(path).is_dir():
-        raise InputError(f"{path}: is a folder, expected the path of a file")
-    return Path(path)
+    file = Path(path) if isinstance(path, str | os.PathLike) else Path()
+    if file.name and file.parent.is_dir() and not file.is_dir():
+        return file
+    raise InputError(f"{function}: path: {shown(path)}, expected a file in a folder that exists")
 
 
 def check_results(results: object, function: str) -> None:

@@ -106,24 +106,11 @@ def an_interrupted_run(folder):
     (folder / "telemetry" / ".a.h5.17.part").write_bytes(b"")
 
 
-def a_map(folder):
-    (folder / "map.toml").write_text('schema = "lpf-map/1"\n')
-    (folder / "a.csv").write_text("1,2\n")
-
-
-def folders_of_results(folder):
-    for name in "ab":
-        results(folder / name)
-
-
 @pytest.mark.parametrize(
     ("fill", "said"),
     [
         (lambda _: None, "DIR: folder without telemetry, expected files *.h5 in it"),
         (an_interrupted_run, "DIR/telemetry: no files *.h5 in it, expected telemetry; if lpfcosim run was"),
-        (a_map, "DIR/map.toml is a map of archives: name it instead of the folder"),
-        (lambda folder: (folder / "a.CSV").touch(), "archives such as a.CSV are read through a map"),
-        (folders_of_results, "did you mean DIR/a, DIR/b?"),
         (results, "DIR/results.json: provenance.telemetry: expected a list of file names"),
     ],
 )
