@@ -5,7 +5,7 @@ import re
 from pathlib import Path
 from typing import Any
 
-from lpfcosim.cli.schema import json_schema
+from lpfcosim.cli.new import json_schema
 
 KEYS = Path(__file__).with_name("campaign-keys.csv")
 HEADING = ("table", "key", "value", "default")

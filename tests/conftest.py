@@ -93,7 +93,7 @@ def lpfcosim(monkeypatch, capfd, tmp_path):
 
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(
-        "lpfcosim.cli.console.FIRST_REPORT", 3600.0
+        "lpfcosim.cli.console.FIRST_LINE", 3600.0
     )  # what is said does not depend on who else runs
 
     def run(*arguments, status=None):

@@ -1,4 +1,4 @@
-"""The command ``figures``: figures for print of the results in a folder."""
+"""Figures for print of the results in a folder."""
 
 import re
 from collections.abc import Iterable, Sequence
@@ -15,7 +15,6 @@ from lpfcosim.cli.console import Console
 from lpfcosim.cosim import SimulationProgress
 from lpfcosim.errors import InputError, RunError
 from lpfcosim.execution import Tasks, Workers, results_folder
-from lpfcosim.workflows import output_paths
 
 WORDS = (
     *("responses", "spectra", "breakdown", "residual", "inertial", "stiffness", "gain"),
@@ -24,9 +23,9 @@ WORDS = (
 _WORD = re.compile("[A-Za-z]{3,}")  # shorter ones are beginnings of names
 
 
-def figures(directory: Path, names: Sequence[str], console: Console, *, jobs: int | None) -> None:
-    """Draw the figures whose names contain one of `names`, all of them without any, on several processes."""
-    output_paths.check_folder(directory, "figures", option="")
+def write_figures(directory: Path, names: Sequence[str], console: Console, *, jobs: int | None) -> int:
+    """Draw the figures whose names contain one of `names`, or all of them; return their number."""
+    results_folder.check_folder(directory, "figures", option="")
     if names:
         check_names(names, load(results_folder_of(directory) / "results.json").experiments, str(directory))
     with console.stage("reading"):
@@ -56,7 +55,7 @@ def figures(directory: Path, names: Sequence[str], console: Console, *, jobs: in
                 if isinstance(outcome, InputError | RunError):
                     raise outcome
                 progress(done)
-    console.print_line(f"{len(chosen)} figures: {place}")
+    return len(chosen)
 
 
 def check_names(names: Iterable[str], experiments: Iterable[str], place: str) -> None:

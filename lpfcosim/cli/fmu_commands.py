@@ -5,6 +5,7 @@ from typing import Annotated, Literal
 
 import typer
 
+from lpfcosim.cli.console import Console
 from lpfcosim.cli.options import CampaignFile, Quiet, examples, help_without_command
 from lpfcosim.errors import InputError, prefix_errors
 
@@ -41,22 +42,22 @@ def build(
     """
     from fit.errors import quote
     from fit.files import closest_match
-    from lpfcosim.cli.console import Console
+    from lpfcosim.execution import results_folder
     from lpfcosim.modelica import build as fmu_build
     from lpfcosim.models import fmu_names
-    from lpfcosim.workflows import fmus, output_paths
+    from lpfcosim.workflows import simulate
 
     console = Console(quiet=quiet)
     if out is not None:
-        output_paths.check_folder(out)
+        results_folder.check_folder(out)
     for name in models or ():
         if name not in fmu_names():
             raise InputError(f"no model {quote(name)}{closest_match(name, fmu_names())}")
-    built = fmus.build_fmus(models or fmu_names(), console, fmi=fmi, force=force)
+    built = simulate.build_fmus(models or fmu_names(), console, fmi=fmi, force=force)
     if out is not None:
         built = fmu_build.copy(built, out)
     for path in built.values():
-        console.print_line(str(path))
+        console.show(str(path))
 
 
 @app.command(name="list", epilog=examples("lpfcosim fmu list", "lpfcosim fmu list --json | jq .fmus[].path"))
@@ -93,15 +94,15 @@ def export_ssp(
     It has one set of parameter values for each authority set of the campaign.
     """
     from lpfcosim.campaign import loading
-    from lpfcosim.cli.console import Console
+    from lpfcosim.execution import results_folder
     from lpfcosim.export import ssp
-    from lpfcosim.workflows import fmus, output_paths
+    from lpfcosim.workflows import simulate
 
     console = Console(quiet=quiet)
     plan = loading.load(campaign)
     path = out or Path(f"{campaign.stem}.ssp")
-    output_paths.check_file(path, loading.sources(campaign), parents=True)
+    results_folder.check_file(path, loading.sources(campaign), parents=True)
     with prefix_errors(campaign):
-        archives = fmus.campaign_fmus(plan, console, ssp.FMI)
+        archives = simulate.campaign_fmus(plan, console, ssp.FMI)
         written = ssp.export(plan, archives, path)
-    console.print_line(str(written))
+    console.show(str(written))

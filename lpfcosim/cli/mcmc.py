@@ -1,4 +1,4 @@
-"""The command ``mcmc``: the posterior of an earlier calibration, sampled."""
+"""The posterior of an earlier calibration, sampled."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -16,12 +16,12 @@ from lpfcosim.cli.console import Console
 from lpfcosim.execution import results_folder
 
 
-def mcmc(directory: Path, console: Console, *, steps: int, seed: int) -> None:
-    """Sample the posterior of the joint fit in a folder."""
+def write_mcmc(directory: Path, console: Console, *, steps: int, seed: int) -> tuple[list[str], str]:
+    """Sample the posterior of a joint fit; return lines about it, and the content of mcmc.json."""
     with console.stage("reading"):
         results, telemetries = refit.load(directory)
     with results_folder.lock(directory):
-        _sample(directory, results, telemetries, console, steps=steps, seed=seed)
+        return _sample(directory, results, telemetries, console, steps=steps, seed=seed)
 
 
 def _sample(
@@ -32,7 +32,7 @@ def _sample(
     *,
     steps: int,
     seed: int,
-) -> None:
+) -> tuple[list[str], str]:
     path = directory / "results.json"
     for warning in results.joint.unsound if results.joint else ():
         console.warn(f"{path}: joint: {warning.message}")
@@ -55,14 +55,14 @@ def _sample(
         (directory / "figures").mkdir(exist_ok=True)
         write(directory / "figures", "corner", studies.corner_plot, chain, joint)
     shift = max(abs(p["shift_in_sigma"]) for p in summary["parameters"].values())
-    console.print_line(
-        f"{chain.steps} steps of {summary['walkers']} walkers, autocorrelation time up to "
-        f"{max(chain.tau):.0f} steps; means within {shift:.2g} sigma of the joint fit"
-    )
-    console.print_json(text)
     with console.stage("report"):
         page = fit_report.write_report(directory, results, telemetries)
-    console.print_line(f"summary: {directory / 'mcmc.json'}, report: {page}")
+    lines = [
+        f"{chain.steps} steps of {summary['walkers']} walkers, autocorrelation time up to "
+        f"{max(chain.tau):.0f} steps; means within {shift:.2g} sigma of the joint fit",
+        f"summary: {directory / 'mcmc.json'}, report: {page}",
+    ]
+    return lines, text
 
 
 def _calibrate_again(results: Results, telemetries: Sequence[Telemetry], path: Path) -> Results:

@@ -1,6 +1,5 @@
 """What the commands have in common. Every call reads it in, so it imports little."""
 
-from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated
 
@@ -18,6 +17,10 @@ Paths = Annotated[
 Out = Annotated[
     Path | None,
     typer.Option("--out", metavar="DIR", help="Folder for the results [default: named after the input]."),
+]
+Calibration = Annotated[
+    Path | None,
+    typer.Option("--calibration", metavar="RESULTS", help="An earlier result: its folder or results.json."),
 ]
 Jobs = Annotated[
     int | None,
@@ -41,6 +44,7 @@ GaussianPrior = Annotated[
     Many, typer.Option("--prior", metavar="NAME=MEAN,SIGMA", help="Prior of a parameter, SI.")
 ]
 Bound = Annotated[Many, typer.Option("--bound", metavar="NAME=MIN:MAX", help="Bounds of a parameter, SI.")]
+Json = Annotated[bool, typer.Option("--json", help="Print JSON instead of tables.")]
 Quiet = Annotated[bool, typer.Option("--quiet", help="Print nothing but errors, and JSON if asked for.")]
 
 
@@ -58,15 +62,11 @@ def help_without_command(context: typer.Context) -> None:
 
 def duration(text: str) -> float:
     """Return a duration [s] from what an option says."""
-    from lpfcosim.campaign import units
-
-    return _converted(units.Quantity("a duration", "s", "2 h", sign="positive").to_si, text)
-
-
-def _converted(to_si: Callable[[str], float], text: str) -> float:
     from pydantic_core import PydanticCustomError
 
+    from lpfcosim.campaign import units
+
     try:
-        return to_si(text)
+        return units.Quantity("a duration", "s", "2 h", sign="positive").to_si(text)
     except PydanticCustomError as error:
         raise typer.BadParameter(str(error)) from None

@@ -1,17 +1,21 @@
-"""Commands on telemetry and results as a user sees them; calling one reads in the code behind it."""
+"""Commands on telemetry and results. A command imports what it calls."""
 
+from importlib import metadata
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
+from lpfcosim.cli.console import Console
 from lpfcosim.cli.options import (
     Bound,
+    Calibration,
     Directory,
     Figures,
     Fix,
     GaussianPrior,
     Jobs,
+    Json,
     Out,
     Paths,
     Quiet,
@@ -40,15 +44,7 @@ def fit(
     include_short: Annotated[
         bool, typer.Option("--include-short", help="Let runs shorter than 6 h take part in the joint fit.")
     ] = False,
-    calibration: Annotated[
-        Path | None,
-        typer.Option(
-            "--calibration",
-            metavar="RESULTS",
-            help="Take the dynamics from an earlier result (folder or results.json); PATH then holds noise "
-            "runs only.",
-        ),
-    ] = None,
+    calibration: Calibration = None,
     fix: Fix = None,
     tie: Tie = None,
     prior: GaussianPrior = None,
@@ -58,7 +54,7 @@ def fit(
         typer.Option("--f-max", metavar="HZ", help="Upper end of the fitted band, between 0.02 and 0.1."),
     ] = None,
     f_min: Annotated[float | None, typer.Option("--f-min", hidden=True)] = None,  # refused with its reason
-    as_json: Annotated[bool, typer.Option("--json", help="Print results.json instead of a table.")] = False,
+    as_json: Json = False,
     quiet: Quiet = False,
 ) -> None:
     """Fit telemetry files from anywhere; needs no FMU.
@@ -68,29 +64,37 @@ def fit(
     forces. By default, results are written to a folder in the working directory named after the first PATH
     (NAME-fit if NAME is the input).
     """
-    from lpfcosim.cli import fit as cli_fit
-    from lpfcosim.cli.console import Console
-    from lpfcosim.cli.constraints import Constraints
+    from fit import settings as fit_settings
+    from fit.results import results_file
+    from lpfcosim.cli.constraints import read_constraints
+    from lpfcosim.execution import results_folder
+    from lpfcosim.workflows import calibration as workflow
 
-    cli_fit.fit_files(
-        paths,
-        out,
-        Console(quiet=quiet, as_json=as_json),
-        settings=settings,
-        include_short=include_short,
-        calibration=calibration,
-        constraints=Constraints(fix or (), tie or (), prior or (), bound or ()),
-        band={name: f for name, f in (("f_min", f_min), ("f_max", f_max)) if f is not None},
-    )
+    console, directory = Console(quiet=quiet, as_json=as_json), out or results_folder.default(paths[0])
+    results_folder.check_folder(directory, "telemetry")
+    dynamics = results_file(calibration) if calibration else None
+    chosen = fit_settings.read(settings) if settings else fit_settings.settings()
+    options = {"f_min": f_min, "f_max": f_max, "include_short": include_short or None}
+    stated = {name: value for name, value in options.items() if value is not None}
+    parameters = read_constraints(fix, tie, prior, bound)
+    chosen = workflow.constrain(chosen.without_fmu_parameters(), parameters, stated)
+    fit_settings.refuse_fmu_parameters(chosen, "options.parameters")
+    console.show_calibration(workflow.fit_into(directory, paths, chosen, console, dynamics))
 
 
 @app.command(epilog=examples("lpfcosim report quickstart"))
 def report(directory: Directory, quiet: Quiet = False) -> None:
     """Rebuild the report of a results folder."""
-    from lpfcosim.cli import report as cli_report
-    from lpfcosim.cli.console import Console
+    from fit.crosstalk import refit
+    from fit.report import page
+    from lpfcosim.execution import results_folder
 
-    cli_report.report(directory, Console(quiet=quiet))
+    console = Console(quiet=quiet)
+    with console.stage("reading"):
+        results, telemetries = refit.load(directory)
+    with results_folder.lock(directory), console.stage("report"):
+        path = page.write_report(directory, results, telemetries)
+    console.show(f"report: {path}")
 
 
 @app.command(
@@ -106,10 +110,11 @@ def figures(
 
     They are written to DIR/figures. Figure names are printed below the figures in report.html.
     """
-    from lpfcosim.cli import figures as cli_figures
-    from lpfcosim.cli.console import Console
+    from lpfcosim.cli.figures import write_figures
 
-    cli_figures.figures(directory, names or [], Console(quiet=quiet), jobs=jobs)
+    console = Console(quiet=quiet)
+    n_figures = write_figures(directory, names or [], console, jobs=jobs)
+    console.show(f"{n_figures} figures: {directory / 'figures'}")
 
 
 @app.command(
@@ -117,14 +122,7 @@ def figures(
 )
 def deltag(
     paths: Paths,
-    calibration: Annotated[
-        Path | None,
-        typer.Option(
-            "--calibration",
-            metavar="RESULTS",
-            help="Folder of an earlier run or fit, or its results.json [default: that of PATH].",
-        ),
-    ] = None,
+    calibration: Calibration = None,
     out: Out = None,
     quiet: Quiet = False,
 ) -> None:
@@ -133,10 +131,13 @@ def deltag(
     The output for NAME.h5 is NAME-deltag.h5, at 1 to 2 Hz. Its channels are the terms of
     delta_g = delta_g_x + delta_g_SC + g_Omega + g_dOmega. Of LISA they are the terms of D_x and D_y.
     """
-    from lpfcosim.cli import deltag as cli_deltag
-    from lpfcosim.cli.console import Console
+    from lpfcosim.execution import results_folder
+    from lpfcosim.workflows.deltag import write_deltag
 
-    cli_deltag.deltag(paths, calibration, out, Console(quiet=quiet))
+    console, directory = Console(quiet=quiet), out or results_folder.default(paths[0], "deltag")
+    results_folder.check_folder(directory, "telemetry")
+    for path in write_deltag(paths, calibration, directory, console):
+        console.show(str(path))
 
 
 @app.command(
@@ -151,7 +152,7 @@ def compare(
         list[Path],
         typer.Argument(metavar="DIR", help="Two or more folders or files of results."),
     ],
-    as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
+    as_json: Json = False,
     quiet: Quiet = False,
 ) -> None:
     """Compare the estimates of several results.
@@ -161,10 +162,12 @@ def compare(
     results of the same telemetry are reported as such. For independent data, chi2 and its p-value test all
     parameters of the joint fits together. The exit status is 0, whether or not the results agree.
     """
-    from lpfcosim.cli import compare as cli_compare
-    from lpfcosim.cli.console import Console
+    from fit.comparison import compare
 
-    cli_compare.compare_results(paths, Console(quiet=quiet, as_json=as_json))
+    console = Console(quiet=quiet, as_json=as_json)
+    with console.stage("reading"):
+        comparison = compare(paths)
+    console.show(str(comparison), json=comparison.to_json())
 
 
 @app.command(
@@ -188,10 +191,16 @@ def jitter(
     The file (lisa-jitter/1) has 27 series: attitudes, angles and positions of the six assemblies. In Python,
     lpfcosim.simulate_measurements simulates measurements with this motion, by lisainstrument.
     """
-    from lpfcosim.cli import jitter as cli_jitter
-    from lpfcosim.cli.console import Console
+    from lpfcosim.constellation import join, write_jitter
+    from lpfcosim.execution import results_folder
+    from lpfcosim.workflows.calibration import runs_of_kind
 
-    cli_jitter.jitter(paths, out, Console(quiet=quiet), noise=noise)
+    console = Console(quiet=quiet)
+    results_folder.check_file(out, paths, (".h5", ".hdf5"))
+    with console.stage("reading"):
+        motion = join(runs_of_kind(paths, "noise" if noise else "sysid"))
+    write_jitter(motion, out, {"lpfcosim_version": metadata.version("lpfcosim")})
+    console.show(str(out))
 
 
 @app.command(
@@ -213,7 +222,7 @@ def ttl(
         ),
     ] = None,
     out: Out = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print results.json instead of a table.")] = False,
+    as_json: Json = False,
     quiet: Quiet = False,
 ) -> None:
     """Calibrate the tilt-to-length coupling of LISA.
@@ -221,10 +230,13 @@ def ttl(
     The 24 coefficients go to the section ttl of results.json. A file of measurements holds X2, Y2, Z2 and the
     rates by wavefront sensing (lisa-measurements/1). Files of lisainstrument need the extra lpfcosim[lisa].
     """
-    from lpfcosim.cli import ttl as cli_ttl
-    from lpfcosim.cli.console import Console
+    from lpfcosim.execution import results_folder
+    from lpfcosim.workflows.calibration import calibrate_ttl_into
 
-    cli_ttl.ttl(measurements, noise, out, Console(quiet=quiet, as_json=as_json))
+    console = Console(quiet=quiet, as_json=as_json)
+    directory = out or results_folder.default(measurements, "ttl")
+    results_folder.check_folder(directory)
+    console.show_calibration(calibrate_ttl_into(directory, measurements, noise, console))
 
 
 @app.command(epilog=examples("lpfcosim mcmc quickstart"))
@@ -234,7 +246,7 @@ def mcmc(
         int, typer.Option("--steps", min=1, metavar="N", help="Largest number of steps.")
     ] = 20000,
     seed: Annotated[int, typer.Option("--seed", min=0, metavar="N", help="Seed of the chain.")] = 1,
-    as_json: Annotated[bool, typer.Option("--json", help="Print mcmc.json instead of a summary.")] = False,
+    as_json: Json = False,
     quiet: Quiet = False,
 ) -> None:
     """Sample the posterior of the joint fit in DIR.
@@ -243,7 +255,8 @@ def mcmc(
     and figures/corner.pdf are written to DIR, and report.html gets a section. If it does not get there, the
     exit status is 1.
     """
-    from lpfcosim.cli import mcmc as cli_mcmc
-    from lpfcosim.cli.console import Console
+    from lpfcosim.cli.mcmc import write_mcmc
 
-    cli_mcmc.mcmc(directory, Console(quiet=quiet, as_json=as_json), steps=steps, seed=seed)
+    console = Console(quiet=quiet, as_json=as_json)
+    lines, document = write_mcmc(directory, console, steps=steps, seed=seed)
+    console.show(*lines, json=document)

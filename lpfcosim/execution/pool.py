@@ -95,6 +95,12 @@ class Workers:
     executor: Executor | None = None
     time_limit: float | None = None
 
+    def __post_init__(self) -> None:
+        if self.jobs is not None and not (isinstance(self.jobs, int) and self.jobs >= 1):
+            raise InputError(f"jobs: {self.jobs!r}, expected one or more processes")
+        if self.time_limit is not None and not self.time_limit > 0:
+            raise InputError(f"time_limit: {self.time_limit!r}, expected a time in s")
+
     def results(
         self, tasks: Tasks, on_progress: Callable[[str, int], None] = lambda _name, _samples: None
     ) -> Generator[tuple[str, Any]]:

@@ -8,7 +8,7 @@ from __future__ import annotations
 import errno
 import os
 import socket
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
@@ -16,7 +16,7 @@ from typing import Any
 import tomlkit
 from filelock import FileLock, Timeout
 
-from fit.files import refuse_links
+from fit.files import is_file, refuse_links
 from lpfcosim.errors import InputError, RunError
 from lpfcosim.execution import checksums
 
@@ -98,3 +98,80 @@ def write_provenance(directory: Path, content: Mapping[str, Any], fmus: Mapping[
         checksums.write(copy, archive.read_bytes())
         tables["fmus"][model] = {**content["fmus"][model], "path": f"{_FMUS}/{copy.name}"}
     checksums.write(directory / CAMPAIGN, tomlkit.dumps(tables))
+
+
+def default(path: Path, suffix: str = "fit") -> Path:
+    """Return the folder for results that is named after their input, never that of the input itself."""
+    name = path.resolve().stem if is_file(path) else path.resolve().name
+    folder = Path(name)
+    return Path(f"{name}-{suffix}") if folder.exists() and folder.resolve() == path.resolve() else folder
+
+
+def check_folder(directory: Path, inside: str = "", option: str = "--out") -> None:
+    """Refuse a folder for results that is a link or the telemetry of others, or cannot be made or written to.
+
+    `inside` is a folder that will be made in it; `option` names another, if the command has one.
+    """
+    refuse_links(directory)
+    path = directory / inside
+    existing = next((p for p in (path, *path.parents) if _exists(p)), None)
+    advice = f"; name one with {option}" if option else ""
+    resolved = directory.resolve()
+    results = (resolved.parent / name for name in ("results.json", "campaign.toml"))
+    if resolved.name == "telemetry" and any(map(_exists, results)):
+        raise InputError(f"{directory}: holds the telemetry of results, expected a folder beside it{advice}")
+    if existing and not existing.is_dir():
+        raise InputError(f"{existing}: is a file, expected a folder for the results{advice}")
+    if existing and not os.access(existing, os.W_OK | os.X_OK):
+        raise InputError(f"{existing}: may not be written to, expected a folder for the results{advice}")
+
+
+def check_file(
+    path: Path, inputs: Iterable[Path], suffixes: Sequence[str] = (), *, parents: bool = False
+) -> None:
+    """Refuse a file to be written that will not be possible; to be called before any work is done.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    inputs : iterable of Path
+        Files that are read, which it must not replace.
+    suffixes : sequence of str
+        How its name may end, such as ``.toml``; without any as it likes.
+    parents : bool
+        Whether folders that are missing will be made.
+
+    Raises
+    ------
+    InputError
+        If its name ends otherwise, it is a folder or an input, or it or its folder may not be written.
+    """
+    if suffixes and path.suffix not in suffixes:
+        example = f", such as {path.with_suffix(suffixes[0])}" if path.name else ""
+        raise InputError(f"{path}: expected a name that ends in {', '.join(suffixes)}{example}")
+    folder = path.parent
+    if parents:
+        folder = next((p for p in (folder, *folder.parents) if _exists(p)), folder)
+    if not folder.is_dir():
+        raise InputError(f"{path}: {folder} is not a folder, expected an existing one")
+    if path.is_dir():
+        raise InputError(f"{path}: is a folder, expected the name of a file")
+    if any(_is_same_file(path, input_path) for input_path in inputs):
+        raise InputError(f"{path}: is read by this command, expected another name")
+    for place in (folder, path):
+        if _exists(place) and not os.access(place, os.W_OK):
+            raise InputError(f"{path}: {place} may not be written to, expected another name")
+
+
+def _is_same_file(path_1: Path, path_2: Path) -> bool:
+    return path_1.resolve() == path_2.resolve() or (
+        _exists(path_1) and _exists(path_2) and path_1.samefile(path_2)
+    )
+
+
+def _exists(path: Path) -> bool:
+    try:
+        return path.exists()
+    except OSError:  # in a folder that may not be entered, or of a name that is too long
+        return False

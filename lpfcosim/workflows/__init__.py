@@ -8,13 +8,9 @@ __all__ = [
     "calibration",
     "check",
     "design",
-    "fmus",
     "forecast",
     "identify",
-    "jitter",
     "montecarlo",
-    "output_paths",
     "progress",
     "run",
-    "ttl",
 ]

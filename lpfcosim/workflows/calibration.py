@@ -14,7 +14,7 @@ from fit.report import page
 from fit.results import Fit, Results, estimates, load, sound_joint, telemetry_files, write
 from fit.settings import Settings, settings
 from fit.tables import Table
-from fit.telemetry import Telemetry, conversion, read_all
+from fit.telemetry import Telemetry, conversion, read_all, root_attributes
 from fit.warnings import distinct_messages
 from lpfcosim.errors import InputError
 from lpfcosim.execution import checksums, results_folder
@@ -93,10 +93,13 @@ class Calibration:
 
 
 def main_fits(results: Results) -> dict[str, Fit]:
-    """Return the joint fit, or that of the only experiment, or those of all, and those of inertial periods.
+    """Return the fits that are shown.
 
-    They are returned by the suffix that the names of their parameters get.
+    These are the joint fit, or that of the only experiment, or those of all, and those of inertial periods;
+    or that of tilt-to-length coupling. The keys are the suffix that the names of their parameters get.
     """
+    if results.ttl is not None:
+        return {"": results.ttl}
     experiments = {f" ({name})": fit for name, fit in results.experiments.items()}
     joint = next(iter(experiments.values())) if len(experiments) == 1 else results.joint
     fits = {"": joint} if joint else experiments
@@ -138,13 +141,47 @@ def calibrate_into(
             results = api.calibrate_inertial(telemetries, dynamics, parameters=fit_settings.parameters)
         else:
             results = api.calibrate(telemetries, **fit_settings.record())
+    files = [t.path for t in telemetries]
+    return _write(directory, amend(results), files, provenance or {}, progress, telemetries)
+
+
+def calibrate_ttl_into(
+    directory: Path, measurements: Path, noise: Path | None, progress: Progress
+) -> Calibration:
+    """Calibrate tilt-to-length coupling, and write results and report to a folder.
+
+    Parameters
+    ----------
+    directory : Path
+        The folder.
+    measurements, noise : Path
+        Files of measurements, see `fit.calibrate_ttl`.
+    progress : Progress
+        Its callbacks.
+    """
+    with progress.stage("fit"):
+        results = api.calibrate_ttl(measurements, noise)
+    files = [measurements] if noise is None else [measurements, noise]
+    digests = {path.name: checksums.digest(path) for path in files}
+    return _write(directory, results, files, {"sha256": digests}, progress)
+
+
+def _write(
+    directory: Path,
+    results: Results,
+    files: Sequence[Path],
+    provenance: Mapping[str, object],
+    progress: Progress,
+    telemetries: Sequence[Telemetry] = (),
+) -> Calibration:
+    """Write results and report to a folder, with the provenance of both."""
     details = replace(
         results.provenance,
-        extra={**results.provenance.extra, **(provenance or {})},
+        extra={**results.provenance.extra, **provenance},
         versions={name: metadata.version(name) for name in VERSIONS},
-        telemetry=[os.path.relpath(t.path, directory) for t in telemetries],
+        telemetry=[os.path.relpath(path, directory) for path in files],
     )
-    results = amend(replace(results, provenance=details))
+    results = replace(results, provenance=details)
     with results_folder.lock(directory, alternative=True):
         write(results, directory / "results.json")
         with progress.stage("report"):
@@ -203,3 +240,37 @@ def read_telemetry(paths: Sequence[Path], directory: Path, progress: Progress) -
     files = find_telemetry(paths, directory, progress)
     with progress.stage("reading"):
         return read_all(files)
+
+
+def fit_into(
+    directory: Path,
+    paths: Sequence[Path],
+    fit_settings: Settings,
+    progress: Progress,
+    calibration: Path | None = None,
+) -> Calibration:
+    """Calibrate the telemetry that paths mean, with the dynamics of another calibration if given."""
+    dynamics, provenance = read_dynamics(calibration) if calibration else (None, None)
+    telemetries = read_telemetry(paths, directory, progress)
+    return calibrate_into(
+        directory, telemetries, fit_settings, progress, dynamics=dynamics, provenance=provenance
+    )
+
+
+def runs_of_kind(paths: Sequence[Path], kind: str) -> list[Path]:
+    """Return telemetry files, and the runs of a kind in folders, in the order of their names.
+
+    Raises
+    ------
+    InputError
+        If a folder has none.
+    """
+    files = []
+    for path in paths:
+        runs = sorted(telemetry_files([path]))
+        if path.is_dir():
+            runs = [file for file in runs if (root_attributes(file) or {}).get("kind") == kind]
+        if not runs:
+            raise InputError(f"{path}: no run of kind {kind!r} in it, expected runs of three spacecraft")
+        files += runs
+    return files

@@ -1,9 +1,9 @@
-"""What to expect of a campaign before it is simulated."""
+"""What to expect of a campaign before it is simulated: runs, stability margins, peaks and sigmas."""
 
 import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 from fit.parallel import one_blas_thread
 from fit.settings import settings
@@ -11,20 +11,53 @@ from fit.tables import Table
 from fit.units import contract_spelling
 from lpfcosim.campaign import Campaign
 from lpfcosim.errors import UnavailableError, prefix_errors
-from lpfcosim.execution import validation
-from lpfcosim.linear import response
+from lpfcosim.execution import fmus, validation
+from lpfcosim.linear import margins as loop_margins
+from lpfcosim.linear import response, stability
 from lpfcosim.models import model_of
 from lpfcosim.spacecraft import Run
 from lpfcosim.workflows.campaigns import CampaignLike, resolve
 from lpfcosim.workflows.forecast import Forecast, forecast_or_reason
-from lpfcosim.workflows.margins import Margins, loop_margins_of
-from lpfcosim.workflows.result import WorkflowResult, by_parameter
+from lpfcosim.workflows.result import Columns, Result, Row, by_name, finite
 from lpfcosim.workflows.ttl_forecast import expected_ttl_sigmas
 
-SCHEMA = "lpf-check/1"
-HEAD = ("run", "kind", "start (UTC)", "hours", "authority", "epoch", "injections")
-TTL_HEAD = ("coefficient", "unit", "sigma")
-PEAK_HEAD = ("channel", "unit", "peak", "run")
+Margin = loop_margins.Margin
+
+
+@dataclass(frozen=True, repr=False)
+class Margins(Result[Margin]):
+    """The margins of the control loops, each with all others closed; index it by the name of a loop.
+
+    Attributes
+    ----------
+    campaign : str
+        Name of the campaign.
+    loops : tuple of Margin
+        ``loop``, ``unity_gain`` [Hz], ``phase_margin`` [deg] and ``gain_margin`` [dB] of each.
+    """
+
+    noun: ClassVar[str] = "loop"
+    columns: ClassVar[Columns] = {
+        "loop": lambda row: row["loop"],
+        "crossover": lambda row: f"{1e3 * row['unity_gain']:.4g} mHz",
+        "phase margin": lambda row: f"{row['phase_margin']:.1f} deg",
+        "gain margin": lambda row: f"{row['gain_margin']:.1f} dB",
+    }
+    campaign: str
+    loops: tuple[Margin, ...]
+
+    @property
+    def entries(self) -> dict[str, Margin]:
+        """The margins by loop."""
+        return {margin.loop: margin for margin in self.loops}
+
+    def rows(self) -> list[Row]:
+        """Return a row for each loop; the margins of a gain that is never one are NaN and infinite."""
+        return [asdict(margin) for margin in self.loops]
+
+    def document(self) -> dict[str, Any]:
+        """Return the content of `to_json`: null where a gain is never one."""
+        return {"campaign": self.campaign, "loops": [finite(row) for row in self.rows()]}
 
 
 @dataclass(frozen=True)
@@ -37,8 +70,8 @@ class Peak:
 
 
 @dataclass(frozen=True, repr=False)
-class CampaignCheck(WorkflowResult):
-    """What to expect of a campaign that can be simulated.
+class CampaignCheck(Result[Run]):
+    """What to expect of a campaign that can be simulated; index it by the name of a run.
 
     Attributes
     ----------
@@ -63,6 +96,16 @@ class CampaignCheck(WorkflowResult):
         One sentence each.
     """
 
+    noun: ClassVar[str] = "run"
+    columns: ClassVar[Columns] = {
+        "run": lambda row: row["run"],
+        "kind": lambda row: row["kind"],
+        "start (UTC)": lambda row: row["t0"][:16].replace("T", " "),
+        "hours": lambda row: f"{_hours(row['duration']):g}",
+        "authority": lambda row: row["authority"],
+        "epoch": lambda row: str(row["alignment_epoch"]),
+        "injections": lambda row: str(row["injections"] or ""),
+    }
     campaign: Campaign
     valid: bool
     margins: Margins | None
@@ -74,9 +117,19 @@ class CampaignCheck(WorkflowResult):
     warnings: tuple[str, ...]
 
     @property
+    def entries(self) -> dict[str, Run]:
+        """The runs by name."""
+        return {run.name: run for run in self.campaign.runs}
+
+    @property
     def duration(self) -> float:
         """Of all runs [s]."""
-        return sum(map(_duration, self.campaign.runs))
+        return sum(run.n_samples / run.fs for run in self.campaign.runs)
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """The constraints, if there are any."""
+        return (f"with constraints: {'; '.join(self.constraints)}",) if self.constraints else ()
 
     def headline(self) -> str:
         """Return verdict, number of runs and hours in one line."""
@@ -85,22 +138,6 @@ class CampaignCheck(WorkflowResult):
         model = model_of(runs[0]).name
         return f"{verdict}: {len(runs)} run{'s' * (len(runs) > 1)} {model}, {_hours(self.duration):g} h"
 
-    def table(self) -> Table:
-        """Return the runs."""
-        rows = [
-            (
-                record["run"],
-                record["kind"],
-                record["t0"][:16].replace("T", " "),
-                f"{_hours(record['duration']):g}",
-                record["authority"],
-                str(record["alignment_epoch"]),
-                str(record["injections"] or ""),
-            )
-            for record in self.records()
-        ]
-        return Table(HEAD, tuple(rows))
-
     def tables(self) -> list[Table]:
         """Return the runs, margins, peaks and forecasts, as far as they are available."""
         peaks = [(name, p.unit, f"{p.peak:.3g}", p.run) for name, p in self.peaks.items()]
@@ -108,15 +145,16 @@ class CampaignCheck(WorkflowResult):
             (name, "um/rad", f"{1e6 * sigma:.1f}" if math.isfinite(sigma) else "not determined")
             for name, sigma in self.ttl_sigmas.items()
         ]
-        return [
+        tables = [
             self.table(),
-            *([self.margins.table()] if self.margins else []),
-            *([Table(PEAK_HEAD, tuple(peaks))] if peaks else []),
-            *([self.forecast.table()] if self.forecast else []),
-            *([Table(TTL_HEAD, tuple(sigmas))] if sigmas else []),
+            *([] if self.margins is None else self.margins.tables()),
+            Table(("channel", "unit", "peak", "run"), tuple(peaks)),
+            *([] if self.forecast is None else self.forecast.tables()),
+            Table(("coefficient", "unit", "sigma"), tuple(sigmas)),
         ]
+        return [table for table in tables if table.rows]
 
-    def records(self) -> list[dict[str, Any]]:
+    def rows(self) -> list[Row]:
         """Return a row for each run."""
         return [
             {
@@ -124,7 +162,7 @@ class CampaignCheck(WorkflowResult):
                 "experiment": run.experiment,
                 "kind": run.kind,
                 "t0": run.t0,
-                "duration": _duration(run),
+                "duration": run.n_samples / run.fs,
                 "authority": run.authority.name,
                 "alignment_epoch": run.alignment_epoch,
                 "injections": len(run.injections),
@@ -135,15 +173,15 @@ class CampaignCheck(WorkflowResult):
     def document(self) -> dict[str, Any]:
         """Return the content of `to_json`, schema ``lpf-check/1``."""
         return {
-            "schema": SCHEMA,
+            "schema": "lpf-check/1",
             "campaign": self.campaign.name,
             "digest": self.campaign.digest,
             "valid": self.valid,
-            "runs": self.records(),
+            "runs": self.rows(),
             "duration": self.duration,
-            "loops": self.margins and self.margins.loop_documents(),
-            "forecast": self.forecast and self.forecast.document(),
-            "ttl": by_parameter({"parameter": name, "sigma": x} for name, x in self.ttl_sigmas.items()),
+            "loops": None if self.margins is None else self.margins.document()["loops"],
+            "forecast": None if self.forecast is None else self.forecast.document(),
+            "ttl": by_name({"parameter": name, "sigma": x} for name, x in self.ttl_sigmas.items()),
             "unavailable": self.unavailable,
             "constraints": list(self.constraints),
             "warnings": list(self.warnings),
@@ -151,9 +189,8 @@ class CampaignCheck(WorkflowResult):
         }
 
     def __repr__(self) -> str:
-        parts = [self.headline(), *("\n".join(table.aligned()) for table in self.tables())]
-        parts += ["\n".join(f"warning: {line}" for line in self.warnings)] if self.warnings else []
-        return "\n\n".join(parts)
+        warnings = ["\n".join(f"warning: {line}" for line in self.warnings)] if self.warnings else []
+        return "\n\n".join([self.headline(), super().__repr__(), *warnings])
 
 
 @one_blas_thread
@@ -175,21 +212,40 @@ def check(campaign: CampaignLike) -> CampaignCheck:
     with prefix_errors(source):
         fit_settings = settings(plan.fit, "fit")
         validated = validation.validate(plan)
+        valid, constraints, warnings = not validated.doubts, fit_settings.constraints, validated.warnings
         try:
             validation.check_linear_model(plan, "stability, margins, peaks and forecast are")
         except UnavailableError as error:
-            from lpfcosim.execution import fmus  # needs FMPy, and few campaigns need it
+            warnings = (*warnings, error.reason, *fmus.trust_needed(plan))
+            return CampaignCheck(plan, valid, None, None, {}, {}, error.reason, constraints, warnings)
+        margins = Margins(plan.name, tuple(loop_margins.margins(plan.runs[0])))
+        forecast, reason = forecast_or_reason(plan, fit_settings)
+        warnings = (*warnings, *((reason,) if forecast is None else forecast.warnings))
+        sigmas, peaks = expected_ttl_sigmas(plan), _peaks(plan)
+        return CampaignCheck(plan, valid, margins, forecast, sigmas, peaks, None, constraints, warnings)
 
-            warnings = (*validated.warnings, error.reason, *fmus.trust_needed(plan))
-            stated = fit_settings.constraints
-            return CampaignCheck(
-                plan, not validated.doubts, None, None, {}, {}, error.reason, stated, warnings
-            )
-        margins = loop_margins_of(plan)
-        expected, reason = forecast_or_reason(plan, fit_settings)
-        warnings = (*validated.warnings, *(expected.warnings if expected else (reason,)))
-        expectation = (margins, expected, expected_ttl_sigmas(plan), _peaks(plan), None)
-        return CampaignCheck(plan, not validated.doubts, *expectation, fit_settings.constraints, warnings)
+
+@one_blas_thread
+def margins(campaign: CampaignLike) -> Margins:
+    """Compute unity gain, phase margin and gain margin of every control loop.
+
+    Parameters
+    ----------
+    campaign : Campaign or path
+        The loops are those of its first run.
+
+    Raises
+    ------
+    UnavailableError
+        If the campaign has a third-party FMU in the loop.
+    InputError
+        If the campaign is wrong, or a loop is unstable.
+    """
+    plan, source = resolve(campaign)
+    with prefix_errors(source):
+        validation.check_linear_model(plan, "margins are")
+        stability.check(plan.runs[0])
+        return Margins(plan.name, tuple(loop_margins.margins(plan.runs[0])))
 
 
 def _peaks(plan: Campaign) -> dict[str, Peak]:
@@ -200,10 +256,6 @@ def _peaks(plan: Campaign) -> dict[str, Peak]:
             if peak > 0 and (name not in peaks or peak > peaks[name].peak):
                 peaks[name] = Peak(peak, contract_spelling(model_of(run).units[name]), run.name)
     return peaks
-
-
-def _duration(run: Run) -> float:
-    return run.n_samples / run.fs
 
 
 def _hours(seconds: float) -> float:

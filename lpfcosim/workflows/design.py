@@ -1,10 +1,10 @@
 """The best injections of a campaign within limits, checked through the FMUs, as a campaign to run."""
 
 import tempfile
-from collections.abc import Iterator, Mapping, Set
+from collections.abc import Mapping, Set
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,11 +12,11 @@ from numpy.typing import NDArray
 from fit.files import atomic
 from fit.parallel import one_blas_thread
 from fit.settings import settings
-from fit.tables import Table
 from fit.telemetry import read_all
 from lpfcosim.campaign import Campaign, loading, names
 from lpfcosim.errors import InputError, RunError, prefix_errors
-from lpfcosim.execution import validation
+from lpfcosim.execution import Workers, validation
+from lpfcosim.execution.results_folder import check_file
 from lpfcosim.experiment_design import (
     Design,
     FitModel,
@@ -29,24 +29,20 @@ from lpfcosim.experiment_design import (
 )
 from lpfcosim.models import DELTA_G
 from lpfcosim.spacecraft import FS, Actuation, Noise
-from lpfcosim.workflows.arguments import check_options, check_workers
 from lpfcosim.workflows.campaigns import CampaignLike, PathLike, as_path, is_described_by_file, resolve
-from lpfcosim.workflows.output_paths import check_file
 from lpfcosim.workflows.progress import LOG, Progress
-from lpfcosim.workflows.result import WorkflowResult, by_parameter
+from lpfcosim.workflows.result import Columns, Result, Row, by_name
 from lpfcosim.workflows.simulate import simulate
 
 Array = NDArray[np.float64]
 
-SCHEMA = "lpf-design/1"
-HEAD = ("parameter", "sigma", "designed", "ratio", "lower bound")
 MIN_BOUND_RATIO = 0.98  # of the bound, below which a forecast proves a mistake; both are right to 1 %
 TOLERANCE = 1e-3  # relative, by which a limit may be exceeded and still counts as kept
 
 
 @dataclass(frozen=True, repr=False)
-class CampaignDesign(WorkflowResult):
-    """A designed campaign.
+class CampaignDesign(Result[Row]):
+    """A designed campaign; index it by the name of a parameter.
 
     Attributes
     ----------
@@ -58,11 +54,34 @@ class CampaignDesign(WorkflowResult):
         By experiment and limit, what its runs reach through the FMUs, in units of the limit.
     """
 
+    columns: ClassVar[Columns] = {
+        "parameter": lambda row: row["parameter"],
+        "sigma": lambda row: f"{row['sigma_before']:.2g}",
+        "designed": lambda row: f"{row['sigma_after']:.2g}",
+        "ratio": lambda row: f"{row['sigma_after'] / row['sigma_before']:.3f}",
+        "lower bound": lambda row: f"{row['sigma_bound'] / row['sigma_before']:.3f}",
+    }
     design: Design
     path: Path
     limits_reached: Mapping[str, Mapping[str, float]]
 
-    def records(self) -> list[dict[str, Any]]:
+    @property
+    def entries(self) -> dict[str, Row]:
+        """The sigmas by parameter."""
+        return {row["parameter"]: row for row in self.rows()}
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Sentences about objective, bound and limits."""
+        largest = max(ratio for ratios in self.limits_reached.values() for ratio in ratios.values())
+        return (
+            *(() if self.design.complete else ("interrupted: these are the best tones so far",)),
+            f"geometric mean of the ratios: {self.design.value:.4f}; no design within the limits on rms goes "
+            f"below {self.design.optimum.bound:.4f}",
+            f"stepped through the FMUs, the runs reach {largest:.4f} of their limits",
+        )
+
+    def rows(self) -> list[Row]:
         """Return a row for each parameter, NaN where there is no number."""
         result = self.design
         return [
@@ -75,20 +94,12 @@ class CampaignDesign(WorkflowResult):
             for name in result.problem.parameters
         ]
 
-    def table(self) -> Table:
-        """Return the sigmas before and after, and ratio and bound relative to those before."""
-        rows = [
-            (name, f"{before:.2g}", f"{after:.2g}", f"{after / before:.3f}", f"{bound / before:.3f}")
-            for name, before, after, bound in (record.values() for record in self.records())
-        ]
-        return Table(HEAD, tuple(rows))
-
     def document(self) -> dict[str, Any]:
         """Return the content of `to_json`, schema ``lpf-design/1``."""
         result = self.design
         return {
-            "schema": SCHEMA,
-            "parameters": by_parameter(self.records()),
+            "schema": "lpf-design/1",
+            "parameters": by_name(self.rows()),
             "objective": {"value": result.value, "bound": result.optimum.bound},
             "limits": {
                 experiment.run.experiment: {
@@ -103,17 +114,6 @@ class CampaignDesign(WorkflowResult):
             "efficiency": result.efficiency,
             "complete": result.complete,
         }
-
-    def summary(self) -> Iterator[str]:
-        """Yield sentences about objective, bound and limits."""
-        if not self.design.complete:
-            yield "interrupted: these are the best tones so far"
-        yield (
-            f"geometric mean of the ratios: {self.design.value:.4f}; no design within the limits on rms goes "
-            f"below {self.design.optimum.bound:.4f}"
-        )
-        largest = max(ratio for ratios in self.limits_reached.values() for ratio in ratios.values())
-        yield f"stepped through the FMUs, the runs reach {largest:.4f} of their limits"
 
     def check_valid(self) -> None:
         """Check the design against the campaign, its bound and its limits.
@@ -186,8 +186,7 @@ def design(
     names.check_stem(path)
     if path.is_file() and not is_design(path):
         raise InputError(f"{path}: is there already and is no design, expected a new name")
-    jobs = check_workers(jobs)
-    check_options(progress)
+    Workers(jobs)  # refuses another number before the search
     if source is None and not is_described_by_file(plan):
         raise InputError("design: a campaign that was changed in Python, expected one as its file has it")
     with prefix_errors(source):

@@ -1,38 +1,37 @@
 """The sigmas of the joint fit and of the inertial calibration, before anything is simulated."""
 
-from collections.abc import Iterator, Mapping
+import json
+import math
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
-from fit.errors import shown
-from fit.files import closest_match
 from fit.forecasting import expected_euler_fit, expected_fit
 from fit.parallel import one_blas_thread
 from fit.parameters import FLIGHT, misalignments
 from fit.results import Estimate, Fit
 from fit.settings import Settings, settings
-from fit.tables import FIXED, Table
+from fit.tables import FIXED
 from fit.units import campaign_unit
 from fit.warnings import distinct_messages
 from lpfcosim.campaign import Campaign
-from lpfcosim.errors import InputError, UnavailableError, prefix_errors
+from lpfcosim.errors import UnavailableError, prefix_errors
 from lpfcosim.execution import validation
 from lpfcosim.messages import grouped
 from lpfcosim.models import DELTA_G
-from lpfcosim.planned_experiments import (
-    LISA,
-    planned_experiments,
-    planned_noise_runs,
-)
+from lpfcosim.planned_experiments import LISA, planned_experiments, planned_noise_runs
 from lpfcosim.workflows.campaigns import CampaignLike, resolve
-from lpfcosim.workflows.result import WorkflowResult
+from lpfcosim.workflows.result import Columns, Result, Row
 
 SCHEMA = expected_fit.SCHEMA
-HEAD = ("parameter", "unit", "sigma", "flight sigma", "ratio", "constraint")
+
+
+def _sigma(number: float) -> str:
+    return "" if math.isnan(number) else f"{number:.2g}" if number else FIXED
 
 
 @dataclass(frozen=True, repr=False)
-class Forecast(WorkflowResult):
+class Forecast(Result[Estimate]):
     """Expected estimates of a campaign; index it by the name of a parameter, such as ``lambda_2``.
 
     The angles of the inertial calibration have the period at their end, such as ``delta_phi_1``.
@@ -51,6 +50,14 @@ class Forecast(WorkflowResult):
         SHA-256 of what would be simulated.
     """
 
+    columns: ClassVar[Columns] = {
+        "parameter": lambda row: row["parameter"],
+        "unit": lambda row: campaign_unit(row["unit"]),
+        "sigma": lambda row: _sigma(row["sigma"]),
+        "flight sigma": lambda row: _sigma(row["flight_sigma"]),
+        "ratio": lambda row: f"{row['ratio']:.2g}" if row["ratio"] == row["ratio"] else "",
+        "constraint": lambda row: row["constraint"],
+    }
     joint: Fit
     inertial: Mapping[str, Fit]
     constraints: tuple[str, ...]
@@ -58,7 +65,7 @@ class Forecast(WorkflowResult):
     campaign_digest: str
 
     @property
-    def estimates(self) -> dict[str, Estimate]:
+    def entries(self) -> dict[str, Estimate]:
         """The estimates by parameter, those of inertial periods last."""
         angles = {
             f"{name}_{period}": estimate
@@ -67,58 +74,30 @@ class Forecast(WorkflowResult):
         }
         return {**self.joint.parameters, **angles}
 
-    def __getitem__(self, name: str) -> Estimate:
-        estimates = self.estimates
-        if str(name) not in estimates:
-            raise InputError(f"no parameter {shown(name)}{closest_match(str(name), estimates)}")
-        return estimates[str(name)]
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """The constraints, if there are any."""
+        return (f"with constraints: {'; '.join(self.constraints)}",) if self.constraints else ()
 
-    def __iter__(self) -> Iterator[str]:
-        return iter(self.estimates)
-
-    def __len__(self) -> int:
-        return len(self.estimates)
-
-    def records(self) -> list[dict[str, Any]]:
+    def rows(self) -> list[Row]:
         """Return a row for each parameter, with sigma and ratio of flight; NaN where there is none."""
         flight = {name: parameter.sigma for name, parameter in FLIGHT.items()}
         for period in self.inertial:
             flight |= {f"{p.name}_{period}": p.sigma for p in misalignments(period) if p.flown}
-        nan = float("nan")
-        records = []
-        for name, estimate in self.estimates.items():
-            flight_sigma = flight.get(name) or nan
-            records.append(
+        rows = []
+        for name, estimate in self.entries.items():
+            flight_sigma = flight.get(name) or math.nan
+            rows.append(
                 {
                     "parameter": name,
                     "unit": estimate.unit,
                     "sigma": estimate.sigma,
                     "flight_sigma": flight_sigma,
                     "ratio": estimate.sigma / flight_sigma,
+                    "constraint": str(estimate.constraint or ""),
                 }
             )
-        return records
-
-    def table(self) -> Table:
-        """Return the sigmas, and those of flight."""
-
-        def text(number: float) -> str:
-            return f"{number:.2g}" if number == number else ""
-
-        estimates = self.estimates
-        rows = [
-            (
-                row["parameter"],
-                campaign_unit(row["unit"]),
-                FIXED if estimates[row["parameter"]].is_exact else text(row["sigma"]),
-                text(row["flight_sigma"]),
-                text(row["ratio"]),
-                str(estimates[row["parameter"]].constraint or ""),
-            )
-            for row in self.records()
-        ]
-        n_columns = len(HEAD) if any(row[-1] for row in rows) else len(HEAD) - 1
-        return Table(HEAD[:n_columns], tuple(row[:n_columns] for row in rows))
+        return rows
 
     def document(self) -> dict[str, Any]:
         """Return the content of `to_json`, schema ``lpf-forecast/1``."""
@@ -126,6 +105,11 @@ class Forecast(WorkflowResult):
             **expected_fit.document(self.joint, self.inertial),
             "campaign_digest": self.campaign_digest,
         }
+
+
+def unavailable(reason: str) -> str:
+    """Return what `Forecast.to_json` is without a forecast: why there is none."""
+    return json.dumps({"schema": SCHEMA, "parameters": None, "unavailable": reason}, indent=1)
 
 
 @one_blas_thread

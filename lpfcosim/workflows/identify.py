@@ -22,12 +22,11 @@ from lpfcosim.execution import fmus as fmu_archives
 from lpfcosim.execution import results_folder, validation
 from lpfcosim.identification import ClosedLoopResponse, Target, run_of, targets
 from lpfcosim.models import DELTA_G
-from lpfcosim.workflows.arguments import check_options
 from lpfcosim.workflows.calibration import Calibration, calibrate_into, constrain, read_telemetry
 from lpfcosim.workflows.campaigns import CampaignLike, PathLike, as_paths, resolve
-from lpfcosim.workflows.fmus import campaign_fmus
 from lpfcosim.workflows.progress import LOG, Progress
 from lpfcosim.workflows.run import output_folder
+from lpfcosim.workflows.simulate import campaign_fmus
 
 RESULTS = "identified.json"  # which the report looks for
 MIN_RELATIVE_SCALE = 1e-9  # of a value: less is lost in the rounding of what is simulated
@@ -84,7 +83,6 @@ def identify(
         If the input is wrong; if no valid estimate results; if an FMU fails.
     """
     plan, source = resolve(campaign)
-    check_options(progress, trusted=trusted)
     directory = output_folder(out, plan, source, "-identified" if paths else "")
     files = as_paths(paths, "the path of telemetry")
     with prefix_errors(source):

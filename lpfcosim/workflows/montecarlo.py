@@ -1,21 +1,19 @@
 """A campaign repeated with new noise, and fitted each time, to test whether its uncertainties are valid."""
 
 import json
-from collections.abc import Generator, Iterator, Mapping
+from collections.abc import Generator, Mapping
 from concurrent.futures import Executor
 from contextlib import ExitStack, closing
 from dataclasses import dataclass
 from importlib import metadata
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, ClassVar
 
 from pydantic import BaseModel, Field
 
-from fit.errors import shown
-from fit.files import closest_match, documents
+from fit.files import documents
 from fit.forecasting import Pulls, coverage
 from fit.parallel import one_blas_thread
-from fit.tables import Table
 from fit.units import concise_value
 from lpfcosim.campaign import Campaign
 from lpfcosim.errors import InputError, RunError, prefix_errors
@@ -24,22 +22,20 @@ from lpfcosim.execution import fmus as fmu_archives
 from lpfcosim.linear import ClosedLoop, saturation
 from lpfcosim.messages import grouped
 from lpfcosim.models import DELTA_G, model_of
-from lpfcosim.workflows.arguments import check_options, check_workers, whole_number
 from lpfcosim.workflows.campaigns import CampaignLike, PathLike, resolve
-from lpfcosim.workflows.fmus import campaign_fmus
 from lpfcosim.workflows.montecarlo_trial import MonteCarloTask, Record
 from lpfcosim.workflows.progress import LOG, Progress
-from lpfcosim.workflows.result import WorkflowResult
+from lpfcosim.workflows.result import Columns, Result, Row
 from lpfcosim.workflows.run import output_folder, validate_simulation
+from lpfcosim.workflows.simulate import campaign_fmus
 
 _THROUGH_FMUS = "expected a simulation through the FMUs (fmus)"
-HEAD = ("parameter", "n", "mean pull", "std", "within 1 sigma", "mean sigma")
 MAX_LOG_SIZE = 2**28  # bytes
 _Number = Annotated[float, Field(ge=-1e60, le=1e60)]
 
 
 @dataclass(frozen=True, repr=False)
-class MonteCarlo(WorkflowResult):
+class MonteCarlo(Result[Pulls]):
     """Pulls of many fitted campaigns; index it by the name of a parameter.
 
     Attributes
@@ -60,6 +56,16 @@ class MonteCarlo(WorkflowResult):
         ``montecarlo.json``.
     """
 
+    columns: ClassVar[Columns] = {
+        "parameter": lambda row: row["parameter"],
+        "n": lambda row: str(row["n"]),
+        "mean pull": lambda row: concise_value(row["pull_mean"], row["pull_mean_error"]),
+        "std": lambda row: concise_value(row["pull_std"], row["pull_std_error"]),
+        "within 1 sigma": lambda row: (
+            f"{concise_value(100 * row['coverage_1sigma'], 100 * row['coverage_1sigma_error'])} %"
+        ),
+        "mean sigma": lambda row: f"{row['sigma']:.2g}",
+    }
     campaign: str
     pulls: Mapping[str, Pulls]
     n: int
@@ -68,33 +74,21 @@ class MonteCarlo(WorkflowResult):
     verdict: coverage.Verdict
     path: Path
 
-    def __getitem__(self, name: str) -> Pulls:
-        if str(name) not in self.pulls:
-            raise InputError(f"no parameter {shown(name)}{closest_match(str(name), self.pulls)}")
-        return self.pulls[str(name)]
+    @property
+    def entries(self) -> Mapping[str, Pulls]:
+        """The pulls by parameter."""
+        return self.pulls
 
-    def __iter__(self) -> Iterator[str]:
-        return iter(self.pulls)
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """How many campaigns there are, and that the uncertainties are valid if they are."""
+        unfinished = f", {len(self.unfinished)} not done" if self.unfinished else ""
+        count = f"{self.n} campaigns, {len(self.failures)} failed{unfinished}: {self.path}"
+        parameters = f"{len(self)} parameter{'s' * (len(self) > 1)}"
+        valid = f"valid: pulls and coverage of {parameters} are consistent with valid uncertainties"
+        return (count, valid) if self.verdict.valid else (count,)
 
-    def __len__(self) -> int:
-        return len(self.pulls)
-
-    def table(self) -> Table:
-        """Return the pulls with their errors."""
-        rows = [
-            (
-                name,
-                str(p.n),
-                concise_value(p.pull_mean, p.pull_mean_error),
-                concise_value(p.pull_std, p.pull_std_error),
-                f"{concise_value(100 * p.coverage_1sigma, 100 * p.coverage_1sigma_error)} %",
-                f"{p.sigma:.2g}",
-            )
-            for name, p in self.pulls.items()
-        ]
-        return Table(HEAD, tuple(rows))
-
-    def records(self) -> list[dict[str, Any]]:
+    def rows(self) -> list[Row]:
         """Return a row for each parameter."""
         return [{"parameter": name, **vars(pulls)} for name, pulls in self.pulls.items()]
 
@@ -160,9 +154,9 @@ def montecarlo(
         If the campaign is wrong or needs the FMUs; if no campaign yields an estimate.
     """
     plan, source = resolve(campaign)
-    n = whole_number("n", n, 2, "two campaigns or more")
-    workers = Workers(check_workers(jobs), executor)
-    check_options(progress, fmus=fmus, redraw=redraw, trusted=trusted)
+    if n < 2:
+        raise InputError(f"n: {n}, expected two campaigns or more")
+    workers = Workers(jobs, executor)
     directory = output_folder(out, plan, source, "-montecarlo")
     fit_settings, validated = validate_simulation(plan, source, "a Monte Carlo is", *[DELTA_G] * redraw)
     archives = campaign_fmus(plan, progress) if fmus else {}

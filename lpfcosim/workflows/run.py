@@ -19,13 +19,11 @@ from lpfcosim.campaign import Campaign
 from lpfcosim.errors import InputError, RunError, prefix_errors
 from lpfcosim.execution import results_folder, runner, validation
 from lpfcosim.messages import grouped, names
-from lpfcosim.workflows.arguments import check_options, check_workers
 from lpfcosim.workflows.calibration import Calibration, calibrate_into
 from lpfcosim.workflows.campaigns import CampaignLike, PathLike, as_path, resolve
-from lpfcosim.workflows.fmus import campaign_fmus
 from lpfcosim.workflows.forecast import Forecast, forecast_or_reason
 from lpfcosim.workflows.progress import LOG, Progress
-from lpfcosim.workflows.simulate import failure_causes, simulate_into
+from lpfcosim.workflows.simulate import campaign_fmus, failure_causes, simulate_into
 from lpfcosim.workflows.transfer_functions import transfer_functions
 
 
@@ -103,13 +101,11 @@ def run(
     """
     plan, source = resolve(campaign)
     directory = output_folder(out, plan, source)
-    jobs = check_workers(jobs, time_limit)
-    check_options(progress, rerun=rerun, trusted=trusted)
+    options = runner.RunOptions(jobs, executor, time_limit, rerun=rerun)
     fit_settings, validated = validate_simulation(plan, source, "a calibration is")
     with progress.stage("forecast"), prefix_errors(source):  # refuses settings before anything is simulated
         expected, _ = forecast_or_reason(plan, fit_settings.without_fmu_parameters())
     fmus = campaign_fmus(plan, progress)
-    options = runner.RunOptions(jobs, executor, time_limit, rerun=rerun)
     with results_folder.lock(directory, alternative=True):
         simulated = simulate_into(
             plan, source, directory, fmus, options, validated, progress, trusted=trusted
@@ -191,7 +187,7 @@ def _write_forecast(directory: Path, expected: Forecast | None) -> None:
     """Write the sigmas to expect for the report, if there are any."""
     path = directory / "forecast.json"
     path.unlink(missing_ok=True)
-    if expected:
+    if expected is not None:
         atomic.write(path, expected.to_json() + "\n")
 
 

@@ -1,6 +1,6 @@
 """A campaign simulated into a folder: through the FMUs, or from the equations of their models."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from pathlib import Path
 
@@ -11,10 +11,9 @@ from lpfcosim.errors import InputError, RunError, prefix_errors
 from lpfcosim.execution import Provenance, results_folder, runner, validation
 from lpfcosim.execution import fmus as archives
 from lpfcosim.messages import grouped
+from lpfcosim.modelica import build
 from lpfcosim.models import model_of
-from lpfcosim.workflows.arguments import check_options, check_workers
 from lpfcosim.workflows.campaigns import CampaignLike, PathLike, as_path, is_described_by_file, resolve
-from lpfcosim.workflows.fmus import campaign_fmus
 from lpfcosim.workflows.progress import LOG, Progress
 
 
@@ -63,8 +62,6 @@ def simulate(
         a run failed, after the others are finished.
     """
     plan, source = resolve(campaign)
-    check_options(progress, fmus=fmus, rerun=rerun, trusted=trusted)
-    jobs = check_workers(jobs)
     directory = as_path(folder, "the path of a folder")
     with prefix_errors(source):
         validated = validation.validate(plan, fitted=False)
@@ -78,6 +75,19 @@ def simulate(
     if runs.failures:
         raise RunError("; ".join(failure_causes(runs)))
     return list(runs.files.values())
+
+
+def campaign_fmus(plan: Campaign, progress: Progress, fmi: str = "3.0") -> dict[str, Path]:
+    """Return the FMUs of a campaign by model: the user's, and ours in the other places, built if need be."""
+    return archives.resolve_fmus(plan, lambda models: build_fmus(models, progress, fmi=fmi))
+
+
+def build_fmus(
+    models: Sequence[str], progress: Progress, *, fmi: str = "3.0", force: bool = False
+) -> dict[str, Path]:
+    """Build FMUs that are not in the cache; `force`: all of them."""
+    with progress.counted("FMUs", len(models)) as advance:
+        return build.build(models, fmi=fmi, force=force, on_progress=advance)
 
 
 def simulate_into(

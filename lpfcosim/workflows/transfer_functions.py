@@ -1,8 +1,8 @@
-"""Transfer functions of the control loops: those of a campaign, and those measured at the injected tones."""
+"""The closed loop of a run, and transfer functions: modelled, and measured at the injected tones."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import TYPE_CHECKING, Any, ClassVar, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +12,6 @@ from fit.figures import bode
 from fit.files import closest_match
 from fit.parallel import one_blas_thread
 from fit.report import control_loops
-from fit.tables import Table
 from fit.telemetry import GUIDANCE, Telemetry, check_runs
 from lpfcosim.campaign import Campaign
 from lpfcosim.errors import InputError, prefix_errors
@@ -22,7 +21,7 @@ from lpfcosim.messages import grouped
 from lpfcosim.signals import decimation
 from lpfcosim.spacecraft import Run, Sine
 from lpfcosim.workflows.campaigns import CampaignLike, resolve
-from lpfcosim.workflows.result import WorkflowResult
+from lpfcosim.workflows.result import Columns, Result, Row
 
 if TYPE_CHECKING:
     from fit.plotting import Plot, PlotAxes
@@ -36,11 +35,10 @@ LARGEST_CUT = 0.01  # of a sine at its ends, which archive filters shorten: hard
 SHORTEST_NOISE = 2.5  # times a sine: four half-overlapping stretches
 HIGHEST_TONE = (decimation.PASSBAND + decimation.STOPBAND) / 2  # of the sample rate: attenuated by half
 RATE = 2.0  # Hz, of the response of the model, which has next to nothing above half of that
-HEAD = ("read-out", "experiment", "frequency", "magnitude", "phase", "difference")
 
 
 @dataclass(frozen=True, repr=False)
-class TransferFunctions(WorkflowResult):
+class TransferFunctions(Result[bode.LoopResponse]):
     """Responses of read-outs to their guidance; index it by the name of a read-out.
 
     Attributes
@@ -53,21 +51,23 @@ class TransferFunctions(WorkflowResult):
         One for each read-out whose guidance has sines: the modelled response and that measured at the tones.
     """
 
+    noun: ClassVar[str] = "loop of"
+    columns: ClassVar[Columns] = {
+        "read-out": lambda row: row["read_out"],
+        "experiment": lambda row: row["experiment"],
+        "frequency": lambda row: f"{1e3 * row['frequency']:.4g} mHz",
+        "magnitude": lambda row: f"{row['magnitude']:.5g}",
+        "phase": lambda row: f"{np.degrees(row['phase']):.4g} deg",
+        "difference": lambda row: f"{row['magnitude_difference']:+.1f}, {row['phase_difference']:+.1f}",
+    }
     campaign: str
     campaign_digest: str
     loops: tuple[bode.LoopResponse, ...]
 
-    def __getitem__(self, name: str) -> bode.LoopResponse:
-        loops = {loop.read_out: loop for loop in self.loops}
-        if str(name) not in loops:
-            raise InputError(f"no loop of {shown(name)}{closest_match(str(name), loops)}")
-        return loops[str(name)]
-
-    def __iter__(self) -> Iterator[bode.LoopResponse]:
-        return iter(self.loops)
-
-    def __len__(self) -> int:
-        return len(self.loops)
+    @property
+    def entries(self) -> dict[str, bode.LoopResponse]:
+        """The responses by read-out."""
+        return {loop.read_out: loop for loop in self.loops}
 
     def plot(self, ax: "PlotAxes" = None) -> "Plot":
         """Draw magnitude, phase, and the differences of the measured from the modelled ones.
@@ -81,22 +81,7 @@ class TransferFunctions(WorkflowResult):
 
         return draw(bode.bode(self.loops), ax)
 
-    def table(self) -> Table:
-        """Return a row for each tone, the difference in sigma of magnitude and phase."""
-        rows = [
-            (
-                row["read_out"],
-                row["experiment"],
-                f"{1e3 * row['frequency']:.4g} mHz",
-                f"{row['magnitude']:.5g}",
-                f"{np.degrees(row['phase']):.4g} deg",
-                f"{row['magnitude_difference']:+.1f}, {row['phase_difference']:+.1f}",
-            )
-            for row in self.records()
-        ]
-        return Table(HEAD, tuple(rows))
-
-    def records(self) -> list[dict[str, Any]]:
+    def rows(self) -> list[Row]:
         """Return a row for each tone; phases in rad, differences in sigma."""
         return [
             {
@@ -116,6 +101,32 @@ class TransferFunctions(WorkflowResult):
     def document(self) -> dict[str, Any]:
         """Return the content of `to_json`, schema ``lpf-transfer-functions/1``."""
         return control_loops.document(self.loops, self.campaign_digest)
+
+
+def closed_loop(campaign: CampaignLike, run_name: str) -> ClosedLoop:
+    """Return the closed loop of a run, from the equations of its models.
+
+    Parameters
+    ----------
+    campaign : Campaign or path
+        The campaign.
+    run_name : str
+        Name of the run, which for an experiment is that of its run with injections.
+
+    Raises
+    ------
+    UnavailableError
+        If the campaign has a third-party FMU in the loop.
+    InputError
+        If the campaign is wrong or has no such run.
+    """
+    plan, source = resolve(campaign)
+    with prefix_errors(source):
+        validation.check_linear_model(plan, "the closed loop is")
+        runs = {run.name: run for run in plan.runs}
+        if str(run_name) not in runs:
+            raise InputError(f"no run {shown(run_name)}{closest_match(str(run_name), runs)}")
+        return ClosedLoop(runs[str(run_name)])
 
 
 @one_blas_thread

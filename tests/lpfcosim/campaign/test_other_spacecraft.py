@@ -6,7 +6,7 @@ import pytest
 
 from lpfcosim import check, design, forecast, identify, montecarlo, run
 from lpfcosim.campaign import loading
-from lpfcosim.cli.schema import json_schema
+from lpfcosim.cli.new import json_schema
 from lpfcosim.errors import InputError, UnavailableError
 from lpfcosim.execution import telemetry_file
 from lpfcosim.linear import ClosedLoop, stability

@@ -8,7 +8,7 @@ import jsonschema
 import pytest
 
 from fit.settings import settings
-from lpfcosim.cli import schema as cli_schema
+from lpfcosim.cli.new import json_schema
 from lpfcosim.modelica import build
 from tests.campaign_text import campaign
 
@@ -86,7 +86,7 @@ def test_new_names_its_schema_for_editors(lpfcosim, tmp_path, schema):
 
 @pytest.fixture(scope="module")
 def schema():
-    result = cli_schema.json_schema()
+    result = json_schema()
     jsonschema.Draft202012Validator.check_schema(result)
     return result
 

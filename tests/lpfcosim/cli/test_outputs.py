@@ -6,8 +6,8 @@ from pathlib import Path
 import pytest
 
 from lpfcosim.errors import InputError
+from lpfcosim.execution import results_folder
 from lpfcosim.modelica import build
-from lpfcosim.workflows import output_paths
 from tests import ROOT
 from tests.lpfcosim.cli.refusal import refusal
 
@@ -58,13 +58,13 @@ def test_what_may_not_be_written_to_is_refused(tmp_path, monkeypatch):
     forbidden = {locked, tmp_path / "file.toml"}
     monkeypatch.setattr(os, "access", lambda path, _: Path(path) not in forbidden)
     for check in (
-        lambda: output_paths.check_folder(locked),
-        lambda: output_paths.check_folder(locked / "deeper"),
-        lambda: output_paths.check_file(locked / "a.toml", []),
-        lambda: output_paths.check_file(locked / "deeper" / "a.toml", [], parents=True),
-        lambda: output_paths.check_file(tmp_path / "file.toml", []),
+        lambda: results_folder.check_folder(locked),
+        lambda: results_folder.check_folder(locked / "deeper"),
+        lambda: results_folder.check_file(locked / "a.toml", []),
+        lambda: results_folder.check_file(locked / "deeper" / "a.toml", [], parents=True),
+        lambda: results_folder.check_file(tmp_path / "file.toml", []),
     ):
         with pytest.raises(InputError, match="may not be written to"):
             check()
-    output_paths.check_folder(tmp_path / "new")
-    output_paths.check_file(tmp_path / "new" / "a.toml", [], parents=True)
+    results_folder.check_folder(tmp_path / "new")
+    results_folder.check_file(tmp_path / "new" / "a.toml", [], parents=True)

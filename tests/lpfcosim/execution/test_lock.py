@@ -20,7 +20,7 @@ from pathlib import Path
 from fit.files import atomic
 from lpfcosim.execution import checksums as files
 from lpfcosim.execution import results_folder as folders
-from lpfcosim.workflows import output_paths
+
 
 folder = Path(sys.argv[1])
 with folders.lock(folder), files.temporary_folder(folder) as scratch:

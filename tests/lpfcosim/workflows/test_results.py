@@ -42,7 +42,7 @@ def test_the_angles_of_a_period_are_forecast_by_name(quickstart):
 def test_margins_are_found_by_loop(campaign, quickstart):
     result = lpfcosim.margins(str(quickstart))
     assert json.loads(result.to_json())["loops"] == result.to_dataframe().reset_index().to_dict("records")
-    assert [margin.loop for margin in result] == ["drag_free_x", "suspension_x"]
+    assert list(result) == ["drag_free_x", "suspension_x"]
     assert result["suspension_x"].unity_gain == result.to_dataframe().loc["suspension_x", "unity_gain"]
     assert repr(lpfcosim.margins(campaign)) == repr(result)
     with pytest.raises(fit.InputError, match="no loop 'drag_free_y'"):
@@ -66,6 +66,14 @@ def test_a_check_has_margins_and_forecast(campaign):
 def test_what_is_no_campaign_is_one_class_of_error(name, argument):
     with pytest.raises(fit.InputError):
         getattr(lpfcosim, name)(argument)
+
+
+@pytest.mark.parametrize("jobs", [0, "2", 1.5])
+@pytest.mark.parametrize("name", ["simulate", "run", "montecarlo", "design"])
+def test_a_number_of_processes_is_one_or_more(name, jobs, campaign, tmp_path):
+    size = (2,) if name == "montecarlo" else ()
+    with pytest.raises(fit.InputError, match=r"^jobs: "):
+        getattr(lpfcosim, name)(campaign, *size, tmp_path / "out.toml", jobs=jobs)
 
 
 def test_telemetry_from_equations_is_checked_as_that_of_fmus(campaign, tmp_path):
