@@ -115,7 +115,7 @@ HEAVY += ("scipy", "sympy", "typer", "astropy")
 #: Names that doors hand to users, or to other processes, beside those that the packages use.
 PUBLIC = {
     "lpfcosim.models": {"SpacecraftModel", "register"},
-    "lpfcosim.constellation": {"ASSEMBLIES", "SERIES", "Jitter", "read_jitter"},
+    "lpfcosim.constellation": {"ASSEMBLIES", "SERIES", "Jitter", "read_jitter", "simulate_measurements"},
     "fit.tilt_to_length": {"NAMES", "make_params", "write_measurements"},
 }
 MOST_FILES, MOST_LINES, LONGEST_FUNCTION = 14, 400, 60

@@ -96,11 +96,10 @@ def schema(
     """
     import json
 
-    if as_map:
-        from fit.telemetry.maps import json_schema
-    else:
-        from lpfcosim.cli.new import json_schema
-    print(json.dumps(json_schema(), indent=1))
+    from fit.telemetry import maps
+    from lpfcosim.cli.new import json_schema
+
+    print(json.dumps(maps.json_schema() if as_map else json_schema(), indent=1))
 
 
 @app.command(epilog=examples("lpfcosim check mine.toml", "lpfcosim check mine.toml --json | jq .peaks"))
@@ -114,15 +113,15 @@ def check(
     A campaign that `run` would refuse is an error (exit status 2): third-party FMUs that do not fit, unstable
     loops, commands at their limits for too long. A campaign with a command briefly at its limit, or with an
     injection that the fit does not use, is doubtful instead of valid (exit status 0). The command prints
-    the runs, the stability margins, the expected sigmas (those of `lpfcosim forecast`), and the expected
-    run time. With a third-party FMU in the loop, margins, sigmas and run time are not
-    available. Nothing is simulated, and no FMU is built.
+    the runs, the stability margins, the peaks of read-outs and commands, and the expected sigmas (those of
+    `lpfcosim forecast`). With a third-party FMU in the loop, they are not available. Nothing is simulated,
+    and no FMU is built.
     """
-    from lpfcosim.workflows.check import check
+    from lpfcosim.workflows import check as workflow
 
     console = Console(quiet=quiet, as_json=as_json)
     with console.stage("forecast"):
-        checked = check(campaign)
+        checked = workflow.check(campaign)
     headline = f"{campaign}: {checked.headline()}"
     console.show_result(checked, headline, warnings=checked.warnings)
 
@@ -200,12 +199,12 @@ def run(
     and the exit status is 1.
     """
     from lpfcosim.execution import dask_executor, results_folder
-    from lpfcosim.workflows.run import run
+    from lpfcosim.workflows import run as workflow
 
     console, directory = Console(quiet=quiet, as_json=as_json), out or Path(campaign.stem)
     results_folder.check_folder(directory, "telemetry")
     with dask_executor(scheduler) if scheduler else nullcontext() as executor:
-        calibration = run(
+        calibration = workflow.run(
             campaign,
             directory,
             jobs=jobs,
@@ -255,13 +254,13 @@ def montecarlo(
     false-positive probability of this test is 1 %.
     """
     from lpfcosim.execution import dask_executor, results_folder
-    from lpfcosim.workflows.montecarlo import montecarlo
+    from lpfcosim.workflows import montecarlo as workflow
 
     console = Console(quiet=quiet, as_json=as_json)
     directory = out or Path(f"{campaign.stem}-montecarlo")
     results_folder.check_folder(directory, "figures")
     with dask_executor(scheduler) if scheduler else nullcontext() as executor:
-        study = montecarlo(
+        study = workflow.montecarlo(
             campaign,
             n,
             directory,
@@ -299,10 +298,10 @@ def design(
     A lower bound on the objective holds for every design within the limits on rms. The tones are checked
     through the FMUs. If interrupted, the best design so far is written. Needs lpfcosim[design].
     """
-    from lpfcosim.workflows.design import design
+    from lpfcosim.workflows import design as workflow
 
     console = Console(quiet=quiet, as_json=as_json)
-    designed = design(campaign, out, jobs=jobs, progress=console)
+    designed = workflow.design(campaign, out, jobs=jobs, progress=console)
     console.show_result(designed)
     designed.check_valid()
     console.show(f"{designed.path}: written; simulate it with: lpfcosim run {designed.path}")
@@ -339,13 +338,13 @@ def identify(
     """
     from lpfcosim.cli.constraints import read_constraints
     from lpfcosim.execution import results_folder
-    from lpfcosim.workflows.identify import identify
+    from lpfcosim.workflows import identify as workflow
 
     console, files = Console(quiet=quiet, as_json=as_json), paths or []
     directory = out or Path(f"{campaign.stem}-identified" if files else campaign.stem)
     results_folder.check_folder(directory, "telemetry")
     parameters = read_constraints(fix, tie, prior, bound)
-    identified = identify(
+    identified = workflow.identify(
         campaign, files, directory, parameters=parameters, trusted=trusted, progress=console
     )
     console.show_calibration(identified, f"identified: {identified.path}, ")

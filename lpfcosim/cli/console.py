@@ -11,8 +11,7 @@ from lpfcosim.workflows import progress
 
 if TYPE_CHECKING:
     from fit.tables import Table
-    from lpfcosim.workflows.calibration import Calibration
-    from lpfcosim.workflows.result import Result
+    from lpfcosim.workflows import calibration, result
 
 FIRST_LINE = 2.0  # s, after which progress is reported in a line; the next one after twice as long
 
@@ -38,15 +37,15 @@ class Console(progress.Progress):
         for line in () if self._as_json or self._is_quiet else lines:
             print(line) if isinstance(line, str) else _print_table(line)
 
-    def show_result(self, result: "Result[Any]", *head: str, warnings: Iterable[str] = ()) -> None:
+    def show_result(self, shown: "result.Result[Any]", *head: str, warnings: Iterable[str] = ()) -> None:
         """Show warnings, lines of text, and tables and notes of a result."""
         for warning in warnings:
             self.warn(warning)
-        tables = [part for table in result.tables() for part in ("", table)]
-        notes = ("", *result.notes) if result.notes else ()
-        self.show(*(*head, *tables, *notes)[not head :], json=result.to_json())
+        tables = [part for table in shown.tables() for part in ("", table)]
+        notes = ("", *shown.notes) if shown.notes else ()
+        self.show(*(*head, *tables, *notes)[not head :], json=shown.to_json())
 
-    def show_calibration(self, calibration: "Calibration", prefix: str = "") -> None:
+    def show_calibration(self, fitted: "calibration.Calibration", prefix: str = "") -> None:
         """Show warnings, estimates, what was found and the report, with a text before the last line.
 
         Raises
@@ -56,11 +55,11 @@ class Console(progress.Progress):
         RunError
             If runs of a campaign failed.
         """
-        for warning in calibration.warnings:
+        for warning in fitted.warnings:
             self.warn(warning)
-        report = f"{prefix}report: {calibration.report}"
-        self.show(calibration.table(), calibration.headline(), report, json=calibration.to_json())
-        calibration.check_sound()
+        report = f"{prefix}report: {fitted.report}"
+        self.show(fitted.table(), fitted.headline(), report, json=fitted.to_json())
+        fitted.check_sound()
 
     def note(self, line: str) -> None:
         """Print a line about the work."""

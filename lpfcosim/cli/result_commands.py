@@ -132,11 +132,11 @@ def deltag(
     delta_g = delta_g_x + delta_g_SC + g_Omega + g_dOmega. Of LISA they are the terms of D_x and D_y.
     """
     from lpfcosim.execution import results_folder
-    from lpfcosim.workflows.deltag import write_deltag
+    from lpfcosim.workflows import deltag as workflow
 
     console, directory = Console(quiet=quiet), out or results_folder.default(paths[0], "deltag")
     results_folder.check_folder(directory, "telemetry")
-    for path in write_deltag(paths, calibration, directory, console):
+    for path in workflow.write_deltag(paths, calibration, directory, console):
         console.show(str(path))
 
 
@@ -193,12 +193,12 @@ def jitter(
     """
     from lpfcosim.constellation import join, write_jitter
     from lpfcosim.execution import results_folder
-    from lpfcosim.workflows.calibration import runs_of_kind
+    from lpfcosim.workflows import calibration
 
     console = Console(quiet=quiet)
     results_folder.check_file(out, paths, (".h5", ".hdf5"))
     with console.stage("reading"):
-        motion = join(runs_of_kind(paths, "noise" if noise else "sysid"))
+        motion = join(calibration.runs_of_kind(paths, "noise" if noise else "sysid"))
     write_jitter(motion, out, {"lpfcosim_version": metadata.version("lpfcosim")})
     console.show(str(out))
 
@@ -231,12 +231,12 @@ def ttl(
     rates by wavefront sensing (lisa-measurements/1). Files of lisainstrument need the extra lpfcosim[lisa].
     """
     from lpfcosim.execution import results_folder
-    from lpfcosim.workflows.calibration import calibrate_ttl_into
+    from lpfcosim.workflows import calibration
 
     console = Console(quiet=quiet, as_json=as_json)
     directory = out or results_folder.default(measurements, "ttl")
     results_folder.check_folder(directory)
-    console.show_calibration(calibrate_ttl_into(directory, measurements, noise, console))
+    console.show_calibration(calibration.calibrate_ttl_into(directory, measurements, noise, console))
 
 
 @app.command(epilog=examples("lpfcosim mcmc quickstart"))

@@ -7,10 +7,13 @@ results.
 __all__ = [
     "calibration",
     "check",
+    "deltag",
     "design",
     "forecast",
     "identify",
     "montecarlo",
     "progress",
+    "result",
     "run",
+    "simulate",
 ]

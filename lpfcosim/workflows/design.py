@@ -15,8 +15,7 @@ from fit.settings import settings
 from fit.telemetry import read_all
 from lpfcosim.campaign import Campaign, loading, names
 from lpfcosim.errors import InputError, RunError, prefix_errors
-from lpfcosim.execution import Workers, validation
-from lpfcosim.execution.results_folder import check_file
+from lpfcosim.execution import Workers, results_folder, validation
 from lpfcosim.experiment_design import (
     Design,
     FitModel,
@@ -182,7 +181,7 @@ def design(
     plan, source = resolve(campaign)
     path = Path(f"{source.stem if source else plan.name}-designed.toml")
     path = path if out is None else as_path(out, "the path of a file")
-    check_file(path, loading.sources(source) if source else (), [".toml"])
+    results_folder.check_file(path, loading.sources(source) if source else (), [".toml"])
     names.check_stem(path)
     if path.is_file() and not is_design(path):
         raise InputError(f"{path}: is there already and is no design, expected a new name")

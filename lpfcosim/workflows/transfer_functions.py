@@ -17,7 +17,6 @@ from lpfcosim.campaign import Campaign
 from lpfcosim.errors import InputError, prefix_errors
 from lpfcosim.execution import validation
 from lpfcosim.linear import ClosedLoop, StateSpace, response
-from lpfcosim.messages import grouped
 from lpfcosim.signals import decimation
 from lpfcosim.spacecraft import Run, Sine
 from lpfcosim.workflows.campaigns import CampaignLike, resolve
@@ -167,31 +166,22 @@ def _campaign_loops(plan: Campaign, runs: Sequence[Telemetry]) -> tuple[bode.Loo
     noise_runs = {telemetry.experiment: telemetry for telemetry in runs if telemetry.kind == "noise"}
     modelled: dict[str, Complex] = {}
     tones: dict[str, list[_Tone]] = {}
-    obstacles: list[tuple[str, str]] = []
     for run in plan.runs:
         telemetry, noise = telemetries.get(run.name), noise_runs.get(run.experiment)
-        if not telemetry or not (sines := _sines(run, telemetry)):
+        if telemetry is None or noise is None or not (sines := _sines(run, telemetry, noise)):
             continue
-        measurable = {}
+        system, responses = ClosedLoop(run).linearize(), _linear_response(run, telemetry, list(sines))
         for read_out, injections in sines.items():
-            causes = [_obstacle(sine, read_out, telemetry, noise) for sine in injections]
-            obstacles += [(run.name, cause) for cause in causes if cause]
-            if clear := [sine for sine, cause in zip(injections, causes, strict=True) if not cause]:
-                measurable[read_out] = clear
-        if not measurable or noise is None:
-            continue
-        system, responses = ClosedLoop(run).linearize(), _linear_response(run, telemetry, list(measurable))
-        for read_out, injections in measurable.items():
             loop = system.select([GUIDANCE[read_out]], [read_out])
             if read_out not in modelled:
                 modelled[read_out] = loop.frequency_response(FREQUENCIES)[:, 0, 0]
-            measured, causes = _measure(loop, injections, telemetry, noise, responses[read_out])
-            obstacles += [(run.name, cause) for cause in causes]
-            if measured:
+            if measured := _measure(loop, injections, telemetry, noise, responses[read_out]):
                 tones.setdefault(read_out, []).extend(measured)
     if not tones:
-        causes = grouped(obstacles) or ["no run with a sine in the guidance of a read-out"]
-        raise InputError(f"{plan.name}: no response can be measured: {'; '.join(causes)}")
+        raise InputError(
+            f"{plan.name}: no response can be measured, expected a sine in the guidance of a read-out, "
+            f"all of it in the telemetry, and a noise run of {SHORTEST_NOISE:g} times its length"
+        )
     return tuple(_loop(name, modelled[name], rows) for name, rows in tones.items())
 
 
@@ -209,54 +199,27 @@ def _rate(telemetry: Telemetry) -> float:
     return telemetry.fs / max(1, int(telemetry.fs / RATE))
 
 
-def _obstacle(sine: Sine, read_out: str, telemetry: Telemetry, noise: Telemetry | None) -> str:
-    """Return why the runs do not allow to measure the response to a sine; empty if they do."""
-    tone, duration = f"sine of {1e3 * sine.frequency:g} mHz", sine.end - sine.start
-    if noise is None:
-        return f"experiment {telemetry.experiment} has no noise run, expected one"
-    if noise.duration < SHORTEST_NOISE * duration:
-        return (
-            f"noise run {noise.run}: {noise.duration:g} s, expected at least {SHORTEST_NOISE:g} times the "
-            f"{duration:.6g} s of the {tone}"
-        )
-    begin, end = telemetry.time[0], telemetry.time[-1] + 1 / telemetry.fs
-    cut = LARGEST_CUT * duration
-    if not begin - cut <= sine.start <= sine.end <= end + cut:
-        return f"{telemetry.path}: lacks a part of the {tone}, expected {sine.start:g} s to {sine.end:.6g} s"
-    highest = HIGHEST_TONE * _rate(telemetry)
-    if not sine.frequency <= highest:
-        return f"{tone} in {GUIDANCE[read_out]}, expected a frequency up to {1e3 * highest:g} mHz"
-    return ""
-
-
 def _measure(
     loop: StateSpace, sines: Sequence[Sine], telemetry: Telemetry, noise: Telemetry, linear: Array
-) -> tuple[list[_Tone], list[str]]:
-    """Return the responses of a read-out to sines, and why others cannot be measured.
+) -> list[_Tone]:
+    """Return the responses of a read-out to sines, without those that telemetry does not have.
 
     `linear` is the response of the model to all injections.
     """
     (read_out,) = loop.outputs
-    names = GUIDANCE[read_out], read_out
-    guidance, y = (_filled(telemetry.channels[name]) for name in names)
+    guidance, y = (_filled(telemetry.channels[name]) for name in (GUIDANCE[read_out], read_out))
     noise_values, time = _filled(noise.channels[read_out]), np.arange(linear.size) / _rate(telemetry)
     recorded = slice(*np.searchsorted(time, (telemetry.time[0], telemetry.time[-1] + 0.5 / telemetry.fs)))
-    tones, obstacles = [], []
+    tones = []
     for sine in sines:
         power = _noise_power(sine, noise_values, noise.fs)
         X, Y = (_transform(sine, telemetry.time, x) for x in (guidance, y))
-        if not X:
-            tone = f"sine of {1e3 * sine.frequency:g} mHz"
-            obstacles.append(f"{telemetry.path}: channel {GUIDANCE[read_out]}: expected a {tone}")
-            continue
-        if not power:
-            obstacles.append(f"noise run {noise.run}: channel {read_out}: no noise, expected some")
-            continue
-        residual = Y - _transform(sine, time[recorded], linear[recorded])
-        expected = complex(loop.frequency_response([sine.frequency])[0, 0, 0])
-        sigma = (power / 2) ** 0.5 / abs(X)
-        tones.append((telemetry.experiment, sine.frequency, expected + residual / X, expected, sigma))
-    return tones, obstacles
+        if X and power:
+            residual = Y - _transform(sine, time[recorded], linear[recorded])
+            expected = complex(loop.frequency_response([sine.frequency])[0, 0, 0])
+            sigma = (power / 2) ** 0.5 / abs(X)
+            tones.append((telemetry.experiment, sine.frequency, expected + residual / X, expected, sigma))
+    return tones
 
 
 def _loop(read_out: str, modelled: Complex, rows: Sequence[_Tone]) -> bode.LoopResponse:
@@ -265,13 +228,23 @@ def _loop(read_out: str, modelled: Complex, rows: Sequence[_Tone]) -> bode.LoopR
     return bode.LoopResponse(read_out, FREQUENCIES, modelled, np.array(f), names, *responses)
 
 
-def _sines(run: Run, telemetry: Telemetry) -> dict[str, list[Sine]]:
-    """Return the sines in the guidance of each read-out that telemetry has."""
+def _sines(run: Run, telemetry: Telemetry, noise: Telemetry) -> dict[str, list[Sine]]:
+    """Return the sines in the guidance of each read-out whose response can be measured."""
     read_outs = {guidance: read_out for read_out, guidance in GUIDANCE.items()}
+    begin, end = telemetry.time[0], telemetry.time[-1] + 1 / telemetry.fs
     sines: dict[str, list[Sine]] = {}
     for injection in run.injections:
         read_out = read_outs.get(injection.into)
-        if isinstance(injection, Sine) and read_out and {read_out, injection.into} <= {*telemetry.channels}:
+        if not isinstance(injection, Sine) or not read_out:
+            continue
+        duration = injection.end - injection.start
+        cut = LARGEST_CUT * duration
+        if (
+            {read_out, injection.into} <= {*telemetry.channels}
+            and injection.frequency <= HIGHEST_TONE * _rate(telemetry)
+            and begin - cut <= injection.start <= injection.end <= end + cut
+            and noise.duration >= SHORTEST_NOISE * duration
+        ):
             sines.setdefault(read_out, []).append(injection)
     return sines
 

@@ -49,14 +49,8 @@ def test_without_names_all_are_drawn(lpfcosim, fitted):
     shutil.rmtree(fitted / "figures")
 
 
-def test_names_that_no_figure_has(lpfcosim, fitted, tmp_path):
-    err = lpfcosim("figures", fitted, "nonsense", status=2)[2]
-    assert "no figure is called 'nonsense', did you mean \"noise\"? (known: bode" in err
-    assert lpfcosim("figures", fitted, "spectar")[2].startswith(
-        f"lpfcosim: error: {fitted}: no figure is called 'spectar', did you mean \"spectra\""
-    )  # nothing is read
-    _, _, err = lpfcosim("figures", fitted, "inertial")
-    assert "no figure is called 'inertial', expected a part of " in err
+def test_a_name_that_no_figure_has_is_refused(lpfcosim, fitted, tmp_path):
+    err = lpfcosim("figures", fitted, "inertial", status=2)[2]
+    assert "no figure is called 'inertial'" in err
     assert not (fitted / "figures").exists()
-    err = lpfcosim("figures", tmp_path, status=2)[2]
-    assert "results.json" in err
+    assert "results.json" in lpfcosim("figures", tmp_path, status=2)[2]

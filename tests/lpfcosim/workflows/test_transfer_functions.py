@@ -106,15 +106,11 @@ def test_the_report_and_the_figures_have_them(folder, runs, measured):
     assert 'id="loops"' not in fit.save_report(other, runs, folder).read_text()
 
 
-def test_without_a_noise_run_there_is_nothing_to_measure(folder, runs):
-    with pytest.raises(fit.InputError, match=r"loops: no .* be measured: .*experiment one has no noise run"):
-        lpfcosim.transfer_functions(folder / "campaign.toml", [run for run in runs if run.kind == "sysid"])
-
-
-def test_a_short_noise_run_is_named(folder, runs):
+def test_without_a_noise_run_of_some_length_there_is_nothing_to_measure(folder, runs):
     short = [run.part(slice(1200 * round(run.fs))) if run.kind == "noise" else run for run in runs]
-    with pytest.raises(fit.InputError, match=r"noise run one-noise: 1200 s, expected at least 2.5 times the"):
-        lpfcosim.transfer_functions(folder / "campaign.toml", short)
+    for others in ([run for run in runs if run.kind == "sysid"], short):
+        with pytest.raises(fit.InputError, match="no response can be measured"):
+            lpfcosim.transfer_functions(folder / "campaign.toml", others)
 
 
 @pytest.mark.parametrize("samples", [slice(1500, None), slice(None, 5500), slice(1500, 5500)])
@@ -124,7 +120,7 @@ def test_a_sine_that_telemetry_cuts_has_no_point(folder, runs, measured, samples
     cut = [run.part(part) if run.kind == "sysid" else run for run in runs]
     whole = {"o_12": samples.start is None, "o_1": samples.stop is None}
     if not any(whole.values()):
-        with pytest.raises(fit.InputError, match="lacks a part of the sine of 4 mHz, expected 100 s to 4100"):
+        with pytest.raises(fit.InputError, match="all of it in the telemetry"):
             lpfcosim.transfer_functions(folder / "campaign.toml", cut)
         return
     loops = lpfcosim.transfer_functions(folder / "campaign.toml", cut)
