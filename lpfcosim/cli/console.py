@@ -143,7 +143,8 @@ class Console(progress.Progress):
             def update(now: float, total: float = total) -> None:
                 nonlocal due
                 bars.update(task, completed=now, total=total)
-                if not is_live and done < now < total and (elapsed := time.perf_counter() - start) > due:
+                elapsed, part = time.perf_counter() - start, (now - done) / max(total - done, 1e-9)
+                if not is_live and elapsed > due and 0.1 < part < 1:
                     due = 2 * elapsed
                     remaining = elapsed * (total - now) / (now - done)
                     self.note(f"{name}: {100 * now / total:.0f} %, about {remaining:.0f} s remaining")

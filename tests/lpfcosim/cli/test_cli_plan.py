@@ -7,7 +7,6 @@ import tomllib
 import jsonschema
 import pytest
 
-from fit.settings import settings
 from lpfcosim.cli.new import json_schema
 from lpfcosim.modelica import build
 from tests.campaign_text import campaign
@@ -140,17 +139,6 @@ def test_schema_asks_for_a_base_or_all_the_rest(schema, quickstart):
     del value["seed"]
     assert faults(schema, value) == [""]
     assert faults(schema, {**value, "extends": "quickstart.toml"}) == []
-
-
-def test_schema_of_the_fit_has_its_defaults(schema):
-    of_fit = schema["properties"]["fit"]
-    assert {k: v["default"] for k, v in of_fit["properties"].items()} == settings().model_dump()
-    assert "required" not in of_fit
-    assert of_fit["properties"]["shared"]["properties"]["delta_ifo"]["enum"] == [
-        "campaign",
-        "alignment_epoch",
-        "experiment",
-    ]
 
 
 def test_schema_command_prints_it(lpfcosim, schema):

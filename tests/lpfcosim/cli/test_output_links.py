@@ -12,13 +12,11 @@ from tests.lpfcosim.cli.refusal import refusal
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="links need rights elsewhere")
 
 COMMANDS = [  # commands that write a folder, and a place in it where a link may stand
-    ("run plan.toml --out out", "out"),
     ("run plan.toml --out out", "out/logs/short.log"),
     ("montecarlo plan.toml -n 2 --out out", "out/campaigns.jsonl"),
     ("forecast plan.toml --out out", "out/forecast.json"),
     ("fit . --out out", "out"),
     ("deltag . --calibration R.json --out out", "out"),
-    ("fmu build OpticalMetrology --out out", "out"),
 ]
 
 
