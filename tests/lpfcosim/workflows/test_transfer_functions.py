@@ -36,13 +36,17 @@ def measured(folder, runs):
 
 
 def sine_response(run, read_out, frequency, begin, end):
-    """Ratio of the amplitudes of read-out and guidance in the steady state, by least squares in time."""
+    """Ratio of the amplitudes of read-out and guidance in the steady state, by least squares in time.
+
+    The window keeps the noise of lower frequencies from leaking to the sine.
+    """
     part = (run.time >= begin) & (run.time < end)
     angle = 2 * np.pi * frequency * run.time[part]
     basis = np.stack([np.cos(angle), np.sin(angle), np.ones(angle.size), run.time[part]], axis=1)
+    window = np.sin(np.pi * (run.time[part] - begin) / (end - begin))
     ratio = []
     for name in (read_out, f"guidance_{read_out}"):
-        a, b, *_ = np.linalg.lstsq(basis, run.channels[name][part], rcond=None)[0]
+        a, b, *_ = np.linalg.lstsq(basis * window[:, None], run.channels[name][part] * window, rcond=None)[0]
         ratio.append(a - 1j * b)
     return ratio[0] / ratio[1]
 
