@@ -67,7 +67,7 @@ def quickstart() -> Path:
 
 @pytest.fixture(scope="session")
 def fmus() -> dict[str, Path]:
-    """Our FMUs, FMI 3.0, built unless an earlier session did."""
+    """Our FMUs, built unless an earlier session did."""
     from lpfcosim.modelica import build
 
     return build.build()

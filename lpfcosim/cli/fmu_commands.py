@@ -1,7 +1,7 @@
 """The commands about FMUs: build, list, export."""
 
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated
 
 import typer
 
@@ -22,9 +22,7 @@ def _fmu(context: typer.Context) -> None:
     help_without_command(context)
 
 
-@app.command(
-    epilog=examples("lpfcosim fmu build", "lpfcosim fmu build SuspensionControl --fmi 2.0 --out here")
-)
+@app.command(epilog=examples("lpfcosim fmu build", "lpfcosim fmu build SuspensionControl --out here"))
 def build(
     models: Annotated[
         list[str] | None, typer.Argument(metavar="MODEL", help="Models [default: all].")
@@ -32,8 +30,6 @@ def build(
     out: Annotated[
         Path | None, typer.Option("--out", metavar="DIR", help="Folder to copy the FMUs to.")
     ] = None,
-    fmi: Annotated[Literal["2.0", "3.0"], typer.Option("--fmi", help="Version of FMI.")] = "3.0",
-    force: Annotated[bool, typer.Option("--force", help="Build again, even if it is in the cache.")] = False,
     quiet: Quiet = False,
 ) -> None:
     """Build the FMUs from the Modelica sources.
@@ -53,7 +49,7 @@ def build(
     for name in models or ():
         if name not in fmu_names():
             raise InputError(f"no model {quote(name)}{closest_match(name, fmu_names())}")
-    built = simulate.build_fmus(models or fmu_names(), console, fmi=fmi, force=force)
+    built = simulate.build_fmus(models or fmu_names(), console)
     if out is not None:
         built = fmu_build.copy(built, out)
     for path in built.values():
@@ -103,6 +99,6 @@ def export_ssp(
     path = out or Path(f"{campaign.stem}.ssp")
     results_folder.check_file(path, loading.sources(campaign), parents=True)
     with prefix_errors(campaign):
-        archives = simulate.campaign_fmus(plan, console, ssp.FMI)
+        archives = simulate.campaign_fmus(plan, console)
         written = ssp.export(plan, archives, path)
     console.show(str(written))

@@ -1,7 +1,4 @@
-"""Build FMUs from Modelica: translate, compile, archive; cached by digest of sources and tools.
-
-Prebuilt FMUs of a wheel are used as long as their sources are unchanged.
-"""
+"""Build FMUs from Modelica: translate, compile, archive; cached by digest of sources and tools."""
 
 from __future__ import annotations
 
@@ -12,8 +9,7 @@ import shutil
 import tempfile
 import uuid
 import zipfile
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Collection, Mapping
 from importlib import metadata
 from pathlib import Path
 
@@ -21,15 +17,7 @@ from platformdirs import user_cache_path
 
 from fit import units
 from lpfcosim.errors import InputError
-from lpfcosim.modelica import prebuilt
-from lpfcosim.modelica.compiler import (
-    TARGETS,
-    Target,
-    compile_binaries,
-    compile_library,
-    compiler,
-    cross_compiler,
-)
+from lpfcosim.modelica.compiler import compile_library, compiler
 from lpfcosim.modelica.frontend import flatten
 from lpfcosim.modelica.sources import package_files
 
@@ -54,11 +42,7 @@ MODELS = {
 STEP = 0.1  # s, internal step; shorter communication steps are taken as they are
 RUNTIME = Path(__file__).parent / "runtime"
 ENGINE = Path(__file__).parents[1] / "cosim" / "engine.c"
-_CORE = ("core.c", "core.h", "instance.c")
-_HEADERS = {
-    "2.0": ("fmi2Functions.h", "fmi2FunctionTypes.h", "fmi2TypesPlatform.h"),
-    "3.0": ("fmi3Functions.h", "fmi3FunctionTypes.h", "fmi3PlatformTypes.h"),
-}
+_HEADERS = ("fmi2Functions.h", "fmi2FunctionTypes.h", "fmi2TypesPlatform.h")
 
 
 def packages(package: Path = PACKAGE) -> list[Path]:
@@ -89,15 +73,11 @@ def source_files(package: Path = PACKAGE) -> dict[str, Path]:
     }
 
 
-def shipped_sources(package: Path = PACKAGE) -> dict[str, Path]:
-    """All that the FMUs of a wheel are made from, by name, with the packages beside `package`."""
-    return {name: file for folder in packages(package) for name, file in source_files(folder).items()}
-
-
 def digest(package: Path = PACKAGE) -> str:
     """SHA-256 over Modelica sources, generator, runtime and tool versions."""
     sha256 = digest_of_files(source_files(package))
-    tools = [*_tools(), compiler().version, platform.system(), platform.machine()]
+    tools = [f"{name} {tool_version(name)}" for name in ("rumoca", "sympy", "fmpy")]
+    tools += [compiler().version, platform.system(), platform.machine()]
     sha256.update("\n".join(tools).encode())
     return sha256.hexdigest()
 
@@ -109,10 +89,6 @@ def digest_of_files(files: Mapping[str, Path]) -> hashlib._Hash:
         content = file.read_bytes()
         sha256.update(f"{name} {len(content)}\n".encode() + content)
     return sha256
-
-
-def _tools() -> list[str]:
-    return [f"{name} {tool_version(name)}" for name in ("rumoca", "sympy", "fmpy")]
 
 
 def tool_version(distribution: str, problem: str = "FMUs cannot be built") -> str:
@@ -130,11 +106,9 @@ def build(
     models: Collection[str] = MODELS,
     package: Path = PACKAGE,
     *,
-    fmi: str = "3.0",
-    force: bool = False,
     on_progress: Callable[[int], None] = lambda _count: None,
 ) -> dict[str, Path]:
-    """Return the FMU of each model, built if it neither came with the package nor lies in the cache.
+    """Return the FMU of each model, built if it is not in the cache.
 
     Parameters
     ----------
@@ -142,10 +116,6 @@ def build(
         Names of FMUs: those of `MODELS`, or of classes of the package.
     package : Path
         Folder of the Modelica package.
-    fmi : str
-        Version of FMI, ``2.0`` or ``3.0``.
-    force : bool
-        Build again, even if it is in the cache.
     on_progress : callable
         Called with the number of FMUs done.
 
@@ -156,11 +126,10 @@ def build(
     RunError
         If the generated C does not compile.
     """
-    archives = _cached(models, package, fmi) if force else locations(models, package, fmi=fmi)
+    archives = locations(models, package)
     for count, (model, archive) in enumerate(archives.items(), start=1):
-        if force or not _is_whole(archive):
-            folder = package_of(model, package)
-            build_one(folder, class_name(model, package), archive, name=model, fmi=fmi)
+        if not _is_whole(archive):
+            build_one(package_of(model, package), class_name(model, package), archive, name=model)
         on_progress(count)
     return archives
 
@@ -180,103 +149,25 @@ def _is_whole(archive: Path) -> bool:
         return False
 
 
-def locations(
-    models: Collection[str] = MODELS, package: Path = PACKAGE, *, fmi: str = "3.0"
-) -> dict[str, Path]:
-    """Where the FMU of each model is, or would be: with the package, or in the cache."""
-    if package != PACKAGE:
-        return _cached(models, package, fmi)
-    try:
-        files = [f"{model}.fmu" for model in models]
-        archives = prebuilt.find(f"fmi{fmi[0]}", files, shipped_sources(package))
-        return dict(zip(models, archives, strict=True))
-    except prebuilt.StalePrebuiltError as reason:
-        with _with_reason(reason):
-            return _cached(models, package, fmi)
-
-
-def _cached(models: Collection[str], package: Path, fmi: str) -> dict[str, Path]:
+def locations(models: Collection[str] = MODELS, package: Path = PACKAGE) -> dict[str, Path]:
+    """Where the FMU of each model is in the cache, or would be."""
     folders = {model: package_of(model, package) for model in models}
     digests = {folder: digest(folder)[:16] for folder in dict.fromkeys(folders.values())}
-    cache = cache_directory()
-    return {
-        model: cache / digests[folder] / f"fmi{fmi[0]}" / f"{model}.fmu" for model, folder in folders.items()
-    }
-
-
-@contextmanager
-def _with_reason(reason: prebuilt.StalePrebuiltError) -> Iterator[None]:
-    """Prepend to an error why the prebuilt files cannot be used."""
-    try:
-        yield
-    except InputError as error:
-        raise InputError(f"{reason}, and {error}") from None
+    return {model: cache_directory() / digests[folder] / f"{model}.fmu" for model, folder in folders.items()}
 
 
 def engine_library() -> Path:
     """Return the compiled stepping loop (``lpfcosim/cosim/engine.c``), built if it is not there."""
     import fmpy
 
-    try:
-        name = f"{prebuilt.platform_name()}{fmpy.sharedLibraryExtension}"
-        return prebuilt.find("engine", [name], {ENGINE.name: ENGINE})[0]
-    except prebuilt.StalePrebuiltError as reason:
-        with _with_reason(reason):
-            version = compiler().version
-    name = hashlib.sha256(ENGINE.read_bytes() + version.encode()).hexdigest()[:16]
+    name = hashlib.sha256(ENGINE.read_bytes() + compiler().version.encode()).hexdigest()[:16]
     library = cache_directory() / f"engine-{name}{fmpy.sharedLibraryExtension}"
     if not library.is_file():
         library.parent.mkdir(parents=True, exist_ok=True)
         partial = library.with_suffix(f".{os.getpid()}.part")
-        compile_library(ENGINE.parent, [ENGINE.name], partial)
+        compile_library(ENGINE, partial)
         partial.replace(library)
     return library
-
-
-def prebuild(
-    folder: Path,
-    version: str,
-    prepared: Mapping[str, prebuilt.PrebuiltGroup],
-    models: Collection[str],
-    targets: Sequence[Target] = TARGETS,
-) -> None:
-    """Build what a wheel carries compiled, and write the manifest.
-
-    Parameters
-    ----------
-    folder : Path
-        Where `prebuilt` shall find it.
-    version : str
-        Of this package, which need not be installed yet.
-    prepared : mapping of str to PrebuiltGroup
-        Groups that are in the folder already.
-    models : collection of str
-        Names of FMUs.
-    targets : sequence of Target
-        Platforms to build for.
-
-    Raises
-    ------
-    InputError
-        If one of the tools is not installed.
-    """
-    tools = [*_tools(), cross_compiler().version]
-    groups = dict(prepared)
-    for fmi in _HEADERS:
-        group = f"fmi{fmi[0]}"
-        supported = [t for t in targets if t.folder(fmi)]
-        groups[group] = prebuilt.PrebuiltGroup([t.name for t in supported], shipped_sources())
-        for model in models:
-            package, archive = package_of(model), folder / group / f"{model}.fmu"
-            build_one(
-                package, class_name(model), archive, name=model, fmi=fmi, version=version, targets=supported
-            )
-    groups["engine"] = prebuilt.PrebuiltGroup([t.name for t in targets], {ENGINE.name: ENGINE})
-    (folder / "engine").mkdir()
-    for target in targets:
-        library = folder / "engine" / f"{target.name}{target.extension}"
-        compile_library(ENGINE.parent, [ENGINE.name], library, target)
-    prebuilt.write(folder, groups, tools)
 
 
 def copy(archives: Mapping[str, Path], directory: Path) -> dict[str, Path]:
@@ -285,77 +176,62 @@ def copy(archives: Mapping[str, Path], directory: Path) -> dict[str, Path]:
     return {model: Path(shutil.copy(archive, directory)) for model, archive in archives.items()}
 
 
-def build_one(
-    package: Path,
-    model: str,
-    archive: Path,
-    *,
-    name: str | None = None,
-    fmi: str = "3.0",
-    version: str | None = None,
-    targets: Sequence[Target] = (),
-) -> None:
+def build_one(package: Path, model: str, archive: Path, *, name: str | None = None) -> None:
     """Translate ``model`` (full Modelica name) and write its FMU to ``archive``, all or nothing.
 
-    The FMU is called ``name``, by default as its class without the package. It is for this machine, or for
-    ``targets``; it names ``version`` of this package, by default the one installed.
+    The FMU is called ``name``, by default as its class without the package.
     """
-    from lpfcosim.modelica import c_printer, model_description, variables
-    from lpfcosim.modelica.documentation import write_documentation
-    from lpfcosim.modelica.sensitivity import Sensitivity
+    import fmpy
+
+    from lpfcosim.modelica import c_printer
+    from lpfcosim.modelica.model_description import print_description
     from lpfcosim.modelica.translate import translate
 
     flat = flatten(package, model)
     sorted_model = translate(flat, name)
-    sensitivity = Sensitivity(sorted_model)
     layout = c_printer.make_layout(sorted_model)
-    fmi_variables = variables.declare_variables(layout, fmi)
-    arrays = variables.array_extents(fmi_variables, layout)
-    header = c_printer.print_header(sorted_model, layout, arrays, STEP)
-    body = c_printer.print_source(sorted_model, layout, sensitivity, arrays, token="@token@")
-    runtime = "".join(file.read_text(encoding="utf-8") for file in _runtime(fmi))
-    token = str(
-        uuid.uuid5(uuid.NAMESPACE_OID, hashlib.sha256((header + body + runtime).encode()).hexdigest())
+    header = c_printer.print_header(sorted_model, layout, STEP)
+    body = c_printer.print_source(sorted_model, layout, guid="@guid@")
+    headers = Path(fmpy.__file__).parent / "c-code"
+    runtime = [*sorted(RUNTIME.iterdir()), *(headers / file for file in _HEADERS)]
+    content = "".join([header, body, *(file.read_text(encoding="utf-8") for file in runtime)])
+    guid = str(uuid.uuid5(uuid.NAMESPACE_OID, hashlib.sha256(content.encode()).hexdigest()))
+    # One translation unit: the compiler then sees the equations from inside the step.
+    unit = "".join(f'#include "{file}"\n' for file in ("model.c", "core.c", "instance.c", "fmi2.c"))
+    tool = f"lpfcosim {tool_version('lpfcosim')} with rumoca {tool_version('rumoca')}"
+    description = print_description(
+        flat, sorted_model, layout, guid=guid, step=STEP, tool=tool, sources=["all.c"]
     )
-    tool = f"lpfcosim {version or tool_version('lpfcosim')} with rumoca {tool_version('rumoca')}"
-    description = model_description.ModelDescription(
-        flat, sorted_model, sensitivity, fmi_variables, token, STEP, tool
-    )
-
+    texts = {
+        "sources/model.h": header,
+        "sources/model.c": body.replace("@guid@", guid),
+        "sources/all.c": unit,
+        "modelDescription.xml": description,
+        "documentation/licenses/license.txt": _licence(),
+    }
     archive.parent.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(prefix="lpfcosim-") as folder:
         root = Path(folder)
-        sources = root / "sources"
-        units = _write_sources(sources, header, body.replace("@token@", token), fmi)
-        if fmi == "3.0":
-            text = model_description.build_description(sorted_model.name, units)
-            (sources / "buildDescription.xml").write_text(text, encoding="utf-8")
-        text = description.fmi3() if fmi == "3.0" else description.fmi2(units)
-        (root / "modelDescription.xml").write_text(text, encoding="utf-8")
-        compile_binaries(sources, units, root / "binaries", sorted_model.name, fmi=fmi, targets=targets)
-        write_documentation(root, sorted_model, fmi_variables, fmi)
+        binaries = root / "binaries" / fmpy.platform
+        for directory in (root / "sources", root / "documentation" / "licenses", binaries):
+            directory.mkdir(parents=True)
+        for path, text in texts.items():
+            (root / path).write_text(text, encoding="utf-8")
+        for file in runtime:
+            shutil.copyfile(file, root / "sources" / file.name)
+        library = binaries / f"{sorted_model.name}{fmpy.sharedLibraryExtension}"
+        compile_library(root / "sources" / "all.c", library)
         write_archive(root, archive)
 
 
-def _write_sources(folder: Path, header: str, body: str, fmi: str) -> list[str]:
-    """Write the C sources of a model and of the runtime; return those to be compiled."""
-    folder.mkdir()
-    (folder / "model.h").write_text(header, encoding="utf-8")
-    (folder / "model.c").write_text(body, encoding="utf-8")
-    for file in _runtime(fmi):
-        shutil.copyfile(file, folder / file.name)
-    # One translation unit: the compiler then sees the equations from inside the step.
-    files = ["model.c", "core.c", "instance.c", f"fmi{fmi[0]}.c"]
-    (folder / "all.c").write_text("".join(f'#include "{p}"\n' for p in files), encoding="utf-8")
-    return ["all.c"]
-
-
-def _runtime(fmi: str) -> Iterator[Path]:
-    import fmpy
-
-    headers = Path(fmpy.__file__).parent / "c-code"
-    yield from (RUNTIME / name for name in (*_CORE, f"fmi{fmi[0]}.c"))
-    yield from (headers / name for name in _HEADERS[fmi])
+def _licence() -> str:
+    file = Path(__file__).parents[2] / "LICENSE"
+    text = (
+        file.read_text(encoding="utf-8")
+        if file.is_file()
+        else metadata.distribution("lpfcosim").read_text("licenses/LICENSE")
+    )
+    return f"{text}\nThe headers fmi2*.h are of the Modelica Association; each has its licence inside.\n"
 
 
 def write_archive(root: Path, archive: Path) -> None:

@@ -6,7 +6,7 @@ The printed functions work on one array ``v`` of values by value reference; `mak
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
 import sympy as sp
@@ -14,7 +14,6 @@ from sympy.printing.c import C99CodePrinter
 
 from lpfcosim.modelica.evaluator import TIME
 from lpfcosim.modelica.event_functions import EVENT_FUNCTIONS
-from lpfcosim.modelica.sensitivity import Sensitivity
 from lpfcosim.modelica.sorted_model import Scalar, SortedModel
 
 # The states lie together, so that the core can move them in a loop.
@@ -74,7 +73,6 @@ class _Printer(C99CodePrinter):  # type: ignore[misc]
 def print_header(
     model: SortedModel,
     layout: Layout,
-    arrays: Sequence[tuple[int, int]],
     step: float,
 ) -> str:
     """Text of ``model.h``; ``step`` is the internal step in s."""
@@ -83,7 +81,6 @@ def print_header(
     n_held = len(affine.held) + n_remainder if affine else 0
     sizes = {
         "NV": 1 + len(layout.order),
-        "NA": len(arrays),
         "NX": len(model.derivatives),
         "FIRST_STATE": layout.first_reference("state"),
         "NU": layout.count("input"),
@@ -104,11 +101,9 @@ def print_header(
 def print_source(
     model: SortedModel,
     layout: Layout,
-    sensitivity: Sensitivity,
-    arrays: Sequence[tuple[int, int]],
-    token: str,
+    guid: str,
 ) -> str:
-    """Text of ``model.c`` with the instantiation ``token``; ``arrays`` are `variables.array_extents`."""
+    """Text of ``model.c`` with the ``guid``."""
     event_symbols = set().union(*(e.value.free_symbols for e in model.events))
     previous = {
         symbol: layout.reference[s.symbol]
@@ -122,10 +117,8 @@ def print_source(
     stages = _stages(model)
     stage_of = {symbol: k for k, stage in enumerate(stages, start=1) for symbol, _ in stage}
     stage = ",".join(["1", *(str(stage_of.get(s.symbol, 1)) for s in layout.order)])
-    tunable = sensitivity.tunable
-    settable = ",".join(["0", *(str(3 if s.symbol in tunable else settable_until(s)) for s in layout.order)])
+    settable = ",".join(["0", *(str(settable_until(s)) for s in layout.order)])
     inputs = [layout.first_reference("input") + i for i in range(layout.count("input"))]
-    table = ",".join(f"{{{start},{count}}}" for start, count in arrays or [(0, 0)])
     return "\n".join([
         f"/* {model.name}: {_comment(model.description)}. Generated from Modelica; edit that. */",
         '#include "core.h"',
@@ -135,8 +128,7 @@ def print_source(
         f"static const unsigned char model_settable[NV] = {{{settable}}};",
         f"static const uint32_t model_inputs[] = {{{','.join(map(str, inputs or [0]))}}};",
         f"static const unsigned char model_stage[NV] = {{{stage}}};",
-        f"static const uint32_t model_arrays[][2] = {{{table}}};",
-        f'static const char *const model_token = "{token}";',
+        f'static const char *const model_guid = "{guid}";',
         "",
         *_assignments(model, layout, c, inputs, stages),
         _events(model, previous, c),

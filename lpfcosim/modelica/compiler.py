@@ -30,39 +30,6 @@ FLAGS = (
 
 
 @dataclass(frozen=True)
-class Target:
-    """A platform to cross-compile for.
-
-    Attributes
-    ----------
-    name, fmi2 : str
-        Its folder in an FMU, for FMI 3.0 and 2.0; the latter is empty if FMI 2.0 has none.
-    triple : str
-        What zig calls it, with the oldest system that the binaries run on.
-    extension : str
-        Of a shared library.
-    """
-
-    name: str
-    fmi2: str
-    triple: str
-    extension: str
-
-    def folder(self, fmi: str) -> str:
-        """Folder of the binary in an FMU, empty if this version of FMI has none."""
-        return self.fmi2 if fmi == "2.0" else self.name
-
-
-TARGETS = (
-    Target("x86_64-linux", "linux64", "x86_64-linux-gnu.2.17", ".so"),
-    Target("aarch64-linux", "", "aarch64-linux-gnu.2.17", ".so"),
-    Target("x86_64-darwin", "darwin64", "x86_64-macos.11.0", ".dylib"),
-    Target("aarch64-darwin", "", "aarch64-macos.11.0", ".dylib"),
-    Target("x86_64-windows", "win64", "x86_64-windows-gnu", ".dll"),
-)
-
-
-@dataclass(frozen=True)
 class Compiler:
     """A C compiler: its command and what it calls itself."""
 
@@ -85,8 +52,8 @@ def compiler() -> Compiler:
         if shutil.which(command[0]):
             return Compiler(command, _first_line([*command, "--version"]))
     if not variable:
-        with contextlib.suppress(InputError):
-            return cross_compiler()
+        with contextlib.suppress(metadata.PackageNotFoundError):
+            return zig()
     missing = (
         f"the compiler named by CC, '{variable}', is not there" if variable else "no C compiler was found"
     )
@@ -106,71 +73,35 @@ def _first_line(command: Sequence[str]) -> str:
     return lines[0].strip() if lines else " ".join(command[:-1])
 
 
-def cross_compiler() -> Compiler:
-    """Return the compiler for other platforms: the ziglang package, whatever else there is.
+def zig() -> Compiler:
+    """Return the compiler of the ziglang package, whatever else there is.
 
     Raises
     ------
-    InputError
+    PackageNotFoundError
         If it is not installed.
     """
-    try:
-        version = metadata.version("ziglang")
-    except metadata.PackageNotFoundError:
-        raise InputError(
-            "FMUs cannot be built for other platforms: 'ziglang' is not installed; "
-            "install the build extra (pip install 'lpfcosim[build]')"
-        ) from None
-    return Compiler((sys.executable, "-m", "ziglang", "cc"), f"zig cc {version}")
+    return Compiler((sys.executable, "-m", "ziglang", "cc"), f"zig cc {metadata.version('ziglang')}")
 
 
-def compile_library(sources: Path, units: Sequence[str], binary: Path, target: Target | None = None) -> None:
-    """Compile the C files ``units`` of the folder ``sources`` to the shared library ``binary``.
-
-    It is for this machine, or for ``target``.
+def compile_library(source: Path, binary: Path) -> None:
+    """Compile a C file to the shared library ``binary`` for this machine.
 
     Raises
     ------
     RunError
         With what the compiler says, if it fails.
     """
-    c_compiler = cross_compiler() if target else compiler()
-    windows = target.extension == ".dll" if target else os.name == "nt"
-    flags = [*FLAGS, *(_target_flags(target, binary) if target else ())]
-    if target and windows:
-        flags.remove("-fPIC")
+    c_compiler = compiler()
     # In a folder of its own: for Windows, linkers leave further files beside the library.
     with tempfile.TemporaryDirectory(prefix="lpfcosim-") as folder:
         library = Path(folder) / binary.name
-        command = [*c_compiler.command, *flags, "-o", str(library), *units, *([] if windows else ["-lm"])]
-        process = subprocess.run(command, cwd=sources, capture_output=True, text=True, check=False)
+        command = [*c_compiler.command, *FLAGS, "-o", str(library), source.name]
+        command += [] if os.name == "nt" else ["-lm"]
+        process = subprocess.run(command, cwd=source.parent, capture_output=True, text=True, check=False)
         if process.returncode or not library.is_file():
             raise RunError(
                 f"the generated C of {binary.stem} does not compile with {c_compiler.version}:\n"
                 f"{process.stderr}"
             )
         shutil.move(library, binary)
-
-
-def _target_flags(target: Target, binary: Path) -> list[str]:
-    flags = ["-target", target.triple, "-s"]
-    if target.extension == ".dylib":
-        # By default a library for macOS carries the path it was made at.
-        flags.append(f"-Wl,-install_name,@rpath/{binary.name}")
-    return flags
-
-
-def compile_binaries(
-    sources: Path, units: Sequence[str], binaries: Path, name: str, *, fmi: str, targets: Sequence[Target]
-) -> None:
-    """Compile as `compile_library` for each target, or this machine, into the ``binaries`` of an FMU."""
-    import fmpy
-
-    if not targets:
-        folder = binaries / (fmpy.platform if fmi == "2.0" else fmpy.platform_tuple)
-        folder.mkdir(parents=True)
-        compile_library(sources, units, folder / f"{name}{fmpy.sharedLibraryExtension}")
-    for target in targets:
-        binary = binaries / target.folder(fmi) / f"{name}{target.extension}"
-        binary.parent.mkdir(parents=True, exist_ok=True)
-        compile_library(sources, units, binary, target)

@@ -10,10 +10,9 @@ from pathlib import Path
 from types import CodeType, SimpleNamespace
 from typing import Any
 
-from lpfcosim.errors import InputError
-from lpfcosim.modelica import build, numerics, prebuilt
+from lpfcosim.modelica import build, numerics
 
-GROUP = "numpy"
+SHIPPED = Path(__file__).parent / "generated"
 _TOOLS = ("rumoca", "sympy")
 _PROBLEM = "the Modelica models cannot be translated"
 
@@ -74,45 +73,28 @@ def write(model: str, path: Path) -> None:
     partial.replace(path)
 
 
-def prebuild(folder: Path, models: Iterable[str]) -> dict[str, prebuilt.PrebuiltGroup]:
-    """Write the modules that a wheel carries below ``folder``, and return their group."""
-    for model in models:
-        write(model, folder / GROUP / f"{model}.py")
-    return {GROUP: prebuilt.PrebuiltGroup([], source_files())}
-
-
 def _location(model: str) -> Path:
-    try:
-        return prebuilt.find(GROUP, [f"{model}.py"], source_files())[0]
-    except prebuilt.StalePrebuiltError as reason:
-        try:
-            path = build.cache_directory() / f"models-{_cache_key(model)[:16]}" / f"{model}.py"
-            if not path.is_file():
-                write(model, path)
-        except InputError as error:
-            raise InputError(f"{reason}, and {error}") from None
-        return path
+    package = build.package_of(model)
+    shipped = SHIPPED / digest(package)[:16] / f"{model}.py"
+    if shipped.is_file():
+        return shipped
+    versions = (f"{name} {build.tool_version(name, _PROBLEM)}" for name in _TOOLS)
+    key = hashlib.sha256("\n".join([*versions, digest(package)]).encode()).hexdigest()
+    path = build.cache_directory() / f"models-{key[:16]}" / f"{model}.py"
+    if not path.is_file():
+        write(model, path)
+    return path
 
 
-@functools.cache
-def source_files() -> dict[str, Path]:
-    """Modelica sources and translator; neither the C runtime nor a compiler has a part in them."""
-    return _without_runtime(build.shipped_sources())
+def write_shipped(folder: Path, models: Iterable[str]) -> None:
+    """Write the modules that a wheel carries as `SHIPPED`; they count while their sources are unchanged."""
+    for model in models:
+        write(model, folder / digest(build.package_of(model))[:16] / f"{model}.py")
 
 
 @functools.cache
 def digest(package: Path = build.PACKAGE) -> str:
     """Return the SHA-256 of the sources from which the modules of a package follow."""
-    return build.digest_of_files(_without_runtime(build.source_files(package))).hexdigest()
-
-
-def _without_runtime(files: Mapping[str, Path]) -> dict[str, Path]:
-    return {name: file for name, file in files.items() if file.suffix in (".mo", ".py")}
-
-
-@functools.cache
-def _cache_key(model: str) -> str:
-    """Return the SHA-256 of the sources and versions of the tools."""
-    versions = (f"{name} {build.tool_version(name, _PROBLEM)}" for name in _TOOLS)
-    text = "\n".join([*versions, digest(build.package_of(model))])
-    return hashlib.sha256(text.encode()).hexdigest()
+    files = build.source_files(package).items()  # neither the C runtime nor a compiler has a part in them
+    sources = {name: file for name, file in files if file.suffix in (".mo", ".py")}
+    return build.digest_of_files(sources).hexdigest()

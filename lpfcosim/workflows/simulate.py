@@ -77,17 +77,15 @@ def simulate(
     return list(runs.files.values())
 
 
-def campaign_fmus(plan: Campaign, progress: Progress, fmi: str = "3.0") -> dict[str, Path]:
+def campaign_fmus(plan: Campaign, progress: Progress) -> dict[str, Path]:
     """Return the FMUs of a campaign by model: the user's, and ours in the other places, built if need be."""
-    return archives.resolve_fmus(plan, lambda models: build_fmus(models, progress, fmi=fmi))
+    return archives.resolve_fmus(plan, lambda models: build_fmus(models, progress))
 
 
-def build_fmus(
-    models: Sequence[str], progress: Progress, *, fmi: str = "3.0", force: bool = False
-) -> dict[str, Path]:
-    """Build FMUs that are not in the cache; `force`: all of them."""
+def build_fmus(models: Sequence[str], progress: Progress) -> dict[str, Path]:
+    """Build FMUs that are not in the cache."""
     with progress.counted("FMUs", len(models)) as advance:
-        return build.build(models, fmi=fmi, force=force, on_progress=advance)
+        return build.build(models, on_progress=advance)
 
 
 def simulate_into(

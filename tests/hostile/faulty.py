@@ -14,33 +14,33 @@ FAULTS = {
     "leave": "exit(0);",
     "killed": "raise(SIGKILL);",
     "hang": "for (volatile int i = 0;; i = 0) {}",
-    "error": 'return fail(m, "as asked");',
+    "error": 'return fail(c, "as asked");',
     "nan": "broken = 1;",
 }
 _HEAD = "#include <math.h>\n#include <signal.h>\n#include <stdio.h>\nstatic int broken;\n"
-_LOAD = "    if (!token || strcmp(token, model_token)) {\n"
-_STEP = "    const char *problem = instance_step(m, time, step);\n"
-_GET = "    return status_of(m, instance_get(m, vr, n, values));\n"
+_LOAD = "    const char *problem = type != fmi2CoSimulation "
+_STEP = "    return status_of(c, instance_step(c, time, step));\n"
+_GET = "    return status_of(c, instance_get(c, vr, n, values));\n"
 _SPOILT_GET = """\
-    const char *problem = instance_get(m, vr, n, values);
+    const char *problem = instance_get(c, vr, n, values);
     if (broken) values[0] = NAN;
-    return status_of(m, problem);
+    return status_of(c, problem);
 """
 
 
 def faulty(archive: Path, path: Path, *, load: str = "", step: str = "") -> Path:
-    """Copy an archive of FMI 3.0 with C statements at the head of its instantiation and of its step."""
+    """Copy an archive with C statements at the head of its instantiation and of its step."""
     folder = path.with_suffix("")
     with zipfile.ZipFile(archive) as source:
         source.extractall(folder)
-    file = folder / "sources" / "fmi3.c"
+    file = folder / "sources" / "fmi2.c"
     text = _HEAD + file.read_text()
     for old, new in ((_GET, _SPOILT_GET), (_STEP, step + "\n" + _STEP), (_LOAD, load + "\n" + _LOAD)):
         assert text.count(old) == 1
         text = text.replace(old, new)
     file.write_text(text)
     (binary,) = (folder / "binaries").rglob(f"{archive.stem}.*")
-    compile_library(folder / "sources", ["all.c"], binary)
+    compile_library(folder / "sources" / "all.c", binary)
     return Path(shutil.make_archive(str(folder), "zip", folder)).replace(path)
 
 
@@ -52,5 +52,5 @@ def after(time: float, statement: str) -> str:
 def by_value(reference: int, statements: list[str]) -> str:
     """The statement of that number, where the value of a variable is the number times 1e-9."""
     cases = "".join(f"case {k}: {statement} break; " for k, statement in enumerate(statements))
-    value = f"double value; instance_get(m, (fmi3ValueReference[]){{{reference}}}, 1, &value);"
+    value = f"double value; instance_get(c, (fmi2ValueReference[]){{{reference}}}, 1, &value);"
     return f"{value} switch (lround(value * 1e9)) {{ {cases} }}"

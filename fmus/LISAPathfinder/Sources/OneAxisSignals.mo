@@ -45,7 +45,6 @@ equation
   g_2 = g_2_held;
   F_noise_x_sc = F_noise_x_sc_held;
   annotation (Documentation(info = "<html>
-<p>Every output has the value of the parameter of the same name with the suffix _held. Tools that read an exported
-system drive the loop by these parameters, which are tunable.</p>
+<p>Every output has the value of the parameter of the same name with the suffix _held.</p>
 </html>"));
 end OneAxisSignals;

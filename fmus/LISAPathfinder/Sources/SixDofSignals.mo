@@ -162,7 +162,6 @@ equation
   gamma_eta_2 = gamma_eta_2_held;
   gamma_phi_2 = gamma_phi_2_held;
   annotation (Documentation(info = "<html>
-<p>Every output has the value of the parameter of the same name with the suffix _held. Tools that read an exported
-system drive the loop by these parameters, which are tunable.</p>
+<p>Every output has the value of the parameter of the same name with the suffix _held.</p>
 </html>"));
 end SixDofSignals;

@@ -34,17 +34,6 @@ static void core_inputs_changed(State *s) {
     if (s->evaluated_stage > s->initialized) s->evaluated_stage = s->initialized;
 }
 
-/* Let the next step discretise again, by way of a communication step that equals no other. */
-static COLD void core_parameters_changed(State *s) {
-    s->parameters_current = s->evaluated_stage = 0;
-    s->communication_step = NAN;
-}
-
-static COLD void update_dependent_parameters(State *s) {
-    model_calculated(s->v);
-    if (!s->initialized) model_dependent_starts(s->v);
-}
-
 static void core_delayed(const State *s, double *d) {
     if (!s->initialized)
         model_delay_values(s->v, d); /* delay(u, T) is u until T has passed */
@@ -55,7 +44,7 @@ static void core_delayed(const State *s, double *d) {
 /* Bring up to date all variables of this stage. */
 static void core_evaluate(State *s, int stage) {
     if (s->evaluated_stage < 1) {
-        if (!s->parameters_current) update_dependent_parameters(s);
+        if (!s->initialized) model_calculated(s->v), model_dependent_starts(s->v);
         model_state_outputs(s->v);
     }
     if (stage > 1) {
@@ -83,7 +72,7 @@ static void core_initialize(State *s) {
     model_delay_values(s->v, value);
     for (int k = 0; k < DELAY_CAPACITY; k++)
         for (int j = 0; j < ND; j++) s->ring[k][j] = value[j];
-    s->initialized = s->parameters_current = 1;
+    s->initialized = 1;
 }
 
 #if AFFINE
@@ -292,16 +281,10 @@ static NOINLINE void advance(State *s) {
 /* Check and prepare a step that does not simply continue the last one. */
 static COLD const char *check_step(State *s, double time, double step) {
     if (!(step > 0)) return "the communication step is not positive";
-    const int parameters_changed = !s->parameters_current;
-    if (parameters_changed) update_dependent_parameters(s);
     if (s->h == 0) {
         const char *problem = prepare(s, step);
         if (problem) return s->h = 0, problem;
-    } else if (parameters_changed) {
-        const char *problem = discretise(s);
-        if (problem) return problem;
     }
-    s->parameters_current = 1;
     double count = step / s->h, steps = floor(count + 0.5);
     if (steps < 1 || fabs(count - steps) > 1e-6 * count)
         return "the communication step is not a multiple of the internal step";

@@ -39,16 +39,14 @@ typedef struct {
     double part[AT_LEAST_ONE(ND)];
     unsigned long long period[AT_LEAST_ONE(NC)], wait[AT_LEAST_ONE(NC)]; /* of the clocks, in internal steps */
     int initialized;
-    int parameters_current; /* the step matrix belongs to the present parameters */
-    int evaluated_stage;    /* stage up to which v is up to date, see model_stage */
+    int evaluated_stage; /* stage up to which v is up to date, see model_stage */
 } State;
 
-/* Generated, model.c. It comes first in the one translation unit, with five constants:
+/* Generated, model.c. It comes first in the one translation unit, with four constants:
    model_inputs     value references of all NU inputs, in order
-   model_settable   by value reference: 0 never, 1 until the end of initialization, 2 always, 3 always as parameter
+   model_settable   by value reference: 0 never, 1 until the end of initialization, 2 always
    model_stage      by value reference: up to date after 1 model_state_outputs, 2 model_outputs, 3 model_algebraic
-   model_arrays     by array: value reference of its first element, and how many there are
-   model_token      of instantiation
+   model_guid       of the FMU
    Every function works on the values v by value reference. */
 static void model_start(double *v);
 static void model_calculated(double *v);                 /* parameters that follow from others */

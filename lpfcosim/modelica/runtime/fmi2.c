@@ -31,7 +31,7 @@ fmi2Status fmi2SetDebugLogging(fmi2Component c, fmi2Boolean on, size_t n, const 
 fmi2Component fmi2Instantiate(fmi2String name, fmi2Type type, fmi2String guid, fmi2String resources,
                               const fmi2CallbackFunctions *callbacks, fmi2Boolean visible, fmi2Boolean logging) {
     const char *problem = type != fmi2CoSimulation                ? "this FMU is for co-simulation only"
-                          : !guid || strcmp(guid, model_token) ? "the GUID is not that of this FMU"
+                          : !guid || strcmp(guid, model_guid) ? "the GUID is not that of this FMU"
                                                                  : NULL;
     if (problem) {
         if (callbacks && callbacks->logger)
@@ -92,19 +92,6 @@ fmi2Status fmi2FreeFMUstate(fmi2Component c, fmi2FMUstate *state) {
     return fmi2OK;
 }
 
-fmi2Status fmi2SerializedFMUstateSize(fmi2Component c, fmi2FMUstate state, size_t *size) {
-    *size = sizeof(Snapshot);
-    return fmi2OK;
-}
-
-fmi2Status fmi2SerializeFMUstate(fmi2Component c, fmi2FMUstate state, fmi2Byte bytes[], size_t size) {
-    return status_of(c, snapshot_write(state, bytes, size));
-}
-
-fmi2Status fmi2DeSerializeFMUstate(fmi2Component c, const fmi2Byte bytes[], size_t size, fmi2FMUstate *state) {
-    return status_of(c, snapshot_read(bytes, size, state));
-}
-
 /* There are no variables of other types: reading or writing none of them is all that can succeed. */
 #define NONE_OF(name, Type, values)                                                     \
     fmi2Status name(fmi2Component c, const fmi2ValueReference vr[], size_t n, values) { \
@@ -130,6 +117,9 @@ NOT_OFFERED(fmi2SetRealInputDerivatives, const fmi2ValueReference vr[], size_t n
             const fmi2Real values[])
 NOT_OFFERED(fmi2GetRealOutputDerivatives, const fmi2ValueReference vr[], size_t n, const fmi2Integer order[],
             fmi2Real values[])
+NOT_OFFERED(fmi2SerializedFMUstateSize, fmi2FMUstate state, size_t *size)
+NOT_OFFERED(fmi2SerializeFMUstate, fmi2FMUstate state, fmi2Byte bytes[], size_t size)
+NOT_OFFERED(fmi2DeSerializeFMUstate, const fmi2Byte bytes[], size_t size, fmi2FMUstate *state)
 NOT_OFFERED(fmi2GetStatus, const fmi2StatusKind kind, fmi2Status *value)
 NOT_OFFERED(fmi2GetRealStatus, const fmi2StatusKind kind, fmi2Real *value)
 NOT_OFFERED(fmi2GetIntegerStatus, const fmi2StatusKind kind, fmi2Integer *value)

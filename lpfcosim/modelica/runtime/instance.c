@@ -1,6 +1,5 @@
-/* One FMU instance: the core with the life cycle that FMI 2.0 and 3.0 have in common.
+/* One FMU instance: the core with the life cycle of FMI.
    Functions return NULL, or what went wrong. */
-#include <stddef.h>
 #include <stdint.h>
 #include <stdlib.h>
 #include <string.h>
@@ -10,7 +9,6 @@ typedef enum { INSTANTIATED, INITIALIZATION, STEP, TERMINATED } Mode;
 /* Everything that saving and restoring has to keep. */
 typedef struct {
     State state;
-    char token[37]; /* of the model that the state belongs to */
     Mode mode;
 } Snapshot;
 
@@ -20,7 +18,6 @@ typedef struct {
 } Instance;
 
 static void instance_reset(Instance *m) {
-    memcpy(m->now.token, model_token, sizeof m->now.token);
     core_reset(&m->now.state);
     m->now.mode = INSTANTIATED;
 }
@@ -42,7 +39,7 @@ static const char *instance_exit(Instance *m) {
 static const char *instance_get(Instance *m, const uint32_t *vr, size_t n, double *values) {
     State *s = &m->now.state;
     for (size_t i = 0; i < n; i++) {
-        if (vr[i] >= NV) return "there is no scalar variable of this value reference";
+        if (vr[i] >= NV) return "there is no variable of this value reference";
         const int stage = model_stage[vr[i]];
         if (stage > s->evaluated_stage) core_evaluate(s, stage);
         memcpy(values + i, s->v + vr[i], sizeof *values); /* past the floating-point registers, which is quicker */
@@ -61,10 +58,9 @@ static const char *instance_set(Instance *m, const uint32_t *vr, size_t n, const
         return NULL;
     }
     for (size_t i = 0; i < n; i++) {
-        if (vr[i] >= NV) return "there is no scalar variable of this value reference";
+        if (vr[i] >= NV) return "there is no variable of this value reference";
         if (model_settable[vr[i]] < least) return "this variable cannot be set, or not any more";
         s->v[vr[i]] = values[i];
-        if (model_settable[vr[i]] > 2 && s->initialized) core_parameters_changed(s);
     }
     return NULL;
 }
@@ -90,26 +86,5 @@ static const char *snapshot_save(const Instance *m, void **state) {
 static const char *snapshot_restore(Instance *m, const void *state) {
     if (!state) return "there is no state to restore";
     memcpy(&m->now, state, sizeof(Snapshot));
-    return NULL;
-}
-
-static const char *snapshot_write(const void *state, void *bytes, size_t size) {
-    if (!state || size < sizeof(Snapshot)) return "no state to serialize, or too few bytes for it";
-    memcpy(bytes, state, sizeof(Snapshot));
-    return NULL;
-}
-
-static const char *snapshot_read(const void *bytes, size_t size, void **state) {
-    const char *problem = "these bytes are not a state of this FMU";
-    const char *token = (const char *)bytes + offsetof(Snapshot, token); /* the bytes may begin anywhere */
-    if (size != sizeof(Snapshot) || memcmp(token, model_token, strlen(model_token) + 1)) return problem;
-    Snapshot *read = malloc(sizeof *read); /* a state that is there stays as it is if these are refused */
-    if (!read) return "out of memory";
-    memcpy(read, bytes, sizeof *read);
-    if (*state) {
-        memcpy(*state, read, sizeof *read);
-        free(read);
-    } else
-        *state = read;
     return NULL;
 }

@@ -9,7 +9,6 @@ import pytest
 from lpfcosim.campaign import loading
 from lpfcosim.cosim import co_simulation
 from lpfcosim.errors import RunError
-from lpfcosim.modelica import build
 from lpfcosim.models import one_axis
 from lpfcosim.spacecraft.run import Authority, HalfCosine, Sine
 from tests.agreement import assert_agree
@@ -17,11 +16,6 @@ from tests.lpfcosim.cosim import in_memory
 from tests.reference_run import simulate_reference
 
 pytestmark = pytest.mark.fmu
-
-
-@pytest.fixture(scope="module", params=["2.0", "3.0"])
-def fmus(request):
-    return build.build(fmi=request.param)
 
 
 def test_six_hours_agree_with_the_reference_plant(fmus, quickstart):
@@ -64,14 +58,10 @@ def test_clipped_force_agrees_with_the_reference_plant(fmus, make_run):
     assert_agree(got, simulate_reference(run))
 
 
-@pytest.mark.parametrize(
-    "older", [(), tuple(build.MODELS), tuple(build.MODELS)[::2]], ids=["3.0", "2.0", "mixed"]
-)
-def test_loops_versions_and_block_sizes_give_the_same_bits(older, quickstart, monkeypatch):
+def test_loops_and_block_sizes_give_the_same_bits(fmus, quickstart, monkeypatch):
     run = next(r for r in loading.load(quickstart).runs if r.kind == "sysid")
     run = replace(run, n_samples=2000)
-    fmus = {**build.build(fmi="3.0"), **build.build(older, fmi="2.0")} if older else build.build(fmi="3.0")
-    expected = in_memory.simulate_by_fmpy(run, build.build(fmi="3.0"))
+    expected = in_memory.simulate_by_fmpy(run, fmus)
     for block in (co_simulation.BLOCK, 777):
         monkeypatch.setattr(co_simulation, "BLOCK", block)
         got = in_memory.simulate(run, fmus)

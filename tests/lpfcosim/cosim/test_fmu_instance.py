@@ -18,7 +18,6 @@ from tests.lpfcosim.cosim.archives import edited, repack
 pytestmark = pytest.mark.fmu
 
 MODEL = "OpticalMetrology"
-FMI = pytest.mark.parametrize("fmi", ["2.0", "3.0"])
 
 
 def load(stack, archive):
@@ -32,9 +31,8 @@ def start(archive):
         load(stack, archive)
 
 
-@FMI
-def test_a_library_that_does_not_load(tmp_path, fmi):
-    archive = build.build([MODEL], fmi=fmi)[MODEL]
+def test_a_library_that_does_not_load(tmp_path):
+    archive = build.build([MODEL])[MODEL]
     path = repack(archive, tmp_path / "junk.fmu", lambda n, b: b"junk" if n.startswith("binaries") else b)
     here = os.getcwd()  # noqa: PTH109
     with pytest.raises(InputError) as refusal:
@@ -46,9 +44,8 @@ def test_a_library_that_does_not_load(tmp_path, fmi):
     assert os.getcwd() == here  # noqa: PTH109
 
 
-@FMI
-def test_an_fmu_that_refuses_to_be_instantiated_says_why(tmp_path, capfd, fmi):
-    archive = build.build([MODEL], fmi=fmi)[MODEL]
+def test_an_fmu_that_refuses_to_be_instantiated_says_why(tmp_path, capfd):
+    archive = build.build([MODEL])[MODEL]
     token = fmpy.read_model_description(archive).guid
     path = edited(archive, tmp_path / "other.fmu", (token, "another"))
     with pytest.raises(InputError, match=r"other\.fmu: cannot be loaded: .* is not that of this FMU\)$"):
@@ -56,11 +53,10 @@ def test_an_fmu_that_refuses_to_be_instantiated_says_why(tmp_path, capfd, fmi):
     assert capfd.readouterr().out == ""
 
 
-@FMI
-def test_an_fmu_that_refuses_to_step_says_why(make_run, capfd, fmi):
+def test_an_fmu_that_refuses_to_step_says_why(make_run, capfd):
     run = make_run(truth=Truth(C_2=20.0))  # more than the FMU keeps
     with pytest.raises(RunError, match=r"^run 'run': .*a delay spans too many communication steps"):
-        in_memory.simulate(run, build.build(fmi=fmi))
+        in_memory.simulate(run, build.build())
     assert capfd.readouterr().out == ""
 
 

@@ -17,11 +17,6 @@ pytestmark = pytest.mark.fmu
 LOOP = 5  # FMUs along x
 
 
-@pytest.fixture(params=["2.0", "3.0"])
-def fmus(request):
-    return build.build(fmi=request.param)
-
-
 @pytest.fixture
 def folders(tmp_path, monkeypatch):
     """Count the folders of unpacked FMUs."""

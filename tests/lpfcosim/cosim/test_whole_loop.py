@@ -44,13 +44,12 @@ def run(make_run):
     )
 
 
-def built(run, fmi):
-    return build.build(model_of(run).models, fmi=fmi)
+def built(run):
+    return build.build(model_of(run).models)
 
 
-@pytest.mark.parametrize("fmi", ["2.0", "3.0"])
-def test_agrees_with_the_reference_plant(run, fmi):
-    got, expected = in_memory.simulate(run, built(run, fmi)), ClosedLoop(run).simulate()
+def test_agrees_with_the_reference_plant(run):
+    got, expected = in_memory.simulate(run, built(run)), ClosedLoop(run).simulate()
     assert set(got) == set(model_of(run).record)
     assert_agree(got, expected)
     assert np.abs(got["f_x_1"]).max() > 0
@@ -59,6 +58,6 @@ def test_agrees_with_the_reference_plant(run, fmi):
 def test_authority_agrees_with_the_reference_plant(run):
     # Star tracker far off at first: the lateral forces and the torque about x stay at their limits.
     shaken = replace(run, noise=replace(NOISE, star_tracker_eta=0.2, star_tracker_theta=2.0), n_samples=6000)
-    got, expected = in_memory.simulate(shaken, built(run, "3.0")), ClosedLoop(shaken).simulate()
+    got, expected = in_memory.simulate(shaken, built(run)), ClosedLoop(shaken).simulate()
     assert np.abs(got["F_z_1"]).max() == pytest.approx(EVERYTHING.F_max_yz, rel=1e-12)
     assert_agree(got, expected)

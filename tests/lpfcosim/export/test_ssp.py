@@ -14,7 +14,6 @@ from lxml import etree
 from lpfcosim.campaign import loading
 from lpfcosim.errors import InputError
 from lpfcosim.export import ssp
-from lpfcosim.modelica import build
 from lpfcosim.models import model_of, one_axis
 from lpfcosim.spacecraft.run import Authority, Run
 from tests import third_party
@@ -29,11 +28,6 @@ SSV = "{http://ssp-standard.org/SSP1/SystemStructureParameterValues}"
 SSC = "{http://ssp-standard.org/SSP1/SystemStructureCommon}"
 
 COMPONENTS = one_axis.MODEL.components(Run("run", "run", "sysid", 1, Authority("A", 0.0, 1.0, 1.0, 1.0)))
-
-
-@pytest.fixture(scope="module")
-def fmus():
-    return build.build(fmi="2.0")
 
 
 @pytest.fixture(scope="module")
@@ -123,11 +117,13 @@ def test_bytes_are_reproducible(archive, plan, fmus, tmp_path):
     assert list(tmp_path.iterdir()) == [again]
 
 
-def test_fmi_3_is_refused(fmus, plan, tmp_path):
-    newer = build.build(["Plant"], fmi="3.0")
-    with pytest.raises(InputError, match=r"fmi3/Plant\.fmu: is FMI 3\.0; SSP 1\.0 takes FMI 2\.0"):
-        ssp.export(plan, {**fmus, **newer}, tmp_path / "loop.ssp")
-    assert list(tmp_path.iterdir()) == []
+def test_fmi_3_is_refused(fmus, tmp_path):
+    newer = third_party.built(tmp_path, fmi="3.0")
+    file = tmp_path / "own.toml"
+    file.write_text(campaign('duration = "60 s"', tables=third_party.TABLE))
+    with pytest.raises(InputError, match=r"ThirdParty\.fmu: is FMI 3\.0; SSP 1\.0 takes FMI 2\.0"):
+        ssp.export(loading.load(file), {**fmus, "SuspensionControl": newer}, tmp_path / "loop.ssp")
+    assert not (tmp_path / "loop.ssp").exists()
 
 
 def test_units_of_one_name_must_mean_the_same(fmus, plan, tmp_path):

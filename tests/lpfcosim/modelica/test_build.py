@@ -18,9 +18,8 @@ pytestmark = pytest.mark.fmu
 
 
 @pytest.mark.parametrize("model", build.MODELS)
-@pytest.mark.parametrize("fmi", [pytest.param("2.0", marks=pytest.mark.slow), "3.0"])
-def test_no_checker_finds_a_fault(model, fmi):
-    assert validate_fmu(build.build([model], fmi=fmi)[model]) == []
+def test_no_checker_finds_a_fault(model):
+    assert validate_fmu(build.build([model])[model]) == []
 
 
 def test_checker_finds_a_fault_in_a_broken_description(fmus, tmp_path):
@@ -34,8 +33,10 @@ def test_archive_carries_sources_that_compile_without_a_warning(fmus, model, tmp
         pytest.skip("the warning flags are those of gcc and clang")
     with zipfile.ZipFile(fmus[model]) as archive:
         archive.extractall(tmp_path)
+    licence = (tmp_path / "documentation" / "licenses" / "license.txt").read_text(encoding="utf-8")
+    assert "Redistribution and use" in licence
     sources = sorted((tmp_path / "sources").glob("*.c"))
-    names = ("all", "model", "core", "instance", "fmi3")
+    names = ("all", "model", "core", "instance", "fmi2")
     assert {f"{name}.c" for name in names} == {p.name for p in sources}
     flags = ["-std=c99", "-Wall", "-Wextra", "-Werror", "-Wno-unused-function", "-fsyntax-only"]
     done = subprocess.run(
@@ -70,8 +71,6 @@ def test_cache_is_used_and_refreshed(tmp_path, monkeypatch):
     assert build.build(["OpticalMetrology"])["OpticalMetrology"].stat().st_mtime_ns == stamp
     archive.write_bytes(archive.read_bytes()[:5000])
     assert build.build(["OpticalMetrology"])["OpticalMetrology"].stat().st_size > 5000
-    stamp = archive.stat().st_mtime_ns
-    assert build.build(["OpticalMetrology"], force=True)["OpticalMetrology"].stat().st_mtime_ns != stamp
 
 
 def test_missing_compiler_is_one_sentence_with_the_remedy(monkeypatch):

@@ -7,17 +7,8 @@ from lpfcosim.modelica import build
 from tests.lpfcosim.modelica.fmu_instance import Description, fmu_instance
 
 pytestmark = pytest.mark.fmu
-VERSIONS = ("2.0", "3.0")
 ALONG_X = ("Plant", "Actuation", "OpticalMetrology", "DragFreeControl", "SuspensionControl")
-CASES = [
-    pytest.param(model, version, marks=() if model in ALONG_X else pytest.mark.slow)
-    for model in build.MODELS
-    for version in VERSIONS
-]
-
-
-def archive(model, version):
-    return build.build([model], fmi=version)[model]
+MODELS = [pytest.param(model, marks=() if model in ALONG_X else pytest.mark.slow) for model in build.MODELS]
 
 
 def anywhere(description, random):
@@ -25,11 +16,11 @@ def anywhere(description, random):
     values = {}
     for name in description.names(initial=("exact",)) + description.names(causality=("input",)):
         variable = description.variables[name]
-        start = np.array(str(variable.start).split(), dtype=float)
+        start = float(variable.start)
         if variable.causality != "parameter":
-            values[name] = random.uniform(0.5, 2, start.size) * random.choice([-1, 1], start.size)
+            values[name] = random.uniform(0.5, 2) * random.choice([-1, 1])
         elif name != "h" and not name.endswith(".h"):
-            values[name] = np.where(start, start * random.uniform(0.9, 1.1), random.uniform(0.01, 0.02))
+            values[name] = start * random.uniform(0.9, 1.1) if start else random.uniform(0.01, 0.02)
         else:
             values[name] = start
     return values
@@ -45,33 +36,29 @@ def changed(instance, unknowns, name, value):
     return {u for u, a, b in zip(unknowns, previous, following, strict=True) if a != b}
 
 
-@pytest.mark.parametrize(("model", "version"), CASES)
-def test_nothing_moves_that_is_not_said_to_depend(model, version):
-    fmu = archive(model, version)
-    description = Description(fmu)
+@pytest.mark.parametrize("model", MODELS)
+def test_nothing_moves_that_is_not_said_to_depend(model):
+    archive = build.build([model])[model]
+    description = Description(archive)
     assert None not in [d for group in description.structure.values() for d in group.values()]
     values = anywhere(description, np.random.default_rng(1))
-    inputs = description.names(causality=("input",))
-    running = description.structure["Output"] | description.structure["ContinuousStateDerivative"]
-    initial = description.structure["InitialUnknown"]
-    unaffected = set()
+    running = description.structure["Outputs"] | description.structure["Derivatives"]
+    initial = description.structure["InitialUnknowns"]
+    moved = set()
 
-    def poke(name, unknowns, kinds):
-        """Set a variable to another value; what moves, and what is said to move."""
+    def poke(name, unknowns):
         affected = changed(instance, list(unknowns), name, values[name])
-        declared = {u for u, known in unknowns.items() if name in known}
-        unaffected.update((u, name) for u in declared - affected if unknowns[u][name] in kinds)
-        return affected, declared
+        assert affected <= {u for u, knowns in unknowns.items() if name in knowns}, name
+        moved.update((u, name) for u in affected)
 
-    with fmu_instance(fmu, **values) as instance:
+    with fmu_instance(archive, **values) as instance:
         for name in values:
-            affected, declared = poke(name, initial, ("constant",))
-            assert affected <= declared, name
+            poke(name, initial)
         instance.exitInitializationMode()
         for n in range(3):
             instance.doStep(n * 0.1, 0.1)
-        for name in [*inputs, *description.names(variability=("tunable",), causality=("parameter",))]:
-            affected, declared = poke(name, running, ("constant", "fixed"))
-            assert (version == "2.0" and name not in inputs) or affected <= declared, name
-    # No dependence is declared without effect: a factor that does not vary is seen, unless rounding hides it.
-    assert len(unaffected) <= 0.02 * sum(map(len, [*initial.values(), *running.values()])), unaffected
+        for name in description.names(causality=("input",)):
+            poke(name, running)
+    # Most of what is declared is seen to move: a clipped or rounded sum hides some of it.
+    declared = {(u, k) for u, knowns in initial.items() for k in knowns}
+    assert len(moved & declared) > 0.8 * len(declared), declared - moved
