@@ -113,7 +113,7 @@ static void exponential(const double *a, const double *b, double dt, double *g) 
 }
 
 /* dx = e z; e is stored by columns, so that compilers vectorise the inner loop. */
-static void multiply(const State *s, const double *z, double *dx) {
+VECTORISED static void multiply(const State *s, const double *z, double *dx) {
     double sum[NX];
     for (int i = 0; i < NX; i++) sum[i] = 0;
     for (int j = 0; j < NZ; j++)

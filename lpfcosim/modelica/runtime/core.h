@@ -18,6 +18,13 @@
 #define NOINLINE
 #endif
 
+/* For the instructions of the processor it runs on; each element of a vector is rounded as a scalar is. */
+#if defined(__GNUC__) && !defined(__clang__) && defined(__x86_64__) && defined(__gnu_linux__)
+#define VECTORISED __attribute__((target_clones("avx2", "default")))
+#else
+#define VECTORISED
+#endif
+
 #define AT_LEAST_ONE(n) ((n) > 0 ? (n) : 1) /* C99 has no arrays of length zero */
 #define DELAY_CAPACITY 128                  /* internal steps that a delay may span */
 
