@@ -22,13 +22,13 @@ from lpfcosim.models import model_of
 from lpfcosim.network import endpoint
 from lpfcosim.spacecraft import Run
 
-FMI = "2.0"  # that SSP 1.0 holds
 
-
-def same_units(interfaces: Sequence[Interface]) -> None:
-    """Refuse FMUs that mean different units by the same name: in one archive a name has one meaning."""
+def _check(interfaces: Sequence[Interface]) -> None:
+    """Refuse other versions of FMI, and different units of one name: in one archive it has one meaning."""
     known: dict[str, dict[str, str]] = {}
     for interface in interfaces:
+        if interface.version != "2.0":
+            raise InputError(f"{interface.archive}: is FMI {interface.version}; SSP 1.0 takes FMI 2.0")
         for name, base in interface.units.items():
             if known.setdefault(name, base) != base:
                 raise InputError(f"{interface.archive}: unit '{name}' is not what another FMU means by it")
@@ -66,10 +66,7 @@ def export(campaign: Campaign, fmus: Mapping[str, Path], path: Path) -> Path:
     for run in campaign.runs:
         runs.setdefault(run.authority.name, run)
     interfaces = read_interfaces_of_runs(list(runs.values()), fmus)
-    for interface in interfaces:
-        if interface.version != FMI:
-            raise InputError(f"{interface.archive}: is FMI {interface.version}; SSP 1.0 takes FMI {FMI}")
-    same_units(interfaces)
+    _check(interfaces)
     try:
         from pyssp_standard.ssd import SSD
         from pyssp_standard.ssv import SSV
@@ -87,7 +84,8 @@ def export(campaign: Campaign, fmus: Mapping[str, Path], path: Path) -> Path:
         for name, run in runs.items():
             with SSV(root / _values_file(name), mode="w") as file:
                 file.ssv_elem.name = name
-                _fill_values(file.ssv_elem, run, interfaces, prefixed=True)
+                for interface in interfaces:
+                    _fill_values(file.ssv_elem, run, interface, prefix=f"{interface.model}.")
         with SSD(root / "SystemStructure.ssd", mode="w") as structure:
             _fill_structure(structure, campaign.name, next(iter(runs.values())), interfaces)
         build.write_archive(root, path)
@@ -147,34 +145,28 @@ def _component(interface: Interface, run: Run) -> Any:
         for name in names
     ]
     values = SSVElem(name=run.authority.name)
-    _fill_values(values, run, [interface])
+    _fill_values(values, run, interface)
     component.parameter_bindings = [ParameterBinding(ssv=values)]
     return component
 
 
-def _fill_values(values: Any, run: Run, interfaces: Sequence[Interface], *, prefixed: bool = False) -> None:
-    """Add the parameters of a run and their units to an `SSVElem`, with ``Model.`` as prefix if asked."""
+def _fill_values(values: Any, run: Run, interface: Interface, prefix: str = "") -> None:
+    """Add the parameters of an FMU and their units to an `SSVElem`, with a prefix to their names."""
     from pyssp_standard.parameter_types import ParameterType
     from pyssp_standard.ssv import Parameter
 
-    parameters = model_of(run).parameters(run)
     # Noise aside, what comes from outside is the constant that test mass 2 is held against.
-    constants = {"g_2": run.dc}
-    for interface in interfaces:
-        prefix = f"{interface.model}." if prefixed else ""
-        signals = {
-            variable: constants[source]
-            for variable, source in zip(interface.inputs, interface.component.inputs.values(), strict=True)
-            if source in constants
-        }
-        for name, value in (signals | interface.parameters(parameters[interface.model])).items():
-            kind, text = _typed(interface.variable(name), value)
-            unit = interface.unit(name) if kind in REALS else None
-            attributes = {"value": text} | ({"unit": unit} if unit else {})
-            typed = ParameterType(kind, attributes)
-            typed.parameter = attributes  # it adds attributes that are None, and cannot write them
-            values.parameters.append(Parameter(name=f"{prefix}{name}", type_name=kind, type_value=typed))
-            _add_units(values.units, interface, [name] if unit else [])
+    inputs = zip(interface.inputs, interface.component.inputs.values(), strict=True)
+    signals = {variable: run.dc for variable, source in inputs if source == "g_2"}
+    parameters = interface.parameters(model_of(run).parameters(run)[interface.model])
+    for name, value in {**signals, **parameters}.items():
+        kind, text = _typed(interface.variable(name), value)
+        unit = interface.unit(name) if kind in REALS else None
+        attributes = {"value": text} | ({"unit": unit} if unit else {})
+        typed = ParameterType(kind, attributes)
+        typed.parameter = attributes  # it adds attributes that are None, and cannot write them
+        values.parameters.append(Parameter(name=f"{prefix}{name}", type_name=kind, type_value=typed))
+        _add_units(values.units, interface, [name] if unit else [])
 
 
 def _add_units(units: Any, interface: Interface, names: Sequence[str]) -> None:
