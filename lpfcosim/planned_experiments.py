@@ -9,8 +9,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fit.forecasting import PlannedExperiment, PlannedNoiseRun
+from fit.fitting import joint_parameters
+from fit.forecasting import PlannedExperiment, PlannedNoiseRun, expected_fit
 from fit.model import rotation
+from fit.settings import Settings
 from fit.telemetry import Telemetry
 from fit.whitening import Experiment
 from fit.whitening import Run as FitRun
@@ -46,6 +48,27 @@ def planned_experiments(campaign: Campaign) -> list[PlannedExperiment]:
     ]
 
 
+def check_parameters(campaign: Campaign, settings: Settings) -> None:
+    """Refuse constraints of parameters that the joint fit of a campaign will not have, whatever its FMUs.
+
+    Raises
+    ------
+    InputError
+        If there are any.
+    """
+    sysid_runs = [run for run in campaign.runs if run.kind == "sysid"]
+    if settings.parameters and sysid_runs:
+        runs = [FitRun(telemetry_of(run, _still(run))) for run in sysid_runs]
+        parameters, _, _ = joint_parameters([Experiment(run, None) for run in runs], settings)
+        expected_fit.constraints_of_joint(settings, parameters)
+
+
+def _still(run: Run) -> dict[str, Array]:
+    """Return channels without any motion, at 1 Hz."""
+    n = round(run.n_samples / run.fs * response.RATE)
+    return dict.fromkeys(model_of(run).record, np.broadcast_to(0.0, n))
+
+
 def planned_noise_runs(runs: Sequence[Run]) -> list[PlannedNoiseRun]:
     """Return the noise runs of the whole spacecraft, which the inertial calibration may use.
 
@@ -60,11 +83,9 @@ def planned_noise_runs(runs: Sequence[Run]) -> list[PlannedNoiseRun]:
 
 
 def _planned_noise_run(run: Run) -> PlannedNoiseRun:
-    zeros = np.broadcast_to(0.0, round(run.n_samples / run.fs * response.RATE))
     rates = model_of(run).attitude_rates(run)
     phi, eta = (rates.get(f"attitude_{axis}", 0.0) for axis in rotation.AXES)
-    channels = dict.fromkeys(model_of(run).record, zeros)
-    return PlannedNoiseRun(telemetry_of(run, channels), partial(response.cross_spectra, run), (phi, eta))
+    return PlannedNoiseRun(telemetry_of(run, _still(run)), partial(response.cross_spectra, run), (phi, eta))
 
 
 def _noise_free(run: Run, *, has_noise_run: bool) -> Experiment:

@@ -19,7 +19,7 @@ from lpfcosim.errors import UnavailableError, prefix_errors
 from lpfcosim.execution import validation
 from lpfcosim.messages import grouped
 from lpfcosim.models import DELTA_G
-from lpfcosim.planned_experiments import LISA, planned_experiments, planned_noise_runs
+from lpfcosim.planned_experiments import LISA, check_parameters, planned_experiments, planned_noise_runs
 from lpfcosim.workflows.campaigns import CampaignLike, resolve
 from lpfcosim.workflows.result import Columns, Result, Row
 
@@ -171,8 +171,9 @@ def forecast_or_reason(plan: Campaign, fit_settings: Settings) -> tuple[Forecast
         If the fit would not yield any estimate.
     """
     try:
-        validation.check_linear_model(plan, "a forecast is")
         validation.check_equation(plan, "a forecast is", DELTA_G, LISA)
+        check_parameters(plan, fit_settings.without_fmu_parameters())
+        validation.check_linear_model(plan, "a forecast is")
         return expected_results(plan, fit_settings, ()), ""
     except UnavailableError as error:
         return None, error.reason

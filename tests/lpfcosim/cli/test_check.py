@@ -84,6 +84,14 @@ def tone(tmp_path):
 # Third-party FMUs -------------------------------------------------------------------------------------------
 
 
+@pytest.mark.parametrize("command", ["check", "run"])
+def test_an_unknown_parameter_is_refused_whatever_the_fmus(lpfcosim, third_party, command):
+    path = third_party()
+    path.write_text(path.read_text(encoding="utf-8") + "[fit.parameters.lambda_q]\nvary = false\n")
+    options = ("--trust",) if command == "run" else ()
+    assert "lambda_q: no parameter of this fit" in refusal(lpfcosim(command, path, *options))
+
+
 def test_what_rests_on_our_loop_is_not_available_with_another_one(
     lpfcosim, lpfcosim_json, third_party, monkeypatch
 ):
