@@ -15,6 +15,7 @@ from lpfcosim.execution import fmus, validation
 from lpfcosim.linear import margins as loop_margins
 from lpfcosim.linear import response, stability
 from lpfcosim.models import model_of
+from lpfcosim.planned_experiments import check_parameters
 from lpfcosim.spacecraft import Run
 from lpfcosim.workflows.campaigns import CampaignLike, resolve
 from lpfcosim.workflows.forecast import Forecast, forecast_or_reason
@@ -214,6 +215,8 @@ def check(campaign: CampaignLike) -> CampaignCheck:
         validated = validation.validate(plan)
         valid, constraints, warnings = not validated.doubts, fit_settings.constraints, validated.warnings
         try:
+            if plan.replacements:
+                check_parameters(plan, fit_settings.without_fmu_parameters())
             validation.check_linear_model(plan, "stability, margins, peaks and forecast are")
         except UnavailableError as error:
             warnings = (*warnings, error.reason, *fmus.trust_needed(plan))
