@@ -59,6 +59,6 @@ def test_nothing_moves_that_is_not_said_to_depend(model):
             instance.doStep(n * 0.1, 0.1)
         for name in description.names(causality=("input",)):
             poke(name, running)
-    # Most of what is declared is seen to move: a clipped or rounded sum hides some of it.
+    # Nearly all that is declared is seen to move; the pole of an integrator is one for any sampling period.
     declared = {(u, k) for u, knowns in initial.items() for k in knowns}
-    assert len(moved & declared) > 0.8 * len(declared), declared - moved
+    assert len(moved & declared) > 0.95 * len(declared), declared - moved
