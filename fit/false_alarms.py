@@ -17,7 +17,7 @@ FAMILIES: Mapping[str, tuple[str, ...]] = MappingProxyType(
         "samples": ("straight lines",),
         "loop response": ("guidance gain",),
         "glitches": ("matched filter",),
-        "model": ("driven bins", "templates", "masks at injections"),
+        "model": ("driven bins", "templates", "masks at injections", "drift in a run", "drift in all runs"),
         "noise": ("residual power", "subtraction"),
         "consistency": ("runs", "gain drift", "constraints"),
         "frame": ("centrifugal force",),

@@ -26,6 +26,7 @@ from fit.quality import (
     Exclusion,
     ExperimentSet,
     MaskedExperiment,
+    drifts,
     fit_quality,
     has_spectra,
     mask_experiments,
@@ -181,6 +182,8 @@ def _dynamics(telemetries: Sequence[Telemetry], chosen: Settings) -> Results:
     campaign = campaign.with_warnings(noise_adaptation.adapt_to_readout_excess(campaign.usable, chosen))
     single_fits = _fit_each(campaign.experiments, chosen)
     campaign, single_fits = _noises(campaign, single_fits, chosen)
+    drifting, notes = drifts.drift_exclusions(campaign.usable, single_fits)
+    campaign = replace(campaign, notes=(*campaign.notes, *notes)).exclude(drifting)
     progress_stage(0.95)
     together = _together(campaign, single_fits, chosen, constrained.parameters)
     if together:
@@ -267,7 +270,9 @@ def _together(
     of_runs = [w for w in agreed.warnings if not (contradictions and w.code == "contradiction")]
     exclusions = (*campaign.exclusions, *agreed.left_out)
     excess = exclusion_warnings(exclusions, len(agreed.experiments))
-    warnings = (*contradictions, *of_runs, *test.warnings(), *excess)
+    free = [name for name, group in chosen.shared.items() if group == "campaign"]
+    drift = drifts.joint_drift(agreed.outcome, free)
+    warnings = (*contradictions, *of_runs, *drift, *test.warnings(), *excess)
     fit = _warned(fit_quality.as_fit(outcome, agreed.experiments), warnings)
     if agreed.test:
         exclusions = explain_exclusions(

@@ -17,6 +17,7 @@ __all__ = [
     "ExperimentSet",
     "MaskedExperiment",
     "as_fit",
+    "drifts",
     "fit_quality",
     "has_spectra",
     "indeterminable",

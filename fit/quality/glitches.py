@@ -45,6 +45,7 @@ MAD = 1.4826  # standard deviation of normal noise over its median deviation
 MARGIN, AFTER = 30.0, 4.0  # s before and after a glitch, and tau in which it dies away, that are masked
 PER_CYCLE = 4  # instants in a cycle of the highest frequency, at which glitches are looked for
 PEAK_SHARE = 0.3  # of the highest ratio: what is lower may be due to what is higher
+N_WAVES = 4  # of half a cycle more each, with which a coefficient may drift
 MAX_ITERATIONS = 60  # to get from the highest ratio to the threshold, in both runs
 MAX_MASKED = 0.6  # of the weight of a run; if masks would take more, it is no matter of glitches
 TOO_MANY = "too_many_glitches"  # code of the warning where nothing was masked
@@ -209,15 +210,30 @@ class GlitchSearch:
         """Return where the shape that stands out most does, nothing if none does."""
         terms = self._equation.spectra(self.run.spectra(self._tau))
         S = (noise or self)._psd(terms.f)
-        residual = whitened_run.whiten(terms, S)[0] @ self._c
         least = 0.0 if noise in (self, None) else 1.0  # of the noise: that of the noise run
         fs, start = self.run.channels.fs, float(self.run.channels.time[derivatives.HALF])
-        best = strongest(matched_filters(terms, residual, S, fs, least, self._n_runs))
+
+        def search(residual: Spectrum) -> FilterOutput | None:
+            return strongest(matched_filters(terms, residual, S, fs, least, self._n_runs))
+
+        best = search(whitened_run.whiten(terms, S)[0] @ self._c)
+        if best and noise is not self:
+            U = whitened_run.whiten(terms.hstack(self._drifting(terms)), S)[0]
+            best = search(U @ lstsq_coefficients(U))
         if best is None:
             return []
         reach = AFTER * best.tau
         before, after = (reach, 0.0) if best.shape == "reversed" else (0.0, reach)
         return [(start + t - MARGIN - before, start + t + MARGIN + after) for t in best.times]
+
+    def _drifting(self, terms: Spectra) -> Spectra:
+        """Return the columns, but the first, times waves: what drifts within a run is no glitch."""
+        columns = self.run.columns(self._tau)
+        cycle = np.linspace(0, np.pi, len(columns.values))[:, None]
+        waves = [np.cos(n * cycle) for n in range(1, N_WAVES + 1)]
+        parts = [self.run.transformed(columns.values * wave, columns) for wave in waves]
+        spectra = [self._equation.spectra(part).columns[:, 1:] for part in parts]
+        return replace(terms, columns=np.concatenate(spectra, axis=1))
 
     def warning(self) -> FitWarning:
         """Return the warning that describes the glitches."""

@@ -123,6 +123,13 @@ WARNING_KINDS: Mapping[str, WarningKind] = {
         severity=Severity.DOUBT,
         headline="Experiments with invalid data are left out",
     ),
+    "drift": WarningKind(
+        "Look for a gain or a delay that follows the temperature, drifts or jumps, and compare fits of parts "
+        "of the runs; do not use the estimates until it is found.",
+        severity=Severity.FAILURE,
+        headline="Gains, delays or stiffness change within runs",
+        unsound=True,
+    ),
     "guidance_scale": WarningKind(
         "Compare units and scales of `o_1` and `guidance_o_1` in the archive; if the guidance is wrong, "
         "correct or omit it, and repeat the fit.",
