@@ -30,6 +30,7 @@ from fit.quality import (
     fit_quality,
     has_spectra,
     mask_experiments,
+    mask_spikes,
     metadata,
     noise_adaptation,
     noise_tests,
@@ -161,7 +162,7 @@ def _dynamics(telemetries: Sequence[Telemetry], chosen: Settings) -> Results:
     """Fit the experiments, each on its own and jointly, and the cross-talk that was fitted along."""
     progress_stage(0.1)
     recorded = [
-        experiment.limit_band(chosen.f_max).with_parameters(chosen.parameters)
+        mask_spikes(experiment.limit_band(chosen.f_max).with_parameters(chosen.parameters))
         for experiment in pair(telemetries)
     ]
     if not recorded:

@@ -8,7 +8,7 @@ from fit import results as fit_results
 from fit.errors import InputError
 from fit.fitting import IRLSResult, fit_joint
 from fit.parallel import one_blas_thread
-from fit.quality import mask_experiments, noise_adaptation
+from fit.quality import mask_experiments, mask_spikes, noise_adaptation
 from fit.results import Results, results_folder, telemetry_of
 from fit.settings import Settings, settings
 from fit.telemetry import Telemetry, read_all
@@ -54,7 +54,10 @@ def experiments(
     ]
     fit_settings = settings(chosen, f"{path}: provenance.settings")
     prepared = []
-    limited = [e.limit_band(fit_settings.f_max).with_parameters(fit_settings.parameters) for e in recorded]
+    limited = [
+        mask_spikes(e.limit_band(fit_settings.f_max).with_parameters(fit_settings.parameters))
+        for e in recorded
+    ]
     for one in mask_experiments(limited, fit_settings, ()).values():
         if isinstance(one, InputError):
             raise one

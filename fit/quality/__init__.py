@@ -9,7 +9,7 @@ from fit.quality.exclusions import Exclusion
 from fit.quality.experiment_set import ExperimentSet
 from fit.quality.fit_quality import as_fit, indeterminable, report
 from fit.quality.initial_fit import has_spectra
-from fit.quality.masks import MODEL_MISFIT, MaskedExperiment, mask_experiments
+from fit.quality.masks import MODEL_MISFIT, MaskedExperiment, mask_experiments, mask_spikes
 
 __all__ = [
     "MODEL_MISFIT",
@@ -24,6 +24,7 @@ __all__ = [
     "initial_fit",
     "long_glitches",
     "mask_experiments",
+    "mask_spikes",
     "metadata",
     "noise_adaptation",
     "noise_tests",

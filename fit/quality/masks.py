@@ -62,18 +62,28 @@ def without_saturation(run: Run) -> tuple[Run, tuple[FitWarning, ...]]:
     return masked, (FitWarning(SATURATED, (), message, spans=spans),)
 
 
-def without_spikes(run: Run) -> tuple[Run, tuple[FitWarning, ...]]:
+def mask_spikes(experiment: Experiment) -> Experiment:
     """Mask samples of read-outs that are apart from those about them, see `samples.outliers`."""
+    noise = experiment.noise and _without_spikes(experiment.noise)
+    return replace(experiment, sysid=_without_spikes(experiment.sysid), noise=noise)
+
+
+def _without_spikes(run: Run) -> Run:
     flags = np.zeros(run.telemetry.size, dtype=bool)
     for name in run.spacecraft.read_outs:
         for begin, end in samples.outliers(run.telemetry.channels[name])[0]:
             flags[begin:end] = True
-    if not flags.any():
-        return run, ()
-    name, stretches = run.telemetry.run, _stretches(run.telemetry, flags)
-    spans = tuple(TimeSpan(name, *stretch) for stretch in stretches)
-    message = f"{name}: {describe_spans(stretches, 'masked', 'spike')}"
-    return run.mask(stretches), (FitWarning("glitches", (), message, spans=spans),)
+    return run.mask(_stretches(run.telemetry, flags)) if flags.any() else run
+
+
+def _spike_warnings(run: Run) -> tuple[FitWarning, ...]:
+    """Return the warning of spikes that are all that is masked so far, if there are any."""
+    if not run.masks:
+        return ()
+    name = run.telemetry.run
+    spans = tuple(TimeSpan(name, *stretch) for stretch in run.masks)
+    message = f"{name}: {describe_spans(run.masks, 'masked', 'spike')}"
+    return (FitWarning("glitches", (), message, spans=spans),)
 
 
 def _stretches(telemetry: Telemetry, flags: NDArray[np.bool_]) -> list[tuple[float, float]]:
@@ -118,22 +128,23 @@ def glitch_search_enabled(settings: Settings) -> bool:
 
 
 def _masked(experiment: Experiment) -> MaskedExperiment:
-    """Return an experiment without what is saturated or a spike."""
+    """Return an experiment without what is saturated, and what is said of its masks."""
     sysid, warnings = _masked_run(experiment.sysid)
     noise, noise_warnings = _masked_run(experiment.noise) if experiment.noise else (None, ())
     return MaskedExperiment(replace(experiment, sysid=sysid, noise=noise), (*warnings, *noise_warnings))
 
 
 def _masked_run(run: Run) -> tuple[Run, tuple[FitWarning, ...]]:
-    unsaturated, warnings = without_saturation(run)
-    masked, spikes = without_spikes(unsaturated)
-    return masked, (*warnings, *spikes)
+    masked, warnings = without_saturation(run)
+    return masked, (*_spike_warnings(run), *warnings)
 
 
 def mask_experiments(
     experiments: Sequence[Experiment], settings: Settings, faulty: Container[str]
 ) -> dict[str, MaskedExperiment | InputError]:
     """Mask saturation and glitches, by name of the experiment; no glitches in those that are `faulty`.
+
+    Spikes are masked already, see `mask_spikes`.
 
     One that cannot be masked must not cost the others their fit: it has the error in its place. Where the
     glitches of an experiment, or of all, lie in the injections more often than chance allows, the equation

@@ -27,11 +27,14 @@ MIN_FLAT = 8  # differences in a row that are zero: a stretch
 NEARBY = 2000  # samples about a stretch that show how often noise and rounding make a difference zero
 MAX_SHARE = 0.01  # of differences that are zero, beyond those that rounding makes
 MAX_CHANCE = 0.1  # share of these, from which nothing is said
+QUIET = 5.0  # times that share of a run, in its quiet parts
 SMOOTH = 1e-3  # of second differences, fourth ones of a simulation without noise
 WINDOW = 31  # second differences that show the noise around one
 LIMIT = 30.0  # their medians, from which a second difference is apart: noise and motion make up to 15
 FLOOR = 0.1  # of the median of all second differences: least noise
 MIN_VALUES = 16  # that show a step
+PARTS = (1, 2, 4, 8, 10, 20)  # of the least difference, that a step of floating point or of decimals may be
+MULTIPLE, LATTICE = 0.05, 0.99  # of a step, within which a difference is a multiple, and share that is
 COARSE = 0.01  # of the typical difference of neighbours, from which rounding is tried
 MAX_SHIFT = 5.0  # sigma, of all estimates of a run together
 MAX_STEPS = 4.0  # of rounding, up to which nothing is apart
@@ -88,7 +91,7 @@ def sample_faults(run: Telemetry, name: str, x: Array, n_channels: int = 1) -> I
         shape = "constant" if x[begin] == x[end - 1] else "a straight line"
         yield cause("stuck", f"is {shape} for {seconds:g} s at {begin / run.fs:.7g} s", seconds, "s")
     share = float(np.mean(flat[:HEAD]))
-    if not stretches and share > MAX_SHARE + chance:
+    if not stretches and share > MAX_SHARE + QUIET * chance:
         percent = f"{100 * share:.0f} % of its samples lie on the line between their neighbours"
         yield cause("interpolation", f"is interpolated: {percent}", share)
 
@@ -124,14 +127,18 @@ def _flat_stretches(flat: NDArray[np.bool_], limit: float) -> list[tuple[int, in
 
 
 def resolution(x: Array) -> float:
-    """Return the least difference between the larger values of a channel: the step to which it is rounded.
-
-    It is far below the noise where values have the digits of double precision.
-    """
+    """Return the step of which differences of the larger values of a channel are multiples, 0 without one."""
     head = x[:HEAD][np.isfinite(x[:HEAD])]
-    large = np.unique(head[np.abs(head) >= np.median(np.abs(head))]) if head.size else head
+    large = np.unique(head[np.abs(head) >= np.quantile(np.abs(head), 0.99) / 4]) if head.size else head
     values = large if large.size >= MIN_VALUES else np.unique(head)
-    return float(np.diff(values).min()) if values.size > 1 else 0.0
+    if values.size < 2:
+        return 0.0
+    for part in PARTS:
+        step = float(np.diff(values).min()) / part
+        multiples = (values - values[0]) / step
+        if np.mean(np.abs(multiples - np.round(multiples)) < MULTIPLE) > LATTICE:
+            return step
+    return 0.0
 
 
 def rounding_fault(run: Run, noises: Sequence[NoiseModel], names: Sequence[str]) -> Cause | None:
@@ -192,10 +199,16 @@ def outliers(x: Array) -> tuple[list[tuple[int, int]], list[tuple[int, float]]]:
     """
     curvature = np.diff(x, 2)
     size = np.abs(curvature)
-    level = scipy.ndimage.median_filter(np.nan_to_num(size, nan=np.inf), WINDOW, mode="nearest")
-    floor = max(FLOOR * float(np.nanmedian(size)), MAX_STEPS * resolution(x) / LIMIT)
-    apart = size > LIMIT * np.maximum(level, floor)
+    n_blocks = size.size // WINDOW
+    medians = np.median(np.nan_to_num(size[: n_blocks * WINDOW], nan=np.inf).reshape(-1, WINDOW), axis=1)
+    floor = max(FLOOR * float(np.median(medians)), MAX_STEPS * resolution(x) / LIMIT)
+    # motion that begins is in the next blocks too
+    level = np.maximum(scipy.ndimage.maximum_filter1d(medians, 3, mode="nearest"), floor)
+    apart = np.zeros(size.size, dtype=bool)
+    apart[: n_blocks * WINDOW] = size[: n_blocks * WINDOW] > LIMIT * level.repeat(WINDOW)
     apart[:WINDOW] = apart[-WINDOW:] = False
+    if not apart.any():
+        return [], []
     spikes: list[tuple[int, int]] = []
     jumps: list[tuple[int, float]] = []
     for begin, end in derivatives.true_runs(

@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 
 from fit.quality import metadata, samples
-from fit.quality.masks import without_spikes
-from fit.whitening import pair
+from fit.quality.masks import mask_experiments, mask_spikes
+from fit.settings import settings
+from fit.whitening import Experiment, pair
 from fit.whitening.run import Run
 from tests.oracles import closed_loop, thirteen
 
@@ -111,9 +112,10 @@ def test_faulty_samples_are_placed(name, fault, words):
         {"o_12": lambda x: 1e-16 * np.round(x / 1e-16), "f_x_2": lambda x: 1e-15 * np.round(x / 1e-15)},
         {"o_12": lambda x: np.where(np.arange(x.size) % 5000 < 50, np.nan, x)},
         {"o_12": lambda x: 0.01 * x + 5e-11 * np.maximum(np.arange(N) - 5000.0, 0)},
+        {"o_12": lambda x: x + 5e-11 * np.arange(N)},
         {"o_1": lambda x: np.concatenate([np.zeros(5), x[5:]])},
     ],
-    ids=["clean", "single", "rounded", "gaps", "slope", "from zero"],
+    ids=["clean", "single", "rounded", "gaps", "turn", "slope", "from zero"],
 )
 def test_sound_samples_raise_no_fault(channels):
     assert not faults(**channels)
@@ -122,11 +124,12 @@ def test_sound_samples_raise_no_fault(channels):
 def test_spikes_are_masked_and_jumps_are_not():
     hit = run(o_12=lambda x: plus(1e-6, 7000, 7002)(plus(-1e-10, 3000, 3001)(x)))
     assert not messages(hit)
-    masked, (warning,) = without_spikes(Run(hit))
-    assert [round((begin + end) / 2) for begin, end in masked.masks] == [3000, 7000]
-    assert "2 spikes masked, at " in warning.message
-    moved = Run(run(o_12=plus(1e-6, 7000)))
-    assert without_spikes(moved) == (moved, ())
+    masked = mask_spikes(Experiment(Run(hit), None))
+    assert [round((begin + end) / 2) for begin, end in masked.sysid.masks] == [3000, 7000]
+    (prepared,) = mask_experiments([masked], settings({"glitches": False}), ()).values()
+    assert ["2 spikes masked, at " in warning.message for warning in prepared.warnings] == [True]
+    moved = Experiment(Run(run(o_12=plus(1e-6, 7000))), None)
+    assert mask_spikes(moved).sysid is moved.sysid
 
 
 def experiments(**channels):
@@ -163,10 +166,11 @@ def test_a_command_that_nothing_feeds_back_or_that_is_at_its_limit_may_stay_the_
     [
         (dict.fromkeys(CHANNELS, single), []),
         ({"f_x_2": steps(1e-16)}, []),
+        ({"o_12": lambda x: x + np.linspace(0, 1e-6, x.size)}, []),
         ({"f_x_2": steps(1e-14)}, ["rounding"]),
         ({"o_1": steps(1e-9)}, ["rounding"]),
     ],
-    ids=["single", "fine", "command", "o_1"],
+    ids=["single", "fine", "slope", "command", "o_1"],
 )
 def test_rounding_is_a_fault_where_it_would_move_estimates(channels, expected):
     assert kinds(**channels) == expected
