@@ -161,10 +161,8 @@ class _Together:
 def _dynamics(telemetries: Sequence[Telemetry], chosen: Settings) -> Results:
     """Fit the experiments, each on its own and jointly, and the cross-talk that was fitted along."""
     progress_stage(0.1)
-    recorded = [
-        mask_spikes(experiment.limit_band(chosen.f_max).with_parameters(chosen.parameters))
-        for experiment in pair(telemetries)
-    ]
+    of_band = (e.limit_band(chosen.f_max) for e in pair(telemetries))
+    recorded = [mask_spikes(e.with_parameters(chosen.parameters)) for e in of_band]
     if not recorded:
         raise InputError(
             f"{_paths(telemetries)}: no run of kind 'sysid', expected at least one to calibrate with, "
@@ -183,7 +181,7 @@ def _dynamics(telemetries: Sequence[Telemetry], chosen: Settings) -> Results:
     campaign = campaign.with_warnings(noise_adaptation.adapt_to_readout_excess(campaign.usable, chosen))
     single_fits = _fit_each(campaign.experiments, chosen)
     campaign, single_fits = _noises(campaign, single_fits, chosen)
-    drifting, notes = drifts.drift_exclusions(campaign.usable, single_fits)
+    drifting, notes = drifts.exclusions(campaign.usable, single_fits)
     campaign = replace(campaign, notes=(*campaign.notes, *notes)).exclude(drifting)
     progress_stage(0.95)
     together = _together(campaign, single_fits, chosen, constrained.parameters)
@@ -197,10 +195,9 @@ def _dynamics(telemetries: Sequence[Telemetry], chosen: Settings) -> Results:
 def _prepared(recorded: Sequence[Experiment], chosen: Settings) -> ExperimentSet:
     """Mask what the equation does not hold for and decide who takes part in the joint fit."""
     progress_stage(0.25)
-    # one without spectra has its error from the masks
     tested = [e for e in recorded if e.name not in chosen.exclude]
     spectra = parallel_map(has_spectra, tested, Experiment.samples)
-    tested = [e for e, has in zip(tested, spectra, strict=True) if has]
+    tested = [e for e, has in zip(tested, spectra, strict=True) if has]  # the masks refuse the others
     screening = metadata.screen(tested)
     left_out, faulty = screening.exclusions, {f.experiment for f in screening.exclusions}
     misfit = model_warnings([e for e in tested if e.name not in faulty])
@@ -270,10 +267,8 @@ def _together(
     contradictions = equation_warnings(agreed.test, agreed.experiments) if agreed.test else ()
     of_runs = [w for w in agreed.warnings if not (contradictions and w.code == "contradiction")]
     exclusions = (*campaign.exclusions, *agreed.left_out)
-    excess = exclusion_warnings(exclusions, len(agreed.experiments))
-    free = [name for name, group in chosen.shared.items() if group == "campaign"]
-    drift = drifts.joint_drift(agreed.outcome, free)
-    warnings = (*contradictions, *of_runs, *drift, *test.warnings(), *excess)
+    of_runs += exclusion_warnings(exclusions, len(agreed.experiments))
+    warnings = (*contradictions, *of_runs, *drifts.of_joint(agreed.outcome, chosen), *test.warnings())
     fit = _warned(fit_quality.as_fit(outcome, agreed.experiments), warnings)
     if agreed.test:
         exclusions = explain_exclusions(

@@ -26,6 +26,7 @@ from fit.false_alarms import p_limit
 from fit.fitting import IRLSResult
 from fit.parallel import parallel_map
 from fit.quality.exclusions import Exclusion
+from fit.settings import Settings
 from fit.spectra import windowing
 from fit.warnings import Cause, FitWarning
 from fit.whitening import Experiment, WhitenedRun, whitened_run
@@ -177,22 +178,19 @@ def _series(run: WhitenedRun, columns: NDArray[np.complex128]) -> tuple[Array, f
     return windowing.inverse_transform(columns, run.first_bin, m) * np.sqrt(m / 2), run.first_bin / run.f[0]
 
 
-def find_drift(runs: Sequence[BlockSums], test: str, n_tests: int = 1) -> Drift | None:
+def find_drift(runs: Sequence[BlockSums], limit: float) -> Drift | None:
     """Return the coefficient that changes most clearly within runs, None if none does.
 
     Parameters
     ----------
     runs : sequence of BlockSums
         Of one fit.
-    test : str
-        Which of `false_alarms.TESTS` it is.
-    n_tests : int
-        Number of fits that are tested.
+    limit : float
+        Probability of a false alarm.
     """
     step, covariance = _joint(runs)
     n_periods = max(1, int(2 * max((run.duration for run in runs), default=0.0) / SHORTEST))
     columns = dict.fromkeys(name for run in runs for name in run.columns)
-    limit = p_limit(test, n_tests * n_periods * max(len(columns), 1))
     drifts = (
         drift
         for name in columns
@@ -200,7 +198,7 @@ def find_drift(runs: Sequence[BlockSums], test: str, n_tests: int = 1) -> Drift 
         if (drift := _wave(runs, name, n_periods * SHORTEST / n, step, covariance))
     )
     best = min(drifts, key=lambda drift: (drift.p, -drift.chi2), default=None)
-    return best if best and best.p < limit else None
+    return best if best and best.p * n_periods * len(columns) < limit else None
 
 
 def _joint(runs: Sequence[BlockSums]) -> tuple[Array, Array]:
@@ -242,7 +240,7 @@ def _wave(
     return Drift(name, period, float(np.sqrt(np.mean(sizes**2))), chi2, int(np.count_nonzero(left)))
 
 
-def drift_exclusions(
+def exclusions(
     experiments: Sequence[Experiment], fits: Mapping[str, IRLSResult | FitError]
 ) -> tuple[list[Exclusion], list[FitWarning]]:
     """Return the experiments of which a coefficient changes by their own fits, or a warning that many do.
@@ -262,7 +260,7 @@ def drift_exclusions(
             return None
         blocks = _blocks(fit)
         sums = [[block_sums(block, fit.solution.theta)] for block in blocks]
-        found = [find_drift(one, "drift in a run", n * len(blocks)) for one in sums]
+        found = [find_drift(one, p_limit("drift in a run", n * len(blocks))) for one in sums]
         return min(filter(None, found), key=lambda drift: (drift.p, -drift.chi2), default=None)
 
     drifts = zip(experiments, parallel_map(find, experiments, Experiment.samples), strict=True)
@@ -274,33 +272,31 @@ def drift_exclusions(
         if drift
     ]
     if causes and len(causes) >= max(min(MIN_RUNS, n), WIDESPREAD * n):
-        return [], [drift_warning("; ".join(cause.sentence for cause in causes), causes)]
+        return [], [_warning("; ".join(cause.sentence for cause in causes), causes)]
     return [Exclusion(cause.run, (cause,), evidence="cause") for cause in causes], []
 
 
-def joint_drift(fit: IRLSResult, free: Collection[str]) -> list[FitWarning]:
+def of_joint(fit: IRLSResult, settings: Settings) -> list[FitWarning]:
     """Return the warning of a coefficient that changes within the runs of a joint fit.
 
     Parameters
     ----------
     fit : IRLSResult
         The joint fit.
-    free : collection of str
-        Parameters that may differ from run to run.
+    settings : Settings
+        Of the fit; what all runs share may scatter.
     """
+    free = [name for name, group in settings.shared.items() if group == "campaign"]
     blocks = _blocks(fit)
     of_equation: dict[str, list[WhitenedRun]] = {}
     for block in blocks:
         of_equation.setdefault(block.equation.name, []).append(block)
+    limit = p_limit("drift in all runs", len(of_equation))
     found = [
-        find_drift(
-            [block_sums(run, fit.solution.theta, free) for run in runs], "drift in all runs", len(of_equation)
-        )
+        find_drift([block_sums(run, fit.solution.theta, free) for run in runs], limit)
         for runs in of_equation.values()
     ]
-    return [
-        drift_warning(f"in {len(fit.whitened_runs)} runs together {drift.words}") for drift in found if drift
-    ]
+    return [_warning(f"in {len(fit.whitened_runs)} runs together {drift.words}") for drift in found if drift]
 
 
 def _blocks(fit: IRLSResult) -> list[WhitenedRun]:
@@ -309,7 +305,7 @@ def _blocks(fit: IRLSResult) -> list[WhitenedRun]:
     return [block for block in blocks if block.window is not None and block.f is not None]
 
 
-def drift_warning(words: str, causes: Sequence[Cause] = ()) -> FitWarning:
+def _warning(words: str, causes: Sequence[Cause] = ()) -> FitWarning:
     """Return the warning that coefficients change within runs."""
     message = f"{words}; the equation has constant coefficients, and the uncertainties are not valid"
     return FitWarning(DRIFT, (), message, causes=tuple(causes))

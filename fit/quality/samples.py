@@ -10,6 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 import scipy
+from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from fit.false_alarms import p_limit
@@ -199,14 +200,16 @@ def outliers(x: Array) -> tuple[list[tuple[int, int]], list[tuple[int, float]]]:
     """
     curvature = np.diff(x, 2)
     size = np.abs(curvature)
-    n_blocks = size.size // WINDOW
-    medians = np.median(np.nan_to_num(size[: n_blocks * WINDOW], nan=np.inf).reshape(-1, WINDOW), axis=1)
-    floor = max(FLOOR * float(np.median(medians)), MAX_STEPS * resolution(x) / LIMIT)
-    # motion that begins is in the next blocks too
-    level = np.maximum(scipy.ndimage.maximum_filter1d(medians, 3, mode="nearest"), floor)
+    n = size.size // WINDOW * WINDOW
+    medians = np.median(np.nan_to_num(size[:n], nan=np.inf).reshape(-1, WINDOW), axis=1)
+    floor = LIMIT * max(FLOOR * float(np.median(medians)), MAX_STEPS * resolution(x) / LIMIT)
+    inside = slice(WINDOW, n - WINDOW)
+    candidates = WINDOW + np.flatnonzero(
+        size[inside] > np.maximum(LIMIT / 2 * medians, floor).repeat(WINDOW)[inside]
+    )
+    nearby = sliding_window_view(size, WINDOW)[candidates - WINDOW // 2]
     apart = np.zeros(size.size, dtype=bool)
-    apart[: n_blocks * WINDOW] = size[: n_blocks * WINDOW] > LIMIT * level.repeat(WINDOW)
-    apart[:WINDOW] = apart[-WINDOW:] = False
+    apart[candidates] = size[candidates] > LIMIT * np.median(np.nan_to_num(nearby, nan=np.inf), axis=1)
     if not apart.any():
         return [], []
     spikes: list[tuple[int, int]] = []
