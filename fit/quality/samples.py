@@ -39,6 +39,9 @@ MULTIPLE, LATTICE = 0.05, 0.99  # of a step, within which a difference is a mult
 COARSE = 0.01  # of the typical difference of neighbours, from which rounding is tried
 MAX_SHIFT = 5.0  # sigma, of all estimates of a run together
 MAX_STEPS = 4.0  # of rounding, up to which nothing is apart
+MAX_WIDTH = 2.6  # samples of a jump: an anti-alias filter makes up to 2.3, a loop that follows its guidance 3
+MIN_NOISE = 0.5  # of fifth over fourth differences: noise has 1.5, a sine 2 pi f / fs
+MAX_ROUNDING = 64  # spacings of double precision in a fifth difference, with margin: rounding makes 5
 #: Warning in place of exclusions if most of the experiments have a fault, by its kind.
 CODES = {"interpolation": "interpolated"}
 
@@ -50,6 +53,8 @@ def is_noisy(x: Array) -> bool:
 
 def sample_faults(run: Telemetry, name: str, x: Array, n_channels: int = 1) -> Iterator[Cause]:
     """Yield where a channel that should be noise is constant or on a straight line.
+
+    A channel of a simulation without noise may be: it rests until an injection begins.
 
     Parameters
     ----------
@@ -74,6 +79,8 @@ def sample_faults(run: Telemetry, name: str, x: Array, n_channels: int = 1) -> I
     if chance > MAX_CHANCE or _typical(x, 4) < SMOOTH * _typical(x, 2):
         return
     flat = _flat(x)
+    if not _has_noise(x, flat):
+        return
     stretches = _flat_stretches(flat, p_limit("straight lines", n_channels * x.size))
     authority = saturation.limits(run).get(name, 0.0)
     extremes = [value for value in (np.nanmin(x), np.nanmax(x)) if abs(value) < authority]
@@ -109,6 +116,16 @@ def _flat(x: Array) -> NDArray[np.bool_]:
     rounding = 4 * np.spacing(np.nanmax(np.abs(x)))
     tolerance = max(1e-9 * _typical(x, 2), float(rounding))
     return np.asarray((curvature <= tolerance) | (x[1:-1] == x[:-2]))
+
+
+def _has_noise(x: Array, flat: NDArray[np.bool_]) -> bool:
+    """Return whether differences of high order grow where a channel moves, as those of noise do."""
+    differences = (np.abs(np.diff(x, order))[~flat[1:][: x.size - order]] for order in (4, 5))
+    fourth, fifth = (sizes[np.isfinite(sizes)] for sizes in differences)
+    if not fifth.size:
+        return True
+    rounding = MAX_ROUNDING * float(np.spacing(np.nanmax(np.abs(x))))
+    return bool(np.median(fifth) > max(MIN_NOISE * float(np.median(fourth)), rounding))
 
 
 def _flat_stretches(flat: NDArray[np.bool_], limit: float) -> list[tuple[int, int]]:
@@ -221,7 +238,10 @@ def outliers(x: Array) -> tuple[list[tuple[int, int]], list[tuple[int, float]]]:
         if abs(part.sum()) > 0.2 * np.abs(part).max():
             continue  # a kink: an injection begins or ends
         moment = float((np.arange(part.size) - (part.size - 1) / 2) @ part)
-        if abs(moment) > 0.5 * np.abs(part).max():
+        width = abs(moment) / np.abs(part).max()
+        if width > MAX_WIDTH:
+            continue  # motion: a loop follows its guidance
+        if width > 0.5:
             jumps.append(((begin + end) // 2 + 1, -moment))
         else:
             spikes.append((begin, end + 2))

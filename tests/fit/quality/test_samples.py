@@ -149,7 +149,13 @@ def test_sines_that_begin_and_end_are_no_jumps():
     assert not kinds()
     silence = closed_loop.Noise(plateau=0.0, tail=0.0, oms=0.0, thruster=0.0, jitter=0.0)
     still = thirteen.telemetry(replace(thirteen.made("B4", "sysid"), noise=silence))
-    assert not [words for words in messages(still) if "jumps" in words]
+    assert messages(still) == ["f_x_1 is constant throughout, at 0"]  # which no injection drives
+
+
+def test_body_that_follows_guidance_does_not_jump():
+    late = np.maximum(np.arange(N) - 5000.0, 0)
+    assert not faults(o_1=lambda x: x + 1e-6 * (1 - (1 + late) * np.exp(-late)))
+    assert "jumps" in faults(o_1=plus(1e-6, 5001))[0]
 
 
 def test_a_command_that_nothing_feeds_back_or_that_is_at_its_limit_may_stay_the_same():
