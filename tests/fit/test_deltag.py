@@ -288,7 +288,7 @@ def test_failures_leave_no_file(recorded, tmp_path):
     with h5py.File(path, "a") as file:
         file["f_x_2"][9_000] = 0.0
         file["o_12"][50::500] = -9999.0
-    with pytest.raises(InputError, match=r"short\.h5: channel o_12: -9999 at sample 50 .* to mark missing"):
+    with pytest.raises(InputError, match=r"short\.h5: channel o_12: -9999 at sample 50, .* to mark missing"):
         write_delta_g(path, tmp_path / "p.h5", results, {})
     assert [p.name for p in tmp_path.iterdir()] == ["short.h5"]
     with pytest.raises(FitError, match=r"nowhere/p\.h5: cannot be written"):

@@ -162,7 +162,11 @@ def test_agrees_with_a_fit_of_the_reference_plant(quickstart):
     plan = loading.load(quickstart)
     runs = [recorded(run, simulate_reference(run)) for run in plan.runs]
     fitted, forecasted = calibrate(runs).joint, forecast(planned_experiments(plan))
-    assert sigmas(forecasted) == pytest.approx(sigmas(fitted), rel=0.1)
+    assert list(sigmas(forecasted)) == list(sigmas(fitted))
+    for name, sigma in sigmas(fitted).items():
+        # the noise PSDs at the lowest frequencies make that of a stiffness scatter by 8 % from fit to fit
+        tolerance = 0.2 if name.startswith(("omega2", "alpha")) else 0.1
+        assert sigmas(forecasted)[name] == pytest.approx(sigma, rel=tolerance), name
     undetermined = [w.parameters for w in fitted.warnings if w.code == "indeterminable"]
     assert [w.parameters for w in forecasted.warnings] == undetermined
 
@@ -173,9 +177,8 @@ def test_agrees_with_a_fit_of_the_whole_spacecraft():
     fitted = calibrate([recorded(run, ClosedLoop(run).simulate()) for run in plan.runs]).joint
     forecasted = sigmas(forecast(planned_experiments(plan)))
     for name, sigma in sigmas(fitted).items():
-        # the noise PSDs at the lowest frequencies make that of a stiffness scatter by 8 % from fit to fit
         scatters = name.startswith(("omega2", "alpha"))
-        # and lambda_2 is given beside the instruments, with a sigma that holds how far these move it
+        # lambda_2 is given beside the instruments, with a sigma that holds how far these move it
         tolerance = 0.2 if scatters else 0.08 if name == "lambda_2" else 0.05
         assert forecasted[name] == pytest.approx(sigma, rel=tolerance), name
 
