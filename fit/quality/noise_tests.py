@@ -11,21 +11,15 @@ term is negative. The same covariance serves all tests:
 
 * level: the ratio of the power in a band to that of the noise run (`VarianceTable.log_ratio`);
 * chi^2: the ratio of all bins together;
-* read-out noise: the level of o_1 at frequencies without injection (`readout_excess`);
-* whiteness: a Kolmogorov-Smirnov test of the cumulative periodogram (Bartlett), with the p-value from draws.
-
-Of 2000 synthetic runs of six hours with noise runs of eight, 5.5 % had a whiteness below 5 % and 0.9 % below
-1 %; of 1000 without noise runs 7.0 % and 1.7 %.
+* read-out noise: the level of o_1 at frequencies without injection (`readout_excess`).
 """
 
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from functools import lru_cache
 from itertools import pairwise
 
 import numpy as np
-import scipy
 from numpy.typing import NDArray
 
 from fit.errors import FitError
@@ -33,7 +27,7 @@ from fit.false_alarms import sigma_limit
 from fit.fitting import IRLSResult, readout_excess_noise
 from fit.model import dynamics
 from fit.parameters import DELAYS
-from fit.results import QUANTILES, Diagnostics
+from fit.results import Diagnostics
 from fit.spectra import NoiseModel, fit_noise, windowing
 from fit.whitening import Experiment, noise_model, whitened_run
 
@@ -46,10 +40,6 @@ MIN_BINS = 8  # of a band
 READOUT_BAND = (0.04, np.inf)  # Hz: o_1 adds to Delta g beyond its noise; no leakage of injections far below
 MAX_DEPARTURE = 7.5  # of chi^2, in standard deviations of as many numbers: 5 with window and error of the PSD
 MAX_POWER_RATIO = 100.0  # beyond, the noise run does not represent the noise at all
-NORMAL_SCORES = np.linspace(-3.25, 3.25, QUANTILES)  # at which quantiles of the residual are given
-N_DRAWS = 4000  # of the Kolmogorov-Smirnov statistic: +- 0.003 at a p-value of 5 %
-N_POINTS = 120  # of the cumulative periodogram
-FIRST_POINT = 128  # bins: a sum over fewer is not normal
 
 
 def n_tests(n_runs: int) -> int:
@@ -303,7 +293,7 @@ def is_readout_excess(ratio: float, sigma: float, n_runs: int) -> bool:
 
 
 def diagnose(experiment: Experiment, result: IRLSResult) -> Diagnostics:
-    """Return level, whiteness and tails of the residual of a fit of one experiment.
+    """Return the level of the residual of a fit of one experiment.
 
     Raises
     ------
@@ -315,59 +305,9 @@ def diagnose(experiment: Experiment, result: IRLSResult) -> Diagnostics:
 
 
 def diagnostics(residuals: Sequence[WhitenedResidual], n_absorbed: int) -> Diagnostics:
-    """Return level, whiteness and tails of residuals from which a fit has absorbed `n_absorbed` numbers."""
-    values = np.concatenate([part for residual in residuals for part in (residual.z.real, residual.z.imag)])
-    n_free = values.size - n_absorbed - sum(residual.n_projected for residual in residuals)
-    B = sum(residual.f.size for residual in residuals)
+    """Return the level of residuals from which a fit has absorbed `n_absorbed` numbers."""
+    power = sum(2 * float(np.sum(residual.power)) for residual in residuals)
+    n_free = sum(2 * residual.f.size - residual.n_projected for residual in residuals) - n_absorbed
+    n_bins = sum(residual.f.size for residual in residuals)
     variance = sum(float(r.power_covariance(np.ones((1, r.f.size), dtype=bool))[0, 0]) for r in residuals)
-    squares = (values - values.mean()) ** 2
-    whiteness = min(_whiteness_of(residual) for residual in residuals)
-    return Diagnostics(
-        chi2_red=float(values @ values) / n_free,
-        chi2_red_sigma=math.sqrt(max(variance, 0.0)) / B,
-        whiteness=min(1.0, len(residuals) * whiteness),
-        kurtosis=float(np.mean(squares**2) / np.mean(squares) ** 2 - 3),
-        kurtosis_sigma=math.sqrt(24 / values.size),
-        quantiles=np.quantile(values, scipy.special.ndtr(NORMAL_SCORES)).tolist(),
-    )
-
-
-def _whiteness_of(residual: WhitenedResidual) -> float:
-    """Return the p-value of the whiteness of a residual."""
-    B = residual.f.size
-    ends = np.unique(np.geomspace(min(FIRST_POINT, B // 2), B, N_POINTS).astype(int))
-    starts = np.concatenate([[0], ends[:-1]])
-    bins = np.arange(B)
-    intervals = (bins >= starts[:, None]) & (bins < ends[:, None])
-    covariance = np.cumsum(np.cumsum(residual.power_covariance(intervals), axis=0), axis=1)
-    return _whiteness(residual.power, ends, covariance)
-
-
-def _whiteness(power: Array, ends: NDArray[np.intp], covariance: Array) -> float:
-    """Return the p-value of the largest departure of the cumulative periodogram from a straight line.
-
-    Parameters
-    ----------
-    power : ndarray, shape (B,)
-        Of the bins.
-    ends : ndarray of int, shape (P,)
-        Numbers of bins over which the power is summed.
-    covariance : ndarray, shape (P, P)
-        Of these sums.
-    """
-    # of the share of power, which leaves the level to chi^2: the walk becomes a bridge
-    bridge = np.eye(ends.size) - np.outer(ends / power.size, np.arange(ends.size) == ends.size - 1)
-    covariance = (bridge @ covariance @ bridge.T)[:-1, :-1]
-    departure = (np.cumsum(power)[ends - 1] / power.mean() - ends)[:-1]
-    values, vectors = np.linalg.eigh(covariance)
-    root = vectors * np.sqrt(np.maximum(values, 0))
-    sigma = np.sqrt(np.diag(covariance))
-    draws = np.max(np.abs(_normal_draws(sigma.size) @ (root.T / sigma)), axis=1)
-    return float((1 + np.count_nonzero(draws >= np.max(np.abs(departure) / sigma))) / (1 + N_DRAWS))
-
-
-@lru_cache(maxsize=4)  # 4 MB each; most runs of a campaign have the same number of points
-def _normal_draws(size: int) -> Array:
-    draws = np.random.default_rng(0).standard_normal((N_DRAWS, size))
-    draws.setflags(write=False)
-    return draws
+    return Diagnostics(chi2_red=power / n_free, chi2_red_sigma=math.sqrt(max(variance, 0.0)) / n_bins)

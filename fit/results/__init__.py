@@ -1,7 +1,6 @@
 """The results of a calibration: what they hold, how they came about, their JSON form and their folder."""
 
 from fit.results.estimates import (
-    QUANTILES,
     Bound,
     Constraint,
     ConstraintKind,
@@ -29,7 +28,6 @@ from fit.results.results import (
 )
 
 __all__ = [
-    "QUANTILES",
     "Bound",
     "Constraint",
     "ConstraintKind",

@@ -13,10 +13,8 @@ from fit.tables import FIXED, measurement, rounded, withheld
 from fit.units import campaign_unit, concise_value, prior_text
 
 CONFIG = ConfigDict(arbitrary_types_allowed=True, allow_inf_nan=False)
-QUANTILES = 27  # of a residual
 ConstraintKind = Literal["fixed", "tied", "prior", "bounds"]
 Bound = Literal["min", "max"]
-_Score = Annotated[float, Field(ge=-1e9, le=1e9)]
 _Number = Annotated[float, Field(ge=-1e100, le=1e100)]  # its square is still a number
 
 
@@ -140,20 +138,10 @@ class Diagnostics:
     ----------
     chi2_red, chi2_red_sigma : float
         chi^2 over its degrees of freedom, 1 expected, and the scatter to expect.
-    whiteness : float
-        p-value of the cumulative periodogram: how often noise departs farther from the shape of the model.
-    kurtosis, kurtosis_sigma : float
-        Excess kurtosis of the normalised residual, 0 expected, and the scatter to expect.
-    quantiles : list of float
-        Of the normalised residual at `NORMAL_SCORES` of `fit.quality`, which they should equal.
     """
 
     chi2_red: float
     chi2_red_sigma: float
-    whiteness: float
-    kurtosis: float
-    kurtosis_sigma: float
-    quantiles: Annotated[list[_Score], Field(min_length=QUANTILES, max_length=QUANTILES)]
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""Level, whiteness and tails of residuals, on noise made here."""
+"""Level of residuals, on noise made here."""
 
 from dataclasses import replace
 
@@ -7,7 +7,7 @@ import pytest
 
 from fit.fitting.experiment_and_joint_fit import fit_experiment
 from fit.quality.fit_quality import as_fit
-from fit.quality.noise_tests import NORMAL_SCORES, WhitenedResidual, diagnose, diagnostics
+from fit.quality.noise_tests import WhitenedResidual, diagnose, diagnostics
 from fit.results import Results, load, write
 from fit.results.provenance import Provenance
 from fit.spectra import windowing
@@ -55,36 +55,19 @@ def several(count, seed, **options):
 
 @pytest.mark.slow
 @pytest.mark.stat
-def test_false_positives():
-    # 150 runs: p < 0.1 is binomial about 0.1, of standard deviation 0.025; 3.5 of these are false once in
-    # 2000, seed fixed. 2000 runs, not part of the suite, gave 0.0085, 0.055 and 0.1085 below 0.01, 0.05, 0.1.
+def test_the_level_scatters_as_its_sigma_states():
+    # 150 runs, seed fixed
     found = several(150, seed=1)
-    assert np.mean([d.whiteness < 0.1 for d in found]) == pytest.approx(0.1, abs=0.086)
-    assert np.mean([d.whiteness < 0.5 for d in found]) == pytest.approx(0.5, abs=0.15)
     level = np.array([d.chi2_red for d in found])
     sigma = found[0].chi2_red_sigma
     assert level.mean() == pytest.approx(1, abs=4 * sigma / np.sqrt(150))
     assert level.std() == pytest.approx(sigma, rel=0.25)
-    kurtosis = np.array([d.kurtosis for d in found])
-    assert kurtosis.std() == pytest.approx(found[0].kurtosis_sigma, rel=0.3)
-    assert abs(kurtosis.mean()) < 0.5 * kurtosis.std()
-    np.testing.assert_allclose(np.mean([d.quantiles for d in found], axis=0), NORMAL_SCORES, atol=0.1)
 
 
 @pytest.mark.stat
-def test_what_is_wrong_is_seen_where_it_is():
-    # each departure is some ten standard deviations, seed fixed
-    louder, steeper = several(1, seed=4, level=1.2)[0], several(1, seed=4, slope=20.0)[0]
+def test_noise_that_is_louder_than_that_of_the_noise_run_is_seen():
+    louder = several(1, seed=4, level=1.2)[0]
     assert louder.chi2_red == pytest.approx(1.44, abs=5 * louder.chi2_red_sigma)
-    assert abs(louder.kurtosis) < 5 * louder.kurtosis_sigma
-    assert louder.whiteness > 0.01  # the level is not its business
-    assert steeper.whiteness < 1e-3
-    rng = np.random.default_rng(5)
-    n = 2160
-    z = (rng.standard_t(5, n) + 1j * rng.standard_t(5, n)) / np.sqrt(5 / 3)
-    tailed = diagnostics_beside(noise(rng, 6 * HOURS), noise(rng, 8 * HOURS), z=z)
-    assert tailed.kurtosis > 10 * tailed.kurtosis_sigma
-    assert tailed.quantiles[-1] > NORMAL_SCORES[-1] + 0.3
 
 
 def outcome(runs):
@@ -98,8 +81,6 @@ def test_an_experiment_and_what_a_wrong_model_leaves_of_it(tmp_path):
     right = diagnose(experiment, found)
     assert right.chi2_red == pytest.approx(found.solution.chi2 / found.solution.dof, rel=2e-3)
     assert abs(right.chi2_red - 1) < 4 * right.chi2_red_sigma
-    assert right.whiteness > 1e-3
-    assert (len(right.quantiles), right.quantiles) == (NORMAL_SCORES.size, sorted(right.quantiles))
 
     names = [p.name for p in found.parameters]
     theta = found.solution.theta.copy()
@@ -107,7 +88,6 @@ def test_an_experiment_and_what_a_wrong_model_leaves_of_it(tmp_path):
     solution = replace(found.solution, theta=theta, covariance=0 * found.solution.covariance)
     wrong = diagnose(experiment, replace(found, solution=solution))
     assert wrong.chi2_red > right.chi2_red + 10 * right.chi2_red_sigma
-    assert wrong.whiteness < 1e-3
 
 
 def test_a_run_without_noise_run():
@@ -116,7 +96,6 @@ def test_a_run_without_noise_run():
     found = diagnose(experiment, fit_experiment(experiment))
     assert found.chi2_red == pytest.approx(1, abs=0.01)
     assert found.chi2_red_sigma == pytest.approx(0, abs=1e-6)
-    assert found.whiteness > 1e-3
 
 
 def test_diagnostics_survive_the_file(tmp_path):
