@@ -35,7 +35,8 @@ def faulty(archive: Path, path: Path, *, load: str = "", step: str = "") -> Path
         source.extractall(folder)
     file = folder / "sources" / "fmi2.c"
     text = _HEAD + file.read_text()
-    for old, new in ((_GET, _SPOILT_GET), (_STEP, step + "\n" + _STEP), (_LOAD, load + "\n" + _LOAD)):
+    load = f"    broken = 0;\n{load}\n"  # a process keeps the library for its next run
+    for old, new in ((_GET, _SPOILT_GET), (_STEP, f"{step}\n{_STEP}"), (_LOAD, load + _LOAD)):
         assert text.count(old) == 1
         text = text.replace(old, new)
     file.write_text(text)
