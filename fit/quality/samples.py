@@ -29,7 +29,6 @@ NEARBY = 2000  # samples about a stretch that show how often noise and rounding 
 MAX_SHARE = 0.01  # of differences that are zero, beyond those that rounding makes
 MAX_CHANCE = 0.1  # share of these, from which nothing is said
 QUIET = 5.0  # times that share of a run, in its quiet parts
-SMOOTH = 1e-3  # of second differences, fourth ones of a simulation without noise
 WINDOW = 31  # second differences that show the noise around one
 LIMIT = 30.0  # their medians, from which a second difference is apart: noise and motion make up to 15
 FLOOR = 0.1  # of the median of all second differences: least noise
@@ -76,10 +75,8 @@ def sample_faults(run: Telemetry, name: str, x: Array, n_channels: int = 1) -> I
         return
     # that rounding makes a difference zero, at most
     chance = resolution(x) / max(min(_typical(x, order) for order in (1, 2)), 1e-300)
-    if chance > MAX_CHANCE or _typical(x, 4) < SMOOTH * _typical(x, 2):
-        return
     flat = _flat(x)
-    if not _has_noise(x, flat):
+    if chance > MAX_CHANCE or not _has_noise(x, flat):
         return
     stretches = _flat_stretches(flat, p_limit("straight lines", n_channels * x.size))
     authority = saturation.limits(run).get(name, 0.0)
