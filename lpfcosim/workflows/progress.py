@@ -4,6 +4,8 @@ import logging
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 
+from fit.errors import InputError, shown
+
 _log = logging.getLogger("lpfcosim")
 
 
@@ -45,3 +47,18 @@ class Progress:
 
 
 LOG = Progress()
+
+
+def check_options(progress: object, **flags: object) -> None:
+    """Refuse a progress that is none, and flags that are not True or False.
+
+    Raises
+    ------
+    InputError
+        For arguments of another type.
+    """
+    if not isinstance(progress, Progress):
+        raise InputError(f"progress: {shown(progress)}, expected lpfcosim.Progress")
+    for name, value in flags.items():
+        if not isinstance(value, bool):
+            raise InputError(f"{name}: {shown(value)}, expected True or False")

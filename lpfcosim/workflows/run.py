@@ -22,7 +22,7 @@ from lpfcosim.messages import grouped, names
 from lpfcosim.workflows.calibration import Calibration, calibrate_into
 from lpfcosim.workflows.campaigns import CampaignLike, PathLike, as_path, resolve
 from lpfcosim.workflows.forecast import Forecast, forecast_or_reason
-from lpfcosim.workflows.progress import LOG, Progress
+from lpfcosim.workflows.progress import LOG, Progress, check_options
 from lpfcosim.workflows.simulate import campaign_fmus, failure_causes, simulate_into
 from lpfcosim.workflows.transfer_functions import transfer_functions
 
@@ -99,6 +99,7 @@ def run(
     RunError
         If no experiment is complete, or the fit of those that are yields nothing.
     """
+    check_options(progress, rerun=rerun, trusted=trusted)
     plan, source = resolve(campaign)
     directory = output_folder(out, plan, source)
     options = runner.RunOptions(jobs, executor, time_limit, rerun=rerun)

@@ -14,7 +14,7 @@ from lpfcosim.messages import grouped
 from lpfcosim.modelica import build
 from lpfcosim.models import model_of
 from lpfcosim.workflows.campaigns import CampaignLike, PathLike, as_path, is_described_by_file, resolve
-from lpfcosim.workflows.progress import LOG, Progress
+from lpfcosim.workflows.progress import LOG, Progress, check_options
 
 
 @one_blas_thread
@@ -61,6 +61,7 @@ def simulate(
         If `check` would refuse the campaign (but runs may be short), or the folder holds other telemetry; if
         a run failed, after the others are finished.
     """
+    check_options(progress, fmus=fmus, rerun=rerun, trusted=trusted)
     plan, source = resolve(campaign)
     directory = as_path(folder, "the path of a folder")
     with prefix_errors(source):

@@ -71,7 +71,7 @@ def test_gradient_is_that_of_the_coefficients(component, tau):
 
 def test_columns_are_right_in_the_whole_band():
     world = World()
-    run = lisa.channels(lisa_loop.run(world, lisa_loop.sequence(1e-6)))
+    run = lisa.LISA.channels(lisa_loop.run(world, lisa_loop.sequence(1e-6)))
     assert run.parameters == PARAMETERS
     columns = np.concatenate(list(LISA.column_groups(run, delays(world))), axis=1)
     spectra = windowing.transform(columns, np.ones(len(columns), dtype=bool), run.fs)
@@ -104,11 +104,11 @@ def test_assemblies_that_turn_are_taken_off_the_attitude():
     channels = {"dws_phi_2": still.channels["dws_phi_2"] + turning, "mosa_2": turning}
     channels["mosa_1"] = np.zeros(still.size)
     run = replace(still, channels={**still.channels, **channels})
-    phi = lisa.channels(still).series["phi"]
-    np.testing.assert_allclose(lisa.channels(run).series["phi"], phi, atol=1e-18)
+    phi = lisa.LISA.channels(still).series["phi"]
+    np.testing.assert_allclose(lisa.LISA.channels(run).series["phi"], phi, atol=1e-18)
 
 
 def test_geometry_that_is_no_number_is_refused():
     run = lisa_loop.run(World(), lisa_loop.sequence(1e-6), duration=3600)
     with pytest.raises(InputError, match=r"attribute d_y: 'half a metre', expected a number"):
-        lisa.channels(replace(run, attributes={"d_y": "half a metre"}))
+        lisa.LISA.channels(replace(run, attributes={"d_y": "half a metre"}))

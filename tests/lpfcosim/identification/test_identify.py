@@ -183,9 +183,7 @@ def test_telemetry_of_another_campaign_is_refused_before_anything_is_fitted(lpfc
 def test_where_nothing_is_determined_the_command_fails_and_says_why(identify, lpfcosim, done):
     _, warnings = identify("[identify]\nPlant.m_sc = {}", status=1)  # o_1 is imposed
     assert warnings["indeterminable"]["parameters"] == ["Plant.m_sc"]
-    assert lpfcosim("identify", done)[2].endswith(
-        "no parameter listed in [identify] is determined; the warnings give the reasons\n"
-    )
+    assert "the data determine no parameter" in lpfcosim("identify", done)[2]
 
 
 def test_from_noise_runs_alone_nothing_is_identified(lpfcosim, campaign):
