@@ -41,6 +41,7 @@ SHAPES: Mapping[str, Callable[[Spectrum], Spectrum]] = {
 }
 RESOLVED = 10.0  # s, tau from which shapes differ
 MAX_DURATION_FRACTION = 0.25  # of a run, that tau may take: what is longer passes for a drift
+FEW = 200  # times tau, of a run that shows its own noise
 MAD = 1.4826  # standard deviation of normal noise over its median deviation
 MARGIN, AFTER = 30.0, 4.0  # s before and after a glitch, and tau in which it dies away, that are masked
 PER_CYCLE = 4  # instants in a cycle of the highest frequency, at which glitches are looked for
@@ -321,7 +322,8 @@ def matched_filters(
             template *= scale / np.linalg.norm(template)
             output = windowing.inverse_transform((residual * template)[:, None], terms.first, m)[:, 0]
             output = np.abs(output)
-            sigma = max(MAD * float(np.median(output[visible])), least) if visible.any() else 0.0
+            floor = least if n / fs > FEW * tau else 1.0  # too few are independent for a median
+            sigma = max(MAD * float(np.median(output[visible])), floor) if visible.any() else 0.0
             ratio = output / (sigma * limit) if sigma else np.zeros(m)
             yield FilterOutput(name, float(tau), ratio, n / m / fs)
 
