@@ -33,17 +33,20 @@ def simulate(tmp_path_factory):
         table = np.zeros(len(columns["time"]), dtype=[(n, float) for n in columns])
         for name, values in columns.items():
             table[name] = values
+        scalars = {v.name for v in description.modelVariables}
+        parts = {name: [name] if name in scalars else [f"{name}[{i}]" for i in (1, 2, 3)] for name in output}
         result = fmpy.simulate_fmu(
             folder, model_description=description, stop_time=stop, output_interval=h,
-            input=table if signals else None, start_values=start or {}, output=output,
+            input=table if signals else None, start_values=start or {}, output=[part for names in parts.values() for part in names],
         )  # fmt: skip
-        return {name: result[name] for name in ("time", *output)}
+        series = {name: np.stack([result[part] for part in names], axis=-1) for name, names in parts.items()}
+        return {"time": result["time"], **{n: x[:, 0] if x.shape[1] == 1 else x for n, x in series.items()}}
 
     return run
 
 
 def vector(name, values):
-    return {name: [float(x) for x in values]}
+    return {f"{name}[{i}]": float(x) for i, x in enumerate(values, start=1)}
 
 
 def rate(Omega):
