@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 from fit.errors import FitError
 from fit.false_alarms import p_limit
 from fit.fitting import IRLSResult
+from fit.model import dynamics
 from fit.parallel import parallel_map
 from fit.quality.exclusions import Exclusion
 from fit.settings import Settings
@@ -39,6 +40,8 @@ BLOCK = 300.0  # s
 SHORTEST = 7200.0  # s, period: injections last as long
 INDEPENDENT = 3e-3  # share of a wave that refitted columns must leave
 RANK = 1e-9  # of an information matrix
+REMAINING = 1e-2  # probability below which a drift of the equation shows without any one run too
+NOISY = frozenset(dynamics.CROSS_TALK)  # columns with the read-out noise of the spacecraft's motion
 WIDESPREAD, MIN_RUNS = 1 / 3, 3  # share of the runs, and number, from which a drift is one of the equation
 
 
@@ -130,7 +133,11 @@ def block_sums(run: WhitenedRun, theta: Array, free: Collection[str] | None = No
     driven = np.any(of_columns, axis=1)
     # the delay of a command multiplies its slope
     moving = {name for name, bins in zip(names, of_columns.T, strict=True) if bins.any()}
-    present = [k for k, name in enumerate(names) if {name, name.removeprefix("d")} & moving]
+    present = [
+        k
+        for k, name in enumerate(names)
+        if {name, name.removeprefix("d")} & moving and name not in NOISY  # whose noise passes for a change
+    ]
     excess = float(np.mean(np.abs(U @ c) ** 2)) / 2
     U = U / np.sqrt(windowing.variance_factor(run.window) * max(1.0, excess))
     own = [free is None or name in free for name in run.equation.parameters]
@@ -292,11 +299,14 @@ def of_joint(fit: IRLSResult, settings: Settings) -> list[FitWarning]:
     for block in blocks:
         of_equation.setdefault(block.equation.name, []).append(block)
     limit = p_limit("drift in all runs", len(of_equation))
-    found = [
-        find_drift([block_sums(run, fit.solution.theta, free) for run in runs], limit)
-        for runs in of_equation.values()
-    ]
-    return [_warning(f"in {len(fit.whitened_runs)} runs together {drift.words}") for drift in found if drift]
+    found = []
+    for runs in of_equation.values():
+        sums = [block_sums(run, fit.solution.theta, free) for run in runs]
+        drift = find_drift(sums, limit)
+        # what one run alone shows, such as the rest of a glitch, is none of the equation
+        if drift and all(find_drift([*sums[:i], *sums[i + 1 :]], REMAINING) for i in range(len(sums))):
+            found.append(drift)
+    return [_warning(f"in {len(fit.whitened_runs)} runs together {drift.words}") for drift in found]
 
 
 def _blocks(fit: IRLSResult) -> list[WhitenedRun]:

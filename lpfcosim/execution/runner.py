@@ -193,6 +193,8 @@ def _completed_runs(
     complete = set()
     for name, path in paths.items():
         attributes = root_attributes(path)
+        if attributes is None and matches[name]:
+            raise InputError(f"{path}: has the checksum of a complete run, but cannot be read; not replaced")
         if attributes is None or matches[name] is False:
             continue  # missing or damaged
         mismatch = provenance.mismatch(attributes)
