@@ -98,7 +98,8 @@ class Workers:
     def __post_init__(self) -> None:
         if self.jobs is not None and not (isinstance(self.jobs, int) and self.jobs >= 1):
             raise InputError(f"jobs: {self.jobs!r}, expected one or more processes")
-        if self.time_limit is not None and not self.time_limit > 0:
+        is_time = isinstance(self.time_limit, int | float) and self.time_limit > 0
+        if self.time_limit is not None and not is_time:
             raise InputError(f"time_limit: {self.time_limit!r}, expected a time in s")
 
     def results(
@@ -144,7 +145,10 @@ class Workers:
 
 def _on_executor(executor: Executor, tasks: Tasks) -> Generator[tuple[str, Any]]:
     function = worker.pickled(tasks.function)
-    names = {executor.submit(worker.execute, function, item): name for name, item in tasks.items.items()}
+    try:
+        names = {executor.submit(worker.execute, function, item): name for name, item in tasks.items.items()}
+    except RuntimeError as error:  # it was shut down
+        raise RunError(f"{type(executor).__name__}: {error}") from error
     try:
         for future in as_completed(names):
             outcome: Any

@@ -127,12 +127,12 @@ def simulate(
     queue = dict(sorted(missing.items(), key=lambda item: -item[1].n_samples))  # all workers end together
     tasks = Tasks(task, queue, directory, directory.parent / "logs", models=fmu_order(campaign))
     tasks.remove_empty_logs()  # of a command that was killed
+    if fmus and missing:
+        engine_library()  # built once, here, and not in every worker; if it cannot be, nothing is removed
     if missing:
         checksums.remove(map(paths.__getitem__, missing))
         for name in missing:  # lest files of two campaigns lie side by side, should this be killed
             paths[name].unlink(missing_ok=True)
-    if fmus and missing:
-        engine_library()  # built once, here, and not in every worker
 
     def on_progress(name: str, n_samples: int) -> None:  # the last sample counts when the file is complete
         callbacks.on_progress(name, min(n_samples, missing[name].n_samples - 1))
