@@ -304,7 +304,8 @@ def of_joint(fit: IRLSResult, settings: Settings) -> list[FitWarning]:
         sums = [block_sums(run, fit.solution.theta, free) for run in runs]
         drift = find_drift(sums, limit)
         # what one run alone shows, such as the rest of a glitch, is none of the equation
-        if drift and all(find_drift([*sums[:i], *sums[i + 1 :]], REMAINING) for i in range(len(sums))):
+        others = [[*sums[:i], *sums[i + 1 :]] for i in range(len(sums))] if len(sums) > 1 else []
+        if drift and all(find_drift(rest, REMAINING) for rest in others):
             found.append(drift)
     return [_warning(f"in {len(fit.whitened_runs)} runs together {drift.words}") for drift in found]
 
