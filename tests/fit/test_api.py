@@ -1,8 +1,6 @@
 """What a notebook needs: names that cost nothing, the values of the command line, displays that are sound."""
 
 import json
-import subprocess
-import sys
 from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
@@ -28,7 +26,6 @@ from tests.oracles.synthetic import World, pair
 from tests.test_docs import Runner, blocks
 
 DOCUMENT = ROOT / "docs" / "python.md"
-HEAVY = ("numpy", "scipy", "lmfit", "matplotlib", "h5py", "pandas", "pydantic", "fmpy", "xarray")
 
 
 @pytest.fixture(scope="module")
@@ -57,20 +54,6 @@ def results(runs):
 
 
 # Names ----------------------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize(
-    ("statement", "modules"),
-    [
-        ("import fit", HEAVY),
-        ("import lpfcosim", HEAVY),
-        ("from fit import calibrate", ("lmfit", "pandas", "matplotlib", "scipy.signal", "scipy.optimize")),
-    ],
-)
-def test_imports_read_in_no_heavy_library(statement, modules):
-    code = f"{statement}; import sys; print([m for m in {modules} if m in sys.modules])"
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stdout.strip() == "[]"
 
 
 @pytest.mark.parametrize("package", [fit, simulator], ids=lambda package: package.__name__)
@@ -114,13 +97,6 @@ def test_load_converts_what_a_map_describes(archived, tmp_path):
         sorted(loaded, key=lambda r: r.run), sorted(archived, key=lambda r: r.run), strict=True
     ):
         np.testing.assert_array_equal(one.channels["o_12"], other.channels["o_12"])
-
-
-@pytest.mark.parametrize("folder", ["file", "file/telemetry", "n" * 300])
-def test_a_folder_that_cannot_be_written_is_named(folder, archived, tmp_path):
-    (tmp_path / "file").write_text("not a folder", encoding="utf-8")
-    with pytest.raises(fit.FitError, match=f"^{folder}: cannot be written .*, expected a folder$"):
-        fit.load("flight.toml", folder=folder)
 
 
 # Results --------------------------------------------------------------------------------------------------
@@ -186,12 +162,6 @@ def test_estimates_and_covariance_as_data_frames(results):
     np.testing.assert_array_equal(results.joint.covariance(), covariance)
 
 
-def test_without_xarray_the_sentence_names_the_extra(runs, monkeypatch):
-    monkeypatch.setitem(sys.modules, "xarray", None)
-    with pytest.raises(fit.InputError, match=r"needs xarray, of the extra lpfcosim\[notebook\]"):
-        runs[0].to_xarray()
-
-
 def test_the_table_of_latex_has_every_parameter_of_the_joint_fit(results):
     lines = results.to_latex().splitlines()
     assert (lines[0], lines[-1]) == (r"\begin{tabular}{lll}", r"\end{tabular}")
@@ -210,11 +180,6 @@ def test_the_table_of_latex_has_every_parameter_of_the_joint_fit(results):
     table = replace(results, joint=joint).to_latex()
     row = r"$\omega^2_{2,0}$ & $-3.983(53) \times 10^{-7}$ & $\mathrm{s}^{-2}$ & tied to omega2\_1\_0 \\"
     assert row in table and r"& prior 0.186 $\pm$ 0.0005 \\" in table
-    unsound = replace(joint, warnings=(FitWarning("contradiction", (), ""),))
-    assert r"$-3.983(?) \times 10^{-7}$" in replace(results, joint=unsound).to_latex()
-    assert str(unsound["omega2_2_0"]).startswith("-3.983(?)e-07 s^-2")
-    single = replace(results, joint=None, experiments={"A_1 & 50%": results.experiments["D"]})
-    assert r"experiment A\_1 \& 50\% & " in single.to_latex()
 
 
 # Arrays with units ----------------------------------------------------------------------------------------
@@ -356,12 +321,6 @@ def test_figures_show_themselves_and_their_numbers(results, runs, tmp_path):
 
 
 # Simulation -----------------------------------------------------------------------------------------------
-
-
-def test_a_folder_that_cannot_be(campaign, tmp_path):
-    (tmp_path / "file").touch()
-    with pytest.raises(simulator.InputError, match="cannot be made or locked"):
-        simulator.simulate(campaign, tmp_path / "file", fmus=False)
 
 
 @pytest.mark.fmu
