@@ -268,7 +268,7 @@ def _together(
     of_runs = [w for w in agreed.warnings if not (contradictions and w.code == "contradiction")]
     exclusions = (*campaign.exclusions, *agreed.left_out)
     of_runs += exclusion_warnings(exclusions, len(agreed.experiments))
-    warnings = (*contradictions, *of_runs, *drifts.of_joint(agreed.outcome, chosen), *test.warnings())
+    warnings = (*contradictions, *of_runs, *drifts.of_joint(agreed.outcome), *test.warnings())
     fit = _warned(fit_quality.as_fit(outcome, agreed.experiments), warnings)
     if agreed.test:
         exclusions = explain_exclusions(

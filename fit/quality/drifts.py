@@ -6,15 +6,15 @@ cosine, with the residual r of the fit and what is refitted projected out,
 
     chi^2 = G' A^-1 G ,    G = (d cos, d sin)' r ,    A = (d cos, d sin)' P (d cos, d sin) .
 
-A slope and a step are waves as well, of about twice the run. Runs need not agree on the phase, so that the
-chi^2 of several runs has two degrees of freedom for each of them. Gains and delays that all runs share are
-refitted in every run, which leaves their scatter between runs out of the test; all else is refitted jointly.
+A slope and a step are waves as well, of about twice the run. All parameters are refitted in every run, which
+leaves their scatter between runs out of the test. Runs need not agree on the phase, so that the chi^2 of
+several runs has two degrees of freedom for each of them.
 
-Only bins that some column drives count: elsewhere the commands answer the noise. Waves are slow, so that
-whitening and multiplication commute, and sums over products of series are those of blocks of `BLOCK`.
+Only bins that some column drives count: elsewhere the commands answer the noise. Sums over products of series
+are those of blocks of `BLOCK`.
 """
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -27,7 +27,6 @@ from fit.fitting import IRLSResult
 from fit.model import dynamics
 from fit.parallel import parallel_map
 from fit.quality.exclusions import Exclusion
-from fit.settings import Settings
 from fit.spectra import windowing
 from fit.warnings import Cause, FitWarning
 from fit.whitening import Experiment, WhitenedRun, whitened_run
@@ -37,12 +36,28 @@ Array = NDArray[np.float64]
 DRIFT = "drift"  # code of the warning
 DRIVEN = 10.0  # amplitude of the term of a column, in units of the noise, from which a bin is driven
 BLOCK = 300.0  # s
-SHORTEST = 7200.0  # s, period: injections last as long
+SHORTEST = 1800.0  # s, period: six blocks
 INDEPENDENT = 3e-3  # share of a wave that refitted columns must leave
-RANK = 1e-9  # of an information matrix
 REMAINING = 1e-2  # probability below which a drift of the equation shows without any one run too
 NOISY = frozenset(dynamics.CROSS_TALK)  # columns with the read-out noise of the spacecraft's motion
 WIDESPREAD, MIN_RUNS = 1 / 3, 3  # share of the runs, and number, from which a drift is one of the equation
+
+
+@dataclass(frozen=True)
+class Waves:
+    """What waves of N periods do in one coefficient of one run.
+
+    Attributes
+    ----------
+    chi2, dof : ndarray, shape (N,)
+        By how much chi^2 falls, for how many degrees of freedom.
+    amplitude : ndarray, shape (N,)
+        Of the coefficient, over it.
+    """
+
+    chi2: Array
+    dof: Array
+    amplitude: Array
 
 
 @dataclass(frozen=True)
@@ -56,21 +71,19 @@ class Drift:
     period : float
         Of the wave that fits best [s].
     amplitude : float
-        Its size over the coefficient, root mean square of the runs; infinite for a coefficient of zero.
-    chi2, dof : float, int
+        Its size over the coefficient, root mean square of the runs; large for a coefficient of zero.
+    chi2, dof : float
         By how much chi^2 falls, for how many degrees of freedom.
+    p : float
+        Probability that noise does that.
     """
 
     column: str
     period: float
     amplitude: float
     chi2: float
-    dof: int
-
-    @property
-    def p(self) -> float:
-        """The probability that noise does that."""
-        return float(scipy.special.chdtrc(self.dof, self.chi2))
+    dof: float
+    p: float
 
     @property
     def words(self) -> str:
@@ -78,173 +91,83 @@ class Drift:
         size = f" by {100 * self.amplitude:.2g} %" if self.amplitude < 1 else ""
         return (
             f"the coefficient of {self.column} changes{size} within the run, as a drift or a wave of "
-            f"{self.period / 3600:.2g} h does (chi2 = {self.chi2:.4g} for {self.dof} degrees of freedom)"
+            f"{self.period / 3600:.2g} h does (chi2 = {self.chi2:.4g} for {self.dof:.0f} degrees of freedom)"
         )
 
 
-@dataclass(frozen=True)
-class BlockSums:
-    """Products of the series of a whitened run, summed over blocks.
-
-    Attributes
-    ----------
-    time : ndarray, shape (G,)
-        Of the blocks, from the middle of the run [s].
-    duration : float
-        Of the run [s].
-    coefficients : mapping of str to float
-        By column.
-    columns : mapping of str to tuple of ndarray
-        By column, products of its driven part with the residual, shape (G,), with itself, (G,), with what is
-        refitted in the run, (G, Q), and with what is refitted jointly, (G, P).
-    information, score : ndarray, shapes (P, P) and (P,)
-        Of what is refitted jointly.
-    scale : ndarray, shape (P,)
-        Sizes of its columns before what is refitted in the run is projected out.
-    """
-
-    time: Array
-    duration: float
-    coefficients: Mapping[str, float]
-    columns: Mapping[str, tuple[Array, Array, Array, Array]]
-    information: Array
-    score: Array
-    scale: Array
-
-
-def block_sums(run: WhitenedRun, theta: Array, free: Collection[str] | None = None) -> BlockSums:
-    """Return the sums of a whitened run, with a window, at theta, shape (P,).
+def find_drift(runs: Sequence[Mapping[str, Waves]], periods: Array, limit: float) -> list[Drift]:
+    """Return the coefficient that changes most clearly within runs, nothing if none does.
 
     Parameters
     ----------
-    run : WhitenedRun
-        In one equation.
-    theta : ndarray, shape (P,)
-        Estimate of a fit.
-    free : collection of str, optional
-        Parameters of the run that are refitted in it, by default all of them.
-    """
-    assert run.window is not None and run.f is not None
-    c, names = run.coefficients(theta), run.equation.columns
-    U = run.columns * np.sqrt(run.weights.fit)[:, None]
-    of_columns = np.abs(U * c) > DRIVEN
-    if run.noise:  # below its knots the PSD is an extrapolation
-        of_columns &= (np.log(run.f) > run.noise.knots[0] - 1e-9)[:, None]
-    driven = np.any(of_columns, axis=1)
-    # the delay of a command multiplies its slope
-    moving = {name for name, bins in zip(names, of_columns.T, strict=True) if bins.any()}
-    present = [
-        k
-        for k, name in enumerate(names)
-        if {name, name.removeprefix("d")} & moving and name not in NOISY  # whose noise passes for a change
-    ]
-    excess = float(np.mean(np.abs(U @ c) ** 2)) / 2
-    U = U / np.sqrt(windowing.variance_factor(run.window) * max(1.0, excess))
-    own = [free is None or name in free for name in run.equation.parameters]
-    basis = _orthonormal(whitened_run.as_real(U @ run.run_gradient(theta)[:, own]))
-    joint, residual = whitened_run.as_real(U @ run.gradient(theta)), whitened_run.as_real((U @ c)[:, None])
-    scale = np.linalg.norm(joint, axis=0)
-    joint, residual = (x - basis @ (basis.T @ x) for x in (joint, residual))
-    shared = np.flatnonzero(np.linalg.norm(joint, axis=0) > RANK * np.maximum(scale, 1e-300))
-    numbers = np.cumsum([1, basis.shape[1], shared.size])
-    parts = [_as_complex(x) for x in (residual, basis, joint[:, shared])]
-    series, duration = _series(run, np.hstack([*parts, np.where(driven[:, None], U[:, present], 0)]))
-    r, Q, joint_series, D = np.split(series, numbers, axis=1)
-    size = max(1, round(BLOCK * len(series) / duration))
-
-    def sums(x: Array) -> Array:
-        return np.add.reduceat(x, np.arange(0, len(x), size), axis=0)
-
-    columns = {}
-    for k, d in zip(present, D.T[:, :, None], strict=True):
-        of_joint = np.zeros((-(-len(d) // size), theta.size))
-        of_joint[:, shared] = sums(d * joint_series)
-        columns[names[k]] = sums(d * r)[:, 0], sums(d * d)[:, 0], sums(d * Q), of_joint
-    n_blocks = -(-len(series) // size)
-    time = (np.arange(n_blocks) + 0.5) * size * duration / len(series) - duration / 2
-    coefficients = dict(zip(names, c.tolist(), strict=True))
-    score = joint.T @ residual[:, 0]
-    return BlockSums(time, duration, coefficients, columns, joint.T @ joint, score, scale)
-
-
-def _orthonormal(columns: Array) -> Array:
-    norms = np.linalg.norm(columns, axis=0)
-    return np.asarray(np.linalg.qr(columns[:, norms > 0] / norms[norms > 0])[0])
-
-
-def _as_complex(x: Array) -> NDArray[np.complex128]:
-    """Return bins from their real and imaginary parts in turn, shape (B, ...)."""
-    return np.ascontiguousarray(x.T).view(np.complex128).T
-
-
-def _series(run: WhitenedRun, columns: NDArray[np.complex128]) -> tuple[Array, float]:
-    """Return columns as series, whose products sum up to those of the bins, and the duration [s]."""
-    assert run.window is not None and run.f is not None
-    n = run.window.size
-    m = min(scipy.fft.next_fast_len(4 * (run.first_bin + len(columns)), real=True), n)
-    return windowing.inverse_transform(columns, run.first_bin, m) * np.sqrt(m / 2), run.first_bin / run.f[0]
-
-
-def find_drift(runs: Sequence[BlockSums], limit: float) -> Drift | None:
-    """Return the coefficient that changes most clearly within runs, None if none does.
-
-    Parameters
-    ----------
-    runs : sequence of BlockSums
-        Of one fit.
+    runs : sequence of mapping of str to Waves
+        By column, of runs in one equation.
+    periods : ndarray, shape (N,)
+        Of the waves [s].
     limit : float
         Probability of a false alarm.
     """
-    step, covariance = _joint(runs)
-    n_periods = max(1, int(2 * max((run.duration for run in runs), default=0.0) / SHORTEST))
-    columns = dict.fromkeys(name for run in runs for name in run.columns)
-    drifts = (
-        drift
-        for name in columns
-        for n in range(1, n_periods + 1)
-        if (drift := _wave(runs, name, n_periods * SHORTEST / n, step, covariance))
-    )
-    best = min(drifts, key=lambda drift: (drift.p, -drift.chi2), default=None)
-    return best if best and best.p * n_periods * len(columns) < limit else None
+    drifts = []
+    for name in dict.fromkeys(name for run in runs for name in run):
+        of_runs = [run[name] for run in runs if name in run]
+        chi2, dof = (np.sum([getattr(w, key) for w in of_runs], axis=0) for key in ("chi2", "dof"))
+        amplitude = np.sqrt(np.mean([w.amplitude**2 for w in of_runs], axis=0))
+        p = scipy.special.chdtrc(np.maximum(dof, 1), chi2)
+        n = int(np.lexsort((-chi2, p))[0])
+        drifts.append(Drift(name, *(float(x[n]) for x in (periods, amplitude, chi2, dof, p))))
+    drifts.sort(key=lambda drift: (drift.p, -drift.chi2))
+    return [drift for drift in drifts[:1] if drift.p * periods.size * len(drifts) < limit]
 
 
-def _joint(runs: Sequence[BlockSums]) -> tuple[Array, Array]:
-    """Return step and covariance of the parameters that are refitted jointly, shapes (P,) and (P, P)."""
-    scale = np.sqrt(sum(run.scale**2 for run in runs))
-    scale = np.where(scale > 0, scale, 1.0)
-    information = sum(run.information for run in runs) / np.outer(scale, scale)
-    covariance = np.linalg.pinv(information, RANK, hermitian=True) / np.outer(scale, scale)
-    return covariance @ sum(run.score for run in runs), covariance
+def wave_periods(runs: Sequence[WhitenedRun]) -> Array:
+    """Return the periods of waves [s] that runs are tested for, shape (N,)."""
+    duration = max((run.first_bin / float(run.f[0]) for run in runs if run.f is not None), default=0.0)
+    return 2 * duration / np.arange(1, max(1, int(2 * duration / SHORTEST)) + 1)
 
 
-def _wave(
-    runs: Sequence[BlockSums], name: str, period: float, step: Array, covariance: Array
-) -> Drift | None:
-    """Return the wave of a coefficient, None where what is refitted leaves nothing of it."""
-    scores, squares, joint, coefficients = [], [], [], []
-    for run in (run for run in runs if name in run.columns):
-        r, dd, own, of_joint = run.columns[name]
-        phase = 2 * np.pi * run.time / period
-        waves = np.stack([np.cos(phase), np.sin(phase)])
-        own, of_joint = waves @ own, waves @ of_joint
-        scores.append(waves @ r - of_joint @ step)
-        squares.append((waves * dd @ waves.T, own @ own.T))
-        joint.append(of_joint)
-        coefficients.append(run.coefficients[name])
-    raw = np.concatenate([np.diag(whole) for whole, _ in squares])
-    if not np.all(raw > 0):
-        return None
-    J, unit = np.concatenate(joint), 1 / np.sqrt(raw)
-    A = scipy.linalg.block_diag(*(whole - projected for whole, projected in squares)) - J @ covariance @ J.T
-    values, vectors = np.linalg.eigh(A * np.outer(unit, unit))
-    left = values > INDEPENDENT
-    if not left.any():
-        return None
-    z = (vectors.T @ (np.concatenate(scores) * unit))[left]
-    amounts = vectors[:, left] @ (z / values[left]) * unit
-    sizes = np.hypot(*amounts.reshape(-1, 2).T) / np.maximum(np.abs(coefficients), 1e-300)
-    chi2 = float(np.sum(z**2 / values[left]))
-    return Drift(name, period, float(np.sqrt(np.mean(sizes**2))), chi2, int(np.count_nonzero(left)))
+def waves(run: WhitenedRun, theta: Array, periods: Array) -> dict[str, Waves]:
+    """Return by column what waves do in a run with a PSD and a window, at theta, shape (P,)."""
+    assert run.window is not None and run.f is not None
+    c, names = run.coefficients(theta), run.equation.columns
+    U = run.columns * np.sqrt(run.weights.fit)[:, None]
+    is_driven = np.abs(U * c) > DRIVEN
+    if run.noise:  # below its knots the PSD is an extrapolation
+        is_driven &= (np.log(run.f) > run.noise.knots[0] - 1e-9)[:, None]
+    driven_columns = {name for name, bins in zip(names, is_driven.T, strict=True) if bins.any()}
+    tested = [  # the delay of a command multiplies its slope; the noise of some columns passes for a change
+        k
+        for k, name in enumerate(names)
+        if {name, name.removeprefix("d")} & driven_columns and name not in NOISY and U[:, k].any()
+    ]
+    excess = max(1.0, float(np.mean(np.abs(U @ c) ** 2)) / 2)
+    U = U / np.sqrt(windowing.variance_factor(run.window) * excess)
+    refitted = whitened_run.as_real(U @ run.run_gradient(theta))
+    norms = np.linalg.norm(refitted, axis=0)
+    Q = np.linalg.qr(refitted[:, norms > 0] / norms[norms > 0])[0]
+    r = whitened_run.as_real((U @ c)[:, None])
+    real = np.hstack([r - Q @ (Q.T @ r), Q])
+    d = np.where(np.any(is_driven, axis=1)[:, None], U[:, tested], 0)
+    bins = np.hstack([np.ascontiguousarray(real.T).view(np.complex128).T, d])
+    m = min(scipy.fft.next_fast_len(4 * (run.first_bin + len(d)), real=True), run.window.size)
+    series = windowing.inverse_transform(bins, run.first_bin, m) * np.sqrt(m / 2)
+    step = run.first_bin / run.f[0] / m  # s
+    starts = np.arange(0, m, max(1, round(BLOCK / step)))
+    phase = 2 * np.pi * (starts + BLOCK / step / 2) * step / periods[:, None]
+    W = np.stack([np.cos(phase), np.sin(phase)], axis=1)
+    results = {}
+    for k, x in zip(tested, series[:, real.shape[1] :].T[:, :, None], strict=True):
+        products = np.add.reduceat(x * np.hstack([series[:, : real.shape[1]], x]), starts, axis=0)
+        G, of_refitted = W @ products[:, 0], W @ products[:, 1:-1]
+        whole = np.einsum("nig,g,njg->nij", W, products[:, -1], W)
+        unit = 1 / np.sqrt(np.maximum(np.diagonal(whole, axis1=1, axis2=2), 1e-300))
+        A = (whole - of_refitted @ of_refitted.swapaxes(1, 2)) * unit[:, :, None] * unit[:, None]
+        values, vectors = np.linalg.eigh(A)
+        z = np.einsum("nji,nj->ni", vectors, G * unit)
+        inverse = np.where(values > INDEPENDENT, 1 / np.maximum(values, INDEPENDENT), 0)
+        amounts = np.einsum("nij,nj->ni", vectors, z * inverse) * unit
+        amplitude = np.linalg.norm(amounts, axis=1) / max(abs(float(c[k])), 1e-300)
+        results[names[k]] = Waves(np.sum(z**2 * inverse, axis=1), np.sum(inverse > 0, axis=1), amplitude)
+    return results
 
 
 def exclusions(
@@ -261,53 +184,42 @@ def exclusions(
     """
     n = len(experiments)
 
-    def find(e: Experiment) -> Drift | None:
+    def find(e: Experiment) -> list[Drift]:
         fit = fits[e.name]
         if isinstance(fit, FitError):
-            return None
+            return []
         blocks = _blocks(fit)
-        sums = [[block_sums(block, fit.solution.theta)] for block in blocks]
-        found = [find_drift(one, p_limit("drift in a run", n * len(blocks))) for one in sums]
-        return min(filter(None, found), key=lambda drift: (drift.p, -drift.chi2), default=None)
+        periods, limit = wave_periods(blocks), p_limit("drift in a run", n * len(blocks))
+        tables = [waves(block, fit.solution.theta, periods) for block in blocks]
+        drifts = [drift for table in tables for drift in find_drift([table], periods, limit)]
+        return sorted(drifts, key=lambda drift: (drift.p, -drift.chi2))[:1]
 
-    drifts = zip(experiments, parallel_map(find, experiments, Experiment.samples), strict=True)
     causes = [
         Cause(
             e.name, drift.column, DRIFT, drift.amplitude, words=drift.words, file=str(e.sysid.telemetry.path)
         )
-        for e, drift in drifts
-        if drift
+        for e, drifts in zip(experiments, parallel_map(find, experiments, Experiment.samples), strict=True)
+        for drift in drifts
     ]
     if causes and len(causes) >= max(min(MIN_RUNS, n), WIDESPREAD * n):
         return [], [_warning("; ".join(cause.sentence for cause in causes), causes)]
     return [Exclusion(cause.run, (cause,), evidence="cause") for cause in causes], []
 
 
-def of_joint(fit: IRLSResult, settings: Settings) -> list[FitWarning]:
-    """Return the warning of a coefficient that changes within the runs of a joint fit.
-
-    Parameters
-    ----------
-    fit : IRLSResult
-        The joint fit.
-    settings : Settings
-        Of the fit; what all runs share may scatter.
-    """
-    free = [name for name, group in settings.shared.items() if group == "campaign"]
+def of_joint(fit: IRLSResult) -> list[FitWarning]:
+    """Return the warnings of coefficients that change within the runs of a joint fit."""
     blocks = _blocks(fit)
-    of_equation: dict[str, list[WhitenedRun]] = {}
-    for block in blocks:
-        of_equation.setdefault(block.equation.name, []).append(block)
-    limit = p_limit("drift in all runs", len(of_equation))
-    found = []
-    for runs in of_equation.values():
-        sums = [block_sums(run, fit.solution.theta, free) for run in runs]
-        drift = find_drift(sums, limit)
+    names = dict.fromkeys(block.equation.name for block in blocks)
+    periods, limit = wave_periods(blocks), p_limit("drift in all runs", len(names))
+    warnings = []
+    for name in names:
+        runs = [waves(b, fit.solution.theta, periods) for b in blocks if b.equation.name == name]
         # what one run alone shows, such as the rest of a glitch, is none of the equation
-        others = [[*sums[:i], *sums[i + 1 :]] for i in range(len(sums))] if len(sums) > 1 else []
-        if drift and all(find_drift(rest, REMAINING) for rest in others):
-            found.append(drift)
-    return [_warning(f"in {len(fit.whitened_runs)} runs together {drift.words}") for drift in found]
+        others = [[*runs[:i], *runs[i + 1 :]] for i in range(len(runs))] if len(runs) > 1 else []
+        for drift in find_drift(runs, periods, limit):
+            if all(find_drift(rest, periods, REMAINING) for rest in others):
+                warnings.append(_warning(f"in {len(fit.whitened_runs)} runs together {drift.words}"))
+    return warnings
 
 
 def _blocks(fit: IRLSResult) -> list[WhitenedRun]:

@@ -11,10 +11,10 @@ any model of what experiments share, that leave the least residual. Injected sin
 however far the truth is from the flight's.
 """
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 import scipy
@@ -41,9 +41,9 @@ SHAPES: Mapping[str, Callable[[Spectrum], Spectrum]] = {
 }
 RESOLVED = 10.0  # s, tau from which shapes differ
 MAX_DURATION_FRACTION = 0.25  # of a run, that tau may take: what is longer passes for a drift
-FEW = 200  # times tau, of a run that shows its own noise
+MIN_DURATION = 200  # tau, of a run that shows its own noise
 MAD = 1.4826  # standard deviation of normal noise over its median deviation
-MARGIN, AFTER = 30.0, 4.0  # s before and after a glitch, and tau in which it dies away, that are masked
+MARGIN, DECAY = 30.0, 4.0  # s before and after a glitch, and tau in which it dies away, that are masked
 PER_CYCLE = 4  # instants in a cycle of the highest frequency, at which glitches are looked for
 PEAK_SHARE = 0.3  # of the highest ratio: what is lower may be due to what is higher
 N_WAVES = 4  # of half a cycle more each, with which a coefficient may drift
@@ -83,8 +83,8 @@ class GlitchResult:
 def remove_glitches(experiment: Experiment, n_experiments: int = 1) -> GlitchResult:
     """Mask the glitches of an experiment.
 
-    A run that would lose more than `MAX_MASKED` to masks is left as it was. The search ends early where what
-    it finds lies in the injections.
+    A run that would lose more than `MAX_MASKED` to masks is left as it was, and so is one in which the search
+    does not come to an end. It ends early where what it finds lies in the injections.
 
     Parameters
     ----------
@@ -98,34 +98,27 @@ def remove_glitches(experiment: Experiment, n_experiments: int = 1) -> GlitchRes
     InputError
         If missing samples leave too little of a run.
     """
-    results = [_search(experiment, 0, n_experiments)]
-    for index in range(1, len(experiment.sysid.equations)):
-        results.append(_search(results[-1].experiment, index, n_experiments))
-    cleaned, counts = results[-1].experiment, [result.coincidences for result in results]
-    warnings = tuple(warning for result in results for warning in result.warnings)
-    return GlitchResult(experiment, cleaned, warnings, max(counts, key=lambda count: count.both))
-
-
-def _search(experiment: Experiment, index: int, n_experiments: int) -> GlitchResult:
-    """Return what is found in one of the equations of an experiment."""
-    initial = initial_fit(experiment.sysid)
-    sysid = GlitchSearch(experiment.sysid, initial.tau, 2 * n_experiments, index)
-    noise = (
-        GlitchSearch(experiment.noise, initial.tau, 2 * n_experiments, index) if experiment.noise else None
-    )
-    searches = [sysid, noise] if noise else [sysid]
-    for iteration in range(MAX_ITERATIONS):
-        sysid.update_noise(None if iteration else initial.c[index])
-        if noise:
-            noise.update_noise(noise.coefficients_of(sysid.coefficients))
-        # the noise weighs: it goes first
-        if not any(search.iterate(noise) for search in reversed(searches)):
-            break
-        if sysid.spans and is_excessive([sysid.coincidences], n_experiments + 1):
-            break
-    cleaned = replace(experiment, sysid=sysid.run, noise=noise.run if noise else None)
-    named = [(search.run.telemetry.run, search.warning()) for search in searches if search.spans]
-    return GlitchResult(experiment, cleaned, tuple(named), sysid.coincidences)
+    cleaned, warnings, counts = experiment, [], []
+    for index in range(len(experiment.sysid.equations)):
+        initial = initial_fit(cleaned.sysid)
+        runs = [run for run in (cleaned.noise, cleaned.sysid) if run]  # the noise weighs: it goes first
+        *noises, sysid = searches = [GlitchSearch(run, initial.tau, 2 * n_experiments, index) for run in runs]
+        noise = noises[0] if noises else None
+        for iteration in range(MAX_ITERATIONS):
+            sysid.update_noise(None if iteration else initial.c[index])
+            if noise:
+                noise.update_noise(sysid.coefficients_of(noise.columns))
+            if not any(search.iterate(noise) for search in searches):
+                break
+            if sysid.spans and is_excessive([sysid.coincidences], n_experiments + 1):
+                break
+        else:
+            for search in searches:
+                search.give_up()
+        cleaned = replace(cleaned, sysid=sysid.run, noise=noise.run if noise else None)
+        warnings += [(search.run.telemetry.run, search.warning()) for search in searches if search.spans]
+        counts.append(sysid.coincidences)
+    return GlitchResult(experiment, cleaned, tuple(warnings), max(counts, key=lambda count: count.both))
 
 
 class GlitchSearch:
@@ -148,19 +141,19 @@ class GlitchSearch:
         Without what has been found so far.
     spans : list of tuple of float
         Begin and end [s] of what is found.
-    gave_up : bool
-        Whether there was too much.
+    columns : tuple of str
+        Names of the columns of the equation.
     """
 
     def __init__(self, run: Run, tau: tuple[float, float], n_runs: int, index: int = 0) -> None:
-        self.run, self._original, self._n_runs = run, run, n_runs
+        self.run, self._original, self._tau, self._n_runs = run, run, tau, n_runs
         self.spans: Spans = []
-        self.gave_up = False
+        self._has_too_many = False
         self._equation = run.equations[index]
-        self._names = self._equation.columns
+        self.columns = self._equation.columns
         self._model: NoiseModel | None = None
         self._power: tuple[Array, Array, Array] | None = None
-        self._tau = tau
+        self._injected: NDArray[np.bool_] | None = None
 
     def update_noise(self, c: Array | None) -> None:
         """Take the coefficients of the columns, shape (P,), or fit them, and what they leave for noise."""
@@ -170,24 +163,17 @@ class GlitchSearch:
         z, dof = whitened_run.whiten(terms.summed(self._c), S)
         self._power = terms.f, np.abs(z[:, 0]) ** 2 * S / 2, np.maximum(dof, 0)
 
-    @property
-    def coefficients(self) -> dict[str, float]:
-        """Those of the columns, by name."""
-        return dict(zip(self._names, self._c.tolist(), strict=True))
-
-    def coefficients_of(self, coefficients: Mapping[str, float]) -> Array:
-        """Return those of another run; one may carry read-outs of spacecraft motion that the other lacks."""
-        return np.array([coefficients.get(name, 0.0) for name in self._names])
+    def coefficients_of(self, columns: Sequence[str]) -> Array:
+        """Return those of another run, which may carry read-outs of spacecraft motion that this one lacks."""
+        coefficients = dict(zip(self.columns, self._c.tolist(), strict=True))
+        return np.array([coefficients.get(name, 0.0) for name in columns])
 
     @property
     def coincidences(self) -> Coincidences:
         """Glitches and injections of the run."""
-        return coincidences(self._original, self.spans, self._injected if self.spans else None)
-
-    @cached_property
-    def _injected(self) -> NDArray[np.bool_]:
-        """Which of its cells are injected."""
-        return injected_cells(self._original, self._tau)
+        if self.spans and self._injected is None:
+            self._injected = injected_cells(self._original, self._tau)
+        return coincidences(self._original, self.spans, self._injected)
 
     def _psd(self, f: Array) -> Array:
         """Return the PSD of what is left, shape (B,), at first the shape it had in flight."""
@@ -199,13 +185,17 @@ class GlitchSearch:
 
     def iterate(self, noise: "GlitchSearch | None") -> bool:
         """Mask the strongest glitches; return False if there are none."""
-        if self.gave_up or not (found := self._strongest(noise)):
+        if self._has_too_many or not (spans := self._strongest(noise)):
             return False
-        self.spans = merge_spans([*self.spans, *found])
-        masked = self._original.mask(self.spans)
-        self.gave_up = masked.weight < (1 - MAX_MASKED) * self._original.weight
-        self.run = self._original if self.gave_up else masked
+        self.spans = merge_spans([*self.spans, *spans])
+        self.run = self._original.mask(self.spans)
+        if self.run.weight < (1 - MAX_MASKED) * self._original.weight:
+            self.give_up()
         return True
+
+    def give_up(self) -> None:
+        """Mask nothing."""
+        self.run, self._has_too_many = self._original, bool(self.spans)
 
     def _strongest(self, noise: "GlitchSearch | None") -> Spans:
         """Return where the shape that stands out most does, nothing if none does."""
@@ -213,19 +203,13 @@ class GlitchSearch:
         S = (noise or self)._psd(terms.f)
         least = 0.0 if noise in (self, None) else 1.0  # of the noise: that of the noise run
         fs, start = self.run.channels.fs, float(self.run.channels.time[derivatives.HALF])
-
-        def search(residual: Spectrum) -> FilterOutput | None:
-            return strongest(matched_filters(terms, residual, S, fs, least, self._n_runs))
-
-        best = search(whitened_run.whiten(terms, S)[0] @ self._c)
-        if best and noise is not self:
+        residual = whitened_run.whiten(terms, S)[0] @ self._c
+        peaks = strongest_peaks(terms, residual, S, fs, least, self._n_runs)
+        if peaks and noise is not self:
             U = whitened_run.whiten(terms.hstack(self._drifting(terms)), S)[0]
-            best = search(U @ lstsq_coefficients(U))
-        if best is None:
-            return []
-        reach = AFTER * best.tau
-        before, after = (reach, 0.0) if best.shape == "reversed" else (0.0, reach)
-        return [(start + t - MARGIN - before, start + t + MARGIN + after) for t in best.times]
+            peaks = strongest_peaks(terms, U @ lstsq_coefficients(U), S, fs, least, self._n_runs)
+        spans = (peak.span for peak in peaks)
+        return [(start + begin - MARGIN, start + end + MARGIN) for begin, end in spans]
 
     def _drifting(self, terms: Spectra) -> Spectra:
         """Return the columns, but the first, times waves: what drifts within a run is no glitch."""
@@ -239,60 +223,35 @@ class GlitchSearch:
     def warning(self) -> FitWarning:
         """Return the warning that describes the glitches."""
         name = self.run.telemetry.run
-        if self.gave_up:
+        if self._has_too_many:
             message = (
-                f"{name}: masking everything that exceeds the noise would remove more than "
-                f"{100 * MAX_MASKED:g} % of the run, which glitches do not explain; nothing is masked"
+                f"{name}: more exceeds the noise than glitches explain: masks would remove more than "
+                f"{100 * MAX_MASKED:g} % of the run, or take more than {MAX_ITERATIONS} steps; "
+                "nothing is masked"
             )
             return FitWarning(TOO_MANY, (), message)
         spans = tuple(TimeSpan(name, *span) for span in self.spans)
         return FitWarning("glitches", (), f"{name}: {describe_spans(self.spans, 'masked')}", spans=spans)
 
 
-@dataclass(frozen=True)
-class FilterOutput:
-    """Output of the matched filter of a shape.
-
-    Attributes
-    ----------
-    shape : str
-        One of the `SHAPES`.
-    tau : float
-        Its time scale [s].
-    ratio : ndarray, shape (M,)
-        Size of the output over the threshold.
-    step : float
-        Time from one to the next [s].
-    """
+class Glitch(NamedTuple):
+    """One of the `SHAPES`, its time scale tau [s], and when it begins, or ends if it is reversed [s]."""
 
     shape: str
     tau: float
-    ratio: Array
-    step: float
+    time: float
 
     @property
-    def largest(self) -> float:
-        """The largest ratio."""
-        return float(self.ratio.max(initial=0.0))
-
-    @property
-    def times(self) -> list[float]:
-        """The times [s] of its peaks, the highest first."""
-        peaks = derivatives.true_runs(self.ratio > max(1.0, PEAK_SHARE * self.largest))
-        highest = [begin + int(np.argmax(self.ratio[begin:end])) for begin, end in peaks]
-        return [self.step * i for i in sorted(highest, key=lambda i: -self.ratio[i])]
+    def span(self) -> tuple[float, float]:
+        """Begin and end [s] of where it is notable."""
+        reach = DECAY * self.tau
+        return (self.time - reach, self.time) if self.shape == "reversed" else (self.time, self.time + reach)
 
 
-def strongest(outputs: Iterable[FilterOutput]) -> FilterOutput | None:
-    """Return the output that is farthest over the threshold, None if none is."""
-    best = max(outputs, key=lambda output: output.largest, default=None)
-    return best if best and best.largest > 1 else None
-
-
-def matched_filters(
+def strongest_peaks(
     terms: Spectra, residual: Spectrum, S: Array, fs: float, least: float = 0.0, n_runs: int = 1
-) -> Iterator[FilterOutput]:
-    """Yield the output of the matched filter of every shape.
+) -> list[Glitch]:
+    """Return where the matched filter that is farthest over its threshold has peaks, the highest first.
 
     Parameters
     ----------
@@ -312,20 +271,25 @@ def matched_filters(
     n = terms.window.size
     m = min(scipy.fft.next_fast_len(PER_CYCLE * (terms.first + terms.f.size), real=True), n)
     visible = np.interp(np.arange(m) * n / m, np.arange(n), terms.window) > 0.5
+    if not visible.any():
+        return []
     scale = m / 2 * np.sqrt(np.mean(terms.window**2))
-    for tau in TAUS[MAX_DURATION_FRACTION * n / fs > TAUS]:
+    largest, glitches = 1.0, []
+    for tau in TAUS[MAX_DURATION_FRACTION * n / fs > TAUS].tolist():
         limit = sigma_limit("matched filter", round(n_runs * len(SHAPES) * 4 * n / fs / tau))
-        for name, transform in SHAPES.items():
-            if tau < RESOLVED and name != "one-sided":
-                continue
+        floor = least if n / fs > MIN_DURATION * tau else 1.0  # too few are independent for a median
+        for name, transform in SHAPES.items() if tau >= RESOLVED else [*SHAPES.items()][:1]:
             template = np.conj(transform(2j * np.pi * terms.f * tau)) / np.sqrt(S)
             template *= scale / np.linalg.norm(template)
-            output = windowing.inverse_transform((residual * template)[:, None], terms.first, m)[:, 0]
-            output = np.abs(output)
-            floor = least if n / fs > FEW * tau else 1.0  # too few are independent for a median
-            sigma = max(MAD * float(np.median(output[visible])), floor) if visible.any() else 0.0
-            ratio = output / (sigma * limit) if sigma else np.zeros(m)
-            yield FilterOutput(name, float(tau), ratio, n / m / fs)
+            output = np.abs(windowing.inverse_transform((residual * template)[:, None], terms.first, m)[:, 0])
+            ratio = output / max(MAD * float(np.median(output[visible])), floor, 1e-300) / limit
+            if ratio.max() > largest:
+                largest = float(ratio.max())
+                peaks = derivatives.true_runs(ratio > max(1.0, PEAK_SHARE * largest))
+                highest = [begin + int(np.argmax(ratio[begin:end])) for begin, end in peaks]
+                highest.sort(key=lambda i: -ratio[i])
+                glitches = [Glitch(name, tau, i * n / m / fs) for i in highest]
+    return glitches
 
 
 def describe_spans(spans: Sequence[tuple[float, float]], treatment: str, what: str = "glitch") -> str:

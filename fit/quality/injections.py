@@ -20,6 +20,9 @@ F_MIN = 3e-3  # Hz; below, glitches of hours look like injections
 BACKGROUND_BINS, BACKGROUND_PERCENTILE = 401, 10  # neighbours that show with what power a run moves by itself
 DRIVEN = 100.0  # times that power, from which a bin is driven
 CELL = 300.0  # s: what a search makes of one glitch lies in one cell or two
+SEGMENT, MAX_INJECTION = 2048.0, 0.06  # s and Hz: up to here injections are looked for in a noise run
+LINE_RATIO, MEDIAN_BINS = 12.0, 31  # power of a sine over the median of so many bins about it; noise has 6
+INJECTION_RATIO = 300.0  # of powers in such a segment; noise that differs makes 25, an injected sine 1e4
 STRONG = 3.0  # times the mean power of the injections of a run, from which a cell counts as injected
 
 
@@ -60,6 +63,24 @@ def chance_probability(counts: Sequence[Coincidences]) -> float:
 def is_excessive(counts: Sequence[Coincidences], n_tests: int) -> bool:
     """Return whether glitches lie in the injections more often than the budget of false alarms allows."""
     return chance_probability(counts) < p_limit("masks at injections", n_tests)
+
+
+def has_injections(run: Run, reference: Run) -> bool:
+    """Return whether a read-out of a run is louder than in another run as only injections make it."""
+    for name in run.spacecraft.read_outs:
+        (f, power), (g, noise) = (
+            scipy.signal.welch(
+                x := np.diff(r.channels.series[name], 2), fs, nperseg=min(x.size, int(SEGMENT * fs))
+            )
+            for r in (run, reference)
+            for fs in (r.channels.fs,)
+        )
+        noise, level = np.interp(f, g, noise), scipy.ndimage.median_filter(power, MEDIAN_BINS, mode="nearest")
+        band = (f > 2 / SEGMENT) & (f < MAX_INJECTION)
+        lines = band & (power > LINE_RATIO * level) & (power > INJECTION_RATIO * noise)
+        if np.all(noise[band] > 0) and lines.any():  # next to a run without noise any run is louder
+            return True
+    return False
 
 
 def injected_cells(run: Run, tau: tuple[float, float]) -> NDArray[np.bool_]:

@@ -7,7 +7,6 @@ of `glitches` with an amplitude. What it leaves of the glitch is found by the ne
 from collections.abc import Sequence
 from contextlib import suppress
 from math import floor
-from typing import NamedTuple
 
 import numpy as np
 import scipy
@@ -28,21 +27,7 @@ MAX_PER_DAY = 6.0  # shapes; beyond, it is no matter of glitches
 BURIED = 1e12  # power that stands for bins below the band, without information
 
 
-class LongGlitch(NamedTuple):
-    """One of the `glitches.SHAPES`, its tau [s], and when it begins, or ends if it is reversed [s]."""
-
-    shape: str
-    tau: float
-    time: float
-
-    @property
-    def span(self) -> tuple[float, float]:
-        """Begin and end [s] of where it is notable."""
-        reach = glitches.AFTER * self.tau
-        return (self.time - reach, self.time) if self.shape == "reversed" else (self.time, self.time + reach)
-
-
-def columns(found: Sequence[LongGlitch], time: Array, fs: float, f_max: float) -> Array:
+def columns(found: Sequence[glitches.Glitch], time: Array, fs: float, f_max: float) -> Array:
     """Return glitches at instants [s] of rate `fs`, shape (N, G), without what is far above `f_max` [Hz]."""
     values = np.empty((time.size, len(found)))
     for column, (shape, tau, instant) in zip(values.T, found, strict=True):
@@ -56,7 +41,7 @@ def columns(found: Sequence[LongGlitch], time: Array, fs: float, f_max: float) -
 
 def find_glitches(
     series: Array, valid: NDArray[np.bool_], time: Array, band: tuple[float, float]
-) -> tuple[LongGlitch, ...] | None:
+) -> tuple[glitches.Glitch, ...] | None:
     """Return the glitches in the first column of a run.
 
     Parameters
@@ -72,7 +57,7 @@ def find_glitches(
 
     Returns
     -------
-    tuple of LongGlitch or None
+    tuple of glitches.Glitch or None
         None where there is too much to be glitches.
     """
     fs = 1 / float(time[1] - time[0])
@@ -81,7 +66,7 @@ def find_glitches(
     means = series[: n * factor].reshape(n, factor, -1).mean(axis=1)
     whole = np.asarray(np.all(valid[: n * factor].reshape(n, factor), axis=1))
     instants, fs = time[: n * factor].reshape(n, factor).mean(axis=1), fs / factor
-    found: list[LongGlitch] = []
+    found: list[glitches.Glitch] = []
     model: NoiseModel | None = None
     while len(found) <= max(1.0, MAX_PER_DAY * n / fs / 86400):
         shapes = columns(found, instants, fs, band[1])
@@ -91,10 +76,10 @@ def find_glitches(
         S = model.expected(np.maximum(terms.f, band[0])) if model else 1 + (1e-3 / terms.f) ** 2
         S = np.where(terms.f < band[0], BURIED * S, S)
         U = whitened_run.whiten(terms, S)[0]
-        best = glitches.strongest(glitches.matched_filters(terms, U @ lstsq_coefficients(U), S, fs))
-        if best is None:
+        peaks = glitches.strongest_peaks(terms, U @ lstsq_coefficients(U), S, fs)
+        if not peaks:
             return tuple(found)
-        found.append(LongGlitch(best.shape, best.tau, float(instants[0]) + best.times[0]))
+        found.append(peaks[0]._replace(time=float(instants[0]) + peaks[0].time))
     return None
 
 
@@ -107,7 +92,7 @@ def _model(terms: Spectra, previous: NoiseModel | None) -> NoiseModel | None:
     return previous
 
 
-def glitch_warning(run: str, found: Sequence[LongGlitch] | None, duration: float) -> FitWarning | None:
+def glitch_warning(run: str, found: Sequence[glitches.Glitch] | None, duration: float) -> FitWarning | None:
     """Return what was subtracted from a run that lasts so many seconds, None where there was nothing."""
     if found is None:
         return FitWarning("glitches", (), "more exceeds the noise than glitches would; none is subtracted")

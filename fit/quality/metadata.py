@@ -6,11 +6,10 @@ the archive: of some kinds of faults it becomes a warning of the joint fit inste
 
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from itertools import chain, groupby
 
 import numpy as np
-import scipy
 from numpy.typing import NDArray
 
 from fit.parallel import parallel_map
@@ -18,7 +17,7 @@ from fit.quality import duplicates, samples, saturation
 from fit.quality.channel_units import unit_faults
 from fit.quality.exchanged_channels import exchange_faults
 from fit.quality.exclusions import Evidence, Exclusion, join_messages
-from fit.quality.initial_fit import initial_noise_psd
+from fit.quality.injections import has_injections
 from fit.quality.loop_response import response_faults
 from fit.quality.plausibility import level_faults
 from fit.telemetry import Telemetry
@@ -26,14 +25,11 @@ from fit.warnings import Cause, FitWarning
 from fit.whitening import Experiment, Run
 
 Array = NDArray[np.float64]
+Find = Callable[[Sequence[Experiment]], Iterable[Exclusion]]
 
 SETTINGS = ("F_max_1", "F_max_2", "N_max_1", "N_max_2", "alignment_epoch")
 MIN_EXPERIMENTS = 3  # of which more than half may have a fault in common
 MAX_CAUSES = 2  # of an experiment that its exclusion names
-MAX_INJECTION = 0.06  # Hz: up to here injections are looked for
-SEGMENT = 2048.0  # s
-LINE_RATIO, MEDIAN_BINS = 12.0, 31  # power of a sine over the median of so many bins about it; noise has 6
-INJECTION_RATIO = 300.0  # of powers in such a segment; noise that differs makes 25, an injected sine 1e4
 
 
 @dataclass(frozen=True)
@@ -52,54 +48,37 @@ class ScreeningReport:
     notes: list[FitWarning]
 
 
-@dataclass(frozen=True)
-class Check:
-    """A test of the files of experiments.
-
-    Attributes
-    ----------
-    find : callable
-        Yields the faults of experiments, as exclusions with one observation each.
-    codes : mapping of str to str
-        By kind of a fault, the code of the warning instead if most of the experiments have it.
-    """
-
-    find: Callable[[Sequence[Experiment]], Iterable[Exclusion]]
-    codes: Mapping[str, str] = field(default_factory=dict)
-
-    def apply(self, experiments: Sequence[Experiment]) -> ScreeningReport:
-        """Return the exclusions, one of each experiment, and what most of the experiments have in common."""
-        by_code: dict[str, list[Exclusion]] = {}
-        for fault in self.find(experiments):
-            by_code.setdefault(self.codes.get(fault.observations[0].kind, ""), []).append(fault)
-        exclusions: dict[str, Exclusion] = {}
-        notes = []
-        for code, faults in by_code.items():
-            n_faulty = len({fault.experiment for fault in faults})
-            is_common = n_faulty >= MIN_EXPERIMENTS and 2 * n_faulty > len(experiments)
-            if code and is_common:
-                causes = tuple(cause for fault in faults for cause in fault.observations)
-                message = f"most of the experiments have a fault in common: {join_messages(faults)}"
-                notes.append(FitWarning(code, (), message, causes=causes))
-                continue
-            for fault in faults:
-                exclusion = exclusions.setdefault(fault.experiment, replace(fault, observations=()))
-                causes = (*exclusion.observations, *fault.observations)
-                exclusions[fault.experiment] = replace(exclusion, observations=causes[:MAX_CAUSES])
-        return ScreeningReport(list(exclusions.values()), notes)
-
-
 def screen(experiments: Sequence[Experiment]) -> ScreeningReport:
     """Return the faults that keep experiments out of a joint fit, and those that most of them share."""
-    reports = [check.apply(experiments) for check in CHECKS.values()]
+    reports = [apply_check(find, codes, experiments) for find, codes in CHECKS.values()]
     exclusions: dict[str, Exclusion] = {}
     # what a gain far from 1 suggests comes after faults that were observed
     rank = {"guess": 1, "misfit": 2}
-    for fault in sorted(
-        chain.from_iterable(r.exclusions for r in reports), key=lambda x: rank.get(x.evidence, 0)
-    ):
+    of_all = chain.from_iterable(r.exclusions for r in reports)
+    for fault in sorted(of_all, key=lambda x: rank.get(x.evidence, 0)):
         exclusions.setdefault(fault.experiment, fault)
     return ScreeningReport(list(exclusions.values()), [note for r in reports for note in r.notes])
+
+
+def apply_check(find: Find, codes: Mapping[str, str], experiments: Sequence[Experiment]) -> ScreeningReport:
+    """Return what a check finds: exclusions, one of each experiment, and what most of them have in common."""
+    by_code: dict[str, list[Exclusion]] = {}
+    for fault in find(experiments):
+        by_code.setdefault(codes.get(fault.observations[0].kind, ""), []).append(fault)
+    exclusions: dict[str, Exclusion] = {}
+    notes = []
+    for code, faults in by_code.items():
+        n_faulty = len({fault.experiment for fault in faults})
+        if code and n_faulty >= MIN_EXPERIMENTS and 2 * n_faulty > len(experiments):
+            causes = tuple(cause for fault in faults for cause in fault.observations)
+            message = f"most of the experiments have a fault in common: {join_messages(faults)}"
+            notes.append(FitWarning(code, (), message, causes=causes))
+            continue
+        for fault in faults:
+            exclusion = exclusions.setdefault(fault.experiment, replace(fault, observations=()))
+            causes = (*exclusion.observations, *fault.observations)
+            exclusions[fault.experiment] = replace(exclusion, observations=causes[:MAX_CAUSES])
+    return ScreeningReport(list(exclusions.values()), notes)
 
 
 def _per_experiment(
@@ -127,30 +106,24 @@ def _unit_faults(experiments: Sequence[Experiment]) -> Iterator[Exclusion]:
 
 def _sample_faults(experiments: Sequence[Experiment]) -> Iterator[Exclusion]:
     """Yield the faults of the samples of both runs of the experiments."""
-    n_channels = sum(len(_channels(run)) for e in experiments for run in _runs(e))
+    n_channels = sum(len(run.channels.series) for e in experiments for run in _runs(e))
 
     def find(e: Experiment) -> Iterator[Cause]:
-        read_outs, names = e.sysid.spacecraft.read_outs, _channels(e.sysid)
-        runs = [run.telemetry.select(_channels(run)) for run in _runs(e)]
-        commands = [n for n in names if n not in read_outs and e.noise and _is_noisy(runs[-1], n)]
-        for run in map(_unsaturated, runs):
+        read_outs = e.sysid.spacecraft.read_outs
+        runs = [_unsaturated(run.telemetry) for run in _runs(e)]
+        commands = [
+            name
+            for name in e.sysid.spacecraft.commands
+            if name in e.sysid.channels.series
+            and e.noise
+            and name in runs[-1].channels
+            and samples.is_noisy(e.noise.telemetry.channels[name])
+        ]
+        for run in runs:
             present = [name for name in commands if name in run.channels]
             yield from samples.check_samples(run, read_outs, (*read_outs, *present), n_channels)
-        noises = [initial_noise_psd(e, k) for k in range(len(e.sysid.equations))]
-        if fault := samples.rounding_fault(e.sysid, noises, names):
-            yield fault
 
     return _per_experiment(find)(experiments)
-
-
-def _channels(run: Run) -> list[str]:
-    """Return the read-outs of a run and the commands that it has."""
-    commands = (name for name in run.spacecraft.commands if name in run.channels.series)
-    return [*run.spacecraft.read_outs, *commands]
-
-
-def _is_noisy(run: Telemetry, name: str) -> bool:
-    return name in run.channels and samples.is_noisy(run.channels[name])
 
 
 def _unsaturated(run: Telemetry) -> Telemetry:
@@ -168,10 +141,8 @@ def _authority_faults(e: Experiment) -> Iterator[Cause]:
 
 
 def _settings_mismatches(e: Experiment) -> Iterator[Cause]:
-    """Yield the attributes in which a noise run differs from the run whose noise it should be."""
-    if e.noise is None:
-        return
-    noise, sysid = e.noise.telemetry, e.sysid.telemetry
+    """Yield the attribute in which a noise run differs from the run whose noise it should be."""
+    noise, sysid = (e.noise or e.sysid).telemetry, e.sysid.telemetry
     for key in SETTINGS:
         value, expected = getattr(noise, key), getattr(sysid, key)
         if not math.isclose(value, expected, rel_tol=1e-6):
@@ -180,6 +151,14 @@ def _settings_mismatches(e: Experiment) -> Iterator[Cause]:
             )
             yield Cause(noise.run, key, "attribute", float(value), words=words, file=str(noise.path))
             return
+
+
+def _noise_runs_with_injections(e: Experiment) -> Iterator[Cause]:
+    """Yield the wrong label of the noise run of an experiment that holds injections."""
+    if e.noise and has_injections(e.noise, e.sysid):
+        run = e.noise.telemetry
+        words = "attribute kind: 'noise', but the run contains injections, expected 'sysid'"
+        yield Cause(run.run, "kind", "attribute", words=words, file=str(run.path))
 
 
 def _duplicate_noise(experiments: Sequence[Experiment]) -> Iterator[Exclusion]:
@@ -192,9 +171,9 @@ def _duplicate_noise(experiments: Sequence[Experiment]) -> Iterator[Exclusion]:
         (e, a), (copy, b) = owners[i], owners[j]
         if excluded & {e.name, copy.name}:
             continue
-        cause = _duplicate_cause(a.telemetry, b.telemetry, readouts)
         names = _mislabelled_owners(e, a, copy, b, whole=len(readouts) == 2)
         excluded |= set(names)
+        cause = _duplicate_cause(a.telemetry, b.telemetry, readouts)
         yield from (Exclusion(name, (cause,)) for name in names)
 
 
@@ -220,52 +199,23 @@ def _mislabelled_owners(e: Experiment, a: Run, copy: Experiment, b: Run, *, whol
         return [e.name]
     if kinds[0] != kinds[1]:  # a noise run that is another experiment, or an experiment that is noise
         sysid, noise = (e, copy) if kinds[0] == "sysid" else (copy, e)
-        is_sysid = sysid.noise is None or _injected_readout(sysid.sysid, sysid.noise)
+        is_sysid = sysid.noise is None or has_injections(sysid.sysid, sysid.noise)
         return [noise.name if is_sysid else sysid.name]
     if whole and all(getattr(a.telemetry, key) == getattr(b.telemetry, key) for key in SETTINGS):
         return [copy.name]
     return [e.name, copy.name]
 
 
-def _paired_injections(e: Experiment) -> list[Cause]:
-    """Return the wrong label of the noise run of an experiment that holds injections."""
-    if e.noise is None or not (readout := _injected_readout(e.noise, e.sysid)):
-        return []
-    words = f"attribute kind: 'noise', but {readout} contains injections, expected 'sysid'"
-    return [Cause(e.noise.telemetry.run, "kind", "attribute", words=words, file=str(e.noise.telemetry.path))]
-
-
-def _injected_readout(run: Run, reference: Run) -> str:
-    """Return the read-out in which a run is louder than another as only injections make it, or nothing."""
-    for name in run.spacecraft.read_outs:
-        f, power = _curvature_psd(run.channels.series[name], run.channels.fs)
-        level = scipy.ndimage.median_filter(power, MEDIAN_BINS, mode="nearest")
-        noise = np.interp(f, *_curvature_psd(reference.channels.series[name], reference.channels.fs))
-        band = (f > 2 / SEGMENT) & (f < MAX_INJECTION)
-        lines = band & (power > LINE_RATIO * level) & (power > INJECTION_RATIO * noise)
-        if np.all(noise[band] > 0) and lines.any():  # next to a run without noise any run is louder
-            return name
-    return ""
-
-
-def _curvature_psd(x: Array, fs: float) -> tuple[Array, Array]:
-    """Return frequencies [Hz] and the averaged PSD of the second differences of a series."""
-    curvature = np.diff(x, 2)
-    f, power = scipy.signal.welch(curvature, fs, nperseg=min(curvature.size, int(SEGMENT * fs)))
-    return np.asarray(f), np.asarray(power)
-
-
-#: The checks of the files of a campaign; an experiment is excluded by the earliest that finds a fault.
-CHECKS: Mapping[str, Check] = {
-    "duplicate noise": Check(_duplicate_noise),
-    "units of channels": Check(_unit_faults),
-    "exchanged channels": Check(_per_experiment(exchange_faults, evidence="cause")),
-    "levels of the test masses": Check(
-        lambda experiments: chain.from_iterable(map(level_faults, experiments))
-    ),
-    "attributes of noise runs": Check(_per_experiment(_settings_mismatches)),
-    "authority": Check(_per_experiment(_authority_faults)),
-    "injections in noise runs": Check(_per_experiment(_paired_injections, evidence="cause")),
-    "samples": Check(_sample_faults, samples.CODES),
-    "response to guidance": Check(response_faults, dict.fromkeys(("scale", "sign"), "guidance_scale")),
+#: The checks of the files of a campaign, and by kind of a fault the code of the warning instead if most
+#: experiments have it. An experiment is excluded by the earliest that finds a fault.
+CHECKS: Mapping[str, tuple[Find, Mapping[str, str]]] = {
+    "duplicate noise": (_duplicate_noise, {}),
+    "units of channels": (_unit_faults, {}),
+    "exchanged channels": (_per_experiment(exchange_faults, evidence="cause"), {}),
+    "levels of the test masses": (lambda campaign: chain.from_iterable(map(level_faults, campaign)), {}),
+    "attributes of noise runs": (_per_experiment(_settings_mismatches), {}),
+    "authority": (_per_experiment(_authority_faults), {}),
+    "injections in noise runs": (_per_experiment(_noise_runs_with_injections, evidence="cause"), {}),
+    "samples": (_sample_faults, samples.CODES),
+    "response to guidance": (response_faults, dict.fromkeys(("scale", "sign"), "guidance_scale")),
 }

@@ -33,7 +33,8 @@ def drift_of(spoil):
     (e,) = pair(list(spoil(clean(("B4",))).values()))
     fit = fit_experiment(e)
     (block,) = fit.whitened_runs[0].blocks
-    return drifts.find_drift([drifts.block_sums(block, fit.solution.theta)], 1e-5)
+    periods = drifts.wave_periods([block])
+    return drifts.find_drift([drifts.waves(block, fit.solution.theta, periods)], periods, 1e-5)
 
 
 @pytest.mark.parametrize(
@@ -48,13 +49,12 @@ def drift_of(spoil):
     ids=["slope", "wave", "step", "read-out", "delay"],
 )
 def test_a_coefficient_that_changes_is_seen(spoil):
-    found = drift_of(spoil)
-    assert found
+    (found,) = drift_of(spoil)
     assert found.column in ("ddo_12", "f_2", "df_2")
 
 
 def test_a_wave_has_its_period_and_its_size():
-    found = drift_of(changed("B4-sysid", f_x_2=wave(10800, 0.01)))
+    (found,) = drift_of(changed("B4-sysid", f_x_2=wave(10800, 0.01)))
     assert found.column in ("f_2", "ddo_12")
     assert found.period == pytest.approx(10800, rel=0.2)
     assert found.amplitude == pytest.approx(0.01, rel=0.2)
@@ -68,7 +68,7 @@ def test_constant_coefficients_do_not_change(seed):
     ]
     experiments = pair(runs)
     assert drifts.exclusions(experiments, {e.name: fit_experiment(e) for e in experiments}) == ([], [])
-    assert drifts.of_joint(fit_joint(experiments, settings()), settings()) == []
+    assert drifts.of_joint(fit_joint(experiments, settings())) == []
 
 
 def test_the_experiment_that_drifts_is_left_out():

@@ -85,12 +85,12 @@ def steps(size):
     [
         ("o_12", constant(0, N), "o_12 is constant throughout"),
         ("o_12", constant(5000, 5600), "o_12 is .* for 60[01] s at 5000 s"),
-        ("o_1", filled(5000, 5060), "o_1 is a straight line for 60 s at 5000 s"),
+        ("o_1", filled(5000, 5060), "o_1 is .* line for 60 s at 5000 s"),
         ("f_x_1", lambda x: 0 * x, "f_x_1 is constant throughout, at 0"),
         (
             "f_x_2",
             lambda x: np.clip(x, None, np.quantile(x, 0.9)),
-            r"f_x_2 stops at its limit of \S+ m s-2 for .* s, below its authority F_max_2/m_tm = .* m s-2;",
+            "f_x_2 is constant or a straight line for .* s at",
         ),
         ("o_12", lambda x: single(constant(5000, 5600)(x)), "o_12 is .* for 60[01] s at 5000 s"),
         ("o_12", every(15, 8), "o_12 is interpolated: 7 % of its samples lie on the line"),
@@ -161,25 +161,26 @@ def test_body_that_follows_guidance_does_not_jump():
 def test_a_command_that_nothing_feeds_back_or_that_is_at_its_limit_may_stay_the_same():
     assert not kinds(f_x_1=lambda x: 0 * x)
     (e,) = experiments(f_x_2=lambda x: np.clip(x, -1e-12, 1e-12))
-    assert "f_x_2 stops at its limit of 1e-12 m s-2" in metadata.screen([e]).exclusions[0].reason
+    assert "f_x_2 is constant" in metadata.screen([e]).exclusions[0].reason
     force = float(e.sysid.telemetry.channels["f_x_2"].max()) * e.sysid.telemetry.m_tm
     limited = [Run(replace(one.telemetry, F_max_2=force)) for one in (e.sysid, e.noise)]
     assert not metadata.screen([replace(e, sysid=limited[0], noise=limited[1])]).exclusions
 
 
 @pytest.mark.parametrize(
-    ("channels", "expected"),
-    [
-        (dict.fromkeys(CHANNELS, single), []),
-        ({"f_x_2": steps(1e-16)}, []),
-        ({"o_12": lambda x: x + np.linspace(0, 1e-6, x.size)}, []),
-        ({"f_x_2": steps(1e-14)}, ["rounding"]),
-        ({"o_1": steps(1e-9)}, ["rounding"]),
-    ],
-    ids=["single", "fine", "slope", "command", "o_1"],
+    "channels",
+    [dict.fromkeys(CHANNELS, single), {"f_x_2": steps(1e-14)}, {"o_1": steps(1e-9)}],
+    ids=["single", "command", "o_1"],
 )
-def test_rounding_is_a_fault_where_it_would_move_estimates(channels, expected):
-    assert kinds(**channels) == expected
+def test_rounding_is_no_fault_of_samples(channels):
+    assert not kinds(**channels)
+
+
+@pytest.mark.parametrize("at", [0, 1, 5, 25, N - 26, N - 2, N - 1])
+def test_spikes_near_the_ends_are_seen(at):
+    spikes, jumps = samples.outliers(plus(1e-7, at, at + 1)(noise()))
+    assert [begin <= at < end for begin, end in spikes] == [True]
+    assert not jumps
 
 
 def interpolated(spoilt):
