@@ -45,9 +45,16 @@ class SimulationProgress(ctypes.Structure):
         Place, in `SpacecraftModel.components`, of the FMU whose code runs; -1: none.
     status : int
         Of the call that failed; 0: none failed.
+    simulations : int
+        Number of simulations that are done, of a task that has many.
     """
 
-    _fields_ = (("sample", ctypes.c_int64), ("component", ctypes.c_int32), ("status", ctypes.c_int32))
+    _fields_ = (
+        ("sample", ctypes.c_int64),
+        ("component", ctypes.c_int32),
+        ("status", ctypes.c_int32),
+        ("simulations", ctypes.c_int64),
+    )
 
     def reset(self) -> None:
         """Set the state before anything is loaded."""
@@ -61,11 +68,6 @@ class SimulationProgress(ctypes.Structure):
     def is_loading(self) -> bool:
         """Whether the FMUs are being loaded."""
         return self.sample == LOADING
-
-    @property
-    def is_idle(self) -> bool:
-        """Whether no code of an FMU runs, so that no step is to be expected."""
-        return self.sample == _IDLE
 
 
 def blocks(

@@ -14,12 +14,14 @@ import sys
 import tempfile
 import threading
 import time
+from collections import deque
 from collections.abc import Callable, Generator, Iterator, Mapping
-from concurrent.futures import FIRST_COMPLETED, Executor, ThreadPoolExecutor, as_completed, wait
+from concurrent.futures import Executor, ThreadPoolExecutor, as_completed
 from contextlib import closing, contextmanager, suppress
 from dataclasses import dataclass
 from math import inf
 from pathlib import Path
+from queue import Empty, SimpleQueue
 from typing import Any, cast
 
 from fit.parallel import processors
@@ -103,7 +105,7 @@ class Workers:
             raise InputError(f"time_limit: {self.time_limit!r}, expected a time in s")
 
     def results(
-        self, tasks: Tasks, on_progress: Callable[[str, int], None] = lambda _name, _samples: None
+        self, tasks: Tasks, on_progress: Callable[[str, SimulationProgress], None] = lambda _name, _now: None
     ) -> Generator[tuple[str, Any]]:
         """Yield name and result of every task as they are done; closing the generator ends them.
 
@@ -112,7 +114,7 @@ class Workers:
         tasks : Tasks
             What to do.
         on_progress : callable
-            Called with the name of a task and its number of samples done, of worker processes.
+            Called with the name of a task of a worker process, and how far it is.
 
         Yields
         ------
@@ -144,7 +146,7 @@ class Workers:
 
 
 def _on_executor(executor: Executor, tasks: Tasks) -> Generator[tuple[str, Any]]:
-    function = worker.pickled(tasks.function)
+    function = worker.with_versions(tasks.function)
     try:
         names = {executor.submit(worker.execute, function, item): name for name, item in tasks.items.items()}
     except RuntimeError as error:  # it was shut down
@@ -208,7 +210,7 @@ class _Worker:
         place = Path(tempfile.mkdtemp(dir=scratch))
         self._progress, self._messages = place / "progress", place / "messages"
         self._progress.write_bytes(bytes(SimulationProgress()))
-        self.deadline, self.is_late = time.monotonic() + START, False
+        self.deadline, self.is_late, self._is_killed = time.monotonic() + START, False, False
         temporary = dict.fromkeys(("TMPDIR", "TEMP", "TMP"), str(scratch))
         with self._messages.open("wb") as messages:
             self.popen = subprocess.Popen(
@@ -217,6 +219,7 @@ class _Worker:
                 stdout=subprocess.PIPE,
                 stderr=messages,
                 env={**os.environ, **_ONE_THREAD, **temporary},
+                process_group=0,
             )
 
     @property
@@ -228,17 +231,36 @@ class _Worker:
         """What the process has last printed outside of a task."""
         return self._messages.read_text(encoding="utf-8", errors="replace").strip().split("\n")[-1]
 
-    def outcome(self, *task: object) -> Any:
+    def outcome(self, task: bytes = b"") -> Any:
         """Wait for what comes of a task, or until the process is ready; EOFError if it ends."""
         assert self.popen.stdin and self.popen.stdout
         try:
             if task:
-                pickle.dump(pickle.dumps(task), self.popen.stdin)
+                pickle.dump(task, self.popen.stdin)
                 self.popen.stdin.flush()
             content: bytes = pickle.load(self.popen.stdout)
         except (OSError, pickle.UnpicklingError):
             raise EOFError from None
         return pickle.loads(content)
+
+    def check(self) -> None:
+        """Kill the process if it is late, and what it has started if it has ended.
+
+        A child that an FMU forked has the pipe as well, which does not end before it does.
+        """
+        if self.popen.poll() is not None:
+            self.kill()
+        elif time.monotonic() > self.deadline:
+            self.is_late = True
+            self.kill()
+
+    def kill(self) -> None:
+        """End the process and its children, once, as others may have its number later."""
+        if not self._is_killed:
+            self._is_killed = True
+            self.popen.kill()
+            with suppress(OSError, AttributeError):  # of systems without groups of processes
+                os.killpg(self.popen.pid, signal.SIGKILL)
 
 
 class _Pool:
@@ -246,61 +268,73 @@ class _Pool:
 
     def __init__(self, tasks: Tasks, n_workers: int, scratch: Path, time_limit: float) -> None:
         self._tasks, self._scratch, self._time_limit = tasks, scratch, time_limit
-        self._function = worker.pickled(tasks.function)
+        self._function = worker.with_versions(tasks.function)
         self._threads = ThreadPoolExecutor(n_workers)
+        self._n_workers = n_workers
         self._starting = threading.Lock()
+        self._pending = deque(tasks.items)
+        self._outcomes = SimpleQueue[tuple[str, Any]]()
         self._workers: list[_Worker] = []
-        self._idle: list[_Worker] = []
         self._running: dict[str, _Worker] = {}
         self._is_closed = False
 
-    def results(self, on_progress: Callable[[str, int], None]) -> Generator[tuple[str, Any]]:
-        names = {self._threads.submit(self._execute, name): name for name in self._tasks.items}
-        pending = set(names)
-        while pending:
-            done, pending = wait(pending, _POLL, FIRST_COMPLETED)
+    def results(self, on_progress: Callable[[str, SimulationProgress], None]) -> Generator[tuple[str, Any]]:
+        ends = [self._threads.submit(self._work) for _ in range(self._n_workers)]
+        n_outcomes = 0
+        while n_outcomes < len(self._tasks.items):
             for process in self._workers:
-                if time.monotonic() > process.deadline:
-                    process.is_late = True
-                    process.popen.kill()
+                process.check()
             for name, process in self._running.copy().items():
-                on_progress(name, max(process.progress.sample, 0))
-            for future in done:
-                yield names[future], future.result()
+                on_progress(name, process.progress)
+            all_ended = all(end.done() for end in ends)
+            with suppress(Empty):
+                yield self._outcomes.get(timeout=0 if all_ended else _POLL)
+                n_outcomes += 1
+                continue
+            if all_ended:
+                raise next(error for end in ends if (error := end.exception()))
 
     def close(self) -> None:
         """End all processes."""
         with self._starting:
             self._is_closed = True
         for process in self._workers:
-            process.popen.kill()
+            process.kill()
         self._threads.shutdown(cancel_futures=True)
         for process in self._workers:
             with suppress(OSError), process.popen:  # closes the pipes
                 pass
 
-    def _execute(self, name: str) -> Any:
-        """Have a task done by a process that is idle; called in a thread."""
+    def _work(self) -> None:
+        """Have tasks done by a process, and by another one if that ends, while there are any; in a thread."""
+        process: _Worker | None = None
+        while self._pending and not self._is_closed:
+            if process is None or process.popen.poll() is not None:
+                process = self._started()
+            try:
+                name = self._pending.popleft()
+            except IndexError:  # another thread was faster
+                return
+            self._outcomes.put((name, self._outcome(name, process)))
+
+    def _outcome(self, name: str, process: _Worker) -> Any:
         label, log = self._tasks.label.format(name), self._tasks.logs / f"{name}.log"
-        process = self._process()
+        try:
+            task = worker.pickled((self._function, self._tasks.items[name], label, log))
+        except RunError as error:
+            return RunError(f"{label} failed: {error}")
         process.deadline = time.monotonic() + self._time_limit
         self._running[name] = process
         try:
-            outcome = process.outcome(self._function, self._tasks.items[name], label, log)
+            return process.outcome(task)
         except EOFError:
             return self._failure(label, process)
         finally:
             process.deadline = inf
             del self._running[name]
-        self._idle.append(process)
-        return outcome
 
-    def _process(self) -> _Worker:
-        with suppress(IndexError):
-            while True:
-                process = self._idle.pop()
-                if process.popen.poll() is None:
-                    return process
+    def _started(self) -> _Worker:
+        """Return a new process that is ready; RunError if there can be none."""
         reason: object
         try:
             with self._starting:
@@ -315,6 +349,7 @@ class _Pool:
             ending = f"no answer within {START:g} s" if process.is_late else _ending(process.popen.wait())
             reason = process.message or ending
         else:
+            process.deadline = inf
             return process
         raise RunError(f"no worker process can be started ({sys.executable}): {reason}")
 

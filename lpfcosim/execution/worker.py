@@ -29,13 +29,21 @@ Function = Callable[[Any, SimulationProgress], Any]
 _PACKAGES = ("lpfcosim", "numpy", "scipy")  # on whose versions the last bits depend
 
 
-def pickled(function: Function) -> bytes:
+def pickled(value: object) -> bytes:
+    """Return what another process can be given; RunError if it can not."""
+    try:
+        return pickle.dumps(value)
+    except (pickle.PicklingError, TypeError, AttributeError, RecursionError) as error:
+        raise RunError(f"cannot be handed to another process ({error})") from error
+
+
+def with_versions(function: Function) -> bytes:
     """Return a function for `execute`, with the versions of the packages that it was made by."""
-    return pickle.dumps((_versions(), pickle.dumps(function)))
+    return pickle.dumps((_versions(), pickled(function)))
 
 
 def execute(function: bytes, item: object, progress: SimulationProgress | None = None) -> Any:
-    """Call a function that `pickled` returned, in a process of a pool or of any executor.
+    """Call a function that `with_versions` returned, in a process of a pool or of any executor.
 
     The function is the same object in every task of a process, and can keep what they share.
 
@@ -88,10 +96,10 @@ def main(progress_file: str) -> None:
         progress = SimulationProgress.from_buffer(mmap.mmap(file.fileno(), 0))
     tasks = SimpleQueue[bytes]()
     threading.Thread(target=_receive, args=(source, tasks), daemon=True).start()
-    outcome: Any = None  # the first one says that this process is ready
+    outcome = pickled(None)  # the first one says that this process is ready
     while True:
         try:
-            pickle.dump(pickle.dumps(outcome), sink)
+            pickle.dump(outcome, sink)
             sink.flush()
         except OSError:  # the caller is gone
             os._exit(1)
@@ -116,8 +124,15 @@ def _redirect(descriptor: int) -> None:
         os.dup2(descriptor, stream)
 
 
-def _outcome(progress: SimulationProgress, function: bytes, item: object, label: str, log: Path) -> Any:
+def _outcome(progress: SimulationProgress, function: bytes, item: object, label: str, log: Path) -> bytes:
     """Do a task; return the result, or the error that takes its place."""
+    try:
+        return pickled(_result(progress, function, item, label, log))
+    except RunError as error:
+        return pickled(RunError(f"{label} failed: its result {error}"))
+
+
+def _result(progress: SimulationProgress, function: bytes, item: object, label: str, log: Path) -> Any:
     with suppress(OSError), log.open("wb") as file:  # a full disk is reported by who writes the telemetry
         _redirect(file.fileno())
     try:

@@ -3,6 +3,7 @@
 import errno
 import multiprocessing
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -17,6 +18,7 @@ from lpfcosim.errors import InputError, RunError
 from lpfcosim.execution import Tasks, Workers, dask_executor, pool, worker
 
 posix = pytest.mark.skipif(os.name != "posix", reason="signals are those of POSIX")
+REASON = "which function it is"
 MODELS = ("Plant", "Actuation")
 WHERE = "at 3.0 s, in the Actuation FMU"
 INTERNAL = "internal error of lpfcosim, please report it with the traceback; see logs/{}.log"
@@ -34,6 +36,12 @@ def act(item, progress):
         raise value
     elif kind == "sleep":
         time.sleep(value)
+    elif kind == "fork":  # a child that has the pipe of its parent, which then sleeps or ends
+        if not os.fork() or value == "sleep":
+            time.sleep(120)
+        os._exit(4)
+    elif kind == "function":
+        return lambda: value
     elif kind == "wait" and not value.exists():  # to be killed, the first time
         value.with_suffix(".new").write_text(str(os.getpid()))
         value.with_suffix(".new").replace(value)
@@ -55,6 +63,10 @@ FATES = {
     "kill": (("signal", 9), f": its process was ended by SIGKILL (out of memory?) {WHERE}"),
     "leave": (("status", 0), f": its process ended with status 0 {WHERE}"),
     "exit": (("status", 3), f": its process ended with status 3 {WHERE}"),
+    "parent": (("fork", "sleep"), f": its process was ended at its time limit of 5 s {WHERE}"),
+    "child": (("fork", "end"), f": its process ended with status 4 {WHERE}"),
+    "item": (("print", lambda: None), " failed: cannot be handed to another process ({reason})"),
+    "result": (("function", 1), " failed: its result cannot be handed to another process ({reason})"),
     "late": (("sleep", 60), f": its process was ended at its time limit of 5 s {WHERE}"),
     "memory": (("raise", MemoryError()), " failed: out of memory"),
     "value": (("raise", ValueError("cannot reshape")), f" failed: {INTERNAL}"),
@@ -69,12 +81,15 @@ FATES = {
 def test_a_task_that_fails_is_named_and_takes_no_other_along(tmp_path):
     items = {name: item for name, (item, _) in FATES.items()}
     items |= {"sound": ("print", 1), "sounder": ("print", 2), "refused": ("raise", InputError("no such"))}
+    begun = time.monotonic()
     outcomes = results(tmp_path, items, jobs=2, time_limit=5.0)
+    assert time.monotonic() - begun < 60
     assert outcomes.pop("sound") == outcomes.pop("sounder") == ("print", "1")
     assert repr(outcomes.pop("refused")) == repr(InputError("no such"))
     for name, (_, sentence) in FATES.items():
         assert isinstance(outcomes[name], RunError)
-        assert str(outcomes[name]) == f"run '{name}'{sentence.format(name)}"
+        expected = f"run '{name}'{sentence.format(name, reason=REASON)}"
+        assert re.sub(r"\(.*<lambda>.*\)", f"({REASON})", str(outcomes[name])) == expected
     logs = {path.stem: path.read_text() for path in (tmp_path / "logs").iterdir()}
     assert logs.keys() == {"crash", "value", "disk", "sound", "sounder"}
     assert "Fatal Python error" in logs["crash"]
@@ -98,6 +113,16 @@ def test_that_no_process_can_be_started_is_said_at_once(tmp_path, monkeypatch, s
     with pytest.raises(RunError, match=rf"no worker process can be started \(.*python\): .*{reason}"):
         results(tmp_path, {"A": ("print", 1), "B": ("print", 2)})
     assert time.monotonic() - begun < 10
+
+
+@posix
+def test_other_workers_do_the_work_of_one_that_cannot_be_started(tmp_path, monkeypatch):
+    first = tmp_path / "first"
+    (tmp_path / "python").write_text(f'#!/bin/sh\nmkdir {first} && exec {sys.executable} "$@"\nexit 1\n')
+    (tmp_path / "python").chmod(0o755)
+    monkeypatch.setattr(sys, "executable", str(tmp_path / "python"))
+    items = dict.fromkeys("ABCD", ("print", 1))
+    assert results(tmp_path, items, jobs=2) == dict.fromkeys("ABCD", ("print", "1"))
 
 
 CALLER = """
@@ -146,7 +171,7 @@ def test_any_executor_does_the_work(tmp_path, monkeypatch):
 def test_a_worker_with_another_version_is_refused(monkeypatch):
     with monkeypatch.context() as patch:
         patch.setattr(worker.metadata, "version", lambda _: "9.9")
-        function = worker.pickled(act)
+        function = worker.with_versions(act)
     with pytest.raises(RunError, match=r"a worker has lpfcosim .*, expected 9\.9 as the caller"):
         worker.execute(function, ("print", 1))
 
