@@ -113,10 +113,13 @@ class ChecksumFile:
                 finished.partial.unlink(missing_ok=True)
 
     def remove(self, files: Iterable[Path]) -> None:
-        """Remove the checksums of files."""
+        """Remove files, their checksums first."""
+        files = list(files)
         for file in files:
             self._digests.pop(self._name(file), None)
         self._write()
+        for file in files:
+            file.unlink(missing_ok=True)
 
     def _write(self) -> None:
         write(self._path, "".join(f"{self._digests[name]}  {name}\n" for name in sorted(self._digests)))

@@ -6,7 +6,6 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from fit.files import atomic
 from fit.parallel import parallel_map
@@ -72,13 +71,13 @@ class ProgressCallbacks:
     on_message : callable
         With one line of text.
     on_start : callable
-        With the provenance, before anything is simulated, if nothing is refused.
+        Before the first new file replaces what is there, and if there is nothing to simulate.
     """
 
     on_progress: Callable[[str, int], None] = lambda _name, _samples: None
     on_existing: Callable[[str], None] = lambda _name: None
     on_message: Callable[[str], None] = lambda _line: None
-    on_start: Callable[[Provenance], None] = lambda _provenance: None
+    on_start: Callable[[], None] = lambda: None
 
 
 def simulate(
@@ -120,7 +119,6 @@ def simulate(
         elif path.exists():
             reason = "simulated again" if options.rerun else "has changed since, and is simulated again"
             callbacks.on_message(f"run {name}: {path} {reason}")
-    callbacks.on_start(provenance)
     missing = {run.name: run for run in campaign.runs if run.name not in complete}
     place = directory.resolve() if options.executor else directory  # workers may be in another folder
     task = _SimulationTask(provenance.attributes(), place, fmus)
@@ -128,45 +126,36 @@ def simulate(
     tasks = Tasks(task, queue, directory, directory.parent / "logs", models=fmu_order(campaign))
     tasks.remove_empty_logs()  # of a command that was killed
     if fmus and missing:
-        engine_library()  # built once, here, and not in every worker; if it cannot be, nothing is removed
-    if missing:
-        checksums.remove(map(paths.__getitem__, missing))
-        for name in missing:  # lest files of two campaigns lie side by side, should this be killed
-            paths[name].unlink(missing_ok=True)
-
-    def on_progress(name: str, n_samples: int) -> None:  # the last sample counts when the file is complete
-        callbacks.on_progress(name, min(n_samples, missing[name].n_samples - 1))
-
-    with closing(options.results(tasks, on_progress)) as outcomes:
-        failures = _collect_results(missing, outcomes, checksums, paths, callbacks, tasks)
-    files = {name: path for name, path in paths.items() if name not in failures}
-    return SimulationResult(files, failures, provenance)
-
-
-def _collect_results(
-    runs: Mapping[str, Run],
-    outcomes: Iterable[tuple[str, Any]],
-    checksums: ChecksumFile,
-    paths: Mapping[str, Path],
-    callbacks: ProgressCallbacks,
-    tasks: Tasks,
-) -> dict[str, RunError]:
-    """Record the checksum of each file as it comes and give it its name; return the errors of the others."""
+        engine_library()  # built once, here, and not in every worker
     failures: dict[str, InputError | RunError] = {}
-    for name, outcome in outcomes:
-        try:
-            if not isinstance(outcome, PendingFile):
-                raise outcome
-            checksums.add(paths[name], outcome)
-        except (InputError, RunError) as error:
-            failures[name] = error
-            tasks.append_to_log(name, str(error))
-        else:
-            callbacks.on_progress(name, runs[name].n_samples)
-    refusals = [error for error in failures.values() if isinstance(error, InputError)]
+    stale = [paths[name] for name in missing]
+
+    def on_progress(name: str, now: SimulationProgress) -> None:  # the last sample counts with the file
+        callbacks.on_progress(name, min(max(now.sample, 0), missing[name].n_samples - 1))
+
+    if not missing:
+        callbacks.on_start()
+    with closing(options.results(tasks, on_progress)) as outcomes:
+        for name, outcome in outcomes:
+            try:
+                if not isinstance(outcome, PendingFile):
+                    raise outcome
+                if stale:  # files of two campaigns must not lie side by side, should this be killed
+                    callbacks.on_start()
+                    checksums.remove(stale)
+                    stale.clear()
+                checksums.add(paths[name], outcome)
+            except (InputError, RunError) as error:
+                failures[name] = error
+                tasks.append_to_log(name, str(error))
+            else:
+                callbacks.on_progress(name, missing[name].n_samples)
+    refusals = [str(error) for error in failures.values() if isinstance(error, InputError)]
     if refusals:
-        raise InputError("; ".join(dict.fromkeys(map(str, refusals))))
-    return {name: RunError(str(failures[name])) for name in runs if name in failures}
+        raise InputError("; ".join(dict.fromkeys(refusals)))
+    failed = {name: RunError(str(failures[name])) for name in missing if name in failures}
+    files = {name: path for name, path in paths.items() if name not in failed}
+    return SimulationResult(files, failed, provenance)
 
 
 def fmu_order(campaign: Campaign) -> tuple[str, ...]:

@@ -8,8 +8,8 @@ from fit.parallel import one_blas_thread
 from lpfcosim.campaign import Campaign
 from lpfcosim.cosim import ignored_names
 from lpfcosim.errors import InputError, RunError, prefix_errors
-from lpfcosim.execution import Provenance, results_folder, runner, validation
 from lpfcosim.execution import fmus as archives
+from lpfcosim.execution import results_folder, runner, validation
 from lpfcosim.messages import grouped
 from lpfcosim.modelica import build
 from lpfcosim.models import model_of
@@ -106,7 +106,7 @@ def simulate_into(
     Without `fmus`, the equations of the models are evaluated.
     """
 
-    def begin(_: Provenance) -> None:
+    def begin() -> None:
         for name in ("results.json", "report.html") if options.rerun else ():
             (directory / name).unlink(missing_ok=True)
         third_party = {r.model: copies[r.model] for r in plan.replacements}

@@ -14,7 +14,7 @@ import h5py
 import numpy as np
 import pytest
 
-from lpfcosim.errors import InputError
+from lpfcosim.errors import InputError, RunError
 from lpfcosim.execution import Provenance, Workers, provenance, runner
 from lpfcosim.spacecraft.run import Authority, Sine
 from tests.reference_run import simulate_reference
@@ -142,11 +142,33 @@ def test_what_comes_from_elsewhere_is_refused_or_simulated_anew(fmus, plan, copi
     monkeypatch.setattr(Workers, "results", lambda _, tasks, __: nothing(asked.extend(tasks.items)))
     runner.simulate(reseeded, folder, fmus, runner.RunOptions(rerun=True))
     assert asked == ["one", "one-noise"]
-    # the rerun was interrupted: nothing of the old seed is left to lie beside the new one
-    assert not list(folder.glob("*.h5"))
-    asked.clear()
-    runner.simulate(reseeded, folder, fmus)
-    assert asked == ["one", "one-noise"]
+
+
+def test_a_rerun_removes_nothing_before_a_new_file_is_finished_and_then_all_that_is_old(
+    fmus, plan, copied, monkeypatch
+):
+    folder, reseeded = copied[0].parent, replace(plan, seed=8)
+    before = {path: path.read_bytes() for path in copied}
+    rerun = runner.RunOptions(1, rerun=True)
+    with monkeypatch.context() as patch:
+        patch.setattr(sys, "executable", str(folder / "no-python"))
+        with pytest.raises(RunError, match="no worker process can be started"):
+            runner.simulate(reseeded, folder, fmus, rerun)
+    broken = dict.fromkeys(fmus, folder.parent / "broken.fmu")
+    broken["Plant"].write_bytes(b"no FMU")
+    with pytest.raises(InputError, match=r"broken\.fmu"):
+        runner.simulate(reseeded, folder, broken, rerun)
+    assert {path: path.read_bytes() for path in copied} == before
+
+    def interrupt(_name, done):
+        if done >= 2000:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        runner.simulate(reseeded, folder, fmus, rerun, runner.ProgressCallbacks(interrupt))
+    (file,) = folder.glob("*.h5")
+    assert file.read_bytes() != before[file]
+    assert not runner.simulate(reseeded, folder, fmus).failures
 
 
 def test_telemetry_of_no_run_of_the_campaign_is_left_alone(fmus, plan, tmp_path):
