@@ -120,6 +120,9 @@ static int step(Slave *s, double time, double h) {
 #ifdef INFINITE
     if (s->steps > 50) s->real[FORCE] = INFINITY;
 #endif
+#ifdef CRASHES
+    if (s->steps > 50) *(volatile int *)0 = 0;
+#endif
 #ifdef TRACEBACK
     if (s->steps > 50) {
         say(s, FATAL, "Traceback (most recent call last):\n  File \"slave.py\", line 3\nValueError: an empty table");

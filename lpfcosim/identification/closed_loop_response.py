@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -15,7 +15,7 @@ from fit.errors import quote
 from fit.files import closest_match
 from fit.telemetry import TOWARDS_1, Telemetry, utc
 from lpfcosim.campaign import Campaign
-from lpfcosim.cosim import read_interfaces
+from lpfcosim.cosim import SimulationProgress, read_interfaces
 from lpfcosim.errors import InputError, RunError
 from lpfcosim.execution import checksums
 from lpfcosim.identification import simulation_session
@@ -60,6 +60,8 @@ class ClosedLoopResponse:
         The runs.
     fmus : mapping of str to Path
         The FMU of each component.
+    progress : SimulationProgress
+        Counts the simulations; where FMUs are not ours, it is that of each simulation as well.
 
     Attributes
     ----------
@@ -69,8 +71,6 @@ class ClosedLoopResponse:
         What the loop has of those of the fit that are not.
     simulated_telemetry : bool
         Whether the telemetry says that these very FMUs simulated it.
-    on_simulation : callable
-        Called after every simulation of a run with their number.
 
     Raises
     ------
@@ -84,9 +84,9 @@ class ClosedLoopResponse:
         plan: Campaign,
         telemetries: Sequence[Telemetry],
         fmus: Mapping[str, Path],
+        progress: SimulationProgress,
     ) -> None:
-        self.on_simulation: Callable[[int], None] = lambda _: None
-        self._done = 0
+        self._progress = progress
         first_run = run_of(plan, telemetries[0])
         placed = read_interfaces(first_run, fmus)
         self.targets = targets(plan, first_run, placed)
@@ -94,7 +94,10 @@ class ClosedLoopResponse:
         digests = {f"fmu_{model}": checksums.digest(path) for model, path in fmus.items()}
         self.simulated_telemetry = all(digests.items() <= dict(t.attributes).items() for t in telemetries)
         self._gains = {f"lambda_{j}": getattr(plan.truth, f"lambda_{j}") for j in (1, 2)}
-        self._loaded = {t.run: _load(stack, plan, t, fmus) for t in telemetries}
+        self._loaded: dict[str, _LoadedRun] = {}
+        for t in telemetries:  # our FMUs are simulated by several threads
+            of_run = progress if plan.replacements else SimulationProgress()
+            self._loaded[t.run] = _load(stack, plan, t, fmus, of_run)
 
     def response(
         self, run: Telemetry, theta: Mapping[str, float], inputs: Mapping[str, Array]
@@ -110,8 +113,7 @@ class ClosedLoopResponse:
         constant = _balanced_acceleration(loaded.mean_commands, {**self._gains, **theta})
         feeds |= {**imposed, "F_noise_x_sc": thrust, "g_2": np.full(n, constant)}
         outputs = self._simulated(loaded.loop, n, feeds, theta)
-        self._done += 1
-        self.on_simulation(self._done)
+        self._progress.simulations += 1
         return {name: loaded.x_sign * x for name, x in outputs.items()}
 
     def command(self, run: Telemetry, theta: Mapping[str, float], o_12: Array) -> Array:
@@ -160,6 +162,7 @@ def _load(
     plan: Campaign,
     telemetry: Telemetry,
     fmus: Mapping[str, Path],
+    progress: SimulationProgress,
 ) -> _LoadedRun:
     run = run_of(plan, telemetry)
     if run.alignment_epoch not in run.truth.delta_ifo:  # any value: it is sought
@@ -175,7 +178,7 @@ def _load(
         ),
     )
     placed = read_interfaces(run, fmus)
-    loop = simulation_session.load_loop(stack, run, placed, ("o_1", "o_12"))
+    loop = simulation_session.load_loop(stack, run, placed, ("o_1", "o_12"), progress)
     controller = simulation_session.load_controller(stack, replace(run, dc=0.0), placed)
     jitters = any("f_x_1_jitter" in i.component.inputs for i in placed)
     feeds = {name: x for name, x in feeds.items() if x.any()}  # most are zero, of every run of a campaign

@@ -39,6 +39,8 @@ class SimulationSession:
         Signals from outside.
     record : mapping of str to str
         What is recorded, and its source.
+    progress : SimulationProgress
+        Kept up to date.
     """
 
     def __init__(
@@ -48,13 +50,16 @@ class SimulationSession:
         interfaces: Sequence[Interface],
         feeds: Sequence[str],
         record: Mapping[str, str],
+        progress: SimulationProgress,
     ) -> None:
         self._run, self._interfaces = run, interfaces
         self._feeds, self._record = feeds, record
         self._parameters = model_of(run).parameters(run)
-        self._instances = co_simulation.load(stack, interfaces)
+        self._progress = progress
+        progress.reset()
+        self._instances = co_simulation.load(stack, interfaces, progress)
+        progress.set_idle()
         self._is_new = True
-        self._progress = SimulationProgress()
         self._co_simulation = co_simulation.CoSimulation(
             run.name,
             run.h,
@@ -102,6 +107,7 @@ class SimulationSession:
                 self._co_simulation.advance(feeds.T, part.T, start)
                 co_simulation.check_measurement_range(self._run, list(self._record), part, start)
                 recorded[:, start:stop] = part
+        self._progress.set_idle()
         return dict(zip(self._record, recorded, strict=True))
 
     def _start(self, changed: Values) -> None:
@@ -121,12 +127,18 @@ class SimulationSession:
 
 
 def load_loop(
-    stack: contextlib.ExitStack, run: Run, interfaces: Sequence[Interface], record: Iterable[str]
+    stack: contextlib.ExitStack,
+    run: Run,
+    interfaces: Sequence[Interface],
+    record: Iterable[str],
+    progress: SimulationProgress,
 ) -> SimulationSession:
     """Load all FMUs of a run, to record some of its channels."""
     sources = model_of(run).record
     feeds = model_of(run).stimuli(run)
-    return SimulationSession(stack, run, interfaces, feeds, {name: sources[name] for name in record})
+    return SimulationSession(
+        stack, run, interfaces, feeds, {name: sources[name] for name in record}, progress
+    )
 
 
 def load_controller(
@@ -145,5 +157,6 @@ def load_controller(
             feeds = tuple(i.component.inputs)
             place = Component(i.model, {name: name for name in feeds}, i.component.outputs)
             controller = [replace(i, component=place)]
-            return SimulationSession(stack, run, controller, feeds, {output: f"{i.model}.{output}"})
+            record, progress = {output: f"{i.model}.{output}"}, SimulationProgress()
+            return SimulationSession(stack, run, controller, feeds, record, progress)
     raise RunError(f"run '{run.name}': no FMU of the loop has the output {output}")

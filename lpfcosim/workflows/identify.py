@@ -1,7 +1,7 @@
 """Parameters of the FMUs in the loop, estimated from telemetry by simulating the loop with trial values."""
 
-from collections.abc import Mapping, Sequence
-from contextlib import ExitStack, nullcontext
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import ExitStack, closing, nullcontext
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -16,10 +16,10 @@ from fit.results import Results, write
 from fit.settings import Settings, refuse_narrow_band, settings
 from fit.telemetry import Telemetry, read_truth
 from lpfcosim.campaign import Campaign
-from lpfcosim.cosim import read_interfaces_of_runs, warnings
+from lpfcosim.cosim import SimulationProgress, read_interfaces_of_runs, warnings
 from lpfcosim.errors import InputError, as_run_error, prefix_errors
+from lpfcosim.execution import Tasks, Workers, results_folder, runner, validation
 from lpfcosim.execution import fmus as fmu_archives
-from lpfcosim.execution import results_folder, validation
 from lpfcosim.identification import ClosedLoopResponse, Target, run_of, targets
 from lpfcosim.models import DELTA_G
 from lpfcosim.workflows.calibration import Calibration, calibrate_into, constrain, read_telemetry
@@ -90,7 +90,8 @@ def identify(
     fmus = campaign_fmus(plan, progress)
     with prefix_errors(source):
         interfaces = read_interfaces_of_runs(plan.runs, fmus)
-        for target in targets(plan, plan.runs[0], interfaces):
+        sought = targets(plan, plan.runs[0], interfaces)
+        for target in sought:
             free_parameter(target)  # refused before anything takes its time
     for warning in warnings(interfaces, plan.runs[0].h):
         progress.warn(warning)
@@ -101,7 +102,11 @@ def identify(
     with results_folder.lock(directory, alternative=True), ExitStack() as stack:
         with prefix_errors(source):
             copies = stack.enter_context(fmu_archives.snapshot(plan, fmus, directory, trusted=trusted))
-        identified, results, telemetries = _identify(plan, source, copies, directory, fit_settings, progress)
+        with progress.stage("reading"):
+            results, telemetries = _read(plan, directory)
+        n_simulations = len(telemetries) * (ITERATIONS + PULSE_RESPONSES + len(sought))
+        with progress.counted("simulations", n_simulations) as count:
+            identified = _in_worker(_Task(plan, source, copies, directory, fit_settings), count)
         write(identified, directory / RESULTS)
         with progress.stage("report"):
             report = fit_report.write_report(directory, results, telemetries)
@@ -143,36 +148,40 @@ def _calibrate(
         progress.warn(str(error))
 
 
-def _identify(
-    plan: Campaign,
-    source: Path | None,
-    fmus: Mapping[str, Path],
-    directory: Path,
-    fit_settings: Settings,
-    progress: Progress,
-) -> tuple[Results, Results, Sequence[Telemetry]]:
-    """Identify from telemetry that has been fitted; return also the results of the fit, and the telemetry."""
-    path = directory / "results.json"
-    with progress.stage("reading"):
-        results, telemetries = refit.load(directory)
-        place = f"{path}: provenance.settings"
-        refuse_narrow_band(settings(results.provenance.settings, place), "identify", place)
-        for telemetry in telemetries:
-            run_of(plan, telemetry)
+def _read(plan: Campaign, directory: Path) -> tuple[Results, Sequence[Telemetry]]:
+    """Read the results of a fit that an identification can begin with, and the telemetry."""
+    place = f"{directory / 'results.json'}: provenance.settings"
+    results, telemetries = refit.load(directory)
+    refuse_narrow_band(settings(results.provenance.settings, place), "identify", place)
+    for telemetry in telemetries:
+        run_of(plan, telemetry)
+    return results, telemetries
+
+
+@dataclass(frozen=True)
+class _Task:
+    """Identifies from fitted telemetry, in a worker process: a crash of an FMU ends that alone."""
+
+    plan: Campaign
+    source: Path | None
+    fmus: Mapping[str, Path]
+    directory: Path
+    fit_settings: Settings
+
+    def __call__(self, _item: None, progress: SimulationProgress) -> Results:
+        path = self.directory / "results.json"
+        results, telemetries = refit.load(self.directory)
         experiments, fitted = refit.experiments(results, telemetries, path)
-    runs = [run.telemetry for e in experiments for run in (e.sysid, e.noise) if run]
-    constraints = {**fitted.parameters, **fit_settings.parameters}
-    # third-party FMUs may not stand being loaded by several threads
-    with (
-        as_run_error(),
-        prefix_errors(source),
-        serial() if plan.replacements else nullcontext(),
-        ExitStack() as stack,
-    ):
-        with progress.stage("loading"):
-            loop = ClosedLoopResponse(stack, plan, runs, fmus)
-        total = (ITERATIONS + PULSE_RESPONSES) * len(runs) + 2 * len(loop.targets) * len(experiments)
-        with progress.counted("simulations", total) as loop.on_simulation:
+        runs = [run.telemetry for e in experiments for run in (e.sysid, e.noise) if run]
+        constraints = {**fitted.parameters, **self.fit_settings.parameters}
+        # third-party FMUs may not stand being loaded by several threads
+        with (
+            as_run_error(),
+            prefix_errors(self.source),
+            serial() if self.plan.replacements else nullcontext(),
+            ExitStack() as stack,
+        ):
+            loop = ClosedLoopResponse(stack, self.plan, runs, self.fmus, progress)
             identified = estimate(
                 experiments,
                 [free_parameter(target) for target in loop.targets],
@@ -181,11 +190,22 @@ def _identify(
                 fitted.model_copy(update={"parameters": constraints}),
                 loop.fixed_values,
             )
-    variables = {t.name: {"model": t.model, "variable": t.variable} for t in loop.targets}
-    extra = {**identified.provenance.extra, "identified": variables}
-    identified = replace(identified, provenance=replace(identified.provenance, extra=extra))
-    truths = {t.run: _truth(t, plan, loop.targets) for t in telemetries}
-    return coverage.with_truth(identified, telemetries, truths), results, telemetries
+        variables = {t.name: {"model": t.model, "variable": t.variable} for t in loop.targets}
+        extra = {**identified.provenance.extra, "identified": variables}
+        identified = replace(identified, provenance=replace(identified.provenance, extra=extra))
+        truths = {t.run: _truth(t, self.plan, loop.targets) for t in telemetries}
+        return coverage.with_truth(identified, telemetries, truths)
+
+
+def _in_worker(task: _Task, on_simulation: Callable[[int], None]) -> Results:
+    logs, models = task.directory / "logs", runner.fmu_order(task.plan)
+    tasks = Tasks(task, {"identification": None}, task.directory, logs, "{}", models)
+    with closing(Workers(1).results(tasks, lambda _, now: on_simulation(now.simulations))) as outcomes:
+        ((_, outcome),) = outcomes
+    if not isinstance(outcome, Results):
+        tasks.append_to_log("identification", str(outcome))
+        raise outcome
+    return outcome
 
 
 def _truth(telemetry: Telemetry, plan: Campaign, parameters: Sequence[Target]) -> dict[str, float]:

@@ -63,7 +63,7 @@ def test_parameters_of_the_fmus_are_those_that_the_fit_finds(lpfcosim, done):
     done.write_text(CAMPAIGN + SOUGHT)
     _, out, err = lpfcosim("identify", done, "--json", status=0)
     said = list(dict.fromkeys(line.split(":")[0] for line in err.splitlines()))
-    assert said[-4:] == ["reading", "loading", "simulations", "report"]
+    assert said[-3:] == ["reading", "simulations", "report"]
     result = json.loads(out)
     folder = done.with_suffix("")
     assert result == json.loads((folder / "identified.json").read_text())
@@ -233,14 +233,21 @@ def test_bounds_that_the_data_contradict_make_the_result_unsound(identify):
 
 
 @pytest.mark.slow
-def test_an_fmu_that_fails_in_a_trial_is_named(lpfcosim, done, tmp_path):
-    third_party.built(tmp_path, "INFINITE")
+@pytest.mark.parametrize(
+    ("fault", "sentence"),
+    [
+        (
+            "INFINITE",
+            "the SuspensionControl FMU returns a value that is not finite at 5.0 s; simulated with lambda_1",
+        ),
+        ("CRASHES", "its process was ended by SIGSEGV at 5.0 s, in the SuspensionControl FMU"),
+    ],
+)
+def test_an_fmu_that_fails_in_a_trial_is_named(lpfcosim, done, tmp_path, fault, sentence):
+    third_party.built(tmp_path, fault)
     done.write_text(CAMPAIGN + third_party.TABLE)
     before = (done.with_suffix("") / "results.json").read_bytes()
     err = lpfcosim("identify", done, "--trust", status=1)[2]
-    sentence = (
-        "the SuspensionControl FMU returns a value that is not finite at 5.0 s; simulated with lambda_1"
-    )
     assert sentence in err.splitlines()[-1]
     assert (done.with_suffix("") / "results.json").read_bytes() == before
     assert not (done.with_suffix("") / "identified.json").exists()

@@ -5,7 +5,7 @@ import contextlib
 import numpy as np
 import pytest
 
-from lpfcosim.cosim import read_interfaces
+from lpfcosim.cosim import SimulationProgress, read_interfaces
 from lpfcosim.errors import RunError
 from lpfcosim.identification import simulation_session
 from lpfcosim.linear import ClosedLoop
@@ -25,7 +25,7 @@ def test_a_trial_leaves_nothing_behind(run, fmus):
     result = read_interfaces(run, fmus)
     feeds = {**stimuli.injections(run), "g_2": np.full(N, run.dc)}
     with contextlib.ExitStack() as stack:
-        loop = simulation_session.load_loop(stack, run, result, ("o_1", "o_12"))
+        loop = simulation_session.load_loop(stack, run, result, ("o_1", "o_12"), SimulationProgress())
         first = loop.simulate(N, feeds, {})
         other = loop.simulate(N, feeds, {"Plant": {"omega2_2_0": -5e-7}})
         again = loop.simulate(N, feeds, {})
@@ -42,7 +42,7 @@ def test_a_loop_goes_on_after_a_trial_that_is_not_stable(run, fmus):
     result = read_interfaces(run, fmus)
     feeds = {**stimuli.injections(run), "g_2": np.full(N, run.dc)}
     with contextlib.ExitStack() as stack:
-        loop = simulation_session.load_loop(stack, run, result, ("o_1", "o_12"))
+        loop = simulation_session.load_loop(stack, run, result, ("o_1", "o_12"), SimulationProgress())
         first = loop.simulate(N, feeds, {})
         with pytest.raises(RunError, match="diverges"):
             loop.simulate(N, feeds, {"Plant": {"omega2_2_0": -1.0}})
@@ -55,7 +55,7 @@ def test_the_controller_alone_makes_the_commands_that_it_made_in_the_loop(run, f
     result = read_interfaces(run, fmus)
     feeds = {**stimuli.injections(run), "g_2": np.full(N, run.dc)}
     with contextlib.ExitStack() as stack:
-        loop = simulation_session.load_loop(stack, run, result, ("o_12", "f_x_2"))
+        loop = simulation_session.load_loop(stack, run, result, ("o_12", "f_x_2"), SimulationProgress())
         alone = simulation_session.load_controller(stack, run, result)
         whole = loop.simulate(N, feeds, {})
         given = {"o_12": whole["o_12"], "guidance_o_12": feeds["guidance_o_12"]}
