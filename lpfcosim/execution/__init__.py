@@ -4,10 +4,8 @@ Finished files are kept and checked by their digest, so that a campaign that was
 """
 
 from lpfcosim.execution.pool import Tasks, Workers, dask_executor
-from lpfcosim.execution.provenance import Provenance
 
 __all__ = [
-    "Provenance",
     "Tasks",
     "Workers",
     "checksums",

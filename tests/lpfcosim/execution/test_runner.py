@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 from lpfcosim.errors import InputError, RunError
-from lpfcosim.execution import Provenance, Workers, provenance, runner
+from lpfcosim.execution import Workers, provenance, runner
 from lpfcosim.spacecraft.run import Authority, Sine
 from tests.reference_run import simulate_reference
 
@@ -187,7 +187,7 @@ def test_telemetry_of_no_run_of_the_campaign_is_left_alone(fmus, plan, tmp_path)
 @pytest.mark.parametrize("seed", [None, np.arange(3)])
 def test_telemetry_without_a_seed_is_not_that_of_the_campaign(fmus, plan, tmp_path, seed):
     with h5py.File(tmp_path / "one.h5", "w") as file:
-        file.attrs.update({**Provenance.of(plan, fmus).attributes(), "seed": np.arange(3)})
+        file.attrs.update({**provenance.Provenance.of(plan, fmus).attributes(), "seed": np.arange(3)})
         if seed is None:
             del file.attrs["seed"]
     with pytest.raises(InputError, match=r"one\.h5: .* seed.*; use another folder .* \(--rerun; "):
