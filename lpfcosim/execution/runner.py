@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from fit.files import atomic
 from fit.parallel import parallel_map
@@ -127,35 +128,51 @@ def simulate(
     tasks.remove_empty_logs()  # of a command that was killed
     if fmus and missing:
         engine_library()  # built once, here, and not in every worker
-    failures: dict[str, InputError | RunError] = {}
-    stale = [paths[name] for name in missing]
+    if not missing:
+        callbacks.on_start()
 
     def on_progress(name: str, now: SimulationProgress) -> None:  # the last sample counts with the file
         callbacks.on_progress(name, min(max(now.sample, 0), missing[name].n_samples - 1))
 
-    if not missing:
-        callbacks.on_start()
     with closing(options.results(tasks, on_progress)) as outcomes:
-        for name, outcome in outcomes:
-            try:
-                if not isinstance(outcome, PendingFile):
-                    raise outcome
-                if stale:  # files of two campaigns must not lie side by side, should this be killed
-                    callbacks.on_start()
-                    checksums.remove(stale)
-                    stale.clear()
-                checksums.add(paths[name], outcome)
-            except (InputError, RunError) as error:
-                failures[name] = error
-                tasks.append_to_log(name, str(error))
-            else:
-                callbacks.on_progress(name, missing[name].n_samples)
-    refusals = [str(error) for error in failures.values() if isinstance(error, InputError)]
+        failures = _collect_results(missing, outcomes, checksums, paths, callbacks, tasks)
+    files = {name: path for name, path in paths.items() if name not in failures}
+    return SimulationResult(files, failures, provenance)
+
+
+def _collect_results(
+    runs: Mapping[str, Run],
+    outcomes: Iterable[tuple[str, Any]],
+    checksums: ChecksumFile,
+    paths: Mapping[str, Path],
+    callbacks: ProgressCallbacks,
+    tasks: Tasks,
+) -> dict[str, RunError]:
+    """Record the checksum of each file as it comes and give it its name; return the errors of the others.
+
+    The first file removes all that is old: files of two campaigns must not lie side by side, also after a
+    kill.
+    """
+    failures: dict[str, InputError | RunError] = {}
+    stale = [paths[name] for name in runs]
+    for name, outcome in outcomes:
+        try:
+            if not isinstance(outcome, PendingFile):
+                raise outcome
+            if stale:
+                callbacks.on_start()
+                checksums.remove(stale)
+                stale = []
+            checksums.add(paths[name], outcome)
+        except (InputError, RunError) as error:
+            failures[name] = error
+            tasks.append_to_log(name, str(error))
+        else:
+            callbacks.on_progress(name, runs[name].n_samples)
+    refusals = [error for error in failures.values() if isinstance(error, InputError)]
     if refusals:
-        raise InputError("; ".join(dict.fromkeys(refusals)))
-    failed = {name: RunError(str(failures[name])) for name in missing if name in failures}
-    files = {name: path for name, path in paths.items() if name not in failed}
-    return SimulationResult(files, failed, provenance)
+        raise InputError("; ".join(dict.fromkeys(map(str, refusals))))
+    return {name: RunError(str(failures[name])) for name in runs if name in failures}
 
 
 def fmu_order(campaign: Campaign) -> tuple[str, ...]:
