@@ -89,12 +89,7 @@ def identify(
         fit_settings = constrain(_validate(plan, trusted=trusted), parameters)
     fmus = campaign_fmus(plan, progress)
     with prefix_errors(source):
-        interfaces = read_interfaces_of_runs(plan.runs, fmus)
-        sought = targets(plan, plan.runs[0], interfaces)
-        for target in sought:
-            free_parameter(target)  # refused before anything takes its time
-    for warning in warnings(interfaces, plan.runs[0].h):
-        progress.warn(warning)
+        n_targets = _check_targets(plan, fmus, progress)
     if files:
         _calibrate(plan, files, directory, fit_settings, progress)
     else:
@@ -104,7 +99,7 @@ def identify(
             copies = stack.enter_context(fmu_archives.snapshot(plan, fmus, directory, trusted=trusted))
         with progress.stage("reading"):
             results, telemetries = _read(plan, directory)
-        n_simulations = len(telemetries) * (ITERATIONS + PULSE_RESPONSES + len(sought))
+        n_simulations = len(telemetries) * (ITERATIONS + PULSE_RESPONSES + n_targets)
         with progress.counted("simulations", n_simulations) as count:
             identified = _in_worker(_Task(plan, source, copies, directory, fit_settings), count)
         write(identified, directory / RESULTS)
@@ -123,6 +118,15 @@ def _validate(plan: Campaign, *, trusted: bool) -> Settings:
     validation.validate(plan)
     fmu_archives.check_trust(plan, trusted=trusted)
     return fit_settings
+
+
+def _check_targets(plan: Campaign, fmus: Mapping[str, Path], progress: Progress) -> int:
+    """Refuse parameters that cannot be identified, before anything takes its time; return their number."""
+    interfaces = read_interfaces_of_runs(plan.runs, fmus)
+    parameters = [free_parameter(target) for target in targets(plan, plan.runs[0], interfaces)]
+    for warning in warnings(interfaces, plan.runs[0].h):
+        progress.warn(warning)
+    return len(parameters)
 
 
 def _check_results(path: Path, campaign: Path) -> None:
