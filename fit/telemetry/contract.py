@@ -21,60 +21,46 @@ class Channel(NamedTuple):
     long_name: str
 
 
-_MASSES = (1, 2)
-_AXES = ("x", "y", "z")
-_ANGLES = ("theta", "eta", "phi")
+_AXES, _ANGLES = ("x", "y", "z"), ("theta", "eta", "phi")
+
+
+def _each(name: str, unit: str, long_name: str, *values: object) -> dict[str, Channel]:
+    """Return a channel for each value, which stands for the braces."""
+    return {name.format(value): Channel(unit, long_name.format(value)) for value in values}
+
 
 CHANNELS: Mapping[str, Channel] = {
     "o_1": Channel("m", "interferometer read-out of x_1, test mass 1 relative to the spacecraft"),
     "o_12": Channel("m", "interferometer read-out of x_2 - x_1"),
     "o_2": Channel("m", "LISA: interferometer read-out of x_2, test mass 2 relative to the spacecraft"),
-    **{
-        f"dws_phi_{j}": Channel("rad", f"LISA: long-range wavefront sensing of phi by assembly {j}")
-        for j in _MASSES
-    },
-    **{
-        f"f_x_{j}": Channel("m s-2", f"commanded force on test mass {j} along x per unit mass")
-        for j in _MASSES
-    },
+    **_each("dws_phi_{}", "rad", "LISA: long-range wavefront sensing of phi by assembly {}", 1, 2),
+    **_each("f_x_{}", "m s-2", "commanded force on test mass {} along x per unit mass", 1, 2),
     "guidance_o_1": Channel("m", "guidance injected into the drag-free loop"),
     "guidance_o_12": Channel("m", "guidance injected into the suspension loop"),
-    **{f"F_{k}_sc": Channel("N", f"commanded thrust on the spacecraft along {k}") for k in _AXES},
-    **{f"N_{k}_sc": Channel("N m", f"commanded torque on the spacecraft about {k}") for k in _AXES},
-    **{
-        f"o_{k}_{j}": Channel("rad", f"wavefront-sensing read-out of {k}, test mass {test_mass}")
-        for k in ("phi", "eta")
-        for j, test_mass in ((1, "1"), (12, "2 less test mass 1"))
-    },
-    **{
-        f"grs_{k}_{j}": Channel(unit, f"capacitive read-out of {k}, test mass {j}")
-        for j in _MASSES
-        for unit, names in (("m", _AXES), ("rad", _ANGLES))
-        for k in names
-    },
-    **{
-        f"F_{k}_{j}": Channel("N", f"commanded force on test mass {j} along {k}")
-        for j in _MASSES
-        for k in _AXES
-    },
-    **{
-        f"N_{k}_{j}": Channel("N m", f"commanded torque on test mass {j}, angle {k}")
-        for j in _MASSES
-        for k in _ANGLES
-    },
-    **{f"ast_{k}": Channel("rad", f"star-tracker attitude against J2000, angle {k}") for k in _ANGLES},
-    **{
-        f"ast_q_{i}": Channel("", f"star-tracker quaternion J2000 to body, component {i}, scalar last")
-        for i in (1, 2, 3, 4)
-    },
+    **_each("F_{}_sc", "N", "commanded thrust on the spacecraft along {}", *_AXES),
+    **_each("N_{}_sc", "N m", "commanded torque on the spacecraft about {}", *_AXES),
+    "o_phi_1": Channel("rad", "wavefront-sensing read-out of phi, test mass 1"),
+    "o_phi_12": Channel("rad", "wavefront-sensing read-out of phi, test mass 2 less test mass 1"),
+    "o_eta_1": Channel("rad", "wavefront-sensing read-out of eta, test mass 1"),
+    "o_eta_12": Channel("rad", "wavefront-sensing read-out of eta, test mass 2 less test mass 1"),
+    **_each("grs_{}_1", "m", "capacitive read-out of {}, test mass 1", *_AXES),
+    **_each("grs_{}_1", "rad", "capacitive read-out of {}, test mass 1", *_ANGLES),
+    **_each("grs_{}_2", "m", "capacitive read-out of {}, test mass 2", *_AXES),
+    **_each("grs_{}_2", "rad", "capacitive read-out of {}, test mass 2", *_ANGLES),
+    **_each("F_{}_1", "N", "commanded force on test mass 1 along {}", *_AXES),
+    **_each("F_{}_2", "N", "commanded force on test mass 2 along {}", *_AXES),
+    **_each("N_{}_1", "N m", "commanded torque on test mass 1, angle {}", *_ANGLES),
+    **_each("N_{}_2", "N m", "commanded torque on test mass 2, angle {}", *_ANGLES),
+    **_each("ast_{}", "rad", "star-tracker attitude against J2000, angle {}", *_ANGLES),
+    **_each("ast_q_{}", "", "star-tracker quaternion J2000 to body, component {}, scalar last", 1, 2, 3, 4),
 }
 #: The channel that holds the set points of a read-out, by the read-out.
 GUIDANCE: Mapping[str, str] = {
     **{name: f"guidance_{name}" for name in ("o_1", "o_2", "o_12")},
-    **{f"grs_y_{j}": f"guidance_y_{j}" for j in _MASSES},
+    **{f"grs_y_{j}": f"guidance_y_{j}" for j in (1, 2)},
     **{
         f"{read_out}_{j}": f"guidance_{angle}_{j}"
-        for j in _MASSES
+        for j in (1, 2)
         for read_out, angle in (("grs_theta", "theta"), ("o_eta", "eta"), ("o_phi", "phi"))
     },
 }
@@ -91,11 +77,6 @@ def has_lisa_channels(channels: Container[str]) -> bool:
 def required(channels: Container[str]) -> tuple[str, ...]:
     """Return the channels that a calibration needs of telemetry that has these."""
     return LISA_REQUIRED if has_lisa_channels(channels) else REQUIRED
-
-
-def expected_unit(channel: str) -> str | None:
-    """Return the unit a file must state for a channel, None for a pure number or a channel not known."""
-    return CHANNELS[channel].unit or None if channel in CHANNELS else None
 
 
 def utc(t0: str) -> datetime:
@@ -123,6 +104,14 @@ def _printable(name: str) -> str:
     return name
 
 
+def _period(value: object) -> object:
+    number = whole(value)
+    is_number = isinstance(number, int) and not isinstance(number, bool) and number >= 0
+    if not (is_number or (isinstance(value, str) and value.strip())):
+        raise problem(f"{shown(value)}, expected a whole number, zero or more, or a word")
+    return value
+
+
 class _Unit(str):
     """Unit of a root attribute."""
 
@@ -135,6 +124,7 @@ TOWARDS_1: XAxis = "towards test mass 1"
 _Name = Annotated[str, Field(min_length=1, max_length=100), AfterValidator(_printable)]
 _Force = Annotated[float, Field(ge=0, le=1e3), _Unit("N")]
 _Torque = Annotated[float, Field(ge=0, le=1e3), _Unit("N m")]
+_Length = Annotated[float, Field(ge=-10, le=10), _Unit("m")]
 
 
 class Root(BaseModel, strict=True, allow_inf_nan=False, extra="allow"):
@@ -153,36 +143,21 @@ class Root(BaseModel, strict=True, allow_inf_nan=False, extra="allow"):
     m_tm: Annotated[float, Field(ge=1e-3, le=1e6), _Unit("kg")]
 
 
-class _Frame(BaseModel, strict=True):
-    """The root attribute of the frame, where there is one."""
+class _Optional(BaseModel, strict=True, allow_inf_nan=False):
+    """Root attributes that a file may have; the last three are those of LISA."""
 
     x_axis: XAxis = TOWARDS_2
+    inertial_period: Annotated[object, BeforeValidator(_period)] = 0
+    half_opening: Annotated[float, Field(ge=0, le=math.pi / 2), _Unit("rad")] = 0.0
+    d_x: _Length = 0.0
+    d_y: _Length = 0.0
 
 
 #: Every root attribute that describes a run, with its unit, None for what is no quantity.
 ATTRIBUTES: Mapping[str, str | None] = {
-    **{
-        name: next((str(unit) for unit in field.metadata if isinstance(unit, _Unit)), None)
-        for name, field in Root.model_fields.items()
-    },
-    "x_axis": None,
-    "inertial_period": None,
-    "I_yy": "kg m2",
-    "I_zz": "kg m2",
-    "omega2_phi": "s-2",
-    "omega2_eta": "s-2",
-    "half_opening": "rad",  # this and the following of LISA, see `fit.spacecraft.lisa`
-    "d_x": "m",
-    "d_y": "m",
-}
-
-
-#: Least and largest values of optional attributes, and how these are written.
-RANGES: Mapping[str, tuple[float, float, str]] = {
-    "half_opening": (0.0, math.pi / 2, "0 to pi/2"),
-    "d_x": (-10.0, 10.0, "-10 to 10"),
-    "d_y": (-10.0, 10.0, "-10 to 10"),
-}
+    name: next((str(unit) for unit in field.metadata if isinstance(unit, _Unit)), None)
+    for name, field in (Root.model_fields | _Optional.model_fields).items()
+} | {"I_yy": "kg m2", "I_zz": "kg m2", "omega2_phi": "s-2", "omega2_eta": "s-2"}
 
 
 def check_root(place: str, attributes: Mapping[str, object]) -> Root:
@@ -193,13 +168,8 @@ def check_root(place: str, attributes: Mapping[str, object]) -> Root:
     InputError
         If one is missing or breaks the contract.
     """
-    for name, (low, high, expected) in RANGES.items():
-        value = attributes.get(name, low)
-        if isinstance(value, bool) or not isinstance(value, int | float) or not low <= value <= high:
-            unit = ATTRIBUTES[name]
-            raise InputError(f"{place}: attribute {name} = {shown(value)} {unit}: expected {expected} {unit}")
     try:
-        _Frame.model_validate(attributes)
+        _Optional.model_validate(attributes)
         return Root.model_validate(attributes)
     except ValidationError as error:
         raise InputError(f"{place}: attribute {validation_messages(error, written=False)}") from error

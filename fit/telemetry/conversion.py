@@ -9,14 +9,13 @@ import math
 import tempfile
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack, suppress
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fit.errors import FitError, InputError
-from fit.files import key, refuse_links
+from fit.files import refuse_links
 from fit.telemetry import time_axis, time_stamps
 from fit.telemetry.archives import Table, open_table
 from fit.telemetry.contract import CHANNELS, SCHEMA, check_root, required
@@ -76,13 +75,11 @@ def convert(paths: Sequence[Path], folder: Path, *, any_gaps: bool) -> list[Path
     if not maps:
         return list(paths)
     refuse_links(folder)
-    places: dict[str, str] = {}
-    for path, mapping in maps.items():
-        for i, source in enumerate(mapping.runs):
-            place = f"{path}: runs[{i}]"
-            twin = places.setdefault(source.run, place)
-            if twin is not place:
-                raise InputError(f"{place}.run: {source.run!r} is also that of {twin}, expected unique names")
+    names: set[str] = set()
+    for path, i, run in ((path, i, run.run) for path, m in maps.items() for i, run in enumerate(m.runs)):
+        if run in names:
+            raise InputError(f"{path}: runs[{i}].run: {run!r} is also that of another, expected unique names")
+        names.add(run)
     try:
         _write_all(maps, folder, any_gaps=any_gaps)
     except OSError as error:
@@ -112,23 +109,6 @@ def _write_all(maps: Mapping[Path, Map], folder: Path, *, any_gaps: bool) -> Non
             file.replace(folder / file.name)
 
 
-@dataclass(frozen=True)
-class _Column:
-    """The column of a channel: table, name in it, place for messages."""
-
-    table: Table
-    name: str
-    place: str
-
-    @classmethod
-    def find(cls, table: Table, column: str | int, channel: str) -> "_Column":
-        """Find it by its name or number."""
-        meaning = "" if channel == TIME else f" (channel {channel})"
-        name = table.column(column, meaning)
-        shown_name = name if name.isprintable() and len(name) <= 80 else key(name)  # of a matrix out[2]
-        return cls(table, name, f"{table.path}: column {shown_name}{meaning}")
-
-
 class _Run:
     """Run `i` of a map; each table of its archives is opened once, until `stack` is closed."""
 
@@ -141,31 +121,30 @@ class _Run:
     def write(self, folder: Path, *, any_gaps: bool) -> None:
         """Write the run."""
         columns = self._columns()
+        places = {channel: table.place(name, channel) for channel, (table, name) in columns.items()}
         stamps = self._stamps(columns)
-        channels = {name: self._read(name, column) for name, column in columns.items()}
+        channels = {channel: self._read(channel, *column) for channel, column in columns.items()}
         size = stamps[1].seconds.size if stamps else next(iter(channels.values())).size
-        for name, values in channels.items():
+        for channel, values in channels.items():
             if values.size != size or not 2 <= size <= MAX_SAMPLES:
                 expected = f"expected as many as in others, 2 to {MAX_SAMPLES}"
-                raise InputError(f"{columns[name].place}: {values.size} samples, {expected}")
+                raise InputError(f"{places[channel]}: {values.size} samples, {expected}")
         time = self._time(stamps, size)
         fs = check_root(self._place, self._attributes).fs
-        for name, values in channels.items():
-            check_values(columns[name].place, values, fs)
+        for channel, values in channels.items():
+            check_values(places[channel], values, fs)
         if not any_gaps:
-            needed = [name for name in required(self._map.channels) if name in columns]
-            check_missing({columns[name].place: np.isnan(channels[name]) for name in needed}, fs)
-        names = {
-            name: f"column {column.name} of {column.table.path.name}" for name, column in columns.items()
+            needed = [channel for channel in required(self._map.channels) if channel in columns]
+            check_missing({places[channel]: np.isnan(channels[channel]) for channel in needed}, fs)
+        origins = {
+            channel: f"column {name} of {table.path.name}" for channel, (table, name) in columns.items()
         }
-        for name, channel in self._map.channels.items():
-            if channel.value is not None:
-                factor = factor_of(self._place, channel.unit, name, self._attributes)
-                channels[name] = np.full(size, channel.value * factor)
-        described = {
-            name: (CHANNELS[name].unit, names.get(name, "one value, by the map")) for name in channels
-        }
-        complete = [name for name, channel in self._map.channels.items() if channel.missing == []]
+        for channel, stated in self._map.channels.items():
+            if stated.value is not None:
+                factor = factor_of(self._place, stated.unit, channel, self._attributes)
+                channels[channel] = np.full(size, stated.value * factor)
+        described = {c: (CHANNELS[c].unit, origins.get(c, "one value, by the map")) for c in channels}
+        complete = [channel for channel, stated in self._map.channels.items() if stated.missing == []]
         files = list(dict.fromkeys(place.archive for place in self._tables))
         root = self._attributes | {
             "schema": SCHEMA,
@@ -178,90 +157,82 @@ class _Run:
         with Writer(file, size, described, root, complete=complete) as writer:
             writer.append(time, channels)
 
-    def _find(self, channel: str, column: Channel | Clock) -> _Column:
-        """Return the column of a channel in the only table that has it."""
-        assert column.column is not None
-        tables = []
-        for place in places_of(self._path, self._map, self._i, column):
+    def _find(self, channel: str, column: Channel | Clock) -> tuple[Table, str]:
+        """Return table and name of the column of a channel, which only one table may have."""
+        key = column.column
+        assert key is not None
+        for place in (places := places_of(self._path, self._map, self._i, column)):
             if place not in self._tables:
                 opened = open_table(place.archive, place.table, self._map.text)
                 self._tables[place] = self._stack.enter_context(opened)
-            tables.append(self._tables[place])
-        having = [table for table in tables if table.has(column.column)] if len(tables) > 1 else tables
+        tables = [self._tables[place] for place in places]
+        having = [table for table in tables if table.has(key)] if len(tables) > 1 else tables
         if len(having) != 1:
             names = ", ".join(table.path.name for table in having or tables)
             raise InputError(
-                f"{self._place}.file: column {key(str(column.column))} (channel {channel}): in "
-                f"{'each' if having else 'none'} of {names}, expected it in one of them, or its file: "
-                f'{{ column = {column.column!r}, file = "{(having or tables)[0].path.name}" }}'
+                f"{self._place}.file: column {key} (channel {channel}): in {'each' if having else 'none'} of "
+                f'{names}, expected it in one of them, or its file: {{ column = {key!r}, file = "A.csv" }}'
             )
-        return _Column.find(having[0], column.column, channel)
+        return having[0], having[0].column(key, channel)
 
-    def _columns(self) -> dict[str, _Column]:
+    def _columns(self) -> dict[str, tuple[Table, str]]:
         """Return the columns of all channels but those of one value."""
-        columns = {
-            name: self._find(name, channel)
-            for name, channel in self._map.channels.items()
-            if channel.value is None
-        }
+        columns = {n: self._find(n, c) for n, c in self._map.channels.items() if c.value is None}
         if not columns:
             raise InputError(f"{self._path}: channels: no column, expected one of each read-out")
         users: dict[tuple[int, str], str] = {}
-        for name, column in columns.items():
-            other = users.setdefault((id(column.table), column.name), name)
-            if other != name:
-                raise InputError(f"{column.place}: also that of channel {other}, expected a column for each")
+        for channel, (table, name) in columns.items():
+            other = users.setdefault((id(table), name), channel)
+            if other != channel:
+                place = table.place(name, channel)
+                raise InputError(f"{place}: also that of channel {other}, expected a column for each")
         return columns
 
-    def _read(self, name: str, column: _Column) -> Array:
+    def _read(self, name: str, table: Table, column: str) -> Array:
         """Return a channel in SI, NaN where samples are missing."""
-        channel, stated = self._map.channels[name], column.table.unit(column.name)
-        factor = factor_of(column.place, channel.unit or stated, name, self._attributes)
+        channel, stated, place = self._map.channels[name], table.unit(column), table.place(column, name)
+        factor = factor_of(place, channel.unit or stated, name, self._attributes)
+        is_other = False
         if channel.unit and stated:
             with suppress(InputError):  # the map may explain units such as counts
-                if not math.isclose(factor, factor_of(column.place, stated, name, self._attributes)):
-                    stated = None
-            if stated is None:
-                raise InputError(
-                    f"{column.place}: in another unit by the file than {channel.unit!r} of the map, expected "
-                    "the same, or no unit in the map"
-                )
-        raw = column.table.read(column.name)
+                is_other = not math.isclose(factor, factor_of(place, stated, name, self._attributes))
+        if is_other:
+            expected = "expected the same, or no unit in the map"
+            raise InputError(f"{place}: in {stated!r} by the file, {channel.unit!r} by the map, {expected}")
+        raw = table.read(column)
         if raw.dtype == object:
-            raise InputError(f"{column.place}: text, expected a row of numbers")
+            raise InputError(f"{place}: text, expected a row of numbers")
         missing = self._map.missing if channel.missing is None else channel.missing
         raw = replace_markers(raw, np.ravel(missing))
         if channel.missing != []:
+            place_in_map = f"channels.{name}"
             cure = (
-                "missing = {marker} in the map, at its top or in channels.%s, or missing = [] in channels.%s"
+                f"at its top or in {place_in_map}, or missing = [] in {place_in_map} if the samples are real"
             )
-            check_markers(column.place, name, raw, f"{cure % (name, name)} if the samples are real")
+            check_markers(place, name, raw, "missing = {marker} in the map, " + cure)
         return np.asarray(raw * factor)
 
-    def _stamps(self, columns: Mapping[str, _Column]) -> tuple[str, Stamps] | None:
+    def _stamps(self, columns: Mapping[str, tuple[Table, str]]) -> tuple[str, Stamps] | None:
         """Return place and content of the time column, None without one; all tables with one must agree."""
         clock = self._map.time
         if clock is None:
             return None
-        having = {id(c.table): c.table for c in columns.values() if c.table.has(clock.column)}
-        if clock.file or clock.table is not None or not having:
-            found = [self._find(TIME, clock)]
-        else:
-            found = [_Column.find(table, clock.column, TIME) for table in having.values()]
-        first, *others = [(column.place, self._read_stamps(clock, column)) for column in found]
+        having = {id(t): (t, t.column(clock.column)) for t, _ in columns.values() if t.has(clock.column)}
+        is_elsewhere = clock.file or clock.table is not None or not having
+        found = [self._find(TIME, clock)] if is_elsewhere else list(having.values())
+        first, *others = [(table.place(name), self._read_stamps(clock, table, name)) for table, name in found]
         for place, stamps in others:
             time_axis.check_agreement(place, stamps, *first)
         return first
 
-    def _read_stamps(self, clock: Clock, column: _Column) -> Stamps:
-        values, epoch = column.table.read(column.name), column.table.columns[column.name].epoch
+    def _read_stamps(self, clock: Clock, table: Table, name: str) -> Stamps:
+        values, epoch, place = table.read(name), table.columns[name].epoch, table.place(name)
         if (values.dtype == object and clock.unit) or (clock.format and epoch):
             stated = f"counts from {epoch!r}" if epoch else "texts"
-            raise InputError(f"{column.place}: {stated}, expected neither unit nor format in [time]")
+            raise InputError(f"{place}: {stated}, expected neither unit nor format in [time]")
         counts = values.dtype != object and (clock.format is None or clock.format in SECONDS)
-        unit = clock.unit or column.table.unit(column.name)
-        factor = factor_of(column.place, unit or None, TIME, {}) if counts else 1.0
-        return time_stamps.read_stamps(column.place, values, clock.format, clock.scale, factor, epoch)
+        factor = factor_of(place, clock.unit or table.unit(name) or None, TIME, {}) if counts else 1.0
+        return time_stamps.read_stamps(place, values, clock.format, clock.scale, factor, epoch)
 
     def _time(self, place_and_stamps: tuple[str, Stamps] | None, size: int) -> Array:
         """Return the seconds since the first sample; rate and start join the attributes."""
@@ -269,13 +240,12 @@ class _Run:
         if place_and_stamps is None:
             return np.arange(size) / float(attributes["fs"])
         place, stamps = place_and_stamps
-        time, rate = time_axis.fit_grid(
-            place, stamps, float(attributes["fs"]) if "fs" in attributes else None
-        )
-        attributes.setdefault("fs", rate)
+        stated = float(attributes["fs"]) if "fs" in attributes else None
+        time, fs = time_axis.fit_grid(place, stamps, stated)
+        attributes["fs"] = fs
         if stamps.t0 is not None:
             if "t0" in attributes:
-                time_axis.check_start(f"{self._place}.t0", str(attributes["t0"]), stamps, rate)
+                time_axis.check_start(f"{self._place}.t0", str(attributes["t0"]), stamps.t0, fs)
             attributes["t0"] = stamps.t0
         elif "t0" not in attributes:
             raise InputError(f"{self._place}.t0: missing, expected UTC of the first sample, or time stamps")

@@ -89,18 +89,14 @@ def open_file(path: Path, schema: str = SCHEMA) -> Iterator[h5py.File]:
     try:
         with h5py.File(path, "r") as file:
             yield file
-    except PermissionError:
-        raise InputError(f"{path}: cannot be read (permission denied), expected {content}") from None
-    except MemoryError as error:
-        raise InputError(f"{path}: takes more memory than there is to be read, expected less") from error
     except InputError:
         raise
     except Exception as error:  # a damaged file makes h5py and NumPy raise almost anything
         if is_locked(error):
             raise InputError(f"{path}: is {LOCKED}, expected a file that can be read") from error
-        is_hdf5 = h5py.is_hdf5(path)
-        fault = f"cannot be read ({' '.join(str(error).split())})" if is_hdf5 else "not HDF5"
-        advice = "" if is_hdf5 or schema != SCHEMA or path.suffix in _NO_ARCHIVES else _map_advice(path)
+        is_readable = isinstance(error, PermissionError | MemoryError) or h5py.is_hdf5(path)
+        fault = f"cannot be read ({' '.join(str(error).split())})" if is_readable else "not HDF5"
+        advice = "" if is_readable or schema != SCHEMA or path.suffix in _NO_ARCHIVES else _map_advice(path)
         raise InputError(f"{path}: {fault}, expected an HDF5 file of schema {schema!r}{advice}") from error
 
 
@@ -126,10 +122,9 @@ def root_attributes(path: Path) -> dict[str, Any] | None:
 
 def check_schema(path: Path, schema: object) -> None:
     """Refuse a file of another schema, or of none, which may be an archive."""
-    if schema is None:
-        raise InputError(f"{path}: attribute schema: missing, expected {SCHEMA!r}{_map_advice(path)}")
     if not isinstance(schema, str) or schema != SCHEMA:
-        raise InputError(f"{path}: attribute schema: {shown(schema)}, expected {SCHEMA!r}")
+        stated, advice = ("missing", _map_advice(path)) if schema is None else (shown(schema), "")
+        raise InputError(f"{path}: attribute schema: {stated}, expected {SCHEMA!r}{advice}")
 
 
 def _map_advice(path: Path) -> str:

@@ -181,7 +181,8 @@ def load(path: Path) -> Map:
     for name in (*required(mapping.channels), *mapping.channels):
         place = f"{path}: channels.{key(name)}"
         if name not in mapping.channels:
-            raise InputError(f"{place}: missing, expected its column")
+            value = "; { value = 0 } states that it is known to be zero"
+            raise InputError(f'{place}: missing, expected its column, {{ column = "x1" }}{value}')
         if name not in CHANNELS:
             raise InputError(f"{place}: not known{closest_match(name, CHANNELS)}")
         factor_of(f"{place}.unit", mapping.channels[name].unit, name, {"m_tm": 1.0})

@@ -20,28 +20,10 @@ from fit.errors import InputError, shown
 from fit.files import key, short_path
 from fit.parallel import parallel_map
 from fit.tables import Table, html_list
-from fit.telemetry.contract import (
-    SCHEMA,
-    TOWARDS_1,
-    TOWARDS_2,
-    Root,
-    XAxis,
-    check_root,
-    has_lisa_channels,
-    required,
-    utc,
-    whole,
-)
+from fit.telemetry import contract, validation
+from fit.telemetry.contract import SCHEMA, TOWARDS_1, TOWARDS_2, Root, XAxis, utc
 from fit.telemetry.lazy_channels import LazyChannels, check_schema, open_file
-from fit.telemetry.validation import (
-    channel_attribute,
-    channel_units,
-    check_markers,
-    check_missing,
-    plain,
-    read_time,
-    readable_attributes,
-)
+from fit.telemetry.validation import readable_attributes
 
 if TYPE_CHECKING:
     import xarray
@@ -134,7 +116,7 @@ class Telemetry:
         """Of which it is, as its attribute states or its channels show: such as ``"LISA Pathfinder"``."""
         if (stated := self.attributes.get("spacecraft")) is not None:
             return str(stated)
-        return "LISA" if has_lisa_channels(self.channels) else "LISA Pathfinder"
+        return "LISA" if contract.has_lisa_channels(self.channels) else "LISA Pathfinder"
 
     @property
     def x_axis(self) -> XAxis:
@@ -192,24 +174,20 @@ def open_run(path: Path) -> Telemetry:
         As `read`.
     """
     with open_file(path) as file:
-        if product := _product(file):
-            raise InputError(f"{path}: is {product}, expected telemetry; name the files of telemetry alone")
         attributes = readable_attributes(file.attrs)
         check_schema(path, attributes.pop("schema", None))
-        root = check_root(str(path), attributes)
-        time = read_time(file, path, root.fs)
-        units = channel_units(file, path, time.size)
-        telemetry = Telemetry(
+        root = contract.check_root(str(path), attributes)
+        time = validation.read_time(file, path, root.fs)
+        units = validation.channel_units(file, path, time.size)
+        return Telemetry(
             path=path.absolute(),
             **root.model_dump(include=set(Root.model_fields)),
             time=time,
             channels=LazyChannels(path, units, range(time.size), root.fs),
             units=units,
             attributes=dict(root.model_extra or {}),
-            long_names={k: str(v) for k, v in channel_attribute(file, units, "long_name").items()},
+            long_names={k: str(v) for k, v in validation.channel_attribute(file, units, "long_name").items()},
         )
-    inertial_period(telemetry)
-    return telemetry
 
 
 def read(path: Path, *, trusted: bool = False) -> Telemetry:
@@ -222,8 +200,8 @@ def read(path: Path, *, trusted: bool = False) -> Telemetry:
     """
     telemetry = open_run(path)
     channels = telemetry.channels
-    missing = {f"{path}: channel {name}": np.isnan(channels[name]) for name in required(channels)}
-    check_missing(missing, telemetry.fs)
+    missing = {f"{path}: channel {name}": np.isnan(channels[name]) for name in contract.required(channels)}
+    validation.check_missing(missing, telemetry.fs)
     if not trusted:
         check_channels(telemetry)
     return telemetry
@@ -255,12 +233,12 @@ def check_channels(telemetry: Telemetry) -> None:
         If a value breaks the contract, or seems to mark missing samples.
     """
     with open_file(telemetry.path) as file:
-        markers = channel_attribute(file, telemetry.units, "missing_value")
+        markers = validation.channel_attribute(file, telemetry.units, "missing_value")
     for name, values in telemetry.channels.items():
         place = f"{short_path(telemetry.path)}: channel {key(name)}"
         marker = markers.get(name)
         if not (isinstance(marker, float) and math.isnan(marker)):  # which states that there are none
-            check_markers(place, name, values)
+            validation.check_markers(place, name, values)
 
 
 def is_telemetry(path: Path) -> bool:
@@ -299,23 +277,8 @@ def read_all(paths: Sequence[Path], *, trusted: bool = False) -> list[Telemetry]
 
 
 def inertial_period(telemetry: Telemetry) -> str:
-    """Return the period of the Euler fit that a run belongs to, ``"0"`` where it states none.
-
-    Raises
-    ------
-    InputError
-        If the attribute is neither a whole number, zero or more, nor a word.
-    """
-    value = telemetry.attributes.get("inertial_period", 0)
-    number = whole(value)
-    if isinstance(number, int) and not isinstance(value, bool) and number >= 0:
-        return str(number)
-    if isinstance(value, str) and value.strip():
-        return value.strip()
-    raise InputError(
-        f"{short_path(telemetry.path)}: attribute inertial_period: {shown(value)}, expected a whole number, "
-        "zero or more"
-    )
+    """Return the period of the Euler fit that a run belongs to, ``"0"`` where it states none."""
+    return str(contract.whole(telemetry.attributes.get("inertial_period", 0))).strip()
 
 
 def common_x_axis(runs: Sequence[Telemetry]) -> XAxis:
@@ -331,8 +294,7 @@ def common_x_axis(runs: Sequence[Telemetry]) -> XAxis:
         if run.x_axis != reference.x_axis:
             raise InputError(
                 f"{run.path}: attribute x_axis: {run.x_axis!r}, but {reference.path} has "
-                f"{reference.x_axis!r}; "
-                "expected one frame in all runs of a fit"
+                f"{reference.x_axis!r}; expected one frame in all runs of a fit"
             )
     return reference.x_axis
 
@@ -356,10 +318,3 @@ def read_truth(path: Path) -> dict[str, float]:
         for name, value in values.items()
         if isinstance(value, int | float) and math.isfinite(value)
     }
-
-
-def _product(file: h5py.File) -> str:
-    """Say what a file is if it was made from telemetry; empty for telemetry, and what is not known."""
-    if "delta_g" in file and "o_1" not in file:
-        return f"the calibrated Delta g of run {shown(plain(file.attrs.get('run')))}, by lpfcosim deltag"
-    return ""

@@ -69,31 +69,20 @@ def read_series(path: Path, schema: str, units: Mapping[str, str]) -> SeriesFile
     with open_file(path, schema) as file:
         attributes = readable_attributes(file.attrs)
         if attributes.get("schema") != schema:
-            raise InputError(
-                f"{path}: attribute schema: {shown(attributes.get('schema'))}, expected {schema!r}"
-            )
-        fs = _rate(path, attributes)
-        time = read_time(file, path, fs)
-        series = {name: _read(file, path, name, unit, time.size, fs) for name, unit in units.items()}
+            stated = shown(attributes.get("schema"))
+            raise InputError(f"{path}: attribute schema: {stated}, expected {schema!r}")
+        rate = "fs" if "fs" in attributes else "dt"  # of telemetry, and of lisainstrument
+        value = attributes.get(rate)
+        if not isinstance(value, int | float) or not (math.isfinite(value) and value > 0):
+            raise InputError(f"{path}: attribute {rate}: {shown(value)}, expected a positive number")
+        fs = float(value) if rate == "fs" else 1 / value
+        time, series = read_time(file, path, fs), {}
+        for name, unit in units.items():
+            checked_dataset(file, path, name, unit, time.size)
+            series[name] = read_channel(file, path, name, slice(0, time.size), fs)
+            if (missing := np.isnan(series[name])).any():
+                place = f"{path}: channel {key(name)}"
+                raise InputError(f"{place}: sample {int(np.argmax(missing))} is missing, expected all")
         truth = readable_attributes(file["truth"].attrs) if isinstance(file.get("truth"), h5py.Group) else {}
     numbers = {name: float(x) for name, x in truth.items() if isinstance(x, int | float) and math.isfinite(x)}
     return SeriesFile(path, attributes, fs, float(time[0]), series, numbers)
-
-
-def _rate(path: Path, attributes: Mapping[str, object]) -> float:
-    """Return the sample rate [Hz] from the attribute ``dt`` [s], or ``fs`` of telemetry."""
-    name = "fs" if "fs" in attributes else "dt"
-    value = attributes.get(name)
-    if not isinstance(value, int | float) or not (math.isfinite(value) and value > 0):
-        raise InputError(f"{path}: attribute {name}: {shown(value)}, expected a positive number")
-    return float(value) if name == "fs" else 1 / value
-
-
-def _read(file: h5py.File, path: Path, name: str, unit: str, size: int, fs: float) -> Array:
-    """Return a series, checked to be complete."""
-    checked_dataset(file, path, name, unit, size)
-    values = read_channel(file, path, name, slice(0, size), fs)
-    if np.isnan(values).any():
-        place = f"{path}: channel {key(name)}"
-        raise InputError(f"{place}: sample {int(np.argmax(np.isnan(values)))} is missing, expected all")
-    return values

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from fit.errors import InputError, quote
 from fit.telemetry.contract import utc
 from fit.telemetry.maps import SECONDS, Format, Scale
-from fit.telemetry.time_axis import Stamps, check_finite
+from fit.telemetry.time_axis import Stamps, check_finite, resolution
 
 if TYPE_CHECKING:
     from astropy.time import Time
@@ -73,8 +73,8 @@ def read_stamps(
         return _read_texts(place, values.tolist(), scale)
     check_finite(place, values)
     if not values.size:
-        return Stamps(values, 0.0, is_single=False)
-    digit, is_single = _resolution(values)
+        return Stamps(values, 0.0)
+    digit = resolution(values)
     with _astropy():
         if format_ and format_ not in SECONDS:
             seconds, first = _elapsed(place, values, format_, scale)
@@ -84,9 +84,9 @@ def read_stamps(
             if format_ == "unix":
                 epoch = _POSIX_EPOCH  # astropy stretches its days over leap seconds
             if format_ is None and not epoch:
-                return Stamps(seconds, digit, is_single, start=start)
+                return Stamps(seconds, digit, start=start)
             first = _after_epoch(place, epoch, start) if epoch else _time(start, format_)
-        return Stamps(seconds, digit, is_single, _spelt(place, first, digit, format_))
+        return Stamps(seconds, digit, _spelt(place, first, digit, format_))
 
 
 def _read_texts(place: str, cells: Sequence[str], scale: Scale | None) -> Stamps:
@@ -96,7 +96,7 @@ def _read_texts(place: str, cells: Sequence[str], scale: Scale | None) -> Stamps
         raise InputError(f"{place}: {quote(cells[n])} at sample {n}, {_EXPECTED}")
     stamps = [m for m in matches if m]
     if not stamps:
-        return Stamps(np.zeros(0), 0.0, is_single=False)
+        return Stamps(np.zeros(0), 0.0)
     has_seconds = any(m["clock"].count(":") == 2 for m in stamps)
     digit = 10.0 ** -max(len(m["digits"] or "") for m in stamps) if has_seconds else 60.0
     is_day_of_year = len(stamps[0]["day"]) == len("2016-107")
@@ -104,7 +104,7 @@ def _read_texts(place: str, cells: Sequence[str], scale: Scale | None) -> Stamps
     spelt = [f"{re.sub('[-/:]', mark, m['day'])}{separator}{m['clock'].replace(',', '.')}" for m in stamps]
     with _astropy():
         seconds, first = _elapsed(place, spelt, format_, scale)
-        return Stamps(seconds, digit, False, _spelt(place, first, digit, format_))
+        return Stamps(seconds, digit, _spelt(place, first, digit, format_))
 
 
 def _elapsed(place: str, values: object, format_: str, scale: Scale | None) -> tuple[Array, "Time"]:
@@ -145,10 +145,10 @@ def _astropy() -> Iterator[None]:
         yield
 
 
-def _spelt(place: str, time: "Time", resolution: float, format_: str | None) -> str:
+def _spelt(place: str, time: "Time", digit: float, format_: str | None) -> str:
     """Return a start in ISO 8601, rounded to the last digit of the stamps."""
     start = time.utc.copy(format="isot")
-    start.precision = min(max(math.floor(1e-9 - math.log10(resolution)), 0), 6)
+    start.precision = min(max(math.floor(1e-9 - math.log10(digit)), 0), 6)
     whole, _, fraction = str(start.value).partition(".")
     if whole.endswith(":60"):
         raise InputError(f"{place}: begins within a leap second, at {whole}, expected a run that does not")
@@ -159,16 +159,3 @@ def _spelt(place: str, time: "Time", resolution: float, format_: str | None) -> 
         )
     fraction = fraction.rstrip("0")
     return f"{whole}.{fraction}Z" if fraction else f"{whole}Z"
-
-
-def _resolution(values: Array) -> tuple[float, bool]:
-    """Return what the last digit of numbers stands for, and whether it is that of single precision."""
-    largest = np.abs(values).max(initial=0.0)
-    spacing = float(np.spacing(largest))
-    scaled = ((10.0**-n, values * 10.0**n) for n in range(16))
-    digits = (d for d, x in scaled if np.all(np.abs(x - np.round(x)) <= 4 * spacing / d))
-    digit = next(digits, spacing)
-    with np.errstate(over="ignore"):
-        coarse = values.astype(np.float32)
-    single = float(np.spacing(np.float32(largest))) if np.array_equal(values, coarse) else 0.0
-    return max(digit, spacing, single), single > digit

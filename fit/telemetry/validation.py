@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from fit.errors import InputError, shown
 from fit.files import key
-from fit.telemetry.contract import CHANNELS, expected_unit, required
+from fit.telemetry.contract import CHANNELS, required
 from fit.telemetry.time_axis import check_time
 from fit.units import same_unit
 
@@ -87,12 +87,13 @@ def checked_dataset(
     attributes = readable_attributes(dataset.attrs)
     stated = attributes.get("units", "s" if name == "time" else "")
     if unit is not None and not (isinstance(stated, str) and same_unit(stated, unit)):
-        text = f"units {shown(stated)}" if stated else "without units"
-        raise InputError(f"{place}: {text}, expected {unit!r}")
+        raise InputError(
+            f"{place}: {f'units {shown(stated)}' if stated else 'without units'}, expected {unit!r}"
+        )
     if dataset.ndim != 1 or dataset.dtype.kind not in "iufb":
         raise InputError(f"{place}: {dataset.dtype} of shape {dataset.shape}, expected a row of float64")
-    expected = f"the {size} of time" if size else f"2 to {MAX_SAMPLES}"
     if not (size or 2) <= dataset.shape[0] <= (size or MAX_SAMPLES):
+        expected = f"the {size} of time" if size else f"2 to {MAX_SAMPLES}"
         raise InputError(f"{place}: {dataset.shape[0]} samples, expected {expected}")
     if fault := storage_fault(dataset):
         raise InputError(f"{place}: {fault}, expected its {dataset.size} values in this file")
@@ -117,16 +118,17 @@ def channel_units(file: h5py.File, path: Path, size: int) -> dict[str, str]:
     What the contract knows is checked, but for the values.
     """
     needed = required(file)
+
+    def is_channel(name: str) -> bool:
+        if not isinstance(file.get(name, getlink=True), h5py.HardLink):
+            return name in CHANNELS
+        dataset = file[name]
+        return isinstance(dataset, h5py.Dataset) and (name in CHANNELS or _is_channel(dataset))
+
+    others = [name for name in file if isinstance(name, str) and name not in {"time", *needed}]  # or bytes
     units: dict[str, str] = {}
-    others = (name for name in file if isinstance(name, str) and name not in {"time", *needed})  # or bytes
-    for name in (*needed, *others):
-        expected = expected_unit(name)
-        if name not in needed and isinstance(file.get(name, getlink=True), h5py.HardLink):
-            is_known = expected is not None and isinstance(file[name], h5py.Dataset)
-            if not is_known and not (expected is None and _is_channel(file[name])):
-                continue
-        elif name not in needed and expected is None:
-            continue
+    for name in (*needed, *filter(is_channel, others)):
+        expected = CHANNELS[name].unit or None if name in CHANNELS else None
         dataset = checked_dataset(file, path, name, expected, size)
         units[name] = str(readable_attributes(dataset.attrs).get("units", ""))
     return units
@@ -150,7 +152,7 @@ def read_channel(file: h5py.File, path: Path, name: str, part: slice, fs: float)
                     f"{place}: attribute {attribute}: {shown(marker)} stands for missing samples, such as "
                     f"number {start + int(np.argmax(hit))}, expected NaN"
                 )
-    check_values(place, values, fs, start, known=expected_unit(name) is not None)
+    check_values(place, values, fs, start, known=name in CHANNELS)
     return values
 
 
@@ -161,14 +163,9 @@ def check_values(place: str, values: Array, fs: float, start: int = 0, *, known:
         return
     if (out_of_range := (values < low) | (values > high)).any():
         n = int(np.argmax(out_of_range))
-        place_and_value = f"{place}: {values[n]:.7g} at sample {start + n} (t = {(start + n) / fs:.10g} s)"
-        if not np.isfinite(values[n]):
-            raise InputError(f"{place_and_value}, expected a finite value")
-        if np.count_nonzero(values == values[n]) > 1:
-            raise InputError(
-                f"{place_and_value}, repeated later, seems to mark missing samples, expected NaN for each"
-            )
-        raise InputError(f"{place_and_value}, expected a value of at most {LARGEST:g}")
+        value = f"{values[n]:.7g} at sample {start + n} (t = {(start + n) / fs:.10g} s)"
+        limit = f"at most {LARGEST:g}" if known else "finite"
+        raise InputError(f"{place}: {value}, expected values that are {limit}, and NaN where one is missing")
 
 
 def check_markers(place: str, channel: str, values: Array, cure: str = "NaN for each") -> None:
@@ -239,17 +236,13 @@ def check_missing(missing: Mapping[str, NDArray[np.bool_]], fs: float) -> None:
     )
 
 
-def _is_channel(dataset: object) -> bool:
+def _is_channel(dataset: h5py.Dataset) -> bool:
     """Return whether an unknown dataset lies on the time axis: 1-D, real numbers, on no other dimension."""
-    try:
-        if not isinstance(dataset, h5py.Dataset) or dataset.dtype.kind not in "iufb":
-            return False
-    except TypeError:  # NumPy lacks it, such as H5T_TIME
-        return False
-    if dataset.ndim != 1 or dataset.is_scale:
-        return False
-    axes = [scale.name for scale in dataset.dims[0].values()]
-    return not axes or "/time" in axes
+    with suppress(TypeError):  # NumPy lacks the type, such as H5T_TIME
+        if dataset.dtype.kind in "iufb" and dataset.ndim == 1 and not dataset.is_scale:
+            axes = [scale.name for scale in dataset.dims[0].values()]
+            return not axes or "/time" in axes
+    return False
 
 
 def storage_fault(dataset: h5py.Dataset) -> str:

@@ -12,10 +12,10 @@ from pathlib import Path
 from fit.errors import InputError
 from fit.files import is_file
 from fit.telemetry.archives import matlab, tables, text
-from fit.telemetry.archives.columns import Column, Table, read_error
+from fit.telemetry.archives.columns import Table, read_errors
 from fit.telemetry.archives.text import Layout
 
-__all__ = ["Column", "Layout", "Table", "open_table"]
+__all__ = ["Layout", "Table", "open_table"]
 
 _SUFFIXES = (*text.SUFFIXES, ".mat", *tables.HDF5_SUFFIXES, *tables.FITS_SUFFIXES)
 
@@ -46,7 +46,7 @@ def open_table(path: Path, table: str | int | None, layout: Layout | None = None
     if not is_file(path):
         raise InputError(f"{path}: no such file, expected a table of telemetry")
     with ExitStack() as stack:
-        try:
+        with read_errors(str(path), "a whole file of the format of its name"):
             if name.endswith(text.SUFFIXES):
                 archive = text.read_text(path, layout or Layout()).select(table)
             elif name.endswith(tables.FITS_SUFFIXES):
@@ -54,8 +54,4 @@ def open_table(path: Path, table: str | int | None, layout: Layout | None = None
             else:
                 opened = matlab.open_matlab if name.endswith(".mat") else tables.open_hdf5
                 archive = stack.enter_context(opened(path)).select(table)
-        except InputError:
-            raise
-        except Exception as error:  # a damaged file makes libraries raise almost anything
-            raise read_error(path, error) from error
         yield archive

@@ -1,8 +1,8 @@
 """A table of an archive: columns by name, each a row of numbers or of texts."""
 
-import difflib
 import re
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fit.errors import InputError, quote
+from fit.files import closest_match
 from fit.files import key as shown_key
 from fit.telemetry.validation import LOCKED, is_locked
 from fit.units import in_base_units
@@ -20,7 +21,6 @@ from fit.units import in_base_units
 MOST_COLUMNS = 1000  # of a matrix
 #: Words for a missing sample, beside "nan" and nothing: those of pandas, R and Excel.
 MISSING = ("", "NA", "N/A", "n/a", "#N/A", "<NA>", "NULL", "null", "None", "--")
-_KINDS = {"c": "complex numbers", "V": "records", "O": "objects"}
 _UNIT = re.compile(r"(?P<name>.*\S)\s*(?:\[(?P<square>[^\[\]]+)\]|\((?P<round>(?:[^()]|\([^()]*\))+)\))\s*")
 
 
@@ -30,20 +30,27 @@ class Column:
 
     Attributes
     ----------
-    read : callable or None
-        Returns all rows, numbers or texts, shape (N,); NaN for missing numbers. None for what is no row.
+    read : callable
+        Returns all rows, numbers or texts, shape (N,); NaN for missing numbers. It raises ValueError where
+        the column is no row of either.
     unit : str or None
         As the file states it.
-    reason : str
-        What the column is if it cannot be read: "an array of shape (3, 4, 5)".
     epoch : str
         Of times that count from it, as in netCDF, "2016-04-16 00:00:00"; empty for others.
     """
 
-    read: Callable[[], NDArray[Any]] | None = None
+    read: Callable[[], NDArray[Any]]
     unit: str | None = None
-    reason: str = ""
     epoch: str = ""
+
+
+def unreadable(reason: str) -> Column:
+    """Return what is no row of numbers or texts, but "an array of shape (3, 4, 5)"."""
+
+    def read() -> NDArray[Any]:
+        raise ValueError(reason)
+
+    return Column(read)
 
 
 @dataclass(frozen=True)
@@ -69,6 +76,12 @@ class Table:
         """Return the unit of a column, as the file or the name in brackets states it."""
         return self.columns[name].unit or split_unit(name)[1]
 
+    def place(self, name: str | int, channel: str = "") -> str:
+        """Return file and column for messages, the channel that it is for included."""
+        meaning = f" (channel {channel})" if channel else ""
+        shown = name if str(name).isprintable() and len(str(name)) <= 80 else shown_key(str(name))
+        return f"{self.path}: column {shown}{meaning}"
+
     def read(self, name: str) -> NDArray[Any]:
         """Return a column as float64, or as texts without the blanks behind them.
 
@@ -77,59 +90,39 @@ class Table:
         InputError
             If it is no row of either, or damaged.
         """
-        column = self.columns[name]
-        if column.read is None:
-            raise InputError(
-                f"{self.path}: column {shown_key(name)}: {column.reason}, expected a row of numbers"
-            )
-        try:
-            values = column.read()
-        except InputError:
-            raise
-        except Exception as error:  # a damaged file makes libraries raise almost anything
-            raise read_error(self.path, error) from error
+        with read_errors(self.place(name), "a row of numbers"):
+            values = self.columns[name].read()
         if values.dtype.kind in "iufb":
             return values.astype(np.float64)
         return np.array([_text(value) for value in values.tolist()], dtype=object)
 
-    def column(self, key: str | int, meaning: str = "") -> str:
+    def column(self, key: str | int, channel: str = "") -> str:
         """Return the name of a column.
 
         Parameters
         ----------
         key : str or int
             Its name, its name without the unit in brackets that follows, or its number, counted from 1.
-        meaning : str
-            What the column is for, as the message has it after the key, such as " (channel o_1)".
+        channel : str
+            What the column is for, for the message.
 
         Raises
         ------
         InputError
             If there is no such column, or several.
         """
-        place, available = f"{self.path}: column {shown_key(str(key))}{meaning}", _listed(self.columns)
-        if isinstance(key, int):
-            if not self.has_order:
-                raise InputError(
-                    f"{place}: columns have no order here, expected a name; there are: {available}"
-                )
-            if key > len(self.columns):
-                raise InputError(
-                    f"{place}: missing, expected a number from 1 to {len(self.columns)}: {available}"
-                )
-            return list(self.columns)[key - 1]
-        if key in self.columns:
-            return key
-        path = key.strip("/").replace("/", ".")  # as HDF5 writes it
-        names = [name for name in self.columns if path in (name, split_unit(name)[0])]
-        if len(names) == 1:
-            return names[0]
-        if names:
-            raise InputError(f"{place}: there are several, expected one of the columns: {_listed(names)}")
-        bare = {split_unit(name)[0].casefold(): name for name in self.columns}
-        close = difflib.get_close_matches(key.casefold(), bare, n=1)
-        hint = f'; did you mean "{bare[close[0]]}"?' if close else ""
-        raise InputError(f"{place}: missing, expected it among the columns: {available}{hint}")
+        names = list(self.columns)
+        if isinstance(key, int) and self.has_order:
+            names = names[key - 1 : key]
+        elif key not in names:
+            path = str(key).strip("/").replace("/", ".")  # as HDF5 writes it
+            names = [name for name in names if path in (name, split_unit(name)[0])]
+        else:
+            return str(key)
+        if len(names) != 1:
+            known = closest_match(str(key), {split_unit(name)[0] for name in self.columns})
+            raise InputError(f"{self.place(key, channel)}: {'several' if names else 'missing'}{known[:300]}")
+        return names[0]
 
     def has(self, key: str | int) -> bool:
         """Return whether there is such a column, and only one."""
@@ -155,11 +148,8 @@ class Table:
             if members:
                 columns = {k[len(begin) : len(k) - end]: self.columns[k] for k in members}
                 return Table(self.path, columns, has_order=bool(end))
-        reason = f" ({self.columns[name].reason})" if name in self.columns else ""
-        raise InputError(
-            f"{self.path}: no table {table!r}{reason}, expected a struct or group; there are: "
-            f"{_listed(dict.fromkeys(k.rpartition('.')[0] for k in self.columns if '.' in k))}"
-        )
+        groups = {k.rpartition(".")[0] for k in self.columns if "." in k}
+        raise InputError(f"{self.path}: no table {table!r}{closest_match(name, groups)[:300]}")
 
 
 def columns_of(
@@ -188,25 +178,16 @@ def _columns(
     if kind.names and kind.names != ("real", "imag"):
         fields: dict[str, Column] = {}
         for field in kind.names:
-            part = kind[field]
-            fields |= _columns(
-                f"{name}.{field}", part.base, (*shape, *part.shape), partial(_field, load, field), unit
-            )
+            part, of_field = kind[field], partial(lambda field: load()[field], field)
+            fields |= _columns(f"{name}.{field}", part.base, (*shape, *part.shape), of_field, unit)
         return fields
     axes = [n for n in shape if n != 1]
-    if kind.kind not in "iufbMSUT" and h5py.check_string_dtype(kind) is None:
-        return {name: Column(reason=_KINDS.get(kind.kind, str(kind)))}
-    if not shape or 0 in shape:
-        return {name: Column(reason="empty" if shape else "a single value")}
-    if len(axes) > 2 or (len(axes) == 2 and min(axes) > MOST_COLUMNS):
-        return {name: Column(reason=f"an array of shape {shape}")}
+    is_row = kind.kind in "iufbMSUT" or h5py.check_string_dtype(kind) is not None
+    if not is_row or not shape or 0 in shape or len(axes) > 2 or (axes[1:] and min(axes) > MOST_COLUMNS):
+        return {name: unreadable(f"{kind} of shape {shape}")}
     if len(axes) < 2:
         return {name: Column(partial(_row, load, None), unit)}
     return {f"{name}[{k + 1}]": Column(partial(_row, load, k), unit) for k in range(min(axes))}
-
-
-def _field(load: Callable[[], Any], field: str) -> Any:
-    return load()[field]
 
 
 def _row(load: Callable[[], Any], k: int | None) -> NDArray[Any]:
@@ -260,15 +241,16 @@ def is_unit(text: str) -> bool:
     return True
 
 
-def read_error(path: Path, error: Exception) -> InputError:
-    """Return the error for a file that a library cannot read."""
-    if is_locked(error):
-        return InputError(f"{path}: is {LOCKED}, expected a file that can be read")
-    reason = " ".join((str(error) or type(error).__name__).split())
-    reason = reason if reason.isprintable() and len(reason) <= 300 else quote(reason)
-    return InputError(f"{path}: cannot be read ({reason}), expected a whole file of the format of its name")
-
-
-def _listed(names: Iterable[str]) -> str:
-    text = ", ".join(name if name.isprintable() else quote(name) for name in names) or "there are none"
-    return text if len(text) <= 200 else f"{text[:200]} ..."
+@contextmanager
+def read_errors(place: str, expected: str) -> Iterator[None]:
+    """Turn whatever a library raises of a damaged file into an `InputError`."""
+    try:
+        yield
+    except InputError:
+        raise
+    except Exception as error:
+        if is_locked(error):
+            raise InputError(f"{place}: is {LOCKED}, expected a file that can be read") from error
+        reason = " ".join((str(error) or type(error).__name__).split())
+        reason = reason if reason.isprintable() and len(reason) <= 300 else quote(reason)
+        raise InputError(f"{place}: cannot be read ({reason}), expected {expected}") from error

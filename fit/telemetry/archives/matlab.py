@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from fit.telemetry.archives import tables
-from fit.telemetry.archives.columns import Column, Table, columns_of
+from fit.telemetry.archives.columns import Column, Table, columns_of, unreadable
 
 _HDF5 = b"\x89HDF"
 _DEEPEST = 20  # structs in structs; objects may contain each other
@@ -53,9 +53,9 @@ def _flat(name: str, value: Any, depth: int = 0) -> dict[str, Column]:
         columns: dict[str, Column] = {}
         for member, inner in members:
             columns |= _flat(f"{name}.{member}", inner, depth + 1)
-        return columns or {name: Column(reason=f"of class {getattr(value, 'classname', 'struct')}, empty")}
+        return columns or {name: unreadable(f"of class {getattr(value, 'classname', 'struct')}, empty")}
     if not isinstance(value, np.ndarray):
-        return {name: Column(reason="a single value")}
+        return {name: unreadable("a single value")}
     if value.dtype.kind in "OV":
         items = value.ravel().tolist() if value.dtype.kind == "O" else list(value.ravel())
         if len(items) == 1:
@@ -66,9 +66,9 @@ def _flat(name: str, value: Any, depth: int = 0) -> dict[str, Column]:
         columns = {}
         for k, item in enumerate(items if len(items) <= _MOST_ITEMS else [], 1):
             columns |= _flat(f"{name}[{k}]", item, depth + 1)
-        return columns or {name: Column(reason="a cell array")}
+        return columns or {name: unreadable("a cell array")}
     if value.dtype == np.uint32 and value.size and value.flat[0] == _REFERENCE:
-        return {name: Column(reason="an object that mat-io cannot read; save it from MATLAB as a struct")}
+        return {name: unreadable("an object that mat-io cannot read; save it from MATLAB as a struct")}
     if value.dtype.kind == "m":  # durations
         return _of_array(name, value / np.timedelta64(1, "s"), "s")
     return _of_array(name, value)
@@ -100,5 +100,5 @@ def _of_frame(name: str, frame: Any) -> dict[str, Column]:
     for variable, unit in zip(frame.columns, units, strict=True):
         for member, column in _flat(f"{name}.{variable}", frame[variable].to_numpy()).items():
             text = str(np.ravel(unit)[0]) if np.size(unit) else ""
-            columns[member] = Column(column.read, text or column.unit, column.reason)
+            columns[member] = Column(column.read, text or column.unit)
     return columns

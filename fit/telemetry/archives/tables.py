@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fit.errors import InputError
-from fit.telemetry.archives.columns import Column, Table, clean_unit, columns_of
+from fit.telemetry.archives.columns import Column, Table, clean_unit, columns_of, unreadable
 from fit.telemetry.validation import readable_attributes, storage_fault
 
 FITS_SUFFIXES = (".fits", ".fit", ".fts", ".fits.gz", ".fit.gz", ".fts.gz")
@@ -44,17 +44,15 @@ def _dataset_columns(name: str, dataset: h5py.Dataset) -> dict[str, Column]:
     try:
         kind, attributes = dataset.dtype, readable_attributes(dataset.attrs)
     except TypeError:  # NumPy lacks it, such as H5T_TIME
-        return {name: Column(reason="of a type that is not read")}
+        return {name: unreadable("of a type that is not read")}
     if dataset.shape is None or not dataset.size:
-        return {name: Column(reason="empty")}
+        return {name: unreadable("empty")}
     if fault := storage_fault(dataset) or _packing_fault(kind, attributes):
-        return {name: Column(reason=fault)}
+        return {name: unreadable(fault)}
     stated = next((text for key in _UNITS if isinstance(text := attributes.get(key), str)), "")
     unit, _, epoch = stated.partition(" since ")  # "seconds since 2016-04-16", as netCDF has it
     columns = columns_of(name, dataset, cache(partial(_decoded, dataset, attributes)), clean_unit(unit))
-    if not epoch:
-        return columns
-    return {k: Column(c.read, c.unit, c.reason, epoch.strip()) for k, c in columns.items()}
+    return {k: Column(c.read, c.unit, epoch.strip()) for k, c in columns.items()}
 
 
 def _packing_fault(kind: np.dtype[Any], attributes: Mapping[str, object]) -> str:

@@ -1,4 +1,4 @@
-"""Text: lines of cells separated by tabs, semicolons, commas or blanks, in any encoding.
+"""Text: lines of cells separated by tabs, semicolons, commas or blanks, read by `numpy.loadtxt`.
 
 Delimiter and first row are recognised; whatever a file leaves open is refused until the map states it.
 """
@@ -10,12 +10,12 @@ import gzip
 import io
 import lzma
 import re
-from array import array
 from collections import Counter
 from collections.abc import Iterator, Sequence
+from functools import partial
 from itertools import chain, islice
 from pathlib import Path
-from typing import IO, Annotated, Any, Literal, TextIO, cast
+from typing import Annotated, Any, Literal, TextIO
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,20 +23,13 @@ from pydantic import Field
 
 from fit import files
 from fit.errors import InputError, shown
-from fit.files import key
 from fit.telemetry.archives.columns import MISSING, Column, Table, clean_unit, is_unit
 
-_OPENERS = {".gz": (b"\x1f\x8b", gzip.open), ".bz2": (b"BZh", bz2.open), ".xz": (b"\xfd7zXZ\x00", lzma.open)}
+_OPENERS: dict[str, Any] = {".gz": gzip.open, ".bz2": bz2.open, ".xz": lzma.open}
 SUFFIXES = tuple(
     f"{kind}{pack}" for kind in (".csv", ".tsv", ".txt", ".dat", ".asc") for pack in ("", *_OPENERS)
 )
-_BOMS = {
-    codecs.BOM_UTF8: "utf-8-sig",
-    codecs.BOM_UTF32_LE: "utf-32",  # before UTF-16, whose mark it begins with
-    codecs.BOM_UTF32_BE: "utf-32",
-    codecs.BOM_UTF16_LE: "utf-16",
-    codecs.BOM_UTF16_BE: "utf-16",
-}
+_BOMS = {codecs.BOM_UTF8: "utf-8-sig", codecs.BOM_UTF16_LE: "utf-16", codecs.BOM_UTF16_BE: "utf-16"}
 _COMMENTS = ("#", "%")
 _DELIMITERS = ("\t", ";", ",", " ")
 _SAMPLE = 200  # lines that show the layout
@@ -45,7 +38,7 @@ _LONGEST_LINE = 2**20  # letters
 _FORTRAN = re.compile(r"([+-]?(?:\d+\.?\d*|\.\d+))[dD]([+-]?\d+)")
 _STAMP = re.compile(r"\d{4}[-/:]\d")
 
-Lines = Iterator[tuple[int, str]]
+Line = tuple[int, str]
 
 
 class Layout(files.Table, strict=True):
@@ -71,10 +64,10 @@ def read_text(path: Path, layout: Layout) -> Table:
 
     Raises
     ------
-    InputError
+    InputError, ValueError
         If rows differ in length, or it is not clear where cells or rows begin.
     """
-    with _unpacked(path) as binary:
+    with _OPENERS.get(path.suffix.lower(), open)(path, "rb") as binary:
         head = binary.read(2**16)
         binary.seek(0)
         # Letters of another encoding in columns that nobody reads do no harm.
@@ -82,23 +75,10 @@ def read_text(path: Path, layout: Layout) -> Table:
             return _read_table(path, file, layout)
 
 
-def _unpacked(path: Path) -> IO[bytes]:
-    with path.open("rb") as file:
-        head = file.read(8)
-    opener: Any
-    for magic, opener in _OPENERS.values():
-        if head.startswith(magic):
-            return cast(IO[bytes], opener(path))
-    return path.open("rb")
-
-
 def _encoding(head: bytes) -> str:
     """Return the encoding of a text from its first bytes."""
     if marked := next((encoding for bom, encoding in _BOMS.items() if head.startswith(bom)), None):
         return marked
-    zeros = [head[i::2].count(0) for i in (0, 1)]
-    if 4 * sum(zeros) > len(head):  # digits and delimiters have one in UTF-16
-        return "utf-16-le" if zeros[1] > zeros[0] else "utf-16-be"
     try:
         codecs.getincrementaldecoder("utf-8")().decode(head)
     except UnicodeDecodeError:
@@ -106,7 +86,7 @@ def _encoding(head: bytes) -> str:
     return "utf-8"
 
 
-def _numbered(path: Path, file: TextIO) -> Lines:
+def _numbered(path: Path, file: TextIO) -> Iterator[Line]:
     for n, line in enumerate(iter(lambda: file.readline(_LONGEST_LINE), ""), 1):
         if len(line) == _LONGEST_LINE or "\0" in line:
             raise InputError(f"{path}: line {n}: no text of at most {_LONGEST_LINE} letters, expected cells")
@@ -115,46 +95,15 @@ def _numbered(path: Path, file: TextIO) -> Lines:
 
 def _split(line: str, delimiter: str) -> list[str]:
     text = line.strip() if delimiter == " " else line
-    return next(csv.reader([text], delimiter=delimiter, skipinitialspace=True), [])
+    return [cell.strip() for cell in next(csv.reader([text], delimiter=delimiter, skipinitialspace=True), [])]
 
 
 def _is_comment(line: str) -> bool:
     return line.lstrip().startswith(_COMMENTS)
 
 
-def _is_blank(line: str) -> bool:
-    return not line.strip(" ")
-
-
-class _Cells:
-    """The cells of a column; in one of numbers, the first that is none is refused when the column is used."""
-
-    def __init__(self, place: str, decimal: str, *, is_text: bool) -> None:
-        self._place, self._decimal = place, decimal
-        self._texts: list[str] | None = [] if is_text else None
-        self._numbers = array("d")
-        self._fault: InputError | None = None
-
-    def append(self, n: int, cell: str) -> None:
-        """Take the cell of line `n`."""
-        if self._texts is not None:
-            self._texts.append(cell.strip())
-            return
-        value = number(cell, self._decimal)
-        if value is None and self._fault is None:
-            self._fault = InputError(
-                f"{self._place} {shown(cell)} on line {n}, expected a number or nothing; decimal commas are "
-                'stated by decimal = "," in [text] of the map'
-            )
-        self._numbers.append(np.nan if value is None else value)
-
-    def read(self) -> NDArray[Any]:
-        """Return the rows."""
-        if self._texts is not None:
-            return np.array(self._texts, dtype=object)
-        if self._fault:
-            raise self._fault
-        return np.array(self._numbers)
+def _is_row(line: str) -> bool:
+    return not _is_comment(line) and bool(line.strip(" "))
 
 
 def number(cell: str, decimal: str = ".") -> float | None:
@@ -176,14 +125,14 @@ def _read_table(path: Path, file: TextIO, layout: Layout) -> Table:
     sample = list(islice(lines, _SAMPLE + (layout.header or 0)))
     while sample and not any(map(_begins_number, sample[-_TAIL:])) and (more := list(islice(lines, _SAMPLE))):
         sample += more  # a long header
-    body = [(n, line) for n, line in sample if not _is_comment(line) and not _is_blank(line)]
+    body = [(n, line) for n, line in sample if _is_row(line)]
     end = body[-1][1].strip(" ") if body else ""
     recognised: Iterator[str] = (d for d in _DELIMITERS if d in end and d != layout.decimal)
     delimiter: str = layout.delimiter or next(recognised, " ")
     rows = [(n, _split(line, delimiter)) for n, line in body]
     last = [row for _, row in rows[1:][-_TAIL:] or rows]
     width = Counter(map(len, last)).most_common(1)[0][0] if last else 0
-    if width > 1 and not any(row[-1].strip() for row in last) and rows[0][1][width - 1 :] == [""]:
+    if width > 1 and not any(row[-1] for row in last) and rows[0][1][width - 1 :] == [""]:
         width -= 1  # a delimiter ends each row
     last = [row for row in last if len(row) >= width]
     is_text = [_is_text([row[i] for row in last], layout.decimal) for i in range(width)]
@@ -196,40 +145,68 @@ def _read_table(path: Path, file: TextIO, layout: Layout) -> Table:
             f"{path}: line {first}: the comma may be a decimal mark or separate two columns, expected names "
             'above the columns, or delimiter = "," in [text] of the map'
         )
-    cells = [
-        _Cells(f"{path}: column {key(name)}:", layout.decimal, is_text=text)
-        for name, text in zip(names, is_text, strict=True)
-    ]
     if width == 1 and layout.header is None:  # a blank line above the first number may be a sample
-        first = max((n for n, line in sample if n < first and not _is_blank(line)), default=0) + 1
+        first = max((n for n, line in sample if n < first and line.strip(" ")), default=0) + 1
+    content = _data(path, chain((line for line in sample if line[0] >= first), lines), delimiter, width)
+    faults: dict[int, str] = {}
+    rows_of_numbers = np.empty(0, dtype=[(str(i), float) for i in range(width)])
+    if (row := next(content, None)) is not None:
+        rows_of_numbers = np.loadtxt(
+            chain([row], content),
+            dtype=[(str(i), object if text else float) for i, text in enumerate(is_text)],
+            delimiter=None if delimiter == " " else delimiter,
+            converters={
+                i: str.strip if text else partial(_converted, layout.decimal, faults, i)
+                for i, text in enumerate(is_text)
+            },
+            comments=None,
+            quotechar='"',
+            ndmin=1,
+        )
+    columns = {
+        name: Column(partial(_column, rows_of_numbers, faults, i), unit)
+        for i, (name, unit) in enumerate(zip(names, units, strict=True))
+    }
+    return Table(path, columns, has_order=True)
+
+
+def _data(path: Path, lines: Iterator[Line], delimiter: str, width: int) -> Iterator[str]:
+    """Yield the rows, without a delimiter at their end."""
     blank = 0
-    for n, line in chain((line for line in sample if line[0] >= first), lines):
-        if _is_comment(line):
-            continue
-        if _is_blank(line):
-            blank = blank or n
-            continue
-        if blank and width == 1:
+    for n, line in lines:
+        if blank and width == 1 and _is_row(line):
             raise InputError(
-                f"{path}: line {blank}: blank in a single column, expected nan for a missing sample"
+                f"{path}: line {blank}: blank in a single column, expected nan where one is missing"
             )
-        row = _split(line, delimiter)
-        if len(row) == width + 1 and not row[-1].strip():
-            del row[-1]
-        if len(row) != width:
-            raise InputError(f"{path}: line {n}: {len(row)} cells, expected {width} as in other lines")
-        for column, cell in zip(cells, row, strict=True):
-            column.append(n, cell)
-    columns = zip(names, cells, units, strict=True)
-    return Table(path, {name: Column(column.read, unit) for name, column, unit in columns}, has_order=True)
+        if _is_row(line):
+            has_end = delimiter != " " and line.count(delimiter) == width and line.endswith(delimiter)
+            yield line[:-1] if has_end else line
+        elif not _is_comment(line):
+            blank = blank or n
 
 
-def _begins_number(line: tuple[int, str]) -> bool:
+def _converted(decimal: str, faults: dict[int, str], i: int, cell: str) -> float:
+    """Return the number of a cell; the first of a column that is none is refused when that is used."""
+    value = number(cell, decimal)
+    if value is None:
+        faults.setdefault(i, cell)
+    return np.nan if value is None else value
+
+
+def _column(rows: NDArray[Any], faults: dict[int, str], i: int) -> NDArray[Any]:
+    if i in faults:
+        raise ValueError(
+            f'{shown(faults[i])} is no number; decimal commas: decimal = "," in [text] of the map'
+        )
+    return np.asarray(rows[str(i)])
+
+
+def _begins_number(line: Line) -> bool:
     return not _is_comment(line[1]) and bool(re.match(r"[\s\"+-]*[\d.,;]", line[1]))
 
 
 def _is_text(cells: Sequence[str], decimal: str) -> bool:
-    stated = [cell for cell in cells if cell.strip() not in MISSING]
+    stated = [cell for cell in cells if cell not in MISSING]
     return 2 * sum(number(cell, decimal) is not None for cell in stated) < len(stated)
 
 
@@ -240,13 +217,12 @@ def _first_row(
     if layout.header is not None:
         return layout.header + 1
     for i, (n, row) in enumerate(rows):
-        cells = [c.strip() for c, text in zip(row, is_text, strict=False) if not text]
+        cells = [cell for cell, text in zip(row, is_text, strict=False) if not text]
         if all(is_text):
-            begins = any(_STAMP.match(cell.strip()) for cell in row)
+            begins = any(map(_STAMP.match, row))
         else:
-            begins = len(row) in (len(is_text), len(is_text) + 1) and all(
-                number(cell, layout.decimal) is not None for cell in cells
-            )
+            is_whole = len(row) in (len(is_text), len(is_text) + 1)
+            begins = is_whole and all(number(cell, layout.decimal) is not None for cell in cells)
         if not begins:
             continue
         counted = [c for c in cells if c]
@@ -260,17 +236,15 @@ def _first_row(
 
 
 def _names(
-    sample: Sequence[tuple[int, str]], first: int, delimiter: str, is_text: Sequence[bool]
+    sample: Sequence[Line], first: int, delimiter: str, is_text: Sequence[bool]
 ) -> tuple[list[str], list[str | None]]:
     """Return names and units of columns, which stand above the data or in the comments there."""
-    above = [line for n, line in sample if n < first and not _is_blank(line)]
+    above = [line for n, line in sample if n < first and line.strip(" ")]
     comments = [line.lstrip("#% \t") for line in above if _is_comment(line)]
-    width, candidates = len(is_text), list[list[str]]()
     titles = [line for line in above if not _is_comment(line)]
+    width, candidates = len(is_text), list[list[str]]()
     for lines, separator in ((titles, delimiter), (comments, delimiter), (comments, " ")):
-        split = [[cell.strip() for cell in _split(line, separator)] for line in lines]
-        if width == 1:  # a name and its unit
-            split = [[line.strip(' "')] for line in lines]
+        split = [[line.strip(' "')] if width == 1 else _split(line, separator) for line in lines]
         split = [row[:-1] if len(row) == width + 1 and not row[-1] else row for row in split]
         candidates = candidates or [row for row in split if len(row) == width]
     units = [""] * width

@@ -111,8 +111,8 @@ ATTRIBUTE_FAULTS = [
     ("alignment_epoch", 1.5, "alignment_epoch: 1.5"),
     ("m_tm", h5py.Empty("f"), "m_tm: "),
     ("inertial_period", np.nan, "inertial_period: nan"),
-    ("half_opening", 30.0, "half_opening = 30.0 rad: expected 0 to pi/2 rad"),
-    ("d_y", np.nan, "d_y = nan m: expected -10 to 10 m"),
+    ("half_opening", 30.0, "half_opening: 30.0 is too large"),
+    ("d_y", np.nan, "d_y: nan is not a finite number"),
     ("x_axis", "towards test mass 3", "expected one of towards test mass 2, towards test mass 1"),
     ("x_axis", np.array([1.0, 2.0]), "expected one of towards test mass 2, towards test mass 1"),
 ]
@@ -217,14 +217,14 @@ SAMPLES = np.arange(N)
 TIME_FAULTS = {
     "single precision of GPS seconds": (
         (1.14e9 + SAMPLES * 0.1).astype("f4"),
-        "in single precision, in steps of 1.3e+02 s at 1.14e+09 s, which do not resolve samples 0.1 s apart",
+        "rounded to 128 s, which does not resolve samples 0.1 s apart",
     ),
     "a sample lost in single precision": (
         (2e4 + 0.1 * (SAMPLES + (SAMPLES > 9))).astype("f4"),
         "at sample 10, expected uniform steps",
     ),
     "jump": (0.1 * SAMPLES + 3 * (SAMPLES >= 100), "sample 100"),
-    "decreasing": (-0.1 * SAMPLES, "steps of -0.1 s"),
+    "decreasing": (-0.1 * SAMPLES, "to -0.1 s at sample 1"),
     "repeated": (0.1 * (SAMPLES - (SAMPLES == 7)), "sample 7"),
     "drift within the tolerance of a step": (0.1 * (1 + 5e-4) * SAMPLES, "spans"),
     "nan": (np.where(SAMPLES == 3, np.nan, 0.1 * SAMPLES), "time: nan at sample 3"),
@@ -291,11 +291,6 @@ def test_what_is_no_file(tmp_path, name, description):
         read_all([tmp_path / name])
 
 
-def delta_g(file):
-    file.attrs.update({"schema": "lpf-telemetry/1", "run": "A1"})
-    file["delta_g"] = [0.0]
-
-
 def series(file):
     file["x"] = [0.0]
 
@@ -303,7 +298,6 @@ def series(file):
 @pytest.mark.parametrize(
     ("fill", "description"),
     [
-        (delta_g, "is the calibrated Delta g of run 'A1', by lpfcosim deltag, expected telemetry"),
         (series, "attribute schema: missing, expected 'lpf-telemetry/1'"),
         (lambda file: file.attrs.update(schema="lpf-jitter/1"), "attribute schema: 'lpf-jitter/1', expected"),
     ],

@@ -28,9 +28,7 @@ def test_a_lost_sample_is_named_whatever_the_rounding(fs, spell, stated):
     exact = time_stamps.read_stamps("A: t", spell(np.arange(N) / fs), None, None, 1.0)
     assert time_axis.fit_grid("A: t", exact, rate)[1] == fs
     column = time_stamps.read_stamps("A: t", spell(SAMPLES / fs), None, None, 1.0)
-    with pytest.raises(
-        InputError, match=r"at sample 900, expected|1 row is absent, first after sample 899"
-    ) as refused:
+    with pytest.raises(InputError, match=r"at sample 900, expected") as refused:
         time_axis.fit_grid("A: t", column, rate)
     begin, *end = map(float, re.findall(r"(?:from |to |\()(\S+) s", str(refused.value)))
     assert begin == pytest.approx(899 / fs, abs=0.04)
@@ -39,13 +37,11 @@ def test_a_lost_sample_is_named_whatever_the_rounding(fs, spell, stated):
 
 def test_single_precision_is_reported_where_it_loses_samples():
     column = time_stamps.read_stamps("A: t", single(1e6)(SAMPLES / 10), None, None, 1.0)
-    with pytest.raises(
-        InputError, match=r"A: t: kept in single precision, .* rounded to 0\.0625 s, expected"
-    ):
+    with pytest.raises(InputError, match=r"A: t: the times are rounded to 0\.0625 s, which does not resolve"):
         time_axis.fit_grid("A: t", column, None)
 
 
 def test_time_that_goes_backwards_in_single_precision():
     column = time_stamps.read_stamps("A: t", single(4000.1)(-np.arange(N) / 10), None, None, 1.0)
-    with pytest.raises(InputError, match=r"A: t: from 0 s to -3599\.9 s, expected it to increase"):
+    with pytest.raises(InputError, match=r"A: t: from 0 s to -0\.1\d* s at sample 1, expected uniform"):
         time_axis.fit_grid("A: t", column, None)
