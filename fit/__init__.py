@@ -30,22 +30,22 @@ if TYPE_CHECKING:
     from fit.cross_checks import leave_one_out
     from fit.deltag import delta_g
     from fit.errors import CalibrationError, FitError, InputError
+    from fit.findings import Finding
     from fit.fitting import Prior, delta_chi2
     from fit.report import plot
     from fit.results import Estimate, Fit, Results
     from fit.sampling import Chain, sample
     from fit.spectra import asd
     from fit.telemetry import Telemetry
-    from fit.warnings import FitWarning
 
 __all__ = [
     "CalibrationError",
     "Chain",
     "Comparison",
     "Estimate",
+    "Finding",
     "Fit",
     "FitError",
-    "FitWarning",
     "InputError",
     "Prior",
     "Results",
@@ -83,7 +83,7 @@ _HOME = {
     "results": ("Estimate", "Fit", "Results"),
     "sampling": ("Chain", "sample"),
     "spectra": ("asd",),
-    "warnings": ("FitWarning",),
+    "warnings": ("Finding",),
     "telemetry.reader": ("Telemetry",),
 }
 

@@ -2,16 +2,17 @@
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import chain
 
 from fit.consistency import (
     equation_warnings,
-    exclusion_warnings,
-    explain_exclusions,
+    explain_findings,
     fit_consistent_runs,
     model_warnings,
 )
 from fit.crosstalk import attenuation, centrifugal, coupling_constraints, crosstalk_fit, euler_fit
 from fit.errors import FitError, InputError
+from fit.findings import Finding
 from fit.fitting import (
     IRLSResult,
     constraint_test,
@@ -23,9 +24,7 @@ from fit.fitting import (
 from fit.model import Sharing, rotation, separation
 from fit.parallel import one_blas_thread, parallel_map, progress_stage
 from fit.quality import (
-    Exclusion,
-    ExperimentSet,
-    MaskedExperiment,
+    Campaign,
     drifts,
     fit_quality,
     has_spectra,
@@ -34,6 +33,7 @@ from fit.quality import (
     metadata,
     noise_adaptation,
     noise_tests,
+    participation,
     unit_faults,
 )
 from fit.requirements import TAPER
@@ -41,8 +41,7 @@ from fit.results import Fit, Provenance, Results, check_frame
 from fit.settings import ParameterSettings, Settings, settings, with_other_constraints
 from fit.spacecraft import check_same
 from fit.telemetry import Telemetry, common_x_axis, inertial_period
-from fit.warnings import Cause, FitWarning
-from fit.whitening import Experiment, divide, pair
+from fit.whitening import Experiment, pair
 
 
 @one_blas_thread
@@ -149,11 +148,10 @@ def _separated(results: Results, fits: Mapping[str, Fit]) -> dict[str, Fit]:
 
 @dataclass(frozen=True)
 class _Together:
-    """The joint fit, the experiments left out of it, and the statistics of their agreement."""
+    """The joint fit and the statistics of the agreement of its runs."""
 
     outcome: IRLSResult
     fit: Fit
-    left_out: tuple[Exclusion, ...]
     agreement: dict[str, dict[str, float]] | None
     correction: attenuation.AttenuationCorrected | None
 
@@ -169,61 +167,53 @@ def _dynamics(telemetries: Sequence[Telemetry], chosen: Settings) -> Results:
             "or an earlier calibration"
         )
     common_x_axis(telemetries)
-    divide(recorded, chosen)  # refuses unknown names before anything takes its time
+    campaign = Campaign({e.name: e for e in recorded}).decide(participation(recorded, chosen))
     if chosen.parameters:
         runs = [(e.sysid.telemetry, e.parameters) for e in recorded]
         names = [p.name for p in Sharing(chosen.shared).parameters(runs)]
         constraints.check(chosen.parameters, [*names, *euler_fit.names(telemetries)], "fit.parameters")
     # what the data are like is judged without what the user says of parameters: that may be wrong
     constrained, chosen = chosen, chosen.model_copy(update={"parameters": {}})
-    campaign = _prepared(recorded, chosen)
+    campaign = _prepared(campaign, chosen)
     progress_stage(0.65)
-    campaign = campaign.with_warnings(noise_adaptation.adapt_to_readout_excess(campaign.usable, chosen))
-    single_fits = _fit_each(campaign.experiments, chosen)
+    found, noisy = noise_adaptation.adapt_to_readout_excess(campaign.usable, chosen)
+    campaign = campaign.update(noisy).decide(found)
+    single_fits = _fit_each([*campaign.experiments.values()], chosen)
     campaign, single_fits = _noises(campaign, single_fits, chosen)
-    drifting, notes = drifts.exclusions(campaign.usable, single_fits)
-    campaign = replace(campaign, notes=(*campaign.notes, *notes)).exclude(drifting)
+    campaign = campaign.decide(drifts.of_runs(campaign.usable, single_fits))
     progress_stage(0.95)
-    together = _together(campaign, single_fits, chosen, constrained.parameters)
-    if together:
-        campaign = replace(campaign.exclude(together.left_out), exclusions=together.left_out)
+    campaign, together = _together(campaign, single_fits, chosen, constrained.parameters)
     joint, fits = _judged(campaign, single_fits, together, constrained)
     joint, cross_talk = _cross_talk(campaign, together, joint, chosen)
     return Results(joint, fits, cross_talk, {}, _provenance(campaign, together, constrained))
 
 
-def _prepared(recorded: Sequence[Experiment], chosen: Settings) -> ExperimentSet:
+def _prepared(campaign: Campaign, chosen: Settings) -> Campaign:
     """Mask what the equation does not hold for and decide who takes part in the joint fit."""
     progress_stage(0.25)
-    tested = [e for e in recorded if e.name not in chosen.exclude]
-    spectra = parallel_map(has_spectra, tested, Experiment.samples)
-    tested = [e for e, has in zip(tested, spectra, strict=True) if has]  # the masks refuse the others
-    screening = metadata.screen(tested)
-    left_out, faulty = screening.exclusions, {f.experiment for f in screening.exclusions}
-    misfit = model_warnings([e for e in tested if e.name not in faulty])
+    recorded = [*campaign.experiments.values()]
+    spectra = parallel_map(has_spectra, recorded, Experiment.samples)
+    readable = [e for e, has in zip(recorded, spectra, strict=True) if has]  # the masks refuse the others
+    tested = [e for e in readable if e.name not in chosen.exclude]
+    campaign = campaign.decide(metadata.find_faults(tested))
+    campaign = campaign.decide(chain.from_iterable(unit_faults(e) for e in readable if e not in tested))
+    misfit = model_warnings([e for e in tested if e.name not in campaign.faulty])
     if misfit:  # which would pass for glitches, and be masked
         chosen = chosen.model_copy(update={"glitches": False})
     progress_stage(0.45)
-    masked = mask_experiments(recorded, chosen, faulty)
-    prepared = {name: p for name, p in masked.items() if isinstance(p, MaskedExperiment)}
-    refused = {name: p for name, p in masked.items() if isinstance(p, InputError) and name not in faulty}
-    left_out += [
-        Exclusion(name, (Cause(name, "", "invalid file", words=str(error)),))
-        for name, error in refused.items()
-    ]
-    together = [prepared[e.name].experiment if e.name in prepared else e for e in recorded]
-    taking_part, short, excluded = divide(together, chosen)
-    campaign = ExperimentSet(prepared, tuple(taking_part), tuple(short), tuple(excluded)).exclude(left_out)
-    return replace(campaign, notes=(*screening.notes, *misfit)).exclude_unusable()
+    masked, found = mask_experiments(recorded, chosen, campaign.faulty)
+    decided = campaign.decide([*misfit, *found])
+    return replace(decided, experiments={e.name: e for e in masked})
 
 
 def _noises(
-    campaign: ExperimentSet, single_fits: dict[str, IRLSResult | FitError], chosen: Settings
-) -> tuple[ExperimentSet, dict[str, IRLSResult | FitError]]:
+    campaign: Campaign, single_fits: dict[str, IRLSResult | FitError], chosen: Settings
+) -> tuple[Campaign, dict[str, IRLSResult | FitError]]:
     """Judge the noise of every experiment by its own fit; fit anew by itself where it is not as it seemed."""
-    of_levels = campaign.usable if chosen.levels == ["auto"] else campaign.experiments
-    campaign = campaign.with_warnings(noise_adaptation.adapt_to_levels(of_levels, single_fits, chosen))
-    return campaign, single_fits | _fit_each([e for e in campaign.experiments if e.marginalised], chosen)
+    every = [*campaign.experiments.values()]
+    of_levels = campaign.usable if chosen.levels == ["auto"] else every
+    found, noisy = noise_adaptation.adapt_to_levels(of_levels, single_fits, chosen)
+    return campaign.update(noisy).decide(found), single_fits | _fit_each(noisy, chosen)
 
 
 def _fit_each(experiments: Sequence[Experiment], chosen: Settings) -> dict[str, IRLSResult | FitError]:
@@ -242,14 +232,14 @@ def _fit_single(
 
 
 def _together(
-    campaign: ExperimentSet,
+    campaign: Campaign,
     single_fits: Mapping[str, IRLSResult | FitError],
     chosen: Settings,
     parameters: Mapping[str, ParameterSettings],
-) -> _Together | None:
+) -> tuple[Campaign, _Together | None]:
     """Fit jointly what agrees, then with what the user says of parameters."""
     if not campaign.in_joint_fit:
-        return None
+        return campaign, None
     agreed = fit_consistent_runs(campaign.in_joint_fit, single_fits, chosen)
     outcome = agreed.outcome
     if any(setting.is_constraint for setting in parameters.values()):
@@ -265,80 +255,65 @@ def _together(
     correction = attenuation.correct_attenuation(outcome, agreed.experiments) if has_couplings else None
     test = coupling_constraints.check_constraints(outcome, agreed.outcome, agreed.experiments, correction)
     contradictions = equation_warnings(agreed.test, agreed.experiments) if agreed.test else ()
-    of_runs = [w for w in agreed.warnings if not (contradictions and w.code == "contradiction")]
-    exclusions = (*campaign.exclusions, *agreed.left_out)
-    of_runs += exclusion_warnings(exclusions, len(agreed.experiments))
-    warnings = (*contradictions, *of_runs, *drifts.of_joint(agreed.outcome), *test.warnings())
-    fit = _warned(fit_quality.as_fit(outcome, agreed.experiments), warnings)
+    of_runs = [f for f in agreed.findings if f.run or not (contradictions and f.code == "contradiction")]
+    campaign = campaign.decide((*contradictions, *of_runs, *drifts.of_joint(agreed.outcome)))
     if agreed.test:
-        exclusions = explain_exclusions(
-            exclusions, campaign.experiments, single_fits, agreed.outcome, agreed.test, Sharing(chosen.shared)
+        explained = explain_findings(
+            campaign.findings,
+            [*campaign.experiments.values()],
+            single_fits,
+            agreed.outcome,
+            agreed.test,
+            Sharing(chosen.shared),
         )
-    return _Together(outcome, fit, exclusions, agreed.statistics, correction)
+        campaign = replace(campaign, findings=explained)
+    fit = _warned(fit_quality.as_fit(outcome, agreed.experiments), test.warnings())
+    return campaign, _Together(outcome, fit, agreed.statistics, correction)
 
 
 def _judged(
-    campaign: ExperimentSet,
+    campaign: Campaign,
     single_fits: Mapping[str, IRLSResult | FitError],
     together: _Together | None,
     chosen: Settings,
 ) -> tuple[Fit | None, dict[str, Fit]]:
     """Return the joint fit and those of the experiments, with what keeps them from being trusted."""
-    fits: dict[str, Fit] = {}
-    of_joint: list[FitWarning] = []
-    every = campaign.experiments
+    every = [*campaign.experiments.values()]
     single = parallel_map(lambda e: _of_experiment(e, campaign, single_fits[e.name], chosen), every)
-    for e, fit in zip(every, single, strict=True):
-        if isinstance(fit, Fit):
-            fits[e.name] = fit
-        elif not campaign.warnings_of(e.name):  # of which is said what is wrong
-            of_joint.append(fit)
-    of_joint += [*campaign.notes, *(f.joint_warning for f in campaign.exclusions)]
-    for code, why, left_out in (
-        ("short_run", "being shorter than 6 h", campaign.short),
-        ("excluded", "named in exclude", campaign.excluded),
-    ):
-        if left_out:
-            names = ", ".join(e.sysid.telemetry.run for e in left_out)
-            warning = FitWarning(code, (), f"left out of the joint fit, {why}: {names}")
-            of_joint.append(warning)
-            for e in (e for e in left_out if e.name in fits):
-                fits[e.name] = _warned(fits[e.name], [warning])
+    fits = {e.name: fit for e, fit in zip(every, single, strict=True) if isinstance(fit, Fit)}
+    failures = [finding for finding in single if isinstance(finding, Finding)]
     if not together:
-        failures = [w for w in single if isinstance(w, FitWarning)]
         if not fits:
             raise FitError("; ".join(failure.message for failure in failures))
         return None, {name: _warned(fit, failures) for name, fit in fits.items()}
-    of_joint += [w for e in campaign.in_joint_fit for w in campaign.prepared[e.name].warnings]
-    codes = {w.code for w in together.fit.warnings}
+    joint = _warned(together.fit, campaign.of_joint)
+    # of those that are left out is said what is wrong
+    joint = _warned(joint, [f for f in failures if f.run not in campaign.faulty])
+    codes = {w.code for w in joint.warnings}
     in_joint = [(e.name, fits[e.name]) for e in campaign.in_joint_fit if e.name in fits]
-    if "constraint_contradicted" not in codes:
-        of_joint += [w for w in fit_quality.of_joint(together.fit, in_joint) if w.code not in codes]
-    return _warned(together.fit, of_joint), fits
+    if "constraint_contradicted" in codes:
+        return joint, fits
+    return _warned(joint, [w for w in fit_quality.of_joint(joint, in_joint) if w.code not in codes]), fits
 
 
 def _of_experiment(
     experiment: Experiment,
-    campaign: ExperimentSet,
+    campaign: Campaign,
     single_fit: IRLSResult | FitError,
     chosen: Settings,
-) -> Fit | FitWarning:
-    """Return the fit of an experiment by itself, or a warning that there is none."""
+) -> Fit | Finding:
+    """Return the fit of an experiment by itself, or that there is none."""
     judged = single_fit
     if constraints_of(experiment, chosen.parameters):  # these may be wrong
         single_fit = _fit_single(experiment, chosen, single_fit)
     if isinstance(single_fit, FitError) or isinstance(judged, FitError):
         # what one experiment by itself does not yield must not cost the others
         error = next(e for e in (judged, single_fit) if isinstance(e, FitError))
-        return FitWarning("no_single_fit", (), str(error))
+        return Finding("no_single_fit", str(error), experiment.name)
     fit = fit_quality.as_fit(single_fit, [experiment])
     of_data = fit if judged is single_fit else fit_quality.as_fit(judged, [experiment])
-    untested = unit_faults(experiment) if experiment.name in chosen.exclude else ()
     warnings = (
-        *campaign.warnings_of(experiment.name),
-        *campaign.notes_of(experiment.name),
-        *(warning for fault in untested for warning in fault.single_fit_warnings),
-        *campaign.prepared[experiment.name].warnings,
+        *campaign.of_run(experiment.name),
         *(fit_quality.of_experiment(experiment.name, of_data) if experiment.noise else ()),
         *constraint_test.refit_unconstrained(single_fit, reference=judged).warnings(),
     )
@@ -347,7 +322,7 @@ def _of_experiment(
 
 
 def _cross_talk(
-    campaign: ExperimentSet, together: _Together | None, judged: Fit | None, chosen: Settings
+    campaign: Campaign, together: _Together | None, judged: Fit | None, chosen: Settings
 ) -> tuple[Fit | None, dict[str, Fit]]:
     """Return the joint fit and the cross-talk of every epoch; where runs turn, that holds the Euler force."""
     if not (together and judged and together.correction):
@@ -364,7 +339,7 @@ def _cross_talk(
     return joint, {epoch: _doubted(fit, judged) for epoch, fit in couplings.items()}
 
 
-def _warned(fit: Fit, warnings: Iterable[FitWarning]) -> Fit:
+def _warned(fit: Fit, warnings: Iterable[Finding]) -> Fit:
     return replace(fit, warnings=(*fit.warnings, *warnings))
 
 
@@ -373,8 +348,8 @@ def _doubted(fit: Fit, joint: Fit | None) -> Fit:
     return _warned(fit, joint.unsound if joint else ())
 
 
-def _provenance(campaign: ExperimentSet, together: _Together | None, chosen: Settings) -> Provenance:
-    periods: dict[str, set[str]] = {}
+def _provenance(campaign: Campaign, together: _Together | None, chosen: Settings) -> Provenance:
+    every, periods = [*campaign.experiments.values()], dict[str, set[str]]()
     for run in (e.sysid.telemetry for e in campaign.in_joint_fit):
         periods.setdefault(str(run.alignment_epoch), set()).add(inertial_period(run))
     scatter = together.outcome.scatter if together else {}
@@ -386,7 +361,9 @@ def _provenance(campaign: ExperimentSet, together: _Together | None, chosen: Set
     )
     return Provenance(
         joint_runs=[e.sysid.telemetry.run for e in campaign.in_joint_fit],
-        noise_runs={e.sysid.telemetry.run: e.noise.telemetry.run for e in campaign.experiments if e.noise},
+        noise_runs={
+            e.sysid.telemetry.run: e.noise.telemetry.run for e in campaign.experiments.values() if e.noise
+        },
         f_max=chosen.f_max,
         window=f"Tukey {TAPER:g}",
         cross_talk_periods={epoch: next(iter(names)) for epoch, names in periods.items() if len(names) == 1},
@@ -394,6 +371,6 @@ def _provenance(campaign: ExperimentSet, together: _Together | None, chosen: Set
         settings=chosen.record(),
         extra={**agreement},
         levels=[e.name for e in campaign.in_joint_fit if e.marginalised],
-        x_axis=campaign.experiments[0].sysid.telemetry.x_axis,
+        x_axis=every[0].sysid.telemetry.x_axis,
         scatter={name: {"value": s, "sigma": sigma} for name, (s, sigma) in scatter.items()},
     )

@@ -12,22 +12,21 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from fit.consistency.consistency_test import ConsistencyTest, consistency_test
-from fit.consistency.contradictions import contradiction_exclusions, largest_pull
+from fit.consistency.contradictions import contradictions, largest_pull
 from fit.consistency.leverage import leverage_warnings
 from fit.consistency.outlier_runs import find_outlier_runs, is_contradicted
 from fit.consistency.run_scores import RunScore, run_score
 from fit.consistency.scatter import P_SCATTER, estimate_scatter, scattering_parameters
 from fit.errors import FitError
+from fit.findings import Finding
 from fit.fitting import IRLSResult, fit_joint, run_estimate
 from fit.model import Sharing
 from fit.parallel import parallel_map
-from fit.quality import Exclusion, fit_quality
+from fit.quality import fit_quality
 from fit.settings import Settings
-from fit.warnings import Cause, FitWarning
 from fit.whitening import Experiment, WhitenedRun
 
 MAX_ANSWERS = 3  # that are named, of what may be wrong
-MAX_LEFT_OUT = 1 / 3  # of the experiments, for the joint fit of the others to be sound
 UNTESTED = ("flscov",)  # estimators whose sigmas are too small by far for a test
 
 SingleFits = Mapping[str, IRLSResult | FitError]
@@ -43,10 +42,8 @@ class ConsistentFit:
         The joint fit.
     experiments : tuple of Experiment
         Those in it.
-    left_out : tuple of Exclusion
-        The others, and why.
-    warnings : tuple of FitWarning
-        About the runs as a whole.
+    findings : tuple of Finding
+        Why the others are not, and what is found of the runs as a whole.
     test : ConsistencyTest or None
         Of the runs in the fit; None where nothing was tested.
     probabilities : dict of str to float
@@ -55,8 +52,7 @@ class ConsistentFit:
 
     outcome: IRLSResult
     experiments: tuple[Experiment, ...]
-    left_out: tuple[Exclusion, ...]
-    warnings: tuple[FitWarning, ...]
+    findings: tuple[Finding, ...]
     test: ConsistencyTest | None = None
     probabilities: Mapping[str, float] | None = None
 
@@ -103,42 +99,39 @@ def fit_consistent_runs(
     FitError
         If no valid estimate results.
     """
-    # what most of the runs share lies in the equation
-    unusable = _minority([_misfit(e) for e in experiments if e.misfit], experiments)
-    usable = _remove(experiments, unusable)
-    unsettled = _unsettled(usable, single_fits)
-    converged = _remove(usable, unsettled)
+    unsettled = _unsettled(experiments, single_fits)
+    converged = _remove(experiments, unsettled)
     if settings.estimator in UNTESTED:
-        left_out = (*unusable, *unsettled) if converged else unusable
-        members = tuple(converged or usable)
+        left_out = unsettled if converged else ()
+        members = tuple(converged or experiments)
         fit = fit_joint(members, settings, single_fits)
-        return ConsistentFit(fit, members, left_out, (_untested(settings),))
+        return ConsistentFit(fit, members, (*left_out, _untested(settings)))
     selection = _select(converged, single_fits, settings)
     chosen = settings.model_copy(update={"scatter": [*selection.scatter]})
     joint = fit_joint(selection.experiments, chosen, single_fits) if selection.experiments else None
-    if together := _joint_with_unsettled(usable, selection, unsettled, joint, chosen, single_fits):
-        selection = replace(selection, experiments=[e for e in usable if e.name not in selection.outliers])
+    if together := _joint_with_unsettled(experiments, selection, unsettled, joint, chosen, single_fits):
+        selection = replace(
+            selection, experiments=[e for e in experiments if e.name not in selection.outliers]
+        )
         joint, unsettled = together, ()
     assert joint is not None  # without any run that settles, the fit of all or its error
     if settings.scatter == ["auto"] and selection.scatter:
         joint = replace(joint, data_driven=True)
     consistent = selection.experiments
-    outliers = [e for e in usable if e.name in selection.outliers]
+    outliers = [e for e in experiments if e.name in selection.outliers]
     test_of_all = _test_with(outliers, consistent, joint, single_fits, settings)
     numbers = range(len(consistent), len(consistent) + len(outliers))
-    contradicting = contradiction_exclusions(
-        test_of_all, numbers, (*consistent, *outliers), selection.probabilities
-    )
-    left_out = (*unusable, *unsettled, *contradicting)
     test = test_of_all.without(numbers)
-    warnings = [
+    findings = [
+        *unsettled,
+        *contradictions(test_of_all, numbers, (*consistent, *outliers)),
         *_warnings(test, joint, consistent, test_of_all.runs[numbers.start :]),
         *fit_quality.acausal(joint, experiments[0].sysid.spacecraft.commands),
     ]
-    return ConsistentFit(joint, tuple(consistent), left_out, tuple(warnings), test, selection.probabilities)
+    return ConsistentFit(joint, tuple(consistent), tuple(findings), test, selection.probabilities)
 
 
-def consistency_warnings(experiments: Sequence[Experiment], joint: IRLSResult) -> list[FitWarning]:
+def consistency_warnings(experiments: Sequence[Experiment], joint: IRLSResult) -> list[Finding]:
     """Return the warnings about a fit that leaves none of its experiments out."""
     if len(experiments) == 1:
         return []
@@ -255,32 +248,29 @@ def _test_with(
     return consistency_test((*consistent, *outliers), joint, (*joint.whitened_runs, *whitened_runs))
 
 
-def _untested(settings: Settings) -> FitWarning:
+def _untested(settings: Settings) -> Finding:
     message = (
         f"the sigmas of {settings.estimator} are too small for a test: whether the experiments contradict "
         "each other is not known"
     )
-    return FitWarning("consistency_untested", (), message)
+    return Finding("consistency_untested", message)
 
 
-def _remove(experiments: Sequence[Experiment], left_out: Iterable[Exclusion]) -> list[Experiment]:
-    names = {exclusion.experiment for exclusion in left_out}
+def _remove(experiments: Sequence[Experiment], left_out: Iterable[Finding]) -> list[Experiment]:
+    names = {finding.run for finding in left_out}
     return [e for e in experiments if e.name not in names]
 
 
-def _unsettled(experiments: Sequence[Experiment], single_fits: SingleFits) -> tuple[Exclusion, ...]:
+def _unsettled(experiments: Sequence[Experiment], single_fits: SingleFits) -> tuple[Finding, ...]:
     """Return the experiments without a single fit."""
     failures = {e.name: fit for e in experiments if isinstance(fit := single_fits[e.name], FitError)}
-    return tuple(
-        Exclusion(name, (Cause(name, "", "misfit", words=words),), evidence="misfit")
-        for name, words in fit_quality.suspects(failures).items()
-    )
+    return tuple(Finding("misfit", words, name) for name, words in fit_quality.suspects(failures).items())
 
 
 def _joint_with_unsettled(
     experiments: Sequence[Experiment],
     selection: _Selection,
-    unsettled: Sequence[Exclusion],
+    unsettled: Sequence[Finding],
     converged_fit: IRLSResult | None,
     settings: Settings,
     single_fits: SingleFits,
@@ -312,16 +302,6 @@ def _joint_with_unsettled(
     return None if loses or contradicted else joint
 
 
-def _misfit(experiment: Experiment) -> Exclusion:
-    cause = Cause(experiment.name, "", "misfit", words=experiment.misfit)
-    return Exclusion(experiment.name, (cause,), single_fit_code="", evidence="misfit")
-
-
-def _minority(exclusions: Sequence[Exclusion], experiments: Sequence[Experiment]) -> tuple[Exclusion, ...]:
-    """Return them if they are half of the experiments at most: what most share lies in the equation."""
-    return tuple(exclusions) if 2 * len(exclusions) <= len(experiments) else ()
-
-
 def _groups(experiments: Sequence[Experiment]) -> set[frozenset[str]]:
     """Return the runs of each authority and of each alignment epoch, by name."""
     members: dict[object, set[str]] = {}
@@ -337,7 +317,7 @@ def _warnings(
     joint: IRLSResult,
     experiments: Sequence[Experiment],
     left_out: Sequence[RunScore] = (),
-) -> list[FitWarning]:
+) -> list[Finding]:
     """Return a warning that the runs contradict each other, or of what a single one determines.
 
     `left_out` are the runs that contradict those of the joint fit.
@@ -353,20 +333,4 @@ def _warnings(
         f"{', or '.join(map(' and '.join, answers))}; {suspect} "
         f"{largest_pull(test, i, experiments[i])}; the uncertainties are not valid"
     )
-    return [FitWarning("contradiction", (), message)]
-
-
-def exclusion_warnings(exclusions: Iterable[Exclusion], n_fitted: int) -> list[FitWarning]:
-    """Return a warning if too many of the experiments are left out for the others to be trusted.
-
-    `n_fitted` is the number of these others.
-    """
-    names = dict.fromkeys(exclusion.experiment for exclusion in exclusions)
-    total = len(names) + n_fitted
-    if len(names) <= max(1, MAX_LEFT_OUT * total):
-        return []
-    message = (
-        f"{len(names)} of {total} experiments, more than a third, are left out ({', '.join(names)}): the "
-        "others may agree by chance or have a fault in common; the uncertainties are not valid"
-    )
-    return [FitWarning("too_many_exclusions", (), message)]
+    return [Finding("contradiction", message)]

@@ -1,23 +1,19 @@
 """Runs that contradict the others, and the parameter in which they differ most."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
 from fit.consistency.consistency_test import ConsistencyTest
 from fit.false_alarms import p_limit
-from fit.quality import Exclusion
+from fit.findings import Finding
 from fit.units import campaign_unit, concise_value
-from fit.warnings import Cause
 from fit.whitening import Experiment
 
 
-def contradiction_exclusions(
-    test: ConsistencyTest,
-    outliers: Sequence[int],
-    experiments: Sequence[Experiment],
-    probabilities: Mapping[str, float],
-) -> tuple[Exclusion, ...]:
+def contradictions(
+    test: ConsistencyTest, outliers: Sequence[int], experiments: Sequence[Experiment]
+) -> list[Finding]:
     """Return the runs that contradict the others, with what they contradict.
 
     Parameters
@@ -28,8 +24,6 @@ def contradiction_exclusions(
         Those that contradict the others, by number.
     experiments : sequence of Experiment
         All runs.
-    probabilities : mapping of str to float
-        By run, that it contradicts the others.
     """
     total, rest = test.total, test.without(outliers).total
     names = [test.runs[i].name for i in outliers]
@@ -38,7 +32,7 @@ def contradiction_exclusions(
         f"{'them' if len(names) > 1 else 'it'}: chi2 among all is {total.value:.4g} for "
         f"{total.dof} degrees of freedom, among the others {rest.value:.4g} for {rest.dof}"
     )
-    exclusions = []
+    findings = []
     for i, name in zip(outliers, names, strict=True):
         numbers = [k for k in outliers if k != i]
         remaining = test.without(numbers)
@@ -50,11 +44,8 @@ def contradiction_exclusions(
             if agrees
             else largest_pull(remaining, position, experiments[i])
         )
-        cause = Cause(name, "", "contradiction", words=f"{observation}; {name} {largest}")
-        exclusions.append(
-            Exclusion(name, (cause,), "rejected", "contradiction", probability=probabilities.get(name))
-        )
-    return tuple(exclusions)
+        findings.append(Finding("contradiction", f"{observation}; {name} {largest}", name))
+    return findings
 
 
 def largest_pull(test: ConsistencyTest, i: int, experiment: Experiment) -> str:

@@ -9,12 +9,12 @@ from collections.abc import Sequence
 
 from fit.consistency.consistency_test import ConsistencyTest
 from fit.false_alarms import p_limit
+from fit.findings import Finding
 from fit.quality import MODEL_MISFIT
-from fit.warnings import FitWarning
 from fit.whitening import Experiment
 
 
-def equation_warnings(test: ConsistencyTest, experiments: Sequence[Experiment]) -> list[FitWarning]:
+def equation_warnings(test: ConsistencyTest, experiments: Sequence[Experiment]) -> list[Finding]:
     """Return the warning that equations of the same run contradict each other."""
     names = [equation.name for equation in experiments[0].sysid.equations]
     if len(names) < 2:
@@ -32,4 +32,4 @@ def equation_warnings(test: ConsistencyTest, experiments: Sequence[Experiment]) 
         f"{' and '.join(names)} contradict each other in {', '.join(found)}: the geometry or a read-out is "
         "not what the equations take as exact, or channels are exchanged; the uncertainties are not valid"
     )
-    return [FitWarning(MODEL_MISFIT, (), message)]
+    return [Finding(MODEL_MISFIT, message)]

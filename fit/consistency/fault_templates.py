@@ -11,10 +11,10 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from fit.findings import Amount, Finding
 from fit.model import dynamics
 from fit.spectra import derivatives
 from fit.units import concise_value
-from fit.warnings import Cause
 from fit.whitening import Run
 
 Array = NDArray[np.float64]
@@ -196,7 +196,7 @@ class Template:
 
     def cause(
         self, amount: float, sigma: float, run: str = "", *, scope: str = "", force: float = 0.0
-    ) -> Cause:
+    ) -> Finding:
         """Return the cause of an amount.
 
         Parameters
@@ -217,7 +217,7 @@ class Template:
             late="late" if size > 0 else "early",
             force=force,
         )
-        return Cause(run, self.channel, self.kind, size, sigma, self.unit, f"{words}{scope}")
+        return Finding(self.kind, f"{words}{scope}", run, self.channel, amount=Amount(size, sigma, self.unit))
 
 
 READOUT_LAG = Template(

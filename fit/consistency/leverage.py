@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from fit.consistency.consistency_test import ConsistencyTest
 from fit.consistency.run_scores import RunScore
 from fit.false_alarms import sigma_limit
+from fit.findings import Finding
 from fit.fitting import IRLSResult
-from fit.warnings import FitWarning
 
 Array = NDArray[np.float64]
 
@@ -86,7 +86,7 @@ def pull_limit(leverages: Sequence[Leverage]) -> float:
 
 def leverage_warnings(
     test: ConsistencyTest, joint: IRLSResult, left_out: Sequence[RunScore]
-) -> list[FitWarning]:
+) -> list[Finding]:
     """Return warnings of what a single run determines almost alone, and where others contradict it."""
     leverages = [x for x in find_leverages(test, joint.undetermined, left_out) if x.index < joint.shared]
     limit = pull_limit(leverages)
@@ -103,7 +103,7 @@ def leverage_warnings(
         subject = f"{', '.join(names)} {'is' if len(names) == 1 else 'are'}"
         check = f"no cross-check: without {run}, sigma grows by a factor of more than {LEVERAGE:g}"
         message = f"{subject} determined almost entirely by {run}; {check}"
-        warnings.append(FitWarning("high_leverage", tuple(names), message))
+        warnings.append(Finding("high_leverage", message, parameters=tuple(names)))
     for (run, other), pulls in contradictions.items():
         others = f"{other}, which is left out," if other else "the other experiments"
         message = (
@@ -111,7 +111,7 @@ def leverage_warnings(
             f"joint fit relies on {run}; the data do not show which of them is wrong; the uncertainties are "
             "not valid"
         )
-        warnings.append(FitWarning("contradiction", (), message))
+        warnings.append(Finding("contradiction", message))
     return warnings
 
 

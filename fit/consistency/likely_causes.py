@@ -21,12 +21,11 @@ from fit.consistency.consistency_test import ConsistencyTest
 from fit.consistency.run_scores import RunScore, run_score
 from fit.errors import FitError
 from fit.false_alarms import p_limit
+from fit.findings import Amount, Finding, either
 from fit.fitting import IRLSResult, run_estimate
 from fit.model import Sharing, dynamics
 from fit.parameters import M_TM
-from fit.quality import Exclusion
 from fit.units import concise_value
-from fit.warnings import Cause
 from fit.whitening import Experiment, whitened_run
 
 Array = NDArray[np.float64]
@@ -35,7 +34,9 @@ INDISTINCT = 10.0  # Delta chi^2 up to which the data do not distinguish two cau
 AMOUNT = 2.0  # by which chi^2 must fall for an amount to be as likely as none
 SIGNIFICANT = 5.0  # sigma, from which an amount differs from zero
 EXACT_SCALE = 0.01  # relative, up to which a scale is a unit or a sign
-GAIN_KINDS = ("sign", "unit", "scale")  # that an implausible gain suggests
+GAIN_CODES = ("sign", "unit", "scale")  # of what an implausible gain suggests
+#: Codes of the findings that say no more than that a run disagrees.
+UNEXPLAINED = ("implausible_gain", "misfit", "noise_mismatch", "contradiction")
 PREFIXES = {1e3: "m", 1e6: "u", 1e9: "n", 1e12: "p"}
 #: The columns that are made of each channel.
 CHANNEL_COLUMNS = {
@@ -65,7 +66,7 @@ class Explanation(NamedTuple):
         Whether it has an amount.
     """
 
-    cause: Callable[[float, float], Cause]
+    cause: Callable[[float, float], Finding]
     coefficients: Callable[[Array, float], Array]
     has_amount: bool = True
 
@@ -74,24 +75,24 @@ class Rating(NamedTuple):
     """Chi^2 with an explanation, its cause, and whether nothing but noise remains."""
 
     chi2: float
-    cause: Cause
+    cause: Finding
     is_noise: bool
 
 
-def explain_exclusions(
-    exclusions: Sequence[Exclusion],
+def explain_findings(
+    findings: Sequence[Finding],
     experiments: Sequence[Experiment],
     single_fits: Mapping[str, IRLSResult | FitError],
     joint: IRLSResult,
     test: ConsistencyTest,
     sharing: Sharing,
-) -> tuple[Exclusion, ...]:
-    """Return the exclusions with the causes that explain them.
+) -> tuple[Finding, ...]:
+    """Return findings of runs that are left out with the causes that explain them.
 
     Parameters
     ----------
-    exclusions : sequence of Exclusion
-        Experiments that are left out.
+    findings : sequence of Finding
+        All of them.
     experiments : sequence of Experiment
         All that could be masked.
     single_fits : mapping of str to IRLSResult or FitError
@@ -106,12 +107,11 @@ def explain_exclusions(
     by_name, names = {e.name: e for e in experiments}, [p.name for p in joint.parameters]
     epochs = {by_name[run.name].sysid.telemetry.alignment_epoch for run in test.runs}
 
-    def explain(exclusion: Exclusion) -> Exclusion:
-        single = single_fits.get(exclusion.experiment)
-        is_open = exclusion.evidence in ("guess", "misfit") or exclusion.single_fit_code == "contradiction"
-        if not is_open or not isinstance(single, IRLSResult):
-            return exclusion
-        e = by_name[exclusion.experiment]
+    def explain(finding: Finding) -> Finding:
+        single = single_fits.get(finding.run)
+        if finding.code not in UNEXPLAINED or not isinstance(single, IRLSResult):
+            return finding
+        e = by_name[finding.run]
         maps = {
             epoch: sharing.matrix(replace(e.sysid.telemetry, alignment_epoch=epoch), e.parameters, names)
             for epoch in {*epochs, e.sysid.telemetry.alignment_epoch}
@@ -120,14 +120,16 @@ def explain_exclusions(
         block = replace(single.whitened_runs[0], parameter_map=own)
         score = run_score(e.name, block, run_estimate(e.name, block), joint.solution.theta)
         causes = likely_causes(replace(test, runs=(*test.runs, score)), maps)
-        if exclusion.evidence == "guess" and any(cause.kind in GAIN_KINDS for cause in causes):
-            return exclusion
-        return replace(exclusion, causes=causes)
+        guessed = finding.code == "implausible_gain" and any(cause.code in GAIN_CODES for cause in causes)
+        if guessed or not causes:
+            return finding
+        message = f"{finding.run}: perhaps {either(causes)}; {finding.message}"
+        return replace(finding, message=message, causes=causes)
 
-    return tuple(map(explain, exclusions))
+    return tuple(map(explain, findings))
 
 
-def likely_causes(test: ConsistencyTest, epochs: Mapping[int, Array]) -> tuple[Cause, ...]:
+def likely_causes(test: ConsistencyTest, epochs: Mapping[int, Array]) -> tuple[Finding, ...]:
     """Return the causes that explain a run and that the data do not distinguish, the likeliest first.
 
     Parameters
@@ -187,7 +189,7 @@ def _explanations(run: RunScore, epochs: Mapping[int, Array]) -> Iterator[Explan
     theta = dict(zip(dynamics.PARAMETERS, run.run_theta.tolist(), strict=False))
 
     def constant(
-        cause: Cause,
+        cause: Finding,
         parameter_map: Array = share,
         order: NDArray[np.intp] | slice = slice(None),
         delays: tuple[float, float] = tau,
@@ -204,13 +206,13 @@ def _explanations(run: RunScore, epochs: Mapping[int, Array]) -> Iterator[Explan
             partial(_scale_cause, name), lambda x, a: (1 + a * member) * equation.coefficients(share @ x, tau)
         )
 
-    def shifted(cause: Callable[[float, float], Cause], shifts: Mapping[str, float]) -> Explanation:
+    def shifted(cause: Callable[[float, float], Finding], shifts: Mapping[str, float]) -> Explanation:
         shift = np.zeros(len(share))
         for parameter, amount in shifts.items():
             shift[dynamics.PARAMETERS.index(parameter)] = amount
         return Explanation(cause, lambda x, a: equation.coefficients(share @ x + a * shift, tau))
 
-    yield constant(Cause("", "", ""))
+    yield constant(Finding("", ""))
     for name in (name for name, places in columns.items() if measured[places].all()):
         yield scaled(name)
         if shifts := {C: weight * theta[GAINS[C]] for C, weight in LATE.get(name, {}).items()}:
@@ -221,16 +223,16 @@ def _explanations(run: RunScore, epochs: Mapping[int, Array]) -> Iterator[Explan
     for a, b, delays in exchanges:
         order = np.arange(measured.size)
         order[columns[a] + columns[b]] = columns[b] + columns[a]
-        cause = Cause("", f"{a} {b}", "exchange", words=f"{a} and {b} are exchanged")
+        cause = Finding("exchange", f"{a} and {b} are exchanged", channel=f"{a} {b}")
         yield constant(cause, order=order, delays=delays)
     for epoch, parameter_map in sorted(epochs.items()):
-        words = f"its alignment epoch is {epoch}"
-        yield constant(Cause("", "alignment_epoch", "label", float(epoch), words=words), parameter_map)
+        cause = Finding("label", f"its alignment epoch is {epoch}", channel="alignment_epoch")
+        yield constant(cause, parameter_map)
     for name, shifts in STIFFNESSES.items():
         yield shifted(partial(_stiffness_cause, name), shifts)
 
 
-def _scale_cause(channel: str, growth: float, sigma: float) -> Cause:
+def _scale_cause(channel: str, growth: float, sigma: float) -> Finding:
     """Return a sign, a unit, or a scale: the coefficient of a channel that is too large is too small."""
     factor = 1 + growth
     if channel != "o_12":
@@ -241,20 +243,20 @@ def _scale_cause(channel: str, growth: float, sigma: float) -> Cause:
     units |= {1 / size: f"10^{round(np.log10(size))} {unit}" for size in PREFIXES}
     if channel.startswith("f"):
         units[M_TM] = "N"
-    kind, words = "scale", f"is {concise_value(factor, sigma)} times its correct value"
+    code, words = "scale", f"is {concise_value(factor, sigma)} times its correct value"
     if abs(factor + 1) < tolerance:
-        kind, words = "sign", "has the wrong sign"
+        code, words = "sign", "has the wrong sign"
     for size, name in units.items():
         if abs(factor / size - 1) < tolerance:
-            kind, words = "unit", f"is in {name} and not in {unit}"
-    return Cause("", channel, kind, factor, sigma, "1", f"{channel} {words}")
+            code, words = "unit", f"is in {name} and not in {unit}"
+    return Finding(code, f"{channel} {words}", channel=channel, amount=Amount(factor, sigma))
 
 
-def _lag_cause(channel: str, lag: float, sigma: float) -> Cause:
+def _lag_cause(channel: str, lag: float, sigma: float) -> Finding:
     words = f"{channel} is {'late' if lag > 0 else 'early'} by {concise_value(abs(lag), sigma)} s"
-    return Cause("", channel, "lag", lag, sigma, "s", words)
+    return Finding("lag", words, channel=channel, amount=Amount(lag, sigma, "s"))
 
 
-def _stiffness_cause(name: str, difference: float, sigma: float) -> Cause:
+def _stiffness_cause(name: str, difference: float, sigma: float) -> Finding:
     words = f"{name} differs by {concise_value(difference, sigma)} s-2 from that of the authority in the file"
-    return Cause("", name, "stiffness", difference, sigma, "s-2", words)
+    return Finding("stiffness", words, channel=name, amount=Amount(difference, sigma, "s-2"))

@@ -15,11 +15,11 @@ from numpy.typing import NDArray
 from fit.consistency.common_effects import CommonEffect, common_effects, significant_effects
 from fit.consistency.run_misfit import RunMisfit, run_misfit
 from fit.false_alarms import p_limit
+from fit.findings import Finding, either
 from fit.model import dynamics
 from fit.parallel import parallel_map
 from fit.parameters import DELAYS
 from fit.quality import MODEL_MISFIT
-from fit.warnings import Cause, FitWarning, either
 from fit.whitening import Experiment
 
 Array = NDArray[np.float64]
@@ -30,7 +30,7 @@ MAX_DELAY = 3.0  # times the delays of the flight; no actuator comes near
 PRECISE = 0.05  # s, standard deviation of a delay that is compared with those of the flight
 
 
-def model_warnings(experiments: Sequence[Experiment]) -> list[FitWarning]:
+def model_warnings(experiments: Sequence[Experiment]) -> list[Finding]:
     """Return warnings of what the equation of motion lacks in all runs.
 
     Parameters
@@ -57,7 +57,7 @@ def model_warnings(experiments: Sequence[Experiment]) -> list[FitWarning]:
     return [*map(_partial_warning, of_several[:1]), *delays]
 
 
-def _template_warning(effects: Sequence[CommonEffect], largest_force: tuple[float, float]) -> FitWarning:
+def _template_warning(effects: Sequence[CommonEffect], largest_force: tuple[float, float]) -> Finding:
     """Return the warning of the best template and those that the data do not distinguish from it."""
     causes = []
     for effect in effects:
@@ -67,46 +67,46 @@ def _template_warning(effects: Sequence[CommonEffect], largest_force: tuple[floa
         causes.append(template.cause(effect.size, effect.sigma, effect.run, scope=scope, force=force))
     run = effects[0].run
     if effects[0].template.by_epoch:
-        found = " and ".join(cause.words for cause in causes)
+        found = " and ".join(cause.message for cause in causes)
     else:
         found = f"{either(causes)}, {f'shown by {run} alone' if run else 'in all runs alike'}"
     message = f"{found}; the equation of motion does not contain that, and the uncertainties are not valid"
-    return FitWarning(MODEL_MISFIT, (), message, causes=tuple(causes))
+    return Finding(MODEL_MISFIT, message, causes=tuple(causes))
 
 
-def _partial_warning(effect: CommonEffect) -> FitWarning:
+def _partial_warning(effect: CommonEffect) -> Finding:
     """Return the warning of a template that all runs contain, though it is not all of their misfit."""
-    words = effect.template.cause(effect.size, effect.sigma).words
+    words = effect.template.cause(effect.size, effect.sigma).message
     message = (
         f"the residuals of all runs have a part in common, {effect.z:.1f} sigma of what they would have if "
         f"{words}; that does not account for all of it, and no known effect does; the equation of motion is "
         "incomplete, and the uncertainties are not valid"
     )
-    return FitWarning(MODEL_MISFIT, (), message)
+    return Finding(MODEL_MISFIT, message)
 
 
-def _force_warning(misfits: Sequence[RunMisfit], n_runs: int) -> FitWarning:
+def _force_warning(misfits: Sequence[RunMisfit], n_runs: int) -> Finding:
     """Return the warning of a force that many runs do not record, with its strongest tone in each of them."""
     causes = tuple(_strongest_tone(run) for run in misfits)
-    words = ", ".join(f"{c.run} ({c.words}, {c.size:.2g} m s-2)" for c in causes)
+    words = ", ".join(f"{cause.run} ({cause.message})" for cause in causes)
     message = (
         f"{len(misfits)} of {n_runs} runs contain forces at the injections that no channel records: {words};"
         " no known effect explains them, the equation of motion is incomplete, and the uncertainties are "
         "not valid"
     )
-    return FitWarning(MODEL_MISFIT, (), message, causes=causes)
+    return Finding(MODEL_MISFIT, message, causes=causes)
 
 
-def _strongest_tone(run: RunMisfit) -> Cause:
+def _strongest_tone(run: RunMisfit) -> Finding:
     """Return the amplitude of Delta g at the driven bin that exceeds the noise most."""
     power = np.where(run.driven, run.power(), 0.0)
     peak = int(np.argmax(power))
     amplitude = float(run.sine_amplitude[peak] * np.sqrt(2 * power[peak]))
-    words = f"at {1e3 * run.f[peak]:.3g} mHz"
-    return Cause(run.experiment.name, "", "unrecorded force", amplitude, None, "m s-2", words)
+    message = f"at {1e3 * run.f[peak]:.3g} mHz, {amplitude:.2g} m s-2"
+    return Finding("unrecorded force", message, run.experiment.name)
 
 
-def _delay_warnings(runs: Sequence[RunMisfit]) -> list[FitWarning]:
+def _delay_warnings(runs: Sequence[RunMisfit]) -> list[Finding]:
     """Return a warning of delays that no actuator has."""
     delays = np.array([run.delays for run in runs])
     late = {}
@@ -120,9 +120,9 @@ def _delay_warnings(runs: Sequence[RunMisfit]) -> list[FitWarning]:
     span = 2 * extra + dynamics.LOOP_PERIOD  # of n samples, whose mean is late by (n - 1) / 2 of them
     measured = " and ".join(f"{tau:.3g} s for f_x_{j}" for j, tau in late.items())
     words = f"the read-outs seem to be averaged over {span:.2g} s"
-    cause = Cause("", "o_1 o_12", "averaging", span, None, "s", words)
+    cause = Finding("averaging", words, channel="o_1 o_12")
     message = (
         f"the delay C / lambda is {measured}, more than {MAX_DELAY:g} times that of the flight: {words}, or "
         "the commands are early in the files; the equation of motion lacks an average, and gains are biased"
     )
-    return [FitWarning(MODEL_MISFIT, tuple(f"C_{j}" for j in late), message, causes=(cause,))]
+    return [Finding(MODEL_MISFIT, message, parameters=tuple(f"C_{j}" for j in late), causes=(cause,))]

@@ -10,11 +10,11 @@ from numpy.typing import NDArray
 from fit.crosstalk import instrumental_variables, readout_noise
 from fit.crosstalk.fitted_run import FittedRun, fitted_runs
 from fit.crosstalk.noise_share import noise_share
+from fit.findings import Finding
 from fit.fitting import IRLSResult
 from fit.model import dynamics
 from fit.parallel import parallel_map
 from fit.results import Estimate, Fit
-from fit.warnings import FitWarning
 from fit.whitening import Experiment, whitened_run
 
 Array = NDArray[np.float64]
@@ -241,5 +241,5 @@ def apply_iv(fit: Fit, corrections: Mapping[str, IVCorrection], description: str
         fit,
         parameters=parameters,
         covariance_matrix=fit.covariance_matrix * np.outer(ratio, ratio),
-        warnings=(*fit.warnings, FitWarning("instrumental_variables", tuple(corrections), message)),
+        warnings=(*fit.warnings, Finding("instrumental_variables", message, parameters=tuple(corrections))),
     )

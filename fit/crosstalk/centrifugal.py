@@ -9,11 +9,11 @@ the rotation is not that measured by torques and star tracker.
 from dataclasses import replace
 
 from fit.false_alarms import sigma_limit
+from fit.findings import Finding
 from fit.parameters import Parameter, cross_talk_parameter
 from fit.results import Estimate
 from fit.telemetry import TOWARDS_1, TOWARDS_2, XAxis
 from fit.units import concise_value
-from fit.warnings import FitWarning
 
 NOTABLE = 0.25  # of the coefficient; torques whose gain is not known, or without angles, make 0.15
 FRAME, STRENGTH = "frame_contradicted", "centrifugal_strength"
@@ -22,7 +22,7 @@ _ANGLES = ("delta_phi", "delta_eta")
 EXCESS: Parameter = replace(cross_talk_parameter("b_1"), name="g_Omega", unit="1", prior_sigma=10.0)
 
 
-def frame_warnings(estimate: Estimate, x_axis: XAxis, n_periods: int = 1) -> list[FitWarning]:
+def frame_warnings(estimate: Estimate, x_axis: XAxis, n_periods: int = 1) -> list[Finding]:
     """Warn of a coefficient of g_Omega that the data say is not 1.
 
     Parameters
@@ -43,13 +43,13 @@ def frame_warnings(estimate: Estimate, x_axis: XAxis, n_periods: int = 1) -> lis
             f"the telemetry contradicts its frame, +x {x_axis}: {observation}, expected 1; with x_axis = "
             f"{opposite!r} it would be {-estimate.value:.3g}"
         )
-        return [FitWarning(FRAME, _ANGLES, message)]
+        return [Finding(FRAME, message, parameters=_ANGLES)]
     message = (
         f"{observation}, expected 1: torques and star tracker do not measure the rotation that acts along x"
     )
-    return [FitWarning(STRENGTH, _ANGLES, message)]
+    return [Finding(STRENGTH, message, parameters=_ANGLES)]
 
 
-def contradicts(warnings: tuple[FitWarning, ...]) -> bool:
+def contradicts(warnings: tuple[Finding, ...]) -> bool:
     """Return whether the data contradict the stated frame."""
     return any(warning.code == FRAME for warning in warnings)

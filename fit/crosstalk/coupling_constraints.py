@@ -6,9 +6,9 @@ import numpy as np
 
 from fit.crosstalk.attenuation import AttenuationCorrected, correct_attenuation
 from fit.crosstalk.crosstalk_fit import COEFFICIENTS
+from fit.findings import Finding
 from fit.fitting import IRLSResult, constraint_test
 from fit.results import Fit
-from fit.warnings import FitWarning
 from fit.whitening import Experiment
 
 
@@ -51,7 +51,7 @@ def _estimates(
     )
 
 
-def constraint_warnings(joint: Fit, epoch: str) -> list[FitWarning]:
+def constraint_warnings(joint: Fit, epoch: str) -> list[Finding]:
     """Return the warnings of a joint fit about constraints of the couplings of an alignment epoch."""
     names = {f"{name}_{epoch}" for name in COEFFICIENTS}
     codes = ("constrained", "at_bound")

@@ -25,11 +25,11 @@ from numpy.typing import NDArray
 
 from fit.crosstalk import attenuation, drift
 from fit.crosstalk.attenuation import AttenuationCorrected
+from fit.findings import Finding
 from fit.fitting import IRLSResult
 from fit.model import Sharing, dynamics, inertial_forces
 from fit.quality import indeterminable, report
 from fit.results import Fit, Results
-from fit.warnings import FitWarning
 from fit.whitening import Experiment
 
 Array = NDArray[np.float64]
@@ -144,9 +144,7 @@ def _names(
     return dict(sorted(of_epoch.items())), delta_ifo
 
 
-def _attenuated(
-    outcome: IRLSResult, shift: Array, names: Mapping[str, str], delta_ifo: str
-) -> list[FitWarning]:
+def _attenuated(outcome: IRLSResult, shift: Array, names: Mapping[str, str], delta_ifo: str) -> list[Finding]:
     """Name the coefficients that noise in their regressors is expected to shift notably."""
     sigma = outcome.solution.sigma
     biased = {}
@@ -167,12 +165,12 @@ def _attenuated(
     )
     if np.isfinite(shift[row]):
         message += f"; {delta_ifo} moves by {shift[row] / sigma[row]:+.2f} sigma"
-    return [FitWarning("attenuation_bias", tuple(biased), message)]
+    return [Finding("attenuation_bias", message, parameters=tuple(biased))]
 
 
 def _corrected(
     outcome: IRLSResult, correction: AttenuationCorrected, names: Mapping[str, str]
-) -> list[FitWarning]:
+) -> list[Finding]:
     """Report which coefficients instrumental variables estimate, and at what cost in sigma."""
     cost = correction.outcome.solution.sigma / outcome.solution.sigma
     cost_of = {
@@ -189,10 +187,10 @@ def _corrected(
         f"by read-out noise; sigma relative to least squares: {ratios}; motion is subtracted with the "
         "coefficients of least squares, which subtract better"
     )
-    return [FitWarning("instrumental_variables", tuple(cost_of), message)]
+    return [Finding("instrumental_variables", message, parameters=tuple(cost_of))]
 
 
-def _correlation(outcome: IRLSResult, names: Mapping[str, str], delta_ifo: str) -> FitWarning:
+def _correlation(outcome: IRLSResult, names: Mapping[str, str], delta_ifo: str) -> Finding:
     """Report how the coefficients correlate with the leakage of x_1 in the same epoch."""
     all_names = [p.name for p in outcome.parameters]
     sigma = outcome.solution.sigma
@@ -200,8 +198,10 @@ def _correlation(outcome: IRLSResult, names: Mapping[str, str], delta_ifo: str) 
     correlation = outcome.solution.covariance[row] / (sigma[row] * sigma)
     with_couplings = {b: float(correlation[all_names.index(name)]) for name, b in names.items()}
     values = ", ".join(f"{value:+.2f} ({b})" for b, value in with_couplings.items())
-    return FitWarning(
-        "correlation", (delta_ifo, *with_couplings), f"correlation of {delta_ifo} with b_i: {values}"
+    return Finding(
+        "correlation",
+        f"correlation of {delta_ifo} with b_i: {values}",
+        parameters=(delta_ifo, *with_couplings),
     )
 
 
@@ -232,7 +232,7 @@ def with_euler_warning(cross_talk: Fit) -> Fit:
         "b_1 and b_2 include d delta_phi and -d delta_eta, the Euler force above 10 mHz: without an inertial "
         "fit of the same period these cannot be separated"
     )
-    return replace(cross_talk, warnings=(*cross_talk.warnings, FitWarning(INCLUDED, names, message)))
+    return replace(cross_talk, warnings=(*cross_talk.warnings, Finding(INCLUDED, message, parameters=names)))
 
 
 def subtract_euler_force(cross_talk: Fit, misaligned: Fit, period: str, d: float) -> Fit:
@@ -255,7 +255,7 @@ def subtract_euler_force(cross_talk: Fit, misaligned: Fit, period: str, d: float
         "subtracted from them; their sigmas are those of d delta_phi and d delta_eta, which cancel in Delta g"
     )
     kept_warnings = [warning for warning in cross_talk.warnings if warning.code != INCLUDED]
-    return replace(fit, warnings=(*kept_warnings, FitWarning(SEPARATED, names, message)))
+    return replace(fit, warnings=(*kept_warnings, Finding(SEPARATED, message, parameters=names)))
 
 
 def restore_euler_force(cross_talk: Fit, misaligned: Fit, d: float) -> Fit:

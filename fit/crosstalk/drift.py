@@ -11,9 +11,9 @@ from dataclasses import replace
 import numpy as np
 
 from fit.false_alarms import p_limit
+from fit.findings import Finding
 from fit.fitting import Heterogeneity, IRLSResult, heterogeneity
 from fit.results import Fit
-from fit.warnings import FitWarning
 
 DRIFTING = ("b_1", "b_2")
 
@@ -61,7 +61,7 @@ def inflate_sigma(fit: Fit, drifts: Mapping[str, Heterogeneity]) -> Fit:
         f"these differ between the experiments of the epoch by more than noise: {widths}; their sigmas are "
         "those of the mean over such experiments"
     )
-    warning = FitWarning("cross_talk_drift", tuple(reported), message)
+    warning = Finding("cross_talk_drift", message, parameters=tuple(reported))
     return replace(
         fit, parameters=parameters, covariance_matrix=covariance, warnings=(*fit.warnings, warning)
     )

@@ -27,6 +27,7 @@ from numpy.typing import NDArray
 
 from fit.crosstalk import centrifugal, torque_noise
 from fit.errors import FitError
+from fit.findings import Finding
 from fit.fitting import (
     Prior,
     PriorSet,
@@ -43,7 +44,6 @@ from fit.settings import ParameterSettings
 from fit.spacecraft import spacecraft_of
 from fit.spectra import NoiseModel, Spectrum, windowing
 from fit.telemetry import Telemetry, common_x_axis, inertial_period
-from fit.warnings import FitWarning
 from fit.whitening import (
     ResidualSpectrum,
     check_coverage,
@@ -190,7 +190,7 @@ class _Columns:
     terms: dynamics.Columns
     calibration_error: Spectrum
     missing: int
-    warnings: tuple[FitWarning, ...]
+    warnings: tuple[Finding, ...]
 
 
 def _columns(run: Telemetry, sources: rotation.Sources, of_run: Dynamics) -> _Columns:
@@ -233,7 +233,7 @@ class _EulerWeighing:
         Of the parameters of the calibration.
     missing : int
         Number of missing samples.
-    warnings : list of FitWarning
+    warnings : list of Finding
         What is lacking.
     """
 
@@ -299,24 +299,26 @@ def _centrifugal(
     return Estimate(1 + float(outcome.solution.theta[-1]), float(np.sqrt(covariance[-1, -1])), "1")
 
 
-def torque_noise_warning() -> FitWarning:
+def torque_noise_warning() -> Finding:
     """Return the warning of angles that noise of the torques attenuates by an unknown amount."""
     message = (
         "the two test masses disagree on more than half of dOmega: noise of the torques attenuates delta_phi "
         "and delta_eta by an unknown amount"
     )
-    return FitWarning("torque_noise", NAMES, message)
+    return Finding("torque_noise", message, parameters=NAMES)
 
 
-def _warnings(warnings_of_runs: Sequence[tuple[str, FitWarning]]) -> tuple[FitWarning, ...]:
+def _warnings(warnings_of_runs: Sequence[tuple[str, Finding]]) -> tuple[Finding, ...]:
     """Return the warnings of several runs, each sentence once, and that which holds for all data."""
-    runs: dict[str, list[str]] = {}
+    runs: dict[tuple[str, str], list[str]] = {}
+    unique: dict[tuple[str, str], Finding] = {}
     for run, warning in warnings_of_runs:
-        runs.setdefault(warning.message, []).append(run)
-    unique = {warning.message: warning for _, warning in warnings_of_runs}
-    of_runs = [replace(w, message=f"{', '.join(runs[message])}: {message}") for message, w in unique.items()]
+        key = warning.run, warning.message
+        runs.setdefault(key, []).append(run)
+        unique[key] = warning
+    of_runs = [replace(w, message=f"{', '.join(runs[key])}: {w.message}") for key, w in unique.items()]
     message = (
         "a force along x that the torques on the test masses leak (actuation cross-talk) has the shape of "
         "the Euler force and counts as part of delta_phi and delta_eta; these data cannot separate the two"
     )
-    return FitWarning("degenerate_with_actuation_crosstalk", NAMES, message), *of_runs
+    return Finding("degenerate_with_actuation_crosstalk", message, parameters=NAMES), *of_runs

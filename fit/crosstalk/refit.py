@@ -53,17 +53,16 @@ def experiments(
         Experiment(Run(runs[name]), Run(runs[pairs[name]]) if name in pairs else None) for name in joint
     ]
     fit_settings = settings(chosen, f"{path}: provenance.settings")
-    prepared = []
     limited = [
         mask_spikes(e.limit_band(fit_settings.f_max).with_parameters(fit_settings.parameters))
         for e in recorded
     ]
-    for one in mask_experiments(limited, fit_settings, ()).values():
-        if isinstance(one, InputError):
-            raise one
-        prepared.append(one.experiment)
+    prepared, found = mask_experiments(limited, fit_settings, ())
+    if len(prepared) < len(limited):
+        raise InputError("; ".join(finding.message for finding in found if finding.code == "invalid_data"))
     levels = provenance.levels or []
-    excess = noise_adaptation.adapt_to_readout_excess(prepared, fit_settings)
+    _, noisy = noise_adaptation.adapt_to_readout_excess(prepared, fit_settings)
+    excess = {e.name for e in noisy}
     return [
         replace(e, marginalised=e.name in levels, readout_excess=e.name in excess) for e in prepared
     ], fit_settings

@@ -20,12 +20,12 @@ import scipy
 from numpy.typing import NDArray
 
 from fit import false_alarms
+from fit.findings import Finding
 from fit.fitting import constraints
 from fit.fitting.irls import IRLSResult
 from fit.fitting.joint_model import Prior, free_directions, parameter_values
 from fit.model import dynamics
 from fit.units import concise_value
-from fit.warnings import FitWarning
 
 if TYPE_CHECKING:
     import lmfit
@@ -146,19 +146,19 @@ class ConstraintTest:
         """Whether the data contradict the constraints."""
         return self.p_value < false_alarms.p_limit("constraints")
 
-    def warnings(self) -> list[FitWarning]:
+    def warnings(self) -> list[Finding]:
         """Return the constraints, the estimates at a bound, and whether the data contradict them."""
         warnings = []
         if declared := [c for c in self.constraints if c.is_declared]:
             message = f"with constraints: {'; '.join(map(str, declared))}"
-            warnings.append(FitWarning("constrained", tuple(c.name for c in declared), message))
+            warnings.append(Finding("constrained", message, parameters=tuple(c.name for c in declared)))
         if self.at_bound:
             places = "; ".join(c.bound_message() for c in self.at_bound)
             message = f"{places}; the sigmas are those without bounds"
-            warnings.append(FitWarning("at_bound", tuple(c.name for c in self.at_bound), message))
+            warnings.append(Finding("at_bound", message, parameters=tuple(c.name for c in self.at_bound)))
         if self.is_contradicted:
             names = (*(c.name for c in self.active), *self.shifts)
-            warnings.append(FitWarning("constraint_contradicted", names, self._contradiction()))
+            warnings.append(Finding("constraint_contradicted", self._contradiction(), parameters=names))
         return warnings
 
     def _contradiction(self) -> str:

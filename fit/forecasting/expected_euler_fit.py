@@ -15,6 +15,7 @@ import scipy
 from numpy.typing import NDArray
 
 from fit.crosstalk import euler_fit, torque_noise
+from fit.findings import Finding
 from fit.fitting import Convergence, constraints, iterate, reported_estimates
 from fit.forecasting.expected_fit import CrossSpectra, NoiselessError
 from fit.forecasting.expected_run import CompressedRun
@@ -26,7 +27,6 @@ from fit.settings import ParameterSettings
 from fit.spacecraft import PATHFINDER
 from fit.spectra import windowing
 from fit.telemetry import Telemetry, inertial_period
-from fit.warnings import FitWarning
 from fit.whitening import weights, whitened_run
 
 Array = NDArray[np.float64]
@@ -122,9 +122,9 @@ def _expected(runs: Sequence["_ExpectedWeighing"], settings: Mapping[str, Parame
     )
 
 
-def _undetermined_angles() -> FitWarning:
+def _undetermined_angles() -> Finding:
     message = "the spacecraft hardly turns: its noise runs do not determine both delta_phi and delta_eta"
-    return FitWarning("indeterminable", euler_fit.NAMES, message)
+    return Finding("indeterminable", message, parameters=euler_fit.NAMES)
 
 
 @dataclass(frozen=True)
@@ -171,7 +171,7 @@ class _ExpectedWeighing:
         Of the band.
     correlation : ndarray, shape (K, K)
         Of the parameters of the calibration.
-    warnings : tuple of FitWarning
+    warnings : tuple of Finding
         What the calibration lacks.
     """
 

@@ -41,7 +41,6 @@ from fit.results import Estimate, Fit
 from fit.settings import ParameterSettings, Settings
 from fit.settings import settings as default_settings
 from fit.spectra import Spectra
-from fit.warnings import FitWarning
 from fit.whitening import (
     MAX_DELAY_SHIFT,
     Experiment,
@@ -226,13 +225,8 @@ def _document(expected: Fit) -> dict[str, object]:
         "parameters": {name: _entry(e) for name, e in expected.parameters.items()},
         "names": list(expected.parameters),
         "correlation": expected.correlation.tolist(),
-        "warnings": [_warning(w) for w in expected.warnings],
+        "warnings": [warning.as_dict() for warning in expected.warnings],
     }
-
-
-def _warning(warning: FitWarning) -> dict[str, object]:
-    entries = {name: value for name, value in vars(warning).items() if value is not None}
-    return {**entries, "causes": [cause.as_dict() for cause in warning.causes]}
 
 
 def _entry(estimate: Estimate) -> dict[str, object]:

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from fit.consistency import consistency_warnings
 from fit.errors import FitError, InputError
 from fit.false_alarms import sigma_limit
+from fit.findings import Finding
 from fit.fitting import constraint_test, irls, width_posterior
 from fit.identification.linearised_run import SimulatedExperiment
 from fit.identification.loop import FreeParameter, Loop
@@ -21,7 +22,6 @@ from fit.parallel import one_blas_thread, parallel_map
 from fit.quality import fit_quality, noise_adaptation
 from fit.results import Fit, Provenance, Results
 from fit.settings import Settings
-from fit.warnings import FitWarning
 from fit.whitening import Experiment, Likelihood
 
 Array = NDArray[np.float64]
@@ -145,7 +145,7 @@ class _Steps:
                 return target
         raise FitError(f"no step leads on, however short: {self.refusals[-1]}")
 
-    def warnings(self) -> list[FitWarning]:
+    def warnings(self) -> list[Finding]:
         """Report steps that were halved."""
         if not self.refusals:
             return []
@@ -153,7 +153,7 @@ class _Steps:
             f"{len(self.refusals)} steps of the search were halved, the last one because of this: "
             f"{self.refusals[-1]}"
         )
-        return [FitWarning("step_halved", (), message)]
+        return [Finding("step_halved", message)]
 
 
 def _report(
@@ -178,19 +178,19 @@ def _report(
 
 def _doubts(
     experiments: Sequence[Experiment], calibrated: Results, outcome: irls.IRLSResult
-) -> list[FitWarning]:
+) -> list[Finding]:
     """Return the warnings about the data, and about what the loop leaves of them."""
     return [
         *(w for w in (calibrated.joint.warnings if calibrated.joint else ()) if w.code in DATA_CODES),
         *consistency_warnings(experiments, outcome),
         *noise_adaptation.misfits(experiments, outcome),
-        *(noise_adaptation.marginalised_warning(e.name) for e in experiments if e.marginalised),
+        *(noise_adaptation.marginalised(e.name) for e in experiments if e.marginalised),
     ]
 
 
 def _differences(
     fit: Fit, calibrated: Fit | None, fixed_values: Mapping[str, float], tested: set[str], loop: Loop
-) -> list[FitWarning]:
+) -> list[Finding]:
     """Warn of differences from the fit of the equation that are larger than those of the two methods.
 
     Both see the same data. Where one has parameters that the other has not, or values that are fixed, their
@@ -229,10 +229,12 @@ def _differences(
     listed = ", ".join(f"{name} by {sigmas:+.2g} sigma" for name, sigmas in differing.items())
     message = f"the simulated loop and the equation of motion differ in the same data: {listed}"
     if loop.simulated_telemetry and not differing.keys() & fixed_values.keys():
-        return [FitWarning("loop_discrepancy", tuple(differing), message)]
+        return [Finding("loop_discrepancy", message, parameters=tuple(differing))]
     return [
-        FitWarning(
-            "loop_contradiction", tuple(differing), f"{message}; chi2 does not show which of them is wrong"
+        Finding(
+            "loop_contradiction",
+            f"{message}; chi2 does not show which of them is wrong",
+            parameters=tuple(differing),
         )
     ]
 

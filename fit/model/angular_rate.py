@@ -24,8 +24,8 @@ import scipy
 from numpy.typing import NDArray
 
 from fit.errors import InputError
+from fit.findings import Finding
 from fit.model.rotation import Motion
-from fit.warnings import FitWarning
 
 Array = NDArray[np.float64]
 
@@ -62,12 +62,12 @@ class Slow:
     ----------
     rate : BSpline
         Derivative of s [rad/s], a function of time with values of shape (..., 2).
-    warnings : tuple of FitWarning
+    warnings : tuple of Finding
         If the star tracker turns against the torques, and was reversed for that.
     """
 
     rate: "scipy.interpolate.BSpline"
-    warnings: tuple[FitWarning, ...]
+    warnings: tuple[Finding, ...]
 
 
 def slow_rate(path: Path, stretches: Iterable[Motion], start: float, end: float) -> Slow:
@@ -141,12 +141,12 @@ def _backwards(series: Array) -> bool:
     return bool(correlation.sum() * np.sqrt(len(series) / 2) < -CERTAIN)
 
 
-def _reversed() -> FitWarning:
+def _reversed() -> Finding:
     message = (
         "the attitude of the star tracker turns against the torques, as that of a quaternion from "
         "body to J2000 would; it is reversed here"
     )
-    return FitWarning("star_tracker_reversed", ("delta_phi", "delta_eta"), message)
+    return Finding("star_tracker_reversed", message, parameters=("delta_phi", "delta_eta"))
 
 
 def rate(stretch: Motion, slow: Slow, integral: Integral) -> Array:

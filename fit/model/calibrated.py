@@ -6,13 +6,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from fit.findings import Finding
 from fit.model import dynamics
 from fit.model.sharing import Sharing
 from fit.parameters import joint_names, joint_parameter, stiffness_terms
 from fit.results import Fit, correlation_matrix
 from fit.settings import settings
 from fit.telemetry import Telemetry
-from fit.warnings import FitWarning
 
 Array = NDArray[np.float64]
 
@@ -29,14 +29,14 @@ class Dynamics:
         Derivatives of `theta` by the joint parameters, each times its sigma.
     correlation : ndarray, shape (K, K)
         Of the joint parameters.
-    warnings : tuple of FitWarning
+    warnings : tuple of Finding
         What was not calibrated.
     """
 
     theta: Array
     share: Array
     correlation: Array
-    warnings: tuple[FitWarning, ...]
+    warnings: tuple[Finding, ...]
 
 
 def dynamics_of(run: Telemetry, joint: Fit) -> Dynamics:
@@ -77,7 +77,7 @@ def dynamics_of(run: Telemetry, joint: Fit) -> Dynamics:
     )
 
 
-def _warnings(names: Sequence[str]) -> tuple[FitWarning, ...]:
+def _warnings(names: Sequence[str]) -> tuple[Finding, ...]:
     if not names:
         return ()
     delta_ifo = " (delta_ifo: zero)" if any(name.startswith("delta_ifo") for name in names) else ""
@@ -85,4 +85,4 @@ def _warnings(names: Sequence[str]) -> tuple[FitWarning, ...]:
         f"the calibration does not determine {', '.join(names)}; set to the values of LISA Pathfinder"
         f"{delta_ifo}, with the uncertainties of weak priors"
     )
-    return (FitWarning("not_calibrated", tuple(names), message),)
+    return (Finding("not_calibrated", message, parameters=tuple(names)),)

@@ -21,9 +21,9 @@ import scipy
 from numpy.typing import NDArray
 
 from fit.errors import InputError
+from fit.findings import Finding
 from fit.spectra import derivatives
 from fit.telemetry import Telemetry
-from fit.warnings import FitWarning
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -48,7 +48,7 @@ class Sources:
         For each of `AXES` I [kg m^2] and stiffness [s^-2] of a test mass.
     star_tracker : tuple of str
         Its channels: two angles, a quaternion, or none.
-    warnings : tuple of FitWarning
+    warnings : tuple of Finding
         What is lacking, and its cost.
     """
 
@@ -57,7 +57,7 @@ class Sources:
     inertia: dict[str, float]
     omega2: dict[str, float]
     star_tracker: tuple[str, ...]
-    warnings: tuple[FitWarning, ...]
+    warnings: tuple[Finding, ...]
 
 
 def sources(telemetry: Telemetry) -> Sources | None:
@@ -91,7 +91,7 @@ def sources(telemetry: Telemetry) -> Sources | None:
             f"without the attributes {' and '.join(unknown)} the torsional stiffness of the "
             "test masses counts as zero; were it -1.5e-6 s^-2, delta_phi and delta_eta came out 2 % too small"
         )
-        warnings.append(FitWarning("no_torsional_stiffness", _deltas(*unknown), message))
+        warnings.append(Finding("no_torsional_stiffness", message, parameters=_deltas(*unknown)))
     quaternion = tuple(f"ast_q_{i}" for i in (1, 2, 3, 4))
     choices = (tuple(f"ast_{axis}" for axis in AXES), quaternion)
     star_tracker = next((names for names in choices if set(names) <= available), ())
@@ -101,7 +101,7 @@ def sources(telemetry: Telemetry) -> Sources | None:
             "centrifugal term only the small part quadratic in the noise of Omega is subtracted, and what is "
             "left is noise that widens delta_phi and delta_eta by up to 1.6"
         )
-        warnings.append(FitWarning("no_star_tracker", ("delta_phi", "delta_eta"), message))
+        warnings.append(Finding("no_star_tracker", message, parameters=("delta_phi", "delta_eta")))
     return Sources(masses, angles, inertia, omega2, star_tracker, tuple(warnings))
 
 
@@ -109,22 +109,22 @@ def _deltas(*names: str) -> tuple[str, ...]:
     return tuple(f"delta_{name.split('_')[1]}" for name in names)
 
 
-def _no_angle_warning(axis: str) -> FitWarning:
+def _no_angle_warning(axis: str) -> Finding:
     message = (
         f"without o_{axis}_1 dOmega_{axis} is that of the torque alone, which overshoots "
         f"near the bandwidth of the suspension: delta_{axis} is about 0.8 of its true value if that is "
         "2 mHz, 0.65 if 1 mHz, 0.94 if 5 mHz"
     )
-    return FitWarning("no_wavefront_angle", (f"delta_{axis}",), message)
+    return Finding("no_wavefront_angle", message, parameters=(f"delta_{axis}",))
 
 
-def _one_mass_warning(axis: str, j: int) -> FitWarning:
+def _one_mass_warning(axis: str, j: int) -> Finding:
     message = (
         f"dOmega_{axis} comes from test mass {j} alone, and nothing measures its torque noise, which "
         "attenuates "
         f"delta_{axis}: noise of 1.5e-12 rad s-2 Hz-0.5 by 0.2 %, of 1e-11 by up to 16 %"
     )
-    return FitWarning("one_test_mass", (f"delta_{axis}",), message)
+    return Finding("one_test_mass", message, parameters=(f"delta_{axis}",))
 
 
 def _number(telemetry: Telemetry, name: str, default: float, *, positive: bool = False) -> float:

@@ -4,18 +4,15 @@
 glitches are masked, and noise is compared with the noise run.
 """
 
+from fit.quality.campaign import Campaign, participation
 from fit.quality.channel_units import unit_faults
-from fit.quality.exclusions import Exclusion
-from fit.quality.experiment_set import ExperimentSet
 from fit.quality.fit_quality import as_fit, indeterminable, report
 from fit.quality.initial_fit import has_spectra
-from fit.quality.masks import MODEL_MISFIT, MaskedExperiment, mask_experiments, mask_spikes
+from fit.quality.masks import MODEL_MISFIT, mask_experiments, mask_spikes
 
 __all__ = [
     "MODEL_MISFIT",
-    "Exclusion",
-    "ExperimentSet",
-    "MaskedExperiment",
+    "Campaign",
     "as_fit",
     "drifts",
     "fit_quality",
@@ -28,6 +25,7 @@ __all__ = [
     "metadata",
     "noise_adaptation",
     "noise_tests",
+    "participation",
     "report",
     "unit_faults",
 ]

@@ -14,11 +14,10 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from fit.findings import Finding
 from fit.model import dynamics
 from fit.parameters import M_TM
-from fit.quality.exclusions import Evidence, Exclusion
 from fit.quality.initial_fit import initial_fit
-from fit.warnings import Cause
 from fit.whitening import Experiment, Run, whitened_run
 
 Array = NDArray[np.float64]
@@ -105,7 +104,7 @@ def free_fit(run: Run) -> FreeFit:
     return FreeFit(c, sigma, power)
 
 
-def unit_faults(e: Experiment) -> Iterator[Exclusion]:
+def unit_faults(e: Experiment) -> Iterator[Finding]:
     """Yield the channels of an experiment and of its noise run whose unit or sign is wrong."""
     levels = e.sysid.spacecraft.levels
     if not levels:
@@ -113,21 +112,20 @@ def unit_faults(e: Experiment) -> Iterator[Exclusion]:
     fit = free_fit(e.sysid)
     power = readout_decades(e.sysid, "o_1")
     if power > 0 or (power < 0 and fit.leaks):
-        yield _level_fault(e, e.sysid, "o_1", power)
+        yield _level_fault(e.sysid, "o_1", power)
     yield from _gain_faults(e, fit)
     if e.noise:
         for channel in levels:
             power = readout_decades(e.noise, channel)
             if power > 0:
-                yield _level_fault(e, e.noise, channel, power)
+                yield _level_fault(e.noise, channel, power)
 
 
-def _level_fault(e: Experiment, run: Run, channel: str, power: int) -> Exclusion:
+def _level_fault(run: Run, channel: str, power: int) -> Finding:
     words = (
         f"{_unit_text(channel, power)}, judging by its noise from {1e3 * BAND[0]:g} to {1e3 * BAND[1]:g} mHz"
     )
-    cause = Cause(run.telemetry.run, channel, "unit", 10.0**power, words=words, file=str(run.telemetry.path))
-    return Exclusion(e.name, (cause,), evidence="cause")
+    return Finding("invalid_data", f"{run.telemetry.path}: {words}", run.telemetry.run, channel)
 
 
 def readout_decades(run: Run, channel: str) -> int:
@@ -150,7 +148,7 @@ def _unit_power(factor: float, tolerance: float) -> int:
     return power if abs(decades - power) < tolerance else 0
 
 
-def _gain_faults(e: Experiment, fit: FreeFit) -> Iterator[Exclusion]:
+def _gain_faults(e: Experiment, fit: FreeFit) -> Iterator[Finding]:
     """Yield what implausible gains say of signs and units of the commands and of o_12."""
     wrong = fit.implausible_gains
     if not wrong:
@@ -163,34 +161,30 @@ def _gain_faults(e: Experiment, fit: FreeFit) -> Iterator[Exclusion]:
         channel, factor = force, 1 / gain
     else:
         channel, factor = f"o_12 or {force}", gain
-    kind, text, evidence = _gain_fault(e, fit, j, channel, factor)
+    code, text = _gain_fault(e, fit, j, channel, factor)
     words = (
         f"{text}: lambda_{j} is estimated as {gain:.3g}, expected about 1 with o_12 = x_2 - x_1 in m and "
         "forces along +x in m s-2"
     )
     run = e.sysid.telemetry
-    channels = channel.replace(" or", "")
-    cause = Cause(run.run, channels, kind, factor, words=words, file=str(run.path))
-    yield Exclusion(e.name, (cause,), evidence=evidence)
+    yield Finding(code, f"{run.path}: {words}", run.run, channel.replace(" or", ""))
 
 
-def _gain_fault(
-    e: Experiment, fit: FreeFit, j: int, channel: str, factor: float
-) -> tuple[str, str, Evidence]:
-    """Return kind, clause and evidence of an implausible gain of test mass j."""
+def _gain_fault(e: Experiment, fit: FreeFit, j: int, channel: str, factor: float) -> tuple[str, str]:
+    """Return code and clause of an implausible gain of test mass j."""
     gain, power = fit.gains[j], _unit_power(abs(factor), TOLERANCE)
     scale = max(abs(gain), 1.0) if channel == "o_12" else 1.0  # of the residual, which is that of o_12''
     low, high = PLAUSIBLE_GAINS[min(PLAUSIBLE_GAINS)]
     if e.noise and fit.power > CONSISTENT * scale**2 * free_fit(e.noise).power:
-        return "misfit", "the channels do not follow the equation", "misfit"
+        return "misfit", "the channels do not follow the equation"
     if power:
         sign = " and has the wrong sign" * (gain < 0)
-        return "unit", f"{_unit_text(channel, power)}{sign}", "cause"
+        return "invalid_data", f"{_unit_text(channel, power)}{sign}"
     if low < -gain < high:
-        return "sign", f"{channel} has the wrong sign", "guess"
+        return "implausible_gain", f"{channel} has the wrong sign"
     if low < gain * M_TM < high:
-        return "unit", f"f_x_{j} is in N and not in m s-2", "guess"
-    return "scale", f"{channel} has the wrong scale", "guess"
+        return "implausible_gain", f"f_x_{j} is in N and not in m s-2"
+    return "implausible_gain", f"{channel} has the wrong scale"
 
 
 def _unit_text(channel: str, power: int) -> str:

@@ -23,12 +23,11 @@ from numpy.typing import NDArray
 
 from fit.errors import FitError
 from fit.false_alarms import p_limit
+from fit.findings import Finding
 from fit.fitting import IRLSResult
 from fit.model import dynamics
 from fit.parallel import parallel_map
-from fit.quality.exclusions import Exclusion
 from fit.spectra import windowing
-from fit.warnings import Cause, FitWarning
 from fit.whitening import Experiment, WhitenedRun, whitened_run
 
 Array = NDArray[np.float64]
@@ -40,7 +39,6 @@ SHORTEST = 1800.0  # s, period: six blocks
 INDEPENDENT = 3e-3  # share of a wave that refitted columns must leave
 REMAINING = 1e-2  # probability below which a drift of the equation shows without any one run too
 NOISY = frozenset(dynamics.CROSS_TALK)  # columns with the read-out noise of the spacecraft's motion
-WIDESPREAD, MIN_RUNS = 1 / 3, 3  # share of the runs, and number, from which a drift is one of the equation
 
 
 @dataclass(frozen=True)
@@ -170,10 +168,8 @@ def waves(run: WhitenedRun, theta: Array, periods: Array) -> dict[str, Waves]:
     return results
 
 
-def exclusions(
-    experiments: Sequence[Experiment], fits: Mapping[str, IRLSResult | FitError]
-) -> tuple[list[Exclusion], list[FitWarning]]:
-    """Return the experiments of which a coefficient changes by their own fits, or a warning that many do.
+def of_runs(experiments: Sequence[Experiment], fits: Mapping[str, IRLSResult | FitError]) -> list[Finding]:
+    """Return in which experiments a coefficient changes, by their own fits.
 
     Parameters
     ----------
@@ -194,41 +190,35 @@ def exclusions(
         drifts = [drift for table in tables for drift in find_drift([table], periods, limit)]
         return sorted(drifts, key=lambda drift: (drift.p, -drift.chi2))[:1]
 
-    causes = [
-        Cause(
-            e.name, drift.column, DRIFT, drift.amplitude, words=drift.words, file=str(e.sysid.telemetry.path)
-        )
-        for e, drifts in zip(experiments, parallel_map(find, experiments, Experiment.samples), strict=True)
-        for drift in drifts
+    drifts = parallel_map(find, experiments, Experiment.samples)
+    return [
+        Finding(DRIFT, f"{e.sysid.telemetry.path}: {drift.words}", e.name, drift.column)
+        for e, of_run in zip(experiments, drifts, strict=True)
+        for drift in of_run
     ]
-    if causes and len(causes) >= max(min(MIN_RUNS, n), WIDESPREAD * n):
-        return [], [_warning("; ".join(cause.sentence for cause in causes), causes)]
-    return [Exclusion(cause.run, (cause,), evidence="cause") for cause in causes], []
 
 
-def of_joint(fit: IRLSResult) -> list[FitWarning]:
-    """Return the warnings of coefficients that change within the runs of a joint fit."""
+def of_joint(fit: IRLSResult) -> list[Finding]:
+    """Return the coefficients that change within the runs of a joint fit."""
     blocks = _blocks(fit)
     names = dict.fromkeys(block.equation.name for block in blocks)
     periods, limit = wave_periods(blocks), p_limit("drift in all runs", len(names))
-    warnings = []
+    found = []
     for name in names:
         runs = [waves(b, fit.solution.theta, periods) for b in blocks if b.equation.name == name]
         # what one run alone shows, such as the rest of a glitch, is none of the equation
         others = [[*runs[:i], *runs[i + 1 :]] for i in range(len(runs))] if len(runs) > 1 else []
         for drift in find_drift(runs, periods, limit):
             if all(find_drift(rest, periods, REMAINING) for rest in others):
-                warnings.append(_warning(f"in {len(fit.whitened_runs)} runs together {drift.words}"))
-    return warnings
+                message = (
+                    f"in {len(fit.whitened_runs)} runs together {drift.words}; the equation has constant "
+                    "coefficients, and the uncertainties are not valid"
+                )
+                found.append(Finding(DRIFT, message, channel=drift.column))
+    return found
 
 
 def _blocks(fit: IRLSResult) -> list[WhitenedRun]:
     """Return the runs of a fit in each of their equations, as far as they have a PSD and a window."""
     blocks = [block for run in fit.whitened_runs for block in run.blocks]
     return [block for block in blocks if block.window is not None and block.f is not None]
-
-
-def _warning(words: str, causes: Sequence[Cause] = ()) -> FitWarning:
-    """Return the warning that coefficients change within runs."""
-    message = f"{words}; the equation has constant coefficients, and the uncertainties are not valid"
-    return FitWarning(DRIFT, (), message, causes=tuple(causes))

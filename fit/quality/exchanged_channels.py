@@ -9,8 +9,8 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
+from fit.findings import Finding
 from fit.quality.initial_fit import initial_noise_psd
-from fit.warnings import Cause
 from fit.whitening import Experiment, Run, whitened_run
 
 Array = NDArray[np.float64]
@@ -21,7 +21,7 @@ STIFF = 100.0  # inverse width of the priors, in widths of the weak priors
 ITERATIONS = 5
 
 
-def exchange_faults(experiment: Experiment) -> Iterator[Cause]:
+def exchange_faults(experiment: Experiment) -> Iterator[Finding]:
     """Yield the exchange or the sign that explains the residual of an experiment."""
     run = experiment.sysid
     if len(run.equations) < 2:
@@ -38,7 +38,7 @@ def exchange_faults(experiment: Experiment) -> Iterator[Cause]:
     if tried[words] < power / GAIN:
         telemetry = run.telemetry
         text = f"{words}: the residual is {power:.2g} times the noise, {tried[words]:.2g} times without that"
-        yield Cause(telemetry.run, words.split()[0], "exchange", words=text, file=str(telemetry.path))
+        yield Finding("invalid_data", f"{telemetry.path}: {text}", telemetry.run, words.split()[0])
 
 
 def _candidates(run: Run) -> Iterator[tuple[str, dict[str, Array]]]:

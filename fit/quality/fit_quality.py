@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fit.errors import FitError
+from fit.findings import UNDETERMINED, Amount, Finding, undetermined
 from fit.fitting import CorrectedRun, IRLSResult, linear_combination, reported_estimates, stiffnesses
 from fit.parameters import ALONG
 from fit.quality import noise_tests
@@ -18,7 +19,6 @@ from fit.quality.plausibility import implausible_estimates
 from fit.results import Fit
 from fit.telemetry import Telemetry
 from fit.units import campaign_unit, concise_value
-from fit.warnings import UNDETERMINED, Cause, FitWarning, undetermined
 from fit.whitening import Experiment
 
 Array = NDArray[np.float64]
@@ -60,7 +60,7 @@ def report(
     outcome: IRLSResult,
     experiments: Sequence[Experiment],
     names: Mapping[str, str],
-    warnings: Sequence[FitWarning],
+    warnings: Sequence[Finding],
 ) -> Fit:
     """Report those of the named parameters that are determinable.
 
@@ -72,7 +72,7 @@ def report(
         What was fitted.
     names : mapping of str to str
         Of the parameters, in the outcome and in the report.
-    warnings : sequence of FitWarning
+    warnings : sequence of Finding
         To go with it.
 
     Raises
@@ -95,11 +95,11 @@ def report(
 
 def indeterminable(
     outcome: IRLSResult, experiments: Sequence[Experiment], reported: Mapping[str, str]
-) -> list[FitWarning]:
+) -> list[Finding]:
     """Name every blind direction of what is reported, then what is lost without belonging to one."""
     runs = [experiment.sysid.telemetry for experiment in experiments]
     parameters = [replace(p, name=reported.get(p.name, p.name)) for p in outcome.parameters]
-    warnings: list[FitWarning] = []
+    warnings: list[Finding] = []
     covered: set[str] = set()
     width = np.array([p.prior_sigma for p in parameters])
     mine = np.array([p.name in reported for p in outcome.parameters])
@@ -110,8 +110,9 @@ def indeterminable(
             continue
         covered |= set(names)
         natural = direction * width / width[np.argmax(np.abs(direction))]
+        reason = _reason(names, runs)
         causes = tuple(
-            Cause("", p.name, UNDETERMINED, p.value, p.prior_sigma, p.unit, _reason(names, runs))
+            Finding(UNDETERMINED, reason, channel=p.name, amount=Amount(p.value, p.prior_sigma, p.unit))
             for p in parameters
             if p.name in names
         )
@@ -121,7 +122,9 @@ def indeterminable(
             message += _other_direction(outcome, pair, natural)
         combination = {parameters[i].name: float(natural[i]) for i in np.flatnonzero(part)}
         single = causes if len(names) == 1 else ()
-        warnings.append(FitWarning("indeterminable", names, message, combination, causes=single))
+        warnings.append(
+            Finding(UNDETERMINED, message, parameters=names, combination=combination, causes=single)
+        )
     return warnings
 
 
@@ -162,7 +165,7 @@ def _reason(names: Sequence[str], runs: Sequence[Telemetry]) -> str:
     return "the injections are too weak, too short or of too few frequencies"
 
 
-def scattered(outcome: IRLSResult) -> list[FitWarning]:
+def scattered(outcome: IRLSResult) -> list[Finding]:
     """Say by how much parameters differ between the experiments."""
     chosen = ", as the data require" if outcome.data_driven else ""
     warnings = []
@@ -175,15 +178,15 @@ def scattered(outcome: IRLSResult) -> list[FitWarning]:
             f"{name} {verb} between the experiments by {concise_value(width, sigma)} beyond noise{chosen}; "
             "its sigma is that of the mean over such experiments"
         )
-        warnings.append(FitWarning("random_effects", (name,), text))
+        warnings.append(Finding("random_effects", text, parameters=(name,)))
     return warnings
 
 
-def doubts(outcome: IRLSResult, experiments: Sequence[Experiment]) -> list[FitWarning]:
+def doubts(outcome: IRLSResult, experiments: Sequence[Experiment]) -> list[Finding]:
     """Warn of assumptions behind the sigmas that may be violated."""
     warnings = without_noise_run(e.name for e in experiments if e.noise is None)
     if not outcome.determined and not outcome.exact.all():
-        warnings.append(FitWarning("no_estimate", (), "the data determine no parameter"))
+        warnings.append(Finding("no_estimate", "the data determine no parameter"))
     for experiment in experiments:
         noise = experiment.noise or experiment.sysid
         lacking = ", ".join(sorted({*experiment.sysid.channels.means} - {*noise.channels.means}))
@@ -192,12 +195,12 @@ def doubts(outcome: IRLSResult, experiments: Sequence[Experiment]) -> list[FitWa
                 f"{experiment.name}: its noise run has no usable mean of {lacking}, whose force along x is "
                 "subtracted from the run only: the noise that it leaves in the weights widens the sigmas"
             )
-            warnings.append(FitWarning("noise_run_channel_missing", (), message))
+            warnings.append(Finding("noise_run_channel_missing", message))
     warnings += implausible_estimates(outcome, experiments[0].sysid.spacecraft)
     return [*warnings, *of_residual(outcome, len(experiments)), *notable_corrections(outcome)]
 
 
-def notable_corrections(outcome: IRLSResult) -> list[FitWarning]:
+def notable_corrections(outcome: IRLSResult) -> list[Finding]:
     """Name the parameters that the correction moved by more than `NOTABLE` of their sigmas."""
     theta, shift = outcome.solution.theta, np.zeros(outcome.solution.theta.size)
     for block in (block for run in outcome.whitened_runs for block in run.blocks):
@@ -211,30 +214,30 @@ def notable_corrections(outcome: IRLSResult) -> list[FitWarning]:
         f"the noise of the read-outs would bias {', '.join(names)} by up to {np.abs(pulls).max():.2g} sigma; "
         "the fit subtracts that bias, which it estimates from the noise run"
     )
-    return [FitWarning("attenuation", names, message)]
+    return [Finding("attenuation", message, parameters=names)]
 
 
-def without_noise_run(names: Iterable[str]) -> list[FitWarning]:
+def without_noise_run(names: Iterable[str]) -> list[Finding]:
     """Warn of experiments without a noise run."""
     words = (
         "without a noise run the weights come from the run's own residual; chi2 "
         "per degree of freedom is 1 by construction, and effects missing from the model count as noise"
     )
-    return [FitWarning("no_noise_run", (), f"{name}: {words}") for name in names]
+    return [Finding("no_noise_run", f"{name}: {words}", name) for name in names]
 
 
-def of_residual(outcome: IRLSResult, n_experiments: int) -> list[FitWarning]:
+def of_residual(outcome: IRLSResult, n_experiments: int) -> list[Finding]:
     """Warn of weights that have not settled, and of a residual that is not the noise of the noise runs."""
     warnings = []
     if not outcome.converged:
         message = "the weights have not settled entirely; estimates may still move by some 0.05 sigma"
-        warnings.append(FitWarning("not_converged", (), message))
+        warnings.append(Finding("not_converged", message))
     excess, sigma = noise_tests.chi2_ratio(outcome)
     if noise_tests.is_misfit(excess, sigma, n_experiments):
         message = (
             f"the residual has {excess:.3g} times the power of the noise run; the sigmas assume equal power"
         )
-        warnings.append(FitWarning("chi2", (), message))
+        warnings.append(Finding("chi2", message))
     return warnings
 
 
@@ -252,7 +255,7 @@ def lead_time(outcome: IRLSResult, lambda_name: str, C_name: str) -> str | None:
     return concise_value(early, sigma / gain) if early > max(EARLY, CERTAIN * sigma / gain) else None
 
 
-def acausal(outcome: IRLSResult, commands: Sequence[str]) -> list[FitWarning]:
+def acausal(outcome: IRLSResult, commands: Sequence[str]) -> list[Finding]:
     """Doubt a joint fit in which commands act before they are given: some time is wrong in every run."""
     early_commands: dict[str, str] = {}
     for name in outcome.determined:
@@ -266,7 +269,7 @@ def acausal(outcome: IRLSResult, commands: Sequence[str]) -> list[FitWarning]:
     if not early_commands:
         return []
     message = f"{'; '.join(early_commands.values())}; C is not that of the actuators"
-    return [FitWarning("acausal", tuple(early_commands), message)]
+    return [Finding("acausal", message, parameters=tuple(early_commands))]
 
 
 def suspects(single_fits: Mapping[str, IRLSResult | FitError]) -> dict[str, str]:
@@ -287,7 +290,7 @@ def is_off(fit: Fit) -> bool:
     return not noise_tests.is_plausible(fit.chi2 / max(fit.dof, 1), fit.dof)
 
 
-def of_experiment(name: str, fit: Fit) -> list[FitWarning]:
+def of_experiment(name: str, fit: Fit) -> list[Finding]:
     """Doubt the noise run of an experiment that was fitted on its own."""
     if not is_off(fit):
         return []
@@ -301,21 +304,21 @@ def of_experiment(name: str, fit: Fit) -> list[FitWarning]:
         f"{name}: the residual has {excess:.3g} times the power of the noise run: {cause}; the "
         "uncertainties are not valid"
     )
-    return [FitWarning("noise_mismatch", (), message)]
+    return [Finding("noise_mismatch", message, name)]
 
 
-def of_joint(joint: Fit, fits: Iterable[tuple[str, Fit]]) -> list[FitWarning]:
+def of_joint(joint: Fit, fits: Iterable[tuple[str, Fit]]) -> list[Finding]:
     """Doubt the joint fit for the sake of its experiments, by name, or for what they say together."""
     mismatched = [name for name, fit in fits if any(w.code == "noise_mismatch" for w in fit.warnings)]
     if mismatched:
         names = ", ".join(mismatched)
         message = f"the noise of {names} is not that of the noise run, on which weights and sigmas depend"
-        return [FitWarning("noise_mismatch", (), message)]
+        return [Finding("noise_mismatch", message)]
     if is_off(joint):
         message = (
             f"each experiment fits on its own, but the joint fit leaves {joint.chi2 / joint.dof:.3g} times "
             "the power of the noise: the parameters that they share differ between them; the uncertainties "
             "are not valid"
         )
-        return [FitWarning("contradiction", (), message)]
+        return [Finding("contradiction", message)]
     return []

@@ -22,10 +22,10 @@ from numpy.typing import NDArray
 
 from fit.errors import FitError
 from fit.false_alarms import sigma_limit
+from fit.findings import Finding
 from fit.quality.initial_fit import initial_fit, lstsq_coefficients
 from fit.quality.injections import Coincidences, coincidences, injected_cells, is_excessive
 from fit.spectra import NoiseModel, Spectra, Spectrum, derivatives, fit_noise, windowing
-from fit.warnings import FitWarning, TimeSpan
 from fit.whitening import Experiment, Run, whitened_run
 
 Array = NDArray[np.float64]
@@ -62,22 +62,22 @@ class GlitchResult:
         The runs as they were.
     experiment : Experiment
         The runs with glitches masked.
-    warnings : tuple of tuple
-        Name of a run, and the warning that it has glitches, or too many.
+    findings : tuple of Finding
+        That a run has glitches, or too many.
     coincidences : Coincidences
         Glitches and injections of the sysid run.
     """
 
     searched: Experiment
     experiment: Experiment
-    warnings: tuple[tuple[str, FitWarning], ...]
+    findings: tuple[Finding, ...]
     coincidences: Coincidences
 
     def discard_sysid(self) -> "GlitchResult":
         """Return the result without what was found in the sysid run."""
         sysid = self.searched.sysid
-        warnings = tuple((name, w) for name, w in self.warnings if name != sysid.telemetry.run)
-        return replace(self, experiment=replace(self.experiment, sysid=sysid), warnings=warnings)
+        findings = tuple(finding for finding in self.findings if finding.run != sysid.telemetry.run)
+        return replace(self, experiment=replace(self.experiment, sysid=sysid), findings=findings)
 
 
 def remove_glitches(experiment: Experiment, n_experiments: int = 1) -> GlitchResult:
@@ -98,7 +98,7 @@ def remove_glitches(experiment: Experiment, n_experiments: int = 1) -> GlitchRes
     InputError
         If missing samples leave too little of a run.
     """
-    cleaned, warnings, counts = experiment, [], []
+    cleaned, findings, counts = experiment, list[Finding](), []
     for index in range(len(experiment.sysid.equations)):
         initial = initial_fit(cleaned.sysid)
         runs = [run for run in (cleaned.noise, cleaned.sysid) if run]  # the noise weighs: it goes first
@@ -116,9 +116,9 @@ def remove_glitches(experiment: Experiment, n_experiments: int = 1) -> GlitchRes
             for search in searches:
                 search.give_up()
         cleaned = replace(cleaned, sysid=sysid.run, noise=noise.run if noise else None)
-        warnings += [(search.run.telemetry.run, search.warning()) for search in searches if search.spans]
+        findings += [search.finding() for search in searches if search.spans]
         counts.append(sysid.coincidences)
-    return GlitchResult(experiment, cleaned, tuple(warnings), max(counts, key=lambda count: count.both))
+    return GlitchResult(experiment, cleaned, tuple(findings), max(counts, key=lambda count: count.both))
 
 
 class GlitchSearch:
@@ -220,8 +220,8 @@ class GlitchSearch:
         spectra = [self._equation.spectra(part).columns[:, 1:] for part in parts]
         return replace(terms, columns=np.concatenate(spectra, axis=1))
 
-    def warning(self) -> FitWarning:
-        """Return the warning that describes the glitches."""
+    def finding(self) -> Finding:
+        """Return what is found."""
         name = self.run.telemetry.run
         if self._has_too_many:
             message = (
@@ -229,9 +229,9 @@ class GlitchSearch:
                 f"{100 * MAX_MASKED:g} % of the run, or take more than {MAX_ITERATIONS} steps; "
                 "nothing is masked"
             )
-            return FitWarning(TOO_MANY, (), message)
-        spans = tuple(TimeSpan(name, *span) for span in self.spans)
-        return FitWarning("glitches", (), f"{name}: {describe_spans(self.spans, 'masked')}", spans=spans)
+            return Finding(TOO_MANY, message, name)
+        message = f"{name}: {describe_spans(self.spans, 'masked')}"
+        return Finding("glitches", message, name, spans=tuple(self.spans))
 
 
 class Glitch(NamedTuple):

@@ -13,10 +13,10 @@ import scipy
 from numpy.typing import NDArray
 
 from fit.errors import FitError
+from fit.findings import Finding
 from fit.quality import glitches
 from fit.quality.initial_fit import lstsq_coefficients
 from fit.spectra import NoiseModel, Spectra, fit_noise, windowing
-from fit.warnings import FitWarning, TimeSpan
 from fit.whitening import whitened_run
 
 Array = NDArray[np.float64]
@@ -92,12 +92,12 @@ def _model(terms: Spectra, previous: NoiseModel | None) -> NoiseModel | None:
     return previous
 
 
-def glitch_warning(run: str, found: Sequence[glitches.Glitch] | None, duration: float) -> FitWarning | None:
+def glitch_warning(run: str, found: Sequence[glitches.Glitch] | None, duration: float) -> Finding | None:
     """Return what was subtracted from a run that lasts so many seconds, None where there was nothing."""
     if found is None:
-        return FitWarning("glitches", (), "more exceeds the noise than glitches would; none is subtracted")
+        return Finding("glitches", "more exceeds the noise than glitches would; none is subtracted", run)
     spans = glitches.merge_spans([(max(a, 0.0), min(b, duration)) for a, b in (g.span for g in found)])
     if not spans:
         return None
     message = glitches.describe_spans(spans, "fitted and subtracted")
-    return FitWarning("glitches", (), message, spans=tuple(TimeSpan(run, *span) for span in spans))
+    return Finding("glitches", message, run, spans=tuple(spans))

@@ -14,12 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fit.false_alarms import sigma_limit
+from fit.findings import Amount, Finding
 from fit.parallel import parallel_map
-from fit.quality.exclusions import Exclusion
 from fit.spectra import derivatives, windowing
 from fit.telemetry import Telemetry
 from fit.units import concise_value
-from fit.warnings import Cause
 from fit.whitening import Experiment, Run
 
 Array = NDArray[np.float64]
@@ -61,7 +60,7 @@ class SlowResponse:
         return bool(significant and np.all(change < CONSTANT * departure))
 
 
-def response_faults(experiments: Sequence[Experiment]) -> list[Exclusion]:
+def response_faults(experiments: Sequence[Experiment]) -> list[Finding]:
     """Return the experiments whose ``o_1`` or guidance is of another scale or sign.
 
     Where all runs of an alignment epoch that show their gain have another one, so have the others.
@@ -73,15 +72,15 @@ def response_faults(experiments: Sequence[Experiment]) -> list[Exclusion]:
         for e, response in zip(experiments, runs, strict=True)
         if response and response.is_measured(n_sigma)
     }
-    causes = {
-        e.name: _scale_cause(e.sysid.telemetry, responses[e.name])
+    found = {
+        e.name: _scale_finding(e.sysid.telemetry, responses[e.name])
         for e in experiments
         if e.name in responses and responses[e.name].is_scaled(n_sigma)
     }
     for epoch in sorted({e.sysid.telemetry.alignment_epoch for e in experiments}):
         members = {e.name: e for e in experiments if e.sysid.telemetry.alignment_epoch == epoch}
         measured = members.keys() & responses.keys()
-        if len(measured) < MIN_RUNS or not measured <= causes.keys():
+        if len(measured) < MIN_RUNS or not measured <= found.keys():
             continue
         words = (
             f"nothing distinguishes its o_1 from that of {', '.join(sorted(measured))}, of the same "
@@ -89,18 +88,18 @@ def response_faults(experiments: Sequence[Experiment]) -> list[Exclusion]:
         )
         for name in members.keys() - measured:
             run = members[name].sysid.telemetry
-            causes[name] = Cause(run.run, "o_1", "scale", words=words, file=str(run.path))
-    return [Exclusion(name, (cause,)) for name, cause in causes.items()]
+            found[name] = Finding("guidance_scale", f"{run.path}: {words}", run.run, "o_1")
+    return list(found.values())
 
 
-def _scale_cause(run: Telemetry, response: SlowResponse) -> Cause:
+def _scale_finding(run: Telemetry, response: SlowResponse) -> Finding:
     gain, sigma = float(response.series[0]), float(response.sigma[0])
     kind = "sign" if gain < 0 else "scale"
     words = (
         f"the gain from slow guidance_o_1 to o_1 is {concise_value(gain, sigma)}, expected 1: "
         f"the {kind} of one of the two is wrong"
     )
-    return Cause(run.run, "o_1", kind, gain, sigma, "1", words, str(run.path))
+    return Finding("guidance_scale", f"{run.path}: {words}", run.run, "o_1", amount=Amount(gain, sigma))
 
 
 def slow_response(run: Run) -> SlowResponse | None:

@@ -5,36 +5,35 @@ sample by sample: what is masked takes nothing else with it but the reach of low
 """
 
 from collections.abc import Container, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fit.errors import InputError
+from fit.findings import Finding
 from fit.parallel import parallel_map
 from fit.quality import samples, saturation
-from fit.quality.glitches import TOO_MANY, GlitchResult, describe_spans, remove_glitches
+from fit.quality.glitches import GlitchResult, describe_spans, remove_glitches
 from fit.quality.injections import chance_probability, is_excessive
 from fit.requirements import MOST_SATURATED
 from fit.settings import Settings
 from fit.spectra import derivatives
 from fit.telemetry import Telemetry
-from fit.warnings import FitWarning, TimeSpan
 from fit.whitening import Experiment, Run
 
 SATURATED, TOO_LONG = "saturated", "saturated_too_long"  # codes of the warnings
 MODEL_MISFIT = "model_misfit"  # likewise
-_UNUSABLE = (TOO_MANY, TOO_LONG)
 
 
-def without_saturation(run: Run) -> tuple[Run, tuple[FitWarning, ...]]:
+def without_saturation(run: Run) -> tuple[Run, tuple[Finding, ...]]:
     """Mask where a commanded force along x has reached its authority.
 
     Returns
     -------
     run : Run
         With those stretches masked; as it was if they would cost more than `MOST_SATURATED` of it.
-    warnings : tuple of FitWarning
+    findings : tuple of Finding
         Code `SATURATED` or `TOO_LONG` if there are any.
     """
     telemetry = run.telemetry
@@ -56,10 +55,9 @@ def without_saturation(run: Run) -> tuple[Run, tuple[FitWarning, ...]]:
     weight = masked.weight / run.weight
     if weight < 1 - MOST_SATURATED:
         cost = f"masking would remove {100 * (1 - weight):.0f} % of the run"
-        return run, (FitWarning(TOO_LONG, (), f"{message}; {cost}, so nothing is masked"),)
-    spans = tuple(TimeSpan(telemetry.run, *stretch) for stretch in stretches)
+        return run, (Finding(TOO_LONG, f"{message}; {cost}, so nothing is masked", telemetry.run),)
     message = f"{message}; these are masked, {100 * weight:.3g} % is left"
-    return masked, (FitWarning(SATURATED, (), message, spans=spans),)
+    return masked, (Finding(SATURATED, message, telemetry.run, spans=tuple(stretches)),)
 
 
 def mask_spikes(experiment: Experiment) -> Experiment:
@@ -76,14 +74,13 @@ def _without_spikes(run: Run) -> Run:
     return run.mask(_stretches(run.telemetry, flags)) if flags.any() else run
 
 
-def _spike_warnings(run: Run) -> tuple[FitWarning, ...]:
-    """Return the warning of spikes that are all that is masked so far, if there are any."""
+def _spikes(run: Run) -> tuple[Finding, ...]:
+    """Return the spikes, which are all that is masked so far, if there are any."""
     if not run.masks:
         return ()
     name = run.telemetry.run
-    spans = tuple(TimeSpan(name, *stretch) for stretch in run.masks)
     message = f"{name}: {describe_spans(run.masks, 'masked', 'spike')}"
-    return (FitWarning("glitches", (), message, spans=spans),)
+    return (Finding("glitches", message, name, spans=tuple(run.masks)),)
 
 
 def _stretches(telemetry: Telemetry, flags: NDArray[np.bool_]) -> list[tuple[float, float]]:
@@ -97,82 +94,49 @@ def _stretches(telemetry: Telemetry, flags: NDArray[np.bool_]) -> list[tuple[flo
     ]
 
 
-@dataclass(frozen=True)
-class MaskedExperiment:
-    """An experiment ready to be fitted.
-
-    Attributes
-    ----------
-    experiment : Experiment
-        With what is masked.
-    warnings : tuple of FitWarning
-        What was masked, or could not be.
-    """
-
-    experiment: Experiment
-    warnings: tuple[FitWarning, ...]
-
-    @property
-    def unusable(self) -> str:
-        """Reason to exclude the experiment from the joint fit, empty if there is none."""
-        return "; ".join(w.message for w in self.warnings if w.code in _UNUSABLE)
-
-    def with_warning(self, warning: FitWarning, experiment: Experiment) -> "MaskedExperiment":
-        """Return the same with another warning, and the experiment as it is to be fitted now."""
-        return MaskedExperiment(experiment, (*self.warnings, warning))
-
-
 def glitch_search_enabled(settings: Settings) -> bool:
     """Return whether glitches are searched for; flscov interpolates masked samples, so never there."""
     return settings.glitches and settings.estimator != "flscov"
 
 
-def _masked(experiment: Experiment) -> MaskedExperiment:
-    """Return an experiment without what is saturated, and what is said of its masks."""
-    sysid, warnings = _masked_run(experiment.sysid)
-    noise, noise_warnings = _masked_run(experiment.noise) if experiment.noise else (None, ())
-    return MaskedExperiment(replace(experiment, sysid=sysid, noise=noise), (*warnings, *noise_warnings))
-
-
-def _masked_run(run: Run) -> tuple[Run, tuple[FitWarning, ...]]:
-    masked, warnings = without_saturation(run)
-    return masked, (*_spike_warnings(run), *warnings)
+def _without_saturation(experiment: Experiment) -> tuple[Experiment, list[Finding]]:
+    """Return an experiment without what is saturated, and what is found of spikes and saturation."""
+    masked, findings = [], []
+    for run in filter(None, (experiment.sysid, experiment.noise)):
+        unsaturated, saturated = without_saturation(run)
+        masked.append(unsaturated)
+        findings += [*_spikes(run), *saturated]
+    return replace(experiment, sysid=masked[0], noise=masked[1] if experiment.noise else None), findings
 
 
 def mask_experiments(
     experiments: Sequence[Experiment], settings: Settings, faulty: Container[str]
-) -> dict[str, MaskedExperiment | InputError]:
-    """Mask saturation and glitches, by name of the experiment; no glitches in those that are `faulty`.
+) -> tuple[list[Experiment], list[Finding]]:
+    """Mask saturation and glitches; no glitches in those that are `faulty`.
 
     Spikes are masked already, see `mask_spikes`.
 
-    One that cannot be masked must not cost the others their fit: it has the error in its place. Where the
+    One that cannot be masked must not cost the others their fit: a finding says why it is missing. Where the
     glitches of an experiment, or of all, lie in the injections more often than chance allows, the equation
-    lacks a signal there: those of the sysid runs are discarded, with the warning ``model_misfit``.
+    lacks a signal there: those of the sysid runs are discarded, and the finding is ``model_misfit``.
     """
     n_tests = len(experiments) + 1
 
-    def searched(e: Experiment) -> tuple[MaskedExperiment, GlitchResult | None] | InputError:
+    def search(e: Experiment) -> tuple[Experiment, list[Finding], GlitchResult | None] | Finding:
         try:
-            unsaturated = _masked(e)
+            unsaturated, found = _without_saturation(e)
             # what is saturated would pass for glitches
-            search = e.name not in faulty and glitch_search_enabled(settings) and not unsaturated.unusable
-            return unsaturated, remove_glitches(unsaturated.experiment, len(experiments)) if search else None
+            usable = e.name not in faulty and all(finding.code != TOO_LONG for finding in found)
+            if not (usable and glitch_search_enabled(settings)):
+                return unsaturated, found, None
+            return unsaturated, found, remove_glitches(unsaturated, len(experiments))
         except InputError as error:
-            return error
+            return Finding("invalid_data", str(error), e.name)
 
-    results = dict(
-        zip(
-            (e.name for e in experiments),
-            parallel_map(searched, experiments, Experiment.samples),
-            strict=True,
-        )
-    )
-    counts = {
-        name: result[1].coincidences
-        for name, result in results.items()
-        if not isinstance(result, InputError) and result[1]
-    }
+    results = parallel_map(search, experiments, Experiment.samples)
+    findings = [result for result in results if isinstance(result, Finding)]
+    searched = [result for result in results if not isinstance(result, Finding)]
+    counts = {e.name: glitches.coincidences for e, _, glitches in searched if glitches}
     misfits = {
         name: chance_probability([count]) for name, count in counts.items() if is_excessive([count], n_tests)
     }
@@ -180,28 +144,19 @@ def mask_experiments(
     if is_excessive([*rest.values()], n_tests):
         p_value = chance_probability([*rest.values()])
         misfits |= {name: p_value for name, count in rest.items() if count.both}
-
-    def masked(name: str) -> MaskedExperiment | InputError:
-        result = results[name]
-        if isinstance(result, InputError):
-            return result
-        unsaturated, glitches = result
-        if glitches is None:
-            return unsaturated
-        if name not in misfits:
-            return MaskedExperiment(
-                glitches.experiment, (*unsaturated.warnings, *(w for _, w in glitches.warnings))
-            )
-        glitches, misfit = glitches.discard_sysid(), _misfit(glitches, misfits[name])
-        return MaskedExperiment(
-            glitches.experiment, (*unsaturated.warnings, *(w for _, w in glitches.warnings), misfit)
-        )
-
-    return {name: masked(name) for name in results}
+    masked = []
+    for e, found, glitches in searched:
+        findings += found
+        if glitches and e.name in misfits:
+            glitches = glitches.discard_sysid()
+            findings.append(_misfit(glitches, misfits[e.name]))
+        masked.append(glitches.experiment if glitches else e)
+        findings += glitches.findings if glitches else ()
+    return masked, findings
 
 
-def _misfit(glitches: GlitchResult, p_value: float) -> FitWarning:
-    """Return the warning that the equation lacks a signal at the injections."""
+def _misfit(glitches: GlitchResult, p_value: float) -> Finding:
+    """Return that the equation lacks a signal at the injections."""
     count = glitches.coincidences
     run = glitches.experiment.sysid.telemetry.run
     message = (
@@ -209,4 +164,4 @@ def _misfit(glitches: GlitchResult, p_value: float) -> FitWarning:
         f"{count.glitches} stretches with an excess {count.both} are injected, {count.expected:.2g} expected "
         f"by chance (p = {p_value:.1g}); nothing is masked"
     )
-    return FitWarning(MODEL_MISFIT, (), message)
+    return Finding(MODEL_MISFIT, message, run)

@@ -12,39 +12,37 @@ import numpy as np
 
 from fit.errors import FitError, InputError
 from fit.false_alarms import sigma_limit
+from fit.findings import Finding
 from fit.fitting import IRLSResult
 from fit.parallel import parallel_map
 from fit.quality import noise_tests
 from fit.quality.noise_tests import BAND_EDGES, VarianceTable
 from fit.settings import Settings
-from fit.warnings import FitWarning
 from fit.whitening import Experiment
 
-Adaptations = dict[str, tuple[FitWarning, Experiment]]  # by experiment: what to report, and how to fit it
+Adaptation = tuple[list[Finding], list[Experiment]]  # what is found, and experiments as they are to be fitted
 
 MISMATCH = "noise_mismatch"
 _MARGINALISED = "the level of its noise is marginalised in narrow bands"
 
 
-def adapt_to_readout_excess(experiments: Sequence[Experiment], settings: Settings) -> Adaptations:
-    """Return the experiments whose o_1 has excess noise."""
+def adapt_to_readout_excess(experiments: Sequence[Experiment], settings: Settings) -> Adaptation:
+    """Adapt the fit of experiments whose o_1 has excess noise."""
     if settings.estimator == "flscov":  # which takes the columns as they are
-        return {}
+        return [], []
     n = len(experiments)
     messages = parallel_map(lambda e: readout_message(e, n), experiments, Experiment.samples)
-    return {
-        e.name: (
-            FitWarning(
-                "readout_excess_noise",
-                (),
-                f"{e.name}: {message}, which would bias delta_ifo towards zero; of this o_1 only the "
-                "injected signal is used",
-            ),
-            replace(e, readout_excess=True),
+    noisy = [(e, message) for e, message in zip(experiments, messages, strict=True) if message]
+    findings = [
+        Finding(
+            "readout_excess_noise",
+            f"{e.name}: {message}, which would bias delta_ifo towards zero; of this o_1 only the injected "
+            "signal is used",
+            e.name,
         )
-        for e, message in zip(experiments, messages, strict=True)
-        if message
-    }
+        for e, message in noisy
+    ]
+    return findings, [replace(e, readout_excess=True) for e, _ in noisy]
 
 
 def readout_message(experiment: Experiment, n_runs: int = 1) -> str:
@@ -60,8 +58,8 @@ def readout_message(experiment: Experiment, n_runs: int = 1) -> str:
 
 def adapt_to_levels(
     experiments: Sequence[Experiment], single_fits: Mapping[str, IRLSResult | FitError], settings: Settings
-) -> Adaptations:
-    """Return the experiments whose noise level is not that of the noise run.
+) -> Adaptation:
+    """Adapt the fit of experiments whose noise level is not that of the noise run.
 
     Raises
     ------
@@ -73,14 +71,9 @@ def adapt_to_levels(
         for name in settings.levels:
             if name not in by_name:
                 raise InputError(f"fit.levels: no experiment {name!r}, there are {', '.join(by_name)}")
-        return {
-            name: (
-                marginalised_warning(name, "named in levels"),
-                replace(by_name[name], marginalised=True),
-            )
-            for name in settings.levels
-        }
-    adaptations: Adaptations = {}
+        found = [marginalised(name, "named in levels") for name in settings.levels]
+        return found, [replace(by_name[name], marginalised=True) for name in settings.levels]
+    findings: dict[str, Finding] = {}
     residuals = {
         (e.name, k): residual
         for e in experiments
@@ -90,20 +83,20 @@ def adapt_to_levels(
     tables = {key: noise_tests.variance_table(residual) for key, residual in residuals.items()}
     n = len(tables)
     for key in mismatched(tables):
-        e, table = by_name[key[0]], tables[key]
-        name = e.name
-        if name in adaptations and adaptations[name][0].code == MISMATCH:
+        name, table = key[0], tables[key]
+        if name in findings and findings[name].code == MISMATCH:
             continue
         departure = f"the power of the residual over that of the noise run is {describe_levels(table, n)}"
         too_large = np.any(np.abs(table.log_ratio) > np.log(noise_tests.MAX_POWER_RATIO))
         bands = table.bands[table.mismatched(n)]
         if not too_large and noise_tests.is_broadband(residuals[key], bands, n):
-            adaptations[name] = marginalised_warning(name, departure), replace(e, marginalised=True)
+            findings[name] = marginalised(name, departure)
         else:
             why = "this is no change of the noise: an effect is missing from the model, or a run is invalid"
             message = f"{name}: {departure}; {why}; the uncertainties are not valid"
-            adaptations[name] = FitWarning(MISMATCH, (), message), replace(e, misfit=message)
-    return adaptations
+            findings[name] = Finding(MISMATCH, message, name)
+    quiet = [name for name, finding in findings.items() if finding.code != MISMATCH]
+    return [*findings.values()], [replace(by_name[name], marginalised=True) for name in quiet]
 
 
 def _residuals(
@@ -147,22 +140,20 @@ def _describe_band(band: int) -> str:
     return f"above {low:g} mHz" if band == noise_tests.N_BANDS - 1 else f"from {low:g} to {high:g} mHz"
 
 
-def marginalised_warning(
+def marginalised(
     name: str, reason: str = "the power of the residual is not that of the noise run"
-) -> FitWarning:
-    """Return the warning that the noise level of an experiment is marginalised."""
-    return FitWarning("marginalised_noise", (), f"{name}: {reason}; {_MARGINALISED}")
+) -> Finding:
+    """Return that the noise level of an experiment is marginalised."""
+    return Finding("marginalised_noise", f"{name}: {reason}; {_MARGINALISED}", name)
 
 
-def misfits(experiments: Sequence[Experiment], result: IRLSResult) -> list[FitWarning]:
+def misfits(experiments: Sequence[Experiment], result: IRLSResult) -> list[Finding]:
     """Return a warning for each run whose residual has another power than its noise run."""
     warnings = []
     dofs = {e.name: run.size for e, run in zip(experiments, result.whitened_runs, strict=True)}
     for name, ratio in misfit_ratios(experiments, result).items():
         message = f"{name}: the simulated loop leaves {ratio:.3g} times the power of the noise run"
-        warnings.append(
-            FitWarning("chi2" if noise_tests.is_plausible(ratio, dofs[name]) else MISMATCH, (), message)
-        )
+        warnings.append(Finding("chi2" if noise_tests.is_plausible(ratio, dofs[name]) else MISMATCH, message))
     return warnings
 
 

@@ -5,11 +5,10 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
+from fit.findings import Finding
 from fit.fitting import IRLSResult
 from fit.model import Spacecraft
-from fit.quality.exclusions import Exclusion
 from fit.units import concise_value
-from fit.warnings import Cause, FitWarning
 from fit.whitening import Experiment
 
 Array = NDArray[np.float64]
@@ -18,7 +17,7 @@ CERTAIN = 5.0  # sigma
 LEVEL_RATIO = 300.0  # between the test masses; prefixes of units differ by 1000
 
 
-def implausible_estimates(outcome: IRLSResult, spacecraft: Spacecraft) -> Iterator[FitWarning]:
+def implausible_estimates(outcome: IRLSResult, spacecraft: Spacecraft) -> Iterator[Finding]:
     """Yield a warning for each determined parameter beyond the range that it may have."""
     positions = outcome.determined
     theta, sigma = outcome.solution.theta, outcome.solution.sigma
@@ -28,15 +27,15 @@ def implausible_estimates(outcome: IRLSResult, spacecraft: Spacecraft) -> Iterat
             continue
         margin = CERTAIN * sigma[i]
         if not plausible.low - margin < theta[i] < plausible.high + margin:
-            yield FitWarning(
+            yield Finding(
                 "invalid_data",
-                (name,),
                 f"{plausible.channel}: {name} is estimated as {concise_value(theta[i], sigma[i])}, expected "
                 f"{plausible.low:g} to {plausible.high:g}: {plausible.indication}",
+                parameters=(name,),
             )
 
 
-def level_faults(experiment: Experiment) -> Iterator[Exclusion]:
+def level_faults(experiment: Experiment) -> Iterator[Finding]:
     """Yield the channels whose noise differs by orders of magnitude from that of the other test mass."""
     for run in filter(None, (experiment.sysid, experiment.noise)):
         for pair in run.spacecraft.alike:
@@ -50,8 +49,7 @@ def level_faults(experiment: Experiment) -> Iterator[Exclusion]:
                     f"than {LEVEL_RATIO:g}: one of the two is in another unit"
                 )
                 telemetry = run.telemetry
-                cause = Cause(telemetry.run, noisiest, "unit", words=words, file=str(telemetry.path))
-                yield Exclusion(experiment.name, (cause,), evidence="cause")
+                yield Finding("invalid_data", f"{telemetry.path}: {words}", telemetry.run, noisiest)
 
 
 def _noise_level(x: Array) -> float:

@@ -13,9 +13,9 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from fit.false_alarms import p_limit
+from fit.findings import Finding
 from fit.spectra import derivatives
 from fit.telemetry import Telemetry
-from fit.warnings import Cause
 
 Array = NDArray[np.float64]
 
@@ -29,8 +29,6 @@ MAX_STEPS = 4.0  # of rounding, up to which nothing is apart
 MAX_WIDTH = 2.6  # samples of a jump: an anti-alias filter makes up to 2.3, a loop that follows its guidance 3
 MIN_NOISE = 0.5  # of fifth over fourth differences: noise has 1.5, a sine 2 pi f / fs
 MAX_ROUNDING = 16  # times that of a second difference in a fifth one, with margin
-#: Warning in place of exclusions if most of the experiments have a fault, by its kind.
-CODES = {"interpolation": "interpolated"}
 
 
 def is_noisy(x: Array) -> bool:
@@ -40,7 +38,7 @@ def is_noisy(x: Array) -> bool:
 
 def check_samples(
     run: Telemetry, read_outs: Sequence[str], noisy: Sequence[str], n_channels: int = 1
-) -> Iterator[Cause]:
+) -> Iterator[Finding]:
     """Yield the faults of the samples of a run.
 
     Parameters
@@ -58,18 +56,18 @@ def check_samples(
     faults = [(name, fault) for name, x in channels for fault in _flat_faults(x, run.fs, n_channels)]
     for name in read_outs:
         for sample, size in outliers(run.channels[name])[1][:1]:
-            faults.append((name, ("jump", f"jumps by {size:.2g} m at {sample / run.fs:.7g} s", size, "m")))
-    for name, (kind, words, amount, unit) in faults:
-        yield Cause(run.run, name, kind, amount, None, unit, f"{name} {words}", str(run.path))
+            faults.append((name, ("invalid_data", f"jumps by {size:.2g} m at {sample / run.fs:.7g} s")))
+    for name, (code, words) in faults:
+        yield Finding(code, f"{run.path}: {name} {words}", run.run, name)
 
 
-def _flat_faults(x: Array, fs: float, n_channels: int) -> Iterator[tuple[str, str, float | None, str]]:
-    """Yield kind, words, size and unit of where a channel of noise is constant or on a straight line.
+def _flat_faults(x: Array, fs: float, n_channels: int) -> Iterator[tuple[str, str]]:
+    """Yield code and words of where a channel of noise is constant or on a straight line.
 
     A channel of a simulation without noise may be: it rests until an injection begins.
     """
     if np.nanmin(x) == np.nanmax(x):
-        yield "stuck", f"is constant throughout, at {x[np.isfinite(x)][0]:.4g}", None, "1"
+        yield "invalid_data", f"is constant throughout, at {x[np.isfinite(x)][0]:.4g}"
         return
     size, rounding = np.abs(np.diff(x, 2)), _rounding(x)
     flat = (size <= max(rounding, 1e-9 * float(np.nanmedian(size)))) | (x[1:-1] == x[:-2])
@@ -82,14 +80,14 @@ def _flat_faults(x: Array, fs: float, n_channels: int) -> Iterator[tuple[str, st
     for begin, end in stretches:
         seconds = (end - begin) / fs
         words = f"is constant or a straight line for {seconds:g} s at {begin / fs:.7g} s"
-        yield "stuck", words, seconds, "s"
+        yield "invalid_data", words
     one_step = np.mean(~flat & (size < 1.5 * np.min(size[~flat], initial=np.inf)))
     share = float(np.mean(flat))
     if not stretches and share > MAX_SHARE + ROUNDED * one_step:
         words = (
             f"is interpolated: {100 * share:.0f} % of its samples lie on the line between their neighbours"
         )
-        yield "interpolation", words, share, "1"
+        yield "interpolated", words
 
 
 def _rounding(x: Array) -> float:

@@ -5,11 +5,11 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
+from fit.findings import Finding
 from fit.parameters import FLIGHT
 from fit.spacecraft import spacecraft_of
 from fit.spectra import derivatives
 from fit.telemetry import CHANNELS, Telemetry
-from fit.warnings import Cause
 
 Array = NDArray[np.float64]
 
@@ -45,7 +45,7 @@ def limit_text(name: str, limit: float) -> str:
     return f"F_max_{name[-1]}{per_mass} = {limit:.3g} {CHANNELS[name].unit}"
 
 
-def check_authority(run: Telemetry) -> Iterator[Cause]:
+def check_authority(run: Telemetry) -> Iterator[Finding]:
     """Yield what contradicts the authority of a run."""
     for j in (1, 2):
         yield from _implausible_stiffness(run, j)
@@ -63,10 +63,10 @@ def check_authority(run: Telemetry) -> Iterator[Cause]:
                 words += f": {largest:.3g} {unit} at {run.time[index]:.0f} s, {limit_text(name, limit)}"
             else:
                 words += f" and {', '.join(others)} is zero: are they exchanged?"
-            yield Cause(run.run, key, "authority", largest, None, unit, words, str(run.path))
+            yield Finding("invalid_data", f"{run.path}: {words}", run.run, key)
 
 
-def _implausible_stiffness(run: Telemetry, j: int) -> Iterator[Cause]:
+def _implausible_stiffness(run: Telemetry, j: int) -> Iterator[Finding]:
     """Yield an authority that would make a test mass stiffer than any voltage does."""
     for key, alpha, unit in ((f"F_max_{j}", f"alpha_x_{j}", "N"), (f"N_max_{j}", f"alpha_phi_{j}", "N m")):
         value = getattr(run, key)
@@ -76,4 +76,4 @@ def _implausible_stiffness(run: Telemetry, j: int) -> Iterator[Cause]:
                 f"attribute {key}: {value:g} {unit} would make a stiffness of {stiffness:.2g} s-2, expected "
                 "it in SI units"
             )
-            yield Cause(run.run, key, "unit", value, None, unit, words, str(run.path))
+            yield Finding("invalid_data", f"{run.path}: {words}", run.run, key)

@@ -11,6 +11,7 @@ from markupsafe import Markup, escape
 from fit.crosstalk import crosstalk_fit
 from fit.figures import Chart, analysis
 from fit.figures import runs as figures
+from fit.findings import Finding, masked_spans
 from fit.parameters import Parameter
 from fit.report.parameter_table import fit_estimate, parameter_table
 from fit.report.section import FigureSpec, Section, start_text
@@ -19,7 +20,6 @@ from fit.results import Fit, Results
 from fit.spacecraft import PATHFINDER, spacecraft_of
 from fit.tables import Table, highlight, symbol
 from fit.telemetry import Telemetry
-from fit.warnings import FitWarning, masked_spans
 
 RESIDUAL_LEVEL = 1e-6  # scatter of chi2, below which it was measured on the residual itself
 _BOTH = Markup("{}<sub>max,1</sub> and {}<sub>max,2</sub>")
@@ -72,14 +72,14 @@ class AnalysedExperiment:
         Its run, and its noise run or None.
     parameters : mapping
         By name, see `fit.figures.analysis.split`.
-    warnings : sequence of FitWarning
+    warnings : sequence of Finding
         Of the fit, with the time spans of glitches.
     """
 
     run: Telemetry
     noise: Telemetry | None
     parameters: Mapping[str, float]
-    warnings: Sequence[FitWarning]
+    warnings: Sequence[Finding]
 
     @cached_property
     def pairs(self) -> tuple[figures.AnalysedPair, ...]:

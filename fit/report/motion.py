@@ -9,6 +9,7 @@ import numpy as np
 from fit import deltag
 from fit.figures import motion as figures_motion
 from fit.figures import series
+from fit.findings import masked_spans
 from fit.parallel import parallel_map
 from fit.parameters import cross_talk_parameter, misalignments
 from fit.report.parameter_table import parameter_table
@@ -17,7 +18,6 @@ from fit.report.verdict import biased
 from fit.results import Estimate, Fit, Results
 from fit.tables import measurement
 from fit.telemetry import Telemetry, XAxis, inertial_period
-from fit.warnings import masked_spans
 
 _B = ("b_1", "b_2", "b_3", "b_4", "b_5", "b_6")
 

@@ -6,12 +6,12 @@ from dataclasses import dataclass
 
 from markupsafe import Markup, escape
 
+from fit.findings import KINDS, Finding, Severity
 from fit.report.parameter_table import ParameterTable
 from fit.results import Fit, Results
 from fit.tables import LIMIT, combination_text, prose, symbol
-from fit.warnings import WARNING_KINDS, FitWarning, Severity
 
-NOT_CONVERGED = FitWarning("not_converged", (), "the iteration did not converge")
+NOT_CONVERGED = Finding("not_converged", "the iteration did not converge")
 
 
 @dataclass(frozen=True)
@@ -47,7 +47,7 @@ def fits(results: Results) -> Iterator[tuple[str, Fit]]:
             yield f"{kind} {name}", fit
 
 
-def fit_warnings(fit: Fit) -> list[FitWarning]:
+def fit_warnings(fit: Fit) -> list[Finding]:
     """Return the warnings of a fit; that it did not converge is one, whether it says so or not."""
     is_explained = any(w.code == NOT_CONVERGED.code for w in fit.warnings)
     return [*fit.warnings, *([] if fit.converged or is_explained else [NOT_CONVERGED])]
@@ -179,11 +179,11 @@ def _agreement(shown: Sequence[ParameterTable], has_truth: bool, kind: str) -> t
 
 
 def _reasons(fits: Mapping[str, Fit], severity: Severity) -> dict[str, list[str]]:
-    """Return by code which of some fits raise warnings of a severity, in the order of `WARNING_KINDS`."""
+    """Return by code which of some fits raise warnings of a severity, in the order of `KINDS`."""
     codes = {name: {w.code for w in fit_warnings(fit)} for name, fit in fits.items()}
     reasons = {
         code: [name for name in fits if code in codes[name]]
-        for code, kind in WARNING_KINDS.items()
+        for code, kind in KINDS.items()
         if kind.severity is severity
     }
     return {code: names for code, names in reasons.items() if names}
@@ -192,7 +192,7 @@ def _reasons(fits: Mapping[str, Fit], severity: Severity) -> dict[str, list[str]
 def _named(fits: Mapping[str, Fit], severity: Severity) -> list[str]:
     """Say which warnings of a severity were raised, and in which fits; the nameless one goes without."""
     return [
-        f"{WARNING_KINDS[code].headline}: {', '.join(names)}.".replace(": .", ".")
+        f"{KINDS[code].headline}: {', '.join(names)}.".replace(": .", ".")
         for code, names in _reasons(fits, severity).items()
     ]
 

@@ -18,10 +18,10 @@ from pydantic import (
 
 from fit.errors import InputError
 from fit.files import problem
+from fit.findings import Finding, distinct_messages
 from fit.results.estimates import CONFIG, Diagnostics, Estimate, Stiffness, correlation_matrix
 from fit.tables import Table, html_list, rounded
 from fit.units import campaign_unit
-from fit.warnings import FitWarning, distinct_messages
 
 if TYPE_CHECKING:
     from lmfit import Minimizer, Parameters
@@ -51,7 +51,7 @@ class Fit:
         Degrees of freedom.
     converged : bool
         Whether the iteration met its tolerance.
-    warnings : tuple of FitWarning
+    warnings : tuple of Finding
         Exclusions and doubts, with their reasons.
     masked_samples : int, optional
         Missing samples that were masked, where they were counted.
@@ -77,7 +77,7 @@ class Fit:
     chi2: float
     dof: Annotated[int, Field(ge=0, le=2**53)]
     converged: bool
-    warnings: tuple[FitWarning, ...]
+    warnings: tuple[Finding, ...]
     masked_samples: Annotated[int, Field(ge=0)] | None = None
     diagnostics: Diagnostics | None = None
     centrifugal: Estimate | None = None
@@ -103,7 +103,7 @@ class Fit:
         warnings = document.get("warnings")
         if document.get("sound") is False and isinstance(warnings, list):
             known = [w for w in warnings if isinstance(w, dict)]
-            if not any(FitWarning(str(w.get("code")), (), "").kind.unsound for w in known):
+            if not any(Finding(str(w.get("code")), "").kind.unsound for w in known):
                 reasons = "; ".join(str(w.get("message")) for w in known) or "no warning"
                 message = f"its file says sound = false and has as reason: {reasons}"
                 warnings = [*warnings, {"code": "unsound_file", "parameters": (), "message": message}]
@@ -185,7 +185,7 @@ class Fit:
         return self.solved
 
     @property
-    def unsound(self) -> tuple[FitWarning, ...]:
+    def unsound(self) -> tuple[Finding, ...]:
         """The warnings that invalidate the uncertainties; none in a sound fit."""
         return tuple(w for w in self.warnings if w.kind.unsound)
 

@@ -11,12 +11,12 @@ from pydantic import TypeAdapter, model_validator
 
 from fit.errors import InputError, MissingKeyError, shown
 from fit.files import atomic, documents
+from fit.findings import Finding
 from fit.results.estimates import CONFIG
 from fit.results.fit_record import Fit, estimates
 from fit.results.provenance import Provenance
 from fit.tables import Table, latex_symbol, latex_text, latex_unit, latex_value
 from fit.telemetry import Telemetry
-from fit.warnings import FitWarning
 
 if TYPE_CHECKING:
     import pandas
@@ -85,7 +85,7 @@ class Results:
             object.__setattr__(self, section, KeyedFits(kind, getattr(self, section)))
 
     @property
-    def unsound(self) -> list[tuple[str, FitWarning]]:
+    def unsound(self) -> list[tuple[str, Finding]]:
         """Fits without valid uncertainties, and why: joint (without it, the experiments) and inertial."""
         single = {f"experiments.{name}": fit for name, fit in self.experiments.items()}
         headline = {"joint": self.joint} if self.joint else single

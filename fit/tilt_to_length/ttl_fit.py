@@ -11,6 +11,7 @@ import scipy
 from numpy.typing import NDArray
 
 from fit.errors import FitError, InputError
+from fit.findings import Finding
 from fit.fitting import (
     JointModel,
     Prior,
@@ -34,7 +35,6 @@ from fit.tilt_to_length.normal_equations import (
 )
 from fit.tilt_to_length.response import ResponseSpectra, response_spectra
 from fit.units import prior_text
-from fit.warnings import FitWarning
 
 if TYPE_CHECKING:
     import lmfit
@@ -137,9 +137,8 @@ def _check_unit(measurements: Measurements, weights: Array) -> None:
         )
 
 
-_NO_NOISE_RUN = FitWarning(
+_NO_NOISE_RUN = Finding(
     "no_noise_run",
-    (),
     "no noise run: the measurements' own residual gives the weights, and chi2 does not test the fit",
 )
 
@@ -158,7 +157,7 @@ def _leverage(spectra: ResponseSpectra, weights: Array) -> Array:
 
 def _solve(
     measurements: Measurements, estimate: LinearEstimate, params: lmfit.Parameters | None
-) -> tuple[SolvedModel, list[int], list[FitWarning]]:
+) -> tuple[SolvedModel, list[int], list[Finding]]:
     """Return lmfit's model of an estimate, the coefficients that are determined, and a warning of others."""
     values, vectors = np.linalg.eigh(estimate.information * WIDTH**2)
     informed = values > max(null_space.FLOOR, 1e-13 * float(values[-1]))
@@ -210,7 +209,7 @@ def _fit(
     truth: dict[str, float],
     chi2: float,
     dof: int,
-    warnings: list[FitWarning],
+    warnings: list[Finding],
 ) -> Fit:
     """Return the result of a fit, with truth and pull where there is a truth."""
     covariance = solved.model.covariance(solved.result.params)[np.ix_(reported, reported)]
@@ -247,7 +246,7 @@ def make_params() -> lmfit.Parameters:
     return params
 
 
-def blind_warnings(undetermined: NDArray[np.bool_], directions: Array) -> list[FitWarning]:
+def blind_warnings(undetermined: NDArray[np.bool_], directions: Array) -> list[Finding]:
     """Name every combination that the data do not determine.
 
     Parameters
@@ -265,11 +264,11 @@ def blind_warnings(undetermined: NDArray[np.bool_], directions: Array) -> list[F
         combination = {NAMES[i]: float(direction[i]) for i in part}
         text = " ".join(f"{x:+.2g} {name}" for name, x in combination.items())
         message = f"the measurements do not determine {text}; {_cure(names)}; {PRIOR}"
-        warnings.append(FitWarning("indeterminable", names, message, combination))
+        warnings.append(Finding("indeterminable", message, parameters=names, combination=combination))
     rest = tuple(NAMES[i] for i in np.flatnonzero(undetermined) if NAMES[i] not in covered)
     if rest:
         message = f"the measurements determine {', '.join(rest)} to no better than {1e3 * WIDTH:g} mm/rad"
-        warnings.append(FitWarning("indeterminable", rest, message))
+        warnings.append(Finding("indeterminable", message, parameters=rest))
     return warnings
 
 
@@ -281,15 +280,15 @@ def _cure(names: tuple[str, ...]) -> str:
     return f"turn spacecraft {spacecraft} about theta, eta and phi at different frequencies"
 
 
-def _instruments_warning(ratio: float) -> FitWarning:
+def _instruments_warning(ratio: float) -> Finding:
     message = (
         f"noise of wavefront sensing would bias least squares by {ratio:.2g} sigma; the estimates are those "
         "of instrumental variables"
     )
-    return FitWarning("wavefront_noise", (), message)
+    return Finding("wavefront_noise", message)
 
 
-def _misfit_warnings(chi2_red: float, scatter: float) -> list[FitWarning]:
+def _misfit_warnings(chi2_red: float, scatter: float) -> list[Finding]:
     """Return a warning where the residual has another power than the noise."""
     if abs(chi2_red - 1) < max(MAX_CHI2, CHI2_SIGMA * scatter):
         return []
@@ -297,4 +296,4 @@ def _misfit_warnings(chi2_red: float, scatter: float) -> list[FitWarning]:
         f"the residual has {chi2_red:.2g} times the power of the noise; expected light travel times to "
         "0.1 %, and noise and units as in the noise run"
     )
-    return [FitWarning("noise_mismatch", (), message)]
+    return [Finding("noise_mismatch", message)]

@@ -32,15 +32,12 @@ class Experiment:
         Whether the level of the noise is marginalised in narrow bands, being not that of the noise run.
     readout_excess : bool
         Whether only the injected signal of o_1 is used, see `fit.fitting.readout_excess_noise`.
-    misfit : str
-        In what the residual of its single fit is no noise; empty where the equation of motion holds.
     """
 
     sysid: Run
     noise: Run | None
     marginalised: bool = False
     readout_excess: bool = False
-    misfit: str = ""
 
     @property
     def parameters(self) -> tuple[str, ...]:

@@ -10,12 +10,12 @@ from typing import TYPE_CHECKING
 
 from fit import api
 from fit.errors import FitError, shown
+from fit.findings import distinct_messages
 from fit.report import page
 from fit.results import Fit, Results, estimates, load, sound_joint, telemetry_files, write
 from fit.settings import Settings, settings
 from fit.tables import Table
 from fit.telemetry import Telemetry, conversion, read_all, root_attributes
-from fit.warnings import distinct_messages
 from lpfcosim.errors import InputError
 from lpfcosim.execution import checksums, results_folder
 from lpfcosim.workflows.progress import Progress

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
+from fit.findings import distinct_messages
 from fit.forecasting import expected_euler_fit, expected_fit
 from fit.parallel import one_blas_thread
 from fit.parameters import FLIGHT, misalignments
@@ -13,7 +14,6 @@ from fit.results import Estimate, Fit
 from fit.settings import Settings, settings
 from fit.tables import FIXED
 from fit.units import campaign_unit
-from fit.warnings import distinct_messages
 from lpfcosim.campaign import Campaign
 from lpfcosim.errors import UnavailableError, prefix_errors
 from lpfcosim.execution import validation

@@ -9,12 +9,12 @@ from pathlib import Path
 
 from fit.errors import CalibrationError, FitError
 from fit.files import atomic
+from fit.findings import Finding
 from fit.parallel import one_blas_thread
 from fit.report import control_loops
 from fit.results import Fit, Results
 from fit.settings import Settings, settings
 from fit.telemetry import Telemetry, read_all
-from fit.warnings import FitWarning
 from lpfcosim.campaign import Campaign
 from lpfcosim.errors import InputError, RunError, prefix_errors
 from lpfcosim.execution import results_folder, runner, validation
@@ -222,7 +222,7 @@ def _with_missing(results: Results, missing: Mapping[str, str], causes: str) -> 
     if not missing:
         return results
     which = "experiments {} are" if len(missing) > 1 else "experiment {} is"
-    warning = FitWarning("missing_run", (), f"{which.format(names(list(missing)))} missing: {causes}")
+    warning = Finding("missing_run", f"{which.format(names(list(missing)))} missing: {causes}")
 
     def with_warning(fit: Fit) -> Fit:
         return replace(fit, warnings=(warning, *fit.warnings))

@@ -25,11 +25,11 @@ os.environ["OPENBLAS_NUM_THREADS"] = "1"
 import numpy as np
 
 from fit.errors import CalibrationError
+from fit.findings import Finding, Severity
 from fit.pipeline import calibrate
 from fit.results import Results
 from fit.settings import settings
 from fit.telemetry.reader import Telemetry
-from fit.warnings import FitWarning, Severity
 from lpfcosim.campaign import Campaign, loading
 from lpfcosim.campaign import montecarlo as campaigns
 from lpfcosim.linear import ClosedLoop, response, spectral_simulation
@@ -85,7 +85,7 @@ def alarms(results: Results) -> Iterator[tuple[str, str, str]]:
                 yield where, warning.code, warning.message
 
 
-def alarming(warning: FitWarning) -> bool:
+def alarming(warning: Finding) -> bool:
     """Return whether nothing that is well lets this be said."""
     return warning.kind.severity is not Severity.NOTE or warning.kind.unsound or warning.code in SAID
 

@@ -118,10 +118,9 @@ def angles(results: Results) -> Iterator[str]:
 def struck(results: Results) -> dict[str, list[tuple[float, float]]]:
     """Return begin and end of the glitches that the fit found, by run."""
     fits = [*results.experiments.values(), *results.inertial.values()]
-    spans = [s for f in fits for w in f.warnings if w.code == "glitches" for s in w.spans]
     found: dict[str, list[tuple[float, float]]] = {}
-    for span in spans:
-        found.setdefault(span.run, []).append((span.begin, span.end))
+    for finding in (w for f in fits for w in f.warnings if w.code == "glitches"):
+        found.setdefault(finding.run, []).extend(finding.spans)
     return found
 
 

@@ -15,10 +15,10 @@ import fit
 import lpfcosim as simulator
 from fit import pipeline, settings
 from fit.deltag import write_delta_g
+from fit.findings import Finding
 from fit.results import Fit, Results
 from fit.results.estimates import Constraint, Estimate
 from fit.results.provenance import Provenance
-from fit.warnings import FitWarning
 from tests import ROOT
 from tests.fit.telemetry.test_archives import as_csv, columns_of, map_of
 from tests.oracles.contract_file import write_contract_file
@@ -280,7 +280,7 @@ EVIL = "<script>alert(x)</script>&\"'"
 
 def test_what_files_say_is_escaped(runs):
     estimate = Estimate(1.0, 0.1, EVIL, truth=1.05, pull=-0.5)
-    one = Fit({EVIL: estimate}, np.array([[0.01]]), 1.0, 1, False, (FitWarning("code", (), EVIL),), 3)
+    one = Fit({EVIL: estimate}, np.array([[0.01]]), 1.0, 1, False, (Finding("code", EVIL),), 3)
     results = Results(one, {EVIL: one}, {}, {}, Provenance())
     run = replace(runs[0], run=EVIL, experiment=EVIL, channels={EVIL: np.zeros(3)})
     run = replace(run, units={EVIL: EVIL}, long_names={EVIL: EVIL})

@@ -15,9 +15,9 @@ from fit import deltag
 from fit import results as fit_results
 from fit.deltag import write_delta_g
 from fit.errors import FitError, InputError
+from fit.findings import Finding
 from fit.results import Fit
 from fit.results.estimates import Estimate
-from fit.warnings import FitWarning
 from tests.oracles.rotation_synthetic import BASELINE, World, calibration, run, write
 
 DAY = 86400.0
@@ -329,7 +329,7 @@ def test_command(recorded, tmp_path, lpfcosim):
 def test_a_calibration_that_is_not_sound_gives_no_product(recorded, tmp_path, lpfcosim):
     (tmp_path / "a.h5").write_bytes(recorded[0].read_bytes())
     results = calibrated(LATE)
-    reason = FitWarning("contradiction", (), "E2 contradicts the others")
+    reason = Finding("contradiction", "E2 contradicts the others")
     unsound = replace(results, joint=replace(results.joint, warnings=(reason,)))
     with pytest.raises(InputError, match=r"not sound \(E2 contradicts"):
         write_delta_g(tmp_path / "a.h5", tmp_path / "g.h5", unsound, {})
@@ -346,7 +346,7 @@ def test_a_calibration_that_is_not_sound_gives_no_product(recorded, tmp_path, lp
 
 def test_unsound_parts_of_the_calibration_are_left_out(recorded, tmp_path):
     results = calibrated(LATE)
-    reason = FitWarning("invalid_data", (), "the star tracker turns the other way")
+    reason = Finding("invalid_data", "the star tracker turns the other way")
 
     def doubted(fits):
         return {name: replace(fit, warnings=(reason,)) for name, fit in fits.items()}

@@ -9,13 +9,13 @@ import pytest
 from scipy.stats import chi2 as chi2_distribution
 
 import fit
+from fit.findings import Finding
 from fit.results import Fit, Results
 from fit.results.estimates import Constraint, Estimate
 from fit.results.provenance import Provenance
-from fit.warnings import FitWarning
 
 TO_1, TO_2 = "towards test mass 1", "towards test mass 2"
-UNSOUND = FitWarning("unsound_file", (), "the runs contradict each other")
+UNSOUND = Finding("unsound_file", "the runs contradict each other")
 
 
 def make_fit(values, sigmas, *, units="1", correlation=0.0, warnings=(), truth=None):

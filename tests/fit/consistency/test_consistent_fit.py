@@ -6,10 +6,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fit.consistency import exclusion_warnings, fit_consistent_runs
+from fit.consistency import fit_consistent_runs
 from fit.fitting import fit_experiment
 from fit.pipeline import calibrate
-from fit.quality import Exclusion
 from fit.settings import settings
 from fit.whitening import pair as paired
 from tests.benchmarks import sbc
@@ -86,19 +85,14 @@ def test_an_experiment_of_a_wrong_epoch_alone_is_left_out():
         ]
         labelled = [*experiments[:i], replace(wrong, sysid=runs[0], noise=runs[1]), *experiments[i + 1 :]]
         fit = fit_consistent_runs(labelled, single_fits, settings())
-        assert {exclusion.experiment for exclusion in fit.left_out} <= {wrong.name}
+        assert {finding.run for finding in fit.findings if finding.run} <= {wrong.name}
         solution, names = fit.outcome.solution, [p.name for p in fit.outcome.parameters]
         pulls = (solution.theta - [thirteen.TRUTH[name] for name in names]) / solution.sigma
         is_right = np.abs(pulls[~fit.outcome.undetermined]).max() < 4.5
-        assert is_right or any(w.kind.unsound for w in fit.warnings), wrong.name
+        assert is_right or any(f.kind.unsound for f in fit.findings if not f.run), wrong.name
 
 
 def test_a_fit_without_more_than_a_third_of_the_experiments_is_not_sound():
-    exclusions = [Exclusion(name, ()) for name in "ABCDE"]
-    assert exclusion_warnings(exclusions[:1], 1) == []
-    assert exclusion_warnings(exclusions[:4], 8) == []
-    (warning,) = exclusion_warnings(exclusions, 8)
-    assert warning.kind.unsound and "5 of 13" in warning.message
     runs = replace_runs("A", channel("f_x_2", lambda f: 1.02 * f))(campaign())
     runs = replace_runs("C", channel("f_x_2", lambda f: 1.05 * f))(runs)
     results = calibrate(runs)

@@ -49,7 +49,7 @@ def causes(labels=None, **channels):
     block = replace(block, parameter_map=own)
     score = run_score(e.name, block, run_estimate(e.name, block), joint.solution.theta)
     test = consistency_test(experiments, joint)
-    return [(c.kind, c.words) for c in likely_causes(replace(test, runs=(*test.runs, score)), maps)]
+    return [(c.code, c.message) for c in likely_causes(replace(test, runs=(*test.runs, score)), maps)]
 
 
 def late(x, samples):

@@ -35,16 +35,16 @@ def causes(spoil=None, names=NAMES):
 @pytest.mark.parametrize("guidance", ["guidance_o_1", "guidance_o_12"])
 def test_guidance_that_leaks_into_o_12_is_named(guidance):
     (cause,) = causes(leaking_guidance("o_12", guidance, 2e-4))
-    assert (cause.channel, cause.kind, cause.run) == ("o_12", "guidance leak", "")
-    assert abs(cause.size - 2e-4) < 1e-6 + 5 * cause.sigma
-    assert guidance in cause.words
+    assert (cause.channel, cause.code, cause.run) == ("o_12", "guidance leak", "")
+    assert abs(cause.amount.value - 2e-4) < 1e-6 + 5 * cause.amount.sigma
+    assert guidance in cause.message
 
 
 def test_an_actuator_that_acts_less_at_large_forces_is_named():
     named = causes(every(lambda run: remade(run, hidden=gain(2, weaker_at_large_force(2e-4)))))
-    assert {cause.kind for cause in named} == {"gain by force"}
+    assert {cause.code for cause in named} == {"gain by force"}
     assert "f_x_2" in {cause.channel for cause in named}
-    sizes = {cause.channel: cause.size for cause in named}
+    sizes = {cause.channel: cause.amount.value for cause in named}
     assert abs(sizes["f_x_2"] + 2e-4) < 2e-5
 
 
@@ -56,9 +56,9 @@ def test_what_runs_have_in_common_with_a_template_is_a_misfit_though_it_is_not_a
 
 def test_forces_that_most_runs_do_not_record_are_named():
     named = causes(pushed_at(1.667e-3, amplitude=2e-14, names=("A2", "B4", "D4")))
-    assert {cause.kind for cause in named} == {"unrecorded force"}
+    assert {cause.code for cause in named} == {"unrecorded force"}
     assert {cause.run for cause in named} == {"A2", "B4", "D4"}
-    assert all(1.5e-14 < cause.size < 2.5e-14 for cause in named)
+    assert all(1.5e-14 < cause.amount.value < 2.5e-14 for cause in named)
 
 
 def test_of_two_runs_the_one_with_an_unrecorded_force_is_left_out():
@@ -71,7 +71,7 @@ def test_of_two_runs_the_one_with_an_unrecorded_force_is_left_out():
 
 def test_a_force_that_the_only_run_does_not_record_is_named():
     (cause,) = causes(pushed_at(1.667e-3, amplitude=2e-14, names=("B4",)), ("B4",))
-    assert (cause.kind, cause.run) == ("unrecorded force", "B4")
+    assert (cause.code, cause.run) == ("unrecorded force", "B4")
 
 
 def test_a_run_without_injections_into_o_12_raises_no_alarm():
@@ -84,7 +84,7 @@ def test_forces_at_all_tones_of_the_only_run_are_named():
     for k, tone in enumerate(synthetic.TONES_12):
         f_x_2 += 1e-15 * np.sin(2 * np.pi * tone * sysid.time + k)
     (warning,) = model_warnings(pair([noise, replace(sysid, channels=sysid.channels | {"f_x_2": f_x_2})]))
-    assert [cause.kind for cause in warning.causes] == ["unrecorded force"]
+    assert [cause.code for cause in warning.causes] == ["unrecorded force"]
 
 
 @pytest.mark.parametrize("pulse", [(7000, 1e-9, 20, 60), (8000, 1e-10, 900, 7200)])
@@ -94,8 +94,8 @@ def test_a_glitch_in_the_only_run_is_no_misfit(pulse):
 
 def test_read_outs_that_are_averaged_are_named():
     named = causes(averaged(1.0), tuple(name for name in thirteen.PLANS if name != "D3"))
-    assert {cause.kind for cause in named} == {"averaging"}
-    assert all(abs(cause.size - 1) < 0.1 for cause in named)
+    assert {cause.code for cause in named} == {"averaging"}
+    assert all(abs(cause.amount.value - 1) < 0.1 for cause in named)
 
 
 def test_an_o_12_that_is_not_linear_is_named():
@@ -108,8 +108,8 @@ def test_an_o_12_that_is_not_linear_is_named():
             )
     ((warning,),) = [model_warnings(pair(list(runs.values())))]
     (cause,) = warning.causes
-    assert (cause.channel, cause.kind) == ("o_12", "non-linearity")
-    assert abs(cause.size + 2e-4) < 5 * cause.sigma
+    assert (cause.channel, cause.code) == ("o_12", "non-linearity")
+    assert abs(cause.amount.value + 2e-4) < 5 * cause.amount.sigma
 
 
 def softening(time, channels):
@@ -125,9 +125,9 @@ def late(samples, *names):
 
 def test_stiffness_that_drifts_in_all_runs_alike_is_named():
     (cause,) = causes(every(lambda run: remade(run, hidden=softening)))
-    assert (cause.channel, cause.kind, cause.unit) == ("omega2_2", "drift", "s-2")
-    assert abs(cause.size - 2e-7) < 5 * cause.sigma
-    assert cause.sigma < 2e-8
+    assert (cause.channel, cause.code, cause.amount.unit) == ("omega2_2", "drift", "s-2")
+    assert abs(cause.amount.value - 2e-7) < 5 * cause.amount.sigma
+    assert cause.amount.sigma < 2e-8
 
 
 def hardening(time, channels):
@@ -139,16 +139,16 @@ def hardening(time, channels):
 @pytest.mark.parametrize("names", [NAMES, ("B4",)])
 def test_stiffness_that_depends_on_the_displacement_is_named(names):
     (cause,) = causes(every(lambda run: remade(run, hidden=hardening)), names)
-    assert (cause.channel, cause.kind, cause.unit) == ("omega2_2", "non-linearity", "s-2")
-    assert abs(cause.size + 1e-7) < 5 * cause.sigma
-    assert cause.sigma < 1e-8
+    assert (cause.channel, cause.code, cause.amount.unit) == ("omega2_2", "non-linearity", "s-2")
+    assert abs(cause.amount.value + 1e-7) < 5 * cause.amount.sigma
+    assert cause.amount.sigma < 1e-8
 
 
 def test_o_1_that_is_early_in_all_runs_of_an_epoch_is_named():
     (warning,) = model_warnings(pair(list(late(-1, "B4", "C4", "D4")(clean(NAMES)).values())))
     assert (warning.code, warning.kind.unsound) == ("model_misfit", True)
     (cause,) = warning.causes
-    assert abs(cause.size + 1) < 0.1  # to first order
+    assert abs(cause.amount.value + 1) < 0.1  # to first order
     assert "o_1 is early by" in warning.message
 
 
@@ -179,5 +179,5 @@ def test_the_records_are_in_the_results(tmp_path):
     results.save(tmp_path / "results.json")
     (warning,) = [w for w in load(tmp_path / "results.json").joint.unsound if w.code == "model_misfit"]
     (cause,) = warning.causes
-    assert cause.kind == "guidance leak"
-    assert np.isclose(cause.size, 2e-4, rtol=0.01)
+    assert cause.code == "guidance leak"
+    assert np.isclose(cause.amount.value, 2e-4, rtol=0.01)

@@ -41,7 +41,7 @@ def pulls(outcome, truth):
 def consistent(runs):
     """Return the joint fit of the runs that agree, and which are left out."""
     fit = fit_consistent_runs(runs, {e.name: fit_experiment(e) for e in runs}, settings())
-    return fit.outcome, [exclusion.experiment for exclusion in fit.left_out]
+    return fit.outcome, [finding.run for finding in fit.findings if finding.run]
 
 
 @pytest.fixture(scope="module")

@@ -35,7 +35,7 @@ def test_glitches_are_taken_out_of_long_noise_runs(three_days, three_day_fit):
     fit = fitted(with_glitches(three_days[0], glitches))
     (warning,) = (w for w in fit.warnings if w.code == "glitches")
     for begin, *_ in glitches:
-        assert any(span.begin - 600 < begin < span.end + 600 for span in warning.spans)
+        assert any(first - 600 < begin < end + 600 for first, end in warning.spans)
     for name, e in fit.parameters.items():
         clean = three_day_fit.parameters[name]
         assert e.sigma < 1.5 * clean.sigma  # twenty times, were they left in

@@ -8,8 +8,8 @@ import pytest
 from fit.figures import analysis, series
 from fit.figures import runs as figures_runs
 from fit.figures.charts import ASD, START, TIME, Chart, Curve, Panel, Points, Span, limits
+from fit.findings import Finding, masked_spans
 from fit.report.experiments import AnalysedExperiment, figure_specs
-from fit.warnings import FitWarning, TimeSpan, masked_spans
 from tests.oracles.synthetic import World, of_run, pair, telemetry, without
 
 TRUTH = of_run(World(), "A")
@@ -138,13 +138,13 @@ def test_an_average_lets_no_high_frequency_through_at_an_edge():
 
 def test_gaps_and_glitches_are_marked(runs, charts):
     gone = without(runs[0], (4000, 4200), (9000, 9050))
-    spans = (
-        TimeSpan(gone.run, 100.0, 112.0),
-        TimeSpan("another", 5.0, 6.0),
-        TimeSpan(gone.run, 900.0, 907.0),
-    )
-    masked = masked_spans([FitWarning("glitches", (), "masked", spans=spans)], gone.run)
-    assert masked == [(100.0, 112.0), (900.0, 907.0)]
+    spans = ((100.0, 112.0), (900.0, 907.0))
+    found = [
+        Finding("glitches", "", gone.run, spans=spans),
+        Finding("glitches", "", "another", spans=((5.0, 6.0),)),
+    ]
+    masked = masked_spans(found, gone.run)
+    assert masked == [*spans]
     chart = figures_runs.residual(gone, [(*analysis.analyse(gone, TRUTH, masked), None)])
     shades = [mark for mark in chart.panels[1].marks if isinstance(mark, Span)]
     assert [mark.label for mark in shades] == ["missing samples", "", "masked, or a glitch", ""]

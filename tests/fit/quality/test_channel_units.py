@@ -19,7 +19,7 @@ def scaled(run, **factors):
 
 
 def reasons(runs):
-    return [fault.reason for e in pair(runs) for fault in unit_faults(e)]
+    return [fault.message for e in pair(runs) for fault in unit_faults(e)]
 
 
 @pytest.mark.parametrize(

@@ -67,7 +67,7 @@ def test_constant_coefficients_do_not_change(seed):
         thirteen.telemetry(thirteen.made(name, kind, seed)) for name in NAMES for kind in ("sysid", "noise")
     ]
     experiments = pair(runs)
-    assert drifts.exclusions(experiments, {e.name: fit_experiment(e) for e in experiments}) == ([], [])
+    assert drifts.of_runs(experiments, {e.name: fit_experiment(e) for e in experiments}) == []
     assert drifts.of_joint(fit_joint(experiments, settings())) == []
 
 

@@ -36,7 +36,7 @@ def experiment(runs):
 def search(searched):
     """Return an experiment without its glitches, and the warnings."""
     result = glitches.remove_glitches(searched)
-    return result.experiment, tuple(warning for _, warning in result.warnings)
+    return result.experiment, result.findings
 
 
 def both(found):
@@ -238,15 +238,13 @@ def test_what_the_equation_lacks_is_not_masked():
         for name in ("B2", "C2", "A2"):
             runs = [thirteen.telemetry(thirteen.made(name, kind, seed=1)) for kind in ("sysid", "noise")]
             experiments.append(experiment([leaking(run) if name in names else run for run in runs]))
-        result = mask_experiments(experiments, settings(), ())
-        return {name: (one.experiment.sysid.masks, one.warnings) for name, one in result.items()}
+        return mask_experiments(experiments, settings(), ())
 
-    for masks, warnings in masked("B2", "C2", "A2").values():
-        assert not masks
-        (warning,) = warnings
-        assert warning.code == "model_misfit"
-        assert warning.kind.unsound
-    assert all(not masks and not warnings for masks, warnings in masked().values())
+    disturbed, findings = masked("B2", "C2", "A2")
+    assert not any(e.sysid.masks for e in disturbed)
+    assert [(f.code, f.kind.unsound) for f in findings] == [("model_misfit", True)] * 3
+    undisturbed, findings = masked()
+    assert not any(e.sysid.masks for e in undisturbed) and not findings
 
 
 def test_glitches_lie_in_injections_as_often_as_chance_has_it():

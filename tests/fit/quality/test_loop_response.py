@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fit.quality import loop_response, metadata
+from fit.quality import Campaign, loop_response
 from fit.quality.loop_response import response_faults
 from fit.whitening import pair
 from tests.oracles import thirteen
@@ -27,7 +27,8 @@ def changed(runs, names, channel, function):
 
 
 def reasons(runs):
-    return {f.experiment: f.reason for f in response_faults(pair(list(runs.values())))}
+    found = response_faults(pair(list(runs.values())))
+    return {finding.run.removesuffix("-sysid"): finding.message for finding in found}
 
 
 def slower(o):
@@ -81,15 +82,21 @@ def test_runs_without_slow_guidance_share_the_fault_of_their_epoch(runs):
 
 
 def test_a_fault_of_few_runs_excludes_them_and_that_of_most_spoils_the_fit(runs):
-    def report(*names):
-        return metadata.screen(pair(list(changed(runs, names, "o_1", lambda o: 1.06 * o).values())))
+    def decided(*names):
+        experiments = pair(list(changed(runs, names, "o_1", lambda o: 1.06 * o).values()))
+        campaign = Campaign({e.name: e for e in experiments})
+        return campaign.decide(response_faults(experiments))
 
-    assert [f.experiment for f in report("C2").exclusions] == ["C2"]
-    assert not report("C2").notes
-    assert report("A1", "C2", "D2").exclusions == []
-    (note,) = report("A1", "C2", "D2").notes
-    assert note.code == "guidance_scale"
-    assert [(cause.channel, cause.kind) for cause in note.causes] == [("o_1", "scale")] * 3
+    assert decided("C2").left_out == {"C2"}
+    common = decided("A1", "C2", "D2")
+    assert common.left_out == set()
+    (finding,) = common.findings
+    assert finding.code == "guidance_scale"
+    assert [(cause.run, cause.channel) for cause in finding.causes] == [
+        (name, "o_1") for name in ("A1", "C2", "D2")
+    ]
+    assert common.of_joint == [finding]
+    assert common.of_run("C2") == [finding]
 
 
 @pytest.mark.stat  # fixed seed; the mean departs by more than 0.2 in one of 2,000

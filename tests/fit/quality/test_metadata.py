@@ -31,7 +31,8 @@ def renamed(run, name):
 
 
 def faults(campaign):
-    return {f.experiment: f.reason for f in metadata.screen(pair(list(campaign.values()))).exclusions}
+    found = metadata.find_faults(pair(list(campaign.values())))
+    return {finding.run.partition("-")[0]: finding.message for finding in reversed(found)}
 
 
 def cut(run, part):

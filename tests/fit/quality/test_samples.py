@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fit.quality import metadata, samples
+from fit.quality import Campaign, metadata, samples
 from fit.quality.masks import mask_experiments, mask_spikes
 from fit.settings import settings
 from fit.whitening import Experiment, pair
@@ -39,7 +39,8 @@ CHANNELS = ("o_1", "o_12", "f_x_1", "f_x_2")
 
 
 def messages(sysid):
-    return [cause.words for cause in samples.check_samples(sysid, ("o_1", "o_12"), CHANNELS)]
+    found = samples.check_samples(sysid, ("o_1", "o_12"), CHANNELS)
+    return [finding.message.removeprefix(f"{sysid.path}: ") for finding in found]
 
 
 def faults(**changes):
@@ -126,8 +127,8 @@ def test_spikes_are_masked_and_jumps_are_not():
     assert not messages(hit)
     masked = mask_spikes(Experiment(Run(hit), None))
     assert [round((begin + end) / 2) for begin, end in masked.sysid.masks] == [3000, 7000]
-    (prepared,) = mask_experiments([masked], settings({"glitches": False}), ()).values()
-    assert ["2 spikes masked, at " in warning.message for warning in prepared.warnings] == [True]
+    _, found = mask_experiments([masked], settings({"glitches": False}), ())
+    assert ["2 spikes masked, at " in finding.message for finding in found] == [True]
     moved = Experiment(Run(run(o_12=plus(1e-6, 7000))), None)
     assert mask_spikes(moved).sysid is moved.sysid
 
@@ -140,13 +141,12 @@ def experiments(**channels):
     return pair(runs)
 
 
-def kinds(**channels):
-    exclusions = metadata.screen(experiments(**channels)).exclusions
-    return [cause.kind for exclusion in exclusions for cause in exclusion.observations]
+def found(**channels):
+    return metadata.find_faults(experiments(**channels))
 
 
 def test_sines_that_begin_and_end_are_no_jumps():
-    assert not kinds()
+    assert not found()
     silence = closed_loop.Noise(plateau=0.0, tail=0.0, oms=0.0, thruster=0.0, jitter=0.0)
     still = thirteen.telemetry(replace(thirteen.made("B4", "sysid"), noise=silence))
     assert messages(still) == ["f_x_1 is constant throughout, at 0"]  # which no injection drives
@@ -159,12 +159,12 @@ def test_body_that_follows_guidance_does_not_jump():
 
 
 def test_a_command_that_nothing_feeds_back_or_that_is_at_its_limit_may_stay_the_same():
-    assert not kinds(f_x_1=lambda x: 0 * x)
+    assert not found(f_x_1=lambda x: 0 * x)
     (e,) = experiments(f_x_2=lambda x: np.clip(x, -1e-12, 1e-12))
-    assert "f_x_2 is constant" in metadata.screen([e]).exclusions[0].reason
+    assert "f_x_2 is constant" in metadata.find_faults([e])[0].message
     force = float(e.sysid.telemetry.channels["f_x_2"].max()) * e.sysid.telemetry.m_tm
     limited = [Run(replace(one.telemetry, F_max_2=force)) for one in (e.sysid, e.noise)]
-    assert not metadata.screen([replace(e, sysid=limited[0], noise=limited[1])]).exclusions
+    assert not metadata.find_faults([replace(e, sysid=limited[0], noise=limited[1])])
 
 
 @pytest.mark.parametrize(
@@ -173,7 +173,7 @@ def test_a_command_that_nothing_feeds_back_or_that_is_at_its_limit_may_stay_the_
     ids=["single", "command", "o_1"],
 )
 def test_rounding_is_no_fault_of_samples(channels):
-    assert not kinds(**channels)
+    assert not found(**channels)
 
 
 @pytest.mark.parametrize("at", [0, 1, 5, 25, N - 26, N - 2, N - 1])
@@ -199,10 +199,13 @@ def independent_run(name, kind, spoilt):
 
 
 def test_samples_that_are_interpolated_in_most_runs_spoil_the_fit():
-    (note,) = [n for n in metadata.screen(interpolated("ACD")).notes if n.code == "interpolated"]
-    assert note.kind.unsound
-    report = metadata.screen(interpolated("D"))
-    (fault,) = report.exclusions
-    assert fault.experiment == "D"
-    assert "D-sysid.h5: f_x_2 is interpolated: 8 % of its samples" in fault.reason
-    assert not [n for n in report.notes if n.code == "interpolated"]
+    def decided(spoilt):
+        experiments = interpolated(spoilt)
+        findings = [f for f in metadata.find_faults(experiments) if f.code == "interpolated"]
+        return Campaign({e.name: e for e in experiments}).decide(findings)
+
+    (common,) = decided("ACD").of_joint
+    assert common.kind.unsound and not decided("ACD").left_out
+    (fault,) = decided("D").findings
+    assert decided("D").left_out == {"D"}
+    assert "D-sysid.h5: f_x_2 is interpolated: 8 % of its samples" in fault.message

@@ -17,6 +17,7 @@ from hypothesis import strategies as st
 from fit import plotting
 from fit.figures import series, stiffness
 from fit.figures.colours import COLOURS
+from fit.findings import Amount, Finding, undetermined
 from fit.forecasting.coverage import with_truth
 from fit.parameters import FLIGHT, joint_names
 from fit.report.page import figure_specs, write_report
@@ -27,7 +28,6 @@ from fit.results.estimates import Estimate, Stiffness
 from fit.results.provenance import Provenance
 from fit.tables import combination_text, prose, signed
 from fit.telemetry.reader import read
-from fit.warnings import Cause, FitWarning, undetermined
 from tests.oracles.contract_file import write_contract_file
 
 SAMPLES = 3600
@@ -43,7 +43,9 @@ ORDER = (
 )
 EVIL = "<script>alert('x')</script>\"><img src=x onerror=alert(1)> & $\\frac{"
 TRUTH = {name: p.value for name, p in FLIGHT.items()}
-UNDETERMINED = FitWarning("indeterminable", ("lambda_1",), "nothing drives test mass 1", {"lambda_1": 1.0})
+UNDETERMINED = Finding(
+    "indeterminable", "nothing drives test mass 1", parameters=("lambda_1",), combination={"lambda_1": 1.0}
+)
 
 
 def make_fit(values, warnings=(), converged=True):
@@ -238,7 +240,7 @@ def test_the_same_input_gives_the_same_bytes(tmp_path, campaign):
 
 def test_every_foreign_text_is_escaped(tmp_path, campaign):
     runs = campaign(EVIL, truth=None, version=EVIL, campaign=EVIL)
-    warning = FitWarning(EVIL, (EVIL,), EVIL, {EVIL: 1.0, "C_2": -0.2})
+    warning = Finding(EVIL, EVIL, parameters=(EVIL,), combination={EVIL: 1.0, "C_2": -0.2})
     fit = replace(experiment_fit(), warnings=(warning, replace(warning, code="indeterminable")))
     fit.parameters[EVIL] = Estimate(1.0, 0.1, EVIL)
     foreign_fit = replace(make_fit({"lambda_2": 1.0, "C_2": 0.2}), warnings=fit.warnings)
@@ -347,7 +349,9 @@ def test_numbers_in_print_read_back(value, places):
 
 
 def test_units_in_messages_are_typeset():
-    cause = Cause("", "alpha", "undetermined", -2e3, 1e-6, "kg-1 m-1", "nothing drives it")
+    cause = Finding(
+        "indeterminable", "nothing drives it", channel="alpha", amount=Amount(-2e3, 1e-6, "kg-1 m-1")
+    )
     assert str(prose(undetermined([cause]))).endswith("alpha = −2000 ± 1·10⁻⁶ kg⁻¹ m⁻¹")
     assert str(prose("-2 fm s^-2 Hz^-0.5")) == "−2 fm s⁻² Hz^−0.5"
 
@@ -419,7 +423,7 @@ def test_drawing_leaves_no_trace_in_matplotlib():
 def test_an_identification_that_the_data_contradict_spoils_the_verdict():
     fit = Fit({"C_2": Estimate(0.2, 0.1, "s")}, np.array([[0.01]]), 1.0, 1, True, ())
     results = Results(fit, {}, {}, {}, Provenance())
-    contradicted = replace(fit, warnings=(FitWarning("constraint_contradicted", ("C_2",), "why"),))
+    contradicted = replace(fit, warnings=(Finding("constraint_contradicted", "why", parameters=("C_2",)),))
     assert verdict(results, [], results).state == "open"
     spoilt = verdict(results, [], replace(results, joint=contradicted))
     assert spoilt.state == "bad" and "identification" in spoilt.text

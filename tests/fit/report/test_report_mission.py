@@ -11,12 +11,12 @@ from fit.figures import gain as figures_gain
 from fit.figures import stiffness as figures_stiffness
 from fit.figures.charts import Points
 from fit.figures.stiffness import StiffnessPoint, stiffness_pull
+from fit.findings import Finding
 from fit.parameters import FLIGHT, joint_names
 from fit.report import mission as report_mission
 from fit.results import Fit, Results
 from fit.results.estimates import Estimate
 from fit.results.provenance import Provenance
-from fit.warnings import FitWarning
 from tests.oracles.synthetic import AUTHORITIES, World, telemetry
 
 pytestmark = pytest.mark.slow
@@ -92,7 +92,9 @@ def test_side_by_side(mission):
 
 def test_what_is_not_determined_is_said(mission):
     results, runs = mission
-    warning = FitWarning("indeterminable", ("lambda_1",), "…", {"lambda_1": 1.0, "C_1": -0.2})
+    warning = Finding(
+        "indeterminable", "…", parameters=("lambda_1",), combination={"lambda_1": 1.0, "C_1": -0.2}
+    )
     bare = joint(warnings=[warning])
     del bare.parameters["lambda_1"]
     bare = replace(bare, covariance_matrix=bare.covariance_matrix[1:, 1:])

@@ -8,13 +8,13 @@ import pytest
 
 from fit import results as fit_results
 from fit.figures import motion as figures_motion
+from fit.findings import Finding
 from fit.pipeline import calibrate_inertial
 from fit.report import page as report
 from fit.report.motion import calibrated, sections
 from fit.results import Fit
 from fit.results.estimates import Estimate
 from fit.telemetry.reader import read_all
-from fit.warnings import FitWarning, TimeSpan
 from tests.oracles import rotation_synthetic as synthetic
 
 pytestmark = pytest.mark.slow
@@ -52,8 +52,7 @@ def test_correction_quietens_what_rotation_made(calibration):
 
 def test_glitches_are_no_noise(calibration):
     results, telemetries = calibration
-    spans = (TimeSpan("night-1", 1e4, 2e4),)
-    warning = FitWarning("glitches", (), "some", spans=spans)
+    warning = Finding("glitches", "some", "night-1", spans=((1e4, 2e4),))
     inertial = replace(results.inertial["3"], warnings=(warning,))
     product = calibrated(telemetries[0], replace(results, inertial={"3": inertial}))
     inside = (product.time >= 1e4) & (product.time <= 3e4)

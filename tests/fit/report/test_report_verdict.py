@@ -6,11 +6,11 @@ from dataclasses import replace
 
 import pytest
 
+from fit.findings import KINDS, Finding, Severity
 from fit.parameters import FLIGHT, joint_names, joint_parameter
 from fit.report.parameter_table import parameter_table
 from fit.report.verdict import verdict, warning_groups
 from fit.results.estimates import Estimate
-from fit.warnings import WARNING_KINDS, FitWarning, Severity
 from tests import ROOT
 from tests.fit.report.test_report import UNDETERMINED, experiment_fit, joint_fit, make_fit, results
 
@@ -56,7 +56,7 @@ def test_flight_data_are_never_green():
 
 
 def warned(code, *names):
-    return FitWarning(code, names, "so it is")
+    return Finding(code, "so it is", parameters=names)
 
 
 @pytest.mark.parametrize("code", ["not_converged", "chi2", "noise_mismatch", "contradiction"])
@@ -110,21 +110,21 @@ def test_warnings_are_told_once_with_all_fits_that_raise_them():
 
 
 def codes(tree):
-    """Codes that a module hands to `FitWarning` as they stand, and those of `WARNING_KINDS` that it names."""
+    """Codes that a module hands to `Finding` as they stand, and those of `KINDS` that it names."""
     nodes = list(ast.walk(tree))
     strings = {n.value for n in nodes if isinstance(n, ast.Constant) and isinstance(n.value, str)}
-    calls = [n for n in nodes if isinstance(n, ast.Call) and getattr(n.func, "id", "") == "FitWarning"]
+    calls = [n for n in nodes if isinstance(n, ast.Call) and getattr(n.func, "id", "") == "Finding"]
     names = {call.args[0].value for call in calls if isinstance(call.args[0], ast.Constant)}
-    return names | (strings & WARNING_KINDS.keys())
+    return names | (strings & KINDS.keys())
 
 
 def test_every_warning_comes_with_advice():
     modules = [p for package in ("fit", "lpfcosim") for p in sorted((ROOT / package).rglob("*.py"))]
-    modules.remove(ROOT / "fit" / "warnings" / "kinds.py")
+    modules.remove(ROOT / "fit" / "findings" / "kinds.py")
     raised = set().union(*(codes(ast.parse(path.read_text(encoding="utf-8"))) for path in modules))
-    assert raised == set(WARNING_KINDS)
+    assert raised - {""} == set(KINDS)  # without a code: that nothing is wrong
     assert len(raised) > 20
-    for kind in WARNING_KINDS.values():
+    for kind in KINDS.values():
         assert re.fullmatch(r"[A-Z].*\.", kind.advice)
         assert kind.advice.count("`") % 2 == 0
         assert bool(kind.headline) == (kind.severity is not Severity.NOTE)

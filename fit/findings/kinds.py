@@ -1,12 +1,13 @@
-"""The table of the codes of warnings: severity, what the verdict says, what to do about it."""
+"""The table of the kinds of findings: severity, what the verdict says, what is left out, what to do."""
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import Enum
 
 
 class Severity(Enum):
-    """Effect of a warning on the verdict on its fit."""
+    """Effect of a finding on the verdict on its fit."""
 
     NOTE = "for information"
     DOUBT = "casts doubt on the fit"
@@ -14,8 +15,8 @@ class Severity(Enum):
 
 
 @dataclass(frozen=True)
-class WarningKind:
-    """What all warnings of one code have in common.
+class Kind:
+    """What all findings of one code have in common.
 
     Attributes
     ----------
@@ -29,6 +30,10 @@ class WarningKind:
         Whether the standard deviations of the fit are invalid.
     biased : bool
         Whether its parameters may differ from the truth by more than their standard deviations suggest.
+    excludes : float
+        Largest share of the experiments that it leaves out of the joint fit, 0 if it leaves none out. What
+        more of them have is not theirs alone: it is a finding of the joint fit. Infinite where no fit of them
+        is possible.
     """
 
     advice: str
@@ -36,269 +41,308 @@ class WarningKind:
     headline: str = ""
     unsound: bool = False
     biased: bool = False
+    excludes: float = 0.0
 
 
 #: A note without advice, of the codes of other versions.
-UNKNOWN = WarningKind(advice="")
+UNKNOWN = Kind(advice="")
+_ALL_BUT_ONE = 1.0  # share of the experiments that a kind excludes
 
 #: By code; failures and doubts come first, in the order in which a verdict lists them.
-WARNING_KINDS: Mapping[str, WarningKind] = {
-    "not_converged": WarningKind(
+KINDS: Mapping[str, Kind] = {
+    "not_converged": Kind(
         "Look for gaps, glitches or lines in the noise run, use another noise run or another `estimator` in "
         "the table [fit], and repeat the fit; until then add 0.05 sigma to every error.",
-        severity=Severity.FAILURE,
-        headline="Did not converge",
+        Severity.FAILURE,
+        "Did not converge",
         unsound=True,
     ),
-    "chi2": WarningKind(
+    "chi2": Kind(
         "Compare the residual with the noise in the spectra of the experiments: a peak at an injected "
         "frequency is an effect missing from the model, a raised floor means that the noise run does not "
         "represent the noise; do not rely on the sigmas until the cause is known.",
-        severity=Severity.FAILURE,
-        headline="χ² is off by more than chance makes it",
+        Severity.FAILURE,
+        "χ² is off by more than chance makes it",
     ),
-    "no_estimate": WarningKind(
+    "no_estimate": Kind(
         "Inject more, longer or at more frequencies; check the units of channels and attributes.",
-        severity=Severity.FAILURE,
-        headline="Determines no parameter",
+        Severity.FAILURE,
+        "Determines no parameter",
         unsound=True,
     ),
-    "noise_mismatch": WarningKind(
+    "noise_mismatch": Kind(
         "Pair the experiment with a noise run of the same authority and season; if the excess lies at "
         "injected frequencies, an effect is missing from the model.",
-        severity=Severity.FAILURE,
-        headline="The noise is not that of the noise run",
+        Severity.FAILURE,
+        "The noise is not that of the noise run",
         unsound=True,
+        excludes=1 / 2,
     ),
-    "model_misfit": WarningKind(
+    "model_misfit": Kind(
         "Look for what acts at the injections and is not recorded: guidance that leaks into a read-out, an "
         "actuator that is not linear, an unrecorded force; do not use the estimates until it is found.",
-        severity=Severity.FAILURE,
-        headline="The equation of motion lacks a signal at the injections",
+        Severity.FAILURE,
+        "The equation of motion lacks a signal at the injections",
         unsound=True,
     ),
-    "contradiction": WarningKind(
+    "contradiction": Kind(
         "Compare gain and stiffness of the fits of single experiments; exclude the outlier (`exclude` of the "
         "table [fit]) or fit the gains as random effects (`scatter`).",
-        severity=Severity.FAILURE,
-        headline="The experiments contradict each other",
+        Severity.FAILURE,
+        "The experiments contradict each other",
         unsound=True,
+        excludes=math.inf,
     ),
-    "too_many_exclusions": WarningKind(
+    "too_many_exclusions": Kind(
         "Find what the experiments that are left out have in common, correct or repeat them, and repeat the "
         "fit; those that are left need not be the right ones.",
-        severity=Severity.FAILURE,
-        headline="More than a third of the experiments are left out",
+        Severity.FAILURE,
+        "More than a third of the experiments are left out",
         unsound=True,
     ),
-    "invalid_data": WarningKind(
+    "invalid_data": Kind(
         "Correct the file, the archive or the map that reads it, and repeat the fit; do not use this "
         "experiment by itself.",
-        severity=Severity.FAILURE,
-        headline="The data are not what their labels say",
+        Severity.FAILURE,
+        "The data are not what their labels say",
         unsound=True,
+        excludes=math.inf,
     ),
-    "frame_contradicted": WarningKind(
+    "implausible_gain": Kind(
+        "Correct unit or sign of the channel in the archive or the map that reads it, and repeat the fit.",
+        Severity.FAILURE,
+        "A gain is not that of an actuator",
+        unsound=True,
+        excludes=math.inf,
+    ),
+    "misfit": Kind(
+        "Compare the channels with those of the other experiments; do not use this one.",
+        Severity.FAILURE,
+        "The channels do not follow the equation of motion",
+        unsound=True,
+        excludes=math.inf,
+    ),
+    "frame_contradicted": Kind(
         "Set `x_axis` in the files to the frame of the archive: `towards test mass 1` is that of the paper, "
         "`towards test mass 2` the default; or check the sign of all channels along x.",
-        severity=Severity.FAILURE,
-        headline="The telemetry is not in the frame that it states",
+        Severity.FAILURE,
+        "The telemetry is not in the frame that it states",
         unsound=True,
     ),
-    "loop_contradiction": WarningKind(
+    "loop_contradiction": Kind(
         "Find the FMU that adds to the named parameters or reverses a sign: the read-outs determine only the "
         "product. If the equation of motion lacks an effect, show it by a campaign with these FMUs.",
-        severity=Severity.FAILURE,
-        headline="The FMUs contradict the equation of motion",
+        Severity.FAILURE,
+        "The FMUs contradict the equation of motion",
         unsound=True,
     ),
-    "loop_discrepancy": WarningKind(
+    "loop_discrepancy": Kind(
         "Find out which of the two lacks an effect: compare their chi2, and look for effects that only the "
         "FMUs have.",
-        severity=Severity.DOUBT,
-        headline="The FMUs and the equation of motion differ",
+        Severity.DOUBT,
+        "The FMUs and the equation of motion differ",
     ),
-    "rejected": WarningKind(
+    "rejected": Kind(
         "Correct the named data and repeat the fit; the fit of the other experiments does not use them.",
-        severity=Severity.DOUBT,
-        headline="Experiments with invalid data are left out",
+        Severity.DOUBT,
+        "Experiments with invalid data are left out",
     ),
-    "drift": WarningKind(
+    "drift": Kind(
         "Look for a gain or a delay that follows the temperature, drifts or jumps, and compare fits of parts "
         "of the runs; do not use the estimates until it is found.",
-        severity=Severity.FAILURE,
-        headline="Gains, delays or stiffness change within runs",
+        Severity.FAILURE,
+        "Gains, delays or stiffness change within runs",
         unsound=True,
+        excludes=1 / 3,
     ),
-    "guidance_scale": WarningKind(
+    "guidance_scale": Kind(
         "Compare units and scales of `o_1` and `guidance_o_1` in the archive; if the guidance is wrong, "
         "correct or omit it, and repeat the fit.",
-        severity=Severity.FAILURE,
-        headline="The gain from guidance to o_1 is not one",
+        Severity.FAILURE,
+        "The gain from guidance to o_1 is not one",
         unsound=True,
+        excludes=1 / 2,
     ),
-    "interpolated": WarningKind(
+    "interpolated": Kind(
         "Archive the channels again without interpolation.",
-        severity=Severity.FAILURE,
-        headline="Samples are interpolated",
+        Severity.FAILURE,
+        "Samples are interpolated",
         unsound=True,
+        excludes=1 / 2,
     ),
-    "acausal": WarningKind(
+    "acausal": Kind(
         "Archive the channels again with the correct times of each; until then do not use any delay.",
-        severity=Severity.FAILURE,
-        headline="A command acts before it is issued",
+        Severity.FAILURE,
+        "A command acts before it is issued",
         unsound=True,
     ),
-    "consistency_untested": WarningKind(
+    "consistency_untested": Kind(
         "Repeat the fit with another estimator, for which consistency is tested and the sigmas are valid.",
-        severity=Severity.DOUBT,
-        headline="The consistency of the experiments is not tested",
+        Severity.DOUBT,
+        "The consistency of the experiments is not tested",
     ),
-    "centrifugal_strength": WarningKind(
+    "centrifugal_strength": Kind(
         "Check the units of star tracker and torques, and the gain of the torques.",
-        severity=Severity.DOUBT,
-        headline="The centrifugal term does not match the rotation",
+        Severity.DOUBT,
+        "The centrifugal term does not match the rotation",
     ),
-    "missing_run": WarningKind(
+    "missing_run": Kind(
         "Read the log of the run in the folder logs, remove the cause that it names and give the same "
         "command again; finished runs are not repeated.",
-        severity=Severity.DOUBT,
-        headline="Experiments are missing because their runs failed",
+        Severity.DOUBT,
+        "Experiments are missing because their runs failed",
     ),
-    "no_noise_run": WarningKind(
+    "no_noise_run": Kind(
         "Record a noise run at the same authority next to the experiment and fit both together.",
-        severity=Severity.DOUBT,
-        headline="Without a noise run χ² does not test the fit",
+        Severity.DOUBT,
+        "Without a noise run χ² does not test the fit",
     ),
-    "too_many_glitches": WarningKind(
+    "too_many_glitches": Kind(
         "Treat the experiment as failed: repeat it, or pair it with a noise run of the same noise.",
-        severity=Severity.DOUBT,
-        headline="Too many glitches to mask them",
+        Severity.DOUBT,
+        "Too many glitches to mask them",
         unsound=True,
+        excludes=_ALL_BUT_ONE,
     ),
-    "saturated_too_long": WarningKind(
+    "saturated_too_long": Kind(
         "Repeat the run with a smaller injection or more authority; do not use this one.",
-        severity=Severity.DOUBT,
-        headline="Too long at the limit of authority",
+        Severity.DOUBT,
+        "Too long at the limit of authority",
         unsound=True,
+        excludes=_ALL_BUT_ONE,
     ),
-    "constraint_contradicted": WarningKind(
+    "constraint_contradicted": Kind(
         "Remove the named constraints from [fit.parameters], or widen `bounds` in [identify], or look for an "
         "effect missing from the model; do not use the estimates, which compensate for it.",
-        severity=Severity.FAILURE,
-        headline="The data contradict constraints on parameters",
+        Severity.FAILURE,
+        "The data contradict constraints on parameters",
         unsound=True,
     ),
-    "constrained": WarningKind(
-        "Nothing if the constraints are true; the other estimates and their sigmas depend on them.",
+    "constrained": Kind(
+        "Nothing if the constraints are true; the other estimates and their sigmas depend on them."
     ),
-    "at_bound": WarningKind(
+    "at_bound": Kind(
         "Nothing if the bound is known to be true; otherwise widen `bounds` in the table [identify], or "
         "`min` and `max` in [fit.parameters]. The other estimates are valid only if the bound is.",
-        severity=Severity.DOUBT,
-        headline="Parameters are at their bounds",
+        Severity.DOUBT,
+        "Parameters are at their bounds",
     ),
-    "attenuation": WarningKind("Larger set points make the correction smaller; the sigmas are valid."),
-    "attenuation_bias": WarningKind(
+    "attenuation": Kind("Larger set points make the correction smaller; the sigmas are valid."),
+    "attenuation_bias": Kind(
         "Use these b_i to subtract the motion, not as couplings; a quieter inertial sensor or larger "
         "motion would reduce the bias.",
         biased=True,
     ),
-    "cross_talk_drift": WarningKind(
+    "cross_talk_drift": Kind(
         "For the coupling at one date fit the experiments near it on their own; the mean over the epoch is "
-        "the best subtraction for all of them.",
+        "the best subtraction for all of them."
     ),
-    "correlation": WarningKind(
+    "correlation": Kind(
         "Nothing while the coefficients are below 0.9; above, move the spacecraft about phi and eta in "
-        "one more experiment of the epoch.",
+        "one more experiment of the epoch."
     ),
-    "degenerate_with_actuation_crosstalk": WarningKind(
+    "degenerate_with_actuation_crosstalk": Kind(
         "Bound the actuation cross-talk by other means (ground calibration, a dedicated torque injection) "
-        "before interpreting the angles as a misalignment.",
+        "before interpreting the angles as a misalignment."
     ),
-    "euler_included": WarningKind(
+    "euler_included": Kind(
         "Include a noise run of 12 h or more with torques from the same inertial period; until then "
         "subtract with these b_1 and b_2, but do not interpret them as couplings.",
         biased=True,
     ),
-    "euler_separated": WarningKind(
-        "Nothing to do; to correct Delta g, use b_1 and b_2 together with the inertial fit.",
+    "euler_separated": Kind(
+        "Nothing to do; to correct Delta g, use b_1 and b_2 together with the inertial fit."
     ),
-    "excluded": WarningKind(
+    "excluded": Kind(
         "Nothing if intended; otherwise change `exclude` of the table [fit], or repeat the experiment at a "
         "quieter time.",
+        excludes=math.inf,
     ),
-    "glitches": WarningKind(
+    "glitches": Kind(
         "Inspect the residual at these times; if it is signal and no glitch, set `glitches = false` in "
-        "the table [fit].",
+        "the table [fit]."
     ),
-    "indeterminable": WarningKind(
+    "indeterminable": Kind(
         "Add a run that injects or varies the named quantity; `lpfcosim forecast` shows in advance whether "
-        "it suffices.",
+        "it suffices."
     ),
-    "instrumental_variables": WarningKind(
+    "instrumental_variables": Kind(
         "Nothing to do; these b_i are couplings; subtract the motion with those of the provenance "
-        "(`subtraction`), as `lpfcosim deltag` does.",
+        "(`subtraction`), as `lpfcosim deltag` does."
     ),
-    "marginalised_noise": WarningKind(
+    "marginalised_noise": Kind(
         "Nothing if the noise may have changed since the noise run; with a matching noise run the sigmas "
-        "would be slightly smaller.",
+        "would be slightly smaller."
     ),
-    "wavefront_noise": WarningKind(
-        "Nothing to do; a manoeuvre of larger amplitude would make the sigmas smaller.",
-    ),
-    "readout_excess_noise": WarningKind(
+    "wavefront_noise": Kind("Nothing to do; a manoeuvre of larger amplitude would make the sigmas smaller."),
+    "readout_excess_noise": Kind(
         "Nothing if the spacecraft may have moved more than in the noise run; otherwise inspect the spectrum "
-        "of o_1 above 0.1 Hz: motion falls off there, noise of a read-out does not.",
+        "of o_1 above 0.1 Hz: motion falls off there, noise of a read-out does not."
     ),
-    "no_star_tracker": WarningKind(
-        "Archive the star tracker (ast_theta, ast_eta, ast_phi or ast_q_1 to ast_q_4) with the run.",
+    "no_star_tracker": Kind(
+        "Archive the star tracker (ast_theta, ast_eta, ast_phi or ast_q_1 to ast_q_4) with the run."
     ),
-    "no_torsional_stiffness": WarningKind(
-        "Add the attributes to the telemetry files if the torsional stiffness is known.",
+    "no_torsional_stiffness": Kind(
+        "Add the attributes to the telemetry files if the torsional stiffness is known."
     ),
-    "noise_run_channel_missing": WarningKind(
-        "Archive the same read-outs in the noise run as in the experiment.",
+    "noise_run_channel_missing": Kind("Archive the same read-outs in the noise run as in the experiment."),
+    "not_calibrated": Kind(
+        "Calibrate with a run that determines these parameters before using Delta g where they matter."
     ),
-    "not_calibrated": WarningKind(
-        "Calibrate with a run that determines these parameters before using Delta g where they matter.",
-    ),
-    "no_single_fit": WarningKind(
+    "no_single_fit": Kind(
         "Nothing for the joint fit; for a fit of this experiment on its own, inject more strongly, longer or "
-        "at more frequencies.",
+        "at more frequencies."
     ),
-    "high_leverage": WarningKind(
-        "The estimate is as reliable as that run; a second run of its kind would be a check.",
+    "high_leverage": Kind(
+        "The estimate is as reliable as that run; a second run of its kind would be a check."
     ),
-    "saturated": WarningKind(
-        "Nothing if few samples are lost; otherwise reduce the injection or give the run more authority.",
+    "saturated": Kind(
+        "Nothing if few samples are lost; otherwise reduce the injection or give the run more authority."
     ),
-    "one_test_mass": WarningKind(
-        "Archive torques and wavefront angles of both test masses: their difference measures the noise.",
+    "one_test_mass": Kind(
+        "Archive torques and wavefront angles of both test masses: their difference measures the noise."
     ),
-    "random_effects": WarningKind(
+    "random_effects": Kind(
         "Quote the mean with this sigma; for a single experiment use its own estimate instead of the joint "
-        "one.",
+        "one."
     ),
-    "short_run": WarningKind(
+    "short_run": Kind(
         "Extend the run to 6 h or more, or include it by `include_short = true` in the table [fit] "
         "(`lpfcosim fit --include-short`).",
+        excludes=math.inf,
     ),
-    "step_halved": WarningKind("Nothing if it converged; start values closer to the result avoid it."),
-    "star_tracker_reversed": WarningKind(
-        "Check the convention of the archive: quaternions rotate J2000 to the body frame, scalar last.",
+    "step_halved": Kind("Nothing if it converged; start values closer to the result avoid it."),
+    "star_tracker_reversed": Kind(
+        "Check the convention of the archive: quaternions rotate J2000 to the body frame, scalar last."
     ),
-    "torque_noise": WarningKind(
+    "torque_noise": Kind(
         "Use runs with quieter torques or larger rotation; until then the angles are lower bounds.",
         biased=True,
     ),
-    "no_wavefront_angle": WarningKind(
-        "Archive the wavefront angles (o_phi_1, o_eta_1 and their differences) with the torques.",
+    "no_wavefront_angle": Kind(
+        "Archive the wavefront angles (o_phi_1, o_eta_1 and their differences) with the torques."
     ),
-    "unsound_file": WarningKind(
+    "unsound_file": Kind(
         "Fit the telemetry again with this version.",
-        severity=Severity.FAILURE,
-        headline="The file states that its fit is unsound",
+        Severity.FAILURE,
+        "The file states that its fit is unsound",
         unsound=True,
     ),
+    **dict.fromkeys(
+        (
+            "averaging",
+            "exchange",
+            "gain by force",
+            "guidance leak",
+            "label",
+            "lag",
+            "non-linearity",
+            "scale",
+            "sign",
+            "stiffness",
+            "unit",
+            "unrecorded force",
+        ),
+        Kind("Correct it in the archive, or in what writes it, and repeat the fit."),
+    ),  # what explains other findings
 }
