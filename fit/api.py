@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -221,9 +221,12 @@ def calibrate_ttl(
     """
     given = [measurements] if noise is None else [measurements, noise]
     runs = [run if isinstance(run, Measurements) else read_measurements(*_paths([run])) for run in given]
-    ttl = ttl_fit.calibrate_ttl(runs[0], runs[1] if runs[1:] else None, params)
+    ttl, compared = ttl_fit.calibrate_ttl(runs[0], runs[1] if runs[1:] else None, params)
     c = parameter_values(ttl.lmfit.params)
-    extra: dict[str, object] = {"subtraction_X2": subtraction_spectra(runs[0], c).record()}
+    extra: dict[str, object] = {
+        "subtraction_X2": subtraction_spectra(runs[0], c).record(),
+        "estimators": asdict(compared),
+    }
     provenance = Provenance(telemetry=[str(run.path) for run in runs], extra=extra)
     return Results(None, {}, {}, {}, provenance, ttl)
 

@@ -274,7 +274,9 @@ KINDS: Mapping[str, Kind] = {
         "Nothing if the noise may have changed since the noise run; with a matching noise run the sigmas "
         "would be slightly smaller."
     ),
-    "wavefront_noise": Kind("Nothing to do; a manoeuvre of larger amplitude would make the sigmas smaller."),
+    "wavefront_noise": Kind(
+        "State `dws_asd` in the file of measurements; or move more, so that the noise does not count."
+    ),
     "readout_excess_noise": Kind(
         "Nothing if the spacecraft may have moved more than in the noise run; otherwise inspect the spectrum "
         "of o_1 above 0.1 Hz: motion falls off there, noise of a read-out does not."

@@ -8,8 +8,10 @@ from fit.figures import tilt_to_length as figures
 from fit.report.parameter_table import parameter_table
 from fit.report.section import FigureSpec, Section
 from fit.results import Results
+from fit.tables import Table
 from fit.tilt_to_length import COEFFICIENTS
 
+_ESTIMATORS = ("least_squares", "bias", "instruments")
 _NAMES = ("f", "before", "after")
 
 
@@ -24,9 +26,22 @@ def sections(results: Results) -> list[Section]:
     )
     spectra = results.provenance.extra.get("subtraction_X2")
     figures_of_page = (_figure(spectra),) if isinstance(spectra, Mapping) and {*_NAMES} <= {*spectra} else ()
-    table = parameter_table(ttl, COEFFICIENTS)
-    title = "Tilt-to-length coupling"
-    return [Section("ttl", title, text, parameters=table, figures=figures_of_page)]
+    table, title = parameter_table(ttl, COEFFICIENTS), "Tilt-to-length coupling"
+    tables = (_estimators(results.provenance.extra),)
+    return [Section("ttl", title, text, parameters=table, tables=tables, figures=figures_of_page)]
+
+
+def _estimators(extra: Mapping[str, object]) -> Table:
+    """Return the standard deviations of both estimators."""
+    columns = extra.get("estimators")
+    by_estimator = [columns.get(key, {}) for key in _ESTIMATORS] if isinstance(columns, Mapping) else []
+    rows = [
+        (p.html, *(f"{1e6 * column[p.name]:.3g}" if p.name in column else None for column in by_estimator))
+        for p in COEFFICIENTS
+    ]
+    caption = "Bias by noise of wavefront sensing, which is subtracted, and standard deviations [μm/rad]."
+    head = ("Coefficient", "Least squares, σ", "bias", "Instrumental variables, σ")
+    return Table(head, tuple(row for row in rows if any(row[1:])), caption)
 
 
 def _figure(spectra: Mapping[str, object]) -> FigureSpec:

@@ -5,7 +5,7 @@ and root attributes. The schema and the series that must be there are those of t
 """
 
 import math
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -49,7 +49,9 @@ class SeriesFile:
     truth: dict[str, float]
 
 
-def read_series(path: Path, schema: str, units: Mapping[str, str]) -> SeriesFile:
+def read_series(
+    path: Path, schema: str, units: Mapping[str, str], *, optional: Collection[str] = (), gaps: bool = False
+) -> SeriesFile:
     """Read a file of series.
 
     Parameters
@@ -59,7 +61,11 @@ def read_series(path: Path, schema: str, units: Mapping[str, str]) -> SeriesFile
     schema : str
         What its root attribute ``schema`` must be.
     units : mapping of str to str
-        The unit of every series that must be there.
+        The unit of every series.
+    optional : collection of str
+        Those that need not be there.
+    gaps : bool
+        Let missing samples pass, as NaN.
 
     Raises
     ------
@@ -78,9 +84,11 @@ def read_series(path: Path, schema: str, units: Mapping[str, str]) -> SeriesFile
         fs = float(value) if rate == "fs" else 1 / value
         time, series = read_time(file, path, fs), {}
         for name, unit in units.items():
+            if name in optional and name not in file:
+                continue
             checked_dataset(file, path, name, unit, time.size)
             series[name] = read_channel(file, path, name, slice(0, time.size), fs)
-            if (missing := np.isnan(series[name])).any():
+            if (missing := np.isnan(series[name])).any() and not gaps:
                 place = f"{path}: channel {key(name)}"
                 raise InputError(f"{place}: sample {int(np.argmax(missing))} is missing, expected all")
         truth = readable_attributes(file["truth"].attrs) if isinstance(file.get("truth"), h5py.Group) else {}

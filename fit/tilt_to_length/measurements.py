@@ -145,9 +145,9 @@ def _read_own(path: Path) -> Measurements:
 
 def _number(path: Path, attributes: Mapping[str, object], name: str) -> float | None:
     value = attributes.get(name)
-    if value is None or (isinstance(value, int | float) and np.isfinite(value) and value > 0):
+    if value is None or (isinstance(value, int | float) and np.isfinite(value) and value >= 0):
         return value
-    raise InputError(f"{path}: attribute {name}: {shown(value)}, expected a positive number")
+    raise InputError(f"{path}: attribute {name}: {shown(value)}, expected a number that is not negative")
 
 
 def write_measurements(
@@ -220,5 +220,5 @@ def _read_lisainstrument(path: Path) -> Measurements:
         for (angle, way), key in _TRUTHS.items()
         for assembly in coefficients[key]
     }
-    measurements = Measurements(path, fs, michelson, rates, delays, central_frequency, dws_asd or None)
+    measurements = Measurements(path, fs, michelson, rates, delays, central_frequency, dws_asd)
     return replace(measurements, truth=truth)

@@ -1,8 +1,9 @@
-"""Estimates of the coefficients: least squares, and instruments that noise of wavefront sensing cannot bias.
+"""Estimates of the coefficients: least squares, and instruments for noise of an unknown level.
 
 Wavefront sensing reads theta + n. With its noise n in the columns, least squares attenuates: the normal
-matrix holds the power of n, the right-hand side does not (Hartig et al. 2024, arXiv:2410.16475). The
-instruments have no part in that: n is white in the angle, the motion is not. With G(f) the share of motion in
+matrix holds the power of n, the right-hand side does not (Hartig et al. 2024, arXiv:2410.16475). Where its
+level is known, that power is subtracted. Instruments need not know it: n is white in the angle, the motion is
+not. With G(f) the share of motion in
 the power of an angle, P its two columns (reception and emission) and P_n the response to white noise in it,
 
     Z = G P - P Gamma,    sum_f P_n^H W (G P_n - P_n Gamma) = 0
@@ -12,18 +13,21 @@ these instruments are consistent; where the motion is as white as the noise, Z v
 the data say.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
+from fit.fitting import null_space
 from fit.spectra import fit_noise
-from fit.tilt_to_length.coefficients import NAMES, SERIES
+from fit.tilt_to_length.coefficients import NAMES, SERIES, WIDTH
 from fit.tilt_to_length.response import ResponseSpectra
 
 Array = NDArray[np.float64]
 Spectrum = NDArray[np.complex128]
 
+LEAST_EXCESS = 5.0
 _N_PATHS = len(NAMES) // len(SERIES)
 
 
@@ -38,12 +42,24 @@ class LinearEstimate:
     information : ndarray, shape (24, 24)
         Inverse of their covariance, window included.
     bias : ndarray, shape (24,)
-        What the noise of wavefront sensing makes of them on average, estimated [m/rad].
+        What the noise of wavefront sensing adds to least squares on average, subtracted [m/rad].
     """
 
     c: Array
     information: Array
     bias: Array
+
+    @property
+    def sigma(self) -> Array:
+        """Standard deviations [m/rad], shape (24,), infinite where a coefficient is not determined."""
+        undetermined, _ = null_space.null_space(self.information, np.full(len(NAMES), WIDTH))
+        return np.where(undetermined, np.inf, np.sqrt(np.diag(scipy.linalg.pinvh(self.information))))
+
+    def with_uncertain_bias(self) -> "LinearEstimate":
+        """Return the same for a bias whose standard deviation is as large as itself."""
+        scores = self.information @ self.bias
+        information = self.information - np.outer(scores, scores) / (1 + self.bias @ scores)
+        return replace(self, information=information)
 
 
 def product(left: Spectrum, weights: Array, right: Spectrum) -> Array:
@@ -75,11 +91,39 @@ def noise_product(spectra: ResponseSpectra, weights: Array, share: Array | None 
 
 
 def least_squares(spectra: ResponseSpectra, weights: Array, dws_asd: float) -> LinearEstimate:
-    """Return the estimate of least squares, with the bias by noise of `dws_asd` [rad Hz^-0.5]."""
+    """Return the estimate of least squares less its bias by noise of wavefront sensing.
+
+    With N the normal matrix and S what noise of `dws_asd` [rad Hz^-0.5] adds to it on average, it solves
+    ``(N - S) c = X^T W data``. Directions in which N exceeds S by less than `LEAST_EXCESS` times the scatter
+    of S have no information.
+    """
     normal = product(spectra.columns, weights, spectra.columns)
-    c = _solve(normal, product(spectra.columns, weights, spectra.data[..., None])[:, 0])
-    bias = -_solve(normal, dws_asd**2 * noise_product(spectra, weights) @ c)
-    return LinearEstimate(c, normal / spectra.variance_factor, bias)
+    score = product(spectra.columns, weights, spectra.data[..., None])[:, 0]
+    values, vectors = np.linalg.eigh(normal * WIDTH**2)
+    informed = values > max(null_space.FLOOR, 1e-13 * float(values[-1]))
+    root = np.sqrt(values[informed])
+    basis = WIDTH * vectors[:, informed] / root
+    noise = dws_asd**2 * noise_product(spectra, weights)
+    motion, turn = np.linalg.eigh(np.eye(root.size) - basis.T @ noise @ basis)
+    basis = basis @ turn  # basis.T @ normal @ basis = 1, of which `motion` is that of the motion
+    moved = motion > LEAST_EXCESS * dws_asd**2 * _noise_scatter(spectra, weights, basis)
+    c = basis[:, moved] @ (score @ basis[:, moved] / motion[moved])
+    uncorrected = basis[:, moved] @ (score @ basis[:, moved])
+    rows = motion[moved, None] * (normal @ basis[:, moved]).T
+    return LinearEstimate(c, rows.T @ rows / spectra.variance_factor, uncorrected - c)
+
+
+def _noise_scatter(spectra: ResponseSpectra, weights: Array, basis: Array) -> Array:
+    """Return the scatter of the power that noise of 1 rad Hz^-0.5 has in combinations, shape (K,).
+
+    `basis`, shape (24, K), has the combinations.
+    """
+    variance = np.zeros(basis.shape[1])
+    for i in range(len(SERIES)):
+        pair = slice(_N_PATHS * i, _N_PATHS * (i + 1))
+        power = 2 * np.einsum("vb,vbk->bk", weights, np.abs(spectra.transfer[..., pair] @ basis[pair]) ** 2)
+        variance += np.sum(power**2, axis=0)
+    return np.asarray(np.sqrt(spectra.variance_factor * variance))
 
 
 def instrumental_variables(spectra: ResponseSpectra, weights: Array) -> LinearEstimate:

@@ -43,9 +43,7 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 ITERATIONS = 4  # of weights: the noise run is freed of coupling by the last estimate
-MAX_BIAS = (
-    0.3  # sigma, of least squares by noise of wavefront sensing, beyond which instruments take its place
-)
+MAX_BIAS = 0.3  # sigma, of least squares by noise of an unknown level, beyond which a warning says so
 MAX_CHI2 = 0.2  # by which chi^2 per degree of freedom may differ from 1
 CHI2_SIGMA = 5.0  # and by how many times its scatter
 MIN_DOF = 1e-3  # of a bin that a fit takes out
@@ -53,6 +51,34 @@ NEGLIGIBLE = 0.05  # part of a blind direction that is not named
 LINK_NOISE = (1e-18, 1e-6)  # m Hz^-0.5, of a link: a range that a wrong unit leaves (choice)
 DWS_ASD = 7e-8 / 335  # rad Hz^-0.5, of lisainstrument: where measurements do not state it
 PRIOR = f"left at the prior, {prior_text(0, 1e3 * WIDTH)} mm/rad"
+
+
+@dataclass(frozen=True)
+class EstimatorSigmas:
+    """Least squares and instrumental variables by coefficient [m/rad].
+
+    Attributes
+    ----------
+    least_squares, instruments : dict of str to float
+        Standard deviations, of coefficients that are determined.
+    bias : dict of str to float
+        Of least squares by noise of wavefront sensing, which the estimates are free of.
+    """
+
+    least_squares: dict[str, float]
+    bias: dict[str, float]
+    instruments: dict[str, float]
+
+    @classmethod
+    def of(cls, least_squares: LinearEstimate, instruments: LinearEstimate) -> EstimatorSigmas:
+        """Return those of two estimates."""
+        columns = (least_squares.sigma, least_squares.bias, instruments.sigma)
+        return cls(*({n: float(x) for n, x in zip(NAMES, y, strict=True) if np.isfinite(x)} for y in columns))
+
+    @property
+    def largest_bias(self) -> float:
+        """The largest bias [sigma]."""
+        return max((abs(self.bias[n]) / sigma for n, sigma in self.least_squares.items()), default=0.0)
 
 
 @dataclass(frozen=True)
@@ -70,7 +96,7 @@ class Identity:
 
 def calibrate_ttl(
     measurements: Measurements, noise: Measurements | None = None, params: lmfit.Parameters | None = None
-) -> Fit:
+) -> tuple[Fit, EstimatorSigmas]:
     """Fit the coefficients of tilt-to-length coupling.
 
     Parameters
@@ -84,8 +110,10 @@ def calibrate_ttl(
 
     Returns
     -------
-    Fit
+    fit : Fit
         With truth and pull where the measurements have the truth.
+    compared : EstimatorSigmas
+        Of the two estimators.
 
     Raises
     ------
@@ -94,19 +122,11 @@ def calibrate_ttl(
     FitError
         If no estimate comes out.
     """
-    if noise is not None and noise.central_frequency != measurements.central_frequency:
-        raise InputError(
-            f"{noise.path}: central_frequency: {noise.central_frequency:.7g} Hz, expected "
-            f"{measurements.central_frequency:.7g} Hz as in {measurements.path}"
-        )
-    if noise is not None and np.array_equal(noise.michelson["X2"], measurements.michelson["X2"]):
-        raise InputError(
-            f"{noise.path}: holds the measurements themselves, expected a run without manoeuvre; leave the "
-            "noise run out if there is none"
-        )
+    if noise is not None:
+        _check_noise_run(measurements, noise)
     spectra = response_spectra(measurements)
     reference = spectra if noise is None else response_spectra(noise)
-    dws_asd = measurements.dws_asd or DWS_ASD
+    dws_asd = DWS_ASD if measurements.dws_asd is None else measurements.dws_asd
     weights = 1 / np.stack([_psd(reference.f, x, np.zeros(x.size))(spectra.f) for x in reference.data])
     _check_unit(noise or measurements, weights)
     estimate = least_squares(spectra, weights, dws_asd)
@@ -115,16 +135,33 @@ def calibrate_ttl(
         psds = map(_psd, [reference.f] * 3, reference.residual(estimate.c), leverage)
         weights = 1 / np.stack([psd(spectra.f) for psd in psds])
         estimate = least_squares(spectra, weights, dws_asd)
+    instruments = instrumental_variables(spectra, weights)
+    compared = EstimatorSigmas.of(estimate, instruments)
     warnings = [] if noise is not None else [_NO_NOISE_RUN]
-    sigma = np.sqrt(np.diag(scipy.linalg.pinvh(estimate.information)))
-    if (ratio := float(np.max(np.abs(estimate.bias) / sigma))) > MAX_BIAS:
-        estimate = instrumental_variables(spectra, weights)
-        warnings.append(_instruments_warning(ratio))
+    if measurements.dws_asd is None:
+        estimate = estimate.with_uncertain_bias()
+        is_better = bool(np.all(instruments.sigma <= estimate.sigma))
+        estimate = instruments if is_better else estimate
+        warnings += _unstated_noise_warnings(compared, is_better)
     solved, reported, blind = _solve(measurements, estimate, params)
     residual = spectra.residual(parameter_values(solved.result.params))
     chi2, dof = float(2 * np.sum(weights * np.abs(residual) ** 2)), 2 * weights.size - len(NAMES)
     warnings += [*blind, *_misfit_warnings(chi2 / dof, math.sqrt(2 * spectra.variance_factor / dof))]
-    return _fit(solved, reported, measurements.truth, chi2, dof, warnings)
+    return _fit(params, solved, reported, measurements.truth, chi2, dof, warnings), compared
+
+
+def _check_noise_run(measurements: Measurements, noise: Measurements) -> None:
+    """Refuse a noise run of another laser frequency, and the measurements themselves."""
+    if noise.central_frequency != measurements.central_frequency:
+        raise InputError(
+            f"{noise.path}: central_frequency: {noise.central_frequency:.7g} Hz, expected "
+            f"{measurements.central_frequency:.7g} Hz as in {measurements.path}"
+        )
+    if np.array_equal(noise.michelson["X2"], measurements.michelson["X2"]):
+        raise InputError(
+            f"{noise.path}: holds the measurements themselves, expected a run without manoeuvre; leave the "
+            "noise run out if there is none"
+        )
 
 
 def _check_unit(measurements: Measurements, weights: Array) -> None:
@@ -175,35 +212,41 @@ def _solve(
     undetermined, directions = null_space.null_space(estimate.information, np.full(len(NAMES), WIDTH))
     is_free = [p.vary and not p.expr for p in result.params.values()]
     reported = [i for i in range(len(NAMES)) if not (is_free[i] and undetermined[i])]
-    warnings = [*_test_constraints(result, free).warnings(), *blind_warnings(undetermined, directions)]
+    warnings = [
+        *_test_constraints(params, result, free).warnings(),
+        *blind_warnings(undetermined, directions),
+    ]
     return SolvedModel(model, result, weak), reported, warnings
 
 
-def _test_constraints(constrained: MinimizerResult, free: MinimizerResult) -> constraint_test.ConstraintTest:
+def _test_constraints(
+    stated: lmfit.Parameters | None, constrained: MinimizerResult, free: MinimizerResult
+) -> constraint_test.ConstraintTest:
     """Compare the fit with what the user states of coefficients and the fit without."""
     sigma = np.sqrt(np.diag(free.covar))
     bounds = constraints.at_bound(constrained.params, sigma)
     tested = []
     for i, (name, p) in enumerate(constrained.params.items()):
-        if (stated := _constraint(p)) is None:
+        if (constraint := _constraint(stated, name)) is None:
             continue
-        value = f" at {p.value:.6g}" if stated.kind == "fixed" else ""
+        value = f" at {p.value:.6g}" if constraint.kind == "fixed" else ""
         tested.append(
             constraint_test.TestedConstraint(
                 name=name,
-                description=f"{name} {stated}{value}",
+                description=f"{name} {constraint}{value}",
                 value=float(p.value),
                 unconstrained=float(free.params[name].value),
                 sigma=float(sigma[i]),
                 bound=bounds.get(i, ""),
                 is_declared=True,
-                is_active=stated.kind != "bounds" or i in bounds,
+                is_active=constraint.kind != "bounds" or i in bounds,
             )
         )
     return constraint_test.ConstraintTest(tuple(tested), max(float(constrained.chisqr - free.chisqr), 0.0))
 
 
 def _fit(
+    stated: lmfit.Parameters | None,
     solved: SolvedModel,
     reported: list[int],
     truth: dict[str, float],
@@ -217,14 +260,16 @@ def _fit(
     estimates = {}
     for i, value, error in zip(reported, theta.tolist(), sigma.tolist(), strict=True):
         name, unit = NAMES[i], COEFFICIENTS[i].unit
-        stated = _constraint(solved.result.params[name])
         pull = (value - truth[name]) / error if name in truth and error > 0 else None
-        estimates[name] = Estimate(value, error, unit, truth.get(name), pull, stated)
+        estimates[name] = Estimate(value, error, unit, truth.get(name), pull, _constraint(stated, name))
     return Fit(estimates, covariance, chi2, dof, True, tuple(warnings), solved=solved)
 
 
-def _constraint(p: lmfit.Parameter) -> Constraint | None:
+def _constraint(params: lmfit.Parameters | None, name: str) -> Constraint | None:
     """Return what the user states of a coefficient."""
+    if params is None or name not in params:
+        return None
+    p = params[name]
     if p.expr:
         return Constraint("tied", p.expr)
     if not p.vary:
@@ -280,12 +325,16 @@ def _cure(names: tuple[str, ...]) -> str:
     return f"turn spacecraft {spacecraft} about theta, eta and phi at different frequencies"
 
 
-def _instruments_warning(ratio: float) -> Finding:
-    message = (
-        f"noise of wavefront sensing would bias least squares by {ratio:.2g} sigma; the estimates are those "
-        "of instrumental variables"
-    )
-    return Finding("wavefront_noise", message)
+def _unstated_noise_warnings(compared: EstimatorSigmas, has_instruments: bool) -> list[Finding]:
+    """Return a warning of noise of an unknown level, where it matters."""
+    if has_instruments:
+        consequence = "the estimates are those of instrumental variables"
+    elif compared.largest_bias > MAX_BIAS:
+        consequence = f"the bias by {DWS_ASD:.2g} rad Hz^-0.5 is subtracted, and part of the sigmas"
+    else:
+        return []
+    message = f"the noise of wavefront sensing is not stated (dws_asd): {consequence}"
+    return [Finding("wavefront_noise", message)]
 
 
 def _misfit_warnings(chi2_red: float, scatter: float) -> list[Finding]:

@@ -1,4 +1,7 @@
-"""The motion of three spacecraft and their six assemblies: 27 series in one file, schema ``lisa-jitter/1``.
+"""The motion of three spacecraft and their six assemblies, and the noise of their wavefront sensing.
+
+A file of schema ``lisa-jitter/1`` has 27 series of the motion, and 12 of the noise where it is known: the
+noise moves the spacecraft through their loops, and is part of what a calibration reads.
 
 Angles theta, eta, phi are about x, y, z of the spacecraft, x between its two assemblies and z normal to the
 plane of the constellation; x of an assembly points to the spacecraft far away. Signs are those of
@@ -26,9 +29,10 @@ ASSEMBLIES = {"1": ("12", "13"), "2": ("23", "21"), "3": ("31", "32")}
 ANGLES = {"theta": "x", "eta": "y", "phi": "z"}
 #: Angle from the x axis of a spacecraft to an assembly in lisainstrument [rad].
 HALF_OPENING = math.radians(30.0)
-_OF_RUN = {
-    **{f"jitter_{angle}": "rad" for angle in ANGLES},
-    **{f"{name}_{j}": unit for j in (1, 2) for name, unit in (("mosa", "rad"), ("jitter_x", "m"))},
+_OF_RUN = {f"jitter_{angle}": "rad" for angle in ANGLES} | {
+    f"{name}_{j}": unit
+    for j in (1, 2)
+    for name, unit in (("mosa", "rad"), ("jitter_x", "m"), ("dws_phi", "rad"), ("dws_eta", "rad"))
 }
 
 
@@ -41,7 +45,8 @@ class Jitter:
     fs : float
         Sample rate [Hz].
     series : dict of str to ndarray, each of shape (N,)
-        ``sc_phi_1`` ... and ``mosa_phi_12`` ... [rad], ``mosa_x_12`` ... [m].
+        ``sc_phi_1`` ... and ``mosa_phi_12`` ... [rad], ``mosa_x_12`` ... [m]; noise of wavefront sensing
+        ``n_dws_phi_12`` ... [rad], if known.
     runs : tuple of str
         Where spacecraft 1, 2 and 3 come from.
     """
@@ -76,7 +81,16 @@ def _descriptions() -> dict[str, tuple[str, str]]:
     return described
 
 
-SERIES: Mapping[str, tuple[str, str]] = _descriptions()
+SERIES: dict[str, tuple[str, str]] = _descriptions()
+NOISES: dict[str, tuple[str, str]] = {
+    f"n_dws_{angle}_{assembly}": (
+        "rad",
+        f"noise of wavefront sensing of the angle {angle} of assembly {assembly}",
+    )
+    for pair in ASSEMBLIES.values()
+    for assembly in pair
+    for angle in ("phi", "eta")
+}
 
 
 def spacecraft_motion(
@@ -94,6 +108,17 @@ def spacecraft_motion(
         # the test mass is at rest: as it moves in its housing, the assembly moves the other way
         moved = {"phi": channels[f"mosa_{j}"], "eta": eta, "x": -channels[f"jitter_x_{j}"]}
         series |= {f"mosa_{name}_{assembly}": x for name, x in moved.items()}
+    return series
+
+
+def wavefront_noise(channels: Mapping[str, Array], spacecraft: str, half_opening: float) -> dict[str, Array]:
+    """Return the noise of a spacecraft: wavefront sensing less the angles of the assemblies, four series."""
+    series = {}
+    for j, (assembly, side) in enumerate(zip(ASSEMBLIES[spacecraft], (1, -1), strict=True), start=1):
+        phi = channels["jitter_phi"] + channels[f"mosa_{j}"]
+        eta = _eta(channels["jitter_theta"], channels["jitter_eta"], side * half_opening)
+        series[f"n_dws_phi_{assembly}"] = channels[f"dws_phi_{j}"] - phi
+        series[f"n_dws_eta_{assembly}"] = channels[f"dws_eta_{j}"] - eta
     return series
 
 
@@ -137,7 +162,10 @@ def join(paths: Sequence[Path]) -> Jitter:
     runs = [read_series(path, TELEMETRY, _OF_RUN) for path in paths]
     series: dict[str, Array] = {}
     for run, sc in zip(runs, ASSEMBLIES, strict=True):
-        series |= spacecraft_motion(run.series, sc, _half_opening(run))
+        half_opening = _half_opening(run)
+        series |= spacecraft_motion(run.series, sc, half_opening) | wavefront_noise(
+            run.series, sc, half_opening
+        )
         if _axis(run) != _axis(runs[0]):
             size, expected = (
                 f"{n} samples at {fs:g} Hz from {t:g} s on" for n, fs, t in map(_axis, (run, runs[0]))
@@ -146,7 +174,9 @@ def join(paths: Sequence[Path]) -> Jitter:
                 f"{run.path}: {size}, expected {expected} as in {paths[0]}; give the three runs the same "
                 "duration and rate, and cut them alike"
             )
-    return Jitter(runs[0].fs, {name: series[name] for name in SERIES}, tuple(path.name for path in paths))
+    return Jitter(
+        runs[0].fs, {name: series[name] for name in (*SERIES, *NOISES)}, tuple(path.name for path in paths)
+    )
 
 
 def _half_opening(run: SeriesFile) -> float:
@@ -180,7 +210,8 @@ def write_jitter(jitter: Jitter, path: Path, provenance: Mapping[str, str] | Non
         "size": jitter.size,
         **{f"run_{sc}": name for sc, name in zip(ASSEMBLIES, jitter.runs, strict=False)},
     }
-    with as_run_error(), Writer(path, jitter.size, SERIES, attributes, finite=True) as writer:
+    described = {name: (SERIES | NOISES)[name] for name in jitter.series}
+    with as_run_error(), Writer(path, jitter.size, described, attributes, finite=True) as writer:
         writer.append(np.arange(jitter.size) / jitter.fs, jitter.series)
 
 
@@ -192,7 +223,8 @@ def read_jitter(path: Path) -> Jitter:
     InputError
         If it breaks the schema.
     """
-    file = read_series(path, SCHEMA, {name: unit for name, (unit, _) in SERIES.items()})
+    units = {name: unit for name, (unit, _) in (SERIES | NOISES).items()}
+    file = read_series(path, SCHEMA, units, optional=NOISES)
     size = next(iter(file.series.values())).size
     if file.attributes.get("size", size) != size:
         stated = shown(file.attributes["size"])

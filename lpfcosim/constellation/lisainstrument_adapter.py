@@ -7,6 +7,7 @@ that arrives at their beginning.
 """
 
 import logging
+import math
 import os
 import warnings
 from collections.abc import Mapping
@@ -19,7 +20,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from lpfcosim.constellation.jitter import ASSEMBLIES, Jitter, read_jitter
+from lpfcosim.constellation.jitter import ASSEMBLIES, NOISES, Jitter, read_jitter
 from lpfcosim.errors import InputError
 
 Array = NDArray[np.float64]
@@ -42,6 +43,8 @@ STREAMS = {
     "mosa_phi": "mosa_jitter_phi",
     "mosa_eta": "mosa_jitter_eta",
     "mosa_x": "mosa_jitter_xs",
+    "n_dws_phi": "dws_phi",
+    "n_dws_eta": "dws_eta",
 }
 
 
@@ -87,11 +90,11 @@ def simulate_measurements(
     if motion.fs < LOWEST_RATE:
         raise InputError(f"{source}: sampled at {motion.fs:g} Hz, expected {LOWEST_RATE:g} Hz or more")
     package = _import_lisainstrument()
-    rates = {}
-    for name, series in motion.series.items():
-        kind, _, index = name.rpartition("_")
-        rates[f"{STREAMS[kind]}_{index}"] = rate(series, motion.fs)
-    options = {} if coefficients is None else {"ttl_coeffs": _by_kind(coefficients)}
+    names = (name for name in motion.series if not (quiet and name in NOISES))
+    rates = {_stream(name): rate(motion.series[name], motion.fs) for name in names}
+    options: dict[str, Any] = {} if coefficients is None else {"ttl_coeffs": _by_kind(coefficients)}
+    if noises := [np.diff(x) for name, x in motion.series.items() if name in NOISES]:
+        options["dws_asds"] = float(np.std(noises) / math.sqrt(motion.fs))  # rad Hz^-0.5, white
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # of its dependencies
         instrument = _moved_instrument(package, rates)(
@@ -103,6 +106,12 @@ def simulate_measurements(
         if quiet:
             instrument.disable_all_noises()
         instrument.export_hdf5(str(measurements), overwrite=True, description="motion of lpfcosim")
+
+
+def _stream(name: str) -> str:
+    """Return the name of lisainstrument for a series of the file."""
+    kind, _, index = name.rpartition("_")
+    return f"{STREAMS[kind]}_{index}"
 
 
 def _import_lisainstrument() -> Any:

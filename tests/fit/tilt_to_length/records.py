@@ -33,7 +33,7 @@ def measurements(rng, duration, c, dws=DWS_ASD, **options):
     michelson, rates = constellation.measure(rng, world, c, dws)
     delays = dict.fromkeys(constellation.LINKS, constellation.SHIFT / constellation.FS)
     return Measurements(
-        Path("m.h5"), constellation.FS, michelson, rates, delays, constellation.NU, dws or None, dict(c)
+        Path("m.h5"), constellation.FS, michelson, rates, delays, constellation.NU, dws, dict(c)
     )
 
 

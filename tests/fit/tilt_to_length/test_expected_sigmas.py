@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+import fit
 from fit.tilt_to_length import NAMES, expected_covariance, expected_sigmas
-from fit.tilt_to_length.ttl_fit import calibrate_ttl
 from tests.fit.tilt_to_length.records import TONES, manoeuvre
 
 OMS = 10e-12  # m Hz^-0.5, of the oracle's links
@@ -12,7 +12,7 @@ OMS = 10e-12  # m Hz^-0.5, of the oracle's links
 
 def test_they_are_those_of_a_fit():
     run, noise = manoeuvre(2)
-    fitted = calibrate_ttl(run, noise)
+    fitted = fit.calibrate_ttl(run, noise).ttl
     expected = np.sqrt(np.diag(expected_covariance(run))) * OMS / expected_sigmas.LINK_ASD
     ratio = np.array([fitted[name].sigma for name in NAMES]) / expected
     assert ratio.mean() == pytest.approx(1.0, abs=0.05)

@@ -80,7 +80,7 @@ def _noise(file):
         (_motion, r"eta_21: moves by .* rad, .*repeat the manoeuvre with a smaller amplitude"),
         (_constant, r"phi_12: 0 throughout, expected what .* wavefront sensing of all six assemblies"),
         (_step, r"time: "),
-        (_noise, r"attribute dws_asd: -1.0, expected a positive number"),
+        (_noise, r"attribute dws_asd: -1.0, expected a number that is not negative"),
     ],
 )
 def test_what_is_wrong_is_named(path, damage, sentence):

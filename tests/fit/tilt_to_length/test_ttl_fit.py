@@ -74,19 +74,38 @@ def test_three_directions_are_blind_where_assemblies_are_rigid():
 
 @pytest.mark.slow
 @pytest.mark.stat
-def test_instruments_are_not_attenuated_where_least_squares_is(monkeypatch):
-    # motion of 0.4 nrad Hz^-0.5 below 15 mHz, under noise of 0.209: least squares is off by many sigma
-    options = {"tones": {}, "assembly_asd": 0.4e-9, "shape": lambda f: 1 / (1 + (f / 15e-3) ** 4)}
-    instruments, least_squares = [], []
+@pytest.mark.parametrize(
+    ("level", "shape", "limit"),
+    [(DWS_ASD, lambda f: 1.0, 1.2), (None, lambda f: 1 / (1 + (f / 15e-3) ** 4), 1.3)],
+    ids=["stated", "not stated"],
+)
+def test_noise_of_wavefront_sensing_does_not_bias_the_estimates(level, shape, limit):
+    # motion of 0.4 nrad Hz^-0.5 under noise of 0.209; the rms of 96 pulls is below 1.2 but for 1 in 200 sets
+    # of seeds, that of instruments has a wider distribution
+    fits = []
     for seed in range(4):
-        run, noise = manoeuvre(seed, duration=6 * 3600.0, **options)
-        instruments.append(ttl := calibrated(run, noise))
-        assert "wavefront_noise" in {w.code for w in ttl.warnings}
-        monkeypatch.setattr("fit.tilt_to_length.ttl_fit.MAX_BIAS", np.inf)
-        least_squares.append(calibrated(run, noise))
-        monkeypatch.undo()
-    assert np.sqrt(np.mean([x**2 for ttl in least_squares for x in pulls(ttl)])) > 1.25
-    assert np.sqrt(np.mean([x**2 for ttl in instruments for x in pulls(ttl)])) < 1.3
+        run, noise = manoeuvre(seed, duration=6 * 3600.0, tones={}, assembly_asd=0.4e-9, shape=shape)
+        fits.append(ttl := calibrated(replace(run, dws_asd=level), noise))
+        assert ("wavefront_noise" in {w.code for w in ttl.warnings}) == (level is None)
+        assert len(ttl.parameters) == 24
+    assert np.sqrt(np.mean([x**2 for ttl in fits for x in pulls(ttl)])) < limit
+
+
+def test_instruments_take_the_place_of_least_squares_only_where_they_say_more():
+    run, noise = manoeuvre(6)
+    unstated = replace(run, dws_asd=None)
+    results, stated = fit.calibrate_ttl(unstated, noise), calibrated(run, noise)
+    sigmas = results.provenance.extra["estimators"]
+    assert all(sigmas["instruments"][name] > sigmas["least_squares"][name] for name in NAMES)
+    assert results.ttl.values == pytest.approx(stated.values, abs=1 * MICRO)
+    assert not results.ttl.warnings
+
+
+def test_motion_below_the_noise_of_wavefront_sensing_determines_nothing():
+    run, noise = manoeuvre(2, tones=SPACECRAFT_TONES, assembly_asd=0.0, duration=3 * 3600.0)
+    ttl = calibrated(run, noise)
+    assert set(ttl.parameters) == {name for name in NAMES if "eta" in name}
+    assert np.abs(pulls(ttl)).max() < 4
 
 
 def test_parameters_of_lmfit_go_in_and_come_out():
@@ -168,9 +187,3 @@ def test_results_come_back_from_their_file(tmp_path):
     assert again["c_12_phi_rx"].unit == "m rad-1"
     assert "c_12_phi_rx" in str(results)
     assert results.to_latex().count("mathrm{rad}^{-1}") == 24
-
-
-def test_noise_of_wavefront_sensing_is_taken_from_the_measurements():
-    run, noise = manoeuvre(6)
-    loud = replace(run, dws_asd=3e3 * DWS_ASD)
-    assert [w.code for w in calibrated(loud, noise).warnings] == ["wavefront_noise"]

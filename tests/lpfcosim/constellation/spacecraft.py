@@ -9,11 +9,13 @@ CHANNELS = {
     **{f"jitter_{angle}": ("rad", "true attitude") for angle in ("theta", "eta", "phi")},
     **{f"jitter_x_{j}": ("m", "true position of a test mass") for j in (1, 2)},
     **{f"mosa_{j}": ("rad", "yaw of an assembly") for j in (1, 2)},
+    **{f"dws_{angle}_{j}": ("rad", "wavefront sensing") for angle in ("phi", "eta") for j in (1, 2)},
 }
+HALF_OPENING = np.radians(30.0)
 
 
 def write_run(path, duration, motion, kind="sysid", fs=FS):
-    """Write telemetry; `motion` maps channels to functions of time [s]."""
+    """Write telemetry; `motion` maps channels, and noise ``n_dws_phi_1`` ..., to functions of time [s]."""
     n = round(duration * fs)
     t = np.arange(n) / fs
     root = {
@@ -24,7 +26,15 @@ def write_run(path, duration, motion, kind="sysid", fs=FS):
         "t0": "2035-01-01T00:00:00Z",
     }
     with Writer(path, n, CHANNELS, root) as writer:
-        writer.append(t, {name: motion[name](t) if name in motion else 0 * t for name in CHANNELS})
+        x = {name: motion[name](t) if name in motion else 0 * t for name in CHANNELS}
+        for j, side in ((1, 1), (2, -1)):
+            x[f"dws_phi_{j}"] = x["jitter_phi"] + x[f"mosa_{j}"]
+            x[f"dws_eta_{j}"] = (
+                np.cos(HALF_OPENING) * x["jitter_eta"] - side * np.sin(HALF_OPENING) * x["jitter_theta"]
+            )
+            for name in (f"dws_phi_{j}", f"dws_eta_{j}"):
+                x[name] = x[name] + (motion[f"n_{name}"](t) if f"n_{name}" in motion else 0.0)
+        writer.append(t, x)
 
 
 def write_constellation(folder, duration, motions, **options):

@@ -1,12 +1,14 @@
 """The file of the motion of three spacecraft."""
 
+from dataclasses import replace
+
 import h5py
 import numpy as np
 import pytest
 
 from fit.errors import InputError
 from lpfcosim.constellation import read_jitter, write_jitter
-from lpfcosim.constellation.jitter import SERIES, join
+from lpfcosim.constellation.jitter import NOISES, SERIES, join
 from tests.lpfcosim.constellation.spacecraft import manoeuvre, tone, write_constellation, write_run
 
 
@@ -18,8 +20,8 @@ def files(tmp_path):
 def test_motion_has_the_signs_of_the_assemblies(files):
     jitter = join(files)
     t, motions = np.arange(600) / 10.0, manoeuvre()
-    assert list(jitter.series) == list(SERIES)
-    assert len(SERIES) == 27
+    assert list(jitter.series) == [*SERIES, *NOISES]
+    assert (len(SERIES), len(NOISES)) == (27, 12)
     for i, (left, right) in enumerate((("12", "13"), ("23", "21"), ("31", "32"))):
         for j, assembly in ((1, left), (2, right)):
             np.testing.assert_array_equal(jitter.series[f"mosa_phi_{assembly}"], motions[i][f"mosa_{j}"](t))
@@ -28,6 +30,15 @@ def test_motion_has_the_signs_of_the_assemblies(files):
             )
             assert not jitter.series[f"mosa_eta_{assembly}"].any()
         np.testing.assert_array_equal(jitter.series[f"sc_theta_{i + 1}"], motions[i]["jitter_theta"](t))
+
+
+def test_noise_of_wavefront_sensing_is_what_the_loop_was_driven_by(tmp_path):
+    noise = {f"n_dws_{angle}_{j}": tone(0.1 * j, 1e-9) for angle in ("phi", "eta") for j in (1, 2)}
+    series = join(write_constellation(tmp_path, 60.0, [m | noise for m in manoeuvre()])).series
+    t = np.arange(600) / 10.0
+    for name in NOISES:
+        j = 1 if name[-2:] in ("12", "23", "31") else 2
+        np.testing.assert_allclose(series[name], noise[f"{name[:-2]}{j}"](t), atol=1e-22)
 
 
 def test_another_opening_projects_the_attitude_otherwise(files):
@@ -60,6 +71,9 @@ def test_a_file_comes_back_and_documents_itself(files, tmp_path):
     with h5py.File(tmp_path / "j.h5") as file:
         assert {"schema", "dt", "t0", "size", "run_1", "campaign"} <= set(file.attrs)
         assert all(file[name].attrs["units"] in ("rad", "m") for name in SERIES)
+    motion = {name: x for name, x in jitter.series.items() if name in SERIES}
+    write_jitter(replace(jitter, series=motion), tmp_path / "motion.h5")
+    assert list(read_jitter(tmp_path / "motion.h5").series) == list(SERIES)
 
 
 def test_runs_that_do_not_belong_together_are_refused(files, tmp_path):

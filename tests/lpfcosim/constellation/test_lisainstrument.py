@@ -67,6 +67,29 @@ def test_longitudinal_motion_cancels(quiet):
     assert np.abs(residual.residual(c)).max() < 1e-4 * np.abs(residual.data).max()
 
 
+@lisa
+@installed
+def test_wavefront_sensing_reads_the_noise_of_the_loop(tmp_path):
+    # two measurements with other seeds have the same wavefront sensing, that of the telemetry
+    rng, t = np.random.default_rng(1), np.arange(6000) / 10.0
+    noise = {f"n_dws_{angle}_{j}": rng.normal(size=t.size) for angle in ("phi", "eta") for j in (1, 2)}
+    level = 4e-10  # rad Hz^-0.5
+    motions = [
+        m | {name: lambda t, x=x: level * np.sqrt(5.0) * x[: t.size] for name, x in noise.items()}
+        for m in manoeuvre()
+    ]
+    jitter = join(write_constellation(tmp_path, 600.0, motions))
+    read = []
+    for seed in (1, 2):
+        simulate_measurements(jitter, tmp_path / "m.h5", seed=seed)
+        read.append(read_measurements(tmp_path / "m.h5"))
+        assert read[-1].dws_asd == pytest.approx(level, rel=0.02)
+    for name, x in read[0].rates.items():
+        np.testing.assert_array_equal(x, read[1].rates[name])
+        angle = np.cumsum(x) / read[0].fs
+        assert np.std(np.diff(angle)) > 0.5 * level * np.sqrt(2.0)
+
+
 def test_rates_are_flat_up_to_one_hertz():
     t, t_physics = np.arange(3000) / 10.0, np.arange(4800) / 16.0
     for f in (0.01, 0.2, 1.0):
