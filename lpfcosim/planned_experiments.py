@@ -14,7 +14,7 @@ from fit.forecasting import PlannedExperiment, PlannedNoiseRun, expected_fit
 from fit.model import rotation
 from fit.settings import Settings
 from fit.telemetry import Telemetry
-from fit.whitening import Experiment
+from fit.whitening import Experiment, divide
 from fit.whitening import Run as FitRun
 from lpfcosim.campaign import Campaign
 from lpfcosim.execution import telemetry_file
@@ -49,7 +49,7 @@ def planned_experiments(campaign: Campaign) -> list[PlannedExperiment]:
 
 
 def check_parameters(campaign: Campaign, settings: Settings) -> None:
-    """Refuse constraints of parameters that the joint fit of a campaign will not have, whatever its FMUs.
+    """Refuse names of experiments and parameters that the joint fit of a campaign will not have.
 
     Raises
     ------
@@ -57,9 +57,11 @@ def check_parameters(campaign: Campaign, settings: Settings) -> None:
         If there are any.
     """
     sysid_runs = [run for run in campaign.runs if run.kind == "sysid"]
-    if settings.parameters and sysid_runs:
-        runs = [FitRun(telemetry_of(run, _still(run))) for run in sysid_runs]
-        parameters, _, _ = joint_parameters([Experiment(run, None) for run in runs], settings)
+    experiments = [Experiment(FitRun(telemetry_of(run, _still(run))), None) for run in sysid_runs]
+    if experiments:
+        divide(experiments, settings)
+    if experiments and settings.parameters:
+        parameters, _, _ = joint_parameters(experiments, settings)
         expected_fit.constraints_of_joint(settings, parameters)
 
 

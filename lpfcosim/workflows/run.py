@@ -19,9 +19,9 @@ from lpfcosim.campaign import Campaign
 from lpfcosim.errors import InputError, RunError, prefix_errors
 from lpfcosim.execution import results_folder, runner, validation
 from lpfcosim.messages import grouped, names
+from lpfcosim.planned_experiments import check_parameters
 from lpfcosim.workflows.calibration import Calibration, calibrate_into
 from lpfcosim.workflows.campaigns import CampaignLike, PathLike, as_path, resolve
-from lpfcosim.workflows.forecast import Forecast, forecast_or_reason
 from lpfcosim.workflows.progress import LOG, Progress, check_options
 from lpfcosim.workflows.simulate import campaign_fmus, failure_causes, simulate_into
 from lpfcosim.workflows.transfer_functions import transfer_functions
@@ -104,14 +104,13 @@ def run(
     directory = output_folder(out, plan, source)
     options = runner.RunOptions(jobs, executor, time_limit, rerun=rerun)
     fit_settings, validated = validate_simulation(plan, source, "a calibration is")
-    with progress.stage("forecast"), prefix_errors(source):  # refuses settings before anything is simulated
-        expected, _ = forecast_or_reason(plan, fit_settings.without_fmu_parameters())
+    with prefix_errors(source):
+        check_parameters(plan, fit_settings.without_fmu_parameters())
     fmus = campaign_fmus(plan, progress)
     with results_folder.lock(directory, alternative=True):
         simulated = simulate_into(
             plan, source, directory, fmus, options, validated, progress, trusted=trusted
         )
-        _write_forecast(directory, expected)
         return _fit(plan, directory, simulated, fit_settings, progress)
 
 
@@ -184,20 +183,13 @@ def _fit(
     return CampaignRun(fitted.results, fitted.path, fitted.report, simulated.files, failures)
 
 
-def _write_forecast(directory: Path, expected: Forecast | None) -> None:
-    """Write the sigmas to expect for the report, if there are any."""
-    path = directory / "forecast.json"
-    path.unlink(missing_ok=True)
-    if expected is not None:
-        atomic.write(path, expected.to_json() + "\n")
-
-
 def _write_transfer_functions(plan: Campaign, directory: Path, telemetries: Sequence[Telemetry]) -> None:
     """Write the transfer functions of the control loops, for the report, if they are known and measured."""
     path = directory / control_loops.NAME
     path.unlink(missing_ok=True)
     with suppress(CalibrationError):
-        atomic.write(path, transfer_functions(plan, telemetries).to_json() + "\n")
+        loops = transfer_functions(plan, telemetries).values()
+        atomic.write_json(path, control_loops.document([*loops], plan.digest))
 
 
 def _divide(plan: Campaign, simulated: runner.SimulationResult) -> tuple[list[Path], dict[str, str]]:

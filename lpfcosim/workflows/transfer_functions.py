@@ -1,8 +1,7 @@
 """The closed loop of a run, and transfer functions: modelled, and measured at the injected tones."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar, TypeAlias
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,19 +10,13 @@ from fit.errors import shown
 from fit.figures import bode
 from fit.files import closest_match
 from fit.parallel import one_blas_thread
-from fit.report import control_loops
 from fit.telemetry import GUIDANCE, Telemetry, check_runs
-from lpfcosim.campaign import Campaign
 from lpfcosim.errors import InputError, prefix_errors
 from lpfcosim.execution import validation
 from lpfcosim.linear import ClosedLoop, StateSpace, response
 from lpfcosim.signals import decimation
 from lpfcosim.spacecraft import Run, Sine
 from lpfcosim.workflows.campaigns import CampaignLike, resolve
-from lpfcosim.workflows.result import Columns, Result, Row
-
-if TYPE_CHECKING:
-    from fit.plotting import Plot, PlotAxes
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -34,72 +27,6 @@ LARGEST_CUT = 0.01  # of a sine at its ends, which archive filters shorten: hard
 SHORTEST_NOISE = 2.5  # times a sine: four half-overlapping stretches
 HIGHEST_TONE = (decimation.PASSBAND + decimation.STOPBAND) / 2  # of the sample rate: attenuated by half
 RATE = 2.0  # Hz, of the response of the model, which has next to nothing above half of that
-
-
-@dataclass(frozen=True, repr=False)
-class TransferFunctions(Result[bode.LoopResponse]):
-    """Responses of read-outs to their guidance; index it by the name of a read-out.
-
-    Attributes
-    ----------
-    campaign : str
-        Name of the campaign.
-    campaign_digest : str
-        SHA-256 of what is simulated.
-    loops : tuple of bode.LoopResponse
-        One for each read-out whose guidance has sines: the modelled response and that measured at the tones.
-    """
-
-    noun: ClassVar[str] = "loop of"
-    columns: ClassVar[Columns] = {
-        "read-out": lambda row: row["read_out"],
-        "experiment": lambda row: row["experiment"],
-        "frequency": lambda row: f"{1e3 * row['frequency']:.4g} mHz",
-        "magnitude": lambda row: f"{row['magnitude']:.5g}",
-        "phase": lambda row: f"{np.degrees(row['phase']):.4g} deg",
-        "difference": lambda row: f"{row['magnitude_difference']:+.1f}, {row['phase_difference']:+.1f}",
-    }
-    campaign: str
-    campaign_digest: str
-    loops: tuple[bode.LoopResponse, ...]
-
-    @property
-    def entries(self) -> dict[str, bode.LoopResponse]:
-        """The responses by read-out."""
-        return {loop.read_out: loop for loop in self.loops}
-
-    def plot(self, ax: "PlotAxes" = None) -> "Plot":
-        """Draw magnitude, phase, and the differences of the measured from the modelled ones.
-
-        Parameters
-        ----------
-        ax : Axes or sequence of Axes, optional
-            Three axes of matplotlib to draw on.
-        """
-        from fit.plotting import draw  # takes its time
-
-        return draw(bode.bode(self.loops), ax)
-
-    def rows(self) -> list[Row]:
-        """Return a row for each tone; phases in rad, differences in sigma."""
-        return [
-            {
-                "read_out": loop.read_out,
-                "experiment": loop.names[k],
-                "frequency": float(loop.tones[k]),
-                "magnitude": float(np.abs(loop.measured[k])),
-                "phase": float(np.angle(loop.measured[k])),
-                "sigma": float(loop.sigma[k]),
-                "magnitude_difference": float(loop.differences[0, k]),
-                "phase_difference": float(loop.differences[1, k]),
-            }
-            for loop in self.loops
-            for k in range(loop.tones.size)
-        ]
-
-    def document(self) -> dict[str, Any]:
-        """Return the content of `to_json`, schema ``lpf-transfer-functions/1``."""
-        return control_loops.document(self.loops, self.campaign_digest)
 
 
 def closed_loop(campaign: CampaignLike, run_name: str) -> ClosedLoop:
@@ -129,7 +56,7 @@ def closed_loop(campaign: CampaignLike, run_name: str) -> ClosedLoop:
 
 
 @one_blas_thread
-def transfer_functions(campaign: CampaignLike, runs: Sequence[Telemetry]) -> TransferFunctions:
+def transfer_functions(campaign: CampaignLike, runs: Sequence[Telemetry]) -> dict[str, bode.LoopResponse]:
     """Compare the control loops of a campaign with their telemetry.
 
     At the frequency of every sine that is injected into the guidance of a read-out, the measured response is
@@ -146,6 +73,11 @@ def transfer_functions(campaign: CampaignLike, runs: Sequence[Telemetry]) -> Tra
     runs : sequence of Telemetry
         Those of `fit.load`; a run is found by its name.
 
+    Returns
+    -------
+    dict of str to LoopResponse
+        Of each read-out whose guidance has sines: the modelled response and that measured at the tones.
+
     Raises
     ------
     UnavailableError
@@ -155,34 +87,29 @@ def transfer_functions(campaign: CampaignLike, runs: Sequence[Telemetry]) -> Tra
     """
     check_runs(runs, "transfer_functions")
     plan, source = resolve(campaign)
-    with prefix_errors(source):
-        validation.check_linear_model(plan, "transfer functions are")
-        return TransferFunctions(plan.name, plan.digest, _campaign_loops(plan, runs))
-
-
-def _campaign_loops(plan: Campaign, runs: Sequence[Telemetry]) -> tuple[bode.LoopResponse, ...]:
-    """Return the control loops of a campaign whose guidance has sines; InputError if there are none."""
     telemetries = {telemetry.run: telemetry for telemetry in runs}
     noise_runs = {telemetry.experiment: telemetry for telemetry in runs if telemetry.kind == "noise"}
     modelled: dict[str, Complex] = {}
     tones: dict[str, list[_Tone]] = {}
-    for run in plan.runs:
-        telemetry, noise = telemetries.get(run.name), noise_runs.get(run.experiment)
-        if telemetry is None or noise is None or not (sines := _sines(run, telemetry, noise)):
-            continue
-        system, responses = ClosedLoop(run).linearize(), _linear_response(run, telemetry, list(sines))
-        for read_out, injections in sines.items():
-            loop = system.select([GUIDANCE[read_out]], [read_out])
-            if read_out not in modelled:
-                modelled[read_out] = loop.frequency_response(FREQUENCIES)[:, 0, 0]
-            if measured := _measure(loop, injections, telemetry, noise, responses[read_out]):
-                tones.setdefault(read_out, []).extend(measured)
-    if not tones:
-        raise InputError(
-            f"{plan.name}: no response can be measured, expected a sine in the guidance of a read-out, "
-            f"all of it in the telemetry, and a noise run of {SHORTEST_NOISE:g} times its length"
-        )
-    return tuple(_loop(name, modelled[name], rows) for name, rows in tones.items())
+    with prefix_errors(source):
+        validation.check_linear_model(plan, "transfer functions are")
+        for run in plan.runs:
+            telemetry, noise = telemetries.get(run.name), noise_runs.get(run.experiment)
+            if telemetry is None or noise is None or not (sines := _sines(run, telemetry, noise)):
+                continue
+            system, responses = ClosedLoop(run).linearize(), _linear_response(run, telemetry, list(sines))
+            for read_out, injections in sines.items():
+                loop = system.select([GUIDANCE[read_out]], [read_out])
+                if read_out not in modelled:
+                    modelled[read_out] = loop.frequency_response(FREQUENCIES)[:, 0, 0]
+                if measured := _measure(loop, injections, telemetry, noise, responses[read_out]):
+                    tones.setdefault(read_out, []).extend(measured)
+        if not tones:
+            raise InputError(
+                f"{plan.name}: no response can be measured, expected a sine in the guidance of a read-out, "
+                f"all of it in the telemetry, and a noise run of {SHORTEST_NOISE:g} times its length"
+            )
+    return {name: _loop(name, modelled[name], rows) for name, rows in tones.items()}
 
 
 def _linear_response(run: Run, telemetry: Telemetry, read_outs: Sequence[str]) -> dict[str, Array]:

@@ -152,9 +152,16 @@ def test_a_run_from_python_leaves_what_it_returns(quickstart, tmp_path):
     assert "lambda_2" in repr(finished)
 
 
-def test_run_refuses_an_unknown_parameter_before_anything_is_simulated(quickstart, tmp_path):
+@pytest.mark.parametrize(
+    ("table", "sentence"),
+    [
+        ("[fit.parameters.lambda_q]\nvary = false", "lambda_q: no parameter of this fit"),
+        ('[fit]\nexclude = ["Q"]', "exclude"),
+    ],
+)
+def test_run_refuses_an_unknown_name_before_anything_is_simulated(quickstart, tmp_path, table, sentence):
     path = tmp_path / "mine.toml"
-    path.write_text(f'extends = "{quickstart.as_posix()}"\n[fit.parameters.lambda_q]\nvary = false\n')
-    with pytest.raises(fit.InputError, match="lambda_q: no parameter of this fit"):
+    path.write_text(f'extends = "{quickstart.as_posix()}"\n{table}\n')
+    with pytest.raises(fit.InputError, match=sentence):
         lpfcosim.run(path, tmp_path / "out")
     assert not (tmp_path / "out").exists()
