@@ -1,13 +1,14 @@
 """Bode diagram of control loops: responses of read-outs to their guidance, as modelled and as measured."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import cycle
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fit.figures.charts import FREQUENCY, Axis, Chart, Curve, Mark, Panel, Points, Shape, Span, limits
+from fit.figures.charts import measured as measured_points
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -52,6 +53,11 @@ class LoopResponse:
     sigma: Array
 
     @property
+    def at_tones(self) -> tuple[Array | Complex, ...]:
+        """What there is for each tone."""
+        return self.tones, self.measured, self.expected, self.sigma
+
+    @property
     def differences(self) -> Array:
         """Differences of magnitude and phase from the model in sigma, shape (2, K)."""
         along = (self.measured / self.expected - 1) * np.abs(self.expected) / self.sigma
@@ -71,53 +77,33 @@ def bode(loops: Sequence[LoopResponse]) -> Chart:
     phases: list[Mark] = []
     differences: list[Mark] = [Span(low=-_WIDEST, high=_WIDEST, role="grey", opacity=0.2, along="y")]
     for loop, role in zip(loops, cycle(_ROLES), strict=False):
-        label = loop.read_out
-        phase = np.unwrap(np.angle(loop.modelled))
-        measured = np.interp(loop.tones, loop.frequency, phase) + np.angle(loop.measured / loop.expected)
-        size = np.abs(loop.measured)
-        magnitudes.append(_curve(loop, label, role, np.abs(loop.modelled)))
-        magnitudes.append(_points(loop, "", role, size, loop.sigma))
-        phases.append(_curve(loop, "", role, np.degrees(phase)))
-        phases.append(_points(loop, "", role, np.degrees(measured), np.degrees(loop.sigma / size)))
-        one = np.ones(loop.tones.size)
-        of_magnitude, of_phase = loop.differences
-        differences.append(_points(loop, f"{label} magnitude", role, of_magnitude, one))
-        differences.append(_points(loop, f"{label} phase", role, of_phase, one, mark="ring"))
-    highest = limits(_MAGNITUDE, magnitudes, across)[1]
+        name, x = loop.read_out, loop.frequency
+        phase, size = np.unwrap(np.angle(loop.modelled)), np.abs(loop.measured)
+        measured = np.interp(loop.tones, x, phase) + np.angle(loop.measured / loop.expected)
+        magnitudes += [
+            Curve(name=f"{name}, modelled", label=name, role=role, x=x, y=np.abs(loop.modelled)),
+            _points(loop, "measured", "", role, size, loop.sigma),
+        ]
+        phases += [
+            Curve(name=f"{name}, modelled", label="", role=role, x=x, y=np.degrees(phase)),
+            _points(loop, "measured", "", role, np.degrees(measured), np.degrees(loop.sigma / size)),
+        ]
+        for quantity, off in zip(("magnitude", "phase"), loop.differences, strict=True):
+            differences.append(_points(loop, quantity, f"{name} {quantity}", role, off, np.ones(off.size)))
     lowest = min(float(np.abs(loop.measured).min()) for loop in loops) / _ROOM
     largest = max(_WIDEST + 1, *map(abs, limits(_DIFFERENCE, differences)))
+    up = (lowest, limits(_MAGNITUDE, magnitudes, across)[1])
     return Chart(
         (
-            Panel(
-                FREQUENCY,
-                _MAGNITUDE,
-                tuple(magnitudes),
-                across,
-                (lowest, highest),
-                1.4,
-            ),
+            Panel(FREQUENCY, _MAGNITUDE, tuple(magnitudes), across, up, 1.4),
             Panel(FREQUENCY, _PHASE, tuple(phases), across, limits(_PHASE, phases, across), 1.2),
             Panel(FREQUENCY, _DIFFERENCE, tuple(differences), across, (-largest, largest), 1.2),
         )
     )
 
 
-def _curve(loop: LoopResponse, label: str, role: str, y: Array) -> Curve:
-    return Curve(name=f"{loop.read_out}, modelled", label=label, role=role, x=loop.frequency, y=y)
-
-
-def _points(
-    loop: LoopResponse, label: str, role: str, y: Array, sigma: Array, *, mark: Shape = "dot"
-) -> Points:
-    quantity = ("phase" if mark == "ring" else "magnitude") if label else "measured"
-    return Points(
-        name=f"{loop.read_out}, {quantity}",
-        label=label,
-        role=role,
-        x=loop.tones,
-        y=y,
-        low=y - sigma,
-        high=y + sigma,
-        names=loop.names,
-        mark=mark,
-    )
+def _points(loop: LoopResponse, quantity: str, label: str, role: str, y: Array, sigma: Array) -> Points:
+    values = np.stack([y, sigma], axis=1)
+    mark: Shape = "ring" if quantity == "phase" else "dot"
+    points = measured_points(label, loop.tones, values, loop.names, mark=mark, role=role)
+    return replace(points, name=f"{loop.read_out}, {quantity}")

@@ -1,10 +1,8 @@
 """Figure of the gain of test mass 2 by date: experiments, their mean, and the joint fit."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fit.figures.charts import (
     START,
@@ -23,42 +21,36 @@ from fit.figures.charts import (
 from fit.fitting import weighted_mean
 from fit.results import Estimate
 
-Array = NDArray[np.float64]
-
 _EXPERIMENT = Axis("experiment", "", "start")
 _GAIN = Axis("λ₂", "", "lambda_2 [1]")
 
 
-@dataclass(frozen=True)
-class GainPoint:
-    """The gain of a single experiment and its date."""
+def gain_evolution(gains: Mapping[str, tuple[np.datetime64, Estimate]], joint: Estimate | None) -> Chart:
+    """Draw lambda_2 of every experiment against its date, with their mean and the joint value.
 
-    name: str
-    start: np.datetime64
-    gain: Estimate
-
-
-def gain_evolution(points: Sequence[GainPoint], joint: Estimate | None) -> Chart:
-    """Draw lambda_2 of every experiment against its date, with their mean and the joint value."""
-    points = sorted(points, key=lambda p: p.start)
-    axis, when = START, posix([p.start for p in points])
+    Parameters
+    ----------
+    gains : mapping of str to (datetime64, Estimate)
+        Start and gain, by experiment.
+    joint : Estimate or None
+        Of the joint fit.
+    """
+    names = sorted(gains, key=lambda name: gains[name][0])
+    axis, when = START, posix([gains[name][0] for name in names])
     if np.unique(when).size < when.size:  # dates without meaning
         axis, when = _EXPERIMENT, np.arange(1.0, when.size + 1)
-    single_marks: list[Mark] = []
-    gains = [p.gain for p in points]
-    if gains:
-        values = np.array([(gain.value, gain.sigma) for gain in gains])
-        names = [p.name for p in points]
-        single_marks.append(measured("each experiment alone", when, values, names))
-    across = limits(axis, single_marks, key="x")
+    estimates = [gains[name][1] for name in names]
+    values = np.array([(gain.value, gain.sigma) for gain in estimates])
+    points = measured("each experiment alone", when, values, names)
+    across = limits(axis, [points], key="x")
     marks: list[Mark] = []
-    if len(gains) > 1:
-        mean = weighted_mean(gains)
+    if len(estimates) > 1:
+        mean = weighted_mean(estimates)
         label = f"their mean (χ²/ν = {mean.chi2_red:.3g})"
         marks += _level(label, "green", ":", across, mean.mean, mean.sigma)
     if joint is not None:
         marks += _level("joint fit, ±1 σ", "blue", "--", across, joint.value, joint.sigma)
-    marks += single_marks
+    marks.append(points)
     return Chart((Panel(axis, _GAIN, tuple(marks), across, limits(_GAIN, marks), 2.0),))
 
 

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,32 +40,18 @@ LOWEST = 1e-4  # Hz, shown at most
 _SIGNAL = Axis("acceleration", "pm s⁻²", "value - mean")
 _RATIO = Axis("residual / noise", "", "ratio")
 _RESIDUAL = Axis("residual Δg", "fm s⁻²", "value - mean")
-#: Symbols of the terms of all equations.
-_SYMBOLS: Mapping[str, str] = {
-    **{term.name: term.symbol for term in dynamics.TERMS},
-    "dds": "s̈₁ − s̈₂",
-    "K_1 s_1": "K₁s₁",
-    "K_2 s_2": "K₂s₂",
-    "f_1": "f₁",
-    "f_2": "f₂",
-    "ddphi": "φ̈",
-}
-#: How the terms are drawn.
-_DRAWN: Mapping[str, tuple[str, Literal["-", "--", ":"]]] = {
-    "ddo_12": ("grey", "-"),
-    "lambda_2 f_x_2": ("violet", "-"),
-    "lambda_1 f_x_1": ("rose", "--"),
-    "omega2_2 o_12": ("green", "-"),
-    "domega2_12 o_1": ("blue", "-"),
-    "delta_ifo ddo_1": ("olive", "--"),
-    "delta_g_SC": ("orange", "--"),
-    "torques": ("cyan", ":"),
-    "dds": ("grey", "-"),
-    "K_1 s_1": ("green", "-"),
-    "K_2 s_2": ("blue", "--"),
-    "f_1": ("violet", "-"),
-    "f_2": ("rose", "--"),
-    "ddphi": ("olive", ":"),
+_Style = tuple[str, Literal["-", "--", ":"]]
+_STYLES: tuple[_Style, ...] = (("grey", "-"), ("violet", "-"), ("rose", "--"), ("green", "-"), ("blue", "-"))
+_STYLES += (("olive", "--"), ("orange", "--"), ("cyan", ":"))
+#: Symbol, colour and line of the terms of all equations.
+_TERMS: Mapping[str, tuple[str, str, Literal["-", "--", ":"]]] = {
+    **{term.name: (term.symbol, *style) for term, style in zip(dynamics.TERMS, _STYLES, strict=True)},
+    "dds": ("s̈₁ − s̈₂", "grey", "-"),
+    "K_1 s_1": ("K₁s₁", "green", "-"),
+    "K_2 s_2": ("K₂s₂", "blue", "--"),
+    "f_1": ("f₁", "violet", "-"),
+    "f_2": ("f₂", "rose", "--"),
+    "ddphi": ("φ̈", "olive", ":"),
 }
 
 
@@ -134,7 +120,7 @@ def _acceleration(run: Analysis, noise: Analysis | None, height: float, title: s
     """Return a panel of signal, residual and noise."""
     name, symbol, signal = run.equation.name, run.equation.symbol, run.equation.signal
     spectra = [
-        (f"signal {signal}", f"signal {_SYMBOLS[signal]}", "blue", run.terms.get(signal), 0.9),
+        (f"signal {signal}", f"signal {_TERMS[signal][0]}", "blue", run.terms.get(signal), 0.9),
         (f"noise run {name}", f"{symbol} of the noise run", "grey", noise and noise.asd, 1.4),
         (f"residual {name}", f"residual {symbol}", "orange", run.asd, 0.8),
     ]
@@ -162,21 +148,16 @@ def residual_over_noise(pairs: Mapping[str, tuple[Binned, Binned]]) -> Chart:
         _curve("residuals", "residuals", "orange", 0.9, _mean(f, residuals)),
     ]
     ratios = [_ratio(a, b) for a, b in zip(residuals, noises, strict=True)]
+    style: dict[str, Any] = {"role": "grey", "width": 0.5, "opacity": 0.7}
     curves = [
-        Curve(
-            name=name, label="" if i else "each experiment", role="grey", x=f, y=q.asd, width=0.5, opacity=0.7
-        )
+        Curve(name=name, label="" if i else "each experiment", x=f, y=q.asd, **style)
         for i, (name, q) in enumerate(zip(pairs, ratios, strict=True))
     ]
     mean = _curve("mean", "all, ±1 σ", "orange", 0.9, _ratio(_mean(f, residuals), _mean(f, noises)))
     level = Curve(name="1", label="", role="ink", x=np.array(across), y=np.ones(2), width=0.6, dash="--")
     up = (0.0, min(max(limits(_RATIO, [mean], across)[1], 2.0), 10.0))
-    return Chart(
-        (
-            Panel(FREQUENCY, ASD, tuple(spectra), across, limits(ASD, spectra, across), 1.3),
-            Panel(FREQUENCY, _RATIO, (*curves, mean, level), across, up, 1.1),
-        )
-    )
+    of_spectra = Panel(FREQUENCY, ASD, tuple(spectra), across, limits(ASD, spectra, across), 1.3)
+    return Chart((of_spectra, Panel(FREQUENCY, _RATIO, (*curves, mean, level), across, up, 1.1)))
 
 
 def _at(f: Array, binned: Binned) -> Binned:
@@ -213,8 +194,8 @@ def _breakdown(run: Analysis, height: float, title: str) -> Panel:
     name, symbol = run.equation.name, run.equation.symbol
     curves = []
     for term_name, term in run.terms.items():
-        role, dash = _DRAWN[term_name]
-        curve = _curve(term_name, _SYMBOLS[term_name], role, 0.8, term)
+        label, role, dash = _TERMS[term_name]
+        curve = _curve(term_name, label, role, 0.8, term)
         curves.append(replace(curve, low=None, high=None, dash=dash))  # a band for each would hide the others
     if run.asd:
         curves.append(_curve(f"residual {name}", f"residual {symbol}", "ink", 1.2, run.asd))
@@ -227,16 +208,8 @@ def _breakdown(run: Analysis, height: float, title: str) -> Panel:
 
 def _curve(name: str, label: str, role: str, width: float, binned: Binned) -> Curve:
     """Return a spectrum with its band as a curve."""
-    return Curve(
-        name=name,
-        label=label,
-        role=role,
-        x=binned.f,
-        y=binned.asd,
-        low=binned.low,
-        high=binned.high,
-        width=width,
-    )
+    band: dict[str, Any] = {"low": binned.low, "high": binned.high}
+    return Curve(name=name, label=label, role=role, x=binned.f, y=binned.asd, width=width, **band)
 
 
 def _shown(fs: float) -> Limits:
@@ -317,7 +290,7 @@ def _signal(analysed: Analysis, across: Limits) -> list[Panel]:
     term = analysed.equation.signal
     name = f"{term} averaged over {FAST:g} s"
     curves = (
-        _smooth(name, f"signal {_SYMBOLS[term]}, {FAST:g} s", "blue", (x, 1e-3 * y), 0.6),
+        _smooth(name, f"signal {_TERMS[term][0]}, {FAST:g} s", "blue", (x, 1e-3 * y), 0.6),
         _smooth("residual on the same scale", "residual", "orange", (hours, 1e-3 * residual), 0.9),
     )
     unmasked = [_smoothed(series, analysed.masked) for series in ((x, 1e-3 * y), (hours, 1e-3 * residual))]
@@ -325,21 +298,19 @@ def _signal(analysed: Analysis, across: Limits) -> list[Panel]:
 
 
 def _smooth(name: str, label: str, role: str, series: Series, width: float) -> Curve:
-    x, y = envelope(*series)
-    return Curve(
-        name=name, label=label, role=role, x=x, y=y, width=width, opacity=0.7 if role == "grey" else 1
-    )
+    (x, y), opacity = envelope(*series), 0.7 if role == "grey" else 1.0
+    return Curve(name=name, label=label, role=role, x=x, y=y, width=width, opacity=opacity)
 
 
 def _missing(analysed: Analysis) -> list[Span]:
     """Return shaded intervals of missing and of masked samples."""
     spans = []
-    groups = (
+    for label, places, role in (
         ("missing samples", analysed.missing, "blue"),
         ("masked, or a glitch", analysed.masked, "violet"),
-    )
-    for label, places, role in groups:
-        for low, high in places.tolist():
-            spans.append(Span(low=low, high=high, role=role, opacity=0.35, label=label, edge=0.6))
-            label = ""  # one line of the legend for all
+    ):
+        for i, (low, high) in enumerate(places.tolist()):  # one line of the legend for all
+            spans.append(
+                Span(low=low, high=high, role=role, opacity=0.35, label="" if i else label, edge=0.6)
+            )
     return spans

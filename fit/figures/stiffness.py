@@ -159,10 +159,19 @@ def _pulls(
     known = np.array([i for i, pull in enumerate(pulls) if pull is not None], dtype=int)
     y = np.array([pulls[i] for i in known], dtype=float)
     room = aside(F[known], _ASIDE * across[1])
+    bars = {"low": np.minimum(y, 0), "high": np.maximum(y, 0)}
+    labels = [names[i] for i in known]
     stems = Points(
-        name="pull", label="", role="ink", x=F[known] + room, y=y, offset=room,
-        low=np.minimum(y, 0), high=np.maximum(y, 0), names=[names[i] for i in known], caps=False,
-    )  # fmt: skip
+        name="pull",
+        label="",
+        role="ink",
+        x=F[known] + room,
+        y=y,
+        **bars,
+        names=labels,
+        caps=False,
+        offset=room,
+    )
     shade = Span(low=-1, high=1, role="grid", opacity=0.7, along="y")
     level = Curve(name="zero", label="", role="muted", x=np.array(across), y=np.zeros(2), width=0.6)
     marks = (shade, level, stems)

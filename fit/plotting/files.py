@@ -30,7 +30,7 @@ SCREEN_SCALE = 2.2  # of a figure one column wide in a journal
 logging.getLogger("fontTools").setLevel(logging.WARNING)  # it logs every glyph
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Plot:
     """A figure and the numbers it draws; a notebook shows it.
 
@@ -44,6 +44,9 @@ class Plot:
 
     figure: MatplotlibFigure
     columns: Mapping[str, Sequence[object] | NDArray[np.generic]]
+
+    def __repr__(self) -> str:
+        return f"<Plot of {', '.join(self.columns)}: {len(next(iter(self.columns.values()), ()))} rows>"
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write the figure as it is in the report. The suffix gives the format: pdf, svg or png."""

@@ -17,7 +17,7 @@ from fit.report.parameter_table import fit_estimate, parameter_table
 from fit.report.section import FigureSpec, Section, start_text
 from fit.report.verdict import failures, fit_warnings, symbols
 from fit.results import Fit, Results
-from fit.spacecraft import PATHFINDER, spacecraft_of
+from fit.spacecraft import spacecraft_of
 from fit.tables import Table, highlight, symbol
 from fit.telemetry import Telemetry
 
@@ -28,38 +28,31 @@ _DESCRIPTION = (
     "parameters."
 )
 
-# Description and caption of the figures.
-_RESPONSES = (
-    "Guidance injections and read-outs of both loops against time",
-    "Injections and responses. Within the bandwidth of a loop, the read-out follows the guidance; a "
-    "drag-free read-out shows the jitter of the spacecraft. Curves show the minimum and maximum of short "
-    "intervals.",
-)
-_SPECTRA = tuple(
-    (
+_PEAK = "a peak at an injected frequency is an effect missing from the model."
+#: Description and caption of the figures.
+_TEXTS = {
+    "responses": (
+        "Guidance injections and read-outs of both loops against time",
+        "Injections and responses. Within the bandwidth of a loop, the read-out follows the guidance; a "
+        "drag-free read-out shows the jitter of the spacecraft. Curves: extremes of short intervals.",
+    ),
+    "spectra": (
         "Amplitude spectral densities of signal, residual and noise run",
         "Signal, residual and noise; glitches are removed from the latter two. The fitted band ends at 0.1 "
-        "Hz. "
-        f"{level} Bands: ±1 σ of the averaged spectra.",
-    )
-    for level in (
-        "There is no noise run to compare with; a peak at an injected frequency is an effect missing from "
-        "the model.",
-        "The residual should match the noise at every frequency; a peak at an injected frequency is "
-        "an effect missing from the model.",
-    )
-)
-_BREAKDOWN = (
-    "Amplitude spectral densities of the terms that add up to the differential acceleration",
-    "Breakdown: the fitted terms of each equation of motion, and their sum, the residual. Terms far above "
-    "the residual cancel.",
-)
-_RESIDUAL = (
-    "Signal and residual acceleration against time, and the residual magnified",
-    f"Signal and residual over time, averaged with Hann windows of {analysis.FAST:g} s; magnified: "
-    f"residual and noise run, averaged over {analysis.SLOW:g} s; grey, the extremes of the residual averaged "
-    f"over {analysis.FAST:g} s. Missing or masked samples and glitches are marked.",
-)
+        f"Hz. The residual should match the noise of the noise run; {_PEAK} Bands: ±1 σ of the spectra.",
+    ),
+    "breakdown": (
+        "Amplitude spectral densities of the terms that add up to the differential acceleration",
+        "Breakdown: the fitted terms of each equation of motion, and their sum, the residual. Terms far "
+        "above the residual cancel.",
+    ),
+    "residual": (
+        "Signal and residual acceleration against time, and the residual magnified",
+        f"Signal and residual over time, averaged with Hann windows of {analysis.FAST:g} s; magnified: "
+        f"residual and noise run, averaged over {analysis.SLOW:g} s; grey, the extremes of the residual "
+        f"averaged over {analysis.FAST:g} s. Missing or masked samples and glitches are marked.",
+    ),
+}
 
 
 @dataclass(frozen=True)
@@ -93,24 +86,18 @@ class AnalysedExperiment:
 
 def analysed(results: Results, telemetries: Sequence[Telemetry]) -> dict[str, AnalysedExperiment]:
     """Return the experiments of which there is telemetry."""
-    by_kind = {(t.experiment, t.kind): t for t in telemetries}
-    runs = {
-        name: (run, by_kind.get((name, "noise")))
-        for name in results.experiments
-        if (run := by_kind.get((name, "sysid")))
-    }
+    runs = {(t.experiment, t.kind): t for t in telemetries}
     return {
-        name: AnalysedExperiment(run, noise, parameters(results, run), results.experiments[name].warnings)
-        for name, (run, noise) in runs.items()
+        name: AnalysedExperiment(run, runs.get((name, "noise")), parameters(results, run), fit.warnings)
+        for name, fit in results.experiments.items()
+        if (run := runs.get((name, "sysid")))
     }
 
 
 def sections(results: Results, experiments: Mapping[str, AnalysedExperiment]) -> list[Section]:
     """Return a section for every experiment; without its telemetry only the fit remains."""
-    return [
-        _section(i, name, fit, experiments.get(name))
-        for i, (name, fit) in enumerate(results.experiments.items(), start=1)
-    ]
+    fits = enumerate(results.experiments.items(), start=1)
+    return [_section(i, name, fit, experiments.get(name)) for i, (name, fit) in fits]
 
 
 def residual_over_noise(experiments: Mapping[str, AnalysedExperiment]) -> FigureSpec | None:
@@ -123,18 +110,15 @@ def residual_over_noise(experiments: Mapping[str, AnalysedExperiment]) -> Figure
     }
     if not known:
         return None
+    description = "Amplitude spectral densities of residuals and noise runs, and their ratio"
+    caption = f"Residuals and noise runs, mean of all, and their ratio; 1 is expected; {_PEAK}"
     return FigureSpec(
-        "residual-over-noise",
-        "Amplitude spectral densities of residuals and noise runs, and their ratio",
-        "Residuals and noise runs, mean of all experiments and equations, and their ratio; 1 is expected. A "
-        "peak at an injected frequency is an effect missing from the model.",
-        partial(figures.residual_over_noise, known),
+        "residual-over-noise", description, caption, partial(figures.residual_over_noise, known)
     )
 
 
-def overview(results: Results, telemetries: Sequence[Telemetry]) -> Table:
+def overview(results: Results, telemetries: Sequence[Telemetry], gain: str, stiffness: str) -> Table:
     """Return a row for every experiment: date, quality of its fit, a gain and a stiffness, warnings."""
-    gain, stiffness = spacecraft_of(telemetries[0]).overview if telemetries else PATHFINDER.overview
     runs = {t.experiment: t for t in telemetries if t.kind == "sysid"}
     rows = []
     for i, (name, fit) in enumerate(results.experiments.items(), start=1):
@@ -229,13 +213,14 @@ def figure_specs(stem: str, slug: str, experiment: AnalysedExperiment) -> tuple[
         The experiment.
     """
     run = experiment.run
-    charts: dict[str, tuple[tuple[str, str], Callable[[], Chart]]] = {
-        "r-{}-responses": (_RESPONSES, partial(figures.responses, run)),
-        "s-{}-spectra": (
-            _SPECTRA[experiment.noise is not None],
-            lambda: figures.acceleration(experiment.pairs),
-        ),
-        "b-{}-breakdown": (_BREAKDOWN, lambda: figures.breakdown(experiment.pairs)),
-        "t-{}-residual": (_RESIDUAL, lambda: figures.residual(run, experiment.pairs)),
+    charts: dict[str, Callable[[], Chart]] = {
+        "responses": partial(figures.responses, run),
+        "spectra": lambda: figures.acceleration(experiment.pairs),
+        "breakdown": lambda: figures.breakdown(experiment.pairs),
+        "residual": lambda: figures.residual(run, experiment.pairs),
     }
-    return tuple(FigureSpec(stem + name.format(slug), *texts, draw) for name, (texts, draw) in charts.items())
+    letters = {"residual": "t"}  # the r is that of the responses
+    return tuple(
+        FigureSpec(f"{stem}{letters.get(name, name[0])}-{slug}-{name}", *_TEXTS[name], draw)
+        for name, draw in charts.items()
+    )

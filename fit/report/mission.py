@@ -5,10 +5,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 
-from markupsafe import Markup
+from markupsafe import Markup, escape
 
 from fit.figures import gain as figures_gain
-from fit.fitting import WeightedMean, weighted_mean
+from fit.fitting import weighted_mean
 from fit.parameters import (
     FLIGHT,
     GAIN_CHI2_RED,
@@ -32,11 +32,8 @@ DOUBTFUL = 1e-3  # p-value below which chance is no explanation
 def sections(results: Results, telemetries: Sequence[Telemetry]) -> list[Section]:
     """Return the sections that the results give matter for."""
     sound = _sound(results)
-    candidates = [
-        _gain(sound, telemetries),
-        report_stiffness.model(sound, telemetries),
-        _side_by_side(sound, telemetries),
-    ]
+    parts = (_gain, report_stiffness.model, _side_by_side)
+    candidates = [*(part(sound, telemetries) for part in parts), _agreement(results)]
     return [section for section in candidates if section]
 
 
@@ -46,12 +43,10 @@ def _sound(results: Results) -> Results:
     def sound_fits(fits: Mapping[str, Fit]) -> dict[str, Fit]:
         return {name: fit for name, fit in fits.items() if not fit.unsound}
 
-    joint = None if results.joint and results.joint.unsound else results.joint
     return replace(
         results,
-        joint=joint,
+        joint=None if results.joint and results.joint.unsound else results.joint,
         experiments=sound_fits(results.experiments),
-        cross_talk=sound_fits(results.cross_talk),
         inertial=sound_fits(results.inertial),
     )
 
@@ -65,14 +60,8 @@ def _side_by_side(results: Results, telemetries: Sequence[Telemetry]) -> Section
         rows, n_finer = _flight_rows([(p, "", results.joint) for p in known])
         tables.append(Table(_FLIGHT_HEAD, rows, "Joint fit: this calibration and the flight."))
         text = Markup("{} of {} parameters have a σ at or below the flight's. ").format(n_finer, len(rows))
-    rows, _ = _flight_rows(
-        [
-            (p, f" (period {period})", fit)
-            for period, fit in results.inertial.items()
-            for p in misalignments(period)
-            if p.flown
-        ]
-    )
+    fits = ((p, period, fit) for period, fit in results.inertial.items() for p in misalignments(period))
+    rows, _ = _flight_rows([(p, f" (period {period})", fit) for p, period, fit in fits if p.flown])
     if rows:
         tables.append(Table(_FLIGHT_HEAD, rows, "Misalignments: this calibration and the flight."))
     if not tables:
@@ -100,63 +89,52 @@ def _flight_rows(
     return tuple(rows), n_finer
 
 
+def _agreement(results: Results) -> Section | None:
+    """Return the tests of the consistency of the experiments, where the results state them."""
+    agreement = results.provenance.extra.get("agreement")
+    if not isinstance(agreement, Mapping):
+        return None
+    rows = tuple(
+        (escape(name) if name else "all", f"{test['chi2']:.4g}", f"{test['dof']}", f"{test['p']:.2g}")
+        for name, test in agreement.items()
+        if isinstance(test, Mapping) and {"chi2", "dof", "p"} <= test.keys()
+    )
+    caption = "χ² of each experiment with the others, and of all, with its p-value."
+    table = Table(("Experiment", "χ²", "Degrees of freedom", "p"), rows, caption)
+    return Section("agreement", "Consistency of the experiments", tables=(table,), summary=caption)
+
+
 def _gain(results: Results, telemetries: Sequence[Telemetry]) -> Section | None:
-    fits = results.experiments.values()
-    estimates = [fit.parameters["lambda_2"] for fit in fits if "lambda_2" in fit.parameters]
+    estimates = [fit.parameters["lambda_2"] for fit in results.experiments.values() if "lambda_2" in fit]
     if len(estimates) < 2 or any(estimate.is_exact for estimate in estimates):
         return None
     gain = weighted_mean(estimates)
     joint = results.joint.parameters.get("lambda_2") if results.joint else None
     flown = FLIGHT["lambda_2"]
     scatter = f"{100 * gain.width / gain.mean:.2g} %" if gain.width else "0"
+    p = highlight("< 0.001", True) if gain.p < DOUBTFUL else f"{gain.p:.3f}"
     rows: tuple[tuple[Cell, ...], ...] = (
-        (
-            "weighted mean of the experiments",
-            measurement(gain.mean, gain.sigma),
-            measurement(*GAIN_MEAN),
-        ),
+        ("weighted mean of the experiments", measurement(gain.mean, gain.sigma), measurement(*GAIN_MEAN)),
         ("joint fit", joint.printed() if joint else None, measurement(flown.value, flown.sigma)),
         ("χ² / degrees of freedom about the mean", f"{gain.chi2_red:.2f}", f"≈ {GAIN_CHI2_RED}"),
-        ("p-value", _p_value(gain.p), "< 0.001"),
+        ("p-value", p, "< 0.001"),
         ("scatter beyond noise", scatter, f"≈ {100 * GAIN_SCATTER:g} %"),
     )
+    text = Markup("The experiments agree with one λ<sub>2</sub> for all of them.")
+    if gain.p < DOUBTFUL:
+        text = Markup(
+            "λ<sub>2</sub> is not the same in every experiment. If it scatters, its mean is {}; the joint "
+            "fit can have the scatter as a parameter."
+        ).format(measurement(gain.mean, gain.sigma_with_scatter))
     caption = f"λ₂ of {len(estimates)} experiments, each fitted alone."
-    return Section(
+    table = Table(("", "This calibration", "Flight"), rows, caption)
+    single = single_fits("lambda_2", results, telemetries)
+    points = {run.experiment: (start_time(run), fit.parameters["lambda_2"]) for run, fit in single}
+    figure = FigureSpec(
         "gain",
-        "Stationarity of the gain",
-        _gain_verdict(gain),
-        tables=(Table(("", "This calibration", "Flight"), rows, caption),),
-        figures=_gain_figures(results, telemetries),
+        "Gain of test mass 2 against date, one point per experiment",
+        "λ₂ of each experiment on its own, ±1 σ, with the value of the joint fit and the weighted mean.",
+        partial(figures_gain.gain_evolution, points, joint),
     )
-
-
-def _gain_verdict(gain: WeightedMean) -> Markup:
-    if gain.p >= DOUBTFUL:
-        return Markup("The experiments agree with one λ<sub>2</sub> for all of them.")
-    mean = measurement(gain.mean, gain.sigma_with_scatter)
-    return Markup(
-        "λ<sub>2</sub> is not the same in every experiment. If it scatters, its mean is {}; "
-        "the joint fit can have the scatter as a parameter."
-    ).format(mean)
-
-
-def _p_value(p: float) -> str:
-    return highlight("< 0.001", True) if p < DOUBTFUL else f"{p:.3f}"
-
-
-def _gain_figures(results: Results, telemetries: Sequence[Telemetry]) -> tuple[FigureSpec, ...]:
-    points = [
-        figures_gain.GainPoint(run.experiment, start_time(run), fit.parameters["lambda_2"])
-        for run, fit in single_fits("lambda_2", results, telemetries)
-    ]
-    if len(points) < 2:
-        return ()
-    joint = results.joint.parameters.get("lambda_2") if results.joint else None
-    return (
-        FigureSpec(
-            "gain",
-            "Gain of test mass 2 against date, one point per experiment",
-            "λ₂ of each experiment on its own, ±1 σ, with the value of the joint fit and the weighted mean.",
-            partial(figures_gain.gain_evolution, points, joint),
-        ),
-    )
+    figures = (figure,) if len(points) > 1 else ()
+    return Section("gain", "Stationarity of the gain", text, tables=(table,), figures=figures)

@@ -27,14 +27,13 @@ from fit.report import (
     mission,
     motion,
     sampling,
-    tests,
     tilt_to_length,
 )
 from fit.report.parameter_table import ParameterTable, parameter_table
 from fit.report.section import FigureSpec, Section, start_text
 from fit.report.verdict import verdict, warning_groups
 from fit.results import Fit, Results
-from fit.spacecraft import PATHFINDER, spacecraft_of
+from fit.spacecraft import spacecraft_of_results
 from fit.tables import LIMIT, prose, signed
 from fit.telemetry import Telemetry
 
@@ -68,19 +67,14 @@ def write_report(directory: Path, results: Results, telemetries: Sequence[Teleme
     InputError
         If a telemetry file can no longer be read, or the output of another command breaks its schema.
     """
-    joint, spacecraft = results.joint, spacecraft_of(telemetries[0]) if telemetries else PATHFINDER
+    joint, spacecraft = results.joint, spacecraft_of_results(results, telemetries)
     digest = _entry("campaign_digest", results, telemetries)
     joint_table = joint and _joint_table(joint, telemetries, _forecast(directory, digest))
     progress_stage(0.3 if results.inertial else 0.8)
-    analysed = experiments.analysed(results, telemetries)
-    single_sections = _rendered(experiments.sections(results, analysed))
-    progress_stage(0.8)
-    sections = [*motion.sections(results, telemetries), *mission.sections(results, telemetries)]
+    ratio, single_sections, sections = _sections(results, telemetries, directory, digest)
+    single_sections = _rendered(single_sections)
     progress_stage(1.0)
-    ratio = experiments.residual_over_noise(analysed)
-    sections += control_loops.sections(directory, digest)
     sections += [*identification.sections(results, directory), *sampling.sections(results, directory)]
-    sections += tests.sections(results)
     sections += (ttl_sections := tilt_to_length.sections(results))
     tables = [s.parameters for s in (*single_sections, *ttl_sections) if s.parameters]
     page = _template().render(
@@ -88,7 +82,9 @@ def write_report(directory: Path, results: Results, telemetries: Sequence[Teleme
         extent=_extent(results, telemetries),
         facts=_facts(results, telemetries),
         version=(results.provenance.versions or {}).get("lpfcosim"),
-        spacecraft="LISA" if results.ttl else spacecraft.name,
+        heading=tilt_to_length.HEADING
+        if ttl_sections
+        else f"Calibration of the dynamics of {spacecraft.name}",
         equations=spacecraft.template,
         meaning=spacecraft.meaning if results.experiments else "One value for all experiments.",
         ratio=ratio and charts.render(ratio),
@@ -96,7 +92,7 @@ def write_report(directory: Path, results: Results, telemetries: Sequence[Teleme
         warning_groups=warning_groups(results),
         joint=joint,
         joint_table=joint_table,
-        overview=experiments.overview(results, telemetries),
+        overview=experiments.overview(results, telemetries, *spacecraft.overview),
         experiments=single_sections,
         sections=_rendered(sections),
         runs=telemetries,
@@ -118,19 +114,22 @@ def _joint_table(
     return parameter_table(joint, list(map(joint_parameter, names)), expected)
 
 
+def _sections(
+    results: Results, telemetries: Sequence[Telemetry], directory: Path, digest: object
+) -> tuple[FigureSpec | None, list[Section], list[Section]]:
+    """Return the figure of all residuals, the sections on each experiment, and those on all of them."""
+    analysed = experiments.analysed(results, telemetries)
+    together = [*motion.sections(results, telemetries), *mission.sections(results, telemetries)]
+    together += control_loops.sections(directory, digest)
+    return experiments.residual_over_noise(analysed), experiments.sections(results, analysed), together
+
+
 def figure_specs(results: Results, telemetries: Sequence[Telemetry], directory: Path) -> list[FigureSpec]:
     """Return all figures of the report of a folder but those of other commands, not yet drawn."""
     digest = _entry("campaign_digest", results, telemetries)
-    analysed = experiments.analysed(results, telemetries)
-    sections = [
-        *experiments.sections(results, analysed),
-        *motion.sections(results, telemetries),
-        *mission.sections(results, telemetries),
-    ]
-    ratio = experiments.residual_over_noise(analysed)
-    sections += control_loops.sections(directory, digest)
-    drawn = [spec for section in sections for spec in section.figures if isinstance(spec, FigureSpec)]
-    return [*([ratio] if ratio else []), *drawn]
+    ratio, single, together = _sections(results, telemetries, directory, digest)
+    drawn = [spec for section in (*single, *together) for spec in section.figures]
+    return [*([ratio] if ratio else []), *(spec for spec in drawn if isinstance(spec, FigureSpec))]
 
 
 def _rendered(sections: Sequence[Section]) -> list[Section]:
@@ -185,7 +184,6 @@ def _facts(results: Results, telemetries: Sequence[Telemetry]) -> dict[str, str]
         "Software": ", ".join(map(" ".join, (results.provenance.versions or {}).items())),
         "Campaign digest": _text(_entry("campaign_digest", results, telemetries))[:_DIGITS],
         "Seed": _text(_entry("seed", results, telemetries)),
-        "Fit": _settings(results),
     }
     return {name: text for name, text in facts.items() if text}
 
@@ -214,37 +212,22 @@ def _common(telemetries: Sequence[Telemetry]) -> dict[str, str]:
 
 
 def _text(value: object) -> str:
-    if value is None:
-        return ""
     if isinstance(value, dict):
         return ", ".join(f"{key}: {_text(item)}" for key, item in value.items())
     if isinstance(value, list):
         return ", ".join(map(_text, value))
     if isinstance(value, float):
         return f"{value:.6g}"
-    return value if isinstance(value, str) else json.dumps(value)
-
-
-def _count(n: int, noun: str) -> str:
-    return f"{n} {noun}{'s' * (n != 1)}"
+    return "" if value is None else value if isinstance(value, str) else json.dumps(value)
 
 
 def _extent(results: Results, telemetries: Sequence[Telemetry]) -> str:
+    experiments_text = f"Experiments: {len(results.experiments)}"
     if not telemetries:
-        return f"{_count(len(results.experiments), 'experiment')}, whose telemetry is not here"
+        return f"{experiments_text}; their telemetry is not here"
     hours = sum(t.duration for t in telemetries) / 3600
     noise = sum(t.kind == "noise" for t in telemetries)
     rates = " and ".join(f"{fs:g}" for fs in sorted({t.fs for t in telemetries}))
     days = sorted({start_text(t, "%Y-%m-%d") for t in telemetries})
-    when = days[0] if len(days) == 1 else f"{days[0]} to {days[-1]}"
-    return (
-        f"{_count(len(results.experiments), 'experiment')}, {_count(noise, 'noise run')}; "
-        f"{hours:.4g} h at {rates} Hz, {when}"
-    )
-
-
-def _settings(results: Results) -> str:
-    estimator = _text((results.provenance.settings or {}).get("estimator"))
-    end = results.provenance.f_max
-    band = f"up to {end:g} Hz" if end is not None else ""
-    return ", ".join(text for text in (f"estimator {estimator}" if estimator else "", band) if text)
+    when = " to ".join(dict.fromkeys([days[0], days[-1]]))
+    return f"{experiments_text}, noise runs: {noise}; {hours:.4g} h at {rates} Hz, {when}"

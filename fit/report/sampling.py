@@ -59,14 +59,13 @@ def sections(results: Results, directory: Path) -> list[Section]:
     InputError
         If one of them does not have the schema of its command.
     """
-    sections_found = []
+    found, figures = [], directory / "figures"
     if (path := directory / "mcmc.json").exists():
         chain = documents.from_json(path, "what mcmc leaves", SCHEMA, _Chain)
-        sections_found.append(_chain(chain, results, directory / "figures"))
+        found.append(_chain(chain, results, figures))
     if (path := directory / "montecarlo.json").exists():
-        study = documents.from_json(path, "what montecarlo leaves", coverage.SCHEMA, _Study)
-        sections_found.append(_study(study, directory / "figures"))
-    return sections_found
+        found.append(_study(documents.from_json(path, "a study", coverage.SCHEMA, _Study), figures))
+    return found
 
 
 def _chain(chain: _Chain, results: Results, folder: Path) -> Section:
@@ -78,19 +77,16 @@ def _chain(chain: _Chain, results: Results, folder: Path) -> Section:
         numbers = measurement(p.mean, p.sigma, exponent), measurement(*shift), measurement(*ratio)
         rows.append((head, *numbers, f"{p.tau:.0f}", f"{p.ess:.0f}"))
     text = Markup(
-        "{} steps of {} walkers, the first {} left out; {:.0f} % of the proposals accepted. Means within "
-        "{:.2g} σ of least squares, sigmas within {:.2g} %."
-    ).format(
-        chain.steps,
-        chain.walkers,
-        chain.burn_in,
-        100 * chain.acceptance,
-        max((abs(p.shift_in_sigma) for p in chain.parameters.values()), default=0.0),
-        100 * max((abs(p.sigma_ratio - 1) for p in chain.parameters.values()), default=0.0),
+        f"{chain.steps} steps of {chain.walkers} walkers, the first {chain.burn_in} left out; "
+        f"{100 * chain.acceptance:.0f} % of the proposals accepted."
     )
     if chain.constraints:
         text += " With constraints: {}.".format("; ".join(map(" ".join, chain.constraints.items())))
-    if not _belongs(chain, results):
+    joint = results.joint.parameters if results.joint else {}
+    if not all(
+        name in joint and abs(p.estimate - joint[name].value) < MAX_CHANGE * joint[name].sigma
+        for name, p in chain.parameters.items()
+    ):
         text += highlight(
             " The chain is of another fit than this one; sample it again (lpfcosim mcmc).", True
         )
@@ -111,20 +107,6 @@ def _chain(chain: _Chain, results: Results, folder: Path) -> Section:
     return Section("mcmc", "Posterior sampled", text, tables=(table,), figures=pictures)
 
 
-def _belongs(chain: _Chain, results: Results) -> bool:
-    """Return whether the joint fit whose posterior was sampled is that of the results."""
-    joint = results.joint.parameters if results.joint else {}
-    varying = {
-        name: e
-        for name, e in joint.items()
-        if not e.is_exact and not (e.constraint and e.constraint.kind == "tied")
-    }
-    return varying.keys() == chain.parameters.keys() and all(
-        abs(p.estimate - varying[n].value) < MAX_CHANGE * varying[n].sigma
-        for n, p in chain.parameters.items()
-    )
-
-
 def _study(study: _Study, folder: Path) -> Section:
     rows = [
         (
@@ -143,23 +125,18 @@ def _study(study: _Study, folder: Path) -> Section:
     )
     caption = (
         "Pulls (estimate − truth) / σ of every parameter, each ± the Monte Carlo error: for valid "
-        "uncertainties mean "
-        f"0, standard deviation 1, and {100 * _COVERAGE:.0f} % within 1 σ."
+        f"uncertainties mean 0, standard deviation 1, and {100 * _COVERAGE:.0f} % within 1 σ."
     )
     head = ("Parameter", "n", "Mean", "Standard deviation", "Within 1 σ [%]")
-    pictures = _picture(
-        folder,
-        "pulls",
-        "Histograms of the pulls of every parameter and a normal distribution",
-        "Pulls of every parameter, as a density per unit of pull, and the standard normal distribution.",
-    )
+    description = "Histograms of the pulls of every parameter and a normal distribution"
+    density = "Pulls of every parameter, as a density per unit of pull, and the standard normal distribution."
+    pictures = _picture(folder, "pulls", description, density)
     table = Table(head, tuple(rows), caption)
     return Section("montecarlo", "Monte Carlo", text, tables=(table,), figures=pictures)
 
 
 def _against(value: float, error: float, expected: float) -> str:
-    text = measurement(value, error)
-    return highlight(text, True) if abs(value - expected) > LIMIT * error > 0 else text
+    return highlight(measurement(value, error), abs(value - expected) > LIMIT * error > 0)
 
 
 def _picture(folder: Path, name: str, description: str, caption: str) -> tuple[FigureSpec, ...]:

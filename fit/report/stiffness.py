@@ -39,10 +39,7 @@ def model(results: Results, telemetries: Sequence[Telemetry]) -> Section | None:
 
 
 def _table(
-    j: int,
-    points: Mapping[str, figures.StiffnessPoint],
-    pulls: Mapping[str, float | None],
-    joint: Fit | None,
+    j: int, points: Mapping[str, figures.StiffnessPoint], pulls: Mapping[str, float | None], joint: Fit | None
 ) -> Table:
     caption = (
         f"Stiffness of test mass {j} in 10⁻⁷ s⁻² from each experiment alone and from the joint fit, at the "
@@ -51,36 +48,25 @@ def _table(
     head = ("Experiment", Markup("F, N<sub>max,{}</sub>").format(j), "Alone", "Joint fit", "Δ / σ")
     rows = []
     for name, point in points.items():
-        model = figures.reconstruction(joint, point.j, point.F_max, point.N_max)
-        pull = pulls[name]
-        rows.append(
-            (
-                escape(name),
-                f"{1e12 * point.F_max:.4g}, {1e12 * point.N_max:.3g}",
-                point.omega2.printed(-7),
-                measurement(*model, -7) if model else None,
-                None if pull is None else pull_text(pull),
-            )
-        )
+        model, pull = figures.reconstruction(joint, point.j, point.F_max, point.N_max), pulls[name]
+        authority = f"{1e12 * point.F_max:.4g}, {1e12 * point.N_max:.3g}"
+        of_joint = measurement(*model, -7) if model else None
+        pull_cell = None if pull is None else pull_text(pull)
+        rows.append((escape(name), authority, point.omega2.printed(-7), of_joint, pull_cell))
     return Table(head, tuple(rows), caption)
 
 
 def _figure_spec(j: int, points: Mapping[str, figures.StiffnessPoint], joint: Fit | None) -> FigureSpec:
     is_varied = figures.varies(list(points.values()))
     against = "its force authority" if is_varied else f"the force authority of test mass {3 - j}"
-    elsewhere = (
-        f"Its force authority is the same in all experiments; the abscissa is that of test mass {3 - j}, "
-        "on which "
-        "the stiffness does not depend. "
-    )
-    note = "" if is_varied else elsewhere
+    note = "" if is_varied else f"Its force authority is the same everywhere; the abscissa is {against}. "
     return FigureSpec(
         f"stiffness-{j}",
         f"Stiffness of test mass {j} against {against}, one point per experiment",
-        f"Stiffness of test mass {j}, ±1 σ. {note}Dots: each experiment on its own. "
-        "Squares: stiffness model of the joint fit at the same authority, where determined (a sum "
-        "can be, even if its terms are not); lines: the model at each torque authority. Lower panel: "
-        "differences in units of their σ, with the correlation of the two fits.",
+        f"Stiffness of test mass {j}, ±1 σ. {note}Dots: each experiment on its own. Squares: stiffness model "
+        "of the joint fit at the same authority, where determined (a sum can be, even if its terms are not); "
+        "lines: the model at each torque authority. Lower panel: differences in units of their σ, with the "
+        "correlation of the two fits.",
         partial(figures.against_authority, list(points.values()), joint),
     )
 
@@ -95,14 +81,8 @@ def stiffness_points(
         omega2 = fit.parameters["omega2_2"] if j == 2 else _omega2_1(fit)
         if omega2 is not None:
             is_included = runs is None or run.run in runs
-            points[run.experiment] = figures.StiffnessPoint(
-                run.experiment,
-                j,
-                *run.authority[j - 1],
-                omega2,
-                is_included,
-                F_max_other=run.authority[2 - j][0],
-            )
+            of_run = (run.experiment, j, *run.authority[j - 1], omega2, is_included)
+            points[run.experiment] = figures.StiffnessPoint(*of_run, F_max_other=run.authority[2 - j][0])
     return points
 
 

@@ -12,6 +12,7 @@ from fit.tables import Table
 from fit.tilt_to_length import COEFFICIENTS
 
 _ESTIMATORS = ("least_squares", "bias", "instruments")
+HEADING = "Calibration of the tilt-to-length coupling of LISA"
 _NAMES = ("f", "before", "after")
 
 

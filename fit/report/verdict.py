@@ -38,11 +38,12 @@ def fits(results: Results) -> Iterator[tuple[str, Fit]]:
         yield "joint fit", results.joint
     if results.ttl is not None:
         yield "tilt-to-length coupling", results.ttl
-    for kind, members in (
-        ("experiment", results.experiments),
-        ("cross-talk of epoch", results.cross_talk),
-        ("inertial period", results.inertial),
-    ):
+    kinds = {
+        "experiment": results.experiments,
+        "cross-talk of epoch": results.cross_talk,
+        "inertial period": results.inertial,
+    }
+    for kind, members in kinds.items():
         for name, fit in members.items():
             yield f"{kind} {name}", fit
 
@@ -128,19 +129,16 @@ def verdict(
     agreement, outliers = _agreement(shown, has_truth, kind=kind)
     single = {f"experiment {name}": fit for name, fit in results.experiments.items()}
     judged = {"": joint} if joint else single
-    everything = dict(fits(results))
-    other_fits = {
-        name: fit for name, fit in everything.items() if all(fit is not one for one in judged.values())
-    }
+    ids = {id(fit) for fit in judged.values()}
+    other_fits = {name: fit for name, fit in fits(results) if id(fit) not in ids}
     identified = identification.joint if identification else None
     failed = _named(judged, Severity.FAILURE)
     failed += _named({"identification": identified}, Severity.FAILURE) if identified else []
     doubts = [*_named(judged, Severity.DOUBT), *_named(other_fits, Severity.FAILURE), *_outliers(other_fits)]
     head = Markup("" if joint else "No joint fit. ") + ("" if has_truth else "True values unknown. ")
-    undetermined = joint.undetermined if joint else ()
     sentences = [*failed, agreement]
-    if undetermined:
-        sentences.append(Markup("Not determined by these data: {}.").format(symbols(undetermined)))
+    if joint and joint.undetermined:
+        sentences.append(Markup("Not determined by these data: {}.").format(symbols(joint.undetermined)))
     sentences += doubts
     # Another spacecraft need not agree with the flight; a simulation has to agree with its truth.
     bad = bool(failed) or (outliers and has_truth)
@@ -158,24 +156,21 @@ def _agreement(shown: Sequence[ParameterTable], has_truth: bool, kind: str) -> t
     rows = [row for t in shown for row in t.rows if row.estimate]
     pulls = [(row.symbol, row.pull) for row in rows if row.pull is not None]
     if not pulls:
-        if has_truth:
-            return Markup(
-                "Estimates are not compared with true values, since their uncertainties are not valid."
-            ), False
-        return Markup("Nothing to compare the estimates with."), False
-    known = f" with a {'true' if has_truth else 'flight'} value"
-    subject = f"{kind} parameters{known * (len(pulls) < len(rows))}"
-    reference = f"the {'true' if has_truth else 'flight'} values"
+        text = "Estimates are not compared with true values, since their uncertainties are not valid."
+        return Markup(text if has_truth else "Nothing to compare the estimates with."), False
+    reference = "true" if has_truth else "flight"
+    subject = f"{kind} parameters" + f" with a {reference} value" * (len(pulls) < len(rows))
     outliers = [name for name, pull in pulls if abs(pull) > LIMIT]
+    head = f"All {len(pulls)} {subject} lie within {LIMIT:g} σ of the {reference} values"
     if outliers:
-        head = Markup("{} of {} {} lie further than {:g} σ from {}: {}").format(
-            len(outliers), len(pulls), subject, LIMIT, reference, Markup(", ").join(outliers)
-        )
-    else:
-        head = Markup("All {} {} lie within {:g} σ of {}").format(len(pulls), subject, LIMIT, reference)
+        where = f"further than {LIMIT:g} σ from the {reference} values"
+        head = f"{len(outliers)} of {len(pulls)} {subject} lie {where}: "
     worst, largest = max(pulls, key=lambda item: abs(item[1]))
     measure = "pull" if has_truth else "difference / σ"
-    return Markup("{}; largest |{}| {:.1f} ({}).").format(head, measure, abs(largest), worst), bool(outliers)
+    names = Markup(", ").join(outliers)
+    return Markup("{}{}; largest |{}| {:.1f} ({}).").format(head, names, measure, abs(largest), worst), bool(
+        outliers
+    )
 
 
 def _reasons(fits: Mapping[str, Fit], severity: Severity) -> dict[str, list[str]]:
@@ -205,8 +200,7 @@ def _outliers(fits: Mapping[str, Fit]) -> list[Markup]:
         for key, e in fit.parameters.items()
         if e.pull is not None and abs(e.pull) > LIMIT and key not in biased(fit)
     ]
-    return (
-        [Markup("Further than {:g} σ from their true values: {}.").format(LIMIT, Markup(", ").join(outliers))]
-        if outliers
-        else []
+    text = Markup("Further than {:g} σ from their true values: {}.").format(
+        LIMIT, Markup(", ").join(outliers)
     )
+    return [text] if outliers else []

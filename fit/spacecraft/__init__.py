@@ -4,6 +4,7 @@ from collections.abc import Sequence
 
 from fit.errors import InputError
 from fit.model import Spacecraft
+from fit.results import Results
 from fit.spacecraft.lisa import LISA
 from fit.spacecraft.pathfinder import DELTA_G, PATHFINDER
 from fit.spacecraft.terms import CalibratedTerms, Terms, equation_terms
@@ -26,6 +27,14 @@ def spacecraft_of(telemetry: Telemetry) -> Spacecraft:
         known = " or ".join(SPACECRAFT)
         raise InputError(f"{telemetry.path}: attribute spacecraft: {name!r} is not known, expected {known}")
     return SPACECRAFT[name]
+
+
+def spacecraft_of_results(results: Results, telemetries: Sequence[Telemetry]) -> Spacecraft:
+    """Return the spacecraft of results: that of their runs, or else the one whose gain they hold."""
+    if telemetries:
+        return spacecraft_of(telemetries[0])
+    names = {name for fit in results.experiments.values() for name in fit}
+    return next((one for one in SPACECRAFT.values() if names & {*one.overview}), PATHFINDER)
 
 
 def check_same(telemetries: Sequence[Telemetry]) -> None:
@@ -53,4 +62,5 @@ __all__ = [
     "equation_terms",
     "lisa",
     "spacecraft_of",
+    "spacecraft_of_results",
 ]

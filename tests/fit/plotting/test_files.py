@@ -12,7 +12,6 @@ import pytest
 from fit import plotting
 from fit.figures import gain
 from fit.figures.charts import TIME, Chart, Curve, Panel
-from fit.figures.gain import GainPoint
 from fit.report.experiments import AnalysedExperiment, figure_specs
 from fit.results.estimates import Estimate
 from tests.oracles.synthetic import World, of_run, pair
@@ -74,7 +73,7 @@ def test_matplotlib_draws_every_curve_where_it_is(charts):
 def test_dates_error_bars_and_grids():
     when = np.array(["2016-04-16T12", "2016-07-01T00"], dtype="datetime64[s]")
     estimate = Estimate(1.0776, 1e-4, "1")
-    points = [GainPoint(n, t, estimate) for n, t in zip("AB", when, strict=True)]
+    points = {n: (t, estimate) for n, t in zip("AB", when, strict=True)}
     (ax,) = plotting.draw(gain.gain_evolution(points, Estimate(1.0775, 1e-5, "1"))).figure.axes
     bars = [segment for c in ax.collections for segment in getattr(c, "get_segments", list)()]
     assert [bar[:, 0].tolist() for bar in bars] == [[16907.5] * 2, [16983.0] * 2]  # days since 1970

@@ -135,7 +135,7 @@ def test_stationarity(mission):
 
 def test_gains_of_the_same_date_stand_side_by_side(mission):
     estimate = Estimate(1.0776, 1e-4, "1")
-    points = [figures_gain.GainPoint(n, np.datetime64("2016-04-16"), estimate) for n in "ABC"]
+    points = dict.fromkeys("ABC", (np.datetime64("2016-04-16"), estimate))
     (panel,) = figures_gain.gain_evolution(points, None).panels
     assert panel.x.title == "experiment"
     assert panel.lines[-1].x.tolist() == [1, 2, 3]
@@ -144,7 +144,7 @@ def test_gains_of_the_same_date_stand_side_by_side(mission):
 def test_the_mean_of_the_gains_says_how_they_scatter():
     when = np.array(["2016-04-16", "2016-05-16", "2016-06-16"], dtype="datetime64[D]")
     gains = [Estimate(1.07 + 0.01 * k, 0.01, "1") for k in range(3)]
-    points = [figures_gain.GainPoint(n, t, e) for n, t, e in zip("ABC", when, gains, strict=True)]
+    points = dict(zip("ABC", zip(when, gains, strict=True), strict=True))
     (panel,) = figures_gain.gain_evolution(points, Estimate(1.0776, 1e-4, "1")).panels
     mean, joint = panel.lines[:2]
     assert mean.label == "their mean (χ²/ν = 1)"  # (1 + 0 + 1) / 2

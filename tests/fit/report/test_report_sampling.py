@@ -47,10 +47,7 @@ def sections_of(folder, name, document):
 
 def test_a_chain(tmp_path):
     (part,) = sections_of(tmp_path, "mcmc.json", chain(joint_fit()))
-    assert part.text == (
-        "9000 steps of 40 walkers, the first 900 left out; 31 % of the proposals accepted. Means within "
-        "0.02 σ of least squares, sigmas within 3 %."
-    )
+    assert part.text == "9000 steps of 40 walkers, the first 900 left out; 31 % of the proposals accepted."
     (grid,) = part.tables
     assert len(grid.rows) == len(joint_fit().parameters)
     _, mean, shift, ratio, *of_chain = grid.rows[0]
@@ -72,10 +69,6 @@ def test_the_figure_another_command_drew_stays_inert(tmp_path):
 def test_a_chain_of_another_fit(tmp_path):
     (tmp_path / "mcmc.json").write_text(json.dumps(chain(joint_fit({"C_2": 0.1}))))
     (part,) = sections(results(joint=joint_fit()), tmp_path)
-    assert "The chain is of another fit" in part.text
-    fewer = chain(joint_fit())
-    del fewer["parameters"]["C_2"]
-    (part,) = sections_of(tmp_path, "mcmc.json", fewer)
     assert "The chain is of another fit" in part.text
 
 

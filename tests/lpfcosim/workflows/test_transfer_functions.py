@@ -154,19 +154,11 @@ def test_fast_sines_are_those_of_the_model(tmp_path, rate, frequencies):
     assert (loop.sigma < 0.02 * np.abs(loop.measured)).all()
 
 
-DAMAGES = {
-    "loops: ": lambda document: document["loops"].clear(),
-    "loops.o_1.modelled: magnitude": lambda document: document["loops"]["o_1"]["modelled"]["phase"].pop(),
-    "loops.o_1.measured": lambda document: document["loops"]["o_1"]["measured"][0].update(sigma=0),
-}
-
-
-@pytest.mark.parametrize("place", DAMAGES)
-def test_a_damaged_document_is_refused(document, tmp_path, place):
+def test_a_damaged_document_is_refused(document, tmp_path):
     damaged = copy.deepcopy(document)
-    DAMAGES[place](damaged)
+    damaged["loops"][0]["sigma"].pop()
     (tmp_path / control_loops.NAME).write_text(json.dumps(damaged))
-    with pytest.raises(fit.InputError, match=place):
+    with pytest.raises(fit.InputError, match="loops: columns of different lengths"):
         control_loops.load(tmp_path, document["campaign_digest"])
 
 
