@@ -6,7 +6,7 @@ import os
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from markupsafe import Markup
@@ -66,6 +66,14 @@ class ParameterComparison:
         return self.truths[0] if len(self.truths) == 1 else None
 
 
+class DifferenceTest(NamedTuple):
+    """chi2 of differences, its degrees of freedom, and the probability of a larger one."""
+
+    chi2: float
+    dof: int
+    p: float
+
+
 @dataclass(frozen=True, repr=False)
 class Comparison:
     """Estimates of N results, compared.
@@ -77,7 +85,7 @@ class Comparison:
     parameters : tuple of ParameterComparison
         Of the joint fits, then of inertial periods and of the cross-talk; those of experiments where a
         result has no joint fit.
-    tests : dict of str to dict of str to tuple of (float, int, float)
+    tests : dict of str to dict of str to DifferenceTest
         By the label of a result that uses no run of the first, and by fit (``"joint"``, ``"inertial.1"``):
         chi2 of the differences of all parameters that both estimate, its degrees of freedom, and the
         probability of a larger one.
@@ -87,7 +95,7 @@ class Comparison:
 
     labels: tuple[str, ...]
     parameters: tuple[ParameterComparison, ...]
-    tests: dict[str, dict[str, tuple[float, int, float]]]
+    tests: dict[str, dict[str, DifferenceTest]]
     notes: tuple[str, ...]
 
     def __getitem__(self, name: str) -> ParameterComparison:
@@ -106,13 +114,8 @@ class Comparison:
     def table(self) -> Table:
         """Return a row for each parameter: values, and differences from the first result in sigma."""
         reference, *labels = self.labels
-        head = [
-            "parameter",
-            "unit",
-            reference,
-            *(h for x in labels for h in (x, "difference/sigma")),
-            "truth",
-        ]
+        differences = (head for label in labels for head in (label, "difference/sigma"))
+        head = ("parameter", "unit", reference, *differences, "truth")
         rows = []
         for p in self.parameters:
             cells = [p.name + (f" ({p.key})" if p.key else ""), campaign_unit(p.unit)]
@@ -120,9 +123,8 @@ class Comparison:
                 cells.append(estimate.number if estimate else _NONE)
                 cells += [_NONE if difference is None else f"{round(difference, 2) + 0.0:+.2f}"] if n else []
             sigmas = [e.sigma for e in p.estimates if e and not e.is_exact]
-            cells.append("" if p.truth is None else rounded(p.truth, min(sigmas, default=0.0)))
-            rows.append(tuple(cells))
-        return Table(tuple(head), tuple(rows)).filled(n_always=len(head) - 1)
+            rows.append((*cells, "" if p.truth is None else rounded(p.truth, min(sigmas, default=0.0))))
+        return Table(head, tuple(rows)).filled(n_always=len(head) - 1)
 
     def sentences(self) -> list[str]:
         """Return the tests and the notes, a sentence each."""
@@ -156,12 +158,7 @@ class Comparison:
             place = sections[p.section].setdefault(p.key, {}) if p.key else sections[p.section]
             estimates = [e and _numbers(e) for e in p.estimates]
             place[p.name] = {"unit": p.unit, "estimates": estimates, "differences": p.differences}
-        tests = {
-            label: {
-                place: dict(zip(("chi2", "dof", "p"), test, strict=True)) for place, test in tests.items()
-            }
-            for label, tests in self.tests.items()
-        }
+        tests = {label: {n: t._asdict() for n, t in tests.items()} for label, tests in self.tests.items()}
         document = {"results": self.labels, **sections, "tests": tests, "notes": self.notes}
         return json.dumps(document, indent=1, allow_nan=False)
 
@@ -198,7 +195,6 @@ def compare(results: Sequence[PathLike | Results] | Mapping[str, PathLike | Resu
     """
     named = _labelled(results)
     (reference, first), *others = named.items()
-    notes: list[str] = []
     has_joint = all(result.joint and result.joint.parameters for result in named.values())
     fits = {
         label: {
@@ -208,13 +204,12 @@ def compare(results: Sequence[PathLike | Results] | Mapping[str, PathLike | Resu
         }
         for label, result in named.items()
     }
-    tests = {}
+    notes, tests = [], {}
     for label, result in others:
-        if result.provenance.frame != first.provenance.frame:
-            notes.append(
-                f"{label}: {', '.join(REVERSED)} with the other sign, as +x points {result.provenance.frame} "
-                f"in it and {first.provenance.frame} in {reference}"
-            )
+        frame = result.provenance.frame
+        if frame != first.provenance.frame:
+            x_axis = f"+x points {frame} in it and {first.provenance.frame} in {reference}"
+            notes.append(f"{label}: {', '.join(REVERSED)} with the other sign, as {x_axis}")
         if runs := [*_runs(first).items() & _runs(result).items()]:
             names = ", ".join(sorted(name for name, _ in runs))
             notes.append(
@@ -243,22 +238,20 @@ def _labelled(
     """Return two results or more by their labels."""
     if isinstance(results, str | os.PathLike) or not isinstance(results, Sequence | Mapping):
         raise InputError(f"compare: {shown(results)}, expected a list of two or more results")
-    labels = list(results) if isinstance(results, Mapping) else [None] * len(results)
     values = list(results.values()) if isinstance(results, Mapping) else list(results)
+    labels = list(results) if isinstance(results, Mapping) else [""] * len(values)
     if len(values) < 2:
         raise InputError(f"compare: {len(values)} given, expected two or more results")
     named: dict[str, Results] = {}
-    files: dict[Path, object] = {}
     for n, (label, result) in enumerate(zip(labels, values, strict=True), 1):
         if isinstance(result, Results):
             named[label or f"results {n}"] = result
         elif isinstance(result, str | os.PathLike):
-            file = results_file(Path(result))
-            if files.setdefault(file.resolve(), result) is not result:
-                raise InputError(f"{result}: given twice, expected other results to compare")
-            named[label or str(result)] = load(file)
+            named[label or str(result)] = load(results_file(Path(result)))
         else:
             raise InputError(f"compare: {shown(result)}, expected a path or Results")
+    if len(named) < len(values):
+        raise InputError("compare: one is given twice, expected other results to compare")
     return named
 
 
@@ -282,43 +275,35 @@ def _in_frame(fit: Fit, section: str, is_reversed: bool) -> Fit:
     """Return a fit with the signs that its parameters have in the other frame, where `is_reversed`."""
     if not is_reversed or section == "joint":
         return fit
+    signs = {name: -1.0 if name in REVERSED else 1.0 for name in fit}
     parameters = {
-        name: replace(e, value=-e.value, truth=e.truth and -e.truth, pull=e.pull and -e.pull)
-        if name in REVERSED
-        else e
-        for name, e in fit.parameters.items()
+        name: replace(e, value=s * e.value, truth=e.truth and s * e.truth, pull=e.pull and s * e.pull)
+        for (name, e), s in zip(fit.parameters.items(), signs.values(), strict=True)
     }
-    signs = np.array([-1.0 if name in REVERSED else 1.0 for name in fit])
-    covariance = fit.covariance_matrix * np.outer(signs, signs)
+    covariance = fit.covariance_matrix * np.outer(list(signs.values()), list(signs.values()))
     return replace(fit, parameters=parameters, covariance_matrix=covariance)
 
 
 def _parameters(fits: Mapping[str, Fits]) -> Iterable[ParameterComparison]:
-    reference, *_ = fits.values()
     places = dict.fromkeys(place for of_label in fits.values() for place in of_label)
     for place in sorted(places, key=lambda place: SECTIONS.index(place[0])):
         of_place = {label: of_label.get(place) for label, of_label in fits.items()}
         for name in dict.fromkeys(name for fit in of_place.values() if fit for name in fit):
             estimates = [fit.parameters.get(name) if fit else None for fit in of_place.values()]
-            units = {
-                label: fit[name].unit for label, fit in of_place.items() if fit and name in fit.parameters
-            }
+            units = {label: e.unit for label, e in zip(of_place, estimates, strict=True) if e}
             (first, unit), *_ = units.items()
             for label, other in units.items():
                 if not same_unit(other, unit):
                     where = f"{label}: {_name(place)}.parameters.{name}"
                     raise InputError(f"{where}: unit {shown(other)}, expected {shown(unit)} as in {first}")
-            first_estimate = reference[place].parameters.get(name) if place in reference else None
+            a, *others = estimates
             differences = [
-                e.difference(first_estimate.value, first_estimate.sigma)
-                if n and e and first_estimate and e.sound and first_estimate.sound
-                else None
-                for n, e in enumerate(estimates)
+                e.difference(a.value, a.sigma) if a and e and a.sound and e.sound else None for e in others
             ]
-            yield ParameterComparison(*place, name, unit, tuple(estimates), tuple(differences))
+            yield ParameterComparison(*place, name, unit, tuple(estimates), (None, *differences))
 
 
-def _tests(reference: Fits, result: Fits) -> dict[str, tuple[float, int, float]]:
+def _tests(reference: Fits, result: Fits) -> dict[str, DifferenceTest]:
     """Test by fit whether all parameters in common are the same, for independent data."""
     tests = {}
     for place in sorted(reference.keys() & result.keys(), key=lambda p: (SECTIONS.index(p[0]), p[1])):
@@ -332,7 +317,7 @@ def _tests(reference: Fits, result: Fits) -> dict[str, tuple[float, int, float]]
         correlation = correlation_matrix(np.asarray(covariance))
         if np.linalg.eigvalsh(correlation)[0] > _SINGULAR * len(names):
             chi2 = float(z @ np.linalg.solve(correlation, z))
-            tests[_name(place)] = (chi2, len(names), float(chdtrc(len(names), chi2)))
+            tests[_name(place)] = DifferenceTest(chi2, len(names), float(chdtrc(len(names), chi2)))
     return tests
 
 

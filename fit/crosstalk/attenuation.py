@@ -134,26 +134,22 @@ def expected_shift(
     return np.where(unknown, np.nan, shift)
 
 
-def inflate_sigma(fit: Fit, shift: Mapping[str, float]) -> Fit:
-    """Return a fit whose sigmas include an expected shift.
+def inflate_sigma(fit: Fit, variances: Mapping[str, float]) -> Fit:
+    """Return a fit whose sigmas are larger.
 
     Parameters
     ----------
     fit : Fit
         Of couplings.
-    shift : mapping of str to float
-        The shift to expect of each parameter, SI; NaN where it is unknown: that one is left out.
+    variances : mapping of str to float
+        What adds to the variance of each parameter that is not exact, SI; one of NaN is left out of the fit.
     """
     names = list(fit.parameters)
-    exact = [estimate.is_exact for estimate in fit.parameters.values()]
-    shifts = np.where(exact, 0.0, [shift.get(name, 0.0) for name in names])
-    known = np.flatnonzero(np.isfinite(shifts))
-    sigma = np.sqrt(np.diag(fit.covariance_matrix))
-    large = np.abs(shifts) > sigma  # less is what sigma allows for
-    covariance = fit.covariance_matrix + np.diag(np.where(large & np.isfinite(shifts), shifts, 0.0) ** 2)
-    covariance = covariance[np.ix_(known, known)]
+    added = np.array([0.0 if fit[name].is_exact else variances.get(name, 0.0) for name in names])
+    known = np.flatnonzero(np.isfinite(added))
+    covariance = (fit.covariance_matrix + np.diag(np.nan_to_num(added)))[np.ix_(known, known)]
     parameters = {
-        names[i]: replace(fit.parameters[names[i]], sigma=float(s)) if large[i] else fit.parameters[names[i]]
+        names[i]: replace(fit[names[i]], sigma=float(s)) if added[i] else fit[names[i]]
         for i, s in zip(known.tolist(), np.sqrt(np.diag(covariance)), strict=True)
     }
     return replace(fit, parameters=parameters, covariance_matrix=covariance)

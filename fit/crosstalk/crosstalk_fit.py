@@ -23,10 +23,11 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from fit.crosstalk import attenuation, drift
+from fit.crosstalk import attenuation
 from fit.crosstalk.attenuation import AttenuationCorrected
+from fit.false_alarms import p_limit
 from fit.findings import Finding
-from fit.fitting import IRLSResult
+from fit.fitting import Heterogeneity, IRLSResult, heterogeneity
 from fit.model import Sharing, dynamics, inertial_forces
 from fit.quality import indeterminable, report
 from fit.results import Fit, Results
@@ -35,6 +36,7 @@ from fit.whitening import Experiment
 Array = NDArray[np.float64]
 
 COEFFICIENTS = tuple(name for name in dynamics.CROSS_TALK if name.startswith("b_"))
+DRIFTING = ("b_1", "b_2")
 SEPARATED, INCLUDED = "euler_separated", "euler_included"
 _TURNED = inertial_forces.along(inertial_forces.BASELINE).keys()
 
@@ -73,22 +75,48 @@ def cross_talk(
     of_epoch, delta_ifo = _names(experiments, sharing)
     shift, fits = correction.shift, {}
     for epoch, names in of_epoch.items():
-        fit = report(
-            correction.outcome,
-            experiments,
-            names,
-            [
-                *indeterminable(outcome, experiments, names),
-                *_attenuated(correction.outcome, shift, names, delta_ifo[epoch]),
-                *_corrected(outcome, correction, names),
-                _correlation(outcome, names, delta_ifo[epoch]),
-            ],
-        )
+        findings = [
+            *indeterminable(outcome, experiments, names),
+            *_attenuated(correction.outcome, shift, names, delta_ifo[epoch]),
+            *_corrected(outcome, correction, names),
+            _correlation(outcome, names, delta_ifo[epoch]),
+        ]
+        fit = report(correction.outcome, experiments, names, findings)
         shifts = {names[p.name]: shift[i] for i, p in enumerate(outcome.parameters) if p.name in names}
-        drifts = drift.cross_talk_drift(outcome, names)
-        fit = drift.inflate_sigma(attenuation.inflate_sigma(fit, shifts), drifts)
-        fits[str(epoch)] = replace(fit, solved=outcome.solved)
+        large = {n: shifts[n] for n, e in fit.parameters.items() if not abs(shifts[n]) <= e.sigma}
+        fit = attenuation.inflate_sigma(fit, {name: value**2 for name, value in large.items()})
+        fits[str(epoch)] = replace(_with_drift(fit, _drifts(outcome, names)), solved=outcome.solved)
     return fits
+
+
+def _drifts(outcome: IRLSResult, names: Mapping[str, str]) -> dict[str, Heterogeneity]:
+    """Return by how much b_1 and b_2 of an epoch differ between its experiments, where by more than chance.
+
+    The joint fit takes them for constant. In flight they drifted by about 1 um/rad in 100 d (arXiv
+    2407.05852): by more than the sigma of one experiment.
+    """
+    drifts: dict[str, Heterogeneity] = {}
+    for i, p in enumerate(outcome.parameters):
+        if names.get(p.name) in DRIFTING and not outcome.undetermined[i] and outcome.model and outcome.result:
+            drift = heterogeneity(outcome.model, outcome.result.params, i)
+            if drift and drift.p < p_limit("gain drift", len(DRIFTING)):
+                drifts[names[p.name]] = drift
+    return drifts
+
+
+def _with_drift(fit: Fit, drifts: Mapping[str, Heterogeneity]) -> Fit:
+    """Return the cross-talk of an epoch with sigmas that are those of the mean of experiments that differ."""
+    reported = {name: drift for name, drift in drifts.items() if name in fit and not fit[name].is_exact}
+    if not reported:
+        return fit
+    widths = ", ".join(f"{name} ({drift.width:.2g} {fit[name].unit})" for name, drift in reported.items())
+    message = (
+        f"these differ between the experiments of the epoch by more than noise: {widths}; their sigmas are "
+        "those of the mean over such experiments"
+    )
+    finding = Finding("cross_talk_drift", message, parameters=tuple(reported))
+    fit = attenuation.inflate_sigma(fit, {name: drift.variance for name, drift in reported.items()})
+    return replace(fit, warnings=(*fit.warnings, finding))
 
 
 def subtraction(

@@ -1,7 +1,7 @@
 """A map, schema ``lpf-map/1``: which columns of which files are the channels of which runs, in what units."""
 
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from datetime import date, time
@@ -81,10 +81,9 @@ class Channel(Column):
 
     @model_validator(mode="after")
     def _column_or_value(self) -> "Channel":
-        if (self.column is None) is (self.value is None):
+        has_source = bool(self.column or self.file or self.table or self.missing)
+        if (self.column is None) is (self.value is None) or (self.value is not None and has_source):
             raise problem('expected its column, { column = "x1" }, or its only value, { value = 0 }')
-        if self.value is not None and (self.file or self.table or self.missing):
-            raise problem("a value has no file, table or missing samples, expected a unit at most")
         if self.value and self.unit is None:
             raise problem(f"value {self.value:g} without a unit, expected one", "unit")
         return self
@@ -99,12 +98,13 @@ class Clock(Column):
 
     @model_validator(mode="after")
     def _unit_or_scale(self) -> "Clock":
-        if self.format and self.format not in SECONDS and self.unit:
-            raise problem(f"{quote(self.unit)}, expected none with format {self.format!r}", "unit")
-        if self.format in SECONDS and self.scale:
-            raise problem(
-                f"{quote(self.scale)}, expected none: {self.format!r} has a scale of its own", "scale"
-            )
+        counts = self.format in SECONDS  # in a scale of its own
+        for name, value in (
+            ("scale", counts and self.scale),
+            ("unit", not counts and self.format and self.unit),
+        ):
+            if value:
+                raise problem(f"{quote(value)}, expected none with format {self.format!r}", name)
         return self
 
 
@@ -120,9 +120,7 @@ class Source(_Table):
     more_keys = re.compile(r"[\s\S]*")  # attributes
 
     file: Annotated[
-        _Word
-        | Annotated[list[_Word], Field(min_length=1)]
-        | Annotated[dict[str, _Word], Field(min_length=1)],
+        _Word | Annotated[list[_Word], Field(min_length=1)],
         _expected('the name of a file, "A.csv", or a list of them'),
         Field(examples=['file = "A.csv"']),
     ]
@@ -145,13 +143,6 @@ class Map(_Table):
     channels: Annotated[dict[str, Channel], Field(examples=["[channels] …"])]
     time: Clock | None = None
     runs: Annotated[list[Source], Field(min_length=1, examples=["[[runs]] …"])]
-
-    @property
-    def columns(self) -> Iterator[Column]:
-        """Where the channels are, and the time if it has a file or a table of its own."""
-        yield from (channel for channel in self.channels.values() if channel.value is None)
-        if self.time and (self.time.file or self.time.table is not None):
-            yield self.time
 
 
 @dataclass(frozen=True)
@@ -195,7 +186,8 @@ def load(path: Path) -> Map:
         # time stamps say when a run starts
         stamped = {"t0": "2000-01-01T00:00:00Z", "fs": 1.0} if mapping.time else {}
         check_root(f"{path}: runs[{i}]", {**stamped, **attributes})
-        for column in mapping.columns:
+        columns = [channel for channel in mapping.channels.values() if channel.value is None]
+        for column in [*columns, *([mapping.time] if mapping.time and mapping.time.file else [])]:
             for table in places_of(path, mapping, i, column):
                 if not is_file(table.archive):
                     raise InputError(f"{path}: runs[{i}].file: {table.archive}: no such file")
@@ -240,8 +232,8 @@ def places_of(path: Path, mapping: Map, i: int, column: Column) -> list[Place]:
         return template.replace("{run}", run.run).replace("{channel}", channel)
 
     chosen = named(table) if isinstance(table, str) else table
-    names = [files] if isinstance(files, str) else files
-    return [Place(path.parent / named(name), chosen) for name in dict.fromkeys(names)]
+    names = dict.fromkeys([files] if isinstance(files, str) else files)
+    return [Place(path.parent / named(name), chosen) for name in names]
 
 
 def factor_of(place: str, unit: str | None, channel: str, attributes: Mapping[str, Any]) -> float:

@@ -39,8 +39,6 @@ class Writer:
         Channels that state, by an attribute missing_value of NaN, that no number marks missing samples.
     finite : bool
         Refuse values that are not.
-    alphabetical : bool
-        Of a channel, write what it is before its unit; the order is part of the bytes.
     is_final : bool
         Whether the file is on disk before it has its name. To wait for the disk is no use where the file gets
         another name later.
@@ -62,7 +60,6 @@ class Writer:
         truths: Mapping[str, tuple[Array, str]] | None = None,
         complete: Collection[str] = (),
         finite: bool = False,
-        alphabetical: bool = False,
         is_final: bool = True,
     ) -> None:
         self._path, self._is_final = path, is_final
@@ -78,8 +75,7 @@ class Writer:
             described = {"time": ("s", f"time since {attributes['t0']}"), **channels}
             for name, (unit, long_name) in described.items():
                 self._channels[name] = channel = self._file.create_dataset(name, (size,), dtype="f8")
-                labels = {"units": unit, "long_name": long_name}
-                channel.attrs.update(sorted(labels.items()) if alphabetical else labels)
+                _annotate(channel, {"units": unit, "long_name": long_name})
                 if name in complete:
                     channel.attrs["missing_value"] = np.nan
                 if name == "time":

@@ -84,7 +84,6 @@ def create(
             },
             truths=events.truths(run),
             finite=True,
-            alphabetical=True,
             is_final=is_final,
         ) as file,
     ):

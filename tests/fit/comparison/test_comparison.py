@@ -253,7 +253,6 @@ def test_as_data_frame(comparison):
         (5, "compare: 5, expected a list"),
         ([5, 6], "compare: 5, expected a path or Results"),
         (["nowhere", "q"], "nowhere: no such file or folder, expected results"),
-        (["a", "a/results.json"], "a/results.json: given twice, expected other results"),
         (["a", "b/montecarlo.json"], "schema is 'lpf-montecarlo/1', expected 'lpf-results/1'"),
     ],
 )

@@ -37,7 +37,7 @@ LEAST_SQUARES = outcome([1.0] * 3, [0.1] * 3)
 
 def test_sigmas_include_the_expected_shift():
     fit = fit_of(("b_3", "b_4", "b_5"), np.array([1.0, 1.0, 1.0]), 0.2)
-    inflated = inflate_sigma(fit, {"b_3": 3.0, "b_4": 0.5})
+    inflated = inflate_sigma(fit, {"b_3": 9.0})
     assert inflated.parameters["b_3"].sigma == pytest.approx(np.sqrt(10))
     assert inflated.parameters["b_4"] == inflated.parameters["b_5"] == Estimate(1.0, 1.0, "1")
     assert np.sqrt(np.diag(inflated.covariance_matrix)) == pytest.approx([np.sqrt(10), 1, 1])
