@@ -127,7 +127,8 @@ def _rates(seconds: Array, digit: float) -> list[float]:
     spelt = [f"{{:.{digits}g}}" for digits in range(1, 6)]
     candidates = (rate for s in spelt for rate in (float(s.format(mean)), 1 / float(s.format(1 / mean))))
     rates = [rate for rate in candidates if math.isclose(rate, mean, rel_tol=tolerance)]
-    return [*dict.fromkeys(rates[:2]), mean, *([1 / step] if step > 2.5 * digit else [])]
+    is_seen = step > 2.5 * digit or math.isclose(step, digit, rel_tol=JITTER)
+    return [*dict.fromkeys(rates[:2]), mean, *([1 / step] if is_seen else [])]
 
 
 def check_agreement(place: str, stamps: Stamps, other_place: str, reference: Stamps) -> None:
