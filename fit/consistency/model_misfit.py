@@ -3,18 +3,17 @@
 Every run is whitened by the PSD of its noise run and fitted with coefficients of its own, so that runs need
 not agree on anything. Where they are driven, the residual of a model that holds has the power of the noise
 around it. More than that is signal that the equation lacks: a mask or a glitch template would hide it, and a
-joint fit would put it into gains and stiffness. It may be a template whose amount is the same in all runs
-(`common_effects`), most of the misfit or a significant part of it.
+joint fit would put it into gains and stiffness. So is a template whose amount is the same in all runs.
 """
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from fit.consistency.common_effects import CommonEffect, common_effects, significant_effects
+from fit.consistency.fault_templates import MODEL_TEMPLATES, Template
 from fit.consistency.run_misfit import RunMisfit, run_misfit
-from fit.false_alarms import p_limit
+from fit.false_alarms import chi2_limit, p_limit, sigma_limit
 from fit.findings import Finding, either
 from fit.model import dynamics
 from fit.parallel import parallel_map
@@ -22,12 +21,39 @@ from fit.parameters import DELAYS
 from fit.quality import MODEL_MISFIT
 from fit.whitening import Experiment
 
-Array = NDArray[np.float64]
-
 WIDESPREAD = 1 / 3  # of the runs: a misfit of so many is one of the model
 MIN_RUNS = 3  # with a misfit that no template accounts for; of fewer runs all
 MAX_DELAY = 3.0  # times the delays of the flight; no actuator comes near
 PRECISE = 0.05  # s, standard deviation of a delay that is compared with those of the flight
+ACCOUNTED = 0.8  # share of the misfit that a template must account for if one run alone shows it
+INDISTINCT, DELTA_CHI2 = 0.01, 10.0  # share of Delta chi^2, and more, up to which templates are alike
+
+
+class CommonEffect(NamedTuple):
+    """A template with one amount in all runs, or in those of an alignment epoch.
+
+    Attributes
+    ----------
+    template : Template
+        Which.
+    size, sigma : float
+        Amount.
+    run : str
+        Name of the only run that determines it; empty if several do.
+    epoch : int or None
+        Alignment epoch of the runs; None for all.
+    """
+
+    template: Template
+    size: float
+    sigma: float
+    run: str
+    epoch: int | None
+
+    @property
+    def z(self) -> float:
+        """Size in standard deviations."""
+        return abs(self.size) / self.sigma
 
 
 def model_warnings(experiments: Sequence[Experiment]) -> list[Finding]:
@@ -46,43 +72,78 @@ def model_warnings(experiments: Sequence[Experiment]) -> list[Finding]:
     largest = (max(f for f, _ in forces), max(f for _, f in forces))
     runs = parallel_map(lambda e: run_misfit(e, largest), measured, Experiment.samples)
     delays = _delay_warnings(runs)
-    significant = significant_effects(runs)
-    if common := common_effects(significant):
+    if common := common_effects(runs):
         return [_template_warning(common, largest), *delays]
     limit = p_limit("driven bins", len(runs))
     misfits = [run for run in runs if run.p < limit]
     if len(misfits) >= max(min(MIN_RUNS, len(runs)), WIDESPREAD * len(runs)):
         return [_force_warning(misfits, len(runs)), *delays]
-    of_several = [effect for effect in significant if not effect.run]
-    return [*map(_partial_warning, of_several[:1]), *delays]
+    return delays
+
+
+def common_effects(runs: Sequence[RunMisfit]) -> list[CommonEffect]:
+    """Return the template with a significant amount that is the same in all runs, and those as likely.
+
+    One that may be in the runs of an alignment epoch alone is looked for in each of them.
+    """
+    runs = [run for run in runs if run.effects.size]
+    epochs = {run.experiment.sysid.telemetry.alignment_epoch for run in runs}
+    effects = []
+    for i, template in enumerate(MODEL_TEMPLATES if runs else ()):
+        for epoch in sorted(epochs) if template.by_epoch else [None]:
+            members = [r for r in runs if epoch in (None, r.experiment.sysid.telemetry.alignment_epoch)]
+            effects.append(_common_effect(members, i, epoch))
+    limit = sigma_limit("templates", len(effects))
+    significant = [e for e in effects if e and e.z > limit and e.template.admits(e.size, e.sigma)]
+    significant.sort(key=lambda e: -e.z)
+    if significant and significant[0].template.by_epoch:
+        return [e for e in significant if e.template is significant[0].template]
+    return [e for e in significant if e.z**2 > significant[0].z ** 2 * (1 - INDISTINCT) - DELTA_CHI2]
+
+
+def _common_effect(runs: Sequence[RunMisfit], i: int, epoch: int | None) -> CommonEffect | None:
+    """Return the common amount of the i-th template; None if it scatters, or may be a fault of one run."""
+    sums = np.array([run.sums[i] for run in runs])
+    amounts = np.zeros(len(MODEL_TEMPLATES))
+    information, score = sums.sum(axis=0)
+    if not information > 0:
+        return None
+    amounts[i] = score / information
+    # misfit beyond the template counts as noise
+    noise = [run.variance * max(1.0, float(np.mean(run.power(amounts)))) for run in runs]
+    weights = sums / np.array(noise)[:, None]
+    information, score = weights.sum(axis=0)
+    z2 = score**2 / information
+    contributions = weights[:, 1] ** 2 / np.maximum(weights[:, 0], 1e-300)
+    scatter = float(np.sum(contributions)) - z2  # Cochran's Q of the amounts
+    limit, limit_of_others = (
+        chi2_limit("templates", n, len(MODEL_TEMPLATES)) for n in (max(len(runs) - 1, 1), len(runs))
+    )
+    if scatter > limit + INDISTINCT * z2:
+        return None
+    largest = int(np.argmax(contributions))
+    is_of_one = np.sum(np.delete(contributions, largest)) < limit_of_others
+    amounts[i] = score / information
+    excess, remainder = (sum(run.excess(a) for run in runs) for a in (None, amounts))
+    if is_of_one and remainder > (1 - ACCOUNTED) * excess:
+        return None
+    name = runs[largest].experiment.name if is_of_one else ""
+    return CommonEffect(MODEL_TEMPLATES[i], float(amounts[i]), float(information**-0.5), name, epoch)
 
 
 def _template_warning(effects: Sequence[CommonEffect], largest_force: tuple[float, float]) -> Finding:
     """Return the warning of the best template and those that the data do not distinguish from it."""
     causes = []
-    for effect in effects:
-        template = effect.template
+    for template, size, sigma, run, epoch in effects:
         force = largest_force[int(template.channel[-1]) - 1] if template.kind == "gain by force" else 0.0
-        scope = "" if effect.epoch is None else f" in the runs of alignment epoch {effect.epoch}"
-        causes.append(template.cause(effect.size, effect.sigma, effect.run, scope=scope, force=force))
-    run = effects[0].run
-    if effects[0].template.by_epoch:
-        found = " and ".join(cause.message for cause in causes)
-    else:
-        found = f"{either(causes)}, {f'shown by {run} alone' if run else 'in all runs alike'}"
-    message = f"{found}; the equation of motion does not contain that, and the uncertainties are not valid"
-    return Finding(MODEL_MISFIT, message, causes=tuple(causes))
-
-
-def _partial_warning(effect: CommonEffect) -> Finding:
-    """Return the warning of a template that all runs contain, though it is not all of their misfit."""
-    words = effect.template.cause(effect.size, effect.sigma).message
+        scope = "" if epoch is None else f" in the runs of alignment epoch {epoch}"
+        causes.append(template.cause(size, sigma, run, scope=scope, force=force))
     message = (
-        f"the residuals of all runs have a part in common, {effect.z:.1f} sigma of what they would have if "
-        f"{words}; that does not account for all of it, and no known effect does; the equation of motion is "
-        "incomplete, and the uncertainties are not valid"
+        f"{effects[0].run or 'all runs together'} {'shows' if effects[0].run else 'show'} {effects[0].z:.1f} "
+        f"sigma of this: {either(causes)}; the equation of motion does not contain that, and the "
+        "uncertainties are not valid"
     )
-    return Finding(MODEL_MISFIT, message)
+    return Finding(MODEL_MISFIT, message, causes=tuple(causes))
 
 
 def _force_warning(misfits: Sequence[RunMisfit], n_runs: int) -> Finding:

@@ -8,7 +8,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from fit.consistency.fault_templates import MODEL_TEMPLATES, RunSeries, Template
+from fit.consistency.fault_templates import MODEL_TEMPLATES, RunSeries
 from fit.consistency.score_test import ScoreTest
 from fit.model import dynamics
 from fit.quality import initial_fit
@@ -47,10 +47,8 @@ class RunMisfit:
         By how much the window makes amounts vary more than independent bins would.
     delays : ndarray, shape (2, 2)
         Delay [s] and standard deviation of the commands of test masses 1 and 2.
-    information, scores : ndarray, shape (Q,)
-        ``e' P e`` and ``e' P r`` of every template e, see `score_test`.
     effects : ndarray, shape (2 B, Q)
-        Whitened, of the templates.
+        Whitened, of the templates, without what is refitted; none for other equations.
     """
 
     experiment: Experiment
@@ -60,16 +58,20 @@ class RunMisfit:
     test: ScoreTest
     variance: float
     delays: Array
-    information: Array
-    scores: Array
     effects: Array
 
     def power(self, amounts: Array | None = None) -> Array:
         """Return the power of the residual without some amounts of the templates, 1 for noise, shape (B,)."""
         r = self.test.residual
         if amounts is not None:
-            r = r - self.test.project(self.effects @ amounts)
+            r = r - self.effects @ amounts
         return np.asarray(np.sum(r.reshape(-1, 2) ** 2, axis=1) / 2)
+
+    @cached_property
+    def sums(self) -> Array:
+        """Information and score, ``e' P e`` and ``e' P r``, of every template e, shape (Q, 2)."""
+        e = self.effects
+        return np.column_stack([np.sum(e**2, axis=0), e.T @ self.test.residual])
 
     def relative_power(self) -> Array:
         """Return the power of driven bins by the level of the noise, that of the noise run at least.
@@ -92,7 +94,7 @@ class RunMisfit:
             level = np.maximum(level, (sums[begin + NEIGHBOURS] - sums[begin]) / NEIGHBOURS)
         return np.asarray(power[driven] / level)
 
-    def beyond_noise(self, amounts: Array | None = None) -> float:
+    def excess(self, amounts: Array | None = None) -> float:
         """Return the excess over all bins, as far as the noise does not make it, whatever its level."""
         power = self.power(amounts)
         level = max(1.0, float(np.median(power)) / np.log(2))
@@ -101,7 +103,7 @@ class RunMisfit:
 
     @cached_property
     def p(self) -> float:
-        """Return an upper limit of how often noise makes the excess as large.
+        """Return an upper limit of how often noise makes the driven bins as loud.
 
         The level of the noise, that of the noise run at least, comes from bins that driven ones share, with
         few degrees of freedom (`EFFECTIVE`): p of twelve clean runs was 0.66 to 0.98.
@@ -111,12 +113,8 @@ class RunMisfit:
         return float(scipy.special.fdtrc(dof, EFFECTIVE * dof, np.mean(ratios))) if dof else 1.0
 
 
-def run_misfit(
-    experiment: Experiment,
-    largest_force: tuple[float, float],
-    templates: Sequence[Template] = MODEL_TEMPLATES,
-) -> RunMisfit:
-    """Fit a run with parameters of its own and take the products of templates with its residual.
+def run_misfit(experiment: Experiment, largest_force: tuple[float, float]) -> RunMisfit:
+    """Fit a run with parameters of its own.
 
     Parameters
     ----------
@@ -124,8 +122,6 @@ def run_misfit(
         With a noise run.
     largest_force : tuple of float
         See `RunSeries`.
-    templates : sequence of Template
-        All of them by default; those of other equations are left out.
     """
     run = experiment.sysid
     tau = initial_fit.initial_fit(run).tau
@@ -145,26 +141,23 @@ def run_misfit(
         test=_refitted(run, whitened, tau),
         variance=windowing.variance_factor(w),
         delays=np.array([(t, np.inf) for t in tau]),
-        information=np.zeros(0),
-        scores=np.zeros(0),
         effects=np.zeros((2 * f.size, 0)),
     )
     if [equation.name for equation in run.equations] != [DELTA_G.name]:  # whose templates these are
         return misfit
-    test, columns = misfit.test, run.columns(tau)
-    series = RunSeries(run, columns, np.array([1.0, *-test.refit.amounts]), largest_force)
-    added = [template.effect(series) for template in templates]
-    values = np.stack([np.zeros(len(columns.values)) if x is None else x for x in added], axis=1)
+    refit, columns = misfit.test.refit, run.columns(tau)
+    c = np.array([1.0, *-refit.amounts])
+    series = RunSeries(run, columns, c, largest_force)
+    none = np.zeros(len(columns.values))
+    values = np.stack([none if (x := t.effect(series)) is None else x for t in MODEL_TEMPLATES], axis=1)
     effects = whitened_run.as_real(whitened_run.whiten(run.transformed(values, columns), S)[0])
-    independent = test.independent(effects)
-    rms = max(1.0, float(np.sqrt(np.mean(test.residual**2))))  # beyond noise, the delays are less precise
-    return replace(
-        misfit,
-        delays=_delays(tau, series.coefficients, test.refit.sigmas * rms),
-        information=np.sum(independent**2, axis=0),
-        scores=independent.T @ test.residual,
-        effects=effects,
-    )
+    rms = max(1.0, float(np.sqrt(np.mean(misfit.test.residual**2))))
+    delays = misfit.delays.copy()
+    for delay, forces in zip(delays, dynamics.FORCES, strict=True):
+        gain, slope = c[forces]
+        if gain:  # beyond noise, the delays are less precise
+            delay[:] = delay[0] - slope / gain, refit.sigmas[forces.start] * rms / abs(gain)
+    return replace(misfit, delays=delays, effects=misfit.test.independent(effects))
 
 
 def _refitted(run: Run, whitened: Sequence[Array], tau: tuple[float, float]) -> ScoreTest:
@@ -180,15 +173,3 @@ def _refitted(run: Run, whitened: Sequence[Array], tau: tuple[float, float]) -> 
         test = ScoreTest(residual, np.concatenate([U @ e.gradient(theta, tau) for U, e in pairs]))
         theta = theta - test.refit.amounts
     return test
-
-
-def _delays(tau: tuple[float, float], c: Array, sigmas: Array) -> Array:
-    """Return delay and standard deviation [s] of both commands, shape (2, 2); infinite if not determined."""
-    delays = np.empty((2, 2))
-    for j, columns in enumerate(dynamics.FORCES):
-        gain, slope = columns.start, columns.start + 1
-        if c[gain] == 0:
-            delays[j] = tau[j], np.inf
-        else:
-            delays[j] = tau[j] - c[slope] / c[gain], sigmas[slope - 1] / abs(c[gain])
-    return delays
