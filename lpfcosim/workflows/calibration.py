@@ -61,9 +61,7 @@ class Calibration:
         n_runs = len(self.results.experiments)
         n = sum(not (e.constraint and e.constraint.kind in ("fixed", "tied")) for e in known.values())
         text = f"{n} parameter{'s' * (n != 1)} determined"
-        n_joint = len(self.results.provenance.joint_runs or ()) if self.results.joint else 0
-        share = f"{n_joint} of " if 0 < n_joint < n_runs else ""
-        text += f" from {share}{n_runs} experiment{'s' * (n_runs != 1)}" if n_runs else ""
+        text += f" from {n_runs} experiment{'s' * (n_runs != 1)}" if n_runs else ""
         pulls = {name: e.pull for name, e in known.items() if e.pull is not None}
         if not pulls or any(fit.unsound for fit in fits.values()):
             return text
@@ -113,7 +111,7 @@ def calibrate_into(
     progress: Progress,
     *,
     dynamics: Results | None = None,
-    provenance: Mapping[str, str | int | float] | None = None,
+    provenance: Mapping[str, object] = MappingProxyType({}),
     amend: Callable[[Results], Results] = lambda results: results,
 ) -> Calibration:
     """Fit telemetry, and write results and report to a folder.
@@ -142,7 +140,7 @@ def calibrate_into(
         else:
             results = api.calibrate(telemetries, **fit_settings.record())
     files = [t.path for t in telemetries]
-    return _write(directory, amend(results), files, provenance or {}, progress, telemetries)
+    return _write(directory, amend(results), files, provenance, progress, telemetries)
 
 
 def calibrate_ttl_into(
@@ -228,13 +226,6 @@ def find_telemetry(
     return telemetry_files(paths)
 
 
-def read_dynamics(calibration: Path) -> tuple[Results, dict[str, str]]:
-    """Return the results of a file, whose joint fit must be sound, and their provenance."""
-    dynamics = load(calibration)
-    sound_joint(dynamics, str(calibration))
-    return dynamics, {"calibration": str(calibration), "calibration_sha256": checksums.digest(calibration)}
-
-
 def read_telemetry(paths: Sequence[Path], directory: Path, progress: Progress) -> list[Telemetry]:
     """Read the telemetry that paths mean, see `find_telemetry`."""
     files = find_telemetry(paths, directory, progress)
@@ -250,7 +241,11 @@ def fit_into(
     calibration: Path | None = None,
 ) -> Calibration:
     """Calibrate the telemetry that paths mean, with the dynamics of another calibration if given."""
-    dynamics, provenance = read_dynamics(calibration) if calibration else (None, None)
+    dynamics, provenance = None, {}
+    if calibration:
+        dynamics = load(calibration)
+        sound_joint(dynamics, str(calibration))
+        provenance = {"calibration": str(calibration), "calibration_sha256": checksums.digest(calibration)}
     telemetries = read_telemetry(paths, directory, progress)
     return calibrate_into(
         directory, telemetries, fit_settings, progress, dynamics=dynamics, provenance=provenance

@@ -1,13 +1,13 @@
 """A campaign simulated, fitted and reported; results say what is missing where runs failed."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import Executor
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
-from fit.errors import CalibrationError, FitError
+from fit.errors import CalibrationError
 from fit.files import atomic
 from fit.findings import Finding
 from fit.parallel import one_blas_thread
@@ -44,16 +44,13 @@ class CampaignRun(Calibration):
 
     def check_sound(self) -> None:
         """Raise FitError if the uncertainties are not valid, and RunError if runs failed."""
-        if not self.failures:
-            super().check_sound()
-            return
         n_runs = len(self.failures) + len(self.telemetry)
-        failure = _failure(self.path.parent, len(self.failures), n_runs, grouped(self.failures.items()))
-        try:
-            super().check_sound()
-        except FitError as error:
-            raise RunError(f"{failure}; remaining experiments: {error}") from None
-        raise failure
+        failure = _failure(self.path.parent, self.failures, n_runs)
+        if failure:
+            with _prefixed(failure):
+                super().check_sound()
+            raise failure
+        super().check_sound()
 
 
 @one_blas_thread
@@ -155,14 +152,20 @@ def _fit(
     progress: Progress,
 ) -> CampaignRun:
     """Fit the experiments that are complete, and report them and the failures."""
-    complete, missing = _divide(plan, simulated)
-    causes = failure_causes(simulated)
-    failure = _failure(directory, len(simulated.failures), len(plan.runs), causes)
-    if not complete:
+    failures = {name: str(error) for name, error in simulated.failures.items()}
+    failure = _failure(directory, failures, len(plan.runs))
+    missing = {
+        e.name: "; ".join(grouped((name, failures[name]) for name in e.run_names if name in failures))
+        for e in plan.experiments
+        if failures.keys() & {*e.run_names}
+    }
+    complete = [e for e in plan.experiments if e.name not in missing]
+    if failure and not complete:
         raise failure
-    try:
+    with _prefixed(failure):
         with progress.stage("reading"):
-            telemetries = read_all(complete, trusted=True)
+            files = [simulated.files[name] for e in complete for name in e.run_names]
+            telemetries = read_all(files, trusted=True)
         with progress.stage("loop responses"):
             _write_transfer_functions(plan, directory, telemetries)
         fitted = calibrate_into(
@@ -170,17 +173,23 @@ def _fit(
             telemetries,
             fit_settings,
             progress,
-            provenance=simulated.provenance.attributes(),
-            amend=partial(_with_missing, missing=missing, causes="; ".join(causes)),
+            provenance={**simulated.provenance.attributes(), **({"missing": missing} if missing else {})},
+            amend=partial(_with_missing, missing=[*missing], causes="; ".join(failure_causes(simulated))),
         )
+    return CampaignRun(fitted.results, fitted.path, fitted.report, simulated.files, failures)
+
+
+@contextmanager
+def _prefixed(failure: RunError | None) -> Iterator[None]:
+    """Begin an error of the fit with that of the runs that failed, if there are any."""
+    try:
+        yield
     except CalibrationError as error:
-        if missing:
+        if failure:
             raise RunError(f"{failure}; remaining experiments: {error}") from None
         if isinstance(error, InputError):  # about the telemetry: the campaign was found valid
             raise RunError(str(error)) from None
         raise
-    failures = {name: str(error) for name, error in simulated.failures.items()}
-    return CampaignRun(fitted.results, fitted.path, fitted.report, simulated.files, failures)
 
 
 def _write_transfer_functions(plan: Campaign, directory: Path, telemetries: Sequence[Telemetry]) -> None:
@@ -192,41 +201,25 @@ def _write_transfer_functions(plan: Campaign, directory: Path, telemetries: Sequ
         atomic.write_json(path, control_loops.document([*loops], plan.digest))
 
 
-def _divide(plan: Campaign, simulated: runner.SimulationResult) -> tuple[list[Path], dict[str, str]]:
-    """Return the telemetry of the experiments that are complete, and why each of the others is not."""
-    complete: list[Path] = []
-    missing = {}
-    for experiment in plan.experiments:
-        failed = [
-            (name, str(simulated.failures[name]))
-            for name in experiment.run_names
-            if name in simulated.failures
-        ]
-        if failed:
-            missing[experiment.name] = "; ".join(grouped(failed))
-        else:
-            complete += [simulated.files[name] for name in experiment.run_names]
-    return complete, missing
-
-
-def _with_missing(results: Results, missing: Mapping[str, str], causes: str) -> Results:
+def _with_missing(results: Results, missing: Sequence[str], causes: str) -> Results:
     """Add a warning of missing experiments, for the report and the readers of the file."""
     if not missing:
         return results
     which = "experiments {} are" if len(missing) > 1 else "experiment {} is"
-    warning = Finding("missing_run", f"{which.format(names(list(missing)))} missing: {causes}")
+    warning = Finding("missing_run", f"{which.format(names(missing))} missing: {causes}")
 
     def with_warning(fit: Fit) -> Fit:
         return replace(fit, warnings=(warning, *fit.warnings))
 
-    extra = {**results.provenance.extra, "missing": dict(missing)}
-    provenance = replace(results.provenance, extra=extra)
     if results.joint is not None:
-        return replace(results, joint=with_warning(results.joint), provenance=provenance)
-    experiments = {name: with_warning(fit) for name, fit in results.experiments.items()}
-    return replace(results, experiments=experiments, provenance=provenance)
+        return replace(results, joint=with_warning(results.joint))
+    return replace(
+        results, experiments={name: with_warning(fit) for name, fit in results.experiments.items()}
+    )
 
 
-def _failure(directory: Path, n_failures: int, n_runs: int, causes: list[str]) -> RunError:
+def _failure(directory: Path, failures: Mapping[str, str], n_runs: int) -> RunError | None:
     """Return the error of a campaign of which runs failed."""
-    return RunError(f"{n_failures} of {n_runs} runs failed, see {directory / 'logs'}: {'; '.join(causes)}")
+    causes = "; ".join(grouped(failures.items()))
+    n_failures, logs = len(failures), directory / "logs"
+    return RunError(f"{n_failures} of {n_runs} runs failed, see {logs}: {causes}") if failures else None
