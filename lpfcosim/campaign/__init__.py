@@ -16,5 +16,4 @@ __all__ = [
     "montecarlo",
     "names",
     "schema",
-    "units",
 ]

@@ -21,7 +21,6 @@ from lpfcosim.cli.options import (
     Scheduler,
     Tie,
     Trust,
-    duration,
     examples,
     help_without_command,
 )
@@ -82,24 +81,6 @@ def new(
     file = (write_map if as_map else write_campaign)(name)
     advice = "fill it in, then: lpfcosim fit" if as_map else "to check it: lpfcosim check"
     print(f"{file}: written; {advice} {quote(str(file))}")
-
-
-@app.command(epilog=examples("lpfcosim schema > lpf-campaign.json", "lpfcosim schema --map > lpf-map.json"))
-def schema(
-    as_map: Annotated[bool, typer.Option("--map", help="Print the schema of a map of archives.")] = False,
-) -> None:
-    """Print the JSON Schema of a campaign or a map, for editors.
-
-    Begin a campaign with the line "#:schema ./lpf-campaign.json", a map with "#:schema ./lpf-map.json".
-    Editors then complete and check it as you type, for instance Visual Studio Code with the extension Even
-    Better TOML.
-    """
-    import json
-
-    from fit.telemetry import maps
-    from lpfcosim.cli.new import json_schema
-
-    print(json.dumps(maps.json_schema() if as_map else json_schema(), indent=1))
 
 
 @app.command(epilog=examples("lpfcosim check mine.toml", "lpfcosim check mine.toml --json | jq .peaks"))
@@ -179,9 +160,8 @@ def run(
         float | None,
         typer.Option(
             "--time-limit",
-            metavar="DURATION",
-            parser=duration,
-            help='Wall time of each run, such as "2 h"; without --scheduler.',
+            metavar="SECONDS",
+            help="Longest wall time of a run, without --scheduler.",
         ),
     ] = None,
     rerun: Annotated[
@@ -202,7 +182,7 @@ def run(
     from lpfcosim.workflows import run as workflow
 
     console, directory = Console(quiet=quiet, as_json=as_json), out or Path(campaign.stem)
-    results_folder.check_folder(directory, "telemetry")
+    results_folder.check_folder(directory)
     with dask_executor(scheduler) if scheduler else nullcontext() as executor:
         calibration = workflow.run(
             campaign,
@@ -258,7 +238,7 @@ def montecarlo(
 
     console = Console(quiet=quiet, as_json=as_json)
     directory = out or Path(f"{campaign.stem}-montecarlo")
-    results_folder.check_folder(directory, "figures")
+    results_folder.check_folder(directory)
     with dask_executor(scheduler) if scheduler else nullcontext() as executor:
         study = workflow.montecarlo(
             campaign,
@@ -342,7 +322,7 @@ def identify(
 
     console, files = Console(quiet=quiet, as_json=as_json), paths or []
     directory = out or Path(f"{campaign.stem}-identified" if files else campaign.stem)
-    results_folder.check_folder(directory, "telemetry")
+    results_folder.check_folder(directory)
     parameters = read_constraints(fix, tie, prior, bound)
     identified = workflow.identify(
         campaign, files, directory, parameters=parameters, trusted=trusted, progress=console

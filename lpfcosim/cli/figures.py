@@ -16,7 +16,7 @@ from lpfcosim.execution import Tasks, Workers, results_folder
 
 def write_figures(directory: Path, names: Sequence[str], console: Console, *, jobs: int | None) -> int:
     """Draw the figures whose names contain one of `names`, or all of them; return their number."""
-    results_folder.check_folder(directory, "figures", option="")
+    results_folder.check_folder(directory)
     with console.stage("reading"):
         results, telemetries = refit.load(directory)
     place = directory / "figures"

@@ -97,7 +97,7 @@ def export_ssp(
     console = Console(quiet=quiet)
     plan = loading.load(campaign)
     path = out or Path(f"{campaign.stem}.ssp")
-    results_folder.check_file(path, loading.sources(campaign), parents=True)
+    results_folder.check_file(path, loading.sources(campaign))
     with prefix_errors(campaign):
         archives = simulate.campaign_fmus(plan, console)
         written = ssp.export(plan, archives, path)

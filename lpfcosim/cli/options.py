@@ -58,15 +58,3 @@ def help_without_command(context: typer.Context) -> None:
     if context.invoked_subcommand is None:
         typer.echo(context.get_help(), err=True)
         raise typer.Exit(2)
-
-
-def duration(text: str) -> float:
-    """Return a duration [s] from what an option says."""
-    from pydantic_core import PydanticCustomError
-
-    from lpfcosim.campaign import units
-
-    try:
-        return units.Quantity("a duration", "s", "2 h", sign="positive").to_si(text)
-    except PydanticCustomError as error:
-        raise typer.BadParameter(str(error)) from None

@@ -53,7 +53,6 @@ def fit(
         float | None,
         typer.Option("--f-max", metavar="HZ", help="Upper end of the fitted band, between 0.02 and 0.1."),
     ] = None,
-    f_min: Annotated[float | None, typer.Option("--f-min", hidden=True)] = None,  # refused with its reason
     as_json: Json = False,
     quiet: Quiet = False,
 ) -> None:
@@ -71,10 +70,10 @@ def fit(
     from lpfcosim.workflows import calibration as workflow
 
     console, directory = Console(quiet=quiet, as_json=as_json), out or results_folder.default(paths[0])
-    results_folder.check_folder(directory, "telemetry")
+    results_folder.check_folder(directory)
     dynamics = results_file(calibration) if calibration else None
     chosen = fit_settings.read(settings) if settings else fit_settings.settings()
-    options = {"f_min": f_min, "f_max": f_max, "include_short": include_short or None}
+    options = {"f_max": f_max, "include_short": include_short or None}
     stated = {name: value for name, value in options.items() if value is not None}
     parameters = read_constraints(fix, tie, prior, bound)
     chosen = workflow.constrain(chosen.without_fmu_parameters(), parameters, stated)
@@ -135,7 +134,7 @@ def deltag(
     from lpfcosim.workflows import deltag as workflow
 
     console, directory = Console(quiet=quiet), out or results_folder.default(paths[0], "deltag")
-    results_folder.check_folder(directory, "telemetry")
+    results_folder.check_folder(directory)
     for path in workflow.write_deltag(paths, calibration, directory, console):
         console.show(str(path))
 

@@ -188,8 +188,3 @@ def test_new_map_refuses(lpfcosim, tmp_path, arguments, expected):
     (sentence,) = err.splitlines()
     assert expected in sentence
     assert not list(tmp_path.iterdir())
-
-
-def test_schema_of_maps_is_printed(lpfcosim):
-    status, out, err = lpfcosim("schema", "--map")
-    assert (status, err, json.loads(out)) == (0, "", maps.json_schema())

@@ -7,7 +7,7 @@ import sys
 import pytest
 
 GROUPS = {
-    (): "new schema check forecast run montecarlo design identify "
+    (): "new check forecast run montecarlo design identify "
     "fit report figures deltag compare jitter ttl mcmc fmu",
     ("fmu",): "build list export-ssp",
 }

@@ -23,10 +23,6 @@ def mine(tmp_path, monkeypatch):
     (tmp_path / "mine.toml").write_text('extends = "base.toml"\nname = "mine"\n', encoding="utf-8")
     (tmp_path / "file").write_text(base, encoding="utf-8")
     (tmp_path / "notes.toml").touch()
-    (tmp_path / "older" / "telemetry").mkdir(parents=True)
-    (tmp_path / "older" / "results.json").touch()
-    (tmp_path / "folder.toml").mkdir()
-    (tmp_path / "folder.fmu").mkdir()
     (tmp_path / "out").mkdir()
     (tmp_path / "out" / "mine.toml").symlink_to(tmp_path / "base.toml")
     return tmp_path
@@ -38,8 +34,7 @@ def mine(tmp_path, monkeypatch):
         ("design mine.toml --out base.toml", "base.toml: is read by this command, expected"),
         ("design mine.toml --out out/mine.toml", "out/mine.toml: is read by this command, expected"),
         ("design mine.toml --out notes.toml", "notes.toml: is there already and is no design, expected"),
-        ("run mine.toml --out older/telemetry", "older/telemetry: holds the telemetry of results, expected"),
-        ("forecast mine.toml --out file", "file: is a file, expected a folder for the results"),
+        ("forecast mine.toml --out file", "file: cannot be made in or written to, expected a folder"),
         ("new base.toml", "base.toml: exists already, expected a new name"),
         ("new my|own.toml", 'my|own.toml: "my|own" cannot name a file'),
     ],
@@ -54,17 +49,14 @@ def test_what_may_not_be_written_to_is_refused(tmp_path, monkeypatch):
     """Whoever is root may write to anything: what the system says is taken from elsewhere."""
     locked = tmp_path / "locked"
     locked.mkdir()
-    (tmp_path / "file.toml").touch()
-    forbidden = {locked, tmp_path / "file.toml"}
-    monkeypatch.setattr(os, "access", lambda path, _: Path(path) not in forbidden)
-    for check in (
-        lambda: results_folder.check_folder(locked),
-        lambda: results_folder.check_folder(locked / "deeper"),
-        lambda: results_folder.check_file(locked / "a.toml", []),
-        lambda: results_folder.check_file(locked / "deeper" / "a.toml", [], parents=True),
-        lambda: results_folder.check_file(tmp_path / "file.toml", []),
+    results_folder.check_folder(tmp_path / "new" / "deeper")
+    results_folder.check_file(locked / "a.toml")
+    monkeypatch.setattr(os, "access", lambda path, _: Path(path) != locked)
+    for check, path in (
+        (results_folder.check_folder, locked),
+        (results_folder.check_folder, locked / "deeper"),
+        (results_folder.check_file, locked / "a.toml"),
+        (results_folder.check_file, tmp_path / "new" / "a.toml"),
     ):
-        with pytest.raises(InputError, match="may not be written to"):
-            check()
-    results_folder.check_folder(tmp_path / "new")
-    results_folder.check_file(tmp_path / "new" / "a.toml", [], parents=True)
+        with pytest.raises(InputError, match="cannot be"):
+            check(path)
