@@ -9,6 +9,7 @@ model Plant "Spacecraft, two optical assemblies, and a test mass in each"
   parameter Types.Inertia I_tm = 6.80e-4 "Inertia of each test mass about any axis";
   parameter Types.Inertia I_mosa = 15 "Inertia of each assembly about its pivot";
   parameter Types.Angle half_opening = Constants.pi/6 "Half of the nominal angle between the assemblies";
+  parameter Types.Angle opening = 0 "Direction of assembly 1 beyond its nominal one";
   parameter Types.Length p_x_1 = 0.10 "Location of the pivot of assembly 1 along x";
   parameter Types.Length p_y_1 = 0.25 "Location of the pivot of assembly 1 along y";
   parameter Types.Length p_z_1 = 0 "Location of the pivot of assembly 1 along z";
@@ -96,7 +97,7 @@ model Plant "Spacecraft, two optical assemblies, and a test mass in each"
   Interfaces.AngleOutput Phi "Attitude of the spacecraft about z, in inertial space";
   final parameter Types.Length p_1[3] = {p_x_1, p_y_1, p_z_1} "Location of the pivot of assembly 1";
   final parameter Types.Length p_2[3] = {p_x_2, p_y_2, p_z_2} "Location of the pivot of assembly 2";
-  Assembly assembly_1(m_tm = m_tm, I_tm = I_tm, I_mosa = I_mosa, direction = half_opening, p = p_1,
+  Assembly assembly_1(m_tm = m_tm, I_tm = I_tm, I_mosa = I_mosa, direction = half_opening + opening, p = p_1,
     rho = {rho_x_1, rho_y_1, rho_z_1}, omega2 = {omega2_x_1, omega2_y_1, omega2_z}, omega2_xy = omega2_xy_1,
     omega2_rot = {omega2_theta, omega2_eta, omega2_phi}, f_mosa = f_mosa, damping_mosa = damping_mosa)
       "Assembly 1 and its test mass";
@@ -157,7 +158,7 @@ not in the actuation: a force that switches between two samples cannot cross the
 <p>Sensitive axes, for small angles and with r_j = p_j + rho_j in axes of the spacecraft:</p>
 <pre>
   x_j'' = g_j - omega2_x_j*x_j - omega2_xy_j*y_j + F_applied_x_j/m_tm - u_j.(a_O + dOmega x r_j)
-  u_j   = (cos a_j, sin a_j, 0)                                                  a_1 = half_opening = -a_2
+  u_j   = (cos a_j, sin a_j, 0)                                                  a_1 = half_opening + opening, a_2 = -half_opening
 </pre>
 <p>Defaults: test masses as flown on LISA Pathfinder. Mass, inertia, geometry and mechanism are a choice, as are
 stiffness (of the order of LISA Pathfinder), delays and lag of the thrust (those of LISA Pathfinder).</p>

@@ -28,7 +28,7 @@ def turn(angle):
 
 def equations(p):
     """Return the rate of change of the 40 states; p has the parameters of the plant by name."""
-    a = p["half_opening"], -p["half_opening"]
+    a = p["half_opening"] + p["opening"], -p["half_opening"]
     pivot, rho = (np.array([[p[f"{name}_{k}_{j}"] for k in AXES] for j in (1, 2)]) for name in ("p", "rho"))
     I_sc = np.array([p[f"I_{k}{k}_sc"] for k in AXES])
     K = [np.diag([p[f"omega2_x_{j}"], p[f"omega2_y_{j}"], p["omega2_z"]]) for j in (1, 2)]
@@ -103,8 +103,8 @@ def read_out(y, p, now):
         eta, phi = np.cos(a) * y[25] - np.sin(a) * y[24], y[26] + yaw[j - 1]
         o[f"dws_eta_{j}"] = p["dws_gain"] * eta + now[f"n_dws_eta_{j}"]
         o[f"dws_phi_{j}"] = p["dws_gain"] * phi + now[f"n_dws_phi_{j}"]
-        scale = np.array([1, p[f"grs_gain_y_{j}"], 1])
-        o |= {f"grs_{k}_{j}": (scale * position)[i] + now[f"n_grs_{k}_{j}"] for i, k in enumerate(AXES)}
+        seen = position * [1, p[f"grs_gain_y_{j}"], 1] + [0, p[f"grs_y_per_x_{j}"] * position[0], 0]
+        o |= {f"grs_{k}_{j}": seen[i] + now[f"n_grs_{k}_{j}"] for i, k in enumerate(AXES)}
         o |= {f"grs_{k}_{j}": angle[i] + now[f"n_grs_{k}_{j}"] for i, k in enumerate(ANGLES)}
         o |= {f"mosa_{j}": yaw[j - 1], f"jitter_x_{j}": position[0]}
     return o | {f"jitter_{k}": y[24 + i] for i, k in enumerate(ANGLES)}

@@ -79,7 +79,8 @@ def test_everything_at_once_against_a_general_integrator(lisa_run, key):
     errors = {name: 0.1 * (i + 1) for i, name in enumerate(n for n in lisa.MODEL.truths if "o_per" in n)}
     gains = {"lambda_x_2": 1.05, "lambda_y_1": 0.95, "lambda_y_2": 1.07, "lambda_z_1": 0.9, "lambda_z_2": 1.1,
              "lambda_N": 1.03, "grs_gain_y_1": 1.2, "grs_gain_y_2": 0.8, "dws_gain": 0.9, "x_per_y_1": 0.2,
-             "x_per_y_2": -0.1, "x_per_phi_1": 30.0, "x_per_phi_2": -20.0}  # fmt: skip
+             "x_per_y_2": -0.1, "x_per_phi_1": 30.0, "x_per_phi_2": -20.0, "grs_y_per_x_1": 0.15,
+             "grs_y_per_x_2": -0.25}  # fmt: skip
     limits = {"F_max_yz": 1e-9, "N_max_eta": 5e-13}
     run = lisa_run(key, n_samples=60, parameters={**SKEW, **errors, **gains, **limits})
     driven = shaken(run, 1e-3)

@@ -31,7 +31,7 @@ SKEW = {
     "rho_y_2": 0.05, "rho_z_2": 0.02, "f_mosa": 0.7, "damping_mosa": 0.5, "tau_1": 0.13, "tau_2": 0.08,
     "tau_sc": 0.234, "T_sc": 0.15, "omega2_x_1": -2e-2, "omega2_x_2": 1e-2, "omega2_y_1": -3e-2,
     "omega2_y_2": 4e-2, "omega2_xy_1": 2e-2, "omega2_xy_2": -1e-2, "omega2_z": -5e-2,
-    "omega2_theta": -1e-2, "omega2_eta": 2e-2, "omega2_phi": 3e-2,
+    "omega2_theta": -1e-2, "omega2_eta": 2e-2, "omega2_phi": 3e-2, "opening": 0.04,
 }  # fmt: skip
 #: Inputs that both plants have, but for the name of those along x.
 MOVING = [
