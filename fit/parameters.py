@@ -33,6 +33,8 @@ class Parameter:
         What it is, in words.
     flown : bool
         False where the flight has no value of its own and `value` only sets a scale.
+    assumed_sigma : float
+        Width of a prior about `value` that holds unless a fit is given something else; 0 without.
     """
 
     name: str
@@ -45,6 +47,7 @@ class Parameter:
     latex: str
     description: str
     flown: bool = True
+    assumed_sigma: float = 0.0
 
 
 def _lambda(j: int, value: float, sigma: float) -> Parameter:
@@ -81,13 +84,18 @@ def _delta_ifo(k: int, value: float, sigma: float, flown: bool = True) -> Parame
     return Parameter(f"delta_ifo_{k}", value, sigma, "1", abs(value), 11, *symbols, description, flown)
 
 
+ALIGNMENT = 1e-3  # rad, to which the axes of read-outs and telescopes are assumed to be known: a choice
+
+
 def _lisa(
     name: str, j: str, value: float, width: float, unit: str, html: str, latex: str, axes: str, text: str
 ) -> Parameter:
     index = ",".join(filter(None, (axes, j)))
     symbols = (f"{html}<sub>{index}</sub>", rf"{latex}_{{{index.replace('φ', chr(92) + 'phi')}}}")
     description = f"{text}, test mass {j}" if j else text
-    return Parameter(name, value, width, unit, width, 0, *symbols, description, flown=False)
+    assumed = ALIGNMENT if name.startswith(("o_per_y", "grs_y_per_x", "opening")) else 0.0
+    parameter = Parameter(name, value, width, unit, width, 0, *symbols, description, flown=False)
+    return replace(parameter, assumed_sigma=assumed)
 
 
 _DYNAMICS = (
@@ -136,10 +144,10 @@ _OF_TEST_MASS = {
     "lambda_x": (1.0, 0.1, "1", "λ", r"\lambda", "x", "gain of the force along x"),
     "C_x": (0.15, 0.3, "s", "C", "C", "x", "gain times effective delay of the force along x"),
     "o_per_y": (0.0, 0.01, "1", "ρ", r"\rho", "xy", "y in the read-out of x"),
-    "grs_y_per_x": (0.0, 0.1, "1", "μ", r"\mu", "yx", "x in the read-out of y"),
+    "grs_y_per_x": (0.0, 0.01, "1", "μ", r"\mu", "yx", "x in the read-out of y"),
 }
 _GEOMETRY = {
-    "opening": (0.0, 1e-3, "rad", "ε", r"\epsilon", "", "error of the angle between the telescopes"),
+    "opening": (0.0, 0.01, "rad", "ε", r"\epsilon", "", "error of the angle between the telescopes"),
     "d_x": (0.0, 0.01, "m", "d", "d", "x", "housing 1 less housing 2 along x of the spacecraft"),
     "d_y": (0.5, 0.01, "m", "d", "d", "y", "housing 1 less housing 2 along y of the spacecraft"),
     "dws_gain": (1.0, 0.05, "1", "κ", r"\kappa", "φ", "gain of the attitude read-out"),

@@ -12,7 +12,7 @@ out its rows; an effect of unknown size is one more column. The covariance of z 
 uncertainty of the noise model scales the noise of z, so that T is distributed as F and not as chi^2.
 """
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
@@ -217,7 +217,11 @@ def consistency_test(
         for name in joint.scatter
         if parameters[i].name.startswith(f"d{name}_")
     }
-    rows = np.zeros((len(widths), theta.size))
-    for row, (i, width) in enumerate(widths.items()):
-        rows[row, i] = 1 / width
-    return ConsistencyTest(runs, np.array([p.prior_sigma for p in parameters]), rows, rows @ theta)
+    widths |= {i: p.assumed_sigma for i, p in enumerate(parameters) if p.assumed_sigma}
+    rows, means = prior_rows(widths, theta.size), np.array([p.value for p in parameters])
+    return ConsistencyTest(runs, np.array([p.prior_sigma for p in parameters]), rows, rows @ (theta - means))
+
+
+def prior_rows(widths: Mapping[int, float], size: int) -> Array:
+    """Return priors of single parameters, their sigmas given by place, as rows, shape (L, `size`)."""
+    return np.asarray(np.eye(size)[list(widths)] / np.reshape(list(widths.values()), (-1, 1)))

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from fit.consistency.consistency_test import ConsistencyTest, consistency_test
+from fit.consistency.consistency_test import ConsistencyTest, consistency_test, prior_rows
 from fit.consistency.contradictions import contradictions, largest_pull
 from fit.consistency.leverage import leverage_warnings
 from fit.consistency.outlier_runs import find_outlier_runs, is_contradicted
@@ -224,10 +224,12 @@ def single_fit_test(
         (e, fit.whitened_runs[0]) for e in experiments if isinstance(fit := single_fits[e.name], IRLSResult)
     ]
     runs = tuple(parallel_map(lambda one: score(*one), fits))
-    test = ConsistencyTest(runs, width, np.zeros((0, theta.size)), np.zeros(0))
+    rows = prior_rows({i: p.assumed_sigma for i, p in enumerate(parameters) if p.assumed_sigma}, theta.size)
+    test = ConsistencyTest(runs, width, rows, np.zeros(len(rows)))
     for _ in range(2):  # coefficients are nearly linear in the parameters
         joint_theta = test.runs[0].theta + test.step()
-        test = replace(test, runs=tuple(replace(run, theta=joint_theta) for run in test.runs))
+        moved = tuple(replace(run, theta=joint_theta) for run in test.runs)
+        test = replace(test, runs=moved, prior_residual=rows @ (joint_theta - theta))
     return test
 
 

@@ -108,14 +108,14 @@ def run_score(name: str, block: whitened_run.WhitenedRun, estimate: RunEstimate,
     """
     H, M = moments(block)
     level = noise_level(block)
-    W = trusted_rows(block, score_whitening(H, M * level), H, estimate.c)
+    W = trusted_rows(block, score_whitening(H, M * level), H)
     effects, covariance = _knots(block, W)
     equation = block.without_data()
     rows = RunEstimate(name, estimate.c, W @ H, equation)
     return RunScore(rows, equation, theta, effects, covariance, level)
 
 
-def trusted_rows(block: whitened_run.WhitenedRun, W: Array, H: Array, c: Array) -> Array:
+def trusted_rows(block: whitened_run.WhitenedRun, W: Array, H: Array) -> Array:
     """Return the rows W, (R, K), of whitened scores in which a signal speaks, shape (N, K).
 
     Noisy read-outs attenuate the coefficients of spacecraft motion and torques, in every run differently. In
@@ -126,7 +126,7 @@ def trusted_rows(block: whitened_run.WhitenedRun, W: Array, H: Array, c: Array) 
     """
     root = W @ H
     if tuple(block.names) == block.equation.parameters[: len(block.names)]:
-        doubtful = np.hstack([_doubtful_directions(*part, root, H, c) for part in _parts(block)])
+        doubtful = np.hstack([_doubtful_directions(*part, root, H) for part in _parts(block)])
     else:  # a simulated loop, linear in the parameters of the run: those of read-outs come last
         doubtful = root[:, len(block.names) :]
     basis = column_space(of_unit_length(doubtful))
@@ -142,7 +142,7 @@ def _parts(block: whitened_run.WhitenedRun) -> list[tuple[whitened_run.WhitenedR
 
 
 def _doubtful_directions(
-    block: whitened_run.WhitenedRun, places: NDArray[np.intp], root: Array, H: Array, c: Array
+    block: whitened_run.WhitenedRun, places: NDArray[np.intp], root: Array, H: Array
 ) -> Array:
     """Return the whitened scores, as columns, of noisy regressors and of directions without a signal.
 
@@ -150,17 +150,18 @@ def _doubtful_directions(
     """
     columns, equation = list(block.equation.columns), block.equation
     of_signal = [columns.index(name) for name in equation.driven_columns]
-    coefficients = np.concatenate([np.ones(1), c[places]])[of_signal]
-    driven = (np.abs(block.columns[:, of_signal] * coefficients) ** 2 > DRIVEN).any(axis=1)
+    signals = block.columns[:, of_signal] * block.free_coefficients[of_signal]
+    driven = (np.abs(signals) ** 2 > DRIVEN).any(axis=1)
     loop = [columns.index(name) - 1 for name in equation.loop_columns]
     scale = column_scale(H)[places[loop]]
-    U = (block.columns[driven][:, 1:] * np.sqrt(block.weights.curvature[driven])[:, None])[:, loop] * scale
-    signal, every = (U.conj().T @ U).real, H[np.ix_(places[loop], places[loop])] * np.outer(scale, scale)
+    U = (block.columns[:, 1:] * np.sqrt(block.weights.curvature)[:, None])[:, loop] * scale
+    signal, every = ((x.conj().T @ x).real for x in (U[driven], U))
     present = scale > 0
     share, vectors = scipy.linalg.eigh(signal[np.ix_(present, present)], every[np.ix_(present, present)])
     directions = scale[present, None] * vectors[:, share < SIGNAL_SHARE]
     regressors = root[:, [places[columns.index(name) - 1] for name in equation.noisy_columns]]
-    return np.hstack([root[:, places[np.array(loop)[present]]] @ directions, regressors])
+    of_noise = root[:, places] @ block.noise_directions
+    return np.hstack([root[:, places[np.array(loop)[present]]] @ directions, of_noise, regressors])
 
 
 def noise_level(block: whitened_run.WhitenedRun) -> float:
@@ -170,9 +171,8 @@ def noise_level(block: whitened_run.WhitenedRun) -> float:
     """
     if not np.array_equal(block.weights.fit, np.ones(len(block.columns))):
         return 1.0
-    free = np.linalg.lstsq(block.R[:, 1:], -block.R[:, 0], rcond=None)[0]
-    chi2 = float(np.sum((block.R @ np.concatenate([np.ones(1), free])) ** 2))
-    level = chi2 / (block.size - free.size)
+    chi2 = float(np.sum((block.root_level @ block.free_coefficients) ** 2))
+    level = chi2 / (block.size - block.free_coefficients.size + 1)
     return 1.0 if 1 / MISMATCH < level < MISMATCH else level
 
 

@@ -52,7 +52,7 @@ class TestedConstraint:
     bound : str
         ``"min"`` or ``"max"`` if the estimate is at that bound, else empty.
     is_declared : bool
-        Whether the user states it; a physical limit of a parameter is not.
+        Whether the user states it; a physical limit of a parameter is not, nor what is assumed.
     is_active : bool
         Whether it takes part in the test: a bound does where the estimate is at it.
     """
@@ -260,7 +260,7 @@ def _tested_constraints(
             unconstrained=float(unconstrained[i]),
             sigma=float(sigma[i]),
             bound=bound,
-            is_declared=declared is None or name in declared,
+            is_declared=i not in outcome.parameter_set.assumed and (declared is None or name in declared),
             is_active=bool(np.isfinite(unconstrained[i])) and (bool(bound) or not setting.is_only_bounded),
         )
     return tested

@@ -40,7 +40,9 @@ class ParameterSet:
     Attributes
     ----------
     settings : dict of int to ParameterSettings
-        What the user says, by place of the parameter.
+        What the user says, or what is assumed otherwise, by place of the parameter.
+    assumed : set of int
+        Places of those that are assumed.
     constrained : ndarray of bool, shape (P,)
         Of which parameters that is more than where a fit starts.
     """
@@ -59,6 +61,12 @@ class ParameterSet:
             i: prior for width in random_effects for i, prior in width.priors(FREE * width.scale).items()
         }
         self.settings = {i: by_name[p.name] for i, p in enumerate(parameters) if p.name in by_name}
+        assumed = {
+            i: ParameterSettings(prior=(p.value, p.assumed_sigma))
+            for i, p in enumerate(parameters)
+            if p.assumed_sigma and not (i in self.settings and self.settings[i].is_constraint)
+        }
+        self.settings, self.assumed = {**self.settings, **assumed}, {*assumed}
         self._priors = {
             i: Prior(*constraint.prior) for i, constraint in self.settings.items() if constraint.prior
         }

@@ -91,9 +91,8 @@ def moments(run: WhitenedRun) -> tuple[Array, Array]:
     fit, curvature, score = (
         float(np.mean(factors)) for factors in (expected.fit, expected.curvature, expected.score)
     )
-    G = run.R[:, 1:].T @ run.R[:, 1:]
     window = 1.0 if run.window is None else windowing.variance_factor(run.window)
-    return G, G * score * window * fit / curvature**2
+    return run.R[:, 1:].T @ run.R[:, 1:], run.products[1:, 1:] * score * window * fit / curvature**2
 
 
 def column_scale(H: Array) -> Array:

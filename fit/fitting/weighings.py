@@ -114,9 +114,8 @@ class _SmoothPSD:
         )
         if not (equation.noisy and self._experiment.noise):
             return block
-        tau, columns = terms.tau, self._experiment.noise.spectra(terms.tau)
-        noise_terms = equation.spectra(columns)
-        return regressor_noise.corrected(block, noise_terms, self._model, equation.coefficients(theta, tau))
+        noise_terms = equation.spectra(self._experiment.noise.spectra(terms.tau))
+        return regressor_noise.corrected(block, noise_terms, self._model, c)
 
     def _accelerated(self, model: NoiseModel) -> NoiseModel:
         """Return a model of the noise, or where it goes if it creeps.

@@ -205,7 +205,8 @@ def notable_corrections(outcome: IRLSResult) -> list[Finding]:
     theta, shift = outcome.solution.theta, np.zeros(outcome.solution.theta.size)
     for block in (block for run in outcome.whitened_runs for block in run.blocks):
         if isinstance(block, CorrectedRun):
-            shift += block.gradient(theta)[1:].T @ block.noise_scores
+            scores = block.noise_products @ block.coefficients(theta)
+            shift += block.gradient(theta).T @ scores
     pulls = outcome.solution.covariance @ shift / outcome.solution.sigma
     names = tuple(p.name for p, x in zip(outcome.parameters, pulls, strict=True) if abs(x) > NOTABLE)
     if not names:

@@ -8,9 +8,10 @@ s_j = (x_j, y_j) in the frame of housing j and q_j = (o_j, grs_y_j) its read-out
     f_j = (lambda_x_j F_x_j + x_per_y_j F_y_j, lambda_y_j F_y_j) / m_tm
     q_j = [1, o_per_y_j; grs_y_per_x_j, grs_gain_y_j] s_j
 
-R_j turns by +30 and -30 degrees from the frame of housing j to that of the spacecraft, whose x axis bisects
-the telescopes; a_O is the acceleration of its centre of mass and r_j the position of housing j. What acts on
-a test mass beside that, ``A_j = s_j'' + K_j s_j - f_j``, is measured. In the difference a_O drops out:
+R_j turns by +30 and -30 degrees, plus the yaw mosa_j of the assembly, from the frame of housing j to that of
+the spacecraft, whose x axis bisects the telescopes; a_O is the acceleration of its centre of mass and r_j the
+position of housing j. What acts on a test mass beside that, ``A_j = s_j'' + K_j s_j - f_j``, is measured. In
+the difference a_O drops out:
 
     D = R_1 A_1 - R_2 A_2 + dOmega z x (r_1 - r_2) = R_1 g_1 - R_2 g_2
     D_x = cos 30 (A_x1 - A_x2) - (A_y1 + A_y2) / 2 - dOmega d_y
@@ -48,6 +49,7 @@ Array = NDArray[np.float64]
 Delays = tuple[float, float]
 
 HALF_OPENING = math.pi / 6  # rad
+DIRECTIONS = (HALF_OPENING, -HALF_OPENING)
 BASELINE = (0.0, 0.5)  # m, r_1 - r_2 along x and y: a choice
 _READ_OUTS = tuple(f"{q}_{j}" for j in (1, 2) for q in ("o", "grs_y"))
 _COMMANDS = tuple(f"F_{axis}_{j}" for j in (1, 2) for axis in ("y", "x"))
@@ -69,16 +71,16 @@ TERMS: Mapping[str, tuple[str, ...]] = {
     **{f"f_{j}": (f"F_y_{j}", f"dF_y_{j}", f"F_x_{j}", f"dF_x_{j}") for j in (1, 2)},
     "ddphi": ("ddphi",),
 }
-PARAMETERS = tuple(
+DYNAMICS = tuple(
     f"{name}_{j}"
     for name in ("omega2_x", "omega2_xy", "omega2_y", "lambda_y", "C_y", "grs_gain_y", "x_per_y")
     for j in (1, 2)
 )
-#: Of the geometry and of cross-talk of read-outs: one spacecraft alone does not determine them all.
-GEOMETRY = (
-    *(f"{name}_{j}" for name in ("o_per_y", "grs_y_per_x") for j in (1, 2)),
-    *("opening", "d_x", "d_y", "dws_gain"),
-)
+#: Axes of read-outs and telescopes: one spacecraft alone does not determine them all.
+GEOMETRY = (*(f"{name}_{j}" for name in ("o_per_y", "grs_y_per_x") for j in (1, 2)), "opening")
+PARAMETERS = (*DYNAMICS, *GEOMETRY)
+#: Of the rotation, taken as exact unless they are named.
+ROTATION = ("d_x", "d_y", "dws_gain")
 _ALONG = np.array([1.0, 0.0])
 _INNER = slice(derivatives.HALF, -derivatives.HALF)  # of what stencils are applied to
 _STEP = 1e-30  # imaginary, of a derivative: too small to matter in the real part
@@ -90,8 +92,8 @@ class Channels(RunChannels):
 
     Attributes
     ----------
-    half_opening : float
-        Half of the angle between the telescopes [rad].
+    directions : tuple of float
+        Of the telescopes from x of the spacecraft, the mean yaw of the assemblies included [rad].
     baseline : tuple of float
         r_1 - r_2 along x and y of the spacecraft [m].
     m_tm : float
@@ -100,7 +102,7 @@ class Channels(RunChannels):
         Channels that phi is made of.
     """
 
-    half_opening: float = HALF_OPENING
+    directions: tuple[float, float] = DIRECTIONS
     baseline: tuple[float, float] = BASELINE
     m_tm: float = parameters.M_TM
     attitude: tuple[str, ...] = ()
@@ -116,7 +118,7 @@ def channels(telemetry: Telemetry, taps: Array, factor: int) -> Channels:
     along_x = (f"{name}_x_{j}" for j in suspended for name in ("lambda", "C"))
     return Channels(
         **vars(reduced) | {"series": series, "parameters": (*PARAMETERS, *along_x)},
-        half_opening=_stated(telemetry, "half_opening", HALF_OPENING),
+        directions=_directions(telemetry),
         baseline=(_stated(telemetry, "d_x", BASELINE[0]), _stated(telemetry, "d_y", BASELINE[1])),
         m_tm=telemetry.m_tm,
         attitude=tuple(name for name in _ATTITUDE if name in telemetry.channels),
@@ -129,6 +131,13 @@ def _series(channels: Mapping[str, Array], m_tm: float) -> dict[str, Array]:
     commands = {name: channels[name] / m_tm for name in _COMMANDS if name in channels}
     turns = [weight * channels[name] for name, weight in _ATTITUDE.items() if name in channels]
     return {**read_outs, **commands, "phi": np.sum(turns, axis=0)}
+
+
+def _directions(telemetry: Telemetry) -> tuple[float, float]:
+    """Return the directions of the telescopes [rad]; in a run the assemblies turn by less than 0.1 mrad."""
+    half = _stated(telemetry, "half_opening", HALF_OPENING)
+    yaw_1, yaw_2 = (float(np.nanmean(telemetry.channels.get(f"mosa_{j}", np.zeros(1)))) for j in (1, 2))
+    return yaw_1 + half, yaw_2 - half
 
 
 def _stated(telemetry: Telemetry, attribute: str, default: float) -> float:
@@ -147,27 +156,27 @@ class Component(Equation):
     name : str
         ``D_x``, ``D_y``, ``I_1`` or ``I_2``.
     parameters : tuple of str
-        The P parameters of the run, of `PARAMETERS`, `GEOMETRY` and those along x.
-    half_opening, baseline
+        The P parameters of the run, of `PARAMETERS`, `ROTATION` and those along x.
+    directions, baseline
         See `Channels`.
     """
 
     name: str
     parameters: tuple[str, ...]
-    half_opening: float = HALF_OPENING
+    directions: tuple[float, float] = DIRECTIONS
     baseline: tuple[float, float] = BASELINE
     signal = "dds"
     noisy = True
 
     def coefficients(self, theta: Array, tau: Delays, /) -> Array:
         """Return the coefficients of the K columns of `basis`, shape (K,), at theta, shape (P,)."""
-        weights = self._weights(theta, tau) - self._weights(self._nominal, tau)
+        weights = self._relative(theta, tau) - self._relative(self._nominal, tau)
         return np.concatenate([[1.0], weights[self.varying]])
 
     def gradient(self, theta: Array, tau: Delays, /) -> Array:
         """Return the derivatives of `coefficients` by theta, shape (K, P), to the last digit."""
         steps = theta + 1j * _STEP * np.eye(theta.size)
-        slopes = [self._weights(step, tau).imag[self.varying] / _STEP for step in steps]
+        slopes = [self._relative(step, tau).imag[self.varying] / _STEP for step in steps]
         return np.concatenate([np.zeros((1, theta.size)), np.transpose(slopes)])
 
     def terms(self, columns: Columns, theta: Array, /) -> dict[str, Array]:
@@ -199,7 +208,7 @@ class Component(Equation):
         """Which of `COLUMNS` have a coefficient that depends on a parameter."""
         theta = self._nominal + 1e-3
         steps = theta + 1j * _STEP * np.eye(theta.size)
-        return np.flatnonzero(np.any([self._weights(step, (0.0, 0.0)).imag for step in steps], axis=0))
+        return np.flatnonzero(np.any([self._relative(step, (0.0, 0.0)).imag for step in steps], axis=0))
 
     @cached_property
     def _nominal(self) -> Array:
@@ -210,15 +219,26 @@ class Component(Equation):
     @cached_property
     def basis(self) -> Array:
         """The K columns of the model as sums of `COLUMNS`, shape (17, K)."""
-        known = self._weights(self._nominal, (0.0, 0.0))
-        return np.concatenate([known[:, None], np.eye(len(COLUMNS))[:, self.varying]], axis=1)
+        return np.concatenate([self._known[:, None], np.eye(len(COLUMNS))[:, self.varying]], axis=1)
+
+    @cached_property
+    def _known(self) -> Array:
+        """The coefficients of `COLUMNS` at the nominal parameters, shape (17,)."""
+        return self._weights(self._nominal, (0.0, 0.0))
+
+    def _relative(self, theta: NDArray[Any], tau: Delays) -> NDArray[Any]:
+        """Return `_weights` times what makes that of ddo_1 nominal: all columns free fit themselves to 0."""
+        weights = self._weights(theta, tau)
+        relative = np.asarray(weights * (self._known[0] / weights[0]))
+        relative[0] = self._known[0]
+        return relative
 
     def _weights(self, theta: NDArray[Any], tau: Delays) -> NDArray[Any]:
         """Return the coefficients of `COLUMNS`, shape (17,): real, or complex to differentiate by theta."""
         value = dict(zip(self.parameters, theta, strict=True))
         weights: NDArray[Any] = np.zeros(len(COLUMNS), dtype=theta.dtype)
         for j, sign, turn in ((1, 1, value.get("opening", 0.0)), (2, -1, 0.0)):
-            angle = sign * self.half_opening + turn
+            angle = self.directions[j - 1] + turn
             # the row of R_j that belongs to the component, with the sign of the test mass
             turned = sign * np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
             row = {"D_x": turned[0], "D_y": turned[1], f"I_{j}": _ALONG}.get(self.name, 0 * _ALONG)
@@ -304,9 +324,7 @@ class Lisa(Spacecraft):
     def equations(self, run: RunChannels) -> tuple[Equation, ...]:
         """See `Spacecraft`."""
         assert isinstance(run, Channels)
-        return tuple(
-            Component(name, run.parameters, run.half_opening, run.baseline) for name in ("D_x", "D_y")
-        )
+        return tuple(Component(name, run.parameters, run.directions, run.baseline) for name in ("D_x", "D_y"))
 
     def delays_of(self, theta: Array, names: Sequence[str]) -> Delays:
         """See `Spacecraft`."""
@@ -338,7 +356,7 @@ LISA = Lisa(
     delays=(0.15, 0.15),
     forces=(slice(8, 12), slice(12, 16)),
     shortest=SHORTEST,
-    optional=GEOMETRY,
+    optional=ROTATION,
     alike=(("o_1", "o_2"), ("grs_y_1", "grs_y_2"), ("F_y_1", "F_y_2")),
     ranges={
         f"{name}_{j}": limits._replace(channel=f"{limits.channel}_{j}")

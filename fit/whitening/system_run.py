@@ -81,6 +81,16 @@ class SystemRun(WhitenedRun):
         return self._summed(part.psd_scores for part in self.parts)
 
     @property
+    def free_coefficients(self) -> Array:
+        """As those of `WhitenedRun`."""
+        return np.concatenate([np.ones(1), *(part.free_coefficients[1:] for part in self.parts)])
+
+    @property
+    def products(self) -> Array:
+        """As that of `WhitenedRun`."""
+        return self._summed(part.products for part in self.parts)
+
+    @property
     def places(self) -> list[NDArray[np.intp]]:
         """The columns of each block among those of the run."""
         ends = accumulate((part.columns.shape[1] - 1 for part in self.parts), initial=1)

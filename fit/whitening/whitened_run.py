@@ -157,6 +157,16 @@ class WhitenedRun:
         return np.asarray(at_knots @ self.noise.covariance @ at_knots.T)
 
     @property
+    def products(self) -> Array:
+        """Covariance of the scores, shape (K, K), of independent bins with the weights of the fit."""
+        return np.asarray(self.R.T @ self.R)
+
+    @property
+    def noise_directions(self) -> Array:
+        """Directions of the coefficients but the first in which columns are noise, as columns (K - 1, n)."""
+        return np.zeros((self.columns.shape[1] - 1, 0))
+
+    @property
     def free_coefficients(self) -> Array:
         """Coefficients that fit the run best, shape (K,), the first of them 1."""
         scale = np.linalg.norm(self.R[:, 1:], axis=0)

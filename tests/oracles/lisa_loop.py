@@ -33,6 +33,7 @@ class World:
             "omega2_y_1": -1e-6, "omega2_y_2": -1.1e-6, "lambda_y_1": 1.05, "lambda_y_2": 1.07,
             "C_y_1": 1.05 * 0.15, "C_y_2": 1.07 * 0.17, "grs_gain_y_1": 1.002, "grs_gain_y_2": 0.997,
             "x_per_y_1": 2e-3, "x_per_y_2": -1e-3, "lambda_x_2": 1.06, "C_x_2": 1.06 * 0.16,
+            "o_per_y_1": 0.0, "o_per_y_2": 0.0, "grs_y_per_x_1": 0.0, "grs_y_per_x_2": 0.0, "opening": 0.0,
         }
     )  # fmt: skip
     geometry: dict[str, float] = field(default_factory=dict)

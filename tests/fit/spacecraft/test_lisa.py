@@ -7,7 +7,7 @@ import pytest
 
 from fit.errors import InputError
 from fit.spacecraft import lisa
-from fit.spacecraft.lisa import COLUMNS, GEOMETRY, LISA, PARAMETERS, Component
+from fit.spacecraft.lisa import COLUMNS, LISA, PARAMETERS, ROTATION, Component
 from fit.spectra import windowing
 from tests.oracles import lisa_loop
 from tests.oracles.lisa_loop import World
@@ -16,7 +16,7 @@ MISALIGNED = {
     "o_per_y_1": 2e-3, "o_per_y_2": -1e-3, "grs_y_per_x_1": 0.02, "grs_y_per_x_2": -0.03,
     "opening": 5e-4, "d_x": 4e-3, "d_y": 0.494, "dws_gain": 1.03,
 }  # fmt: skip
-ALL = (*PARAMETERS, *GEOMETRY, "lambda_x_2", "C_x_2")
+ALL = (*PARAMETERS, *ROTATION, "lambda_x_2", "C_x_2")
 INJECTED = ("r_o_1", "r_o_2", "r_y_1", "r_y_2", "r_phi")
 
 
@@ -76,7 +76,7 @@ def test_columns_are_right_in_the_whole_band():
     columns = np.concatenate(list(LISA.column_groups(run, delays(world))), axis=1)
     spectra = windowing.transform(columns, np.ones(len(columns), dtype=bool), run.fs)
     for equation in LISA.equations(run):
-        theta = np.array([world.truth[name] for name in equation.parameters])
+        theta = equation.parameters_of(world.truth)
         terms = spectra.columns @ equation.basis * equation.coefficients(theta, delays(world))
         assert np.abs(terms.sum(axis=1)).max() < 1e-10 * np.abs(terms).max()
 
@@ -87,11 +87,10 @@ def test_noise_of_both_components_at_a_millihertz():
     outputs, _ = lisa_loop.closed_loop(world, f)
     level = lisa_loop.levels(world, f)
     noise = np.stack([level[name] * outputs[:, :, i] for i, name in enumerate(lisa_loop.NOISES)], axis=-1)
-    theta = np.array([world.truth[name] for name in PARAMETERS])
     D = []
     for component in ("D_x", "D_y"):
         equation = Component(component, PARAMETERS)
-        c = equation.basis @ equation.coefficients(theta, delays(world))
+        c = equation.basis @ equation.coefficients(equation.parameters_of(world.truth), delays(world))
         D.append([columns_of(noise[:, :, i], f, world)[0] @ c for i in range(noise.shape[-1])])
     power = np.array(D) @ np.conj(D).T
     np.testing.assert_allclose(np.sqrt(np.diag(power).real), [8.1e-14, 1.4e-13], rtol=0.1)
@@ -106,6 +105,22 @@ def test_assemblies_that_turn_are_taken_off_the_attitude():
     run = replace(still, channels={**still.channels, **channels})
     phi = lisa.LISA.channels(still).series["phi"]
     np.testing.assert_allclose(lisa.LISA.channels(run).series["phi"], phi, atol=1e-18)
+
+
+def test_an_assembly_that_points_elsewhere_turns_its_test_mass():
+    # half a milliradian of `opening`, and the same as what the assembly states
+    world = World(geometry={"opening": 5e-4})
+    f = np.geomspace(1e-4, 0.1, 50)
+    outputs, _ = lisa_loop.closed_loop(world, f)
+    columns = columns_of(outputs[:, :, lisa_loop.SOURCES.index("r_o_1")], f, world)
+    run = lisa_loop.run(world, lisa_loop.sequence(1e-6), duration=3600)
+    turned = replace(
+        run, channels={**run.channels, "mosa_1": np.full(run.size, 5e-4), "mosa_2": 0 * run.time}
+    )
+    for equation in LISA.equations(LISA.channels(turned)):
+        theta = equation.parameters_of(world.truth)
+        terms = columns @ equation.basis * equation.coefficients(theta, delays(world))
+        assert np.all(np.abs(terms.sum(axis=1)) < 1e-12 * np.abs(terms).max())
 
 
 def test_geometry_that_is_no_number_is_refused():

@@ -9,16 +9,20 @@ import pytest
 import fit
 from fit.fitting import fit_experiment, null_space
 from fit.quality import as_fit
-from fit.spacecraft.lisa import GEOMETRY, PARAMETERS
+from fit.settings import settings
+from fit.spacecraft.lisa import DYNAMICS, GEOMETRY, PARAMETERS, ROTATION
 from fit.whitening import pair, whitened_run
 from tests.oracles import lisa_loop, synthetic
 
 WORLD = lisa_loop.World()
-#: Sigma of 1 um, five tones of half an hour each into x_1 and x_2, then into y_1 and y_2 (Fisher).
+#: Sigma of 1 um, five tones of half an hour each into x_1 and x_2, then into y_1 and y_2 (Fisher): where
+#: axes are known to 1 mrad, and where they are exact.
 SIGMAS = {
-    "omega2_x": 2.2e-9, "omega2_xy": 1.7e-9, "omega2_y": 2.4e-9, "lambda_y": 4.5e-5, "C_y": 1.7e-3,
-    "grs_gain_y": 2.5e-5, "x_per_y": 3.0e-5,
+    "omega2_x": 2.2e-9, "omega2_xy": 1.7e-9, "omega2_y": 2.4e-9, "lambda_y": 5.9e-4, "C_y": 1.7e-3,
+    "grs_gain_y": 5.7e-4, "x_per_y": 8e-4,
 }  # fmt: skip
+EXACT = {**SIGMAS, "lambda_y": 4.5e-5, "grs_gain_y": 2.5e-5, "x_per_y": 3.0e-5}
+KNOWN = {name: {"value": 0.0, "vary": False} for name in GEOMETRY}
 
 
 @lru_cache(maxsize=4)
@@ -32,22 +36,36 @@ def calibrated():
 
 
 def pulls(joint):
-    return np.array([(e.value - WORLD.truth[name]) / e.sigma for name, e in joint.parameters.items()])
+    estimates = [(name, e) for name, e in joint.parameters.items() if not e.is_exact]
+    return np.array([(e.value - WORLD.truth[name]) / e.sigma for name, e in estimates])
 
 
-def test_all_fourteen_parameters_are_found():
+def test_all_parameters_are_found():
     joint = calibrated().joint
     assert tuple(joint.parameters) == PARAMETERS
     assert joint.converged
-    assert [w.code for w in joint.warnings] == ["high_leverage"]
+    assert {w.code for w in joint.warnings} == {"high_leverage", "attenuation"}
     assert np.abs(pulls(joint)).max() < 3.5
     assert joint.chi2 / joint.dof == pytest.approx(1, abs=0.05)
 
 
-@pytest.mark.parametrize("name", PARAMETERS)
-def test_sigmas_are_those_of_the_design(name):
+@pytest.mark.parametrize(("settings", "sigmas"), [({}, SIGMAS), (KNOWN, EXACT)])
+def test_sigmas_are_those_of_the_design(settings, sigmas):
     # within 40 %: the two test masses are driven at other frequencies
-    assert calibrated().joint[name].sigma == pytest.approx(SIGMAS[name[:-2]], rel=0.4)
+    joint = fit.calibrate(campaign(), parameters=settings).joint
+    assert not joint.unsound
+    assert np.abs(pulls(joint)).max() < 3.5
+    for name in DYNAMICS:
+        assert joint[name].sigma == pytest.approx(sigmas[name[:-2]], rel=0.4)
+
+
+@pytest.mark.parametrize("width", [0.1, 10.0])
+def test_axes_that_are_hardly_known_are_named(width):
+    joint = fit.calibrate(campaign(), parameters={name: {"prior": [0.0, width]} for name in GEOMETRY}).joint
+    blind = {name for w in joint.warnings if w.code == "indeterminable" for name in w.parameters}
+    assert {*GEOMETRY} <= blind
+    assert not joint.unsound
+    assert np.abs(pulls(joint)).max() < 3.5
 
 
 def test_experiments_and_joint_fit_stand_as_for_lisa_pathfinder(tmp_path):
@@ -71,7 +89,7 @@ def test_lmfit_holds_the_joint_fit():
 def test_two_experiments_are_fitted_jointly():
     second = [replace(run, run=f"B-{run.kind}", experiment="B") for run in campaign(seed=1)]
     results = fit.calibrate([*campaign(), *second])
-    for name in PARAMETERS:
+    for name in (f"omega2_{axes}_{j}" for axes in ("x", "xy", "y") for j in (1, 2)):
         expected = results.experiments["A"][name].sigma / 2**0.5
         assert results.joint[name].sigma == pytest.approx(expected, rel=0.1)
     assert len(results.joint.without("B").params) == len(PARAMETERS)
@@ -82,9 +100,8 @@ def test_experiment_without_injection_does_not_cost_the_joint_fit():
     results = fit.calibrate(
         [*campaign(), *(replace(run, run=f"B-{run.kind}", experiment="B") for run in still)]
     )
-    assert list(results.experiments) == ["A"]
-    (warning,) = (w for w in results.joint.warnings if w.code != "high_leverage")
-    assert (warning.code, warning.message[:2]) == ("no_single_fit", "B:")
+    assert not {"omega2_x_1", "lambda_y_1", "x_per_y_1"} & {*results.experiments["B"].parameters}
+    assert not results.joint.unsound
     assert np.abs(pulls(results.joint)).max() < 3.5
 
 
@@ -111,14 +128,15 @@ def test_parameters_can_be_fixed():
 
 @pytest.mark.parametrize(
     ("yaw", "thrusters", "n"),
-    [(0.0, 0.1, 5), (0.0, 1.0, 4), (30e-9, 1.0, 3)],  # the noise of thrusters turns the spacecraft, too
+    [(0.0, 0.1, 5), (0.0, 1.0, 5), (30e-9, 1.0, 3)],
 )
 def test_blind_directions_of_all_twenty_two_parameters_are_named(yaw, thrusters, n):
     world = replace(WORLD, thrust=thrusters * WORLD.thrust, torque=thrusters * WORLD.torque)
     runs = lisa_loop.campaign(world, lisa_loop.sequence(1e-6, yaw=yaw))
-    (experiment,) = (e.with_parameters(GEOMETRY) for e in pair(runs))
-    assert experiment.parameters == (*PARAMETERS, *GEOMETRY)
-    outcome = fit_experiment(experiment)
+    (experiment,) = (e.with_parameters(ROTATION) for e in pair(runs))
+    assert experiment.parameters == (*PARAMETERS, *ROTATION)
+    unknown = settings({"parameters": {name: {"prior": [0.0, 1.0]} for name in GEOMETRY}})
+    outcome = fit_experiment(experiment, settings=unknown.parameters)
     assert len(outcome.directions) == n
     warnings = as_fit(outcome, [experiment]).warnings
     blind = {name for w in warnings if w.code == "indeterminable" for name in w.parameters}
@@ -131,7 +149,7 @@ def test_one_component_does_not_tell_stiffness_from_cross_stiffness():
     outcome = fit_experiment(experiment)
     names = [p.name for p in outcome.parameters]
     widths = np.array([p.prior_sigma for p in outcome.parameters])
-    known = np.diag([1e12 if "x_per_y" in name else 0.0 for name in names])  # else there are more
+    known = np.diag([1e12 if name[:-2] == "x_per_y" or name in GEOMETRY else 0.0 for name in names])
     (run,) = outcome.whitened_runs
     for runs, n in ((run.blocks[1:], 2), ((run,), 0)):
         information = whitened_run.information(runs, outcome.solution.theta)
@@ -169,7 +187,7 @@ def test_noise_alone_is_refused():
 
 def test_a_run_without_noise_run_is_doubted():
     joint = fit.calibrate(campaign()[:1]).joint
-    assert [w.code for w in joint.warnings] == ["no_noise_run", "high_leverage"]
+    assert "no_noise_run" in {w.code for w in joint.warnings}
     assert np.abs(pulls(joint)).max() < 4
 
 
@@ -177,7 +195,8 @@ def test_noise_of_read_outs_does_not_attenuate_at_a_tenth_of_a_micrometre():
     # Least squares leave the gains of the read-outs a sigma too low; the mean of eight pulls has 0.35.
     gains = []
     for seed in range(4):
-        joint = fit.calibrate(lisa_loop.campaign(WORLD, lisa_loop.sequence(1e-7), seed=seed)).joint
+        runs = lisa_loop.campaign(WORLD, lisa_loop.sequence(1e-7), seed=seed)
+        joint = fit.calibrate(runs, parameters=KNOWN).joint
         (warning,) = (w for w in joint.warnings if w.code == "attenuation")
         assert {"grs_gain_y_1", "grs_gain_y_2"} <= set(warning.parameters)
         gains += pulls(joint)[[PARAMETERS.index(f"grs_gain_y_{j}") for j in (1, 2)]].tolist()
