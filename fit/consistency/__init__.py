@@ -1,13 +1,12 @@
 """Consistency: which runs agree with each other, their joint fit, what is wrong with the others."""
 
-from fit.consistency.consistent_fit import consistency_warnings, fit_consistent_runs
-from fit.consistency.equation_test import equation_warnings
+from fit.consistency.consistent_fit import ConsistentFit, consistency_warnings, fit_consistent_runs
 from fit.consistency.likely_causes import explain_findings
 from fit.consistency.model_misfit import model_warnings
 
 __all__ = [
+    "ConsistentFit",
     "consistency_warnings",
-    "equation_warnings",
     "explain_findings",
     "fit_consistent_runs",
     "model_warnings",

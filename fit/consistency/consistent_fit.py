@@ -13,6 +13,7 @@ import numpy as np
 
 from fit.consistency.consistency_test import ConsistencyTest, consistency_test, prior_rows
 from fit.consistency.contradictions import contradictions, largest_pull
+from fit.consistency.equation_test import equation_warnings
 from fit.consistency.leverage import leverage_warnings
 from fit.consistency.outlier_runs import find_outlier_runs, is_contradicted
 from fit.consistency.run_scores import RunScore, run_score
@@ -22,8 +23,8 @@ from fit.findings import Finding
 from fit.fitting import IRLSResult, fit_joint, run_estimate
 from fit.model import Sharing
 from fit.parallel import parallel_map
-from fit.quality import fit_quality
 from fit.settings import Settings
+from fit.statistics import variance
 from fit.whitening import Experiment, WhitenedRun
 
 MAX_ANSWERS = 3  # that are named, of what may be wrong
@@ -122,12 +123,11 @@ def fit_consistent_runs(
     test_of_all = _test_with(outliers, consistent, joint, single_fits, settings)
     numbers = range(len(consistent), len(consistent) + len(outliers))
     test = test_of_all.without(numbers)
-    findings = [
-        *unsettled,
-        *contradictions(test_of_all, numbers, (*consistent, *outliers)),
-        *_warnings(test, joint, consistent, test_of_all.runs[numbers.start :]),
-        *fit_quality.acausal(joint, experiments[0].sysid.spacecraft.commands),
-    ]
+    findings = [*unsettled, *contradictions(test_of_all, numbers, (*consistent, *outliers))]
+    if of_equations := equation_warnings(test, consistent):
+        findings += of_equations
+    else:
+        findings += _warnings(test, joint, consistent, test_of_all.runs[numbers.start :])
     return ConsistentFit(joint, tuple(consistent), tuple(findings), test, selection.probabilities)
 
 
@@ -265,8 +265,8 @@ def _remove(experiments: Sequence[Experiment], left_out: Iterable[Finding]) -> l
 
 def _unsettled(experiments: Sequence[Experiment], single_fits: SingleFits) -> tuple[Finding, ...]:
     """Return the experiments without a single fit."""
-    failures = {e.name: fit for e in experiments if isinstance(fit := single_fits[e.name], FitError)}
-    return tuple(Finding("misfit", words, name) for name, words in fit_quality.suspects(failures).items())
+    names = [e.name for e in experiments if isinstance(single_fits[e.name], FitError)]
+    return tuple(Finding("misfit", f"{name} alone does not fit either", name) for name in names)
 
 
 def _joint_with_unsettled(
@@ -297,7 +297,8 @@ def _joint_with_unsettled(
         return None
     if converged_fit is None:
         return joint
-    if fit_quality.suspects({"": joint}):
+    ratio, dof = joint.solution.chi2 / joint.solution.dof, joint.solution.dof
+    if ratio > 1 and not variance.is_plausible(ratio, dof):
         return None
     loses = np.count_nonzero(joint.undetermined) > np.count_nonzero(converged_fit.undetermined)
     contradicted = is_contradicted(consistency_test(together, joint), _groups(together))

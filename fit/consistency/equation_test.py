@@ -10,7 +10,6 @@ from collections.abc import Sequence
 from fit.consistency.consistency_test import ConsistencyTest
 from fit.false_alarms import p_limit
 from fit.findings import Finding
-from fit.quality import MODEL_MISFIT
 from fit.whitening import Experiment
 
 
@@ -32,4 +31,4 @@ def equation_warnings(test: ConsistencyTest, experiments: Sequence[Experiment]) 
         f"{' and '.join(names)} contradict each other in {', '.join(found)}: the geometry or a read-out is "
         "not what the equations take as exact, or channels are exchanged; the uncertainties are not valid"
     )
-    return [Finding(MODEL_MISFIT, message)]
+    return [Finding("model_misfit", message)]

@@ -8,7 +8,7 @@ fitted within the covariance of the prediction. The best explanation is named if
 with it, together with those that the data do not distinguish from it.
 """
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 from functools import partial
 from typing import NamedTuple
@@ -17,16 +17,17 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from fit.campaign import Campaign
 from fit.consistency.consistency_test import ConsistencyTest
+from fit.consistency.consistent_fit import ConsistentFit
 from fit.consistency.run_scores import RunScore, run_score
-from fit.errors import FitError
 from fit.false_alarms import p_limit
 from fit.findings import Amount, Finding, either
 from fit.fitting import IRLSResult, run_estimate
 from fit.model import Sharing, dynamics
 from fit.parameters import M_TM
 from fit.units import concise_value
-from fit.whitening import Experiment, whitened_run
+from fit.whitening import whitened_run
 
 Array = NDArray[np.float64]
 
@@ -79,32 +80,20 @@ class Rating(NamedTuple):
     is_noise: bool
 
 
-def explain_findings(
-    findings: Sequence[Finding],
-    experiments: Sequence[Experiment],
-    single_fits: Mapping[str, IRLSResult | FitError],
-    joint: IRLSResult,
-    test: ConsistencyTest,
-    sharing: Sharing,
-) -> tuple[Finding, ...]:
-    """Return findings of runs that are left out with the causes that explain them.
+def explain_findings(campaign: Campaign, agreed: ConsistentFit) -> tuple[Finding, ...]:
+    """Return the findings of a campaign, those of runs that are left out with the causes that explain them.
 
     Parameters
     ----------
-    findings : sequence of Finding
-        All of them.
-    experiments : sequence of Experiment
-        All that could be masked.
-    single_fits : mapping of str to IRLSResult or FitError
-        The fit of each of them by itself.
-    joint : IRLSResult
-        The joint fit of the others.
-    test : ConsistencyTest
-        Of these.
-    sharing : Sharing
-        What experiments share.
+    campaign : Campaign
+        The campaign.
+    agreed : ConsistentFit
+        The joint fit of the runs that agree.
     """
-    by_name, names = {e.name: e for e in experiments}, [p.name for p in joint.parameters]
+    if (test := agreed.test) is None:
+        return campaign.findings
+    joint, single_fits, by_name = agreed.outcome, campaign.fits, campaign.experiments
+    sharing, names = Sharing(campaign.settings.shared), [p.name for p in joint.parameters]
     epochs = {by_name[run.name].sysid.telemetry.alignment_epoch for run in test.runs}
 
     def explain(finding: Finding) -> Finding:
@@ -126,7 +115,7 @@ def explain_findings(
         message = f"{finding.run}: perhaps {either(causes)}; {finding.message}"
         return replace(finding, message=message, causes=causes)
 
-    return tuple(map(explain, findings))
+    return tuple(map(explain, campaign.findings))
 
 
 def likely_causes(test: ConsistencyTest, epochs: Mapping[int, Array]) -> tuple[Finding, ...]:

@@ -18,7 +18,6 @@ from fit.findings import Finding, either
 from fit.model import dynamics
 from fit.parallel import parallel_map
 from fit.parameters import DELAYS
-from fit.quality import MODEL_MISFIT
 from fit.whitening import Experiment
 
 WIDESPREAD = 1 / 3  # of the runs: a misfit of so many is one of the model
@@ -143,7 +142,7 @@ def _template_warning(effects: Sequence[CommonEffect], largest_force: tuple[floa
         f"sigma of this: {either(causes)}; the equation of motion does not contain that, and the "
         "uncertainties are not valid"
     )
-    return Finding(MODEL_MISFIT, message, causes=tuple(causes))
+    return Finding("model_misfit", message, causes=tuple(causes))
 
 
 def _force_warning(misfits: Sequence[RunMisfit], n_runs: int) -> Finding:
@@ -155,7 +154,7 @@ def _force_warning(misfits: Sequence[RunMisfit], n_runs: int) -> Finding:
         " no known effect explains them, the equation of motion is incomplete, and the uncertainties are "
         "not valid"
     )
-    return Finding(MODEL_MISFIT, message, causes=causes)
+    return Finding("model_misfit", message, causes=causes)
 
 
 def _strongest_tone(run: RunMisfit) -> Finding:
@@ -186,4 +185,4 @@ def _delay_warnings(runs: Sequence[RunMisfit]) -> list[Finding]:
         f"the delay C / lambda is {measured}, more than {MAX_DELAY:g} times that of the flight: {words}, or "
         "the commands are early in the files; the equation of motion lacks an average, and gains are biased"
     )
-    return [Finding(MODEL_MISFIT, message, parameters=tuple(f"C_{j}" for j in late), causes=(cause,))]
+    return [Finding("model_misfit", message, parameters=tuple(f"C_{j}" for j in late), causes=(cause,))]

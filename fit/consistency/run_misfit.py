@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from fit.consistency.fault_templates import MODEL_TEMPLATES, RunSeries
 from fit.consistency.score_test import ScoreTest
 from fit.model import dynamics
-from fit.quality import initial_fit
 from fit.spacecraft import DELTA_G
 from fit.spectra import windowing
+from fit.statistics import initial_fit, initial_noise_psd
 from fit.whitening import Experiment, Run, whitened_run
 
 Array = NDArray[np.float64]
@@ -124,9 +124,9 @@ def run_misfit(experiment: Experiment, largest_force: tuple[float, float]) -> Ru
         See `RunSeries`.
     """
     run = experiment.sysid
-    tau = initial_fit.initial_fit(run).tau
+    tau = initial_fit(run).tau
     terms = run.spectra(tau)
-    PSDs = [initial_fit.initial_noise_psd(experiment, k).expected(terms.f) for k in range(len(run.equations))]
+    PSDs = [initial_noise_psd(experiment, k).expected(terms.f) for k in range(len(run.equations))]
     whitened = [
         whitened_run.as_real(whitened_run.whiten(equation.spectra(terms), S)[0])
         for equation, S in zip(run.equations, PSDs, strict=True)

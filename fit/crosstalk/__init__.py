@@ -6,6 +6,7 @@ __all__ = [
     "coupling_constraints",
     "crosstalk_fit",
     "euler_fit",
+    "inertial",
     "refit",
     "torque_noise",
 ]

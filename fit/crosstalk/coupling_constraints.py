@@ -5,10 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from fit.crosstalk.attenuation import AttenuationCorrected, correct_attenuation
-from fit.crosstalk.crosstalk_fit import COEFFICIENTS
-from fit.findings import Finding
 from fit.fitting import IRLSResult, constraint_test
-from fit.results import Fit
 from fit.whitening import Experiment
 
 
@@ -49,10 +46,3 @@ def _estimates(
     return constraint_test.UnattenuatedEstimates(
         constrained.outcome.solution.theta, solution.theta, covariance
     )
-
-
-def constraint_warnings(joint: Fit, epoch: str) -> list[Finding]:
-    """Return the warnings of a joint fit about constraints of the couplings of an alignment epoch."""
-    names = {f"{name}_{epoch}" for name in COEFFICIENTS}
-    codes = ("constrained", "at_bound")
-    return [w for w in joint.warnings if w.code in codes and names & {*w.parameters}]

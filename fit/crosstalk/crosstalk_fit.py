@@ -23,13 +23,13 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from fit.checks import determined
 from fit.crosstalk import attenuation
 from fit.crosstalk.attenuation import AttenuationCorrected
 from fit.false_alarms import p_limit
 from fit.findings import Finding
-from fit.fitting import Heterogeneity, IRLSResult, heterogeneity
-from fit.model import Sharing, dynamics, inertial_forces
-from fit.quality import indeterminable, report
+from fit.fitting import Heterogeneity, IRLSResult, heterogeneity, report
+from fit.model import Sharing, dynamics, inertial_forces, rotation
 from fit.results import Fit, Results
 from fit.whitening import Experiment
 
@@ -76,7 +76,7 @@ def cross_talk(
     shift, fits = correction.shift, {}
     for epoch, names in of_epoch.items():
         findings = [
-            *indeterminable(outcome, experiments, names),
+            *determined.find(outcome, experiments, names),
             *_attenuated(correction.outcome, shift, names, delta_ifo[epoch]),
             *_corrected(outcome, correction, names),
             _correlation(outcome, names, delta_ifo[epoch]),
@@ -117,6 +117,34 @@ def _with_drift(fit: Fit, drifts: Mapping[str, Heterogeneity]) -> Fit:
     finding = Finding("cross_talk_drift", message, parameters=tuple(reported))
     fit = attenuation.inflate_sigma(fit, {name: drift.variance for name, drift in reported.items()})
     return replace(fit, warnings=(*fit.warnings, finding))
+
+
+def of_joint(
+    joint: Fit,
+    outcome: IRLSResult,
+    experiments: Sequence[Experiment],
+    sharing: Sharing,
+    correction: AttenuationCorrected,
+) -> dict[str, Fit]:
+    """Return the couplings by alignment epoch, with what is found of the joint fit that they depend on.
+
+    Where runs turn, they hold the Euler force.
+
+    Parameters
+    ----------
+    joint : Fit
+        The joint fit as it is reported; the others see `cross_talk`.
+    outcome, experiments, sharing, correction
+        See `cross_talk`.
+    """
+    turns = any(rotation.sources(e.sysid.telemetry) for e in experiments)
+    couplings = cross_talk(outcome, experiments, sharing, correction)
+    for epoch, fit in couplings.items():
+        with_euler = with_euler_warning(fit) if turns else fit
+        names, codes = {f"{name}_{epoch}" for name in COEFFICIENTS}, ("constrained", "at_bound")
+        constrained = [w for w in joint.warnings if w.code in codes and names & {*w.parameters}]
+        couplings[epoch] = with_euler.add([*constrained, *joint.unsound])
+    return couplings
 
 
 def subtraction(

@@ -25,7 +25,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from fit.crosstalk import centrifugal, torque_noise
+from fit.crosstalk import centrifugal, long_glitches, torque_noise
 from fit.errors import FitError
 from fit.findings import Finding
 from fit.fitting import (
@@ -38,7 +38,6 @@ from fit.fitting import (
 )
 from fit.model import Dynamics, angular_rate, dynamics, dynamics_of, inertial_forces, rotation
 from fit.parameters import Parameter, cross_talk_parameter, misalignments
-from fit.quality import long_glitches
 from fit.results import Estimate, Fit
 from fit.settings import ParameterSettings
 from fit.spacecraft import spacecraft_of

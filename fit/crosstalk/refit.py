@@ -5,10 +5,11 @@ from dataclasses import replace
 from pathlib import Path
 
 from fit import results as fit_results
+from fit.campaign import Campaign
+from fit.checks import checked
 from fit.errors import InputError
 from fit.fitting import IRLSResult, fit_joint
 from fit.parallel import one_blas_thread
-from fit.quality import mask_experiments, mask_spikes, noise_adaptation
 from fit.results import Results, results_folder, telemetry_of
 from fit.settings import Settings, settings
 from fit.telemetry import Telemetry, read_all
@@ -53,19 +54,12 @@ def experiments(
         Experiment(Run(runs[name]), Run(runs[pairs[name]]) if name in pairs else None) for name in joint
     ]
     fit_settings = settings(chosen, f"{path}: provenance.settings")
-    limited = [
-        mask_spikes(e.limit_band(fit_settings.f_max).with_parameters(fit_settings.parameters))
-        for e in recorded
-    ]
-    prepared, found = mask_experiments(limited, fit_settings, ())
-    if len(prepared) < len(limited):
-        raise InputError("; ".join(finding.message for finding in found if finding.code == "invalid_data"))
+    limited = [e.limit_band(fit_settings.f_max).with_parameters(fit_settings.parameters) for e in recorded]
+    campaign = Campaign({e.name: e for e in limited}, fit_settings)
+    prepared = checked(campaign, "samples", "commands", "residual", "read-out")
     levels = provenance.levels or []
-    _, noisy = noise_adaptation.adapt_to_readout_excess(prepared, fit_settings)
-    excess = {e.name for e in noisy}
-    return [
-        replace(e, marginalised=e.name in levels, readout_excess=e.name in excess) for e in prepared
-    ], fit_settings
+    every = prepared.experiments.values()
+    return [replace(e, marginalised=e.name in levels) for e in every], fit_settings
 
 
 def least_squares(prepared: Sequence[Experiment], settings_of_fit: Settings, results: Results) -> IRLSResult:

@@ -4,6 +4,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import Enum
+from typing import Literal
 
 
 class Severity(Enum):
@@ -34,6 +35,8 @@ class Kind:
         Largest share of the experiments that it leaves out of the joint fit, 0 if it leaves none out. What
         more of them have is not theirs alone: it is a finding of the joint fit. Infinite where no fit of them
         is possible.
+    adapts : str
+        Attribute of an experiment that it sets, so that the fit allows for it.
     """
 
     advice: str
@@ -42,6 +45,7 @@ class Kind:
     unsound: bool = False
     biased: bool = False
     excludes: float = 0.0
+    adapts: Literal["", "marginalised", "readout_excess"] = ""
 
 
 #: A note without advice, of the codes of other versions.
@@ -272,14 +276,16 @@ KINDS: Mapping[str, Kind] = {
     ),
     "marginalised_noise": Kind(
         "Nothing if the noise may have changed since the noise run; with a matching noise run the sigmas "
-        "would be slightly smaller."
+        "would be slightly smaller.",
+        adapts="marginalised",
     ),
     "wavefront_noise": Kind(
         "State `dws_asd` in the file of measurements; or move more, so that the noise does not count."
     ),
     "readout_excess_noise": Kind(
         "Nothing if the spacecraft may have moved more than in the noise run; otherwise inspect the spectrum "
-        "of o_1 above 0.1 Hz: motion falls off there, noise of a read-out does not."
+        "of o_1 above 0.1 Hz: motion falls off there, noise of a read-out does not.",
+        adapts="readout_excess",
     ),
     "no_star_tracker": Kind(
         "Archive the star tracker (ast_theta, ast_eta, ast_phi or ast_q_1 to ast_q_4) with the run."

@@ -32,7 +32,7 @@ from fit.fitting.random_effects import (
     weighted_mean,
 )
 from fit.fitting.regressor_noise import CorrectedRun
-from fit.fitting.reported_estimates import reported_estimates
+from fit.fitting.reported_estimates import report, reported_estimates
 from fit.fitting.run_estimate import (
     RunEstimate,
     column_scale,
@@ -75,6 +75,7 @@ __all__ = [
     "parameter_values",
     "random_effects",
     "readout_excess_noise",
+    "report",
     "reported_estimates",
     "run_estimate",
     "score_whitening",

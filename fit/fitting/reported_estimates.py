@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fit.errors import FitError
+from fit.findings import Finding
 from fit.fitting import constraints
 from fit.fitting.irls import IRLSResult
 from fit.fitting.joint_model import lmfit_symbol, parameter_values
-from fit.results import Constraint, ConstraintKind, Estimate
+from fit.results import Constraint, ConstraintKind, Estimate, Fit
+from fit.whitening import Experiment
 
 Array = NDArray[np.float64]
 
@@ -89,3 +91,40 @@ def _constraints(outcome: IRLSResult, theta: Array) -> dict[int, Constraint]:
         bound = None if outcome.undetermined[i] else bounds.get(i)
         stated[i] = Constraint(kind, expr, setting.prior, setting.min, setting.max, bound)
     return stated
+
+
+def report(
+    outcome: IRLSResult,
+    experiments: Sequence[Experiment],
+    names: Mapping[str, str],
+    warnings: Sequence[Finding],
+) -> Fit:
+    """Report those of the named parameters that are determinable.
+
+    Parameters
+    ----------
+    outcome : IRLSResult
+        Of the fit; chi2 and dof are its own, whatever part of its parameters is named.
+    experiments : sequence of Experiment
+        What was fitted.
+    names : mapping of str to str
+        Of the parameters, in the outcome and in the report.
+    warnings : sequence of Finding
+        To go with it.
+
+    Raises
+    ------
+    FitError
+        If a sigma is no positive number.
+    """
+    reported = {i: names[name] for name, i in outcome.determined.items() if name in names}
+    estimates, covariance = reported_estimates(outcome, reported)
+    return Fit(
+        parameters=estimates,
+        covariance_matrix=covariance,
+        chi2=outcome.solution.chi2,
+        dof=outcome.solution.dof,
+        converged=outcome.converged,
+        warnings=tuple(warnings),
+        masked_samples=sum(run.n_masked for e in experiments for run in e.runs),
+    )

@@ -17,6 +17,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from fit.checks import as_fit
 from fit.crosstalk import euler_fit
 from fit.errors import InputError
 from fit.fitting import (
@@ -36,7 +37,6 @@ from fit.forecasting.frequency_responses import frequencies, responses
 from fit.model import Delays, Equation, Sharing, dynamics
 from fit.parallel import one_blas_thread, parallel_map, progress_range
 from fit.parameters import Parameter
-from fit.quality import as_fit
 from fit.results import Estimate, Fit
 from fit.settings import ParameterSettings, Settings
 from fit.settings import settings as default_settings

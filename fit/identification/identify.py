@@ -10,16 +10,16 @@ from types import MappingProxyType
 import numpy as np
 from numpy.typing import NDArray
 
+from fit.checks import apply, levels, residual
 from fit.consistency import consistency_warnings
 from fit.errors import FitError, InputError
 from fit.false_alarms import sigma_limit
 from fit.findings import Finding
-from fit.fitting import constraint_test, irls, width_posterior
+from fit.fitting import constraint_test, irls, report, width_posterior
 from fit.identification.linearised_run import SimulatedExperiment
 from fit.identification.loop import FreeParameter, Loop
 from fit.identification.parameters import JointParameters, check_constraints, joint
 from fit.parallel import one_blas_thread, parallel_map
-from fit.quality import fit_quality, noise_adaptation
 from fit.results import Fit, Provenance, Results
 from fit.settings import Settings
 from fit.whitening import Experiment, Likelihood
@@ -164,9 +164,7 @@ def _report(
 ) -> Fit:
     """Return the free parameters that are determined, and why the others are not."""
     names = {name: name for name in parameters.free}
-    undetermined = fit_quality.indeterminable(outcome, experiments, names)
-    doubts = [*fit_quality.doubts(outcome, experiments), *fit_quality.scattered(outcome)]
-    fit = fit_quality.report(outcome, experiments, names, [*undetermined, *doubts])
+    fit = report(outcome, experiments, names, apply("fit", outcome, experiments, names))
     estimates = {  # physical limits of a parameter are no constraint unless it is at one
         name: e
         if name in settings.parameters or (e.constraint and e.constraint.at_bound)
@@ -183,8 +181,8 @@ def _doubts(
     return [
         *(w for w in (calibrated.joint.warnings if calibrated.joint else ()) if w.code in DATA_CODES),
         *consistency_warnings(experiments, outcome),
-        *noise_adaptation.misfits(experiments, outcome),
-        *(noise_adaptation.marginalised(e.name) for e in experiments if e.marginalised),
+        *residual.misfits(experiments, outcome),
+        *(levels.marginalised(e.name) for e in experiments if e.marginalised),
     ]
 
 

@@ -1,6 +1,6 @@
 """The record of one fit: as it is in memory, and as it is in a file."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -183,6 +183,10 @@ class Fit:
         if self.solved is None:
             raise InputError("results from a file hold no lmfit model, expected those of fit.calibrate")
         return self.solved
+
+    def add(self, findings: Iterable[Finding]) -> "Fit":
+        """Return the fit with more findings."""
+        return replace(self, warnings=(*self.warnings, *findings))
 
     @property
     def unsound(self) -> tuple[Finding, ...]:

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from fit.errors import InputError
 from fit.model import Spacecraft
 from fit.results import Results
+from fit.spacecraft import saturation
 from fit.spacecraft.lisa import LISA
 from fit.spacecraft.pathfinder import DELTA_G, PATHFINDER
 from fit.spacecraft.terms import CalibratedTerms, Terms, equation_terms
@@ -61,6 +62,7 @@ __all__ = [
     "check_same",
     "equation_terms",
     "lisa",
+    "saturation",
     "spacecraft_of",
     "spacecraft_of_results",
 ]

@@ -45,6 +45,11 @@ class Experiment:
         return self.sysid.channels.parameters
 
     @property
+    def runs(self) -> tuple[Run, ...]:
+        """The sysid run, and the noise run if there is one."""
+        return (self.sysid, self.noise) if self.noise else (self.sysid,)
+
+    @property
     def name(self) -> str:
         """Name that pairs the two."""
         return self.sysid.telemetry.experiment

@@ -90,6 +90,13 @@ class Run:
             valid &= (time < begin) | (time > end)
         return replace(self, channels=replace(self.channels, valid=valid), masks=(*self.masks, *stretches))
 
+    def spans(self, flags: NDArray[np.bool_]) -> tuple[tuple[float, float], ...]:
+        """Return begin and end [s] of every stretch of flagged samples, with the reach of the low-pass."""
+        taps, _ = derivatives.low_pass(self.telemetry.fs)
+        reach, time = taps.size / 2 / self.telemetry.fs, self.telemetry.time
+        stretches = derivatives.true_runs(flags).tolist()
+        return tuple((float(time[a] - reach), float(time[b - 1] + reach)) for a, b in stretches)
+
     def without_samples(self) -> "Run":
         """Return the run without its samples: every channel is as long, and its largest value throughout."""
 

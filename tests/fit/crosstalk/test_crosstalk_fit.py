@@ -6,6 +6,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
+from fit.checks import as_fit
 from fit.crosstalk import attenuation, crosstalk_fit, instrumental_variables, readout_noise
 from fit.crosstalk.crosstalk_fit import cross_talk
 from fit.crosstalk.fitted_run import fitted_runs
@@ -13,7 +14,6 @@ from fit.fitting.experiment_and_joint_fit import fit_experiment, fit_joint
 from fit.model import dynamics
 from fit.model.sharing import Sharing
 from fit.pipeline import calibrate
-from fit.quality.fit_quality import as_fit
 from fit.settings import settings
 from fit.spectra import derivatives
 from fit.whitening import Experiment

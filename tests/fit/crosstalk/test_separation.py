@@ -13,7 +13,7 @@ from fit.crosstalk.crosstalk_fit import (
     with_euler_warning,
     without_euler,
 )
-from fit.pipeline import _separated
+from fit.crosstalk.inertial import separated
 from fit.results import Fit, Results
 from fit.results.estimates import Estimate
 from fit.results.provenance import Provenance
@@ -49,14 +49,14 @@ def test_by_hand():
 
 def test_the_euler_force_of_another_fit_replaces_that_of_the_first():
     sums = with_euler_warning(fit({"b_1": 1e-5, "b_2": 2e-5, "b_5": 1e-7}, [1e-7, 2e-7, 5e-9], 0.5))
-    separated = subtract_euler_force(sums, MISALIGNED, "1", 0.376)
-    restored = restore_euler_force(separated, MISALIGNED, 0.376)
+    without = subtract_euler_force(sums, MISALIGNED, "1", 0.376)
+    restored = restore_euler_force(without, MISALIGNED, 0.376)
     assert restored.values == pytest.approx(sums.values)
     np.testing.assert_allclose(restored.covariance_matrix, sums.covariance_matrix, rtol=1e-9, atol=1e-24)
     assert restored.warnings == sums.warnings
-    first = Results(None, {}, {"1": separated}, {"1": MISALIGNED}, Provenance(cross_talk_periods={"1": "1"}))
+    first = Results(None, {}, {"1": without}, {"1": MISALIGNED}, Provenance(cross_talk_periods={"1": "1"}))
     other = fit({"delta_phi": -2e-4, "delta_eta": 3e-4}, [1e-5, 2e-5])
-    found, expected = _separated(first, {"1": other})["1"], subtract_euler_force(sums, other, "1", 0.376)
+    found, expected = separated(first, {"1": other})["1"], subtract_euler_force(sums, other, "1", 0.376)
     assert found.values == pytest.approx(expected.values)
     np.testing.assert_allclose(found.covariance_matrix, expected.covariance_matrix, rtol=1e-9, atol=1e-24)
 

@@ -5,13 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from fit.checks import checked
+from fit.checks.readout import readout_excess
 from fit.fitting.experiment_and_joint_fit import fit_experiment
 from fit.pipeline import calibrate
-from fit.quality.noise_adaptation import adapt_to_readout_excess
-from fit.quality.noise_tests import readout_excess
-from fit.settings import settings
 from fit.whitening import Experiment
 from fit.whitening.run import Run
+from tests.fit.checks.campaigns import campaign as campaign_of
 from tests.oracles import thirteen
 
 TRUTH = thirteen.TRUTH["delta_ifo_4"]
@@ -32,6 +32,12 @@ def experiment(*args, **kwargs):
     return Experiment(*map(Run, runs(*args, **kwargs)))
 
 
+def adapted(experiments, **chosen):
+    """Return the experiments of which only the injected signal of o_1 is used."""
+    campaign = checked(campaign_of(experiments, **chosen), "read-out")
+    return [e for e in campaign.experiments.values() if e.readout_excess]
+
+
 def delta_ifo(fit):
     """Return estimate and sigma."""
     index = [p.name for p in fit.parameters].index("delta_ifo")
@@ -41,7 +47,7 @@ def delta_ifo(fit):
 def test_runs_like_their_noise_runs_are_not_louder():
     # false positives 5e-5
     clean = [experiment(name, seed=2) for name in ("A1", "G3", "B4", "C4")]
-    assert adapt_to_readout_excess(clean, settings()) == ([], [])
+    assert adapted(clean) == []
 
 
 @pytest.mark.stat
@@ -56,14 +62,14 @@ def test_the_ratio_of_powers_has_its_sigma():
 
 def test_noise_and_motion_are_both_louder():
     noisy, moving = experiment(noisy=1e-9), experiment("A1", thruster=3.0)
-    assert [e.name for e in adapt_to_readout_excess([noisy, moving], settings())[1]] == ["B4", "A1"]
+    assert [e.name for e in adapted([noisy, moving])] == ["B4", "A1"]
     assert readout_excess(moving)[0] == pytest.approx(9, rel=0.2)
 
 
 def test_nothing_is_adapted_without_a_noise_run_or_with_the_estimator_of_ltpda():
     e = experiment(noisy=1e-9)
-    assert adapt_to_readout_excess([replace(e, noise=None)], settings()) == ([], [])
-    assert adapt_to_readout_excess([e], settings({"estimator": "flscov"}, "")) == ([], [])
+    assert adapted([replace(e, noise=None)]) == []
+    assert adapted([e], estimator="flscov") == []
 
 
 @pytest.mark.parametrize(("louder", "bias"), [({"noisy": 1.5e-9}, 5), ({"thruster": 1.5}, None)])
@@ -72,7 +78,7 @@ def test_louder_o_1_does_not_make_delta_ifo_small(louder, bias):
     if bias:
         attenuated, sigma = delta_ifo(fit_experiment(e))
         assert (TRUTH - attenuated) / sigma > bias
-    value, sigma = delta_ifo(fit_experiment(adapt_to_readout_excess([e], settings())[1][0]))
+    value, sigma = delta_ifo(fit_experiment(adapted([e])[0]))
     assert abs(value - TRUTH) < 3 * sigma < 0.15 * TRUTH  # false positives 3e-3, the seed is fixed
 
 

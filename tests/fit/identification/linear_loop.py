@@ -6,10 +6,11 @@ from pathlib import Path
 import numpy as np
 import scipy
 
+from fit.campaign import Campaign
+from fit.checks import checked
 from fit.errors import FitError, InputError
 from fit.identification.identify import identify
 from fit.identification.loop import FreeParameter
-from fit.quality import noise_adaptation
 from fit.settings import settings
 from fit.telemetry.reader import Telemetry
 from fit.whitening import pair
@@ -138,6 +139,5 @@ def identified(
     )
     loop.refused, loop.simulated_telemetry = refused, simulated
     experiments = pair(telemetries)
-    excess = noise_adaptation.adapt_to_readout_excess(experiments, CHOSEN)
-    prepared = [excess[e.name][1] if e.name in excess else e for e in experiments]
-    return identify(prepared, free, loop, calibrated, chosen, fixed or {})
+    campaign = checked(Campaign({e.name: e for e in experiments}, CHOSEN), "read-out")
+    return identify([*campaign.experiments.values()], free, loop, calibrated, chosen, fixed or {})

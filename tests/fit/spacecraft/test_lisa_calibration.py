@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 import fit
+from fit.checks import as_fit
 from fit.fitting import fit_experiment, null_space
-from fit.quality import as_fit
 from fit.settings import settings
 from fit.spacecraft.lisa import DYNAMICS, GEOMETRY, PARAMETERS, ROTATION
 from fit.whitening import pair, whitened_run

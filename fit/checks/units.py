@@ -1,0 +1,277 @@
+"""Units and signs of the channels, from the samples of a run before any prior acts on a gain.
+
+A least-squares fit of the equation of motion gives the gains lambda_j of the commanded forces, which are 1.08
+in flight: a gain far from 1 is a channel with another unit or sign. Which one, the other gain and the noise
+of the read-outs show. From 10 to 60 mHz the second derivative of ``o_1`` is noise of the thrusters, that of
+``o_12`` read-out noise and Delta g, both the same to a factor of two during the mission: a read-out that is
+orders of magnitude louder or quieter is in another unit.
+"""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from itertools import chain
+
+import numpy as np
+import scipy
+from numpy.typing import NDArray
+
+from fit.campaign import Campaign
+from fit.findings import Finding
+from fit.model import dynamics
+from fit.parameters import FLIGHT, M_TM
+from fit.spacecraft import saturation, spacecraft_of
+from fit.statistics import initial_fit
+from fit.telemetry import CHANNELS, Telemetry
+from fit.whitening import Experiment, Run, whitened_run
+
+Array = NDArray[np.float64]
+
+BAND = (0.01, 0.06)  # Hz, of the levels of the read-outs
+SEGMENT = 1024.0  # s
+DECADES = 0.7  # between the level of a read-out and that of flight in another unit
+TOLERANCE = 0.2  # decades, of a gain in another unit
+#: Gains that are possible, by the relative sigma up to which a run determines them. Without injections the
+#: closed loop makes least-squares gains of 0.9 to 1.9 with a sigma of 0.02 to 0.1.
+PLAUSIBLE_GAINS: Mapping[float, tuple[float, float]] = {0.01: (0.7, 1.5), 0.1: (0.3, 3.0)}
+PLAUSIBLE_STIFFNESS = 3e-6  # s^-2; a single tone does not separate it from the gain
+CONSISTENT = 2.0  # ratio of residual power to that of the noise run, up to which the equation holds
+PLAUSIBLE_LEAKAGE = 1e-3  # delta_ifo; in flight 2e-5
+LEVEL_RATIO = 300.0  # between the test masses; prefixes of units differ by 1000
+EXCESS = 0.02  # over the authority, of a command as it was given; leaks and rounding stay below
+RINGING = 0.1  # the same after a low-pass that makes corners ring
+LEAK = 5e-12  # m s^-2: without authority less than this leaks onto a test mass
+LEAK_RATIO = 2.0  # and no more than this times the other command
+MAX_STIFFNESS = 1e-4  # s^-2, that an authority makes; flight had 1e-6
+FULL_RATE = 10.0  # Hz
+PREFIXES = {3: "m", 6: "u", 9: "n", 12: "p", 15: "f"}  # of units 10^-n
+
+
+@dataclass(frozen=True)
+class FreeFit:
+    """Least-squares coefficients of the columns of a run with a prior on the stiffness alone.
+
+    Attributes
+    ----------
+    c, sigma : ndarray, shape (P + 1,)
+        Coefficients of the columns, the first of which is 1, and their standard deviations.
+    power : float
+        Power of the residual per degree of freedom, in units of the PSD that it had in flight.
+    """
+
+    c: Array
+    sigma: Array
+    power: float
+
+    @property
+    def gains(self) -> dict[int, float]:
+        """The gains lambda_j that the run determines, by test mass j."""
+        signs = {1: 1, 2: -1}  # as the equation of motion has them
+        return {
+            j: sign * float(self.c[dynamics.COLUMNS.index(f"f_{j}")])
+            for j, sign in signs.items()
+            if 0 < self.relative_sigma(j) < max(PLAUSIBLE_GAINS)
+        }
+
+    def relative_sigma(self, j: int) -> float:
+        """Return the relative standard deviation of the gain lambda_j, 0 without a command."""
+        k = dynamics.COLUMNS.index(f"f_{j}")
+        return float(self.sigma[k] / abs(self.c[k])) if self.c[k] else 0.0
+
+    @property
+    def implausible_gains(self) -> dict[int, float]:
+        """Those of the `gains` that no actuator has."""
+        wrong = {}
+        for j, gain in self.gains.items():
+            relative = self.relative_sigma(j)
+            low, high = next(limits for limit, limits in PLAUSIBLE_GAINS.items() if relative < limit)
+            if not low < gain < high:
+                wrong[j] = gain
+        return wrong
+
+    @property
+    def leaks(self) -> bool:
+        """Whether ``o_1`` leaks into ``o_12`` by more than misalignment makes it."""
+        k = dynamics.COLUMNS.index("ddo_1")
+        return bool(abs(self.c[k]) > max(PLAUSIBLE_LEAKAGE, 5 * self.sigma[k]))
+
+
+def free_fit(run: Run) -> FreeFit:
+    """Fit the columns of a run by least squares, weighted by the PSD that Delta g had in flight."""
+    initial = initial_fit(run)
+    spectra = run.spectra(initial.tau)
+    rows = whitened_run.as_real(whitened_run.whiten(spectra, run.spacecraft.level(spectra.f))[0])
+    residual = rows @ initial.c[0]
+    power = float(residual @ residual) / max(len(rows) - rows.shape[1] + 1, 1)
+    prior = np.zeros(rows.shape[1])
+    prior[dynamics.COLUMNS.index("o_12")] = np.sqrt(power) / PLAUSIBLE_STIFFNESS
+    used = np.flatnonzero(np.any(rows[:, 1:], axis=0)) + 1
+    columns = np.vstack([rows, prior])[:, [0, *used]]
+    scale = np.linalg.norm(columns, axis=0)
+    inverse = np.linalg.pinv(columns[:, 1:] / scale[1:])
+    c, sigma = np.zeros(rows.shape[1]), np.zeros(rows.shape[1])
+    c[0] = 1.0
+    c[used] = -inverse @ columns[:, 0] / scale[1:]
+    sigma[used] = np.sqrt(power) * np.linalg.norm(inverse, axis=1) / scale[1:]
+    return FreeFit(c, sigma, power)
+
+
+def find(campaign: Campaign) -> list[Finding]:
+    """Return the channels and attributes of runs whose unit or sign is wrong."""
+    units, levels = campaign.find_each(unit_faults), campaign.find_each(level_faults)
+    return [*units, *levels, *campaign.find_each(authority_faults)]
+
+
+def unit_faults(e: Experiment) -> Iterator[Finding]:
+    """Yield the channels of an experiment and of its noise run whose unit or sign is wrong."""
+    levels = e.sysid.spacecraft.levels
+    if not levels:
+        return
+    fit = free_fit(e.sysid)
+    power = readout_decades(e.sysid, "o_1")
+    if power > 0 or (power < 0 and fit.leaks):
+        yield _level_fault(e.sysid, "o_1", power)
+    yield from _gain_faults(e, fit)
+    if e.noise:
+        for channel in levels:
+            power = readout_decades(e.noise, channel)
+            if power > 0:
+                yield _level_fault(e.noise, channel, power)
+
+
+def _level_fault(run: Run, channel: str, power: int) -> Finding:
+    words = (
+        f"{_unit_text(channel, power)}, judging by its noise from {1e3 * BAND[0]:g} to {1e3 * BAND[1]:g} mHz"
+    )
+    return Finding("invalid_data", f"{run.telemetry.path}: {words}", run.telemetry.run, channel)
+
+
+def readout_decades(run: Run, channel: str) -> int:
+    """Return the power of ten of the unit that a read-out appears to be in, 0 for metres."""
+    fs = run.channels.fs
+    acceleration = np.diff(run.channels.series[channel], 2) * fs**2
+    f, psd = scipy.signal.welch(
+        acceleration, fs, nperseg=min(acceleration.size, int(SEGMENT * fs)), average="median"
+    )
+    level = np.sqrt(np.median(psd[(f > BAND[0]) & (f < BAND[1])]))
+    return _unit_power(level / run.spacecraft.levels[channel], DECADES)
+
+
+def _unit_power(factor: float, tolerance: float) -> int:
+    """Return the multiple of three that log10 of a factor is near to, 0 if there is none."""
+    if not factor > 0:
+        return 0
+    decades = float(np.log10(factor))
+    power = 3 * round(decades / 3)
+    return power if abs(decades - power) < tolerance else 0
+
+
+def _gain_faults(e: Experiment, fit: FreeFit) -> Iterator[Finding]:
+    """Yield what implausible gains say of signs and units of the commands and of o_12."""
+    wrong = fit.implausible_gains
+    if not wrong:
+        return
+    j, gain = min(wrong.items(), key=lambda item: fit.relative_sigma(item[0]))
+    force = f"f_x_{j}"
+    if len(wrong) == 2 or readout_decades(e.sysid, "o_12"):
+        channel, factor = "o_12", gain
+    elif len(fit.gains) == 2 or abs(np.log10(abs(gain))) > 1:
+        channel, factor = force, 1 / gain
+    else:
+        channel, factor = f"o_12 or {force}", gain
+    code, text = _gain_fault(e, fit, j, channel, factor)
+    words = (
+        f"{text}: lambda_{j} is estimated as {gain:.3g}, expected about 1 with o_12 = x_2 - x_1 in m and "
+        "forces along +x in m s-2"
+    )
+    run = e.sysid.telemetry
+    yield Finding(code, f"{run.path}: {words}", run.run, channel.replace(" or", ""))
+
+
+def _gain_fault(e: Experiment, fit: FreeFit, j: int, channel: str, factor: float) -> tuple[str, str]:
+    """Return code and clause of an implausible gain of test mass j."""
+    gain, power = fit.gains[j], _unit_power(abs(factor), TOLERANCE)
+    scale = max(abs(gain), 1.0) if channel == "o_12" else 1.0  # of the residual, which is that of o_12''
+    low, high = PLAUSIBLE_GAINS[min(PLAUSIBLE_GAINS)]
+    if e.noise and fit.power > CONSISTENT * scale**2 * free_fit(e.noise).power:
+        return "misfit", "the channels do not follow the equation"
+    if power:
+        sign = " and has the wrong sign" * (gain < 0)
+        return "invalid_data", f"{_unit_text(channel, power)}{sign}"
+    if low < -gain < high:
+        return "implausible_gain", f"{channel} has the wrong sign"
+    if low < gain * M_TM < high:
+        return "implausible_gain", f"f_x_{j} is in N and not in m s-2"
+    return "implausible_gain", f"{channel} has the wrong scale"
+
+
+def _unit_text(channel: str, power: int) -> str:
+    """Describe a channel that is 10^power times too large."""
+    unit = "m s-2" if channel.startswith("f") else "m"
+    if power in PREFIXES:
+        return f"{channel} is in {PREFIXES[power]}{unit} and not in {unit}"
+    return (
+        f"{channel} is in another unit, {10.0 ** abs(power):g} times too {'large' if power > 0 else 'small'}"
+    )
+
+
+def level_faults(experiment: Experiment) -> Iterator[Finding]:
+    """Yield the channels whose noise differs by orders of magnitude from that of the other test mass."""
+    for run in experiment.runs:
+        for pair in run.spacecraft.alike:
+            levels = {name: _noise_level(run.channels.series[name]) for name in pair}
+            if not all(levels.values()):
+                continue
+            (name, lowest), (noisiest, highest) = sorted(levels.items(), key=lambda item: item[1])
+            if highest > LEVEL_RATIO * lowest:
+                words = (
+                    f"{noisiest}: its noise is {highest / lowest:.2g} times that of {name}, expected less "
+                    f"than {LEVEL_RATIO:g}: one of the two is in another unit"
+                )
+                telemetry = run.telemetry
+                yield Finding("invalid_data", f"{telemetry.path}: {words}", telemetry.run, noisiest)
+
+
+def _noise_level(x: Array) -> float:
+    """Return the median size of the second difference of a channel, in which slow motion does not count."""
+    return float(np.median(np.abs(np.diff(x, 2))))
+
+
+def authority_faults(e: Experiment) -> Iterator[Finding]:
+    """Yield what contradicts the authorities of both runs of an experiment."""
+    return chain.from_iterable(_authority_faults(run.telemetry) for run in e.runs)
+
+
+def _authority_faults(run: Telemetry) -> Iterator[Finding]:
+    """Yield what contradicts the authority of a run."""
+    for j in (1, 2):
+        yield from _implausible_stiffness(run, j)
+    sizes = {name: np.abs(np.nan_to_num(run.channels[name])) for name in spacecraft_of(run).limits(run)}
+    for name, limit in spacecraft_of(run).limits(run).items():
+        index, key = int(np.argmax(sizes[name])), f"F_max_{name[-1]}"
+        largest = float(sizes[name][index])
+        tolerance = EXCESS if run.fs > 0.99 * FULL_RATE else RINGING
+        others = {x: float(size.max()) for x, size in sizes.items() if x != name}
+        other = max(others.values(), default=0.0)
+        if largest > (1 + tolerance) * limit + (LEAK / 100 if limit else min(LEAK, LEAK_RATIO * other)):
+            words = f"{name} exceeds its authority {key} = {getattr(run, key):.3g} N"
+            unit = CHANNELS[name].unit
+            if limit or other:
+                words += (
+                    f": {largest:.3g} {unit} at {run.time[index]:.0f} s, {saturation.limit_text(name, limit)}"
+                )
+            else:
+                words += f" and {', '.join(others)} is zero: are they exchanged?"
+            yield Finding("invalid_data", f"{run.path}: {words}", run.run, key)
+
+
+def _implausible_stiffness(run: Telemetry, j: int) -> Iterator[Finding]:
+    """Yield an authority that would make a test mass stiffer than any voltage does."""
+    for key, alpha, unit in ((f"F_max_{j}", f"alpha_x_{j}", "N"), (f"N_max_{j}", f"alpha_phi_{j}", "N m")):
+        value = getattr(run, key)
+        stiffness = FLIGHT[alpha].value * value
+        if abs(stiffness) > MAX_STIFFNESS:
+            words = (
+                f"attribute {key}: {value:g} {unit} would make a stiffness of {stiffness:.2g} s-2, expected "
+                "it in SI units"
+            )
+            yield Finding("invalid_data", f"{run.path}: {words}", run.run, key)
