@@ -83,7 +83,7 @@ _HOME = {
     "results": ("Estimate", "Fit", "Results"),
     "sampling": ("Chain", "sample"),
     "spectra": ("asd",),
-    "warnings": ("Finding",),
+    "findings": ("Finding",),
     "telemetry.reader": ("Telemetry",),
 }
 

@@ -6,7 +6,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from fit import pipeline
+from fit import campaign as campaign_module
 from fit.errors import FitError, InputError
 from fit.fitting import fit_experiment
 from fit.model import Sharing, dynamics
@@ -251,7 +251,7 @@ def test_what_one_experiment_cannot_yield_does_not_cost_the_joint_fit(monkeypatc
             raise FitError("B: it does not settle")
         return fit_experiment(experiment, *_)
 
-    monkeypatch.setattr(pipeline, "fit_experiment", fails)
+    monkeypatch.setattr(campaign_module, "fit_experiment", fails)
     results = calibrate(campaign_of(World()))
     assert list(results.experiments) == ["A", "C", "D"]
     (warning,) = (w for w in results.joint.warnings if w.code == "no_single_fit")
