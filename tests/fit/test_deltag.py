@@ -1,6 +1,5 @@
 """The Delta g product: against the truth of an independent simulator, and as a file."""
 
-import tracemalloc
 from dataclasses import replace
 
 import h5py
@@ -14,7 +13,7 @@ import fit
 from fit import deltag
 from fit import results as fit_results
 from fit.deltag import write_delta_g
-from fit.errors import FitError, InputError
+from fit.errors import InputError
 from fit.findings import Finding
 from fit.results import Fit
 from fit.results.estimates import Estimate
@@ -142,20 +141,6 @@ def test_above_the_fitted_band_read_outs_of_motion_add_no_noise(recorded, tmp_pa
     assert np.all(file.attrs.get("louder_bands", np.zeros((0, 2)))[..., 1] < 0.13)
 
 
-def test_a_slow_archive_whose_fit_ends_below_the_split_subtracts_no_motion():
-    recipe = deltag.Corrections({"b_1": 1.0}, None, None, True, 4e-3, ())
-    x = np.random.default_rng(9).standard_normal(20_000)
-    remainder = recipe.filtered_cross_talk(x, 0.04)
-    assert np.std(remainder[2000:-2000]) < 0.15 * np.std(x)
-    assert level_ratio(remainder, x, 9e-3) < 0.02
-
-
-def level_ratio(y, x, f_min):
-    f = np.fft.rfftfreq(x.size, 25.0)
-    Y, X = (np.abs(np.fft.rfft(z)[f > f_min]) for z in (y, x))
-    return np.sqrt(np.mean(Y**2) / np.mean(X**2))
-
-
 def test_added_noise_is_reported_with_its_band(recorded, tmp_path):
     wrong = replace(calibrated(LATE), inertial={"0": fit_of(delta_phi=2e-3, delta_eta=1e-3)})
     file, notes = product(recorded[0], tmp_path / "p.h5", wrong)
@@ -165,18 +150,6 @@ def test_added_noise_is_reported_with_its_band(recorded, tmp_path):
     low, high = np.reshape(file.attrs["louder_bands"], (-1, 2))[0]
     assert low < 0.4e-3 < high
     assert level(file.delta_g.values, low, high) > 1.2 * level(file.delta_g_x.values, low, high)
-
-
-@pytest.mark.parametrize(("fraction", "words"), [(0.02, "louder than"), (0.7, "is not compared with")])
-def test_gaps_do_not_hide_that_noise_is_added(recorded, tmp_path, fraction, words):
-    wrong = replace(calibrated(LATE), inertial={"0": fit_of(delta_phi=2e-3, delta_eta=1e-3)})
-    path = tmp_path / "gaps.h5"
-    path.write_bytes(recorded[0].read_bytes())
-    with h5py.File(path, "a") as file:
-        for start in range(0, file["time"].size, 20_000):
-            file["o_12"][start : start + round(fraction * 20_000)] = np.nan
-    _, (note,) = product(path, tmp_path / "p.h5", wrong)
-    assert words in note
 
 
 @pytest.mark.slow
@@ -209,28 +182,6 @@ def test_stretches_and_gaps_change_nothing(recorded, tmp_path, monkeypatch):
     assert np.abs(change).max() < 2e-13  # beside the interpolated sample of o_12; of 1e-12
 
 
-def test_ten_hertz_gives_the_same_at_one(tmp_path):
-    for fs in (1.0, 10.0):
-        telemetry, _ = run(LATE, duration=DAY / 2, fs=fs, inertial_period=0)
-        file, _ = product(write(tmp_path, telemetry, LATE), tmp_path / "p.h5", calibrated(LATE))
-        assert file.attrs["fs"] == 1.0
-        assert file.time.size == pytest.approx(DAY / 2, abs=40)
-        assert level(file.delta_g.values, 1e-3, 20e-3) == pytest.approx(2.0e-15, rel=0.25)
-
-
-@pytest.mark.slow
-def test_memory_does_not_grow_with_the_run(tmp_path, monkeypatch):
-    monkeypatch.setattr(deltag, "STRETCH_SAMPLES", 3_600)
-    peaks = []
-    for days in (0.6, 1.6):  # longer than a segment of `Excess`
-        path = write(tmp_path, run(LATE, duration=days * DAY, name="long")[0], LATE)
-        tracemalloc.start()
-        write_delta_g(path, tmp_path / "p.h5", calibrated(LATE), {})
-        peaks.append(tracemalloc.get_traced_memory()[1])
-        tracemalloc.stop()
-    assert peaks[1] < 1.1 * peaks[0]
-
-
 def test_quaternion_instead_of_angles(recorded, tmp_path):
     path = tmp_path / "turned.h5"
     path.write_bytes(recorded[0].read_bytes())
@@ -246,60 +197,6 @@ def test_quaternion_instead_of_angles(recorded, tmp_path):
     turned, _ = product(path, tmp_path / "p.h5", calibrated(LATE))
     difference = (turned.g_Omega - recorded[2].g_Omega).values
     assert level(difference, 0.05e-3, 2e-3) < 0.02 * level(recorded[2].g_Omega.values, 0.05e-3, 2e-3)
-
-
-@pytest.mark.parametrize(
-    ("missing", "lacking", "note"),
-    [
-        (("N_eta_1", "N_eta_2"), {"g_Omega", "g_dOmega"}, "no torques about phi and eta"),
-        (("o_eta_12",), {"delta_g_SC"}, "delta_g_SC is left out: no channel o_eta_12"),
-        (("ast_eta",), set(), "without star tracker"),
-    ],
-)
-def test_missing_channels_are_reported(recorded, tmp_path, missing, lacking, note):
-    path = tmp_path / "less.h5"
-    path.write_bytes(recorded[0].read_bytes())
-    with h5py.File(path, "a") as file:
-        for name in missing:
-            del file[name]
-    file, notes = product(path, tmp_path / "p.h5", calibrated(LATE))
-    assert set(PRODUCT) - set(file.data_vars) == lacking
-    assert any(note in line for line in notes)
-    assert note in file.attrs["notes"]
-    assert np.isfinite(file.delta_g).all()
-
-
-def test_missing_parts_of_the_calibration_are_reported(recorded, tmp_path):
-    bare = replace(calibrated(LATE, cross_talk=False), inertial={"3": fit_of(delta_phi=1.0, delta_eta=1.0)})
-    file, notes = product(recorded[0], tmp_path / "p.h5", bare)
-    assert set(PRODUCT) - set(file.data_vars) == {"delta_g_SC", "g_dOmega"}
-    assert "no cross-talk of alignment epoch 1" in notes[0]
-    assert "no inertial period 0" in notes[1]
-
-
-def test_failures_leave_no_file(recorded, tmp_path):
-    results = calibrated(LATE)
-    path = tmp_path / "short.h5"
-    write(tmp_path, replace(run(LATE, duration=DAY / 8, name="short")[0]), LATE)
-    with h5py.File(path, "a") as file:
-        file["f_x_2"][9_000] = np.inf
-    with pytest.raises(InputError, match=r"short\.h5: channel f_x_2: inf at sample 9000"):
-        write_delta_g(path, tmp_path / "p.h5", results, {})
-    with h5py.File(path, "a") as file:
-        file["f_x_2"][9_000] = 0.0
-        file["o_12"][50::500] = -9999.0
-    with pytest.raises(InputError, match=r"short\.h5: channel o_12: -9999 at sample 50, .* to mark missing"):
-        write_delta_g(path, tmp_path / "p.h5", results, {})
-    assert [p.name for p in tmp_path.iterdir()] == ["short.h5"]
-    with pytest.raises(FitError, match=r"nowhere/p\.h5: cannot be written"):
-        write_delta_g(recorded[0], tmp_path / "nowhere" / "p.h5", results, {})
-
-
-def test_too_short_a_run_is_refused(tmp_path):
-    write(tmp_path, run(LATE, duration=20, name="tiny")[0], LATE)
-    results = calibrated(LATE)
-    with pytest.raises(InputError, match=r"tiny\.h5: 20 samples, expected more than 20"):
-        write_delta_g(tmp_path / "tiny.h5", tmp_path / "p.h5", results, {})
 
 
 def test_command(recorded, tmp_path, lpfcosim):

@@ -2,7 +2,6 @@
 
 import json
 import re
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,7 +10,7 @@ from scipy.stats import chi2 as chi2_distribution
 import fit
 from fit.findings import Finding
 from fit.results import Fit, Results
-from fit.results.estimates import Constraint, Estimate
+from fit.results.estimates import Estimate
 from fit.results.provenance import Provenance
 
 TO_1, TO_2 = "towards test mass 1", "towards test mass 2"
@@ -93,24 +92,6 @@ def test_chi2_of_independent_results_that_agree_is_distributed_as_it_says():
     assert distance < 2.23 / np.sqrt(2000)
 
 
-def test_sections_follow_one_another_and_experiments_only_stand_in_for_a_joint_fit():
-    whole = results(
-        make_fit([1.0], [1.0]),
-        experiments={"A": make_fit([3.0], [1.0])},
-        inertial={"1": make_fit({"delta_phi": 1e-3}, [1e-5], units="rad")},
-        cross_talk={"2": make_fit({"b_1": 1e-6}, [1e-7], units="m")},
-    )
-    single = results(experiments={"A": make_fit([4.0], [1.0])})
-    both = fit.compare([whole, replace(whole, joint=make_fit([2.0], [1.0]))])
-    assert [(p.section, p.key, p.name) for p in both.parameters] == [
-        ("joint", "", "a"), ("inertial", "1", "delta_phi"), ("cross_talk", "2", "b_1"),
-    ]  # fmt: skip
-    comparison = fit.compare([whole, single])
-    assert [(p.section, p.key) for p in comparison.parameters][-1] == ("experiments", "A")
-    assert comparison.parameters[-1].differences[1] == pytest.approx(1 / np.sqrt(2))
-    assert list(comparison.tests["results 2"]) == ["experiments.A"]
-
-
 def test_another_frame_reverses_what_depends_on_it():
     couplings = {f"b_{k}": 1e-6 * k for k in range(1, 7)}
     reversed_ = {n: -x if n in ("b_1", "b_4", "b_6") else x for n, x in couplings.items()}
@@ -145,34 +126,6 @@ def test_sigmas_that_do_not_hold_make_no_difference(is_reference):
     (note,) = comparison.notes
     assert note == "x: joint: not sound (the runs contradict each other); its uncertainties are not valid"
     assert "2.0(?)" in str(comparison)
-
-
-def test_truth_is_shown_and_other_truths_are_reported():
-    one, two, three = (
-        results(make_fit([x], [0.1], truth=truth)) for x, truth in ((1.0, 1.1), (1.05, 1.1), (2.0, 2.2))
-    )
-    comparison = fit.compare([one, two])
-    assert comparison["a"].truth == 1.1
-    assert comparison.table().head[-1] == "truth"
-    assert comparison.notes == ()
-    comparison = fit.compare([one, three])
-    assert comparison["a"].truth is None
-    assert comparison.notes == ("the true values differ, and with them the estimates: a",)
-
-
-def test_a_fixed_parameter_is_shown_as_such():
-    free, fixed = make_fit([1.1], [0.1], truth=1.0), make_fit([1.0], [0.0], truth=1.0)
-    (row,) = fit.compare([results(fixed), results(free)]).table().rows
-    assert row == ("a", "", "1 (fixed)", "1.1(1)", "+1.00", "1.0")
-    both = fit.compare([results(fixed), results(make_fit([1.1], [0.0]))])  # nothing to test
-    assert both["a"].differences == (None, None) and both.tests == {"results 2": {}}
-    assert json.loads(both.to_json())["joint"]["a"]["differences"] == [None, None]
-
-
-def test_nothing_in_common():
-    comparison = fit.compare([results(make_fit({"a": 1.0}, [1.0])), results(make_fit({"b": 1.0}, [1.0]))])
-    assert comparison.notes == ("no parameter is estimated by more than one of the results",)
-    assert comparison.tests == {"results 2": {}}
 
 
 # Independence ---------------------------------------------------------------------------------------------
@@ -212,18 +165,6 @@ def comparison():
     return fit.compare({"one": one, "two": two})
 
 
-def test_as_text_and_as_html(comparison):
-    table = [line.split() for line in repr(comparison).splitlines()]
-    assert table[0] == ["parameter", "unit", "one", "two", "difference/sigma"]
-    assert table[1:4] == [  # the unit of numbers is none
-        ["lambda_2", "1.07760(3)", "1.07770(4)", "+2.00"],
-        ["alpha_x_2", "-317(12)", "-", "-"],
-        ["omega", "-4.00(5)e-07", "-4.10(5)e-07", "-1.41"],
-    ]
-    assert repr(comparison).splitlines()[4] == "two: joint: chi2 = 6.0 of 2 differences from one, p = 0.05"
-    assert comparison._repr_html_().count("<tr>") == 4
-
-
 def test_as_json(comparison):
     document = json.loads(comparison.to_json(), parse_constant=pytest.fail)
     assert document["results"] == ["one", "two"]
@@ -234,14 +175,6 @@ def test_as_json(comparison):
     test = document["tests"]["two"]["joint"]
     assert test["dof"] == 2 and test["p"] == pytest.approx(np.exp(-test["chi2"] / 2))
     assert reference["sigma"] == 3e-5
-
-
-def test_as_data_frame(comparison):
-    frame = comparison.to_dataframe()
-    row = frame.loc["joint", "", "lambda_2", "1"]
-    assert row["two", "difference"] == pytest.approx(2.0)
-    assert np.isnan(frame.loc["joint", "", "alpha_x_2", "1"]["two", "value"])
-    assert list(frame.columns.levels[0]) == ["one", "two"]
 
 
 @pytest.mark.parametrize(
@@ -265,15 +198,3 @@ def test_what_cannot_be_compared(tmp_path, monkeypatch, paths, message):
     with pytest.raises(fit.InputError, match=re.escape(message)) as raised:
         fit.compare(paths)
     assert "\n" not in str(raised.value)
-
-
-def test_an_unknown_parameter(comparison):
-    with pytest.raises(fit.InputError, match="lambda_1: in no joint fit, expected one of lambda_2"):
-        comparison["lambda_1"]
-
-
-def test_json_of_a_constrained_estimate_has_its_numbers():
-    constrained = replace(make_fit([1.0], [0.1])["a"], constraint=Constraint("prior", prior=(1.0, 0.2)))
-    one = Fit({"a": constrained}, np.array([[0.01]]), 1.0, 1, True, ())
-    document = json.loads(fit.compare([results(one), results(make_fit([2.0], [0.1]))]).to_json())
-    assert document["joint"]["a"]["estimates"][0] == {"value": 1.0, "sigma": 0.1, "sound": True}

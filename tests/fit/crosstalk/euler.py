@@ -2,9 +2,6 @@
 
 from dataclasses import replace
 
-import numpy as np
-from scipy.spatial.transform import Rotation
-
 from fit.crosstalk.euler_fit import fit_period
 from tests.oracles.rotation_synthetic import World, calibration
 
@@ -29,15 +26,3 @@ def lacking(telemetry, *beginnings):
 
 def fitted(*runs, world=None):
     return fit_period(runs, calibration(world).joint)
-
-
-def as_quaternion(telemetry, start, flip):
-    """Replace the star-tracker angles by a quaternion, body axes at the start turned by `start`."""
-    angles = np.stack(
-        [0 * telemetry.time, telemetry.channels["ast_eta"], telemetry.channels["ast_phi"]], axis=1
-    )
-    q = (start * Rotation.from_rotvec(angles)).as_quat()
-    q[flip::7] *= -1
-    columns = {f"ast_q_{i + 1}": q[:, i] for i in range(4)}
-    bare = lacking(telemetry, "ast")
-    return replace(bare, channels={**bare.channels, **columns})

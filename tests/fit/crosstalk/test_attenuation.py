@@ -66,16 +66,6 @@ def test_shifted_estimates_are_those_with_instruments():
     assert correct_joint(joint, LEAST_SQUARES, by_chance) is joint
 
 
-def test_without_instruments_only_sigmas_change():
-    joint = fit_of(NAMES, np.array([0.1, 0.2, 0.1]))
-    free = AttenuationCorrected(LEAST_SQUARES, set(), np.zeros(3), EXPECTED)
-    assert correct_joint(joint, LEAST_SQUARES, free) is joint
-    shifted = AttenuationCorrected(LEAST_SQUARES, set(), np.array([0.0, 0.2, np.nan]), EXPECTED)
-    fit = correct_joint(joint, LEAST_SQUARES, shifted)
-    assert fit.parameters["delta_ifo_1"] == Estimate(1.0, pytest.approx(0.2 * np.sqrt(5)), "1")
-    assert fit.parameters["delta_ifo_2"] == joint.parameters["delta_ifo_2"]
-
-
 def test_another_fit_of_the_same_data_is_corrected_alike():
     corrections = iv_corrections({"delta_ifo_1": Estimate(1.3, 0.12, "1")}, LEAST_SQUARES)
     loop_fit = fit_of(("lambda_2", "delta_ifo_1", "Plant.cubic_2"), np.array([0.1, 0.1, 1.0]), 0.5)

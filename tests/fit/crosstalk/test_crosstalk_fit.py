@@ -18,7 +18,7 @@ from fit.settings import settings
 from fit.spectra import derivatives
 from fit.whitening import Experiment
 from fit.whitening.run import Run
-from tests.oracles.bump_synthetic import READ, TRUTH, Motion, blind, jitter, pair, run
+from tests.oracles.bump_synthetic import TRUTH, Motion, blind, jitter, pair, run
 from tests.oracles.synthetic import World, of_run
 
 SHARING = Sharing(settings().shared)
@@ -89,24 +89,6 @@ def test_delta_g_is_the_simulated_one():
     assert time.size == delta_g.size
 
 
-def test_a_mean_needs_both_its_channels_and_nearly_all_samples():
-    recorded, _ = run(Motion(), LATE, duration=7200.0)
-    lacking = blind(recorded, "o_phi_12", "grs_z_1")
-    assert dynamics.channels(lacking).parameters[7:] == ("b_2", "b_3", "b_5")
-    recorded.channels["o_eta_1"][:200] = np.nan
-    assert dynamics.channels(recorded).parameters[7:] == ("b_1", "b_3", "b_4", "b_5", "b_6")
-
-
-def test_missing_samples_of_a_mean_are_masked():
-    recorded, _ = run(Motion(), LATE, duration=7200.0)
-    recorded.channels["grs_y_2"][3000:3050] = np.nan
-    time, delta_g = dynamics.residual(recorded, TRUTH)
-    missing = time[np.isnan(delta_g)]
-    assert np.array_equal(np.isfinite(delta_g), dynamics.delta_g_SC(recorded, TRUTH)[1])
-    assert (missing.min(), missing.max()) == (3000 - derivatives.HALF, 3049 + derivatives.HALF)
-    assert dynamics.channels(recorded).missing == 50
-
-
 def test_each_epoch_has_its_own_coefficients():
     # 12 + 9 pulls beyond 4.5 sigma: false-positive probability 1.5e-4
     second_truth = {name: -1.5 * value for name, value in TRUTH.items()}
@@ -155,22 +137,6 @@ def test_two_sensors_of_the_same_motion_free_the_couplings(noisy):
         assert all(1.7 < cost[name] < 2.8 for name in ("b_3", "b_4"))
         assert fit.parameters["b_3"].sigma < 0.03 * TRUTH["b_3"]  # least squares is off by a tenth
         assert np.array_equal(fit.covariance_matrix, fit.covariance_matrix.T)
-
-
-def test_a_calibration_keeps_least_squares_for_subtraction():
-    results = calibrate(pair(Motion(), LATE))
-    coefficients = results.provenance.subtraction["1"]
-    assert list(coefficients) == NAMES
-    assert coefficients["b_3"] < 0.95 * results.cross_talk["1"].parameters["b_3"].value
-    assert not any(name.startswith("b_") for name in results.joint.parameters)
-
-
-def test_slow_relative_motion_leaves_the_couplings():
-    # as the suspension lets them: by 2.5 nm Hz^-0.5 at 6 mHz, as much as all motion of y at 3 mHz
-    fit = fitted(experiments(pair(Motion(apart=2.5e-9), LATE)))[1]["1"]
-    assert warning(fit, "instrumental_variables").parameters == ("b_3", "b_4", "b_5", "b_6")
-    assert max(map(abs, pulls(fit, TRUTH).values())) < 4.5
-    assert fit.parameters["b_3"].sigma < 0.06 * TRUTH["b_3"]
 
 
 def test_gains_that_may_scatter_leave_the_couplings_as_they_are(noisy):
@@ -256,62 +222,6 @@ def test_bump_falls_to_the_limit_of_its_noisy_regressors(noisy):
         squares = TRUTH[name] ** 2 + TRUTH[f"b_{int(name[2:]) + 1}"] ** 2
         limit += squares * omega2**2 * S * S_n / (S + S_n)
     assert np.sqrt(wiener) == pytest.approx(np.sqrt(limit.mean(axis=0)), rel=0.1)
-
-
-def test_correlation_with_delta_ifo_is_reported():
-    # y that follows x_1 adds b_3 x_1'' where delta_ifo takes delta_ifo x_1'' away: a positive correlation
-    runs = experiments(pair(Motion(tilt=5.0), LATE))
-    outcome, fits = fitted(runs)
-    report = warning(fits["1"], "correlation")
-    assert report.parameters == ("delta_ifo_1", *NAMES)
-    index = [p.name for p in outcome.parameters].index
-    rows = [index("delta_ifo_1"), index("b_3_1")]
-    covariance = outcome.solution.covariance[np.ix_(rows, rows)]
-    correlation = covariance[0, 1] / np.sqrt(covariance[0, 0] * covariance[1, 1])
-    assert correlation > 0.3
-    assert f"{correlation:+.2f} (b_3)" in report.message
-
-
-def test_without_channels_there_is_no_cross_talk(noisy):
-    blinded = [Experiment(Run(blind(e.sysid.telemetry)), None) for e in noisy[0]]
-    assert fitted(blinded)[1] == {}
-
-
-def test_runs_with_and_without_channels_fit_together():
-    mixed = pair(Motion(), LATE, "A", epoch=1) + pair(Motion(), LATE, "C", epoch=2)
-    mixed[1] = blind(mixed[1])  # a noise run that cannot be corrected: its bump stays in the weights
-    mixed[2] = blind(mixed[2])  # a noise run that could be corrected, but must not be
-    mixed += [blind(r, "o_phi_12", "grs_z_1", "grs_z_2") for r in pair(Motion(), LATE, "B", epoch=3)]
-    mixed += [blind(r) for r in pair(Motion(), LATE, "D", epoch=1)]
-    runs = experiments(mixed)
-    outcome, fits = fitted(runs)
-    assert {epoch: list(fit.parameters) for epoch, fit in fits.items()} == {
-        "1": NAMES,
-        "3": ["b_2", "b_3", "b_5"],
-    }
-    joint = as_fit(outcome, runs)
-    assert max(abs(p) for p in pulls(joint, vars(LATE) | {"delta_ifo_3": LATE.delta_ifo_2}).values()) < 4.5
-
-
-def test_jitter_below_the_noise_determines_nothing():
-    # Read-outs of a spacecraft that hardly moves: some noise, which answers to nothing.
-    runs = pair(replace(CLEAN, b=dict.fromkeys(TRUTH, 0.0)), LATE)
-    rng = np.random.default_rng(0)
-    for recorded in runs:
-        for name in READ:
-            recorded.channels[name] = 1e-12 * rng.standard_normal(recorded.time.size)
-    runs = experiments(runs)
-    outcome, fits = fitted(runs)
-    undetermined = {name for w in fits["1"].warnings if w.code == "indeterminable" for name in w.parameters}
-    assert {"b_3", "b_4", "b_5", "b_6"} <= undetermined
-    assert not {"b_3", "b_4", "b_5", "b_6"} & fits["1"].parameters.keys()
-    assert not any("b_" in name for w in as_fit(outcome, runs).warnings for name in w.parameters)
-
-
-def test_read_outs_of_pure_noise_are_reported():
-    runs = pair(Motion(grs=50e-9), LATE)
-    _, fits = fitted(experiments(runs))
-    assert "b_3 (by an unknown amount)" in warning(fits["1"], "attenuation_bias").message
 
 
 @pytest.mark.long

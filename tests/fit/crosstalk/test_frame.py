@@ -1,30 +1,17 @@
 """The frame of the telemetry: what is found in either, what becomes of one that is stated wrongly."""
 
-from dataclasses import replace
-from pathlib import Path
-
 import h5py
 import numpy as np
 import pytest
 from scipy.signal import welch
 
 from fit import deltag
-from fit.crosstalk.centrifugal import FRAME, STRENGTH, frame_warnings
+from fit.crosstalk.centrifugal import FRAME
 from fit.crosstalk.euler_fit import fit_period
-from fit.errors import InputError
-from fit.parameters import joint_names, joint_parameter
-from fit.pipeline import calibrate, calibrate_inertial
+from fit.pipeline import calibrate_inertial
 from fit.report import page
-from fit.results import Fit, load, write
-from fit.results.estimates import Estimate
 from fit.telemetry.reader import read_all
-from lpfcosim.campaign import loading
-from lpfcosim.execution.telemetry_file import attributes
-from lpfcosim.linear import ClosedLoop
-from tests import ROOT
-from tests.fit.recorded import recorded
 from tests.oracles import rotation_synthetic as synthetic
-from tests.oracles import synthetic as along_x
 from tests.oracles.turned import half_turn, stating
 
 DAY = 86400.0
@@ -94,18 +81,6 @@ def test_a_frame_that_is_refused_reaches_no_product(half_a_day, refused, tmp_pat
     assert "The telemetry is not in the frame that it states" in html
 
 
-def test_results_remember_frame_and_coefficient(half_a_day, refused, tmp_path):
-    write(refused, tmp_path / "results.json")
-    stored = load(tmp_path / "results.json")
-    assert stored.inertial["0"].centrifugal == refused.inertial["0"].centrifugal
-    assert stored.inertial["0"].unsound
-    assert stored.provenance.x_axis == TO_2
-    stated = calibrate_inertial([stating(half_turn(half_a_day[0]), TO_1)], synthetic.calibration(LATE))
-    assert stated.provenance.x_axis == TO_1
-    with pytest.raises(InputError, match=r"^inertial\.h5: attribute x_axis: .*2', expected .*1' as in"):
-        calibrate_inertial([half_a_day[0]], stated)
-
-
 def test_the_product_is_as_quiet_in_either_frame(half_a_day, tmp_path):
     """Delta g is the true one, of the other sign."""
     turned = stating(half_turn(half_a_day[0]), TO_1)
@@ -123,55 +98,3 @@ def test_the_product_is_as_quiet_in_either_frame(half_a_day, tmp_path):
 
     true = half_a_day[1]["delta_g"][10:-10]
     assert level(channels["delta_g"] + true) < 0.4 * level(true) < 0.2 * level(channels["delta_g_x"])
-
-
-@pytest.mark.slow
-def test_the_whole_spacecraft_in_either_frame():
-    """Half a day with every channel, cross-talk and noise; none of this simulation is the oracle's."""
-    plan = loading.load(ROOT / "campaigns" / "inertial.toml")
-    long = next(run for run in plan.runs if run.inertial_period == 3 and run.sample_rate == 1)
-    simulated = replace(long, n_samples=432_000, sample_rate=10.0)
-    run = recorded(simulated, ClosedLoop(simulated).simulate())
-    root = attributes(simulated)
-    run = replace(run, attributes={name: root[name] for name in ("omega2_phi", "omega2_eta", "I_yy", "I_zz")})
-    truth = vars(simulated.truth) | {"delta_ifo_2": simulated.delta_ifo}
-    known = {name: joint_parameter(name) for name in joint_names([2])}
-    joint = Fit(
-        {name: Estimate(float(truth[name]), p.sigma, p.unit) for name, p in known.items()},
-        np.diag([p.sigma**2 for p in known.values()]), 1.0, 1, True, (),
-    )  # fmt: skip
-    fit, turned_fit = (fit_period([telemetry], joint) for telemetry in (run, stating(half_turn(run), TO_1)))
-    for name, sign, true in (("delta_phi", 1, -0.39e-3), ("delta_eta", -1, -0.137e-3)):
-        assert turned_fit[name].value == pytest.approx(sign * fit[name].value, rel=1e-9)
-        assert fit[name].value == pytest.approx(true, abs=4.5 * fit[name].sigma)
-    assert fit.centrifugal.value == pytest.approx(1, abs=4.5 * fit.centrifugal.sigma)
-    (root,) = fit_period([half_turn(run)], joint).unsound
-    assert root.code == FRAME
-
-
-def test_runs_of_one_fit_state_one_frame(half_a_day):
-    runs = along_x.pair(along_x.World(), "A")
-    noise_run = stating(runs[1], TO_1)
-    with pytest.raises(
-        InputError, match=r"^A-noise\.h5: attribute x_axis: 'towards test mass 1', but A-sysid"
-    ):
-        calibrate([runs[0], noise_run])
-    turned = stating(half_a_day[0], TO_1, run="turned", path=Path("turned.h5"))
-    with pytest.raises(InputError, match=r"^turned\.h5: attribute x_axis: .* but inertial\.h5 .* one frame"):
-        calibrate_inertial([half_a_day[0], turned], synthetic.calibration(LATE))
-
-
-@pytest.mark.parametrize(
-    ("value", "sigma", "codes"),
-    [
-        (1.3, 0.1, []),  # the data cannot tell
-        (-0.9, 0.6, []),
-        (0.8, 0.02, []),  # torques whose gain is not known
-        (-0.9, 0.3, [FRAME]),
-        (-3.0, 0.1, [FRAME]),
-        (0.02, 0.01, [STRENGTH]),
-        (1.5, 0.05, [STRENGTH]),
-    ],
-)
-def test_frame_warnings(value, sigma, codes):
-    assert [w.code for w in frame_warnings(Estimate(value, sigma, "1"), TO_1)] == codes

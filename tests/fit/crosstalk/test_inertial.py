@@ -5,7 +5,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy.signal import csd, welch
-from scipy.spatial.transform import Rotation
 
 from fit.crosstalk.euler_fit import fit_period
 from fit.model import angular_rate, rotation
@@ -14,7 +13,6 @@ from tests.fit.crosstalk.euler import (
     DAY,
     LOW_NOISE,
     TRUTH,
-    as_quaternion,
     calibration,
     codes,
     fitted,
@@ -38,13 +36,6 @@ def test_recovers_both_angles_with_the_expected_sigmas(three_day_fit):
     assert fit.chi2 / fit.dof == pytest.approx(1, abs=0.05)
     assert codes(fit) == {"degenerate_with_actuation_crosstalk"}
     assert "cannot separate" in fit.warnings[0].message
-
-
-def test_runs_of_a_period_are_fitted_together(three_days, three_day_fit):
-    both = fitted(three_days[0], run(name="second")[0])
-    assert max(map(abs, pulls(both))) < 4.5
-    for name, estimate in both.parameters.items():
-        assert estimate.sigma == pytest.approx(three_day_fit.parameters[name].sigma / np.sqrt(2), rel=0.15)
 
 
 @pytest.mark.slow
@@ -98,25 +89,6 @@ def test_rate_is_neither_star_tracker_noise_nor_drift(three_days):
         assert S[band].sum() < 0.01 * whole[: f.size][band].sum()
 
 
-def test_without_angles_the_bias_is_the_reported_one(quiet_day):
-    fit = fitted(lacking(quiet_day[0], "o_phi", "o_eta"), world=LOW_NOISE)
-    warnings = [w for w in fit.warnings if w.code == "no_wavefront_angle"]
-    assert [w.parameters for w in warnings] == [("delta_phi",), ("delta_eta",)]
-    assert "0.8 of its true value" in warnings[0].message
-    for name, estimate in fit.parameters.items():
-        assert estimate.value / TRUTH[name] == pytest.approx(0.8, abs=0.08)
-
-
-@pytest.mark.parametrize(
-    "missing", [("N_phi_2", "N_eta_2"), ("N_phi_1", "N_eta_1"), ("o_phi_12", "o_eta_12")]
-)
-def test_one_test_mass_is_enough(quiet_day, missing):
-    fit = fitted(lacking(quiet_day[0], *missing), world=LOW_NOISE)
-    assert codes(fit) == {"degenerate_with_actuation_crosstalk", "one_test_mass"}
-    for name, estimate in fit.parameters.items():
-        assert estimate.value == pytest.approx(TRUTH[name], rel=0.03)
-
-
 def test_two_test_masses_free_the_angles_of_their_torque_noise():
     # Of dOmega_phi some 6 % are noise, with one test mass some 13 %. False-positive probability 1e-6.
     world = replace(LOW_NOISE, torque=1e-11)
@@ -128,15 +100,6 @@ def test_two_test_masses_free_the_angles_of_their_torque_noise():
     assert one.parameters["delta_phi"].value / TRUTH["delta_phi"] == pytest.approx(0.86, abs=0.04)
     (warning,) = (w for w in one.warnings if w.code == "one_test_mass")
     assert warning.parameters == ("delta_phi",)
-
-
-def test_torques_of_pure_noise_are_reported(quiet_day):
-    telemetry = quiet_day[0]
-    rng = np.random.default_rng(0)
-    noise = {f"N_phi_{j}": 6.8e-4 * 1e-9 * rng.standard_normal(telemetry.time.size) for j in (1, 2)}
-    fit = fitted(replace(telemetry, channels={**telemetry.channels, **noise}), world=LOW_NOISE)
-    (warning,) = (w for w in fit.warnings if w.code == "torque_noise")
-    assert warning.kind.biased
 
 
 def test_torsional_stiffness_counts(quiet_day, quiet_day_fit):
@@ -154,15 +117,6 @@ def test_torsional_stiffness_counts(quiet_day, quiet_day_fit):
     assert double == pytest.approx(2 * single, rel=0.15)  # not exactly: Omega doubles too
 
 
-def test_quaternion_and_angles_give_the_same(three_days, three_day_fit):
-    telemetry = three_days[0]
-    start = Rotation.from_euler("xyz", [0.3, -1.2, 2.0])
-    turned = fitted(as_quaternion(telemetry, start, 3))
-    for name, estimate in three_day_fit.parameters.items():
-        assert turned.parameters[name].value == pytest.approx(estimate.value, abs=0.05 * estimate.sigma)
-        assert turned.parameters[name].sigma == pytest.approx(estimate.sigma, rel=1e-2)
-
-
 def test_an_attitude_of_the_other_sense_is_seen_and_reversed(quiet_day, quiet_day_fit):
     telemetry = quiet_day[0]
     backwards = {k: -v if k.startswith("ast") else v for k, v in telemetry.channels.items()}
@@ -170,13 +124,6 @@ def test_an_attitude_of_the_other_sense_is_seen_and_reversed(quiet_day, quiet_da
     assert "star_tracker_reversed" in codes(fit)
     for name, estimate in quiet_day_fit.parameters.items():
         assert fit.parameters[name].value == pytest.approx(estimate.value, rel=1e-9)
-
-
-def test_without_star_tracker_sigma_widens(three_days, three_day_fit):
-    fit = fitted(lacking(three_days[0], "ast"))
-    assert "no_star_tracker" in codes(fit)
-    assert max(map(abs, pulls(fit))) < 4.5
-    assert fit.parameters["delta_eta"].sigma > 1.1 * three_day_fit.parameters["delta_eta"].sigma
 
 
 @pytest.mark.long

@@ -5,14 +5,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.spatial.transform import Rotation
 
-from fit import api, make_params
-from fit.crosstalk.euler_fit import fit_period, takes_part
 from fit.errors import InputError
 from fit.pipeline import calibrate, calibrate_inertial
 from fit.settings import ParameterSettings
-from tests.fit.crosstalk.euler import DAY, LOW_NOISE, as_quaternion, codes, fitted, lacking, pulls
+from tests.fit.crosstalk.euler import DAY, LOW_NOISE, codes, fitted, pulls
 from tests.oracles import synthetic
 from tests.oracles.rotation_synthetic import Plane, World, calibration, run, write
 from tests.oracles.synthetic import without
@@ -43,14 +40,6 @@ def test_glitches_are_taken_out_of_long_noise_runs(three_days, three_day_fit):
     assert "glitches" not in codes(three_day_fit)
 
 
-def test_more_than_glitches_would_make_is_left_in(quiet_day):
-    rng = np.random.default_rng(0)
-    often = [(t, f, v) for t, f, v in zip(np.linspace(9e3, 8e4, 40), 200 * 5 ** rng.random(40),
-                                          2e-11 * rng.standard_normal(40), strict=True)]  # fmt: skip
-    fit = fitted(with_glitches(quiet_day[0], often))
-    assert any("none is subtracted" in w.message for w in fit.warnings)
-
-
 def test_missing_samples_are_masked(three_days, three_day_fit, quiet_day):
     telemetry = three_days[0]
     gaps = without(telemetry, (1000, 1003), (100_000, 100_400), (200_000, 200_001))
@@ -64,30 +53,6 @@ def test_missing_samples_are_masked(three_days, three_day_fit, quiet_day):
         ragged["N_phi_1"][start : start + 3] = np.nan
     with pytest.raises(InputError, match=r"^inertial\.h5: missing samples in .* widely scattered"):
         fitted(replace(telemetry, channels=ragged))
-
-
-@pytest.mark.parametrize(
-    ("name", "value", "expected"),
-    [
-        ("I_zz", -6.8e-4, "attribute I_zz: -0.00068, expected a positive number"),
-        ("I_yy", np.array([1.0, 2.0]), r"attribute I_yy: array\(\[1., 2.\]\), expected a positive number"),
-        ("omega2_phi", float("nan"), "attribute omega2_phi: nan, expected a finite number"),
-        ("inertial_period", 1.5, "attribute inertial_period: 1.5, expected a whole number"),
-    ],
-)
-def test_bad_attributes_are_one_sentence(quiet_day, name, value, expected):
-    telemetry = quiet_day[0]
-    bad = replace(telemetry, attributes={**telemetry.attributes, name: value})
-    with pytest.raises(InputError, match=rf"^inertial\.h5: {expected}") as caught:
-        calibrate_inertial([bad], calibration(LOW_NOISE))
-    assert "\n" not in str(caught.value)
-
-
-def test_a_quaternion_of_another_norm_is_refused(quiet_day):
-    turned = as_quaternion(quiet_day[0], Rotation.identity(), 3)
-    turned.channels["ast_q_4"][500] = 3.0
-    with pytest.raises(InputError, match=r"^inertial\.h5: channels ast_q_1 to ast_q_4: norm 3 at sample 500"):
-        fitted(turned, world=LOW_NOISE)
 
 
 def test_periods_are_fitted_separately(quiet_day):
@@ -110,43 +75,6 @@ def test_periods_are_fitted_separately(quiet_day):
     assert results.joint.parameters == calibration(LOW_NOISE).joint.parameters
     assert results.inertial["2"].parameters["delta_phi"].value == pytest.approx(0.2e-3, rel=0.05)
     assert results.inertial["1"].parameters["delta_phi"].value == pytest.approx(-0.4e-3, rel=0.05)
-
-
-def test_angles_are_constrained_by_params(quiet_day):
-    params = make_params([quiet_day[0]])
-    assert list(params) == ["delta_phi_0", "delta_eta_0"]
-    params["delta_phi_0"].set(value=-0.4e-3, vary=False)
-    results = api.calibrate_inertial([quiet_day[0]], calibration(LOW_NOISE), params=params)
-    delta_phi = results.inertial["0"]["delta_phi"]
-    assert delta_phi.value == -0.4e-3 and delta_phi.constraint.kind == "fixed"
-    with pytest.raises(InputError, match="both params and parameters"):
-        api.calibrate_inertial([quiet_day[0]], calibration(LOW_NOISE), params, parameters={})
-
-
-def test_runs_that_take_part(quiet_day):
-    telemetry = quiet_day[0]
-    short = replace(telemetry, time=telemetry.time[:40_000])
-    for unfit in (replace(telemetry, kind="sysid"), lacking(telemetry, "N_eta"), short):
-        assert not takes_part(unfit)
-    with pytest.raises(InputError, match=r"^inertial\.h5: no noise run of 12 h or more with torques"):
-        calibrate_inertial([lacking(telemetry, "N_eta")], calibration())
-    with pytest.raises(InputError, match=r"^inertial\.h5: a sysid run, expected noise runs only"):
-        calibrate_inertial([replace(telemetry, kind="sysid")], calibration())
-
-
-def test_missing_parameters_of_the_calibration_widen_the_sigmas(quiet_day_fit):
-    results = calibration(LOW_NOISE)
-    names = [name for name in results.joint.parameters if name not in ("lambda_1", "C_1", "delta_ifo_1")]
-    joint = replace(
-        results.joint,
-        parameters={name: results.joint.parameters[name] for name in names},
-        covariance_matrix=np.diag([results.joint.parameters[name].sigma ** 2 for name in names]),
-    )
-    world = replace(LOW_NOISE, leak=0.03)  # m: comparable with what delta_phi does
-    fit = fit_period([run(world, duration=DAY)[0]], joint)
-    (warning,) = (w for w in fit.warnings if w.code == "not_calibrated")
-    assert warning.parameters == ("lambda_1", "C_1", "delta_ifo_1")
-    assert fit.parameters["delta_phi"].sigma > 1.5 * quiet_day_fit.parameters["delta_phi"].sigma
 
 
 def test_one_folder_of_calibration_and_inertial_runs():
@@ -188,14 +116,3 @@ def test_command_with_an_earlier_calibration(files, lpfcosim):
     assert document["provenance"]["calibration"] == "earlier.json"
     assert (files / "new" / "report.html").is_file()
     assert lpfcosim("report", "new", "--quiet")[0] == 0
-
-
-def test_command_refuses_a_calibration_without_dynamics(files, lpfcosim):
-    document = json.loads((files / "earlier.json").read_text())
-    (files / "earlier.json").write_text(json.dumps({**document, "joint": None}))
-    for name, message in (
-        ("earlier.json", "earlier.json: joint: missing, expected the joint fit"),
-        ("nowhere.json", "nowhere.json: no such file"),
-    ):
-        status, _, err = lpfcosim("fit", "inertial.h5", "--calibration", name)
-        assert status == 2 and message in err

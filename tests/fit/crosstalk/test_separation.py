@@ -77,12 +77,3 @@ def test_subtraction_coefficients_are_not_the_couplings():
     )
     assert subtraction_coefficients(separated_results, "1") == coefficients
     assert without_euler(separated_results, "1") == pytest.approx({"b_1": 1.1e-5, "b_3": 1.8e-5})
-
-
-def test_results_of_before_have_one_set_of_coefficients():
-    couplings = fit({"b_1": 1.2e-5 - 0.376 * 4e-4, "b_3": 2.2e-5}, [1e-7, 1e-7])
-    separated = subtract_euler_force(couplings, MISALIGNED, "3", 0.376)
-    provenance = Provenance(cross_talk_periods={"1": "3"})
-    results = Results(None, {}, {"1": separated}, {"3": MISALIGNED}, provenance)
-    assert subtraction_coefficients(results, "1") == pytest.approx(couplings.values)
-    assert without_euler(results, "1") == pytest.approx(separated.values)

@@ -7,10 +7,9 @@ import pytest
 
 from fit.figures import analysis, series
 from fit.figures import runs as figures_runs
-from fit.figures.charts import ASD, START, TIME, Chart, Curve, Panel, Points, Span, limits
-from fit.findings import Finding, masked_spans
+from fit.figures.charts import ASD, START, TIME, Chart, Curve, Panel, Points, limits
 from fit.report.experiments import AnalysedExperiment, figure_specs
-from tests.oracles.synthetic import World, of_run, pair, telemetry, without
+from tests.oracles.synthetic import World, of_run, pair, telemetry
 
 TRUTH = of_run(World(), "A")
 
@@ -46,19 +45,6 @@ def test_a_column_stands_where_any_curve_has_it():
 
 def curves(chart):
     return {line.name: line for panel in chart.panels for line in panel.lines}
-
-
-def test_the_table_holds_what_is_drawn(charts):
-    assert [*charts] == ["responses", "spectra", "breakdown", "residual"]
-    for chart in charts.values():
-        names, x, y = list(chart.columns.values())[:3]
-        assert len({len(column) for column in chart.columns.values()}) == 1
-        for name, line in curves(chart).items():
-            rows = np.array(names) == name
-            np.testing.assert_array_equal(x[rows], line.x)
-            np.testing.assert_array_equal(y[rows], line.y)
-            if line.low is not None:
-                np.testing.assert_array_equal(np.asarray(chart.columns["low"])[rows], line.low)
 
 
 def test_the_axes_show_every_value_with_a_little_room():
@@ -136,25 +122,6 @@ def test_an_average_lets_no_high_frequency_through_at_an_edge():
     assert np.isfinite(average).mean() > 0.97
 
 
-def test_gaps_and_glitches_are_marked(runs, charts):
-    gone = without(runs[0], (4000, 4200), (9000, 9050))
-    spans = ((100.0, 112.0), (900.0, 907.0))
-    found = [
-        Finding("glitches", "", gone.run, spans=spans),
-        Finding("glitches", "", "another", spans=((5.0, 6.0),)),
-    ]
-    masked = masked_spans(found, gone.run)
-    assert masked == [*spans]
-    chart = figures_runs.residual(gone, [(*analysis.analyse(gone, TRUTH, masked), None)])
-    shades = [mark for mark in chart.panels[1].marks if isinstance(mark, Span)]
-    assert [mark.label for mark in shades] == ["missing samples", "", "masked, or a glitch", ""]
-    assert (shades[2].low, shades[2].high) == pytest.approx((100 / 3600, 112 / 3600))
-    assert not any(isinstance(mark, Span) for mark in charts["residual"].panels[1].marks)
-    slow = curves(chart)["residual averaged over 200 s"]
-    inside = (slow.x > 4060 / 3600) & (slow.x < 4140 / 3600)
-    assert np.isnan(slow.y[inside]).all()
-
-
 def test_a_glitch_hides_neither_the_residual_nor_its_spectrum(runs):
     run = runs[0]
     hit = np.where((run.time >= 5000) & (run.time < 5030), 1e-10, 0.0)  # a force that o_12 does not follow
@@ -185,12 +152,3 @@ def test_the_signal_dwarfs_the_residual_which_magnified_is_the_noise(charts):
     assert noise.x[-1] <= residual_panel.across[1]
     units = np.array(charts["residual"].columns["unit"])
     assert set(units[: signal_panel.lines[0].x.size]) == {"pm s⁻²"}
-
-
-def test_runs_without_noise_can_be_drawn():
-    runs = tuple(pair(World(), "A", noisy=False))
-    assert not np.any(runs[1].channels["o_12"])
-    assert (
-        len([drawing.draw() for drawing in figure_specs("e1", "A", AnalysedExperiment(*runs, TRUTH, []))])
-        == 4
-    )

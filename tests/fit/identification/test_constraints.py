@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from fit.errors import InputError
 from fit.settings import settings
 from tests.fit.conditional import assert_conditional, conditional, row_of
 from tests.fit.identification.linear_loop import CHOSEN, identified
@@ -11,24 +10,6 @@ from tests.fit.identification.linear_loop import CHOSEN, identified
 
 def constrained(flight, constraints):
     return identified(flight, chosen=settings({**CHOSEN.record(), "parameters": constraints})).joint
-
-
-def test_a_fixed_parameter(flown, unconstrained):
-    free = unconstrained.joint
-    value = free["C_2"].value + free["C_2"].sigma
-    fixed = constrained(flown, {"C_2": {"value": value, "vary": False}})
-    assert_conditional(fixed, free, conditional(free, row_of(free, C_2=1.0), value), but=["C_2"])
-    assert fixed["C_2"].value == value and fixed["C_2"].is_exact
-    assert {n for n, e in fixed.parameters.items() if e.constraint} == {"C_2"}
-    (constraint,) = [w for w in fixed.warnings if w.code == "constrained"]
-    assert f"C_2 fixed at {value:.9g} (without: {free['C_2'].value:.4g}"[:-1] in constraint.message
-    assert not fixed.unsound
-
-
-def test_constraints_are_in_the_provenance(flown):
-    bound = {"C_2": {"min": 0.0}}
-    chosen = settings({**CHOSEN.record(), "parameters": bound})
-    assert identified(flown, chosen=chosen).provenance.settings == chosen.record()
 
 
 def test_a_tie_and_a_prior(flown, unconstrained):
@@ -62,16 +43,3 @@ def test_a_fixed_value_that_the_data_contradict_is_not_sound(flown, unconstraine
     assert not {w.code for w in fixed.warnings} & {"loop_contradiction", "loop_discrepancy"}
     assert {"lambda_2", "omega2_2_0"} <= set(contradiction.parameters)
     assert f"(without: {free['lambda_2'].value:.4g}"[:-1] in contradiction.message
-
-
-@pytest.mark.parametrize(
-    ("constraints", "message"),
-    [
-        ({"alpha_x_2": {"vary": False}}, "alpha_x_2: no parameter of this fit"),
-        ({"Controller": {"f_q": {"vary": False}}}, "Controller.f_q: no parameter of this fit"),
-        ({"C_2": {"expr": "lambda_3"}}, "C_2.expr: lambda_3: no parameter of this fit"),
-    ],
-)
-def test_constraints_of_parameters_that_are_not_identified_are_refused(flown, constraints, message):
-    with pytest.raises(InputError, match=message):
-        constrained(flown, constraints)

@@ -1,18 +1,13 @@
 """Parameters of a simulated loop, found again from telemetry of another simulation; no FMU takes part."""
 
-import re
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from fit import pipeline
-from fit.errors import InputError
-from fit.identification.identify import identify
 from fit.identification.loop import FreeParameter
-from fit.settings import settings
-from fit.whitening import pair
-from tests.fit.identification.linear_loop import CHOSEN, FREE, LinearLoop, identified
+from tests.fit.identification.linear_loop import CHOSEN, FREE, identified
 
 
 def test_recovers_the_truth_as_the_equation_of_motion_does(flown, unconstrained):
@@ -78,26 +73,6 @@ def test_a_pole_of_the_controller_is_found_wherever_the_search_begins(flown):
 
 
 @pytest.mark.slow
-def test_steps_into_unstable_loops_are_halved_and_reported(flown, unconstrained):
-    tried: list[float] = []
-
-    def refused(theta):  # the first value far from the start
-        if abs(theta["lambda_2"] - 0.9) > 0.02:
-            tried.append(theta["lambda_2"])
-        return bool(tried) and theta["lambda_2"] == tried[0]
-
-    fit = identified(flown, (FreeParameter("lambda_2", 0.9), *FREE[1:]), refused).joint
-    assert fit["lambda_2"].value == pytest.approx(unconstrained.joint["lambda_2"].value, abs=1e-6)
-    (warning,) = [w for w in fit.warnings if w.code == "step_halved"]
-    assert "the loop is not stable" in warning.message
-
-
-def test_a_search_that_cannot_begin_is_refused(flown):
-    with pytest.raises(InputError, match="identify: start: the loop is not stable; "):
-        identified(flown, (FreeParameter("lambda_2", 2.0), *FREE[1:]), refused=lambda _theta: True)
-
-
-@pytest.mark.slow
 @pytest.mark.parametrize("sigmas", [0.5, 30.0])
 def test_a_bound_is_contradicted_where_noise_does_not_explain_it(flown, unconstrained, sigmas):
     estimate = unconstrained.joint["lambda_2"]
@@ -112,22 +87,6 @@ def test_a_bound_is_contradicted_where_noise_does_not_explain_it(flown, unconstr
     assert len(contradicted) == (sigmas == 30) == bool(bounded.unsound)
     for warning in contradicted:
         assert {"lambda_2", "omega2_2_0"} <= set(warning.parameters)
-
-
-@pytest.mark.slow
-def test_the_bound_of_a_controller_is_tested_too(flown):
-    bounded = identified(
-        flown, (*FREE, FreeParameter("Controller.f_p", 7e-3, 6e-3, bounds=(6.5e-3, 0.02)))
-    ).joint
-    (at_bound,) = [w for w in bounded.warnings if w.code == "at_bound"]
-    assert "Controller.f_p is at its lower bound 0.0065" in at_bound.message
-    assert "constraint_contradicted" in {w.code for w in bounded.unsound}
-
-
-def test_the_estimator_of_ltpda_takes_no_loop(flown):
-    runs, telemetries, calibrated = flown
-    with pytest.raises(InputError, match="flscov"):
-        identify(pair(telemetries), FREE, LinearLoop(runs), calibrated, settings({"estimator": "flscov"}))
 
 
 def changed(flown, **channels):
@@ -155,18 +114,3 @@ def test_noise_of_the_read_out_of_test_mass_1_is_no_motion(flown):
     assert "readout_excess_noise" in {w.code for w in joint_fit.warnings}
     assert {"lambda_2", "C_2", "omega2_2_0"} <= set(joint_fit)
     agree(joint_fit, flight)
-
-
-@pytest.mark.slow
-def test_another_plant_is_reported_by_chi2(flown):
-    results = identified(flown, FREE[2:])  # the gain is 1.6 % off
-    (mismatch,) = [w for w in results.joint.warnings if w.code == "noise_mismatch"]
-    assert re.match(r"A: the simulated loop leaves 1\d(\.\d)? times", mismatch.message)
-    assert results.joint.unsound
-
-
-def test_fixed_values_that_the_fit_contradicts_make_it_unsound(flown, unconstrained):
-    estimate = flown[2].joint["lambda_2"]
-    for value, unsound in ((estimate.value, False), (estimate.value + 10 * estimate.sigma, True)):
-        fit = identified(flown, fixed={"lambda_2": value}, free=FREE[1:]).joint
-        assert ("loop_contradiction" in {w.code for w in fit.unsound}) == unsound

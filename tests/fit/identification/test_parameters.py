@@ -38,12 +38,6 @@ def test_a_gain_deviates_with_the_delay_of_its_force(loop_names, deviating, alon
     np.testing.assert_array_equal(parameter_map, expected)
 
 
-def test_a_delay_that_deviates_with_a_gain_of_the_loop_counts_once():
-    parameter_map, measured_names = second_of_two(("lambda_2",), ["lambda_2", "C_2"])
-    assert measured_names == ("C_2",)
-    np.testing.assert_array_equal(parameter_map, [[1, 0, 1, 0, 0], [0, 0, 0, 0, 1]])
-
-
 def test_the_map_of_the_fit_is_the_same():
     plain = np.arange(14.0).reshape(7, 2)
     names = ("lambda_1", "C_2")

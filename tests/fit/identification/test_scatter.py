@@ -55,30 +55,3 @@ def test_gains_scatter_as_in_the_fit(flown):
     assert width["value"] == pytest.approx(3e-3, rel=1)
     assert results.joint["lambda_2"].sigma > 1e-3  # of the mean of four, not of what the runs could tell
     assert [w.parameters for w in results.joint.warnings if w.code == "random_effects"] == [("lambda_2",)]
-
-
-def test_gains_that_differ_and_are_not_let_contradict_each_other(flown):
-    """As in the fit, though chi2 of every run is that of its noise run."""
-    runs, telemetries, _ = flown
-    firm = CHOSEN.model_copy(update={"scatter": []})
-    calibrated = pipeline.calibrate(telemetries, firm)
-    results = identify(
-        pair(telemetries), (FreeParameter("lambda_2"), *FREE), LinearLoop(runs), calibrated, firm
-    )
-    (warning,) = [w for w in results.joint.warnings if w.code == "contradiction"]
-    assert "the experiments contradict each other" in warning.message
-    assert results.joint.unsound
-
-
-def test_a_fixed_gain_departs_by_the_measured_motion(flown):
-    """Though nobody seeks lambda_2, what else is found has no share of its scatter."""
-    fitted, results = flown[2], identified(flown, FREE)
-    assert not results.joint.unsound
-    # what the controller began with is taken out here
-    assert results.joint.chi2 == pytest.approx(fitted.joint.chi2, rel=4e-3)
-    for name in ("omega2_2_0", "delta_ifo_1"):
-        theirs = fitted.joint.parameters.get(name) or results.joint[name]
-        assert abs(results.joint[name].value - theirs.value) < 0.3 * theirs.sigma
-    truth = {"omega2_2_0": Truth().omega2_2_0, "omega2_1_0": Truth().omega2_1_0, "delta_ifo_1": -2.2e-5}
-    for name, value in truth.items():
-        assert abs(results.joint[name].value - value) < 4 * results.joint[name].sigma

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 import scipy
 
-from fit.errors import InputError
 from fit.identification import series
 from fit.spectra import derivatives
 
@@ -24,11 +23,6 @@ def test_an_archive_is_filled_up_in_the_fitted_band(fs, f):
     inside = (fine > 300) & (fine < 2700)
     assert resampled.size == 3000 * series.RATE
     assert np.max(np.abs(resampled - np.sin(2 * np.pi * f * fine) - 1e-3 * fine)[inside]) < 5e-6
-
-
-def test_a_rate_that_does_not_divide_that_of_the_loop_is_refused():
-    with pytest.raises(InputError, match="sampled at 3 Hz, expected a rate that divides 10 Hz"):
-        series.at_loop_rate(archive(3.0, np.zeros(10)), "x")
 
 
 def test_a_force_is_computed_from_its_motion():
@@ -82,16 +76,3 @@ def test_the_force_of_a_motion():
     inside = slice(2000, -500)
     assert result.shape == force(stray_thrust).shape
     assert np.max(np.abs(result - force(stray_thrust))[inside]) < 1e-2 * np.max(np.abs(force(stray_thrust)))
-
-
-def test_the_initial_transient_consists_of_the_modes_of_the_controller():
-    n, poles = 50_000, (6e-3, 30e-3)  # Hz
-    t = np.arange(n) / series.RATE
-    answer = 2.0 + sum(k * np.exp(-2 * np.pi * p * t) for k, p in zip((1.0, 0.3), poles, strict=True))
-    modes = series.initial_transient(answer, n)
-    assert modes.shape[1] == 2  # the integrator is none
-    reduced_grid = np.arange(len(modes)) / len(modes) * n / series.RATE
-    for p in poles:
-        decay = np.exp(-2 * np.pi * p * reduced_grid[:1000])
-        remainder = decay - modes[:1000] @ np.linalg.lstsq(modes[:1000], decay, rcond=None)[0]
-        assert np.max(np.abs(remainder)) < 1e-2

@@ -1,17 +1,14 @@
 """Figures as files for a journal: what is drawn is what is written, always the same bytes."""
 
-import csv
 import re
 import subprocess
 import sys
-from collections import defaultdict
 
 import numpy as np
 import pytest
 
 from fit import plotting
 from fit.figures import gain
-from fit.figures.charts import TIME, Chart, Curve, Panel
 from fit.report.experiments import AnalysedExperiment, figure_specs
 from fit.results.estimates import Estimate
 from tests.oracles.synthetic import World, of_run, pair
@@ -34,29 +31,6 @@ def folder(charts, tmp_path_factory):
     for name, chart in charts.items():
         plotting.write(folder, name, plotting.draw, chart)
     return folder
-
-
-def table(path):
-    """The rows of a CSV by the name of the curve, numbers as such, NaN where there are none."""
-    rows_by_name = defaultdict(list)
-    with path.open(encoding="utf-8", newline="") as file:
-        head, *rows = csv.reader(file)
-    for name, *cells in rows:
-        rows_by_name[name].append(
-            [float(c) if re.fullmatch(r"-?[\d.]+(?:e-?\d+)?", c) else np.nan for c in cells]
-        )
-    return head, {name: np.array(values) for name, values in rows_by_name.items()}
-
-
-@pytest.mark.parametrize("name", ["r-A-responses", "s-A-spectra", "b-A-breakdown", "t-A-residual"])
-def test_the_table_holds_the_curves(charts, folder, name):
-    head, columns = table(folder / f"e1{name}.csv")
-    assert head[0] == "curve"
-    assert re.fullmatch(r".* \[.*\]", head[1])
-    lines = {line.name: line for panel in charts[f"e1{name}"].panels for line in panel.lines}
-    assert columns.keys() == lines.keys()
-    for key, line in lines.items():
-        np.testing.assert_allclose(columns[key][:, :2], np.stack([line.x, line.y], axis=1), rtol=1e-7)
 
 
 def test_matplotlib_draws_every_curve_where_it_is(charts):
@@ -105,18 +79,3 @@ def test_bytes_are_the_same_in_another_process(folder, tmp_path):
     subprocess.run([sys.executable, "-c", code, str(tmp_path)], check=True)
     for path in folder.iterdir():
         assert (tmp_path / path.name).read_bytes() == path.read_bytes(), path.name
-
-
-def test_long_names_do_not_break_a_figure():
-    title = "a title that somebody chose to be as long as this one is $\\frac{"
-    line = Curve(name="x", label="", role="ink", x=np.arange(3.0), y=np.arange(3.0))
-    chart = Chart((Panel(TIME, TIME, (line,), (0, 2), (0, 2), 1.0, title),))
-    assert plotting.draw(chart).svg().startswith("<?xml")
-
-
-def test_subscripts_are_set():
-    line = {"name": "x", "role": "ink", "x": np.arange(3.0), "y": np.arange(3.0)}
-    marks = tuple(Curve(label=label, **line) for label in ("Δg_x", "g_dΩ", "ω²₂ o₁₂"))
-    (ax,) = plotting.draw(Chart((Panel(TIME, TIME, marks, (0, 2), (0, 2), 1.0),))).figure.axes
-    texts = [text.get_text() for text in ax.get_legend().get_texts()]
-    assert texts == ["Δg$_{x}$", r"g$_{\dot\Omega}$", "ω²₂ o₁₂"]

@@ -3,21 +3,17 @@ import hashlib
 import json
 import math
 import re
-import subprocess
-import sys
 from dataclasses import replace
 from html.parser import HTMLParser
 
-import matplotlib as mpl
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fit import plotting
 from fit.figures import series, stiffness
 from fit.figures.colours import COLOURS
-from fit.findings import Amount, Finding, undetermined
+from fit.findings import Finding
 from fit.forecasting.coverage import with_truth
 from fit.parameters import FLIGHT, joint_names
 from fit.report.page import figure_specs, write_report
@@ -26,7 +22,6 @@ from fit.report.verdict import verdict
 from fit.results import Fit, Results
 from fit.results.estimates import Estimate, Stiffness
 from fit.results.provenance import Provenance
-from fit.tables import combination_text, prose, signed
 from fit.telemetry.reader import read
 from tests.oracles.contract_file import write_contract_file
 
@@ -287,41 +282,6 @@ def test_flight_data_without_noise_run_guidance_or_joint_fit(tmp_path, campaign)
     assert page.tags.count("figure") == 4
 
 
-def test_gaps_and_a_driven_test_mass_1(tmp_path, campaign):
-    (run,) = campaign(noise=False)
-    channels = {name: values.copy() for name, values in run.channels.items()}
-    channels["o_1"][1000:1030] = np.nan
-    channels["f_x_1"] += 1e-12
-    page = written(tmp_path, results(experiments={"A1": experiment_fit()}), [replace(run, channels=channels)])
-    assert page.tags.count("figure") == 4
-
-
-def test_experiments_are_folded_but_the_first(tmp_path):
-    experiments = {f"E{i}": experiment_fit() for i in range(5)}
-    page = written(tmp_path, results(experiments=experiments), [])
-    assert "Experiments: 5; their telemetry is not here" in page.text
-    assert page.tags.count("figure") == 0
-    assert page.attributes.count(("details", "open", None)) == 1  # the first
-    assert {f"#e{i}" for i in range(1, 6)} <= set(page.links)  # of the table above them
-
-
-def test_what_was_run_is_at_the_end(tmp_path, campaign):
-    origin = Provenance(
-        f_max=0.1,
-        versions={"lpfcosim": "0.1.0", "numpy": "2.1"},
-        extra={"campaign_digest": 64 * "a", "seed": 5},
-    )
-    page = written(
-        tmp_path,
-        results(experiments={"A1": experiment_fit()}, provenance=origin),
-        campaign(),
-    )
-    top, end = page.text.rsplit("Provenance", maxsplit=1)
-    for text in ("lpfcosim 0.1.0, numpy 2.1", "aaaaaaaaaaaa", "To cite: lpfcosim 0.1.0"):
-        assert text in end and text not in top
-    assert 64 * "a" in end
-
-
 def test_a_truth_that_differs_between_runs_has_no_pull(tmp_path, campaign):
     runs = campaign(truth={**TRUTH, "lambda_2": 1.07}) + campaign("B2", truth={**TRUTH, "lambda_2": 1.08})
     page = written(tmp_path, results(joint=joint_fit()), runs)
@@ -340,27 +300,6 @@ def test_rows_share_an_exponent_and_show_two_digits_of_sigma():
     assert (gain.unit, gain.estimate, gain.flight) == ("", "1.077595(32)", "1.0776(1)")
 
 
-@given(value=st.floats(-1e6, 1e6), places=st.integers(0, 9))
-def test_numbers_in_print_read_back(value, places):
-    text = signed(value, places)
-    assert "-" not in text
-    assert float(text.replace("−", "-")) == pytest.approx(value, abs=0.5000001 * 10.0**-places)
-    assert text.startswith("−") == (float(text.replace("−", "-")) < 0)
-
-
-def test_units_in_messages_are_typeset():
-    cause = Finding(
-        "indeterminable", "nothing drives it", channel="alpha", amount=Amount(-2e3, 1e-6, "kg-1 m-1")
-    )
-    assert str(prose(undetermined([cause]))).endswith("alpha = −2000 ± 1·10⁻⁶ kg⁻¹ m⁻¹")
-    assert str(prose("-2 fm s^-2 Hz^-0.5")) == "−2 fm s⁻² Hz^−0.5"
-
-
-def test_combinations_in_print():
-    text = combination_text({"alpha_phi_2": 1.0, "omega2_2_0": -1.04e-11})
-    assert text == "1 α<sub>φ,2</sub> − 1.04·10⁻¹¹ ω<sup>2</sup><sub>2,0</sub>"
-
-
 @given(size=st.integers(1, 9000), seed=st.integers(0, 2**32), spike=st.floats(0, 1))
 def test_an_envelope_keeps_the_extremes(size, seed, spike):
     values = np.random.default_rng(seed).normal(size=size)
@@ -369,13 +308,6 @@ def test_an_envelope_keeps_the_extremes(size, seed, spike):
     assert drawn.size == time.size <= 1000
     assert (drawn.min(), drawn.max()) == (values.min(), values.max())
     assert np.all(np.diff(time) >= 0)
-
-
-def test_an_envelope_leaves_a_gap_open():
-    values = np.ones(5000)
-    values[1000:1100] = np.nan
-    time, drawn = series.envelope(np.arange(5000.0), values)
-    assert np.array_equal(np.unique(time[np.isnan(drawn)]), np.arange(1000.0, 1100.0, 10.0))
 
 
 def test_the_reconstructed_stiffness_carries_the_covariance():
@@ -407,17 +339,6 @@ def test_a_sum_is_drawn_where_its_parts_are_lost():
     assert main_panel.x.head == "F_max_2 [pN]"
     (curve,) = (mark for mark in main_panel.marks if getattr(mark, "name", "") == "10 pN m")
     assert curve.y == pytest.approx([-7.0, -7.0])
-
-
-def test_drawing_leaves_no_trace_in_matplotlib():
-    settings = dict(mpl.rcParams)
-    points = [stiffness.StiffnessPoint("A", 2, F, 1e-12, Estimate(-4e-7, 1e-9, "s-2")) for F in (0.0, 0.0)]
-    plot = plotting.draw(stiffness.against_authority(points, None))
-    assert plot.svg().startswith("<?xml")
-    assert dict(mpl.rcParams) == settings
-    code = "import sys, fit.report.page; print('matplotlib' in sys.modules)"
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stdout.strip() == "False"
 
 
 def test_an_identification_that_the_data_contradict_spoils_the_verdict():

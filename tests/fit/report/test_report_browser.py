@@ -21,7 +21,6 @@ from tests.oracles.contract_file import write_contract_file
 pytestmark = [needs_browser, pytest.mark.slow]
 
 WIDTHS = (1280, 390)
-A4 = 702  # of 96 to the inch, between the margins
 EVIL = ("<script>alert(1)</script>", '"><img src=x onerror=alert(2)>')
 #: Every figure: its size, that of an image in it, and the widths of what was drawn or written in it.
 WIDER = "document.documentElement.scrollWidth > innerWidth"
@@ -42,9 +41,6 @@ OVERFLOW = """[...document.querySelectorAll("main, main *:not(.uplot *)")].filte
   return box.right > innerWidth + 1 || box.left < -1
     || (!scrolls && getComputedStyle(e).display !== "inline" && e.scrollWidth > e.clientWidth + 1);
 }).map(e => `${e.tagName} ${e.className}: ${e.textContent.slice(0, 40)}`)"""
-#: Tables of numbers that are wider than their place.
-SCROLLING = """[...document.querySelectorAll(".scroll:has(> .numbers)")]
-  .filter(e => e.scrollWidth > e.clientWidth + 1).map(e => e.textContent.slice(0, 80))"""
 #: Text whose contrast with what is behind it is below WCAG AA.
 CONTRAST = """(() => {
   const canvas = new OffscreenCanvas(1, 1).getContext("2d", { willReadFrequently: true });
@@ -190,23 +186,6 @@ def test_everything_is_drawn_and_nothing_asked_for(report):
         assert page.evaluate("document.getElementById('e2').open")
 
 
-def test_without_scripts_the_page_says_what_writes_the_charts(report):
-    with Page(report, scripts=False) as page:
-        shown = "[...document.querySelectorAll('.chart, noscript')].filter(e => e.checkVisibility()).length"
-        page.evaluate("document.querySelectorAll('details').forEach(d => d.open = true)")
-        assert page.evaluate(shown) == 1
-        page.resize(WIDTHS[0])
-        assert page.evaluate(SCROLLING) == []
-        page.evaluate("document.querySelectorAll('details').forEach(d => d.open = false)")
-        captions = "[...document.querySelectorAll('details figure')].filter(e => e.checkVisibility()).length"
-        assert page.evaluate(captions) == 0
-        page.send("Emulation.setEmulatedMedia", media="print")
-        page.resize(A4)
-        assert (
-            page.evaluate(captions) == page.evaluate("document.querySelectorAll('details figure').length") > 0
-        )
-
-
 @pytest.mark.parametrize("dark", [False, True], ids=["light", "dark"])
 def test_text_can_be_read(report, dark):
     with Page(report, dark=dark) as page:
@@ -215,19 +194,3 @@ def test_text_can_be_read(report, dark):
         time.sleep(1)
         assert page.evaluate(CONTRAST) == []
         assert page.evaluate("matchMedia('(prefers-color-scheme: dark)').matches") == dark
-
-
-def test_names_of_experiments_are_text(report):
-    with Page(report) as page:
-        headings = page.evaluate("[...document.querySelectorAll('h3')].map(h => h.textContent)")
-        assert sorted(headings) == [f"Experiment {name}" for name in sorted(EVIL)]
-        assert page.evaluate("document.querySelectorAll('img:not(figure img)').length") == 0
-
-
-@pytest.mark.fmu
-def test_the_report_of_the_quick_start(lpfcosim, quickstart, tmp_path):
-    status, _, error = lpfcosim("run", quickstart, "--out", tmp_path / "out")
-    assert (status, error) == (0, error)
-    path = tmp_path / "out" / "report.html"
-    with Page(path) as page:
-        in_order(page, path.read_text(encoding="utf-8").count("<figure>"))

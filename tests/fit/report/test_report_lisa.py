@@ -4,12 +4,10 @@ import re
 from functools import lru_cache
 from pathlib import Path
 
-import h5py
 import numpy as np
 import pytest
 
 import fit
-from fit.deltag import write_delta_g
 from fit.figures import analysis
 from fit.report import experiments, page
 from fit.spectra import Estimator
@@ -77,37 +75,8 @@ def test_page_and_figures(tmp_path):
         assert len(plot.figure.axes) == len(chart.panels)
 
 
-def test_equation_of_motion_is_that_of_lisa(tmp_path):
-    text = page.write_report(tmp_path, calibrated(), campaign()).read_text(encoding="utf-8")
-    equations = text[text.index('class="equations') : text.index('id="overview"')]
-    assert equations.count("<math") == 3
-    assert "difference D of the two" in equations
-    assert "δ" not in equations
-    assert "LISA Pathfinder" not in text[text.index('id="joint"') : text.index('id="overview"')]
-
-
 def test_set_points_are_those_of_the_controllers():
     folder = Path(__file__).parents[3] / "fmus" / "LISA"
     models = "".join((folder / f"{name}Control.mo").read_text() for name in ("DragFree", "Suspension"))
     stated = dict(re.findall(r'(guidance_\w+) "Set point of (\w+)"', models))
     assert {GUIDANCE[read_out]: read_out for read_out in stated.values()} == stated
-
-
-def test_page_without_telemetry_of_an_experiment(tmp_path):
-    text = page.write_report(tmp_path, calibrated(), campaign()[1:]).read_text(encoding="utf-8")
-    assert "Experiment A" in text
-    assert "Breakdown: the fitted terms" not in text
-
-
-def test_calibrated_D_is_the_sum_of_its_terms(tmp_path):
-    product = fit.delta_g(campaign()[0], calibrated())
-    for name in ("D_x", "D_y"):
-        terms = [x for key, x in product.channels.items() if key.startswith(f"{name}_")]
-        np.testing.assert_allclose(np.sum(terms, axis=0), product.channels[name], atol=1e-24)
-        slow = {key: np.convolve(x, np.hanning(300), "valid") for key, x in product.channels.items()}
-        assert slow[name].std() < 0.1 * slow[f"{name}_dds"].std()
-    lisa_loop.save(tmp_path, campaign()[:1])
-    (path,) = tmp_path.iterdir()
-    assert write_delta_g(path, tmp_path / "D.h5", calibrated(), {}) == ()
-    with h5py.File(tmp_path / "D.h5") as file:
-        np.testing.assert_array_equal(file["D_x"][()], product.channels["D_x"])

@@ -7,11 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fit.figures import gain as figures_gain
 from fit.figures import stiffness as figures_stiffness
 from fit.figures.charts import Points
 from fit.figures.stiffness import StiffnessPoint, stiffness_pull
-from fit.findings import Finding
 from fit.parameters import FLIGHT, joint_names
 from fit.report import mission as report_mission
 from fit.results import Fit, Results
@@ -65,18 +63,6 @@ def cells(table):
     return {head: texts for head, *texts in rows}
 
 
-def test_every_section_is_there(mission):
-    results, runs = mission
-    by_anchor = sections(results, runs)
-    assert list(by_anchor) == [
-        "gain",
-        "stiffness",
-        "paper",
-    ]
-    names = {drawing.name for part in by_anchor.values() for drawing in part.figures}
-    assert names == {"gain", "stiffness-1", "stiffness-2"}
-
-
 def test_side_by_side(mission):
     results, runs = mission
     calibration = replace(results, joint=joint({"C_2": 2.0, "lambda_1": -9.0}))
@@ -88,19 +74,6 @@ def test_side_by_side(mission):
     assert lines["C2"] == ["0.194(2)", "0.186(4)", "0.50", "1.79"]  # 2 / hypot(1, 0.5)
     gain = grid.rows[0]
     assert gain[-1] == '<span class="off">−8.05</span>'  # 9 / hypot(1, 0.5)
-
-
-def test_what_is_not_determined_is_said(mission):
-    results, runs = mission
-    warning = Finding(
-        "indeterminable", "…", parameters=("lambda_1",), combination={"lambda_1": 1.0, "C_1": -0.2}
-    )
-    bare = joint(warnings=[warning])
-    del bare.parameters["lambda_1"]
-    bare = replace(bare, covariance_matrix=bare.covariance_matrix[1:, 1:])
-    by_anchor = sections(replace(results, joint=bare), runs)
-    _, estimate, _, *comparison = by_anchor["paper"].tables[0].rows[0]
-    assert (estimate, comparison) == (None, ["not determined", ""])
 
 
 def test_table_eulerfit_where_a_period_was_flown():
@@ -133,33 +106,6 @@ def test_stationarity(mission):
     assert "gain" not in sections(replace(results, experiments=fixed), runs)
 
 
-def test_gains_of_the_same_date_stand_side_by_side(mission):
-    estimate = Estimate(1.0776, 1e-4, "1")
-    points = dict.fromkeys("ABC", (np.datetime64("2016-04-16"), estimate))
-    (panel,) = figures_gain.gain_evolution(points, None).panels
-    assert panel.x.title == "experiment"
-    assert panel.lines[-1].x.tolist() == [1, 2, 3]
-
-
-def test_the_mean_of_the_gains_says_how_they_scatter():
-    when = np.array(["2016-04-16", "2016-05-16", "2016-06-16"], dtype="datetime64[D]")
-    gains = [Estimate(1.07 + 0.01 * k, 0.01, "1") for k in range(3)]
-    points = dict(zip("ABC", zip(when, gains, strict=True), strict=True))
-    (panel,) = figures_gain.gain_evolution(points, Estimate(1.0776, 1e-4, "1")).panels
-    mean, joint = panel.lines[:2]
-    assert mean.label == "their mean (χ²/ν = 1)"  # (1 + 0 + 1) / 2
-    assert mean.y.tolist() == pytest.approx([1.08, 1.08])
-    assert joint.y.tolist() == [1.0776, 1.0776]
-
-
-def test_stiffness_table_and_pulls(mission):
-    results, runs = mission
-    part = sections(results, runs)["stiffness"]
-    lines = cells(part.tables[0])
-    assert lines["B"][:2] == ["1100, 10.4", "−10.52(3)"]
-    assert len(lines) == 4
-
-
 @pytest.mark.stat
 def test_pulls_of_the_stiffness_model_are_normal():
     # Seven stiffnesses of the same model, fitted by least squares here: 300 campaigns make 2100 pulls, whose
@@ -189,12 +135,6 @@ def test_pulls_of_the_stiffness_model_are_normal():
         independent_pulls.append(stiffness_pull(independent, model))
     assert np.std(pulls) == pytest.approx(1, rel=0.06)
     assert np.std(independent_pulls) == pytest.approx(1, rel=0.15)  # 300: 4 %
-
-
-def test_a_pull_needs_a_model_that_is_known_better():
-    point = StiffnessPoint("", 2, 0.0, 0.0, Estimate(-4e-7, 1e-12, "s-2"))
-    assert stiffness_pull(point, joint()) is None
-    assert stiffness_pull(point, None) is None
 
 
 def test_the_pulls_stand_side_by_side_over_their_authority(mission):

@@ -1,19 +1,14 @@
 """The report's sections on spacecraft motion: tables, figures, and what the figures are drawn from."""
 
 import re
-from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from fit import results as fit_results
 from fit.figures import motion as figures_motion
-from fit.findings import Finding
 from fit.pipeline import calibrate_inertial
 from fit.report import page as report
-from fit.report.motion import calibrated, sections
-from fit.results import Fit
-from fit.results.estimates import Estimate
+from fit.report.motion import sections
 from fit.telemetry.reader import read_all
 from tests.oracles import rotation_synthetic as synthetic
 
@@ -50,16 +45,6 @@ def test_correction_quietens_what_rotation_made(calibration):
     assert 1.2 < ratio < 4
 
 
-def test_glitches_are_no_noise(calibration):
-    results, telemetries = calibration
-    warning = Finding("glitches", "some", "night-1", spans=((1e4, 2e4),))
-    inertial = replace(results.inertial["3"], warnings=(warning,))
-    product = calibrated(telemetries[0], replace(results, inertial={"3": inertial}))
-    inside = (product.time >= 1e4) & (product.time <= 3e4)
-    for name in ("delta_g", "delta_g_x", "g_dOmega"):
-        assert np.array_equal(np.isnan(product.channels[name]), inside)
-
-
 def test_gain_of_known_spectra():
     rng = np.random.default_rng(5)
     corrected = rng.standard_normal(200_000)
@@ -67,13 +52,3 @@ def test_gain_of_known_spectra():
     ratio, error = figures_motion.gain(spectra)
     assert ratio == pytest.approx(2)
     assert 0 < error < 1
-
-
-def test_cross_talk_has_a_section(calibration, tmp_path):
-    values = {f"b_{i}": Estimate(1e-5, 1e-7, "1", truth=1e-5, pull=0.0) for i in range(1, 7)}
-    cross_talk = {"2": Fit(values, np.eye(6) * 1e-14, 1.0, 1, True, ())}
-    results = fit_results.Results(None, {}, cross_talk, {}, fit_results.Provenance())
-    (section,) = sections(results, [])
-    assert section.title == "Cross-talk, alignment epoch 2"
-    assert len(section.parameters.rows) == 6
-    assert 'id="b2"' in report.write_report(tmp_path, results, []).read_text()

@@ -3,9 +3,6 @@
 import json
 from dataclasses import replace
 
-import pytest
-
-from fit.errors import InputError
 from fit.forecasting import coverage
 from fit.report.page import write_report
 from fit.report.sampling import sections
@@ -85,19 +82,3 @@ def test_a_monte_carlo(tmp_path):
     assert bad[3] == '<span class="off">40.0(3.3)</span>'
     page = write_report(tmp_path, results(), []).read_text()
     assert "of &lt;b&gt; with" in page
-
-
-@pytest.mark.parametrize(
-    ("content", "message"),
-    [
-        ("{", "expected a JSON object of schema 'lpf-mcmc/1'"),
-        ("[]", "expected a JSON object of schema 'lpf-mcmc/1'"),
-        ('{"schema": "lpf-mcmc/9"}', "schema is 'lpf-mcmc/9', expected 'lpf-mcmc/1'"),
-        ('{"schema": "lpf-mcmc/1", "parameters": {}, "steps": "many"}', "steps: "),
-    ],
-)
-def test_what_is_no_summary_of_a_chain(tmp_path, content, message):
-    (tmp_path / "mcmc.json").write_text(content)
-    with pytest.raises(InputError, match=r"mcmc\.json: ") as error:
-        sections(results(), tmp_path)
-    assert message in str(error.value)

@@ -31,29 +31,6 @@ def test_the_band_and_the_ratio_of_what_adds_noise():
     assert ratio == pytest.approx(np.sqrt(1.64), rel=0.1)
 
 
-def test_what_takes_noise_away_is_not_told():
-    rng = np.random.default_rng(2)
-    x, taken = rng.standard_normal(DAY), 3 * pink(rng, DAY, 1e-4, 1e-2)
-    assert bands(x + taken, x + 0.1 * taken) == []
-    assert bands(x, x) == []
-
-
-def test_blocks_gaps_and_short_series():
-    rng = np.random.default_rng(3)
-    x = rng.standard_normal(DAY)
-    y = x + pink(rng, DAY, 1e-3, 1e-2)
-    whole = bands(x, y)
-    assert whole
-    assert bands(x, y, pieces=7) == whole
-    gaps = x.copy()
-    gaps[1000:1003] = np.nan
-    np.testing.assert_allclose(bands(gaps, y), whole, rtol=0.02)
-    gaps[:DAY] = np.nan
-    assert bands(gaps, y) == []
-    for size in (1, 2, 50):
-        assert bands(x[:size], x[:size]) == []
-
-
 @pytest.mark.stat
 def test_a_small_correction_that_is_right_is_seldom_called_noise():
     """Twenty days, none of which may raise an alarm: the budget of false alarms is 1e-3 for each."""

@@ -1,10 +1,8 @@
 """The smooth PSD without what each bin has told of itself: against a fit that does without that bin."""
 
 import numpy as np
-import pytest
 import scipy
 
-from fit.errors import FitError
 from fit.spectra.noise_psd import fit_noise
 
 F = np.arange(1, 601) / 6000.0
@@ -55,8 +53,3 @@ def test_the_basis_is_that_of_natural_splines():
         (basis.variance(model.covariance), variance),
     ):
         assert np.allclose(found, expected, rtol=1e-10, atol=1e-12 * np.abs(expected).max())
-
-
-def test_a_residual_without_degrees_of_freedom_has_no_psd():
-    with pytest.raises(FitError, match="no degrees of freedom"):
-        fit_noise(F, TRUE, np.zeros(F.size))

@@ -2,10 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
-from fit.errors import FitError
 from fit.spectra import derivatives, windowing
 from fit.spectra.noise_psd import fit_noise
 from fit.whitening import whitened_run
@@ -23,23 +20,6 @@ def response(weights, f):
 def test_stencil_delays_and_differentiates_to_better_than_1e_7_in_the_band(shift, order):
     ideal = (2j * np.pi * BAND) ** order * np.exp(-2j * np.pi * BAND * shift)
     assert np.abs(response(derivatives.stencil(shift, order), BAND) / ideal - 1).max() < 1e-8
-
-
-@given(
-    offset=st.floats(-1, 1),
-    slope=st.floats(-1, 1),
-    curvature=st.floats(-1, 1),
-    shift=st.floats(-2, 2),
-)
-def test_stencil_is_exact_on_parabolas(offset, slope, curvature, shift):
-    n = np.arange(60.0)
-    x = offset + slope * n + curvature * n**2
-    at = n[derivatives.HALF : -derivatives.HALF] - shift
-    expected = (offset + slope * at + curvature * at**2, slope + 2 * curvature * at, 2 * curvature + 0 * at)
-    for order, values in enumerate(expected):
-        assert np.allclose(
-            derivatives.apply_stencil(derivatives.stencil(shift, order), x), values, rtol=0, atol=1e-9
-        )
 
 
 def test_second_derivative_lets_no_offset_or_drift_through():
@@ -84,16 +64,6 @@ def test_short_gaps_are_bridged_and_long_ones_masked():
     assert np.isfinite(filled).all()
 
 
-@given(flags=st.lists(st.booleans(), min_size=1, max_size=30))
-def test_stretches_cover_exactly_what_is_flagged(flags):
-    flags = np.array(flags)
-    covered = np.zeros_like(flags)
-    for start, stop in derivatives.true_runs(flags):
-        assert not covered[start:stop].any()
-        covered[start:stop] = True
-    assert np.array_equal(covered, flags)
-
-
 def test_window_is_flat_tapered_and_notched():
     valid = np.ones(10000, dtype=bool)
     w = windowing.window(valid, 1.0)
@@ -105,17 +75,6 @@ def test_window_is_flat_tapered_and_notched():
     assert not notched[5000:5040].any()
     assert np.array_equal(notched[:4900], w[:4900])
     assert np.abs(np.diff(notched)).max() < 0.03  # smooth, so that nothing leaks far
-
-
-@given(f=st.floats(0.006, 0.09), phase=st.floats(0, 6), gap=st.booleans())
-def test_parseval(f, phase, gap):
-    valid = np.ones(4000, dtype=bool)
-    valid[2000:2020] = not gap
-    x = np.sin(2 * np.pi * f * np.arange(4000) + phase)
-    spectrum = windowing.transform(x[:, None], valid, 1.0)
-    w = spectrum.window
-    power = np.sum(np.abs(spectrum.columns) ** 2) / 4000  # one-sided PSD, times the bin width
-    assert power == pytest.approx(np.sum((w * x) ** 2) / np.sum(w**2), rel=5e-4)
 
 
 def test_a_sum_of_columns_is_whitened_as_its_columns_are():
@@ -163,37 +122,6 @@ def test_noise_model_goes_on_straight_below_the_first_bin():
     f = np.arange(1, 2161) / 21600
     model = fit_noise(f, 1e-30 * f**-2.0, np.ones(f.size))
     assert model(np.array([1e-6])) == pytest.approx([1e-30 * 1e12], rel=1e-6)
-
-
-def test_noise_model_takes_in_what_lies_below_the_first_knot():
-    f = np.arange(1, 2161) / 21600
-    power = shape(f)
-    power[:3] *= 0.02  # chance has made them quiet; they alone would tell how quiet all that is slower is
-    slow = np.arange(1, 9) / 216000
-    alone = fit_noise(f, power, np.ones(f.size))
-    model = fit_noise(
-        *(np.concatenate(x) for x in ((slow, f), (shape(slow), power), (np.ones(8), np.ones(f.size)))), 8
-    )
-    assert np.array_equal(model.knots, alone.knots)
-    assert np.any(alone.expected(slow) < 0.1 * shape(slow))
-    assert np.abs(np.log(model(slow) / shape(slow))).max() < 0.7
-
-
-def test_noise_model_is_the_same_whatever_was_fitted_before():
-    short, other = np.arange(1, 2161) / 21600, np.arange(1, 2161) / 43200
-    first = fit_noise(short, shape(short), np.ones(2160))
-    apart = fit_noise(other, shape(other), np.ones(2160))
-    again = fit_noise(short, shape(short), np.ones(2160))
-    assert np.array_equal(first.values, again.values)
-    assert np.array_equal(first.knots, again.knots)
-    assert np.exp(apart.knots[[0, -1]]) == pytest.approx(other[[0, -1]])
-
-
-@pytest.mark.parametrize("level", [0.0, np.nan, np.inf])
-def test_no_noise_is_an_error(level):
-    f = np.arange(1, 501) / 5000
-    with pytest.raises(FitError, match="no noise"):
-        fit_noise(f, np.full(500, level), np.ones(500))
 
 
 def test_parts_beside_are_projected_out_together_and_bins_are_those_of_the_band():

@@ -10,7 +10,6 @@ from tempfile import TemporaryDirectory
 
 import h5py
 import numpy as np
-import pandas
 import pytest
 import xarray
 from astropy.io import fits
@@ -26,7 +25,6 @@ from fit.telemetry.archives import Layout, open_table
 
 N = 40
 T, X, Y = np.arange(N) / 2, 1e-9 * np.arange(N) ** 2, -3.0 * np.arange(N)
-OUT = np.column_stack([T, X, Y])
 WHEN = np.datetime64("2016-04-16T14:00:00", "ns") + (1e9 * T).astype("m8[ns]")
 STAMPS = [str(stamp) for stamp in WHEN]
 NAN = float("nan")
@@ -320,36 +318,4 @@ def test_matlab(folder, matrix, form):
     assert_same(read(path, "out"), {name[4:-1]: column for name, column in out.items()})
 
 
-def test_tables_and_cells_of_matlab(tmp_path):
-    frame = pandas.DataFrame({"x": X, "y": Y}, index=pandas.Index(WHEN, name="Time"))
-    frame.attrs["VariableUnits"] = ["nm", ""]
-    save_to_mat(tmp_path / "a.mat", {"tt": frame})
-    columns = read(tmp_path / "a.mat")
-    assert_same(columns, {"tt.Time": STAMPS, "tt.x": X, "tt.y": Y})
-    cells = np.empty(2, object)
-    cells[:] = [X, Y]
-    savemat(tmp_path / "b.mat", {"c": cells, "s": np.array([(X, Y), (Y, X)], [("a", "O"), ("b", "O")])})
-    assert list(read(tmp_path / "b.mat")) == ["c[1]", "c[2]", "s[1].a", "s[1].b", "s[2].a", "s[2].b"]
-
-
-def test_a_matlab_name_of_plain_hdf5(tmp_path):
-    with h5py.File(tmp_path / "a.mat", "w") as file:
-        file["oms/t"] = T
-    assert_same(read(tmp_path / "a.mat"), {"oms.t": T})
-
-
 # Any format ----------------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("name", ["a.h5", "a.nc", "a.mat", "a.fits", "a.csv.gz", "a.docx"])
-def test_files_that_are_something_else(tmp_path, name):
-    (tmp_path / name).write_bytes(b"\x1f\x8bt,x\n1,2\n" if name.endswith("gz") else b"t,x\n1,2\n")
-    assert re.match(
-        r"cannot be read \(.*\), expected a whole file|of no known format", refusal(tmp_path / name)
-    )
-
-
-def test_errors_of_who_uses_a_table_are_theirs(tmp_path):
-    (tmp_path / "a.csv").write_text("t,x\n1,2\n")
-    with pytest.raises(OSError, match="disk is full"), open_table(tmp_path / "a.csv", None):
-        raise OSError("the disk is full")

@@ -11,7 +11,7 @@ from astropy.time import Time, TimeDelta
 
 from fit.errors import InputError
 from fit.telemetry.reader import read, utc
-from fit.telemetry.validation import check_markers, replace_markers
+from fit.telemetry.validation import replace_markers
 from tests.fit.telemetry.mapped import M_TM, T0, N, assert_same, instants, isot, listed, write
 
 
@@ -141,22 +141,7 @@ def test_a_fault_of_time_stamps(archive, channels, fault):
     assert message.startswith("A.csv: column t: ") and expected in message, message
 
 
-@pytest.mark.parametrize("samples", [0, 1])
-@pytest.mark.parametrize("keys", ["", 'format = "gps"'])
-def test_hardly_any_samples(archive, channels, samples, keys):
-    columns = {"t": np.full(samples, 1.1e9), **{name: values[:samples] for name, values in channels.items()}}
-    write(archive.folder / "A.csv", listed(columns))
-    message = archive.refusal(clock=f'column = "t"\n{keys}')
-    assert f"{samples} samples, expected as many as in others, 2 to" in message
-
-
 # Missing samples -----------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("marker", [9999.0, -999.9, 32768.0])
-def test_real_samples_near_a_marker_stay(marker):
-    values = marker + np.arange(-50, 50) * 5e-5 * abs(marker) / 9999
-    assert np.flatnonzero(np.isnan(replace_markers(values, [marker]))).tolist() == [50]
 
 
 @pytest.mark.parametrize("marker", [-9999.9, 9.96921e36, 0.0, np.inf])
@@ -195,12 +180,6 @@ def test_a_channel_without_markers_is_said_to_be_so(archive, channels):
     np.testing.assert_array_equal(run.channels["o_12"], columns["o_12"])
     with h5py.File(run.path) as file:
         assert [name for name in file if "missing_value" in file[name].attrs] == ["o_12"]
-
-
-def test_guidance_may_step_by_any_number():
-    check_markers("A", "guidance_o_12", np.where(np.arange(N) // 300 % 2, 999.0, 0.0))
-    with pytest.raises(InputError, match="seems to mark missing samples"):
-        check_markers("A", "guidance_o_12", np.where(np.arange(N) % 100, 0.0, -1e20))
 
 
 def test_a_marker_in_telemetry(archive, channels):
@@ -262,16 +241,6 @@ def test_a_channel_of_one_value(archive, channels):
         "{ value = nan }": "channels.f_x_1.value: NaN is not a finite number",
     }.items():
         assert words in archive.refusal(columns={"f_x_1": column})
-
-
-def test_a_day_count_and_accelerations_in_pico_newton_per_kilogram(archive, channels):
-    scaled = channels | {"f_x_1": 1e12 * channels["f_x_1"]}
-    write(archive.folder / "A.csv", {"t": (np.arange(N) / 86400).tolist(), **listed(scaled)})
-    run = archive.convert(
-        clock='column = "t"\nunit = "d"', columns={"f_x_1": '{ column = "f_x_1", unit = "pN/kg" }'}
-    )
-    assert run.fs == 1.0
-    assert_same(run, channels)
 
 
 def test_forces_are_divided_by_the_mass(archive, channels):

@@ -89,17 +89,6 @@ def test_files_that_disagree_about_the_time(archive, channels, fault):
     assert message.endswith("expected the same time stamps in all files of a run")
 
 
-def test_files_of_different_lengths(archive, channels):
-    export(archive.folder, channels)
-    path = archive.folder / "A_f_x_2.txt"
-    path.write_text("\n".join(path.read_text().splitlines()[:-1]))
-    run, clock, columns = FILES["template"]
-    message = archive.refusal(run=run, clock=clock, columns=columns)
-    assert message.startswith(
-        "A_f_x_2.txt: column 1: 2399 samples, but A_o_1.txt: column 1 has 2400, expected"
-    )
-
-
 def test_a_table_for_each_channel(archive, channels):
     structs = {name: {"t": np.arange(N) / 10, "y": values} for name, values in channels.items()}
     savemat(archive.folder / "A.mat", structs)

@@ -3,7 +3,6 @@
 import os
 import subprocess
 import sys
-from pathlib import Path
 
 import h5py
 import numpy as np
@@ -59,12 +58,6 @@ def test_parts_are_those_of_the_file_unless_it_is_written_again(tmp_path, chunks
         run.channels["o_1"]
 
 
-def test_a_part_has_the_rate_of_its_run(tmp_path):
-    run = open_run(write_contract_file(tmp_path / "A1.h5", samples=N))
-    with pytest.raises(InputError, match="a step of 2, expected 1"):
-        run.part(slice(0, 100, 2))
-
-
 def without_numpy_type(owner):
     h5py.h5a.create(owner.id, b"clock", h5py.h5t.UNIX_D32LE, h5py.h5s.create(h5py.h5s.SCALAR))
 
@@ -90,12 +83,6 @@ def test_what_no_channel_is_does_no_harm(tmp_path, add):
     assert read_truth(path) == {}
 
 
-def test_a_pipe_is_no_file(tmp_path):
-    os.mkfifo(tmp_path / "A1.h5")
-    with pytest.raises(InputError, match="is not a file, expected telemetry"):
-        read(tmp_path / "A1.h5")
-
-
 @pytest.mark.skipif(os.name != "posix", reason="how a lock shows is that of POSIX")
 def test_a_file_that_another_process_has_open(tmp_path):
     """It is not damaged, and nobody should replace it."""
@@ -110,15 +97,3 @@ def test_a_file_that_another_process_has_open(tmp_path):
         holder.communicate(b"\n")
     assert "damaged" not in str(refusal.value)
     assert read(path).run == "A1"
-
-
-def test_a_run_is_found_from_another_folder(tmp_path, monkeypatch):
-    (tmp_path / "in").mkdir()
-    write_contract_file(tmp_path / "in" / "A1.h5", samples=N)
-    monkeypatch.chdir(tmp_path)
-    run = read(Path("in/A1.h5"))
-    monkeypatch.chdir(tmp_path.parent)
-    assert run.channels["o_1"].shape == (N,)
-    run.path.unlink()
-    with pytest.raises(InputError, match=rf"^{tmp_path.name}/in/A1\.h5: no such file"):
-        run.channels["o_1"]

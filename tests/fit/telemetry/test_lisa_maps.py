@@ -62,11 +62,3 @@ def test_map_converts_archives_of_lisa(runs_and_map, tmp_path):
         assert converted[run.run].attributes["half_opening"] == pytest.approx(np.pi / 6)
         for name in LISA_REQUIRED:
             np.testing.assert_allclose(converted[run.run].channels[name], run.channels[name], rtol=1e-12)
-
-
-def test_missing_channel_of_lisa_is_named(runs_and_map, tmp_path):
-    _, path = runs_and_map
-    lines = [line for line in path.read_text().splitlines() if not line.startswith("F_y_2 =")]
-    path.write_text("\n".join(lines))
-    with pytest.raises(fit.InputError, match=r"A\.toml: channels\.F_y_2: missing, expected its column"):
-        fit.load(path, folder=tmp_path / "out")

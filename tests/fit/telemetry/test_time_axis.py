@@ -39,9 +39,3 @@ def test_single_precision_is_reported_where_it_loses_samples():
     column = time_stamps.read_stamps("A: t", single(1e6)(SAMPLES / 10), None, None, 1.0)
     with pytest.raises(InputError, match=r"A: t: the times are rounded to 0\.0625 s, which does not resolve"):
         time_axis.fit_grid("A: t", column, None)
-
-
-def test_time_that_goes_backwards_in_single_precision():
-    column = time_stamps.read_stamps("A: t", single(4000.1)(-np.arange(N) / 10), None, None, 1.0)
-    with pytest.raises(InputError, match=r"A: t: from 0 s to -0\.1\d* s at sample 1, expected uniform"):
-        time_axis.fit_grid("A: t", column, None)
