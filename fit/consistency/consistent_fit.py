@@ -127,7 +127,7 @@ def fit_consistent_runs(
     if of_equations := equation_warnings(test, consistent):
         findings += of_equations
     else:
-        findings += _warnings(test, joint, consistent, test_of_all.runs[numbers.start :])
+        findings += _warnings(test, joint, consistent, outliers, test_of_all.runs[numbers.start :])
     return ConsistentFit(joint, tuple(consistent), tuple(findings), test, selection.probabilities)
 
 
@@ -319,14 +319,19 @@ def _warnings(
     test: ConsistencyTest,
     joint: IRLSResult,
     experiments: Sequence[Experiment],
-    left_out: Sequence[RunScore] = (),
+    outliers: Sequence[Experiment] = (),
+    scores: Sequence[RunScore] = (),
 ) -> list[Finding]:
     """Return a warning that the runs contradict each other, or of what a single one determines.
 
-    `left_out` are the runs that contradict those of the joint fit.
+    `outliers`, with `scores`, contradict the experiments of the joint fit. Where these are most of the runs
+    of an authority or of an epoch, the others of it are suspect.
     """
-    if not is_contradicted(test, _groups(experiments)):
-        return leverage_warnings(test, joint, left_out)
+    names = {e.name for e in outliers}
+    groups = _groups([*experiments, *outliers])
+    suspects = {name for group in groups if 2 * len(group & names) > len(group) for name in group - names}
+    if not is_contradicted(test, _groups(experiments), suspects):
+        return leverage_warnings(test, joint, scores)
     answers = find_outlier_runs(test).answers[:MAX_ANSWERS]
     suspect = answers[0][0]
     i = [run.name for run in test.runs].index(suspect)

@@ -80,7 +80,9 @@ class OutlierRuns:
     log_odds: float
 
 
-def is_contradicted(test: ConsistencyTest, groups: Collection[frozenset[str]] = ()) -> bool:
+def is_contradicted(
+    test: ConsistencyTest, groups: Collection[frozenset[str]] = (), suspects: Collection[str] = ()
+) -> bool:
     """Return whether the runs disagree by more than the budget of false alarms allows.
 
     Parameters
@@ -90,12 +92,15 @@ def is_contradicted(test: ConsistencyTest, groups: Collection[frozenset[str]] = 
     groups : collection of frozenset of str
         Names of runs that may have a fault in common, too weak to show in each of them. Those of three runs
         to less than half of all are tested as well.
+    suspects : collection of str
+        Names of runs that are tested with a limit of their own.
     """
     numbers = {run.name: i for i, run in enumerate(test.runs)}
     members = (sorted(numbers[name] for name in group if name in numbers) for group in groups)
     sets = [*([i] for i in numbers.values()), *(m for m in members if 2 < len(m) <= (len(numbers) - 1) // 2)]
     limit = p_limit("runs", 1 + len(sets))
-    return test.total.p < limit or any(test.of_runs(runs).p < limit for runs in sets)
+    is_suspect = any(test.of_runs([numbers[name]]).p < p_limit("runs", len(suspects)) for name in suspects)
+    return is_suspect or test.total.p < limit or any(test.of_runs(runs).p < limit for runs in sets)
 
 
 def find_outlier_runs(test: ConsistencyTest) -> OutlierRuns:

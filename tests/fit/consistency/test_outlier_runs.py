@@ -42,6 +42,15 @@ def test_half_of_the_runs_contradict_the_others(n_runs, bad):
     assert len(outliers.runs) < n_runs / 2
 
 
+def test_a_suspect_is_tested_with_a_limit_of_its_own():
+    for shift in np.arange(0.0, 20.0, 0.1):
+        test = consistency(1, 13, (3,), shift=shift)
+        if is_contradicted(test, suspects=["run 3"]):
+            break
+    assert not is_contradicted(test)
+    assert test.of_runs([3]).p > 1e-5
+
+
 def only_in(test, numbers):
     """Return the test where only some runs determine the first parameter."""
     shares = [run.equation.parameter_map.copy() for run in test.runs]
