@@ -18,13 +18,13 @@ the difference a_O drops out:
     D_y = (A_x1 + A_x2) / 2 + cos 30 (A_y1 - A_y2)                         for r_1 - r_2 = (0, d_y)
 
 (PRD 106, 022006 projects it on the sensitive axes.) Where the noise of the two test masses is alike, that of
-D_x and D_y is uncorrelated: they are two residuals with shared parameters. A long arm measures X_j, how a
-test mass moves along its telescope against one far away, and needs no difference:
+D_x and D_y is uncorrelated: they are two residuals with shared parameters. A long arm measures how housing j
+moves along its telescope against a far test mass; X_j is that plus o_j, and needs no difference:
 
-    I_j = X_j'' + omega2_x_j x_j + omega2_xy_j y_j - f_x_j = g_x_j
+    I_j = X_j'' - (o_j - x_j)'' + omega2_x_j x_j + omega2_xy_j y_j - f_x_j = g_x_j
 
-Delays are expanded as in
-`fit.model.dynamics`: with ``C = lambda tau``, ``lambda F(t - tau) = lambda F_0 - (C - lambda tau_0) F_0'``.
+Delays are expanded as in `fit.model.dynamics`: with ``C = lambda tau``,
+``lambda F(t - tau) = lambda F_0 - (C - lambda tau_0) F_0'``.
 """
 
 import math
@@ -51,22 +51,24 @@ Delays = tuple[float, float]
 HALF_OPENING = math.pi / 6  # rad
 DIRECTIONS = (HALF_OPENING, -HALF_OPENING)
 BASELINE = (0.0, 0.5)  # m, r_1 - r_2 along x and y: a choice
+_ARMS = ("X_1", "X_2")
 _READ_OUTS = tuple(f"{q}_{j}" for j in (1, 2) for q in ("o", "grs_y"))
 _COMMANDS = tuple(f"F_{axis}_{j}" for j in (1, 2) for axis in ("y", "x"))
 # a telescope turns with the spacecraft and by the yaw of its assembly
 _ATTITUDE = {"dws_phi_1": 0.5, "dws_phi_2": 0.5, "mosa_1": -0.5, "mosa_2": -0.5}
-#: Read-outs and commands of test masses 1 and 2, those along x in the fall-back; attitude.
-CHANNELS = (*_READ_OUTS, *_COMMANDS, *_ATTITUDE)
+#: Read-outs and commands of test masses 1 and 2, those along x in the fall-back; attitude; long arms.
+CHANNELS = (*_READ_OUTS, *_COMMANDS, *_ATTITUDE, *_ARMS)
 #: The series of which D is a sum, with the second derivatives (dd) and slopes (d) of the channels.
 COLUMNS = (
     *(f"dd{name}" for name in _READ_OUTS),
     *_READ_OUTS,
     *(name for command in _COMMANDS for name in (command, f"d{command}")),
     "ddphi",
+    *(f"dd{name}" for name in _ARMS),
 )
-#: Columns of the terms of D: relative acceleration, stiffness and commands of each test mass, rotation.
+#: Columns of the terms of D or I_j: acceleration, stiffness and commands of each test mass, rotation.
 TERMS: Mapping[str, tuple[str, ...]] = {
-    "dds": COLUMNS[:4],
+    "dds": (*COLUMNS[:4], *COLUMNS[-2:]),
     **{f"K_{j} s_{j}": (f"o_{j}", f"grs_y_{j}") for j in (1, 2)},
     **{f"f_{j}": (f"F_y_{j}", f"dF_y_{j}", f"F_x_{j}", f"dF_x_{j}") for j in (1, 2)},
     "ddphi": ("ddphi",),
@@ -127,10 +129,14 @@ def channels(telemetry: Telemetry, taps: Array, factor: int) -> Channels:
 
 def _series(channels: Mapping[str, Array], m_tm: float) -> dict[str, Array]:
     """Return read-outs, commands per unit mass, and the attitude phi, from channels of telemetry."""
-    read_outs = {name: channels[name] for name in _READ_OUTS}
+    read_outs = {name: channels[name] for name in (*_READ_OUTS, *_ARMS) if name in channels}
     commands = {name: channels[name] / m_tm for name in _COMMANDS if name in channels}
     turns = [weight * channels[name] for name, weight in _ATTITUDE.items() if name in channels]
     return {**read_outs, **commands, "phi": np.sum(turns, axis=0)}
+
+
+def _arms(run: RunChannels) -> list[str]:
+    return [name for name in _ARMS if name in run.series]
 
 
 def _directions(telemetry: Telemetry) -> tuple[float, float]:
@@ -149,7 +155,7 @@ def _stated(telemetry: Telemetry, attribute: str, default: float) -> float:
 
 @dataclass(frozen=True)
 class Component(Equation):
-    """A component of D, or I_j without X_j'', as a sum of columns of which the first has no parameter.
+    """A component of D, or I_j, as a sum of columns of which the first has no parameter.
 
     Attributes
     ----------
@@ -218,23 +224,23 @@ class Component(Equation):
 
     @cached_property
     def basis(self) -> Array:
-        """The K columns of the model as sums of `COLUMNS`, shape (17, K)."""
+        """The K columns of the model as sums of `COLUMNS`, shape (19, K)."""
         return np.concatenate([self._known[:, None], np.eye(len(COLUMNS))[:, self.varying]], axis=1)
 
     @cached_property
     def _known(self) -> Array:
-        """The coefficients of `COLUMNS` at the nominal parameters, shape (17,)."""
+        """The coefficients of `COLUMNS` at the nominal parameters, shape (19,)."""
         return self._weights(self._nominal, (0.0, 0.0))
 
     def _relative(self, theta: NDArray[Any], tau: Delays) -> NDArray[Any]:
-        """Return `_weights` times what makes that of ddo_1 nominal: all columns free fit themselves to 0."""
-        weights = self._weights(theta, tau)
-        relative = np.asarray(weights * (self._known[0] / weights[0]))
-        relative[0] = self._known[0]
+        """Return `_weights` times what makes one of them nominal: all columns free fit themselves to 0."""
+        weights, i = self._weights(theta, tau), int(np.flatnonzero(self._known)[0])
+        relative = np.asarray(weights * (self._known[i] / weights[i]))
+        relative[i] = self._known[i]
         return relative
 
     def _weights(self, theta: NDArray[Any], tau: Delays) -> NDArray[Any]:
-        """Return the coefficients of `COLUMNS`, shape (17,): real, or complex to differentiate by theta."""
+        """Return the coefficients of `COLUMNS`, shape (19,): real, or complex to differentiate by theta."""
         value = dict(zip(self.parameters, theta, strict=True))
         weights: NDArray[Any] = np.zeros(len(COLUMNS), dtype=theta.dtype)
         for j, sign, turn in ((1, 1, value.get("opening", 0.0)), (2, -1, 0.0)):
@@ -250,7 +256,8 @@ class Component(Equation):
             )
             motion = np.linalg.inv(read_out)  # s_j of q_j
             i = COLUMNS.index(f"ddo_{j}")
-            weights[i : i + 2] = 0 if self.name[0] == "I" else row @ motion
+            weights[i : i + 2] = row @ (motion - np.eye(2) if self.name[0] == "I" else motion)
+            weights[COLUMNS.index(f"ddX_{j}")] = float(self.name == f"I_{j}")
             i = COLUMNS.index(f"o_{j}")
             weights[i : i + 2] = row @ stiffness @ motion
             i = COLUMNS.index(f"F_y_{j}")
@@ -259,7 +266,8 @@ class Component(Equation):
             along_x = row[0] * np.array([gain["lambda_x"], gain["lambda_x"] * tau[j - 1] - gain["C_x"]])
             weights[i : i + 4] = -along_y, along_y * late_y, *(-along_x)
         d_x, d_y = (value.get(name, known) for name, known in zip(("d_x", "d_y"), self.baseline, strict=True))
-        weights[-1] = {"D_x": -d_y, "D_y": d_x}.get(self.name, 0.0) / value.get("dws_gain", 1.0)
+        lever = {"D_x": -d_y, "D_y": d_x}.get(self.name, 0.0)
+        weights[COLUMNS.index("ddphi")] = lever / value.get("dws_gain", 1.0)
         return weights
 
 
@@ -291,7 +299,7 @@ class Lisa(Spacecraft):
         """See `Spacecraft`."""
         commands = [name for name in _COMMANDS if name in run.series]
         assert isinstance(run, Channels)
-        return (*_READ_OUTS, *commands, *run.attitude)
+        return (*_READ_OUTS, *commands, *run.attitude, *_arms(run))
 
     def from_inputs(self, run: RunChannels, time: Array, channels: Mapping[str, Array]) -> RunChannels:
         """See `Spacecraft`."""
@@ -310,6 +318,8 @@ class Lisa(Spacecraft):
         yield from (run.series[name][_INNER, None] for name in _READ_OUTS)
         yield from (self.force(run, j, tau) for j in (0, 1))
         yield derivatives.derivative(run.series["phi"], run.fs, 2)[:, None]
+        for name in _ARMS:
+            yield derivatives.derivative(run.series.get(name, 0 * run.time), run.fs, 2)[:, None]
 
     def force(self, run: RunChannels, j: int, tau: Delays) -> Array:
         """See `Spacecraft`."""
@@ -324,7 +334,8 @@ class Lisa(Spacecraft):
     def equations(self, run: RunChannels) -> tuple[Equation, ...]:
         """See `Spacecraft`."""
         assert isinstance(run, Channels)
-        return tuple(Component(name, run.parameters, run.directions, run.baseline) for name in ("D_x", "D_y"))
+        names = ("D_x", "D_y", *(f"I_{arm[-1]}" for arm in _arms(run)))
+        return tuple(Component(name, run.parameters, run.directions, run.baseline) for name in names)
 
     def delays_of(self, theta: Array, names: Sequence[str]) -> Delays:
         """See `Spacecraft`."""

@@ -34,6 +34,8 @@ CHANNELS: Mapping[str, Channel] = {
     "o_12": Channel("m", "interferometer read-out of x_2 - x_1"),
     "o_2": Channel("m", "LISA: interferometer read-out of x_2, test mass 2 relative to the spacecraft"),
     **_each("dws_phi_{}", "rad", "LISA: long-range wavefront sensing of phi by assembly {}", 1, 2),
+    **_each("mosa_{}", "rad", "LISA: yaw of assembly {} from its nominal direction", 1, 2),
+    **_each("X_{}", "m", "LISA: motion of housing {0} along its telescope, by a long arm, plus o_{0}", 1, 2),
     **_each("f_x_{}", "m s-2", "commanded force on test mass {} along x per unit mass", 1, 2),
     "guidance_o_1": Channel("m", "guidance injected into the drag-free loop"),
     "guidance_o_12": Channel("m", "guidance injected into the suspension loop"),

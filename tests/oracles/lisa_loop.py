@@ -20,7 +20,7 @@ HOLD, THRUSTER_DELAY, THRUSTER_LAG = 0.1, 0.25, 0.1  # s
 M_TM, M_SC, I_ZZ = 1.928, 1500.0, 1200.0  # kg, kg m^2
 HALF_OPENING, BASELINE, ARM = np.pi / 6, 0.5, 0.10  # rad; m
 TONES = (0.833e-3, 1.667e-3, 3.333e-3, 6.667e-3, 13.33e-3)  # Hz
-OUTPUTS = ("o_1", "o_2", "grs_y_1", "grs_y_2", "dws_phi", "F_y_1", "F_y_2", "F_x_2")
+OUTPUTS = ("o_1", "o_2", "grs_y_1", "grs_y_2", "dws_phi", "F_y_1", "F_y_2", "F_x_2", "X_1", "X_2")
 
 
 @dataclass(frozen=True)
@@ -45,6 +45,7 @@ class World:
     thrust: float = 0.1e-6  # N
     torque: float = 0.05e-6  # N m
     fall_back: bool = False
+    arms: tuple[int, ...] = ()  # test masses whose long arm is measured
     half_opening: float = HALF_OPENING
 
     def __hash__(self) -> int:
@@ -86,7 +87,7 @@ def hold(s, delay):
 UNKNOWNS = ("x_1", "y_1", "x_2", "y_2", "phi", "a_x", "a_y", "f_y_1", "f_y_2", "f_x_2")
 INDEX = {name: i for i, name in enumerate(UNKNOWNS)}
 NOISES = ("n_o_1", "n_o_2", "n_y_1", "n_y_2", "n_phi", "g_x_1", "g_y_1", "g_x_2", "g_y_2")
-NOISES += ("thrust_x", "thrust_y", "torque")
+NOISES += ("thrust_x", "thrust_y", "torque", "n_X_1", "n_X_2")
 SOURCES = (*NOISES, "r_o_1", "r_o_2", "r_y_1", "r_y_2", "r_phi")
 
 
@@ -103,10 +104,21 @@ def closed_loop(world, f):
     unknowns = np.linalg.solve(A, np.stack([B[name] for name in SOURCES], axis=-1))
     rows = [np.einsum("nk,nks->ns", read[name], unknowns) for name in OUTPUTS[:5]]
     rows += [unknowns[:, INDEX[name]] * M_TM for name in ("f_y_1", "f_y_2", "f_x_2")]
+    rows += [rows[j - 1] + position(world, unknowns, s, j) for j in (1, 2)]
     outputs = np.stack(rows, axis=1)
     for i in range(5):  # each read-out has its own noise
         outputs[:, i, i] += 1
+    for j in (1, 2):
+        outputs[:, OUTPUTS.index(f"X_{j}"), SOURCES.index(f"n_X_{j}")] += 1
     return outputs, unknowns
+
+
+def position(world, unknowns, s, j):
+    """Housing j in inertial space along its telescope, (n, S)."""
+    (u_x, u_y), (r_x, r_y) = world.turn(j)[:, 0], world.housing(j)
+    spacecraft = u_x * unknowns[:, INDEX["a_x"]] + u_y * unknowns[:, INDEX["a_y"]]
+    turned = (u_y * r_x - u_x * r_y) * unknowns[:, INDEX["phi"]]
+    return spacecraft / (s**2)[:, None] + turned
 
 
 def forces_per_mass(world, s):
@@ -190,10 +202,14 @@ def levels(world, f):
     force = world.force * np.sqrt(1 + (0.4e-3 / f) ** 2) * np.sqrt(1 + (f / 8e-3) ** 4)
     lateral = world.lateral * np.sqrt(1 + (0.4e-3 / f) ** 2)
     even = np.ones(f.size)
+    # the other test mass of the arm, and interferometers between and to them (lisainstrument 2.3.0)
+    interferometers = np.hypot(6.35e-12, 2**0.5 * 1.42e-12) * np.sqrt(1 + (2e-3 / f) ** 4)
+    far = np.hypot(2.4e-15 * np.sqrt(1 + (0.4e-3 / f) ** 2) / (2 * np.pi * f) ** 2, interferometers)
     return {
         "n_o_1": tmi, "n_o_2": tmi, "n_y_1": grs, "n_y_2": grs, "n_phi": world.dws * even,
         "g_x_1": force, "g_x_2": force, "g_y_1": lateral, "g_y_2": lateral,
         "thrust_x": world.thrust * even, "thrust_y": world.thrust * even, "torque": world.torque * even,
+        "n_X_1": far, "n_X_2": far,
     }  # fmt: skip
 
 
@@ -257,6 +273,8 @@ def run(world, tones=(), *, duration=21600, seed=None, name="A", kind="sysid"):
     values = series(spectrum, n_total)[MARGIN : MARGIN + n]
     channels = dict(zip(OUTPUTS, values.T.copy(), strict=True))
     phi = channels.pop("dws_phi")
+    for j in {1, 2} - {*world.arms}:
+        del channels[f"X_{j}"]
     channels |= {"dws_phi_1": phi, "dws_phi_2": phi, "F_x_1": np.zeros(n)}
     if not world.fall_back:
         channels["F_x_2"] = np.zeros(n)

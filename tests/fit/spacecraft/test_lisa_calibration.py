@@ -203,6 +203,16 @@ def test_noise_of_read_outs_does_not_attenuate_at_a_tenth_of_a_micrometre():
     assert abs(np.mean(gains)) < 0.9
 
 
+def test_long_arms_are_fitted_where_they_are_measured():
+    world = replace(WORLD, arms=(1, 2), geometry={"o_per_y_1": 1e-3, "o_per_y_2": -2e-3})
+    joint = fit.calibrate(lisa_loop.campaign(world, lisa_loop.sequence(1e-6), seed=2)).joint
+    assert not joint.unsound
+    truth = {**WORLD.truth, **world.geometry}
+    assert max(abs(e.value - truth[name]) / e.sigma for name, e in joint.parameters.items()) < 3.5
+    assert joint["lambda_y_1"].sigma == pytest.approx(5.1e-5, rel=0.1)
+    assert joint["omega2_x_1"].sigma == pytest.approx(6.5e-11, rel=0.2)
+
+
 @pytest.mark.slow
 @pytest.mark.stat
 def test_sigmas_hold_in_twenty_campaigns():
