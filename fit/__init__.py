@@ -26,8 +26,8 @@ if TYPE_CHECKING:
         make_params,
         save_report,
     )
+    from fit.checks.leave_one_out import leave_one_out
     from fit.comparison import Comparison, compare
-    from fit.cross_checks import leave_one_out
     from fit.deltag import delta_g
     from fit.errors import CalibrationError, FitError, InputError
     from fit.findings import Finding
@@ -76,7 +76,7 @@ _HOME = {
         "save_report",
     ),
     "comparison": ("Comparison", "compare"),
-    "cross_checks": ("leave_one_out",),
+    "checks.leave_one_out": ("leave_one_out",),
     "deltag": ("delta_g",),
     "errors": ("CalibrationError", "FitError", "InputError"),
     "fitting": ("Prior", "delta_chi2"),

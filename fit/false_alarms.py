@@ -6,56 +6,26 @@ from here. A clean campaign of Gaussian noise then raises any alarm at all with 
 channels, lags, times or frequencies, which share what it has.
 """
 
-from collections.abc import Mapping
-from types import MappingProxyType
-
 BUDGET = 2.8e-3  # probability that a clean campaign raises an alarm
-
-#: The tests by family.
-FAMILIES: Mapping[str, tuple[str, ...]] = MappingProxyType(
-    {
-        "samples": ("straight lines",),
-        "loop response": ("guidance gain",),
-        "glitches": ("matched filter",),
-        "model": ("driven bins", "templates", "masks at injections", "drift in a run", "drift in all runs"),
-        "noise": ("residual power", "subtraction"),
-        "consistency": ("runs", "gain drift", "constraints"),
-        "frame": ("centrifugal force",),
-        "loop": ("loop",),  # of an identification
-    }
-)
-TESTS = tuple(test for tests in FAMILIES.values() for test in tests)
+#: Of the checks of a campaign (`fit.checks`), and of the Euler force, the subtraction of Delta g, couplings
+#: that drift, constraints and the loop of an identification.
+N_TESTS = 15
 
 
-def p_limit(test: str, n_tests: int = 1) -> float:
-    """Return the p-value below which one of several applications of a test is an alarm.
-
-    Parameters
-    ----------
-    test : str
-        One of `TESTS`.
-    n_tests : int
-        How often it is applied in the campaign.
-
-    Raises
-    ------
-    KeyError
-        If there is no such test.
-    """
-    if test not in TESTS:
-        raise KeyError(test)
-    return BUDGET / len(TESTS) / max(n_tests, 1)
+def p_limit(n_applications: int = 1) -> float:
+    """Return the p-value below which one of several applications of a test is an alarm."""
+    return BUDGET / N_TESTS / max(n_applications, 1)
 
 
-def chi2_limit(test: str, dof: int = 1, n_tests: int = 1) -> float:
+def chi2_limit(dof: int = 1, n_applications: int = 1) -> float:
     """Return the Delta chi^2 of `dof` parameters from which one of several applications is an alarm."""
     from scipy import special
 
-    return float(special.chdtri(dof, p_limit(test, n_tests)))
+    return float(special.chdtri(dof, p_limit(n_applications)))
 
 
-def sigma_limit(test: str, n_tests: int = 1) -> float:
+def sigma_limit(n_applications: int = 1) -> float:
     """Return the size in sigma, of either sign, from which one of several applications is an alarm."""
     from scipy import special
 
-    return -float(special.ndtri(p_limit(test, n_tests) / 2))
+    return -float(special.ndtri(p_limit(n_applications) / 2))

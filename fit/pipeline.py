@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 from fit.campaign import Campaign, fit_single, participation
 from fit.checks import apply, as_fit, checked, residual
-from fit.consistency import ConsistentFit, explain_findings, fit_consistent_runs, model_warnings
+from fit.consistency import ConsistentFit, explain_findings, fit_consistent_runs
 from fit.crosstalk import attenuation, coupling_constraints, crosstalk_fit, euler_fit, inertial
 from fit.errors import FitError, InputError
 from fit.findings import Finding
@@ -47,12 +47,11 @@ def calibrate(telemetries: Sequence[Telemetry], chosen: Settings | None = None) 
     """
     chosen = chosen or settings()
     progress_stage(0.45)
-    campaign = checked(paired(telemetries, chosen), "samples", "files")
-    campaign = campaign.decide(model_warnings(campaign.candidates))
+    campaign = checked(paired(telemetries, chosen), "samples", "files", "equation")
     progress_stage(0.65)
-    campaign = checked(campaign, "commands", "residual", "read-out").fit_each()
+    campaign = checked(campaign, "limits", "residual", "o_1").fit_each()
     campaign = checked(campaign, "noise").fit_each()
-    campaign = checked(campaign, "constancy")
+    campaign = checked(campaign, "drift")
     progress_stage(0.95)
     campaign, joint = fit_jointly(campaign, chosen)
     experiments = fit_singly(campaign, chosen)
@@ -123,7 +122,7 @@ def fit_jointly(campaign: Campaign, chosen: Settings) -> tuple[Campaign, JointFi
     if not campaign.in_joint_fit:
         return campaign, None
     agreed = fit_consistent_runs(campaign.in_joint_fit, campaign.fits, campaign.settings)
-    campaign = campaign.decide([*agreed.findings, *apply("joint fit", agreed.outcome, agreed.experiments)])
+    campaign = campaign.decide([*agreed.findings, *apply("joint", agreed.outcome, agreed.experiments)])
     campaign = replace(campaign, findings=explain_findings(campaign, agreed))
     outcome = agreed.outcome
     if any(setting.is_constraint for setting in chosen.parameters.values()):

@@ -17,6 +17,7 @@ from fit.checks import (
     guidance,
     labels,
     levels,
+    misfit,
     noise_run,
     plausible,
     readout,
@@ -34,9 +35,7 @@ from fit.parameters import ALONG
 from fit.results import Fit
 from fit.whitening import Experiment
 
-Stage = Literal[
-    "samples", "files", "commands", "residual", "read-out", "noise", "constancy", "fit", "joint fit"
-]
+Stage = Literal["samples", "files", "equation", "limits", "residual", "o_1", "noise", "drift", "fit", "joint"]
 
 
 class Check(NamedTuple):
@@ -45,40 +44,41 @@ class Check(NamedTuple):
     Attributes
     ----------
     stage : str
-        When it is applied: the stages up to "constancy" to a campaign, in this order, from "noise" on to the
-        fits of experiments by themselves; "fit" to any fit and its experiments, "joint fit" to that of all.
+        When it is applied: the stages up to "drift" to a campaign, in this order, from "noise" on to the
+        fits of experiments by themselves; "fit" to any fit and its experiments, "joint" to that of all.
     find : callable
         Returns what it finds.
-    tests : tuple of str
-        Of which it consists, by their names in the budget of false alarms (`fit.false_alarms`).
+    n_tests : int
+        Number of its tests, which share the budget of false alarms (`fit.false_alarms`) evenly with others.
     """
 
     stage: Stage
     find: Callable[..., Iterable[Finding]]
-    tests: tuple[str, ...] = ()
+    n_tests: int = 0
 
 
 CHECKS = (
     Check("samples", gaps.find),
-    Check("samples", samples.find, ("straight lines",)),
+    Check("samples", samples.find, 1),
     Check("samples", spikes.find),
     Check("files", labels.find),
     Check("files", units.find),
     Check("files", exchanged.find),
-    Check("files", guidance.find, ("guidance gain",)),
-    Check("commands", saturation.find),
-    Check("residual", glitches.find, ("matched filter", "masks at injections")),
-    Check("read-out", readout.find, ("residual power",)),
-    Check("noise", levels.find, ("residual power",)),
-    Check("constancy", drift.find, ("drift in a run",)),
+    Check("files", guidance.find, 1),
+    Check("equation", misfit.find, 2),
+    Check("limits", saturation.find),
+    Check("residual", glitches.find, 2),
+    Check("o_1", readout.find),
+    Check("noise", levels.find),
+    Check("drift", drift.find, 1),
     Check("fit", determined.find),
     Check("fit", noise_run.find),
     Check("fit", plausible.find),
-    Check("fit", residual.find, ("residual power",)),
+    Check("fit", residual.find, 1),  # with "noise" and "o_1", which test the same power
     Check("fit", regressors.find),
     Check("fit", widths.find),
-    Check("joint fit", plausible.find_acausal),
-    Check("joint fit", drift.find_joint, ("drift in all runs",)),
+    Check("joint", plausible.find_acausal),
+    Check("joint", drift.find_joint, 1),
 )
 
 

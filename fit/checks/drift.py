@@ -179,7 +179,7 @@ def find(campaign: Campaign) -> list[Finding]:
         if isinstance(fit, FitError):
             return []
         blocks = _blocks(fit)
-        periods, limit = wave_periods(blocks), p_limit("drift in a run", n * len(blocks))
+        periods, limit = wave_periods(blocks), p_limit(n * len(blocks))
         tables = [waves(block, fit.solution.theta, periods) for block in blocks]
         drifts = [drift for table in tables for drift in find_drift([table], periods, limit)]
         return sorted(drifts, key=lambda drift: (drift.p, -drift.chi2))[:1]
@@ -196,7 +196,7 @@ def find_joint(fit: IRLSResult, _: Sequence[Experiment]) -> list[Finding]:
     """Return the coefficients that change within the runs of a joint fit."""
     blocks = _blocks(fit)
     names = dict.fromkeys(block.equation.name for block in blocks)
-    periods, limit = wave_periods(blocks), p_limit("drift in all runs", len(names))
+    periods, limit = wave_periods(blocks), p_limit(len(names))
     found = []
     for name in names:
         runs = [waves(b, fit.solution.theta, periods) for b in blocks if b.equation.name == name]

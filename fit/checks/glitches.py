@@ -311,7 +311,7 @@ def strongest_peaks(
     scale = m / 2 * np.sqrt(np.mean(terms.window**2))
     largest, glitches = 1.0, []
     for tau in TAUS[MAX_DURATION_FRACTION * n / fs > TAUS].tolist():
-        limit = sigma_limit("matched filter", round(n_runs * len(SHAPES) * 4 * n / fs / tau))
+        limit = sigma_limit(round(n_runs * len(SHAPES) * 4 * n / fs / tau))
         floor = least if n / fs > MIN_DURATION * tau else 1.0  # too few are independent for a median
         for name, transform in SHAPES.items() if tau >= RESOLVED else [*SHAPES.items()][:1]:
             template = np.conj(transform(2j * np.pi * terms.f * tau)) / np.sqrt(S)

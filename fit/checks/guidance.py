@@ -67,7 +67,7 @@ def find(campaign: Campaign) -> list[Finding]:
     """
     experiments = campaign.usable
     runs = parallel_map(lambda e: slow_response(e.sysid), experiments, Experiment.samples)
-    n_sigma = sigma_limit("guidance gain", len(experiments))
+    n_sigma = sigma_limit(len(experiments))
     responses = {
         e.name: response
         for e, response in zip(experiments, runs, strict=True)

@@ -77,7 +77,7 @@ def mismatched(tables: Mapping[tuple[str, int], variance.VarianceTable]) -> list
     """Return the equations of experiments whose noise level is off, alone or with all others in one band."""
     n = len(tables)
     single = {name: bool(table.mismatched(n).any()) for name, table in tables.items()}
-    limit = sigma_limit("residual power", variance.n_tests(n))
+    limit = sigma_limit(variance.n_tests(n))
     z_scores: dict[int, list[float]] = {}
     for table in (table for name, table in tables.items() if not single[name]):
         for band, z in zip(table.bands.tolist(), table.z_score.tolist(), strict=True):

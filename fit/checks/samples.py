@@ -70,7 +70,7 @@ def _flat_faults(x: Array, fs: float, n_channels: int) -> Iterator[tuple[str, st
         MIN_NOISE * np.nanmedian(fourth), MAX_ROUNDING * rounding
     ):
         return
-    stretches = _stretches(flat, p_limit("straight lines", n_channels * x.size))
+    stretches = _stretches(flat, p_limit(n_channels * x.size))
     for begin, end in stretches:
         seconds = (end - begin) / fs
         words = f"is constant or a straight line for {seconds:g} s at {begin / fs:.7g} s"

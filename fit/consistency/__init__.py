@@ -2,12 +2,10 @@
 
 from fit.consistency.consistent_fit import ConsistentFit, consistency_warnings, fit_consistent_runs
 from fit.consistency.likely_causes import explain_findings
-from fit.consistency.model_misfit import model_warnings
 
 __all__ = [
     "ConsistentFit",
     "consistency_warnings",
     "explain_findings",
     "fit_consistent_runs",
-    "model_warnings",
 ]

@@ -11,20 +11,27 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from fit.consistency.consistency_test import ConsistencyTest, consistency_test, prior_rows
 from fit.consistency.contradictions import contradictions, largest_pull
 from fit.consistency.equation_test import equation_warnings
 from fit.consistency.leverage import leverage_warnings
 from fit.consistency.outlier_runs import find_outlier_runs, is_contradicted
-from fit.consistency.run_scores import RunScore, run_score
-from fit.consistency.scatter import P_SCATTER, estimate_scatter, scattering_parameters
 from fit.errors import FitError
 from fit.findings import Finding
 from fit.fitting import IRLSResult, fit_joint, run_estimate
 from fit.model import Sharing
 from fit.parallel import parallel_map
 from fit.settings import Settings
-from fit.statistics import variance
+from fit.statistics import (
+    P_SCATTER,
+    ConsistencyTest,
+    RunScore,
+    consistency_test,
+    estimate_scatter,
+    prior_rows,
+    run_score,
+    scattering_parameters,
+    variance,
+)
 from fit.whitening import Experiment, WhitenedRun
 
 MAX_ANSWERS = 3  # that are named, of what may be wrong

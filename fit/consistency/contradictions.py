@@ -4,9 +4,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from fit.consistency.consistency_test import ConsistencyTest
 from fit.false_alarms import p_limit
 from fit.findings import Finding
+from fit.statistics import ConsistencyTest
 from fit.units import campaign_unit, concise_value
 from fit.whitening import Experiment
 
@@ -37,7 +37,7 @@ def contradictions(
         numbers = [k for k in outliers if k != i]
         remaining = test.without(numbers)
         position = i - sum(k < i for k in numbers)
-        agrees = test.runs[i].noise_level == 1 and remaining.of_runs([position]).p > p_limit("runs")
+        agrees = test.runs[i].noise_level == 1 and remaining.of_runs([position]).p > p_limit()
         # from the other outliers, or from all
         largest = (
             largest_pull(test, i, experiments[i])

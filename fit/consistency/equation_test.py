@@ -7,9 +7,9 @@ for a single run, which has more rows than parameters.
 
 from collections.abc import Sequence
 
-from fit.consistency.consistency_test import ConsistencyTest
 from fit.false_alarms import p_limit
 from fit.findings import Finding
+from fit.statistics import ConsistencyTest
 from fit.whitening import Experiment
 
 
@@ -19,7 +19,7 @@ def equation_warnings(test: ConsistencyTest, experiments: Sequence[Experiment]) 
     if len(names) < 2:
         return []
     singles = [test.without({*range(len(test.runs))} - {i}).total for i in range(len(test.runs))]
-    limit = p_limit("runs", len(singles))
+    limit = p_limit(len(singles))
     found = [
         f"{run.name} (chi2 {single.value:.4g} for {single.dof} degrees of freedom)"
         for run, single in zip(test.runs, singles, strict=True)

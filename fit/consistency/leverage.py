@@ -11,11 +11,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from fit.consistency.consistency_test import ConsistencyTest
-from fit.consistency.run_scores import RunScore
 from fit.false_alarms import sigma_limit
 from fit.findings import Finding
 from fit.fitting import IRLSResult
+from fit.statistics import ConsistencyTest, RunScore
 
 Array = NDArray[np.float64]
 
@@ -81,7 +80,7 @@ def find_leverages(
 
 def pull_limit(leverages: Sequence[Leverage]) -> float:
     """Return the pull from which others contradict the run that determines a parameter."""
-    return sigma_limit("runs", sum(len(leverage.pulls) for leverage in leverages))
+    return sigma_limit(sum(len(leverage.pulls) for leverage in leverages))
 
 
 def leverage_warnings(

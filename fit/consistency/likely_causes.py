@@ -18,14 +18,13 @@ import scipy
 from numpy.typing import NDArray
 
 from fit.campaign import Campaign
-from fit.consistency.consistency_test import ConsistencyTest
 from fit.consistency.consistent_fit import ConsistentFit
-from fit.consistency.run_scores import RunScore, run_score
 from fit.false_alarms import p_limit
 from fit.findings import Amount, Finding, either
 from fit.fitting import IRLSResult, run_estimate
 from fit.model import Sharing, dynamics
 from fit.parameters import M_TM
+from fit.statistics import ConsistencyTest, RunScore, run_score
 from fit.units import concise_value
 from fit.whitening import whitened_run
 
@@ -166,7 +165,7 @@ def _rate(explanation: Explanation, run: RunScore, root: Array) -> Rating:
     p = scipy.special.chdtrc(len(estimate.root) - explanation.has_amount, chi2)
     is_significant = not explanation.has_amount or abs(amount) > SIGNIFICANT * sigma
     cause = explanation.cause(amount, sigma)
-    return Rating(chi2 + AMOUNT * explanation.has_amount, cause, bool(is_significant and p > p_limit("runs")))
+    return Rating(chi2 + AMOUNT * explanation.has_amount, cause, bool(is_significant and p > p_limit()))
 
 
 def _explanations(run: RunScore, epochs: Mapping[int, Array]) -> Iterator[Explanation]:

@@ -23,8 +23,8 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
-from fit.consistency.consistency_test import ConsistencyTest
 from fit.false_alarms import p_limit
+from fit.statistics import ConsistencyTest
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -98,8 +98,8 @@ def is_contradicted(
     numbers = {run.name: i for i, run in enumerate(test.runs)}
     members = (sorted(numbers[name] for name in group if name in numbers) for group in groups)
     sets = [*([i] for i in numbers.values()), *(m for m in members if 2 < len(m) <= (len(numbers) - 1) // 2)]
-    limit = p_limit("runs", 1 + len(sets))
-    is_suspect = any(test.of_runs([numbers[name]]).p < p_limit("runs", len(suspects)) for name in suspects)
+    limit = p_limit(1 + len(sets))
+    is_suspect = any(test.of_runs([numbers[name]]).p < p_limit(len(suspects)) for name in suspects)
     return is_suspect or test.total.p < limit or any(test.of_runs(runs).p < limit for runs in sets)
 
 

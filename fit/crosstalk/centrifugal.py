@@ -35,7 +35,7 @@ def frame_warnings(estimate: Estimate, x_axis: XAxis, n_periods: int = 1) -> lis
         Number of periods that are tested.
     """
     observation = f"the coefficient of g_Omega is {concise_value(estimate.value, estimate.sigma)}"
-    if abs(estimate.value - 1) <= max(sigma_limit("centrifugal force", n_periods) * estimate.sigma, NOTABLE):
+    if abs(estimate.value - 1) <= max(sigma_limit(n_periods) * estimate.sigma, NOTABLE):
         return []
     if estimate.value < -0.5:
         opposite = TOWARDS_2 if x_axis == TOWARDS_1 else TOWARDS_1

@@ -99,7 +99,7 @@ def _drifts(outcome: IRLSResult, names: Mapping[str, str]) -> dict[str, Heteroge
     for i, p in enumerate(outcome.parameters):
         if names.get(p.name) in DRIFTING and not outcome.undetermined[i] and outcome.model and outcome.result:
             drift = heterogeneity(outcome.model, outcome.result.params, i)
-            if drift and drift.p < p_limit("gain drift", len(DRIFTING)):
+            if drift and drift.p < p_limit(len(DRIFTING)):
                 drifts[names[p.name]] = drift
     return drifts
 

@@ -144,7 +144,7 @@ class ConstraintTest:
     @property
     def is_contradicted(self) -> bool:
         """Whether the data contradict the constraints."""
-        return self.p_value < false_alarms.p_limit("constraints")
+        return self.p_value < false_alarms.p_limit()
 
     def warnings(self) -> list[Finding]:
         """Return the constraints, the estimates at a bound, and whether the data contradict them."""

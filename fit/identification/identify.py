@@ -216,7 +216,7 @@ def _differences(
         for name, (value, sigma) in values.items()
         if name in calibrated.parameters and name not in tested and not calibrated[name].is_exact
     }
-    limit = sigma_limit("loop", len(compared))
+    limit = sigma_limit(len(compared))
     differing = {
         name: (value - e.value) / e.sigma
         for name, (value, sigma, e) in compared.items()

@@ -69,7 +69,7 @@ class Excess:
         lowest = math.floor(PER_DECADE * math.log10(2 / (self._n / self._fs)))
         highest = math.ceil(PER_DECADE * math.log10(self._fs / 2))
         edges = 10.0 ** (np.arange(lowest, highest + 1) / PER_DECADE)
-        limit = sigma_limit("subtraction", edges.size - 1)
+        limit = sigma_limit(edges.size - 1)
         excesses: list[tuple[float, float, float]] = []
         for low, high in pairwise(edges):
             inside = (f >= max(low, 1.5 * f[1])) & (f < high)

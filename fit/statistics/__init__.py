@@ -1,6 +1,29 @@
 """Statistics of runs and fits that several checks share, each once."""
 
 from fit.statistics import injections, variance
+from fit.statistics.consistency_test import ConsistencyTest, consistency_test, prior_rows
+from fit.statistics.fault_templates import MODEL_TEMPLATES, Template
 from fit.statistics.initial_fit import initial_fit, initial_noise_psd, lstsq_coefficients
+from fit.statistics.run_misfit import RunMisfit, run_misfit
+from fit.statistics.run_scores import RunScore, run_score
+from fit.statistics.scatter import P_SCATTER, estimate_scatter, scattering_parameters
 
-__all__ = ["initial_fit", "initial_noise_psd", "injections", "lstsq_coefficients", "variance"]
+__all__ = [
+    "MODEL_TEMPLATES",
+    "P_SCATTER",
+    "ConsistencyTest",
+    "RunMisfit",
+    "RunScore",
+    "Template",
+    "consistency_test",
+    "estimate_scatter",
+    "initial_fit",
+    "initial_noise_psd",
+    "injections",
+    "lstsq_coefficients",
+    "prior_rows",
+    "run_misfit",
+    "run_score",
+    "scattering_parameters",
+    "variance",
+]

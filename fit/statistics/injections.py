@@ -62,7 +62,7 @@ def chance_probability(counts: Sequence[Coincidences]) -> float:
 
 def is_excessive(counts: Sequence[Coincidences], n_tests: int) -> bool:
     """Return whether glitches lie in the injections more often than the budget of false alarms allows."""
-    return chance_probability(counts) < p_limit("masks at injections", n_tests)
+    return chance_probability(counts) < p_limit(n_tests)
 
 
 def has_injections(run: Run, reference: Run) -> bool:

@@ -130,7 +130,7 @@ class VarianceTable:
 
     def mismatched(self, n_runs: int) -> NDArray[np.bool_]:
         """Return in which bands the level is not that of the noise run, shape (B,)."""
-        return np.asarray(np.abs(self.z_score) > sigma_limit("residual power", n_tests(n_runs)))
+        return np.asarray(np.abs(self.z_score) > sigma_limit(n_tests(n_runs)))
 
 
 def whitened_residuals(
@@ -228,7 +228,7 @@ def is_misfit(ratio: float, sigma: float, n_runs: int) -> bool:
 
 def is_excess(ratio: float, sigma: float, n_runs: int) -> bool:
     """Return whether a ratio of powers exceeds 1 significantly."""
-    return ratio - 1 > sigma_limit("residual power", n_tests(n_runs)) * sigma
+    return ratio - 1 > sigma_limit(n_tests(n_runs)) * sigma
 
 
 def is_plausible(ratio: float, dof: int) -> bool:
@@ -252,7 +252,7 @@ def is_broadband(residual: WhitenedResidual, bands: NDArray[np.intp], n_runs: in
     except FitError:
         return False
     deficit = -np.log(np.maximum(power, 1e-300) / (retained * psd)) - np.euler_gamma
-    limit = sigma_limit("residual power", n_tests(n_runs))
+    limit = sigma_limit(n_tests(n_runs))
     for band in bands:
         bins = (residual.f > BAND_EDGES[band]) & (residual.f <= BAND_EDGES[band + 1])
         variance = windowing.variance_factor(residual.window) * np.count_nonzero(bins) * np.pi**2 / 6

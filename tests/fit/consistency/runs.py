@@ -4,10 +4,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fit.consistency.consistency_test import ConsistencyTest
-from fit.consistency.run_scores import RunScore
 from fit.fitting import RunEstimate
 from fit.model.dynamics import PARAMETERS
+from fit.statistics.consistency_test import ConsistencyTest
+from fit.statistics.run_scores import RunScore
 
 K, P = len(PARAMETERS), 6  # coefficients of a run, parameters that runs share
 SCALE = np.array([2e4, 2e4, 1e3, 1e3, 1.0, 1.0, 1.0])  # 1 / sigma of the coefficients

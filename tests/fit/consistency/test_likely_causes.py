@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 from scipy import interpolate
 
-from fit.consistency.consistency_test import consistency_test
 from fit.consistency.likely_causes import likely_causes
-from fit.consistency.run_scores import run_score
 from fit.fitting import fit_experiment, fit_joint, run_estimate
 from fit.model import Sharing
 from fit.settings import settings
+from fit.statistics.consistency_test import consistency_test
+from fit.statistics.run_scores import run_score
 from fit.whitening import pair as paired
 from tests.oracles.synthetic import World, pair
 

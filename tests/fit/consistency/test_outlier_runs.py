@@ -7,7 +7,7 @@ import pytest
 
 from fit.consistency.leverage import find_leverages, pull_limit
 from fit.consistency.outlier_runs import find_outlier_runs, is_contradicted
-from fit.consistency.scatter import estimate_scatter
+from fit.statistics.scatter import estimate_scatter
 from tests.fit.consistency.runs import SCALE, P, consistency, scattered, shifted
 
 NAMES = ("lambda_1", "lambda_2", "C_1", "C_2")

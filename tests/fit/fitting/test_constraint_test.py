@@ -113,7 +113,7 @@ def test_bounds_are_tested_against_the_data(names, n_bounds, sigmas, side):
     statistic = excess @ np.linalg.solve(np.linalg.inv(X.T @ X)[np.ix_(active, active)], excess)
     p_value = max(scipy.stats.chi2.sf(statistic, active.size), 1e-300)
     assert test.p_value == pytest.approx(p_value, rel=0.05)
-    assert test.is_contradicted == (p_value < false_alarms.p_limit("constraints"))
+    assert test.is_contradicted == (p_value < false_alarms.p_limit())
     for constraint, k in zip(test.at_bound, active, strict=True):
         assert constraint.bound == ("min" if side > 0 else "max")
         assert constraint.unconstrained == pytest.approx(1.0, abs=1e-3 * sigma[k])

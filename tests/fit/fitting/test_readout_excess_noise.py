@@ -34,7 +34,7 @@ def experiment(*args, **kwargs):
 
 def adapted(experiments, **chosen):
     """Return the experiments of which only the injected signal of o_1 is used."""
-    campaign = checked(campaign_of(experiments, **chosen), "read-out")
+    campaign = checked(campaign_of(experiments, **chosen), "o_1")
     return [e for e in campaign.experiments.values() if e.readout_excess]
 
 

@@ -139,5 +139,5 @@ def identified(
     )
     loop.refused, loop.simulated_telemetry = refused, simulated
     experiments = pair(telemetries)
-    campaign = checked(Campaign({e.name: e for e in experiments}, CHOSEN), "read-out")
+    campaign = checked(Campaign({e.name: e for e in experiments}, CHOSEN), "o_1")
     return identify([*campaign.experiments.values()], free, loop, calibrated, chosen, fixed or {})

@@ -21,8 +21,8 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from fit.consistency.run_scores import RunScore, run_score
 from fit.fitting import IRLSResult, run_estimate
+from fit.statistics.run_scores import RunScore, run_score
 from fit.whitening import Experiment, whitened_run
 
 Array = NDArray[np.float64]

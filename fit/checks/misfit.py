@@ -11,13 +11,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from fit.consistency.fault_templates import MODEL_TEMPLATES, Template
-from fit.consistency.run_misfit import RunMisfit, run_misfit
+from fit.campaign import Campaign
 from fit.false_alarms import chi2_limit, p_limit, sigma_limit
 from fit.findings import Finding, either
 from fit.model import dynamics
 from fit.parallel import parallel_map
 from fit.parameters import DELAYS
+from fit.statistics import MODEL_TEMPLATES, RunMisfit, Template, run_misfit
 from fit.whitening import Experiment
 
 WIDESPREAD = 1 / 3  # of the runs: a misfit of so many is one of the model
@@ -55,13 +55,18 @@ class CommonEffect(NamedTuple):
         return abs(self.size) / self.sigma
 
 
-def model_warnings(experiments: Sequence[Experiment]) -> list[Finding]:
-    """Return warnings of what the equation of motion lacks in all runs.
+def find(campaign: Campaign) -> list[Finding]:
+    """Return what the equation of motion lacks in the experiments that are not excluded."""
+    return model_findings(campaign.candidates)
+
+
+def model_findings(experiments: Sequence[Experiment]) -> list[Finding]:
+    """Return what the equation of motion lacks in all runs.
 
     Parameters
     ----------
     experiments : sequence of Experiment
-        As they were read, without masks. Those without a noise run do not count.
+        Without masks of glitches. Those without a noise run do not count.
     """
     measured = [e for e in experiments if e.noise is not None]
     if not measured:
@@ -73,7 +78,7 @@ def model_warnings(experiments: Sequence[Experiment]) -> list[Finding]:
     delays = _delay_warnings(runs)
     if common := common_effects(runs):
         return [_template_warning(common, largest), *delays]
-    limit = p_limit("driven bins", len(runs))
+    limit = p_limit(len(runs))
     misfits = [run for run in runs if run.p < limit]
     if len(misfits) >= max(min(MIN_RUNS, len(runs)), WIDESPREAD * len(runs)):
         return [_force_warning(misfits, len(runs)), *delays]
@@ -92,7 +97,7 @@ def common_effects(runs: Sequence[RunMisfit]) -> list[CommonEffect]:
         for epoch in sorted(epochs) if template.by_epoch else [None]:
             members = [r for r in runs if epoch in (None, r.experiment.sysid.telemetry.alignment_epoch)]
             effects.append(_common_effect(members, i, epoch))
-    limit = sigma_limit("templates", len(effects))
+    limit = sigma_limit(len(effects))
     significant = [e for e in effects if e and e.z > limit and e.template.admits(e.size, e.sigma)]
     significant.sort(key=lambda e: -e.z)
     if significant and significant[0].template.by_epoch:
@@ -115,9 +120,7 @@ def _common_effect(runs: Sequence[RunMisfit], i: int, epoch: int | None) -> Comm
     z2 = score**2 / information
     contributions = weights[:, 1] ** 2 / np.maximum(weights[:, 0], 1e-300)
     scatter = float(np.sum(contributions)) - z2  # Cochran's Q of the amounts
-    limit, limit_of_others = (
-        chi2_limit("templates", n, len(MODEL_TEMPLATES)) for n in (max(len(runs) - 1, 1), len(runs))
-    )
+    limit, limit_of_others = (chi2_limit(n, len(MODEL_TEMPLATES)) for n in (max(len(runs) - 1, 1), len(runs)))
     if scatter > limit + INDISTINCT * z2:
         return None
     largest = int(np.argmax(contributions))

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from scipy.stats import chi2, kstest
 
-from fit.consistency.consistency_test import ChiSquare, ConsistencyTest, consistency_test
 from fit.fitting.experiment_and_joint_fit import fit_joint
 from fit.settings import settings
+from fit.statistics.consistency_test import ChiSquare, ConsistencyTest, consistency_test
 from fit.whitening import pair
 from tests.fit.consistency.runs import SCALE, K, P, consistency
 from tests.oracles import synthetic

@@ -6,7 +6,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from fit.consistency.model_misfit import model_warnings
+from fit.checks.misfit import model_findings
 from fit.pipeline import calibrate
 from fit.results import load
 from fit.whitening import pair
@@ -27,7 +27,7 @@ NAMES = ("A2", "G3", "B4", "C4", "D4")
 def causes(spoil=None, names=NAMES):
     """Return the records of what is wrong with a campaign."""
     runs = clean(names)
-    warnings = model_warnings(pair(list((spoil(runs) if spoil else runs).values())))
+    warnings = model_findings(pair(list((spoil(runs) if spoil else runs).values())))
     assert all(w.code == "model_misfit" and w.kind.unsound for w in warnings)
     return [cause for w in warnings for cause in w.causes]
 
@@ -50,7 +50,7 @@ def test_an_actuator_that_acts_less_at_large_forces_is_named():
 
 def test_what_runs_have_in_common_with_a_template_is_a_misfit_though_it_is_not_all_of_it():
     runs = with_hysteresis(2e-3, 2e-9)(clean(NAMES))
-    (warning,) = model_warnings(pair(list(runs.values())))
+    (warning,) = model_findings(pair(list(runs.values())))
     assert warning.kind.unsound and "sigma of this" in warning.message
 
 
@@ -76,7 +76,7 @@ def test_a_force_that_the_only_run_does_not_record_is_named():
 
 
 def test_a_run_without_injections_into_o_12_raises_no_alarm():
-    assert model_warnings(pair(list(synthetic.pair(synthetic.World(), "A", tones_12=())))) == []
+    assert model_findings(pair(list(synthetic.pair(synthetic.World(), "A", tones_12=())))) == []
 
 
 def test_forces_at_all_tones_of_the_only_run_are_named():
@@ -84,7 +84,7 @@ def test_forces_at_all_tones_of_the_only_run_are_named():
     f_x_2 = sysid.channels["f_x_2"].copy()
     for k, tone in enumerate(synthetic.TONES_12):
         f_x_2 += 1e-15 * np.sin(2 * np.pi * tone * sysid.time + k)
-    (warning,) = model_warnings(pair([noise, replace(sysid, channels=sysid.channels | {"f_x_2": f_x_2})]))
+    (warning,) = model_findings(pair([noise, replace(sysid, channels=sysid.channels | {"f_x_2": f_x_2})]))
     assert [cause.code for cause in warning.causes] == ["unrecorded force"]
 
 
@@ -109,7 +109,7 @@ def test_an_o_12_that_is_not_linear_is_named():
             runs[name] = replace(
                 run, channels=run.channels | {"o_12": o_12 * (1 - 2e-4 * (o_12 / 1e-8) ** 2)}
             )
-    ((warning,),) = [model_warnings(pair(list(runs.values())))]
+    ((warning,),) = [model_findings(pair(list(runs.values())))]
     (cause,) = warning.causes
     assert (cause.channel, cause.code) == ("o_12", "non-linearity")
     assert abs(cause.amount.value + 2e-4) < 5 * cause.amount.sigma
@@ -148,7 +148,7 @@ def test_stiffness_that_depends_on_the_displacement_is_named(names):
 
 
 def test_o_1_that_is_early_in_all_runs_of_an_epoch_is_named():
-    (warning,) = model_warnings(pair(list(late(-1, "B4", "C4", "D4")(clean(NAMES)).values())))
+    (warning,) = model_findings(pair(list(late(-1, "B4", "C4", "D4")(clean(NAMES)).values())))
     assert (warning.code, warning.kind.unsound) == ("model_misfit", True)
     (cause,) = warning.causes
     assert abs(cause.amount.value + 1) < 0.1  # to first order
@@ -172,7 +172,7 @@ def test_what_a_single_run_has_is_none_of_the_model(spoil):
 @pytest.mark.stat
 def test_a_clean_campaign_raises_no_alarm():
     """By chance one in 6,000 campaigns does."""
-    assert model_warnings(pair(list(thirteen.campaign(20, names=NAMES).values()))) == []
+    assert model_findings(pair(list(thirteen.campaign(20, names=NAMES).values()))) == []
 
 
 def test_the_records_are_in_the_results(tmp_path):

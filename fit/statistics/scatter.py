@@ -9,9 +9,9 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from fit.consistency.consistency_test import ConsistencyTest
 from fit.fitting import estimate_widths, random_effects
 from fit.parameters import FLIGHT
+from fit.statistics.consistency_test import ConsistencyTest
 
 Array = NDArray[np.float64]
 

@@ -8,12 +8,12 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from fit.consistency.fault_templates import MODEL_TEMPLATES, RunSeries
-from fit.consistency.score_test import ScoreTest
 from fit.model import dynamics
 from fit.spacecraft import DELTA_G
 from fit.spectra import windowing
-from fit.statistics import initial_fit, initial_noise_psd
+from fit.statistics.fault_templates import MODEL_TEMPLATES, RunSeries
+from fit.statistics.initial_fit import initial_fit, initial_noise_psd
+from fit.statistics.score_test import ScoreTest
 from fit.whitening import Experiment, Run, whitened_run
 
 Array = NDArray[np.float64]
@@ -145,19 +145,19 @@ def run_misfit(experiment: Experiment, largest_force: tuple[float, float]) -> Ru
     )
     if [equation.name for equation in run.equations] != [DELTA_G.name]:  # whose templates these are
         return misfit
-    refit, columns = misfit.test.refit, run.columns(tau)
-    c = np.array([1.0, *-refit.amounts])
+    test, columns = misfit.test, run.columns(tau)
+    c = np.array([1.0, *-test.amounts])
     series = RunSeries(run, columns, c, largest_force)
     none = np.zeros(len(columns.values))
     values = np.stack([none if (x := t.effect(series)) is None else x for t in MODEL_TEMPLATES], axis=1)
     effects = whitened_run.as_real(whitened_run.whiten(run.transformed(values, columns), S)[0])
-    rms = max(1.0, float(np.sqrt(np.mean(misfit.test.residual**2))))
+    rms = max(1.0, float(np.sqrt(np.mean(test.residual**2))))
     delays = misfit.delays.copy()
     for delay, forces in zip(delays, dynamics.FORCES, strict=True):
         gain, slope = c[forces]
         if gain:  # beyond noise, the delays are less precise
-            delay[:] = delay[0] - slope / gain, refit.sigmas[forces.start] * rms / abs(gain)
-    return replace(misfit, delays=delays, effects=misfit.test.independent(effects))
+            delay[:] = delay[0] - slope / gain, test.sigmas[forces.start] * rms / abs(gain)
+    return replace(misfit, delays=delays, effects=test.independent(effects))
 
 
 def _refitted(run: Run, whitened: Sequence[Array], tau: tuple[float, float]) -> ScoreTest:
@@ -171,5 +171,5 @@ def _refitted(run: Run, whitened: Sequence[Array], tau: tuple[float, float]) -> 
         pairs = list(zip(whitened, run.equations, strict=True))
         residual = np.concatenate([U @ e.coefficients(theta, tau) for U, e in pairs])
         test = ScoreTest(residual, np.concatenate([U @ e.gradient(theta, tau) for U, e in pairs]))
-        theta = theta - test.refit.amounts
+        theta = theta - test.amounts
     return test
