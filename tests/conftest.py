@@ -19,7 +19,6 @@ settings.load_profile("deterministic")
 
 def pytest_addoption(parser: pytest.Parser) -> None:
     """Add to the command line how long the long tests are."""
-    parser.addoption("--runs", type=int, default=80, help="consecutive runs of the endurance test")
     parser.addoption("--cases", type=int, default=0, help="mutated inputs; a few hundred by default")
     parser.addoption("--kills", type=int, default=5, help="times that the test of resuming kills a campaign")
 

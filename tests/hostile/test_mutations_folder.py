@@ -2,7 +2,6 @@
 
 import json
 import random
-import re
 import shutil
 from dataclasses import replace
 
@@ -10,11 +9,9 @@ import pytest
 
 from fit import results as fit_results
 from fit.crosstalk import refit
-from fit.errors import InputError
 from fit.pipeline import calibrate
 from fit.report import page as report
-from lpfcosim.workflows import montecarlo
-from tests.hostile.mutations import damaged, hostile, restructured, survives
+from tests.hostile.mutations import hostile, restructured, survives
 from tests.oracles.synthetic import World, pair
 from tests.synthetic_files import write_run
 
@@ -64,37 +61,6 @@ def test_results(copied, cases):
     assert {p.name for p in copied.iterdir()} <= {"results.json", "telemetry", "report.html", "figures"}
 
 
-@pytest.mark.parametrize(
-    "name",
-    ["../../evil", "/tmp/evil", "a/b", "..", "x" * 300, "y" * 90, "\u202eevil", "<evil>", "a\nb", "con"],
-)
-def test_names_of_experiments(tmp_path, name):
-    folder = tmp_path / "in" / "out"
-    (folder / "telemetry").mkdir(parents=True)
-    paths = [
-        write_run(r, folder / "telemetry" / f"{k}.h5", {"run": f"{name}{k}", "experiment": name})
-        for k, r in enumerate(pair(World()))
-    ]
-
-    names = []
-
-    def work():
-        runs = refit.read_all(paths, trusted=True)
-        results = calibrate(runs)
-        report.write_report(folder, results, runs)
-        names.extend(figure.name for figure in report.figure_specs(results, runs, folder))
-
-    sentence = survives(work, folder / "telemetry" / "x", name)
-    assert (sentence is None) == (name.isprintable() and len(name) <= 100)
-    assert {p.name for p in tmp_path.iterdir()} == {"in"}
-    assert {p.name for p in (tmp_path / "in").iterdir()} == {"out"}
-    assert {p.name for p in folder.iterdir()} <= {"telemetry", "report.html"}
-    if sentence is None:
-        assert len(names) > 4
-        assert all(re.fullmatch(r"[\w-]{1,80}", each) for each in names)  # of files
-        assert "<evil>" not in (folder / "report.html").read_text(encoding="utf-8")
-
-
 @pytest.mark.parametrize("document", ["mcmc.json", "montecarlo.json"])
 def test_what_other_commands_left(copied, document, cases):
     results = fit_results.load(copied / "results.json")
@@ -105,32 +71,3 @@ def test_what_other_commands_left(copied, document, cases):
         path = copied / document
         path.write_text(json.dumps(value if n % 3 else hostile(rng)))
         survives(lambda: report.sampling.sections(results, copied), path, f"{document} {n}")
-
-
-LOG = [{"number": k, "estimates": {"C_2": [0.1 * k, 1e-3]}} for k in range(5)]
-
-
-def test_logs_of_campaigns(tmp_path, cases):
-    header = {"campaign_digest": "x"}
-    path = tmp_path / "campaigns.jsonl"
-    for n in range(cases(0.02, 100)):
-        rng = random.Random(n)
-        lines = restructured({"lines": json.loads(json.dumps(LOG))}, rng).get("lines") if n % 2 else LOG
-        lines = lines if isinstance(lines, list) else [lines]
-        text = "".join(json.dumps(line) + "\n" for line in [header, *lines])
-        path.write_bytes(text.encode() if n % 2 else damaged(text.encode(), rng))
-
-        def read():
-            kept = montecarlo.read_log(path, header)
-            montecarlo.coverage.summary([line["estimates"] for line in kept.values()])
-
-        survives(read, path, f"log {n}")
-
-
-def test_what_is_read_names_a_file_that_is_none(copied):
-    document = json.loads((copied / "results.json").read_text())
-    for names in (["/dev/zero"], ["../../../etc/passwd"], ["x" * 5000], ["a\x00b"], ["."], [""]):
-        document["provenance"]["telemetry"] = names
-        (copied / "results.json").write_text(json.dumps(document))
-        with pytest.raises(InputError):
-            rebuild(copied)

@@ -93,13 +93,6 @@ def test_fmu_commands(lpfcosim, tmp_path):
     assert "not built" not in out
 
 
-@pytest.mark.fmu
-def test_interchange_commands(lpfcosim, short, tmp_path):
-    status, out, err = lpfcosim("fmu", "export-ssp", short)
-    assert (status, out.strip()) == (0, "short.ssp"), err
-    assert (tmp_path / "short.ssp").is_file()
-
-
 @pytest.mark.parametrize(
     ("error", "status", "sentence"),
     [

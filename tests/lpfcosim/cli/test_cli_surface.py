@@ -72,18 +72,3 @@ def test_help_fits_and_has_an_example(lpfcosim, monkeypatch):
         assert (status, err) == (0, "")
         assert max(map(len, out.splitlines())) <= 80
         assert f"\n    lpfcosim {' '.join(command)}" in out.split("Examples:")[1]
-
-
-@pytest.mark.parametrize("group", GROUPS)
-def test_commands_are_told_in_one_whole_line_each(lpfcosim, monkeypatch, group):
-    monkeypatch.setenv("COLUMNS", "80")
-    _, out, _ = lpfcosim(*group, "--help")
-    shown = out.split("Commands:\n")[1].split("\n\n")[0].splitlines()
-    assert [line.split()[0] for line in shown] == GROUPS[group].split()
-    assert all(line.endswith(".") and not line.endswith("...") for line in shown)
-
-
-def test_version(lpfcosim):
-    from importlib import metadata
-
-    assert lpfcosim("--version") == (0, f"lpfcosim {metadata.version('lpfcosim')}\n", "")

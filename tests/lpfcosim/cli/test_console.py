@@ -14,20 +14,6 @@ def clock(monkeypatch):
     return lambda seconds: now.__setitem__(0, seconds)
 
 
-def test_terminal_sees_bars_and_lines(monkeypatch, clock, capsys):
-    for name, value in {"FORCE_COLOR": "1", "TERM": "xterm", "COLUMNS": "80"}.items():
-        monkeypatch.setenv(name, value)
-    console = Console()
-    with console.counted("campaigns", 10, 4) as progress:
-        progress(5)
-    with console.stage("fit"):
-        pass
-    out, err = capsys.readouterr()
-    assert out == ""
-    for shown in ("-:--:--", "fit", "campaigns: 5 in 0.0 s"):
-        assert shown in err
-
-
 def test_log_sees_plain_lines_and_the_time_left(clock, capsys):
     console = Console()
     with console.samples({"A": 36_000, "B": 36_000}) as (progress, kept):

@@ -47,10 +47,3 @@ def test_without_names_all_are_drawn(lpfcosim, fitted):
     for name in ALL:
         assert f"<code>{name}</code>" in (fitted / "report.html").read_text(encoding="utf-8")
     shutil.rmtree(fitted / "figures")
-
-
-def test_a_name_that_no_figure_has_is_refused(lpfcosim, fitted, tmp_path):
-    err = lpfcosim("figures", fitted, "inertial", status=2)[2]
-    assert "no figure is called 'inertial'" in err
-    assert not (fitted / "figures").exists()
-    assert "results.json" in lpfcosim("figures", tmp_path, status=2)[2]

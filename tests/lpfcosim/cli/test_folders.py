@@ -125,19 +125,3 @@ def settings(folder):
     file = folder / "settings.toml"
     file.write_text('[fit]\nestimator = "student_t"\n', encoding="utf-8")
     return file
-
-
-@pytest.mark.parametrize(
-    ("name", "content", "said"),
-    [
-        ("empty", None, "empty: no results.json in it"),
-        ("wrong", '{"schema": "lpf-results/1", "joint": 5}', "wrong/results.json: joint: 5"),
-    ],
-)
-@pytest.mark.parametrize("command", ["compare flight", "deltag flight --calibration", "report"])
-def test_results_that_are_none_are_one_sentence(lpfcosim, once, tmp_path, name, content, said, command):
-    (tmp_path / name).mkdir()
-    if content is not None:
-        (tmp_path / name / "results.json").write_text(content, encoding="utf-8")
-    words = [str(once) if word == "flight" else word for word in command.split()]
-    assert sentence(lpfcosim(*words, name)).startswith(said)

@@ -2,16 +2,12 @@
 
 import json
 import re
-from dataclasses import replace
 
 import numpy as np
 import pytest
 from scipy.stats import norm
 
 from fit.forecasting import coverage
-from fit.results import Fit, Results
-from fit.results.estimates import Estimate
-from fit.results.provenance import Provenance
 from fit.settings import settings
 from lpfcosim.campaign import loading, montecarlo
 from lpfcosim.cosim import SimulationProgress
@@ -70,13 +66,6 @@ TORQUES = SMALL.replace("tail = 1.5", 'tail = 1.5\ndws = "150 nrad Hz^-0.5"') + 
 def test_what_spectra_do_not_have_takes_fmus(small, lpfcosim, text, sentence):
     small.write_text(text, encoding="utf-8")
     assert sentence in refusal(lpfcosim("montecarlo", small, "-n", 2))
-
-
-def test_estimates_are_those_with_a_truth():
-    known, unknown = Estimate(1.1, 0.1, "1", 1.0, 1.0), Estimate(1.1, 0.1, "1")
-    fit = Fit({"lambda_2": known, "C_2": unknown}, np.eye(2) * 0.01, 1.0, 1, True, ())
-    results = Results(fit, {}, {}, {"3": replace(fit, parameters={"delta_phi": known})}, Provenance())
-    assert coverage.estimates(results) == {"lambda_2": (1.0, 0.1), "delta_phi_3": (1.0, 0.1)}
 
 
 def test_every_number_has_noise_of_its_own_and_keeps_it(small):

@@ -46,9 +46,3 @@ def test_blind_directions_are_named_and_the_others_estimated(lpfcosim, tmp_path)
     assert [name for name in fitted["names"] if "_eta_" in name] == [n for n in NAMES if "_eta_" in n]
     assert not any("_phi_" in name for name in fitted["names"])
     assert "Not determined by these data" in (out / "report.html").read_text(encoding="utf-8")
-
-
-def test_a_file_of_another_kind_is_refused(lpfcosim, tmp_path):
-    (tmp_path / "m.h5").write_text("no")
-    message = lpfcosim("ttl", tmp_path / "m.h5", status=2)[2]
-    assert "m.h5: not HDF5, expected an HDF5 file of schema 'lisa-measurements/1'" in message

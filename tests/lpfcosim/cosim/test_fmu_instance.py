@@ -1,7 +1,6 @@
 """FMUs that cannot be used: what is said about them, and what is left behind."""
 
 import contextlib
-import errno
 import os
 
 import fmpy
@@ -58,14 +57,3 @@ def test_an_fmu_that_refuses_to_step_says_why(make_run, capfd):
     with pytest.raises(RunError, match=r"^run 'run': .*a delay spans too many communication steps"):
         in_memory.simulate(run, build.build())
     assert capfd.readouterr().out == ""
-
-
-def test_a_full_disk_is_not_the_fault_of_the_archive(tmp_path, monkeypatch):
-    archive = build.build([MODEL])[MODEL]
-
-    def full(*_, **__):
-        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-
-    monkeypatch.setattr(fmpy, "extract", full)
-    with pytest.raises(RunError, match=r"cannot be unpacked in .*: No space left on device$"):
-        start(archive)

@@ -9,7 +9,6 @@ import pytest
 
 from lpfcosim.cosim import FmuLibraryCache, co_simulation, read_interfaces
 from lpfcosim.modelica import build
-from lpfcosim.spacecraft import Replacement
 from tests.lpfcosim.cosim import in_memory
 
 pytestmark = pytest.mark.fmu
@@ -61,9 +60,3 @@ def test_an_archive_that_was_built_anew_is_loaded_anew(make_run, folders, shelf,
     os.utime(fmus["Plant"], ns=(1, 1))
     simulate(run, fmus, shelf)
     assert folders() == LOOP + 1
-
-
-def test_an_fmu_of_somebody_else_is_never_used_twice(fmus, make_run, folders, shelf):
-    run = make_run(n_samples=10, replacements=(Replacement("Plant", fmus["Plant"]),))
-    simulate(run, fmus, shelf)
-    assert folders() == LOOP - 1

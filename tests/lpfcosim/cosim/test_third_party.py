@@ -1,7 +1,6 @@
 """FMUs of other tools: what is set and when, how they are stepped, which do not fit."""
 
 import contextlib
-import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -10,17 +9,15 @@ import h5py
 import numpy as np
 import pytest
 
-from lpfcosim.campaign import loading
-from lpfcosim.cosim import ignored_names, warnings
+from lpfcosim.cosim import warnings
 from lpfcosim.cosim.fmu_instance import FmuInstance
-from lpfcosim.errors import InputError, RunError
+from lpfcosim.errors import RunError
 from lpfcosim.execution import runner
 from lpfcosim.modelica import build
 from lpfcosim.models import model_of
 from lpfcosim.spacecraft.run import Noise, Replacement
 from lpfcosim.spacecraft.spacecraft import Spacecraft
 from tests import ROOT, third_party
-from tests.campaign_text import campaign
 from tests.lpfcosim.cosim import in_memory
 from tests.lpfcosim.cosim.archives import edited, renamed
 from tests.lpfcosim.cosim.third_party_fmu import FMI, MODEL, placed, refusal, replacement, simulate
@@ -130,11 +127,6 @@ def test_a_step_that_does_not_divide_that_of_the_loop(run, fmus, tmp_path, attri
         assert sentence.endswith("is stepped by 0.1 s; its default step is 0.03 s")
 
 
-def test_variables_of_several_types_share_numbers_in_fmi_2(run, fmus, tmp_path):
-    archive = third_party.built(tmp_path, changes=[('(name="mode" valueReference=)"5"', r'\1"0"')])
-    placed(run, fmus, replacement(archive, values={"mode": 3}))
-
-
 @FMI
 @pytest.mark.parametrize(
     ("values", "sentence"),
@@ -178,20 +170,6 @@ def test_archives_that_break_the_schema_run_where_asked_to(run, fmus, tmp_path, 
     assert all(np.array_equal(got[channel], expected[channel]) for channel in expected)
 
 
-UNREADABLE = {
-    "number": ("2.0", 'valueReference="4"', 'valueReference="four"', "not a readable FMU: "),
-    "guid": ("2.0", ' guid="1"', "", "has no guid or instantiationToken; expected one"),
-    "token": ("3.0", ' instantiationToken="1"', "", "has no guid or instantiationToken; expected one"),
-}
-
-
-@pytest.mark.parametrize("case", UNREADABLE)
-def test_what_cannot_be_used_is_refused_also_without_validation(run, fmus, tmp_path, case):
-    fmi, pattern, text, sentence = UNREADABLE[case]
-    archive = third_party.built(tmp_path, changes=[(pattern, text)], fmi=fmi)
-    assert sentence in refusal(run, fmus, archive, validate=False)
-
-
 @pytest.mark.parametrize(
     ("macro", "fmi", "sentence"),
     [
@@ -205,11 +183,6 @@ def test_fmus_that_fail_say_why(run, fmus, tmp_path, macro, fmi, sentence):
     with pytest.raises(RunError) as refused:
         simulate(run, fmus, third_party.built(tmp_path, macro, fmi=fmi))
     assert str(refused.value) == f"run 'run': the SuspensionControl FMU {sentence}"
-
-
-def test_fmu_that_adds_up_its_steps_finds_the_time_that_it_is_given(run, fmus, tmp_path):
-    long = replace(run, n_samples=20_000)
-    assert np.isfinite(simulate(long, fmus, third_party.built(tmp_path, "CHECKS_TIME"))["o_12"]).all()
 
 
 @pytest.mark.parametrize("model", build.MODELS)
@@ -230,19 +203,10 @@ UNFIT = {
         '<BaseUnit m="1"/>', '<BaseUnit rad="1"/>',
         "variable 'distance' is in m, by which it means rad; expected m, for o_12",
     ),
-    "unit without base units": (
-        r'<Unit name="m"><BaseUnit m="1"/></Unit>((?s:.*))unit="m"',
-        r'<Unit name="m"/><Unit name="nm"/>\1unit="nm"',
-        "variable 'wanted' is in nm, of which it does not give the base units; expected m, for guidance_o_12",
-    ),
     "type": ('<Float64 (name="distance".*) unit="m"', r"<Float32 \1",
              "variable 'distance' is of type Float32; expected Float64 for o_12"),
-    "array": ('(<Float64 name="distance".*)/>', r'\1><Dimension start="2"/></Float64>',
-              "variable 'distance' is an array; expected a scalar"),
     "name": ('name="force"', 'name="forces"',
              "variable 'force' is missing, the output for f_control_2, did you mean \"forces\"? (known"),
-    "alias": ('(<Float64 name="distance".*)/>', r'\1><Alias name="single2"/></Float64>',
-              "'single2' is set twice, also as 'distance'"),
     "platform": ("<ModelStructure>", "<ModelStructure>", "has no binary; expected one for"),
 }  # fmt: skip
 
@@ -253,45 +217,9 @@ def test_what_does_not_fit_is_one_sentence(run, fmus, tmp_path, case):
     archive = third_party.built(tmp_path, fmi="3.0", changes=[(pattern, text)])
     if case == "platform":
         archive = edited(archive, tmp_path / "mine.fmu", drop=["binaries/"])
-    values = {"single2": 1e-9} if case == "alias" else {}
-    message = refusal(run, fmus, archive, values=values)
+    message = refusal(run, fmus, archive)
     assert message.startswith(f"fmus.SuspensionControl: {archive}: ")
     assert sentence in message
-
-
-def test_a_name_of_another_parameter_of_ours_is_then_not_set(run, fmus):
-    _, interfaces = placed(run, fmus, Replacement(MODEL, fmus[MODEL], {"f_u": "f_z"}))
-    assert "f_z" in ignored_names(interfaces)[MODEL]
-
-
-def test_variables_without_a_unit_are_taken_as_ours(run, fmus, tmp_path):
-    archive = third_party.built(tmp_path, changes=[(r' unit="[^"]*"', "")])
-    expected = simulate(run, fmus, third_party.built(tmp_path, name="expected"))
-    assert np.array_equal(simulate(run, fmus, archive)["o_12"], expected["o_12"])
-
-
-@pytest.mark.parametrize(
-    ("keys", "sentence"),
-    [
-        ("variables = {o_13 = 'y'}", '.variables: no variable "o_13", did you mean "o_12"?'),
-        ("variables = {o_12 = 3}", "fmus.SuspensionControl.variables.o_12: "),
-        ("variables = {o_12 = 'y', guidance_o_12 = 'y'}", '"y" stands for o_12 and for guidance_o_12'),
-        ("unused = ['f_control_2']", 'fmus.SuspensionControl.unused[0]: no input or parameter "f_control_2"'),
-        ("values = {f_u = 2e-3}", 'fmus.SuspensionControl.values: "f_u" is set by the campaign already'),
-        ("values = {gain = [2]}", "fmus.SuspensionControl.values.gain: "),
-        ("step = 0.02", "fmus.SuspensionControl.step: 0.02"),
-        ("[spacecraft]", "fmus.SuspensionControl: the loop of this campaign has no such"),
-        ("[fmus.Plant]\npath = 'no.fmu'", "no.fmu: no such file"),
-    ],
-)  # fmt: skip
-def test_fault_of_the_campaign_file_is_one_sentence(tmp_path, keys, sentence):
-    (tmp_path / "mine.fmu").write_bytes(b"")
-    file = tmp_path / "own.toml"
-    table = f'[fmus.SuspensionControl]\npath = "mine.fmu"\n{keys}\n'
-    file.write_text(campaign('duration = "60 s"', tables=table))
-    with pytest.raises(InputError, match=f"^{re.escape(str(file))}: ") as refused:
-        loading.load(file)
-    assert sentence in str(refused.value)
 
 
 def test_truth_that_no_fmu_takes_is_left_out(run, fmus, tmp_path):

@@ -1,17 +1,14 @@
 """One process at a time on a folder; what dead ones left goes, what a living one writes stays."""
 
-import errno
 import os
-import re
 import signal
 import subprocess
 import sys
-from pathlib import Path
 
 import pytest
 
 from fit.files import atomic
-from lpfcosim.errors import InputError, RunError
+from lpfcosim.errors import InputError
 from lpfcosim.execution import results_folder as folders
 
 HOLD = """
@@ -82,20 +79,3 @@ def test_a_lock_does_not_outlive_its_holder_nor_do_unfinished_files(other, tmp_p
         second = [sys.executable, "-c", HOLD, str(tmp_path / "out")]
         done = subprocess.run(second, capture_output=True, text=True, check=False)
         assert "another process works in it" in done.stderr
-
-
-@pytest.mark.parametrize(
-    ("number", "kind"), [(errno.EACCES, InputError), (errno.EROFS, InputError), (errno.ENOSPC, RunError)]
-)
-def test_a_folder_that_cannot_be_made_is_wrong_input_but_a_full_disk_is_not(
-    tmp_path, monkeypatch, number, kind
-):
-    def refuse(*_, **__):
-        raise OSError(number, os.strerror(number))
-
-    (tmp_path / "file").touch()
-    with pytest.raises(InputError, match="file: cannot be made"), folders.lock(tmp_path / "file"):
-        pass
-    monkeypatch.setattr(Path, "mkdir", refuse)
-    with pytest.raises(kind, match=re.escape(os.strerror(number))), folders.lock(tmp_path / "out"):
-        pass

@@ -60,15 +60,12 @@ FATES = {
         ("signal", signal.SIGSEGV),
         f": its process was ended by SIGSEGV {WHERE}",
     ),
-    "kill": (("signal", 9), f": its process was ended by SIGKILL (out of memory?) {WHERE}"),
-    "leave": (("status", 0), f": its process ended with status 0 {WHERE}"),
     "exit": (("status", 3), f": its process ended with status 3 {WHERE}"),
     "parent": (("fork", "sleep"), f": its process was ended at its time limit of 5 s {WHERE}"),
     "child": (("fork", "end"), f": its process ended with status 4 {WHERE}"),
     "item": (("print", lambda: None), " failed: cannot be handed to another process ({reason})"),
     "result": (("function", 1), " failed: its result cannot be handed to another process ({reason})"),
     "late": (("sleep", 60), f": its process was ended at its time limit of 5 s {WHERE}"),
-    "memory": (("raise", MemoryError()), " failed: out of memory"),
     "value": (("raise", ValueError("cannot reshape")), f" failed: {INTERNAL}"),
     "disk": (
         ("raise", OSError(errno.ENOSPC, "No space left on device", "one.h5")),
@@ -196,9 +193,3 @@ def test_workers_of_a_dask_cluster_that_are_killed_lose_nothing(tmp_path):
             outcomes = results(tmp_path, items, executor=executor)
         thread.join()
     assert {name: outcome[0] for name, outcome in outcomes.items()} == dict.fromkeys("abc", "wait")
-
-
-def test_no_scheduler_is_one_sentence():
-    pytest.importorskip("distributed")
-    with pytest.raises(InputError, match="no Dask scheduler answers"), dask_executor("nonsense"):
-        pass

@@ -184,16 +184,6 @@ def test_telemetry_of_no_run_of_the_campaign_is_left_alone(fmus, plan, tmp_path)
         runner.simulate(plan, stranger.parent, fmus)
 
 
-@pytest.mark.parametrize("seed", [None, np.arange(3)])
-def test_telemetry_without_a_seed_is_not_that_of_the_campaign(fmus, plan, tmp_path, seed):
-    with h5py.File(tmp_path / "one.h5", "w") as file:
-        file.attrs.update({**provenance.Provenance.of(plan, fmus).attributes(), "seed": np.arange(3)})
-        if seed is None:
-            del file.attrs["seed"]
-    with pytest.raises(InputError, match=r"one\.h5: .* seed.*; use another folder .* \(--rerun; "):
-        runner.simulate(plan, tmp_path, fmus)
-
-
 def test_failing_run_does_not_take_the_others_along(fmus, plan, tmp_path):
     good, bad = plan.runs
     bad = replace(bad, n_samples=6000, dc=1e-9, authority=Authority("low", 0, 50e-12, 1e-12, 1e-12))

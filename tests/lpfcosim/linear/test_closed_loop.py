@@ -6,9 +6,7 @@ from functools import partial
 import numpy as np
 import pytest
 
-from lpfcosim.errors import InputError, RunError
 from lpfcosim.linear.closed_loop import ClosedLoop
-from lpfcosim.linear.sampled_model import SampledModel
 from lpfcosim.models import stimuli
 from lpfcosim.spacecraft import Actuation, Authority, Noise, Sine, Spacecraft
 from tests.reference_run import simulate_reference
@@ -93,15 +91,3 @@ def test_gain_of_noise_takes_the_command_it_multiplies(driven):
     column = idle.inputs.index("gain_1")
     assert not idle.B[:, column].any()
     assert busy.B[:, column].max() == pytest.approx(3e-10 * run.truth.lambda_1)
-
-
-def test_model_of_another_sample_time_is_refused():
-    with pytest.raises(InputError, match=r"DragFreeControl: samples every 0.2 s, expected 0.1 s"):
-        SampledModel("DragFreeControl", {"h": 0.2}, 0.1)
-
-
-def test_divergence_gives_channel_and_time(driven):
-    run = driven()
-    run = replace(run, drag_free=replace(run.drag_free, unity_gain=3.0), n_samples=6000)
-    with pytest.raises(RunError, match=r"the loop diverged, o_1 left \+-0.0001 m at t = \d+"):
-        ClosedLoop(run).simulate()

@@ -1,7 +1,6 @@
 """`lpfcosim.closed_loop`."""
 
 import numpy as np
-import pytest
 
 import lpfcosim
 
@@ -16,8 +15,3 @@ def test_loop_of_a_run_has_names_units_and_sample_time(quickstart):
     assert system.C.shape == (len(system.outputs), len(system.A))
     assert (system.units["guidance_o_12"], system.units["f_x_2"]) == ("m", "m/s2")
     assert np.abs(system.poles()).max() < 1
-
-
-def test_run_that_is_not_there_is_refused(quickstart):
-    with pytest.raises(lpfcosim.InputError, match=r"quickstart.*: no run 'Z'"):
-        lpfcosim.closed_loop(quickstart, "Z")

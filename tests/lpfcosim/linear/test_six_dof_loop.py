@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.signal import welch
 
-from lpfcosim.linear import ClosedLoop, closed_loop, response
+from lpfcosim.linear import ClosedLoop, response
 from lpfcosim.models import stimuli
 from lpfcosim.spacecraft import Actuation
 from lpfcosim.spacecraft.run import Authority, HalfCosine, Noise, Sine, Truth
@@ -106,14 +106,6 @@ def test_apparent_forces_have_the_sign_of_minus_g_rot(craft, spacecraft, driven,
     channels = ClosedLoop(craft(spacecraft, n_samples=n)).simulate({driven: np.full(n, 1e-6)})
     acceleration = np.diff(channels["x_2"] - channels["x_1"], 2)[0] / H**2
     assert acceleration == pytest.approx(expected, rel=1e-3, abs=1e-20)
-
-
-def test_run_in_blocks_is_one_run(craft, monkeypatch):
-    run, driven = craft(SKEW, n_samples=300), shaken(300, 1.0)
-    at_once = ClosedLoop(run).simulate(driven)
-    monkeypatch.setattr(closed_loop, "BLOCK", 7)
-    for name, values in ClosedLoop(run).simulate(driven).items():
-        np.testing.assert_allclose(values, at_once[name], rtol=0, atol=1e-9 * np.abs(values).max())
 
 
 @pytest.mark.stat

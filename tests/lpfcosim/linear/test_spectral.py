@@ -53,15 +53,6 @@ def test_same_noise_same_telemetry_of_the_whole_spacecraft(quickstart):
         assert np.abs(result[name] - x).max() < (5e-3 if name in ("o_12", "f_x_2") else 1e-5) * x.std(), name
 
 
-@pytest.mark.parametrize("samples", [3600, 3601, 1125, 1124])  # at 1 Hz
-def test_noise_ends_at_a_quarter_of_a_hertz(sysid, samples):
-    run = replace(sysid, n_samples=10 * samples, injections=())
-    drawn = spectral_simulation.Simulation(run, CHANNELS).record(np.random.default_rng(1))
-    for name in CHANNELS:  # of which every second sample is made by itself
-        f, S = signal.welch(drawn[name], 1.0, window=("kaiser", 20), nperseg=512, detrend="linear")
-        assert S[f > 0.28].max() < 1e-6 * S[(f > 0.15) & (f < 0.235)].mean(), name
-
-
 #: A strong tone that begins at once has power at all frequencies, which would alias at 1 Hz.
 TONE = (Sine("F_x_1", 20e-12, 0.04, 60, 900.0),)
 GLITCHES = Events(glitches_per_day=20.0)

@@ -7,12 +7,8 @@ import fmpy
 import pytest
 from fmpy.validation import validate_fmu
 
-from lpfcosim.errors import InputError, RunError
 from lpfcosim.modelica import build
-from lpfcosim.modelica import compiler as compiling
 from lpfcosim.modelica.compiler import compiler
-from tests.lpfcosim.cosim.archives import edited
-from tests.lpfcosim.modelica.modelica_source import write
 
 pytestmark = pytest.mark.fmu
 
@@ -20,11 +16,6 @@ pytestmark = pytest.mark.fmu
 @pytest.mark.parametrize("model", build.MODELS)
 def test_no_checker_finds_a_fault(model):
     assert validate_fmu(build.build([model])[model]) == []
-
-
-def test_checker_finds_a_fault_in_a_broken_description(fmus, tmp_path):
-    fault = ('variability="fixed"', 'variability="continuous"')
-    assert validate_fmu(edited(fmus["Plant"], tmp_path / "Plant.fmu", fault))
 
 
 @pytest.mark.parametrize("model", build.MODELS)
@@ -71,22 +62,3 @@ def test_cache_is_used_and_refreshed(tmp_path, monkeypatch):
     assert build.build(["OpticalMetrology"])["OpticalMetrology"].stat().st_mtime_ns == stamp
     archive.write_bytes(archive.read_bytes()[:5000])
     assert build.build(["OpticalMetrology"])["OpticalMetrology"].stat().st_size > 5000
-
-
-def test_missing_compiler_is_one_sentence_with_the_remedy(monkeypatch):
-    compiler.cache_clear()
-    monkeypatch.setenv("CC", "no-such-compiler")
-    try:
-        with pytest.raises(InputError, match=r"'no-such-compiler', is not there; .*pip install ziglang"):
-            compiler()
-    finally:
-        compiler.cache_clear()
-
-
-def test_generated_c_is_refused_if_it_does_not_compile(tmp_path, monkeypatch):
-    monkeypatch.setattr(compiling, "FLAGS", (*compiling.FLAGS, "--no-such-flag"))
-    with pytest.raises(RunError, match="does not compile"):
-        build.build_one(
-            write(tmp_path, "model M output Real x; equation x = 1; end M;"), "M", tmp_path / "M.fmu"
-        )
-    assert not (tmp_path / "M.fmu").exists()

@@ -98,21 +98,6 @@ def test_polynomial_remainder_is_extrapolated_and_the_affine_part_exact(tmp_path
     np.testing.assert_allclose(np.divide(errors[:2], errors[1:]), 4, rtol=0.2)
 
 
-def test_product_with_a_factor_near_a_constant_is_exact_in_its_affine_part(tmp_path):
-    # Twice a difference that a lag of 0.05 s makes: y stays zero, and only an exact exponential resolves it.
-    archive = fmu(
-        tmp_path,
-        """model M
-          input Real u; Real y(start = 0, fixed = true); Real factor; Real a;
-          output Real lag(start = 0, fixed = true);
-        equation
-          der(y) = -y; factor = 2 + y; a = u - lag; 0.1*der(lag) = factor*a;
-        end M;""",
-    )
-    result = simulate(archive, 2, start_values={"u": 0.3})
-    np.testing.assert_allclose(result["lag"], 0.3 * (1 - np.exp(-20 * result["time"])), rtol=0, atol=1e-14)
-
-
 SWITCHES = {
     "input": ("der(x) = if u > 1 then 3 else 5;", 3.0),
     "if equation": ("if u > 1 then der(x) = 3; else der(x) = 5; end if;", 3.0),
@@ -134,16 +119,6 @@ def test_switch_on_a_held_signal_in_a_derivative(tmp_path, switch):
         f"parameter Real zero = 0; {extra} equation {equations} end M;",
     )
     assert simulate(archive, 1)["x"][-1] == pytest.approx(expected, rel=1e-12)
-
-
-def test_names_of_the_user_do_not_meet_those_of_the_generator(tmp_path):
-    text = """model M
-      output Real NAME = 7; Real x(start = 0.5, fixed = true); Real v(start = 0.5, fixed = true);
-    equation
-      der(x) = sin(x*v + 1); der(v) = sin(x*v + 1)*x - v;
-    end M;"""
-    archives = (fmu(tmp_path, text.replace("NAME", name)) for name in ("common_0", "common", "other"))
-    assert len({simulate(archive, 1, output=["x"])["x"][-1] for archive in archives}) == 1
 
 
 def test_shorter_and_longer_communication_steps(tmp_path):

@@ -5,13 +5,11 @@ import re
 import fmpy
 import numpy as np
 import pytest
-from fmpy.fmi1 import FMICallException
 
 from lpfcosim.modelica import build
 from lpfcosim.models import model_of
 from lpfcosim.spacecraft import Sine, Spacecraft
 from tests.lpfcosim.cosim import in_memory
-from tests.lpfcosim.modelica.modelica_source import fmu
 
 pytestmark = pytest.mark.fmu
 
@@ -48,17 +46,6 @@ def test_assertions_of_a_test_model_hold(name):
     stop = float(re.search(r"StopTime = (\d+)", text)[1])
     archive = build.build([f"Test.{name}"])[f"Test.{name}"]
     assert len(fmpy.simulate_fmu(str(archive), stop_time=stop, output_interval=0.1)) == round(stop / 0.1) + 1
-
-
-def test_assertion_that_does_not_hold_is_an_error_with_its_message(tmp_path, capsys):
-    archive = fmu(
-        tmp_path,
-        """model M output Real x(start = 0, fixed = true);
-        equation der(x) = 1; assert(x < 0.55, "x is large"); end M;""",
-    )
-    with pytest.raises(FMICallException):
-        fmpy.simulate_fmu(str(archive), stop_time=1, output_interval=0.1)
-    assert "x is large" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(("example", "spacecraft", "driven"), LOOPS)

@@ -113,11 +113,6 @@ def archive(name):
     return build.build([model])[model]
 
 
-def others(name):
-    """Parameters of another instance, all but the step different."""
-    return {p: value if p == "h" else 1.1 * value for p, value in CASES[name].parameters.items()}
-
-
 @contextlib.contextmanager
 def stepper(name, path, parameters):
     """Yield an instance and a function that steps it, its inputs zero until the first step."""
@@ -157,12 +152,6 @@ def extended(values):
     if values.dtype != object:
         return values.astype(np.longdouble)
     return np.array([np.longdouble(mp.nstr(v, 25)) for v in values.flat]).reshape(values.shape)
-
-
-def arbitrary(values):
-    """Numbers of mpmath."""
-    values = np.asarray(values)
-    return np.array([mp.mpf(v) for v in values.ravel().tolist()], dtype=object).reshape(values.shape)
 
 
 def plant(p, u, to):
@@ -275,16 +264,6 @@ def test_the_cases_are_what_they_are_meant_to_be():
     limit = CASES["Actuation"].parameters["F_max_2"] / M_TM
     assert 0.1 < np.mean(f_x_2 > 0.999999 * limit) < 0.9  # at times it clips
     assert np.all(np.abs(oracle("Plant, as in flight")[-1, :2]) > 1e-9 * np.exp(19))
-
-
-@pytest.mark.long
-@pytest.mark.parametrize("name", CASES)
-def test_rounding_of_the_oracle_itself(name):
-    with mp.workdps(30):
-        more = exact(name, arbitrary)
-        leading = more.astype(float)
-        expected = extended(leading) + extended((more - leading).astype(float))
-    assert relative_error(oracle(name), expected) < 1e-14
 
 
 @each_model

@@ -9,7 +9,6 @@ import pytest
 
 import fit
 import lpfcosim
-from lpfcosim.workflows.campaigns import is_described_by_file
 from tests.campaign_text import SHORT_PLAN
 
 
@@ -31,12 +30,6 @@ def test_a_forecast_is_that_of_the_command(campaign, quickstart, lpfcosim_json):
         expected["lambda_3"]
     with pytest.raises(FrozenInstanceError):
         expected.joint = None
-
-
-def test_the_angles_of_a_period_are_forecast_by_name(quickstart):
-    expected = lpfcosim.forecast(quickstart.with_name("inertial.toml"))
-    assert expected["delta_phi_2"].sigma == expected.inertial["2"]["delta_phi"].sigma
-    assert "delta_phi_2" in expected.to_dataframe().index
 
 
 def test_margins_are_found_by_loop(campaign, quickstart):
@@ -107,15 +100,6 @@ def test_telemetry_from_equations_is_checked_as_that_of_fmus(campaign, tmp_path)
         lpfcosim.simulate(brief, tmp_path, fmus=False)
 
 
-def test_a_campaign_whose_fit_was_changed_in_python_is_not_written(quickstart, tmp_path):
-    path = tmp_path / "short.toml"
-    text = quickstart.read_text(encoding="utf-8").split("[[experiments]]")
-    path.write_text("[[experiments]]".join(text[:2]), encoding="utf-8")
-    short = lpfcosim.load_campaign(path)
-    assert is_described_by_file(short)
-    assert not is_described_by_file(replace(short, fit={"f_max": 0.02}))
-
-
 def test_a_simulated_folder_can_be_made_again(tmp_path):
     path = tmp_path / "short.toml"
     path.write_text(SHORT_PLAN, encoding="utf-8")
@@ -126,17 +110,6 @@ def test_a_simulated_folder_can_be_made_again(tmp_path):
     changed = replace(lpfcosim.load_campaign(path), seed=8)
     lpfcosim.simulate(changed, tmp_path / "changed", fmus=False)
     assert not (tmp_path / "changed" / "campaign.toml").exists()
-
-
-@pytest.mark.slow
-def test_a_montecarlo_study_from_python(campaign, tmp_path):
-    pair = replace(campaign, experiments=campaign.experiments[:2])
-    study = lpfcosim.montecarlo(pair, 4, tmp_path / "study", jobs=1)
-    assert (study.n, study.failures, study.unfinished) == (4, {}, {})
-    assert abs(study["lambda_2"].pull_mean) < 4
-    assert json.loads(study.to_json())["n"] == 4
-    assert study.to_dataframe().loc["C_2", "pull_std"] == study["C_2"].pull_std
-    assert "mean pull" in repr(study)
 
 
 @pytest.mark.fmu
