@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -13,7 +12,7 @@ from lpfcosim.campaign import Campaign, IdentifyTable
 from lpfcosim.cosim import Interface
 from lpfcosim.errors import InputError
 from lpfcosim.models import model_of
-from lpfcosim.spacecraft import LONGEST_DELAY, H, Run
+from lpfcosim.spacecraft import H, Run
 
 #: What the fit has under the same name, and what follows from others: C_j = lambda_j (tau_j + h/2). The
 #: parameter tau_j of the FMU is the transport delay; the hold of a command adds half a sample.
@@ -24,8 +23,6 @@ SHARED_NAMES = (
 DELAYS = {"C_1": ("lambda_1", "tau_1"), "C_2": ("lambda_2", "tau_2")}
 #: What a campaign seeks by default; fixed values are in this order, gains before their delays.
 OF_FIT = (*SHARED_NAMES[:2], *DELAYS, *SHARED_NAMES[2:])
-GAIN_RANGE = 10.0  # times a gain of the campaign, or as little: beyond, it is another actuation
-_ANY = (-math.inf, math.inf)
 
 
 @dataclass(frozen=True)
@@ -44,8 +41,6 @@ class Target:
         Its unit.
     request : IdentifyTable
         What the campaign says of it.
-    limits : tuple of float
-        Between which values it can be, if the campaign gives no bounds.
     """
 
     name: str
@@ -54,7 +49,6 @@ class Target:
     default_value: float
     unit: str
     request: IdentifyTable
-    limits: tuple[float, float] = _ANY
 
     @property
     def place(self) -> str:
@@ -93,27 +87,13 @@ def fixed_values(
     return known
 
 
-def _limits(name: str, value: float, gain: float) -> tuple[float, float]:
-    """Return between which values a gain or a delay can be; the hold of a command takes half a sample."""
-    if name in ("lambda_1", "lambda_2") and value > 0:
-        return value / GAIN_RANGE, value * GAIN_RANGE
-    if name in DELAYS:
-        return H / 2 * gain, LONGEST_DELAY * gain
-    return (0, LONGEST_DELAY) if name in ("Plant.tau_1", "Plant.tau_2") else _ANY
-
-
 def _place(name: str, by_model: Mapping[str, Interface], location: str) -> str:
     """Return the model that has a parameter of the fit."""
     variable = DELAYS[name][1] if name in DELAYS else name
-    if variable in (*SHARED_NAMES, "tau_1", "tau_2"):
-        for model, interface in by_model.items():
-            if variable in interface.settings and interface.takes(variable):
-                return model
-        raise InputError(f"{location}: no FMU of the loop takes {variable}")
-    known = [*SHARED_NAMES, *DELAYS]
-    raise InputError(
-        f"{location}: expected a table of a model, or a parameter of the fit{closest_match(name, known)}"
-    )
+    for model, interface in by_model.items():
+        if variable in interface.settings and interface.takes(variable):
+            return model
+    raise InputError(f"{location}: no FMU of the loop takes it{closest_match(name, OF_FIT)}")
 
 
 def _target(key: str, request: IdentifyTable, run: Run, interfaces: Sequence[Interface]) -> Target:
@@ -149,7 +129,7 @@ def _target(key: str, request: IdentifyTable, run: Run, interfaces: Sequence[Int
     unit = "s" if key in DELAYS else (interface.stated_unit(variable) or "1").replace(".", " ")
     gain = getattr(run.truth, DELAYS[key][0]) if key in DELAYS else 1.0
     value = (value + H / 2) * gain if key in DELAYS else value
-    return Target(result_name, model, variable, value, unit, request, _limits(result_name, value, gain))
+    return Target(result_name, model, variable, value, unit, request)
 
 
 def settings(

@@ -96,7 +96,7 @@ def _elements(evaluate: Evaluator, v: Variable, kind: str, constants: set[sp.Sym
 
     symbols, limits_of_elements = (
         np.ravel(evaluate.value(v.name)),
-        map(limits, (v.nominal, v.minimum, v.maximum)),
+        map(limits, (v.nominal, v.min, v.max)),
     )
     return [
         Scalar(symbol, kind, start, nominal, low, high, v)

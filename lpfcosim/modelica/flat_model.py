@@ -9,7 +9,6 @@ from __future__ import annotations
 import itertools
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-from typing import Any
 
 from lpfcosim.errors import InputError
 from lpfcosim.modelica.sources import Node, SourceMap
@@ -21,6 +20,9 @@ _REFUSED_SECTIONS = {
     "initial_equations": "initial equation",
     "initial_assert_equations": "initial assert",
 }
+
+
+_AS_DECLARED = ("binding", "start", "nominal", "min", "max", "unit", "quantity", "description")
 
 
 class UnsupportedError(InputError):
@@ -43,7 +45,7 @@ class Variable:
         ``constant``, ``parameter``, ``discrete`` or ``continuous``.
     causality : str
         ``input``, ``output`` (of the model itself) or ``local``.
-    binding, start, nominal, minimum, maximum : dict or None
+    binding, start, nominal, min, max : dict or None
         Expression trees.
     unit, quantity, description : str or None
         As declared.
@@ -63,8 +65,8 @@ class Variable:
     binding: Node | None
     start: Node | None
     nominal: Node | None
-    minimum: Node | None
-    maximum: Node | None
+    min: Node | None
+    max: Node | None
     unit: str | None
     quantity: str | None
     description: str | None
@@ -123,9 +125,7 @@ def flat_model(tree: Node, name: str, sources: SourceMap) -> FlatModel:
     """
     for key, construct in _REFUSED_SECTIONS.items():
         if tree[key]:
-            raise UnsupportedError(
-                f"{sources.location(_first_span(tree[key]))}: {name}: '{construct}' is not supported"
-            )
+            raise UnsupportedError(f"{name}: '{construct}' is not supported")
     if tree["is_partial"]:
         place = next((v["source_span"] for v in tree["variables"].values()), None)
         raise UnsupportedError(f"{sources.location(place)}: {name}: the model is partial")
@@ -147,20 +147,6 @@ def flat_model(tree: Node, name: str, sources: SourceMap) -> FlatModel:
         functions=functions,
         sources=sources,
     )
-
-
-def _first_span(items: Any) -> Node | None:
-    stack = [items]
-    while stack:
-        node = stack.pop(0)
-        if isinstance(node, dict):
-            span = node.get("span")
-            if isinstance(span, dict):
-                return span
-            stack.extend(node.values())
-        elif isinstance(node, list):
-            stack.extend(node)
-    return None
 
 
 def _tag(value: str | Node) -> str:
@@ -187,22 +173,15 @@ def _variables(tree: Node, model: str, sources: SourceMap, sampled: set[str]) ->
             causality = "output"
         variables.append(
             Variable(
-                name=name,
-                dims=tuple(raw["dims"]),
-                type=kind,
-                variability=variability,
-                causality=causality,
-                binding=raw["binding"],
-                start=raw["start"],
-                nominal=raw["nominal"],
-                minimum=raw["min"],
-                maximum=raw["max"],
-                unit=raw["unit"],
-                quantity=raw["quantity"],
-                description=raw["description"],
+                name,
+                tuple(raw["dims"]),
+                kind,
+                variability,
+                causality,
                 fixed=None if raw["fixed"] is None else tuple(raw["fixed"]),
                 final=bool(tree["variable_final_flags"].get(name)),
                 span=raw["source_span"],
+                **{key: raw[key] for key in _AS_DECLARED},
             )
         )
     return variables
@@ -232,11 +211,8 @@ def _assertions(tree: Node, model: str, sources: SourceMap) -> Iterator[AssertEq
     for equation in tree["assert_equations"]:
         message = equation["message"].get("Literal", {}).get("value", {}).get("String")
         if message is None or equation["level"] is not None:
-            construct = (
-                "assert with a message that is no literal" if message is None else "assert with a level"
-            )
             place = sources.location(equation["span"])
-            raise UnsupportedError(f"{place}: {model}: '{construct}' is not supported")
+            raise UnsupportedError(f"{place}: {model}: expected an assert with a literal message alone")
         yield AssertEquation(equation["condition"], message)
 
 

@@ -18,12 +18,6 @@ from lpfcosim.modelica.flat_model import FlatModel, flat_model
 from lpfcosim.modelica.sources import SourceMap, package_files, used_libraries
 
 _PLACE = re.compile(r" ?\[([^\[\]]*):(\d+):\d+\]")  # file, line and column, as rumoca writes them
-_SPAN = re.compile(r"SourceId\((\d+)\), start: BytePos\((\d+)\)")
-_STAGES = re.compile(
-    r"^((\w+ failed: )?\S+ (failed in \w+|could not be compiled): |parse error: "
-    r"|canonical DAE construction rejected an invalid operation: |unsupported Flat semantic owner `[^`]*`: )+"
-)
-_NAMELESS = re.compile(r"unresolved .*'([\w.]+)'")
 
 
 def flatten(package: Path, model: str) -> FlatModel:
@@ -75,29 +69,14 @@ def _silence() -> Iterator[None]:
         os.close(null)
 
 
-def _located(rumoca: Any, sources: SourceMap, error: str) -> tuple[str | None, str]:
-    """Return place and sentence of an error of the front end."""
-    # A syntax error comes without its file; ask for each file alone.
+def _located(rumoca: Any, sources: SourceMap, error: str) -> tuple[str, str]:
+    """Return place and sentence of an error of the front end, whose syntax errors name no file."""
     for file in sources.files:
         for diagnostic in rumoca.validate_source(file.read_text(encoding="utf-8"), filename=str(file)):
             if diagnostic.rule == "syntax-error":
                 text = str(diagnostic.message).partition("×")[2].partition("╭")[0].replace("│", " ")
-                return f"{file}:{_line(diagnostic)}", _STAGES.sub("", " ".join(text.split()))
-    message = " ".join(_STAGES.sub("", error.splitlines()[0]).split())
-    if match := _PLACE.search(message):
-        return f"{match[1]}:{match[2]}", _PLACE.sub("", message)
-    if match := _SPAN.search(message):
-        detail = re.search(r'detail: "([^"]*)"', message)
-        place = sources.location({"source": int(match[1]), "start": int(match[2])})
-        return place, detail[1] if detail else message
-    if match := _NAMELESS.search(message):
-        for file in sources.files:
-            for number, line in enumerate(file.read_text(encoding="utf-8").splitlines(), start=1):
-                if re.search(rf"\b{re.escape(match[1])}\b", line):
-                    return f"{file}:{number}", message
-    return None, message.partition("; unknowns[")[0]
-
-
-def _line(diagnostic: Any) -> Any:
-    match = _PLACE.search(str(diagnostic.message))
-    return match[2] if match else diagnostic.line
+                place = _PLACE.search(str(diagnostic.message))
+                return f"{file}:{place[2] if place else diagnostic.line}", " ".join(text.split())
+    message = " ".join(error.splitlines()[0].split()).partition("; unknowns[")[0]
+    match = _PLACE.search(message)
+    return f"{match[1]}:{match[2]}" if match else "", _PLACE.sub("", message)

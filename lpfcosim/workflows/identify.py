@@ -1,5 +1,6 @@
 """Parameters of the FMUs in the loop, estimated from telemetry by simulating the loop with trial values."""
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack, closing, nullcontext
 from dataclasses import dataclass, replace
@@ -230,7 +231,7 @@ def free_parameter(target: Target) -> FreeParameter:
     """
     request, place = target.request, f"identify.{target.name}"
     start, width = request.start, request.width
-    low, high = request.bounds or target.limits
+    low, high = request.bounds or (-math.inf, math.inf)
     if "." in target.name:  # of an FMU
         start = target.default_value if start is None else start
         if width is None and not start:

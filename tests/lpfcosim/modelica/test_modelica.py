@@ -110,8 +110,8 @@ def test_affine_systems_are_recognised(tmp_path):
 
 
 REFUSED = {
-    "algorithm section": ("Real x; input Real u;\nalgorithm\n  x := u;", 3),
-    "initial equation": ("Real x; input Real u;\ninitial equation\n  x = 3;\nequation\n  der(x) = u;", 3),
+    "algorithm section": ("Real x; input Real u;\nalgorithm\n  x := u;", None),
+    "initial equation": ("Real x; input Real u;\ninitial equation\n  x = 3;\nequation\n  der(x) = u;", None),
     "elsewhen": ("discrete Real x; input Real u;\nequation\n  when sample(0, 0.1) then\n    x = u;\n"
                  "  elsewhen u > 1 then\n    x = 2;\n  end when;", 5),
     "nonlinear equation for x": ("output Real x; input Real u;\nequation\n  x^3 + x = u;", 3),
@@ -152,10 +152,10 @@ FOREIGN = 'function f\n  input Real x; output Real y;\n  external "C" y = foo(x)
 @pytest.mark.parametrize(
     ("text", "sentence"),
     [
-        (f"{OUTPUT}equation\n  x = nowhere;", r"Test\.mo:3: M: unresolved component reference: 'nowhere'$"),
+        (f"{OUTPUT}equation\n  x = nowhere;", r"Test\.mo: M: .*unresolved component reference: 'nowhere'$"),
         (
             f"{OUTPUT}equation\n  x = 1;\n  x = 2;",
-            r"M: unbalanced model: 2 equations, 1 unknowns \(bal.* 1\)$",
+            r"M: .*unbalanced model: 2 equations, 1 unknowns \(bal.* 1\)$",
         ),
         ("model M\n  Real x\nequation\n  x = 1;", r"Test\.mo:2: M: unexpected"),
         ("partial model M\n  Real x;", r"Test\.mo:2: M: the model is partial"),
