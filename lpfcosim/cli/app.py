@@ -55,12 +55,7 @@ def _main(
     help_without_command(context)
 
 
-@app.command(
-    epilog=examples(
-        "lpfcosim new mine.toml",
-        "lpfcosim new --map mission.toml           a map of archives to fill in",
-    )
-)
+@app.command(epilog=examples("lpfcosim new mine.toml"))
 def new(
     name: Annotated[
         Path | None,
@@ -144,13 +139,7 @@ def forecast(
     console.show_result(expected, warnings=expected.warnings)
 
 
-@app.command(
-    epilog=examples(
-        "lpfcosim run campaigns/quickstart.toml",
-        "lpfcosim run mine.toml --out tuesday --jobs 2",
-        "lpfcosim run mine.toml --json | jq .joint.parameters.lambda_2",
-    )
-)
+@app.command(epilog=examples("lpfcosim run mine.toml --out tuesday --jobs 2"))
 def run(
     campaign: CampaignFile,
     out: Out = None,
@@ -197,12 +186,7 @@ def run(
     console.show_calibration(calibration)
 
 
-@app.command(
-    epilog=examples(
-        "lpfcosim montecarlo mine.toml -n 100 --redraw",
-        "lpfcosim montecarlo mine.toml -n 1000 --scheduler tcp://HOST:8786",
-    )
-)
+@app.command(epilog=examples("lpfcosim montecarlo mine.toml -n 100 --redraw"))
 def montecarlo(
     campaign: CampaignFile,
     n: Annotated[int, typer.Option("-n", min=2, metavar="N", help="Number of campaigns.")] = 200,
@@ -255,12 +239,7 @@ def montecarlo(
     study.check_valid()
 
 
-@app.command(
-    epilog=examples(
-        "lpfcosim design mine.toml",
-        "lpfcosim design mine.toml --out better.toml --json",
-    )
-)
+@app.command(epilog=examples("lpfcosim design mine.toml --out better.toml --json"))
 def design(
     campaign: CampaignFile,
     out: Annotated[
@@ -287,9 +266,7 @@ def design(
     console.show(f"{designed.path}: written; simulate it with: lpfcosim run {designed.path}")
 
 
-@app.command(
-    epilog=examples("lpfcosim identify quickstart.toml", "lpfcosim identify mine.toml flight/*.h5 --out mine")
-)
+@app.command(epilog=examples("lpfcosim identify mine.toml flight/*.h5 --out mine"))
 def identify(
     campaign: CampaignFile,
     paths: Annotated[

@@ -14,7 +14,6 @@ app = typer.Typer(
     epilog=examples("lpfcosim fmu list", "lpfcosim fmu build Plant Actuation --out here"),
     rich_markup_mode=None,
 )
-AsJson = Annotated[bool, typer.Option("--json", help="Print JSON.")]
 
 
 @app.callback(invoke_without_command=True)
@@ -56,24 +55,15 @@ def build(
         console.show(str(path))
 
 
-@app.command(name="list", epilog=examples("lpfcosim fmu list", "lpfcosim fmu list --json | jq .fmus[].path"))
-def list_(as_json: AsJson = False) -> None:
+@app.command(name="list", epilog=examples("lpfcosim fmu list"))
+def list_() -> None:
     """List the models and the paths of their FMUs, built or not."""
-    import json
-
     from lpfcosim.modelica import build as fmu_build
     from lpfcosim.models import fmu_names
 
-    results = [
-        {"model": model, "built": path.is_file(), "path": str(path)}
-        for model, path in fmu_build.locations(fmu_names()).items()
-    ]
-    if as_json:
-        print(json.dumps({"schema": "lpf-fmus/1", "fmus": results}, indent=1))
-        return
     width = max(map(len, fmu_names()))
-    for fmu in results:
-        print(f"{fmu['model']:{width}} {'built    ' if fmu['built'] else 'not built'} {fmu['path']}")
+    for model, path in fmu_build.locations(fmu_names()).items():
+        print(f"{model:{width}} {'built    ' if path.is_file() else 'not built'} {path}")
 
 
 @app.command(name="export-ssp", epilog=examples("lpfcosim fmu export-ssp mine.toml"))

@@ -18,45 +18,33 @@ from lpfcosim.execution import results_folder
 
 def write_mcmc(directory: Path, console: Console, *, steps: int, seed: int) -> tuple[list[str], str]:
     """Sample the posterior of a joint fit; return lines about it, and the content of mcmc.json."""
+    path = directory / "results.json"
     with console.stage("reading"):
         results, telemetries = refit.load(directory)
-    with results_folder.lock(directory):
-        return _sample(directory, results, telemetries, console, steps=steps, seed=seed)
-
-
-def _sample(
-    directory: Path,
-    results: Results,
-    telemetries: Sequence[Telemetry],
-    console: Console,
-    *,
-    steps: int,
-    seed: int,
-) -> tuple[list[str], str]:
-    path = directory / "results.json"
     for warning in results.joint.unsound if results.joint else ():
         console.warn(f"{path}: joint: {warning.message}")
-    with console.stage("fit"):
-        calibrated = _calibrate_again(results, telemetries, path)
-    joint = calibrated.joint
-    assert joint
-    if names := attenuation.iv_parameters(joint) | {*(calibrated.provenance.scatter or {})}:
-        console.note(
-            f"sampled by least squares, without instrumental variables, with the widths of the fit: "
-            f"{', '.join(sorted(names))}"
-        )
-    with console.counted("autocorrelation times", MIN_LENGTH) as progress:
-        chain = sample(calibrated, steps=steps, seed=seed, progress=progress)
-    summary = chain.summary(calibrated)
-    text = atomic.write_json(directory / "mcmc.json", summary)
-    with console.stage("figure"):
-        from fit.plotting import studies, write  # takes its time
+    with results_folder.lock(directory):
+        with console.stage("fit"):
+            calibrated = _calibrate_again(results, telemetries, path)
+        joint = calibrated.joint
+        assert joint
+        if names := attenuation.iv_parameters(joint) | {*(calibrated.provenance.scatter or {})}:
+            console.note(
+                "sampled by least squares, without instrumental variables, with the widths of the fit: "
+                + ", ".join(sorted(names))
+            )
+        with console.counted("autocorrelation times", MIN_LENGTH) as progress:
+            chain = sample(calibrated, steps=steps, seed=seed, progress=progress)
+        summary = chain.summary(calibrated)
+        text = atomic.write_json(directory / "mcmc.json", summary)
+        with console.stage("figure"):
+            from fit.plotting import studies, write  # takes its time
 
-        (directory / "figures").mkdir(exist_ok=True)
-        write(directory / "figures", "corner", studies.corner_plot, chain, joint)
+            (directory / "figures").mkdir(exist_ok=True)
+            write(directory / "figures", "corner", studies.corner_plot, chain, joint)
+        with console.stage("report"):
+            page = fit_report.write_report(directory, results, telemetries)
     shift = max(abs(p["shift_in_sigma"]) for p in summary["parameters"].values())
-    with console.stage("report"):
-        page = fit_report.write_report(directory, results, telemetries)
     lines = [
         f"{chain.steps} steps of {summary['walkers']} walkers, autocorrelation time up to "
         f"{max(chain.tau):.0f} steps; means within {shift:.2g} sigma of the joint fit",

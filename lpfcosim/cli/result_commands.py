@@ -26,14 +26,7 @@ from lpfcosim.cli.options import (
 app = typer.Typer(rich_markup_mode=None)
 
 
-@app.command(
-    epilog=examples(
-        "lpfcosim fit quickstart --out again",
-        "lpfcosim fit flight/*.h5 --settings fit.toml --json",
-        "lpfcosim fit quickstart --fix lambda_2=1.0776 --tie alpha_phi_1=alpha_phi_2",
-        "lpfcosim fit noise/ --calibration quickstart",
-    )
-)
+@app.command(epilog=examples("lpfcosim fit flight/*.h5 --settings fit.toml --fix C_1=0.149"))
 def fit(
     paths: Paths,
     out: Out = None,
@@ -96,9 +89,7 @@ def report(directory: Directory, quiet: Quiet = False) -> None:
     console.show(f"report: {path}")
 
 
-@app.command(
-    epilog=examples("lpfcosim figures quickstart", "lpfcosim figures quickstart stiffness A1-spectra")
-)
+@app.command(epilog=examples("lpfcosim figures quickstart stiffness A1-spectra"))
 def figures(
     directory: Directory,
     names: Figures = None,
@@ -116,9 +107,7 @@ def figures(
     console.show(f"{n_figures} figures: {directory / 'figures'}")
 
 
-@app.command(
-    epilog=examples("lpfcosim deltag quickstart", "lpfcosim deltag flight/*.h5 --calibration quickstart")
-)
+@app.command(epilog=examples("lpfcosim deltag flight/*.h5 --calibration quickstart"))
 def deltag(
     paths: Paths,
     calibration: Calibration = None,
@@ -139,13 +128,7 @@ def deltag(
         console.show(str(path))
 
 
-@app.command(
-    epilog=examples(
-        "lpfcosim compare quickstart again",
-        "lpfcosim compare quickstart quickstart/identified.json",
-        "lpfcosim compare quickstart again --json | jq .joint.lambda_2.differences",
-    )
-)
+@app.command(epilog=examples("lpfcosim compare quickstart again --json | jq .joint.lambda_2.differences"))
 def compare(
     paths: Annotated[
         list[Path],
@@ -169,13 +152,7 @@ def compare(
     console.show(str(comparison), json=comparison.to_json())
 
 
-@app.command(
-    epilog=examples(
-        "lpfcosim jitter lisa --out manoeuvre.h5",
-        "lpfcosim jitter lisa --noise --out noise.h5",
-        "lpfcosim jitter sc1.h5 sc2.h5 sc3.h5 --out j.h5",
-    )
-)
+@app.command(epilog=examples("lpfcosim jitter sc1.h5 sc2.h5 sc3.h5 --out j.h5"))
 def jitter(
     paths: Annotated[
         list[Path],
@@ -202,11 +179,7 @@ def jitter(
     console.show(str(out))
 
 
-@app.command(
-    epilog=examples(
-        "lpfcosim ttl manoeuvre.h5 --noise noise.h5", "lpfcosim ttl manoeuvre.h5 --out again --json"
-    )
-)
+@app.command(epilog=examples("lpfcosim ttl manoeuvre.h5 --noise noise.h5"))
 def ttl(
     measurements: Annotated[
         Path,
