@@ -5,6 +5,7 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from typing import Any, ClassVar
 
+from fit.forecasting import expected_fit
 from fit.parallel import one_blas_thread
 from fit.settings import settings
 from fit.tables import Table
@@ -18,7 +19,7 @@ from lpfcosim.models import model_of
 from lpfcosim.planned_experiments import check_parameters
 from lpfcosim.spacecraft import Run
 from lpfcosim.workflows.campaigns import CampaignLike, resolve
-from lpfcosim.workflows.forecast import Forecast, forecast_or_reason
+from lpfcosim.workflows.forecast import Forecast, expected_results
 from lpfcosim.workflows.result import Columns, Result, Row, by_name, finite
 from lpfcosim.workflows.ttl_forecast import expected_ttl_sigmas
 
@@ -214,16 +215,20 @@ def check(campaign: CampaignLike) -> CampaignCheck:
         fit_settings = settings(plan.fit, "fit")
         validated = validation.validate(plan)
         valid, constraints, warnings = not validated.doubts, fit_settings.constraints, validated.warnings
+        check_parameters(plan, fit_settings.without_fmu_parameters())
         try:
-            if plan.replacements:
-                check_parameters(plan, fit_settings.without_fmu_parameters())
             validation.check_linear_model(plan, "stability, margins, peaks and forecast are")
         except UnavailableError as error:
             warnings = (*warnings, error.reason, *fmus.trust_needed(plan))
             return CampaignCheck(plan, valid, None, None, {}, {}, error.reason, constraints, warnings)
-        margins = Margins(plan.name, tuple(loop_margins.margins(plan.runs[0])))
-        forecast, reason = forecast_or_reason(plan, fit_settings)
-        warnings = (*warnings, *((reason,) if forecast is None else forecast.warnings))
+        margins, forecast = Margins(plan.name, tuple(loop_margins.margins(plan.runs[0]))), None
+        try:
+            forecast = expected_results(plan, fit_settings)
+            warnings = (*warnings, *forecast.warnings)
+        except UnavailableError as error:
+            warnings = (*warnings, error.reason)
+        except (expected_fit.NoneTakesPartError, expected_fit.NoiselessError) as error:
+            warnings = (*warnings, f"no forecast: {error}")
         sigmas, peaks = expected_ttl_sigmas(plan), _peaks(plan)
         return CampaignCheck(plan, valid, margins, forecast, sigmas, peaks, None, constraints, warnings)
 

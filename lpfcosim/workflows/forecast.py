@@ -15,11 +15,11 @@ from fit.settings import Settings, settings
 from fit.tables import FIXED
 from fit.units import campaign_unit
 from lpfcosim.campaign import Campaign
-from lpfcosim.errors import UnavailableError, prefix_errors
+from lpfcosim.errors import prefix_errors
 from lpfcosim.execution import validation
 from lpfcosim.messages import grouped
 from lpfcosim.models import DELTA_G
-from lpfcosim.planned_experiments import LISA, check_parameters, planned_experiments, planned_noise_runs
+from lpfcosim.planned_experiments import LISA, planned_experiments, planned_noise_runs
 from lpfcosim.workflows.campaigns import CampaignLike, resolve
 from lpfcosim.workflows.result import Columns, Result, Row
 
@@ -137,18 +137,20 @@ def forecast(campaign: CampaignLike) -> Forecast:
     with prefix_errors(source):
         fit_settings = settings(plan.fit, "fit")
         validation.check_linear_model(plan, "a forecast is", "lpfcosim run gives the sigmas of its fit")
-        validation.check_equation(plan, "a forecast is", DELTA_G, LISA)
         return expected_results(plan, fit_settings, validation.validate(plan).doubts)
 
 
-def expected_results(plan: Campaign, fit_settings: Settings, doubts: tuple[str, ...]) -> Forecast:
+def expected_results(plan: Campaign, fit_settings: Settings, doubts: tuple[str, ...] = ()) -> Forecast:
     """Return the forecast of a validated campaign, with the doubts about it among its warnings.
 
     Raises
     ------
+    UnavailableError
+        If there is no equation of motion for the spacecraft.
     NoneTakesPartError, NoiselessError
         If no run takes part in the joint fit, or there is no noise.
     """
+    validation.check_equation(plan, "a forecast is", DELTA_G, LISA)
     gain_scatter = dict.fromkeys(("lambda_1", "lambda_2"), plan.truth.lambda_scatter)
     joint = expected_fit.expected_fit(planned_experiments(plan), fit_settings, gain_scatter)
     inertial = expected_euler_fit.expected_periods(
@@ -158,31 +160,3 @@ def expected_results(plan: Campaign, fit_settings: Settings, doubts: tuple[str, 
     messages = [*distinct_messages(joint.warnings), *grouped(of_periods, "inertial period")]
     constraints = fit_settings.without_fmu_parameters().constraints
     return Forecast(joint, inertial, constraints, (*doubts, *messages), plan.digest)
-
-
-def forecast_or_reason(plan: Campaign, fit_settings: Settings) -> tuple[Forecast | None, str]:
-    """Return the forecast of a validated campaign, or None and the reason why there is none.
-
-    Raises
-    ------
-    InputError
-        If the settings of the fit do not suit the campaign, such as an unknown parameter.
-    FitError
-        If the fit would not yield any estimate.
-    """
-    try:
-        validation.check_equation(plan, "a forecast is", DELTA_G, LISA)
-        check_parameters(plan, fit_settings.without_fmu_parameters())
-        validation.check_linear_model(plan, "a forecast is")
-        return expected_results(plan, fit_settings, ()), ""
-    except UnavailableError as error:
-        return None, error.reason
-    except expected_fit.NoiselessError as error:
-        return None, f"no forecast: {error}"
-    except expected_fit.NoneTakesPartError:
-        if any(run.kind == "sysid" for run in plan.runs):
-            return None, "no forecast: no sysid run takes part in the joint fit, one of 6 h or more would"
-        return None, (
-            "no sysid run: run will write the telemetry and find nothing to calibrate with; fit it beside an "
-            "earlier calibration"
-        )

@@ -110,7 +110,7 @@ def simulate_into(
         for name in ("results.json", "report.html") if options.rerun else ():
             (directory / name).unlink(missing_ok=True)
         third_party = {r.model: copies[r.model] for r in plan.replacements}
-        _write_campaign(plan, directory, third_party, progress)
+        _write_campaign(plan, source, directory, third_party, progress)
 
     with ExitStack() as stack:
         with prefix_errors(source):
@@ -134,14 +134,11 @@ def failure_causes(simulated: runner.SimulationResult) -> list[str]:
 
 
 def _write_campaign(
-    plan: Campaign,
-    directory: Path,
-    fmus: Mapping[str, Path],
-    progress: Progress,
+    plan: Campaign, source: Path | None, directory: Path, fmus: Mapping[str, Path], progress: Progress
 ) -> None:
     """Write the campaign and its third-party FMUs to the folder, if its file describes it as it is."""
     path = directory / results_folder.CAMPAIGN
-    if is_described_by_file(plan, fmus):
+    if source or is_described_by_file(plan, fmus):
         results_folder.write_provenance(directory, plan.tables, fmus)
     else:
         path.unlink(missing_ok=True)
