@@ -16,10 +16,12 @@ from fit import results as fit_results
 from fit.crosstalk import euler_fit
 from fit.errors import FitError, InputError, shown
 from fit.files import is_file, refuse_links
-from fit.fitting import parameter_values, user_params
+from fit.fitting import constraints, parameter_values
 from fit.forecasting import coverage
+from fit.model import Sharing
 from fit.results import Provenance, Results, check_results, results_file, telemetry_files
 from fit.settings import ParameterSettings, refuse_fmu_parameters, settings
+from fit.spacecraft import spacecraft_of
 from fit.telemetry import Telemetry, check_runs, conversion, read_all, short_paths
 from fit.tilt_to_length import Measurements, read_measurements, subtraction_spectra, ttl_fit
 
@@ -91,7 +93,14 @@ def make_params(runs: Sequence[Telemetry], **options: object) -> lmfit.Parameter
         If a setting is not known, or runs have neither injections nor inertial forces to fit.
     """
     check_runs(runs, "make_params")
-    return user_params.make_params(runs, settings(options, "make_params"), euler_fit.angles(runs))
+    sharing = Sharing(settings(options, "make_params").shared)
+    driven = [(run, spacecraft_of(run).channels(run).parameters) for run in runs if run.kind == "sysid"]
+    parameters = [*(sharing.parameters(driven) if driven else ()), *euler_fit.angles(runs)]
+    if not parameters:
+        raise InputError(
+            "make_params: no run of kind 'sysid' and no long noise run with torques, expected at least one"
+        )
+    return constraints.params(parameters)
 
 
 def calibrate(
@@ -143,7 +152,7 @@ def calibrate(
     if params is not None:
         if "parameters" in options:
             raise InputError("calibrate: both params and parameters, expected one of them")
-        options["parameters"] = user_params.as_settings(params)
+        options["parameters"] = constraints.table(params)
     fit_settings = settings(options, "calibrate")
     refuse_fmu_parameters(fit_settings, "calibrate: parameters")
     results = pipeline.calibrate(short_paths(runs), fit_settings)
@@ -189,7 +198,7 @@ def calibrate_inertial(
     if params is not None:
         if parameters is not None:
             raise InputError("calibrate_inertial: both params and parameters, expected one of them")
-        options = {"parameters": user_params.as_settings(params)}
+        options = {"parameters": constraints.table(params)}
         parameters = settings(options, "calibrate_inertial").parameters
     return coverage.with_truth(pipeline.calibrate_inertial(short_paths(runs), results, parameters), runs)
 

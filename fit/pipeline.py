@@ -12,10 +12,10 @@ from typing import NamedTuple
 from fit.campaign import Campaign, fit_single, participation
 from fit.checks import apply, as_fit, checked, residual
 from fit.consistency import ConsistentFit, explain_findings, fit_consistent_runs
-from fit.crosstalk import attenuation, coupling_constraints, crosstalk_fit, euler_fit, inertial
+from fit.crosstalk import attenuation, crosstalk_fit, euler_fit, inertial
 from fit.errors import FitError, InputError
 from fit.findings import Finding
-from fit.fitting import IRLSResult, constraint_test, constraints, constraints_of, fit_joint
+from fit.fitting import IRLSResult, constraint_test, constraints, fit_joint, names_of
 from fit.model import Sharing
 from fit.parallel import one_blas_thread, parallel_map, progress_stage
 from fit.requirements import TAPER
@@ -135,7 +135,7 @@ def fit_jointly(campaign: Campaign, chosen: Settings) -> tuple[Campaign, JointFi
         outcome = replace(fit, data_driven=outcome.data_driven)
     has_couplings = any(e.sysid.channels.means for e in agreed.experiments)
     correction = attenuation.correct_attenuation(outcome, agreed.experiments) if has_couplings else None
-    test = coupling_constraints.check_constraints(outcome, agreed.outcome, agreed.experiments, correction)
+    test = constraint_test.refit_unconstrained(outcome, reference=agreed.outcome)
     return campaign, JointFit(agreed, outcome, correction, test)
 
 
@@ -144,7 +144,7 @@ def fit_singly(campaign: Campaign, chosen: Settings) -> dict[str, Fit | Finding]
 
     def fit_one(e: Experiment) -> Fit | Finding:
         judged = single = campaign.fits[e.name]
-        if constraints_of(e, chosen.parameters):  # these may be wrong
+        if names_of(e).keys() & chosen.parameters.keys():  # these may be wrong
             single = fit_single(e, chosen, judged)
         if isinstance(single, FitError) or isinstance(judged, FitError):
             error = judged if isinstance(judged, FitError) else single
@@ -152,7 +152,7 @@ def fit_singly(campaign: Campaign, chosen: Settings) -> dict[str, Fit | Finding]
         fit = as_fit(single, [e])
         of_data = fit if judged is single else as_fit(judged, [e])
         findings = [*campaign.of_run(e.name), *(residual.of_experiment(e.name, of_data) if e.noise else ())]
-        findings += constraint_test.refit_unconstrained(single, reference=judged).warnings()
+        findings += constraint_test.refit_unconstrained(single, reference=judged).warnings
         return replace(fit, diagnostics=variance.diagnose(e, single)).add(findings)
 
     every = campaign.experiments
@@ -170,7 +170,7 @@ def assemble(
             raise FitError("; ".join(failure.message for failure in failures))
         fits = {name: fit.add(failures) for name, fit in fits.items()}
         return Results(None, fits, {}, {}, provenance(campaign, joint, chosen))
-    fit = as_fit(joint.outcome, joint.agreed.experiments).add([*joint.test.warnings(), *campaign.of_joint])
+    fit = as_fit(joint.outcome, joint.agreed.experiments).add([*joint.test.warnings, *campaign.of_joint])
     # of those that are left out is said what is wrong
     fit = fit.add(failure for failure in failures if failure.run not in campaign.faulty)
     codes = {finding.code for finding in fit.warnings}

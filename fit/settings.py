@@ -85,29 +85,16 @@ class ParameterSettings(Table):
     @property
     def is_constraint(self) -> bool:
         """Whether it says more than where a fit starts."""
-        return not self.is_only_bounded or self.limits != _UNBOUNDED
+        return bool(str(self))
 
-    @property
-    def is_only_bounded(self) -> bool:
-        """Whether it constrains by bounds at most."""
-        return self.vary and self.expr is None and self.prior is None
-
-    def describe(self, name: str, value: float | None = None) -> str:
-        """Return the constraint of a parameter in words; `value` is that of a fixed one, if it is known."""
-        if self.expr:
-            return f"{name} = {self.expr}"
-        if not self.vary:
-            value = self.value if value is None else value
-            return f"{name} fixed at {'its flight value' if value is None else f'{value:.9g}'}"
-        low, high = self.limits
-        words = []
-        if self.prior:
-            words.append(f"with the prior {prior_text(*self.prior)}")
-        if math.isfinite(low) and math.isfinite(high):
-            words.append(f"between {low:.9g} and {high:.9g}")
-        elif self.limits != _UNBOUNDED:
-            words.append(f"at least {low:.9g}" if math.isfinite(low) else f"at most {high:.9g}")
-        return f"{name} {' and '.join(words)}"
+    def __str__(self) -> str:
+        if self.expr or not self.vary:
+            return f"tied to {self.expr}" if self.expr else "fixed"
+        words = [f"prior {prior_text(*self.prior)}"] if self.prior else []
+        if self.limits != _UNBOUNDED:
+            low, high = (f"{x:.9g}" if math.isfinite(x) else "" for x in self.limits)
+            words.append(f"bounds {low}:{high}")
+        return ", ".join(words)
 
     def record(self) -> dict[str, Any]:
         """Return what is not the default, as a table."""
@@ -167,7 +154,10 @@ class Settings(Table):
     @property
     def constraints(self) -> tuple[str, ...]:
         """The constraints in words."""
-        return tuple(p.describe(name) for name, p in self.parameters.items() if p.is_constraint)
+        stated = {name: p for name, p in self.parameters.items() if p.is_constraint}
+        values = {name: p.value for name, p in stated.items() if not p.vary and p.value is not None}
+        at = {name: f" at {value:.9g}" for name, value in values.items()}
+        return tuple(f"{name} {p}{at.get(name, '')}" for name, p in stated.items())
 
     @property
     def fmu_parameters(self) -> list[str]:

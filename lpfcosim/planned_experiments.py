@@ -62,7 +62,7 @@ def check_parameters(campaign: Campaign, settings: Settings) -> None:
         divide(experiments, settings)
     if experiments and settings.parameters:
         parameters, _, _ = joint_parameters(experiments, settings)
-        expected_fit.constraints_of_joint(settings, parameters)
+        expected_fit.joint_params(settings, parameters)
 
 
 def _still(run: Run) -> dict[str, Array]:

@@ -18,7 +18,7 @@ def find(outcome: IRLSResult, _: Sequence[Experiment], *__: object) -> list[Find
         if isinstance(block, CorrectedRun):
             scores = block.noise_products @ block.coefficients(theta)
             shift += block.gradient(theta).T @ scores
-    pulls = outcome.solution.covariance @ shift / outcome.solution.sigma
+    pulls = outcome.solution.in_sigma(outcome.solution.covariance @ shift)
     names = tuple(p.name for p, x in zip(outcome.parameters, pulls, strict=True) if abs(x) > NOTABLE)
     if not names:
         return []

@@ -3,7 +3,6 @@
 __all__ = [
     "attenuation",
     "centrifugal",
-    "coupling_constraints",
     "crosstalk_fit",
     "euler_fit",
     "inertial",

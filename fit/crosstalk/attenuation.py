@@ -11,7 +11,7 @@ from fit.crosstalk import instrumental_variables, readout_noise
 from fit.crosstalk.fitted_run import FittedRun, fitted_runs
 from fit.crosstalk.noise_share import noise_share
 from fit.findings import Finding
-from fit.fitting import IRLSResult
+from fit.fitting import IRLSResult, prior_rows
 from fit.model import dynamics
 from fit.parallel import parallel_map
 from fit.results import Estimate, Fit
@@ -75,8 +75,9 @@ def correct_attenuation(outcome: IRLSResult, experiments: Sequence[Experiment]) 
     runs = fitted_runs(outcome, experiments)
     floors = parallel_map(readout_noise.noise_psd, [run.experiment.sysid for run in runs])
     uncorrected_shift = shift = expected_shift(outcome, runs, floors)
-    in_sigma = zip(outcome.parameters, (uncorrected_shift / outcome.solution.sigma).tolist(), strict=True)
-    shifts = {p.name: value for p, value in in_sigma if not abs(value) < NEGLIGIBLE}
+    in_sigma = outcome.solution.in_sigma(uncorrected_shift).tolist()
+    names_in_sigma = zip(outcome.parameters, in_sigma, strict=True)
+    shifts = {p.name: value for p, value in names_in_sigma if not abs(value) < NEGLIGIBLE}
     corrected, names = instrumental_variables.estimate(outcome, runs, shifts)
     if names:
         shift = expected_shift(corrected, runs, floors, names)
@@ -113,7 +114,7 @@ def expected_shift(
     """
     theta = outcome.solution.theta
     width = np.array([p.prior_sigma for p in outcome.parameters])
-    prior = outcome.conditional_prior.rows
+    prior = prior_rows(outcome.result.params)[0]
     H, H_n = prior.T @ prior, np.zeros((theta.size, theta.size))
     clean = np.array([p.name in corrected for p in outcome.parameters])
     for w, floor in zip(runs, floors, strict=True):
@@ -126,11 +127,13 @@ def expected_shift(
                 if dynamics.CROSS_TALK.get(name, ("", 0))[0] == mean and not to_run[i, clean].any():
                     rows[:, i] = (-((2 * np.pi * terms.f) ** 2)) ** (dynamics.CROSS_TALK[name][1] // 2)
             H_n += to_run.T @ (rows.T * (S_n * weight)) @ rows @ to_run
-    share, directions = noise_share(H, H_n, width)
-    components = width[:, None] * directions * np.linalg.solve(directions, theta / width)
+    share, directions = noise_share(H, H_n, width, outcome.free)
+    directions = width[:, None] * directions
+    noise = directions * (directions.T @ H_n @ theta)  # of every direction in the estimates
     doubtful = share > MAX_NOISE_FRACTION
-    shift = -components[:, ~doubtful] @ (share / (1 - share))[~doubtful]
-    unknown = np.abs(components[:, doubtful]).sum(axis=1) > REPORTED * outcome.solution.sigma
+    shift = -noise[:, ~doubtful] @ (1 / (1 - share))[~doubtful]
+    components = np.abs(noise[:, doubtful] / share[doubtful]).sum(axis=1)
+    unknown = components > REPORTED * outcome.solution.sigma
     return np.where(unknown, np.nan, shift)
 
 
@@ -200,11 +203,12 @@ def correct_joint(joint: Fit, outcome: IRLSResult, corrected: AttenuationCorrect
     theta, sigma = outcome.solution.theta, outcome.solution.sigma
     solution, corrections = corrected.outcome.solution, {}
     for i, name in enumerate(p.name for p in outcome.parameters):
+        if name not in joint.parameters or joint.parameters[name].is_exact:
+            continue
         bias = float((theta[i] - solution.theta[i]) / sigma[i])
         remaining = float(np.nan_to_num(corrected.shift[i])) / sigma[i]
         is_shifted = not abs(corrected.uncorrected_shift[i]) < NEGLIGIBLE * sigma[i]
-        is_free = name in joint.parameters and not joint.parameters[name].is_exact
-        if is_free and is_shifted and max(abs(bias), abs(remaining)) > NEGLIGIBLE:
+        if is_shifted and max(abs(bias), abs(remaining)) > NEGLIGIBLE:
             sigma_ratio = float(np.hypot(max(solution.sigma[i] / sigma[i], 1.0), remaining))
             corrections[name] = IVCorrection(float(solution.theta[i] - theta[i]), bias, sigma_ratio)
     description = "estimated with instrumental variables, without the noise of the read-outs of motion"

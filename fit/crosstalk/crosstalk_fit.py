@@ -30,7 +30,7 @@ from fit.false_alarms import p_limit
 from fit.findings import Finding
 from fit.fitting import Heterogeneity, IRLSResult, heterogeneity, report
 from fit.model import Sharing, dynamics, inertial_forces, rotation
-from fit.results import Fit, Results
+from fit.results import Fit, Results, correlation_matrix
 from fit.whitening import Experiment
 
 Array = NDArray[np.float64]
@@ -219,7 +219,7 @@ def _attenuated(outcome: IRLSResult, shift: Array, names: Mapping[str, str], del
         + "; these coefficients subtract the motion best, but are biased as couplings: their sigmas include "
         "the expected bias, or are not given where it is unknown"
     )
-    if np.isfinite(shift[row]):
+    if np.isfinite(shift[row]) and not outcome.exact[row]:
         message += f"; {delta_ifo} moves by {shift[row] / sigma[row]:+.2f} sigma"
     return [Finding("attenuation_bias", message, parameters=tuple(biased))]
 
@@ -228,7 +228,7 @@ def _corrected(
     outcome: IRLSResult, correction: AttenuationCorrected, names: Mapping[str, str]
 ) -> list[Finding]:
     """Report which coefficients instrumental variables estimate, and at what cost in sigma."""
-    cost = correction.outcome.solution.sigma / outcome.solution.sigma
+    cost = outcome.solution.in_sigma(correction.outcome.solution.sigma)
     cost_of = {
         names[p.name]: float(cost[i])
         for i, p in enumerate(outcome.parameters)
@@ -249,9 +249,7 @@ def _corrected(
 def _correlation(outcome: IRLSResult, names: Mapping[str, str], delta_ifo: str) -> Finding:
     """Report how the coefficients correlate with the leakage of x_1 in the same epoch."""
     all_names = [p.name for p in outcome.parameters]
-    sigma = outcome.solution.sigma
-    row = all_names.index(delta_ifo)
-    correlation = outcome.solution.covariance[row] / (sigma[row] * sigma)
+    correlation = correlation_matrix(outcome.solution.covariance)[all_names.index(delta_ifo)]
     with_couplings = {b: float(correlation[all_names.index(name)]) for name, b in names.items()}
     values = ", ".join(f"{value:+.2f} ({b})" for b, value in with_couplings.items())
     return Finding(

@@ -19,8 +19,11 @@ The centrifugal term counts as it follows from the rotation. To see whether it i
 its coefficient is estimated too, along with all others (`centrifugal`); the angles are those without it.
 """
 
+from __future__ import annotations
+
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,14 +31,7 @@ from numpy.typing import NDArray
 from fit.crosstalk import centrifugal, long_glitches, torque_noise
 from fit.errors import FitError
 from fit.findings import Finding
-from fit.fitting import (
-    Prior,
-    PriorSet,
-    constraint_test,
-    constraints,
-    iterate,
-    reported_estimates,
-)
+from fit.fitting import NullSpace, Prior, constraint_test, constraints, iterate
 from fit.model import Dynamics, angular_rate, dynamics, dynamics_of, inertial_forces, rotation
 from fit.parameters import Parameter, cross_talk_parameter, misalignments
 from fit.results import Estimate, Fit
@@ -50,6 +46,9 @@ from fit.whitening import (
     weights,
     whitened_run,
 )
+
+if TYPE_CHECKING:
+    import lmfit
 
 Array = NDArray[np.float64]
 
@@ -91,17 +90,18 @@ def is_angle(name: str) -> bool:
     return name.startswith(tuple(f"{angle}_" for angle in NAMES))
 
 
-def constraints_of_period(
-    settings: Mapping[str, ParameterSettings], period: str
-) -> dict[str, ParameterSettings]:
-    """Return the constraints of the angles of a period, by `NAMES`."""
-    return constraints.of_fit(settings, {f"{name}_{period}": name for name in NAMES})
+def params_of_period(
+    stated: Mapping[str, ParameterSettings] | None, period: str, parameters: Sequence[Parameter] = PARAMETERS
+) -> lmfit.Parameters:
+    """Return the parameters of a period as lmfit has them, with what is stated of its angles."""
+    return constraints.params(parameters, stated, {f"{name}_{period}": name for name in NAMES})
 
 
 def fit_period(
     runs: Sequence[Telemetry],
     joint: Fit,
-    settings: Mapping[str, ParameterSettings] | None = None,
+    period: str = "0",
+    stated: Mapping[str, ParameterSettings] | None = None,
     n_periods: int = 1,
 ) -> Fit:
     """Fit one inertial period.
@@ -112,8 +112,10 @@ def fit_period(
         Those of the period that `takes_part` accepts.
     joint : Fit
         The calibration of the dynamics.
-    settings : mapping of str to ParameterSettings, optional
-        Constraints of the angles, by `NAMES`.
+    period : str
+        Its name.
+    stated : mapping of str to ParameterSettings, optional
+        Constraints of parameters, the angles of the period among them.
     n_periods : int
         Number of periods of the campaign, in each of which the frame is tested.
 
@@ -126,11 +128,11 @@ def fit_period(
     """
     x_axis = common_x_axis(runs)
     weighings = [_EulerWeighing(run, joint) for run in runs]
-    outcome = iterate(weighings, PARAMETERS, weak_priors, settings=settings)
-    g_Omega = _centrifugal(weighings, settings)
+    outcome = iterate(weighings, PARAMETERS, params_of_period(stated, period), weak_priors=weak_priors)
+    g_Omega = _centrifugal(weighings, period, stated)
     solution = outcome.solution
     theta, covariance, is_noise = torque_noise.bias_corrected(outcome, weighings[0].correlation)
-    estimates, covariance = reported_estimates(outcome, dict(enumerate(NAMES)), theta, covariance)
+    estimates, covariance = outcome.estimates(dict(enumerate(NAMES)), theta, covariance)
     return Fit(
         parameters=estimates,
         covariance_matrix=covariance,
@@ -141,7 +143,7 @@ def fit_period(
             *_warnings([(w.name, warning) for w in weighings for warning in w.warnings]),
             *([torque_noise_warning()] if is_noise else []),
             *(centrifugal.frame_warnings(g_Omega, x_axis, n_periods)),
-            *constraint_test.refit_unconstrained(outcome).warnings(),
+            *constraint_test.refit_unconstrained(outcome).warnings,
         ),
         masked_samples=sum(w.missing for w in weighings),
         centrifugal=g_Omega,
@@ -275,24 +277,26 @@ class _EulerWeighing:
         return _WhitenedRotation(*common, calibration_error=calibration_error, disagreement=disagreement)
 
 
-def weak_priors(whitened_runs: Sequence[whitened_run.WhitenedRun], theta: Array, _: Array) -> PriorSet:
+def weak_priors(information: Array, free: Array) -> tuple[NullSpace, dict[int, Prior]]:
     """Return the weak priors of all but the angles, about zero."""
-    nuisance = [*PARAMETERS, centrifugal.EXCESS][len(NAMES) : theta.size]
-    H = whitened_run.information(whitened_runs, theta)
-    H += np.diag([0.0] * len(NAMES) + [p.prior_sigma**-2 for p in nuisance])
+    size = len(information)
+    nuisance = [*PARAMETERS, centrifugal.EXCESS][len(NAMES) : size]
+    H = information + np.diag([0.0] * len(NAMES) + [p.prior_sigma**-2 for p in nuisance])
+    H = free.T @ H @ free
     scale = np.sqrt(np.diag(H))
     if not np.all(scale > 0) or np.linalg.cond(H / np.outer(scale, scale)) > 1e12:
         raise FitError("the torques do not separate rotation about phi and eta; a run that turns is needed")
     priors = {i: Prior(0.0, p.prior_sigma) for i, p in enumerate(nuisance, len(NAMES))}
-    return PriorSet(priors, np.zeros(theta.size, dtype=bool), np.empty((0, theta.size)))
+    return NullSpace(np.zeros(size, dtype=bool), np.empty((0, size))), priors
 
 
 def _centrifugal(
-    weighings: Sequence[_EulerWeighing], settings: Mapping[str, ParameterSettings] | None
+    weighings: Sequence[_EulerWeighing], period: str, stated: Mapping[str, ParameterSettings] | None
 ) -> Estimate:
     """Estimate the coefficient of g_Omega, all else left free as well."""
     parameters = (*PARAMETERS, centrifugal.EXCESS)
-    outcome = iterate(weighings, parameters, weak_priors, settings=settings)
+    params = params_of_period(stated, period, parameters)
+    outcome = iterate(weighings, parameters, params, weak_priors=weak_priors)
     correlation = weighings[0].correlation
     covariance = outcome.solution.covariance + torque_noise.calibration_covariance(outcome, correlation)
     return Estimate(1 + float(outcome.solution.theta[-1]), float(np.sqrt(covariance[-1, -1])), "1")

@@ -66,8 +66,7 @@ def with_inertial(
         return results
 
     def fitted(period: str) -> tuple[str, Fit]:
-        angles = euler_fit.constraints_of_period(parameters, period)
-        fit = euler_fit.fit_period(periods[period], joint, angles, len(periods))
+        fit = euler_fit.fit_period(periods[period], joint, period, parameters, len(periods))
         return period, fit.add(joint.unsound)
 
     fits = dict(parallel_map(fitted, periods))

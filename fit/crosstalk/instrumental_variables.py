@@ -28,12 +28,13 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
 from fit.crosstalk import readout_noise
 from fit.crosstalk.fitted_run import FittedRun
 from fit.crosstalk.noise_share import noise_share
-from fit.fitting import IRLSResult, constraints, parameter_values
+from fit.fitting import IRLSResult, constraints, parameter_values, prior_rows, varying
 from fit.model import dynamics
 from fit.spectra import Spectrum, fit_noise, windowing
 from fit.whitening import whitened_run
@@ -256,7 +257,7 @@ def estimate(
         rejected = _noise_dominated(outcome, runs)
         if not rejected:
             solution = _solution(outcome, runs)
-            cost = solution.sigma / outcome.solution.sigma
+            cost = outcome.solution.in_sigma(solution.sigma)
             max_cost = [np.fmax(MAX_SIGMA_RATIO, abs(shifts.get(p.name, 0.0))) for p in outcome.parameters]
             rejected = {
                 mean.label
@@ -336,7 +337,7 @@ def _noise_dominated(outcome: IRLSResult, runs: Sequence[MomentEquations]) -> se
     """Return the means whose noise is nearly all that the data say in some direction."""
     P = outcome.solution.theta.size
     width = np.array([p.prior_sigma for p in outcome.parameters])
-    prior = outcome.conditional_prior.rows
+    prior = prior_rows(outcome.result.params)[0]
     H = whitened_run.information(outcome.whitened_runs, outcome.solution.theta) + prior.T @ prior
     noise_of_label: dict[tuple[int, str], Array] = {}
     for run in runs:
@@ -344,7 +345,9 @@ def _noise_dominated(outcome: IRLSResult, runs: Sequence[MomentEquations]) -> se
             total = noise_of_label.setdefault(mean.label, np.zeros((P, P)))
             total += (run.map.T @ C @ run.map)[:P, :P]
     return {
-        label for label, C in noise_of_label.items() if noise_share(H, C, width)[0][-1] > MAX_NOISE_FRACTION
+        label
+        for label, C in noise_of_label.items()
+        if noise_share(H, C, width, outcome.free)[0].max(initial=0.0) > MAX_NOISE_FRACTION
     }
 
 
@@ -353,46 +356,43 @@ def _solution(outcome: IRLSResult, runs: Sequence[MomentEquations]) -> whitened_
 
     The covariance is that without bounds.
     """
-    theta, prior = outcome.solution.theta, outcome.conditional_prior
+    theta, (prior, centre) = outcome.solution.theta, prior_rows(outcome.result.params)
     extra = runs[0].map.shape[1] - theta.size
-    rows = np.zeros((len(prior.rows) + extra, theta.size + extra))
-    rows[: len(prior.rows), : theta.size] = prior.rows
-    rows[len(prior.rows) :, theta.size :] = np.eye(extra) / LOOP_PRIOR_SIGMA
-    offset = np.concatenate([theta - prior.centre, np.zeros(extra)])
+    rows = scipy.linalg.block_diag(prior, np.eye(extra) / LOOP_PRIOR_SIGMA)
+    free = scipy.linalg.block_diag(outcome.free, np.eye(extra))
     A = rows.T @ rows + np.sum([run.map.T @ run.A @ run.map for run in runs], axis=0)
-    score = rows.T @ (rows @ offset)
+    score = rows.T @ np.concatenate([prior @ theta - centre, np.zeros(extra)])
     for run in runs:
         score += run.map.T @ run.bin_moments(np.zeros(len(run.map))).sum(axis=0)
-    inverse = whitened_run.scaled_inverse(A)
-    change = _change_within_bounds(outcome, A, score)
+    inverse = whitened_run.scaled_inverse(A, free)
+    change = _change_within_bounds(outcome, A, score, free)
     scores = rows.T @ rows
     for run in runs:
         scores += run.covariance(run.map @ change)
     covariance = (inverse @ scores @ inverse.T)[: theta.size, : theta.size]
     symmetric = (covariance + covariance.T) / 2
-    estimate = theta + change[: theta.size]
-    if outcome.result:  # ties, fixed values and bounds hold exactly
-        estimate = parameter_values(constraints.params_at(outcome.result.params, estimate))
+    # ties, fixed values and bounds hold exactly
+    estimate = parameter_values(constraints.params_at(outcome.result.params, theta + change[: theta.size]))
     return replace(outcome.solution, theta=estimate, covariance=symmetric)
 
 
-def _change_within_bounds(outcome: IRLSResult, A: Array, score: Array) -> Array:
-    """Solve ``A change = -score``, shape (P + U,), with estimates beyond a bound set to it."""
-    theta, fixed_changes = outcome.solution.theta, dict[int, float]()
+def _change_within_bounds(outcome: IRLSResult, A: Array, score: Array, free: Array) -> Array:
+    """Solve ``A change = -score``, shape (P + U,), along free directions; beyond a bound it ends there."""
+    theta, params = outcome.solution.theta, list(outcome.result.params.values())
+    places, A, score = varying(outcome.result.params), free.T @ A @ free, free.T @ score
+    fixed_changes = dict[int, float]()
     while True:
-        varying = np.array([i for i in range(len(A)) if i not in fixed_changes])
+        others = np.array([k for k in range(len(A)) if k not in fixed_changes])
         change = np.zeros(len(A))
         change[[*fixed_changes]] = [*fixed_changes.values()]
-        change[varying] = -whitened_run.scaled_inverse(A[np.ix_(varying, varying)]) @ (
-            score[varying] + A[varying] @ change
+        change[others] = -whitened_run.scaled_inverse(A[np.ix_(others, others)]) @ (
+            score[others] + A[others] @ change
         )
-        params = outcome.result.params.values() if outcome.result else ()
         beyond = {
-            i: float(np.clip(theta[i] + change[i], p.min, p.max) - theta[i])
-            for i, p in enumerate(params)
-            if p.vary and not p.expr and i not in fixed_changes
-            if not p.min <= theta[i] + change[i] <= p.max
+            k: float(np.clip(theta[i] + change[k], params[i].min, params[i].max) - theta[i])
+            for k, i in enumerate(places)
+            if k not in fixed_changes and not params[i].min <= theta[i] + change[k] <= params[i].max
         }
         if not beyond:
-            return change
+            return np.asarray(free @ change)
         fixed_changes |= beyond

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fit.crosstalk.noise_share import noise_share
-from fit.fitting import IRLSResult
+from fit.fitting import IRLSResult, prior_rows
 from fit.whitening import whitened_run
 
 Array = NDArray[np.float64]
@@ -59,22 +59,35 @@ def bias_corrected(outcome: IRLSResult, correlation: Array) -> tuple[Array, Arra
     is_noise : bool
         See `unattenuated`.
     """
-    solution = outcome.solution
+    solution, free = outcome.solution, outcome.free
     width = np.array([p.prior_sigma for p in outcome.parameters])
     noise, scatter = np.zeros((2, width.size, width.size))
     for block in cast(Sequence[NoisyRotation], outcome.whitened_runs):
         of_run = block.torque_noise(solution.theta)
         noise[:ANGLES, :ANGLES] += of_run[0]
         scatter[:ANGLES, :ANGLES] += of_run[1]
-    H = whitened_run.information(outcome.whitened_runs, solution.theta)
-    H += outcome.prior.rows.T @ outcome.prior.rows
-    theta, covariance, is_noise = unattenuated(solution.theta, solution.covariance, H, noise, scatter, width)
+    H = _information(outcome)
+    theta, covariance, is_noise = unattenuated(
+        solution.theta, solution.covariance, H, noise, scatter, width, free
+    )
     covariance = covariance + calibration_covariance(outcome, correlation)
     return theta[:ANGLES], covariance[:ANGLES, :ANGLES], is_noise
 
 
+def _information(outcome: IRLSResult) -> Array:
+    """Return the normal equations of least squares, priors included, shape (P, P)."""
+    rows = prior_rows(outcome.result.params)[0]
+    return whitened_run.information(outcome.whitened_runs, outcome.solution.theta) + rows.T @ rows
+
+
 def unattenuated(
-    theta: Array, covariance: Array, H: Array, noise: Array, scatter: Array, width: Array
+    theta: Array,
+    covariance: Array,
+    H: Array,
+    noise: Array,
+    scatter: Array,
+    width: Array,
+    free: Array | None = None,
 ) -> tuple[Array, Array, bool]:
     """Remove the attenuation by noise in dOmega from least squares.
 
@@ -93,6 +106,8 @@ def unattenuated(
         Covariance of what that adds to their right-hand side.
     width : ndarray, shape (P,)
         Of the weak priors, which makes numbers comparable.
+    free : ndarray, shape (P, F), optional
+        Directions in which the parameters vary, by default all.
 
     Returns
     -------
@@ -103,20 +118,19 @@ def unattenuated(
     is_noise : bool
         Whether most of dOmega is noise, in some combination of the angles; then nothing is corrected.
     """
-    if noise_share(H, noise, width)[0][-1] > MAX_NOISE_FRACTION:
+    free = np.eye(width.size) if free is None else free
+    if noise_share(H, noise, width, free)[0].max(initial=0.0) > MAX_NOISE_FRACTION:
         return theta, covariance, True
-    free = np.linalg.inv(np.eye(width.size) - np.linalg.solve(H, noise))
-    inverse = free @ np.linalg.inv(H)
-    covariance = free @ covariance @ free.T + inverse @ scatter @ inverse.T
-    return free @ theta, covariance, False
+    inverse = whitened_run.scaled_inverse(H - noise, free)
+    factor = np.eye(width.size) + inverse @ noise
+    covariance = factor @ covariance @ factor.T + inverse @ scatter @ inverse.T
+    return factor @ theta, covariance, False
 
 
 def calibration_covariance(outcome: IRLSResult, correlation: Array) -> Array:
     """Return the covariance that the errors of the calibration make, shape (P, P)."""
-    whitened_runs, theta = outcome.whitened_runs, outcome.solution.theta
-    rows = outcome.prior.rows
-    inverse = whitened_run.scaled_inverse(whitened_run.information(whitened_runs, theta) + rows.T @ rows)
+    inverse = whitened_run.scaled_inverse(_information(outcome), outcome.free)
     # One calibration serves all runs, so its errors add up; that of delta_ifo counts for nothing here.
-    moments = [block.calibration_moments() for block in cast(Sequence[NoisyRotation], whitened_runs)]
+    moments = [block.calibration_moments() for block in cast(Sequence[NoisyRotation], outcome.whitened_runs)]
     shift = inverse @ np.sum(moments, axis=0)
     return np.asarray(shift @ correlation @ shift.T)

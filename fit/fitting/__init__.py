@@ -7,11 +7,12 @@ iteration, `irls.iterate`, moves weights, delays and parameters until nothing mo
 
 from fit.fitting.confidence import delta_chi2
 from fit.fitting.experiment_and_joint_fit import (
-    constraints_of,
     fit_experiment,
     fit_joint,
     joint_parameters,
     linear_combination,
+    names_of,
+    report,
     stiffnesses,
 )
 from fit.fitting.irls import Convergence, IRLSResult, iterate
@@ -20,9 +21,10 @@ from fit.fitting.joint_model import (
     Prior,
     free_directions,
     parameter_values,
+    prior_rows,
+    varying,
 )
-from fit.fitting.parameter_set import ParameterSet
-from fit.fitting.priors import PriorSet, weak_priors
+from fit.fitting.null_space import NullSpace
 from fit.fitting.random_effects import (
     FREE,
     Heterogeneity,
@@ -32,7 +34,6 @@ from fit.fitting.random_effects import (
     weighted_mean,
 )
 from fit.fitting.regressor_noise import CorrectedRun
-from fit.fitting.reported_estimates import report, reported_estimates
 from fit.fitting.run_estimate import (
     RunEstimate,
     column_scale,
@@ -49,16 +50,14 @@ __all__ = [
     "Heterogeneity",
     "IRLSResult",
     "JointModel",
-    "ParameterSet",
+    "NullSpace",
     "Prior",
-    "PriorSet",
     "RunEstimate",
     "ScaleParameter",
     "SolvedModel",
     "column_scale",
     "constraint_test",
     "constraints",
-    "constraints_of",
     "delta_chi2",
     "estimate_widths",
     "fit_experiment",
@@ -71,17 +70,17 @@ __all__ = [
     "linear_combination",
     "ltpda_flscov",
     "moments",
+    "names_of",
     "null_space",
     "parameter_values",
+    "prior_rows",
     "random_effects",
     "readout_excess_noise",
     "report",
-    "reported_estimates",
     "run_estimate",
     "score_whitening",
     "stiffnesses",
-    "user_params",
-    "weak_priors",
+    "varying",
     "weighted_mean",
     "width_posterior",
 ]

@@ -1,16 +1,17 @@
 """What is known of parameters in addition to the data: fixed values, bounds, ties and priors.
 
-A fit obeys them exactly, through lmfit. What is computed from a finished fit gets them as rows of chi^2,
-those of fixed and tied parameters with a sigma that is `TIGHT` times the width of the weak prior: no number
-of a result depends on it, and no covariance is singular.
+`params` makes `lmfit.Parameters` of the table ``[fit.parameters]``: the one form of a constraint. Every fit
+is solved along the `free_directions` of its parameters and has zero covariance across them; priors
+are the ``user_data`` of a parameter. `table` is the inverse.
 """
 
 from __future__ import annotations
 
 import ast
 import re
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from graphlib import CycleError, TopologicalSorter
+from numbers import Real
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -18,8 +19,8 @@ from numpy.typing import NDArray
 
 from fit.errors import InputError
 from fit.files import closest_match
-from fit.fitting.joint_model import Prior, free_directions, lmfit_symbol, parameter_values
-from fit.results import Bound
+from fit.fitting.joint_model import Prior, lmfit_names, lmfit_symbol, parameter_values
+from fit.parameters import Parameter
 from fit.settings import ParameterSettings
 
 if TYPE_CHECKING:
@@ -27,8 +28,8 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
-TIGHT = 1e-6  # of the width of its weak prior, that stands for no uncertainty of a parameter
 AT_BOUND = 1e-3  # sigma, from a bound within which an estimate is at it
+MAX_START_SHIFT = 30.0  # widths of the weak prior, from the flight value within which a fit starts
 FUNCTIONS = ("pi", "sqrt", "exp", "log")  # that expressions may use
 _MODEL = re.compile(r"(?<![\w.])([A-Za-z_]\w*)\.[A-Za-z_]\w*")  # of a parameter of an FMU
 _WORD = re.compile(r"(?<![\w.])[A-Za-z_]\w*(?:\.\w+)*")  # a parameter or a function in an expression
@@ -131,48 +132,120 @@ def symbols(expr: str, context: str, names: Collection[str] = ()) -> set[str]:
     return {by_symbol.get(node.id, node.id) for node in nodes if isinstance(node, ast.Name)}
 
 
-def of_fit(
-    settings: Mapping[str, ParameterSettings], names: Mapping[str, str]
-) -> dict[str, ParameterSettings]:
-    """Return the constraints of one fit.
+def params(
+    parameters: Sequence[Parameter],
+    stated: Mapping[str, ParameterSettings] | None = None,
+    names: Mapping[str, str] | None = None,
+) -> lmfit.Parameters:
+    """Return the parameters of a fit where it starts, with what a user states of them or is assumed.
 
     Parameters
     ----------
-    settings : mapping of str to ParameterSettings
-        By parameter, as a user names it.
-    names : mapping of str to str
-        By that name the name in the fit. Ties to parameters that the fit has not are none of it, nor are
-        entries that constrain nothing.
+    parameters : sequence of Parameter
+        The parameters, with their values.
+    stated : mapping of str to ParameterSettings, optional
+        By parameter, as a user names it. Ties to parameters that the fit has not are none of it.
+    names : mapping of str to str, optional
+        By that name the name in the fit, where the two differ.
+
+    Raises
+    ------
+    InputError
+        If the fit would start at no number, or far from any that is possible.
     """
-    in_fit = {}
-    for name, constraint in settings.items():
-        dependencies = set(_WORD.findall(constraint.expr or "")) - {*FUNCTIONS}
-        if name not in names or not dependencies <= names.keys() or not constraint.record():
+    import lmfit  # slow to import
+
+    symbols_of_fit = lmfit_names(p.name for p in parameters)
+    symbol_of = dict(zip((p.name for p in parameters), symbols_of_fit, strict=True))
+    by_user = symbol_of if names is None else {user: symbol_of[name] for user, name in names.items()}
+    result, ties = lmfit.Parameters(), dict[str, str]()
+    for symbol, parameter in zip(symbols_of_fit, parameters, strict=True):
+        result.add(symbol, value=float(parameter.value))
+    for name, constraint in (stated or {}).items():
+        words = {*_WORD.findall(constraint.expr or "")} - {*FUNCTIONS}
+        if name not in by_user or not words <= by_user.keys():
             continue
-        expr = constraint.expr and _WORD.sub(
-            lambda word: lmfit_symbol(names.get(word[0], word[0])), constraint.expr
-        )
-        in_fit[names[name]] = constraint.model_copy(update={"expr": expr})
-    return in_fit
-
-
-def constrain(params: lmfit.Parameters, settings: Mapping[int, ParameterSettings], *, start: bool) -> None:
-    """Put constraints on parameters, by their place; at the `start` of an iteration their values as well."""
-    ordered = list(params.values())
-    for i, constraint in settings.items():
-        p = ordered[i]
         if constraint.expr:
+            ties[by_user[name]] = _WORD.sub(lambda word: by_user.get(word[0], word[0]), constraint.expr)
             continue
-        if start and constraint.value is not None:
+        p, (low, high) = result[by_user[name]], constraint.limits
+        if constraint.value is not None:
             p.value = constraint.value
-        low, high = constraint.limits
         p.set(vary=constraint.vary, min=low, max=high)
-        if constraint.prior:
-            p.user_data = Prior(*constraint.prior)
-    for i, constraint in settings.items():
-        if constraint.expr:
-            ordered[i].set(expr=constraint.expr)
-            ordered[i].user_data = None
+        p.user_data = constraint.prior and Prior(*constraint.prior)
+    constrained = {by_user[n] for n, s in (stated or {}).items() if n in by_user and s.is_constraint}
+    for symbol, parameter in zip(symbols_of_fit, parameters, strict=True):
+        if parameter.assumed_sigma and symbol not in constrained:
+            result[symbol].user_data = Prior(parameter.value, parameter.assumed_sigma)
+    try:
+        with np.errstate(all="ignore"):
+            for symbol, expr in ties.items():
+                result[symbol].set(expr=expr)
+            theta = parameter_values(result)
+    except (ArithmeticError, ValueError, TypeError, RuntimeError) as error:
+        text = "; ".join(f"{symbol} = {expr}" for symbol, expr in ties.items())
+        raise InputError(f"fit.parameters: {text}: no number where the fit starts") from error
+    for p, value, parameter in zip(result.values(), theta.tolist(), parameters, strict=True):
+        if not abs(value - parameter.value) < (limit := MAX_START_SHIFT * parameter.prior_sigma):
+            raise InputError(
+                f"fit.parameters.{p.name}: {p.expr or value} leads to {value:.6g} where the fit starts, "
+                f"expected {parameter.value - limit:.3g} to {parameter.value + limit:.3g}"
+            )
+    return result
+
+
+def table(params: lmfit.Parameters) -> dict[str, dict[str, object]]:
+    """Return the constraints of parameters, as ``[fit.parameters]`` has them, an empty table if none.
+
+    Raises
+    ------
+    InputError
+        If they are no lmfit.Parameters, a bound is no number, or a prior is no `Prior` of a finite mean and a
+        positive sigma.
+    """
+    import lmfit  # slow to import
+
+    if not isinstance(params, lmfit.Parameters):
+        raise InputError(f"params: {type(params).__name__}, expected lmfit.Parameters (fit.make_params)")
+    for name, p in params.items():
+        if np.isnan([p.min, p.max]).any():
+            raise InputError(f"params: {name}: min: {p.min}, max: {p.max}, expected numbers")
+        if p.user_data is not None and not _is_valid_prior(p.user_data):
+            raise InputError(
+                f"params: {name}: user_data: expected fit.Prior(mean, sigma) of a finite mean and "
+                "a positive sigma"
+            )
+    return {name: _entry(p) for name, p in params.items()}
+
+
+def _is_valid_prior(prior: object) -> bool:
+    if not isinstance(prior, Prior) or not all(isinstance(x, Real) for x in prior):
+        return False
+    return bool(np.isfinite(prior).all() and prior.sigma > 0)
+
+
+def _entry(p: lmfit.Parameter) -> dict[str, object]:
+    """Return the constraint of a parameter; not where it starts, which moves no estimate."""
+    if p.expr:
+        return {"expr": p.expr}
+    if not p.vary:  # a fixed parameter has no bounds
+        return {"value": float(p.value), "vary": False}
+    entry: dict[str, object] = {n: x for n, x in (("min", p.min), ("max", p.max)) if np.isfinite(x)}
+    return entry | ({"prior": [float(x) for x in p.user_data]} if p.user_data else {})
+
+
+def text(p: lmfit.Parameter) -> str:
+    """Return the constraint of a parameter in words, empty if there is none."""
+    return str(ParameterSettings.model_validate(_entry(p)))
+
+
+def at_bound(params: lmfit.Parameters, sigma: Array) -> dict[int, float]:
+    """Return the bounds that estimates with these sigmas, shape (P,), are at, by place of the parameter."""
+    bounds = {}
+    for i, (p, s) in enumerate(zip(params.values(), sigma.tolist(), strict=True)):
+        if p.vary and not p.expr and min(p.value - p.min, p.max - p.value) < AT_BOUND * s:
+            bounds[i] = float(p.min if p.value - p.min < p.max - p.value else p.max)
+    return bounds
 
 
 def params_at(params: lmfit.Parameters, theta: Array) -> lmfit.Parameters:
@@ -182,29 +255,3 @@ def params_at(params: lmfit.Parameters, theta: Array) -> lmfit.Parameters:
         if p.vary and not p.expr:
             p.value = value
     return moved
-
-
-def fixed_or_tied(params: lmfit.Parameters) -> NDArray[np.bool_]:
-    """Return which of the P parameters do not vary by themselves, shape (P,)."""
-    return np.array([not p.vary or bool(p.expr) for p in params.values()], dtype=bool)
-
-
-def at_bound(params: lmfit.Parameters, sigma: Array) -> dict[int, Bound]:
-    """Return which of the P parameters with these sigmas, shape (P,), are at ``"min"`` or ``"max"``."""
-    bounds: dict[int, Bound] = {}
-    for i, (p, s) in enumerate(zip(params.values(), sigma.tolist(), strict=True)):
-        to_min, to_max = p.value - p.min, p.max - p.value
-        if p.vary and not p.expr and min(to_min, to_max) < AT_BOUND * s:
-            bounds[i] = "min" if to_min < to_max else "max"
-    return bounds
-
-
-def constraint_rows(params: lmfit.Parameters, widths: Array) -> tuple[Array, Array]:
-    """Return fixed and tied parameters as rows of chi^2, shape (N, P), and what these make of theta, (N,)."""
-    constrained = np.flatnonzero(fixed_or_tied(params))
-    if not constrained.size:
-        return np.empty((0, widths.size)), np.empty(0)
-    rows = np.eye(widths.size)
-    rows[:, ~fixed_or_tied(params)] -= free_directions(params)
-    rows = rows[constrained] / (TIGHT * widths[constrained, None])
-    return rows, rows @ parameter_values(params)

@@ -7,12 +7,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fit.errors import FitError, InputError
+from fit.findings import Finding
 from fit.fitting import constraints, random_effects
 from fit.fitting.irls import IRLSResult, reweight
 from fit.fitting.width_posterior import marginalise_widths
 from fit.model import Sharing, dynamics
 from fit.parameters import Parameter, stiffness_terms
-from fit.results import Stiffness
+from fit.results import Fit, Stiffness
 from fit.settings import Estimator, ParameterSettings, Settings
 from fit.telemetry import Telemetry
 from fit.whitening import Experiment, whitened_run
@@ -51,17 +52,14 @@ def fit_experiment(
     parameters = run.spacecraft.parameters(run.telemetry, experiment.parameters)
     share = np.array([[float(name == p.name) for p in parameters] for name in experiment.parameters])
     initial = _weighed({experiment.name: initial_fit})
-    of_run = constraints_of(experiment, settings or {})
-    return reweight([experiment], [share], parameters, estimator=estimator, initial=initial, settings=of_run)
+    params = constraints.params(parameters, settings, names_of(experiment))
+    return reweight([experiment], [share], parameters, estimator=estimator, initial=initial, params=params)
 
 
-def constraints_of(
-    experiment: Experiment, settings: Mapping[str, ParameterSettings]
-) -> dict[str, ParameterSettings]:
-    """Return the constraints of joint parameters that an experiment has by itself, by its own names."""
-    epoch, run_names = experiment.sysid.telemetry.alignment_epoch, experiment.parameters
-    names = {f"{name}_{epoch}" if name in OF_EPOCH else name: name for name in run_names}
-    return constraints.of_fit(settings, names)
+def names_of(experiment: Experiment) -> dict[str, str]:
+    """Return by the names in a joint fit those of the parameters of an experiment by itself."""
+    epoch = experiment.sysid.telemetry.alignment_epoch
+    return {f"{name}_{epoch}" if name in OF_EPOCH else name: name for name in experiment.parameters}
 
 
 def fit_joint(
@@ -146,7 +144,6 @@ def _fitted(
 ) -> IRLSResult:
     """Fit all experiments together, with random effects of the named parameters."""
     parameters, maps, widths = joint_parameters(experiments, settings, scattering)
-    names = [p.name for p in parameters]
     outcome = reweight(
         experiments,
         maps,
@@ -154,9 +151,46 @@ def _fitted(
         estimator=settings.estimator,
         random_effects=widths,
         initial=initial,
-        settings=constraints.of_fit(settings.parameters, dict(zip(names, names, strict=True))),
+        params=constraints.params(parameters, settings.parameters),
     )
     return marginalise_widths(outcome) if widths else outcome
+
+
+def report(
+    outcome: IRLSResult,
+    experiments: Sequence[Experiment],
+    names: Mapping[str, str],
+    warnings: Sequence[Finding],
+) -> Fit:
+    """Report those of the named parameters that are determinable.
+
+    Parameters
+    ----------
+    outcome : IRLSResult
+        Of the fit; chi2 and dof are its own, whatever part of its parameters is named.
+    experiments : sequence of Experiment
+        What was fitted.
+    names : mapping of str to str
+        Of the parameters, in the outcome and in the report.
+    warnings : sequence of Finding
+        To go with it.
+
+    Raises
+    ------
+    FitError
+        If a sigma is no positive number.
+    """
+    reported = {i: names[name] for name, i in outcome.determined.items() if name in names}
+    estimates, covariance = outcome.estimates(reported)
+    return Fit(
+        parameters=estimates,
+        covariance_matrix=covariance,
+        chi2=outcome.solution.chi2,
+        dof=outcome.solution.dof,
+        converged=outcome.converged,
+        warnings=tuple(warnings),
+        masked_samples=sum(run.n_masked for e in experiments for run in e.runs),
+    )
 
 
 def linear_combination(outcome: IRLSResult, factors: Mapping[str, float]) -> tuple[float, float] | None:

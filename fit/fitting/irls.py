@@ -8,6 +8,7 @@ moves.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -17,19 +18,28 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fit.errors import FitError
-from fit.fitting.joint_model import JointModel, Prior, free_directions, parameter_values
-from fit.fitting.parameter_set import ParameterSet
-from fit.fitting.priors import PriorSet, prior_rows, weak_priors
-from fit.fitting.random_effects import ScaleParameter, n_shared
+from fit.fitting import constraints
+from fit.fitting.joint_model import (
+    JointModel,
+    Prior,
+    free_directions,
+    lmfit_symbol,
+    parameter_values,
+    prior_rows,
+)
+from fit.fitting.null_space import NullSpace, null_space
+from fit.fitting.random_effects import FREE, ScaleParameter, n_shared
 from fit.fitting.run_estimate import RunEstimate, run_estimate
 from fit.fitting.solved_model import SolvedModel
 from fit.fitting.weighings import WARM_UP, Weighing, weighing
 from fit.parallel import parallel_map, progress_range
 from fit.parameters import Parameter
-from fit.settings import Estimator, ParameterSettings
+from fit.results import Estimate
+from fit.settings import Estimator
 from fit.whitening import Experiment, whitened_run
 
 if TYPE_CHECKING:
+    import lmfit
     from lmfit.minimizer import MinimizerResult
 
 Array = NDArray[np.float64]
@@ -84,14 +94,12 @@ class IRLSResult:
         Whether the last move was within TOLERANCE.
     whitened_runs : tuple of whitened_run.WhitenedRun
         The data as they were weighed last.
-    prior : whitened_run.Prior
-        Prior knowledge of them.
-    model : JointModel or None
+    model : JointModel
         The runs, compressed, as lmfit has minimised them last.
-    result : MinimizerResult or None
+    result : MinimizerResult
         What lmfit made of them; departures within the weak priors that hold them while weights settle.
-    parameter_set : ParameterSet or None
-        Its parameters, as lmfit has them.
+    stated : lmfit.Parameters
+        Where the iteration began, with what is known of the parameters without any weak prior.
     scatter : mapping of str to tuple of float
         ScaleParameter, and its sigma, by which a parameter scatters between experiments.
     random_effects : tuple of ScaleParameter
@@ -108,10 +116,9 @@ class IRLSResult:
     directions: Array
     converged: bool
     whitened_runs: tuple[whitened_run.WhitenedRun, ...]
-    prior: whitened_run.Prior
-    model: JointModel | None = None
-    result: MinimizerResult | None = None
-    parameter_set: ParameterSet | None = None
+    model: JointModel
+    result: MinimizerResult
+    stated: lmfit.Parameters
     scatter: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     random_effects: tuple[ScaleParameter, ...] = ()
     data_driven: bool = False
@@ -128,27 +135,72 @@ class IRLSResult:
         return {p.name: i for i, p in enumerate(self.parameters) if not self.undetermined[i]}
 
     @property
-    def solved(self) -> SolvedModel | None:
+    def solved(self) -> SolvedModel:
         """The runs, compressed, with what lmfit made of them."""
-        if self.model is None or self.result is None:
-            return None
         weak = tuple(Prior(p.value, p.prior_sigma) for p in self.parameters)
         return SolvedModel(self.model, self.result, weak)
 
     @property
-    def exact(self) -> NDArray[np.bool_]:
-        """Which parameters are fixed, or tied to fixed ones alone, shape (P,)."""
-        if self.result is None:
-            return np.zeros(len(self.parameters), dtype=bool)
-        return np.asarray(~free_directions(self.result.params).any(axis=1))
+    def free(self) -> Array:
+        """The directions in which the parameters vary, shape (P, F)."""
+        return free_directions(self.result.params)
 
     @property
-    def conditional_prior(self) -> whitened_run.Prior:
-        """The prior, and departures within their likeliest widths: without, they and what is common blur."""
-        rows = [self.prior.rows]
-        for width, (log_width, _) in zip(self.random_effects, self.log_widths, strict=True):
-            rows.append(prior_rows(width.priors(np.exp(log_width)), len(self.parameters)))
-        return whitened_run.Prior(self.prior.centre, np.concatenate(rows))
+    def exact(self) -> NDArray[np.bool_]:
+        """Which parameters are fixed, or tied to fixed ones alone, shape (P,)."""
+        return np.asarray(~self.free.any(axis=1))
+
+    @property
+    def constraints(self) -> dict[int, str]:
+        """What is stated of parameters, in words, by their place; departures left out."""
+        words = {i: constraints.text(p) for i, p in enumerate(self.stated.values()) if i < self.shared}
+        names = {p.name: lmfit_symbol(p.name) for p in self.parameters if "." in p.name}
+        for name, symbol in names.items():  # of FMUs
+            words = {i: re.sub(rf"\b{symbol}\b", name, text) for i, text in words.items()}
+        return {i: text for i, text in words.items() if text}
+
+    def bounds(self, theta: Array | None = None) -> dict[int, float]:
+        """Return the bounds that estimates theta, shape (P,), are at; by default those of the fit."""
+        params = self.result.params if theta is None else constraints.params_at(self.result.params, theta)
+        at_bound = constraints.at_bound(params, self.solution.sigma)
+        return {i: bound for i, bound in at_bound.items() if not self.undetermined[i]}
+
+    def estimates(
+        self,
+        names: Mapping[int, str],
+        values: Array | None = None,
+        covariance: Array | None = None,
+    ) -> tuple[dict[str, Estimate], Array]:
+        """Return estimates as results have them, and their covariance, shape (N, N).
+
+        Parameters
+        ----------
+        names : mapping of int to str
+            By place of the N parameters that are reported, their names in the results.
+        values, covariance : ndarray, shapes (N,) and (N, N), optional
+            Other estimates of these N than those of least squares, such as unattenuated ones.
+
+        Raises
+        ------
+        FitError
+            If a sigma is no positive number.
+        """
+        places, theta = list(names), self.solution.theta.copy()
+        if values is not None:
+            theta[places] = values
+        if covariance is None:
+            covariance = self.solution.covariance[np.ix_(places, places)]
+        sigma = np.sqrt(np.diag(covariance))
+        if not np.all((np.isfinite(sigma) & (sigma > 0)) | self.exact[places]):
+            raise FitError("a sigma is not a positive number")
+        words, bounds = self.constraints, self.bounds(theta)
+        for i, bound in bounds.items():
+            words[i] = re.sub("bounds .*", f"at bound {bound:.9g}", words[i])
+        estimates = {
+            names[i]: Estimate(float(theta[i]), s, self.parameters[i].unit, constraint=words.get(i, ""))
+            for i, s in zip(places, sigma.tolist(), strict=True)
+        }
+        return estimates, covariance
 
 
 def reweight(
@@ -159,7 +211,7 @@ def reweight(
     estimator: Estimator = "gaussian",
     random_effects: Sequence[ScaleParameter] = (),
     initial: Mapping[str, whitened_run.WhitenedRun] | None = None,
-    settings: Mapping[str, ParameterSettings] | None = None,
+    params: lmfit.Parameters | None = None,
 ) -> IRLSResult:
     """Iterate weights, delays and parameters until no determinable parameter moves.
 
@@ -177,8 +229,8 @@ def reweight(
         Departures of experiments, with priors so weak that the data determine them.
     initial : mapping of str to whitened_run.WhitenedRun, optional
         Experiments, by name, as another fit has weighed them: where the iteration begins.
-    settings : mapping of str to ParameterSettings, optional
-        What the user says of parameters, by name.
+    params : lmfit.Parameters, optional
+        Where the iteration starts, and what is known of the parameters, see `iterate`.
 
     Raises
     ------
@@ -192,7 +244,7 @@ def reweight(
     ]
 
     try:
-        return iterate(weighings, parameters, random_effects=random_effects, settings=settings)
+        return iterate(weighings, parameters, params, random_effects=random_effects)
     except FitError as error:
         names = ", ".join(experiment.name for experiment in experiments)
         raise FitError(f"{names}: {error}") from error
@@ -201,30 +253,27 @@ def reweight(
 def iterate(
     weighings: Sequence[Weighing],
     parameters: Sequence[Parameter],
-    priors: Callable[[Sequence[whitened_run.WhitenedRun], Array, Array], PriorSet] | None = None,
+    params: lmfit.Parameters | None = None,
     convergence: Convergence | None = None,
     random_effects: Sequence[ScaleParameter] = (),
     limit_step: Callable[[Array, Array], Array] = lambda _, target: target,
-    settings: Mapping[str, ParameterSettings] | None = None,
+    weak_priors: Callable[[Array, Array], tuple[NullSpace, Mapping[int, Prior]]] | None = None,
 ) -> IRLSResult:
     """Iterate weights, delays and parameters, for fits and forecasts.
 
     Parameters
     ----------
-    weighings : sequence of Weighing
-        Of the runs.
-    parameters : sequence of Parameter
-        The P parameters; the iteration starts at their values.
-    priors : callable, optional
-        See `weak_priors`, the default about the values of `parameters`.
-    convergence : Convergence, optional
-        When to stop.
-    random_effects : sequence of ScaleParameter
-        Departures of experiments, see `reweight`.
+    weighings, parameters : sequence of Weighing, sequence of Parameter
+        Of the runs, and the P parameters.
+    params : lmfit.Parameters, optional
+        Where the iteration starts and what is known, see `constraints.params`; by default their values.
+    convergence, random_effects : Convergence, sequence of ScaleParameter, optional
+        When to stop, and departures of experiments, see `reweight`.
     limit_step : callable
         Returns how far to go from an estimate towards the next one.
-    settings : mapping of str to ParameterSettings, optional
-        What the user says of parameters, by name.
+    weak_priors : callable, optional
+        Of information, (P, P), and free directions, (P, F), returns what is not determined and the weak
+        priors, by default of that, about the values of `parameters`.
 
     Raises
     ------
@@ -232,32 +281,53 @@ def iterate(
         If it does not settle, or a step of it fails.
     """
     convergence = convergence or Convergence(MAX_ITERATIONS, TOLERANCE, HARMLESS)
-    priors = priors or partial(weak_priors, parameters)
-    parameter_set = ParameterSet(parameters, random_effects, settings)
-    theta, covariance = parameter_set.start(), np.zeros((len(parameters), len(parameters)))
+    weak_priors = weak_priors or partial(_weak_priors, parameters)
+    stated = constraints.params(parameters) if params is None else params
+    stated = _with_priors(stated, {i: p for w in random_effects for i, p in w.priors(FREE * w.scale).items()})
+    known = prior_rows(stated)[0]
+    theta, covariance = parameter_values(stated), np.zeros((len(parameters), len(parameters)))
     step, move_before = 1.0, np.zeros(theta.size)
     for iteration in range(convergence.max_iterations):
         with progress_range(1 - FASTER**iteration, 1 - FASTER ** (iteration + 1)):
             whitened_runs, estimates = _weighed(weighings, theta, covariance, iteration)
+        start = constraints.params_at(stated, theta)
         if iteration < FIXED_SET:
-            known = priors(whitened_runs, theta, parameter_set.known(theta))
-        determined = ~known.undetermined
+            information = whitened_run.information(whitened_runs, theta) + known.T @ known
+            blind, weak = weak_priors(information, free_directions(start))
+        determined = ~blind.undetermined
         model = JointModel(estimates)
-        result = model.fit(parameter_set.params(theta, known.priors))
-        estimate, covariance = parameter_values(result.params), parameter_set.covariance(model, result.params)
-        move = (estimate - theta) / np.sqrt(np.diag(covariance))
+        result = model.fit(_with_priors(start, weak))
+        estimate, covariance = parameter_values(result.params), _covariance(model, result)
+        move = whitened_run.in_sigma(estimate - theta, covariance)
         largest = float(np.max(np.abs(move[determined]), initial=0.0))
         converged = largest < convergence.tolerance and all(run.converged for run in weighings)
         ended = converged or (iteration == convergence.max_iterations - 1 and largest < convergence.max_move)
         if ended and iteration > convergence.warm_up:
-            solution = _solution(whitened_runs, parameter_set, model, result)
-            prior, effects = parameter_set.prior(result.params, known), tuple(random_effects)
-            state = (known.undetermined, known.directions, converged, whitened_runs, prior, model, result)
-            return IRLSResult(tuple(parameters), solution, *state, parameter_set, {}, effects)
+            solution = _solution(whitened_runs, model, result)
+            state = (*blind, converged, whitened_runs, model, result, stated)
+            return IRLSResult(tuple(parameters), solution, *state, random_effects=tuple(random_effects))
         swings = float(move[determined] @ move_before[determined]) < 0  # against the weights
         step, move_before = step / 2 if iteration >= FIXED_SET and swings else step, move
         theta = limit_step(theta, theta + step * (estimate - theta))
     raise _unsettled(convergence, parameters, np.where(determined, np.abs(move), 0.0))
+
+
+def _with_priors(params: lmfit.Parameters, priors: Mapping[int, Prior]) -> lmfit.Parameters:
+    """Return parameters with priors of those, by their place, that vary and have none."""
+    known = params.copy()
+    for i, p in enumerate(known.values()):
+        if i in priors and p.vary and p.user_data is None:
+            p.user_data = priors[i]
+    return known
+
+
+def _weak_priors(
+    parameters: Sequence[Parameter], information: Array, free: Array
+) -> tuple[NullSpace, dict[int, Prior]]:
+    """Return what the data do not determine, and its weak priors."""
+    blind = null_space(information, np.array([p.prior_sigma for p in parameters]), free)
+    priors = {i: Prior(p.value, p.prior_sigma) for i, p in enumerate(parameters) if blind.undetermined[i]}
+    return blind, priors
 
 
 def _unsettled(convergence: Convergence, parameters: Sequence[Parameter], move: Array) -> FitError:
@@ -290,28 +360,26 @@ def solution(
 
 
 def _solution(
-    whitened_runs: Sequence[whitened_run.WhitenedRun],
-    parameter_set: ParameterSet,
-    model: JointModel,
-    result: MinimizerResult,
+    whitened_runs: Sequence[whitened_run.WhitenedRun], model: JointModel, result: MinimizerResult
 ) -> whitened_run.Solution:
-    covariance = parameter_set.covariance(model, result.params)
+    covariance = _covariance(model, result)
     # 1 for what the data determine, 0 for what a prior does; more where the PSD adds to the covariance
     shares = np.linalg.eigvals(covariance @ model.information(result.params)).real
     n_determined = float(np.sum(np.clip(shares, 0, 1)))
     return solution(whitened_runs, parameter_values(result.params), covariance, n_determined)
 
 
+def _covariance(model: JointModel, result: MinimizerResult) -> Array:
+    covariance = model.covariance(result.params)
+    if not np.all((np.diag(covariance) > 0) | ~free_directions(result.params).any(axis=1)):
+        raise FitError("ill-conditioned beyond what numbers hold; expected channels in the units they name")
+    return covariance
+
+
 def refit(outcome: IRLSResult, whitened_runs: Sequence[whitened_run.WhitenedRun]) -> IRLSResult:
     """Return the outcome with its runs weighed anew, all else known being what it was."""
-    assert outcome.model and outcome.result and outcome.parameter_set
     named = zip(outcome.model.runs, whitened_runs, strict=True)
     model = JointModel([run_estimate(run.name, block) for run, block in named])
     result = model.fit(outcome.result.params)
-    return replace(
-        outcome,
-        solution=_solution(whitened_runs, outcome.parameter_set, model, result),
-        whitened_runs=tuple(whitened_runs),
-        model=model,
-        result=result,
-    )
+    solution = _solution(whitened_runs, model, result)
+    return replace(outcome, solution=solution, whitened_runs=tuple(whitened_runs), model=model, result=result)

@@ -54,15 +54,13 @@ class JointModel:
     def residual(self, params: lmfit.Parameters) -> Array:
         """Return what lmfit makes least: every run in units of its noise, then the priors, shape (N,)."""
         theta = parameter_values(params)
-        priors = [(p.value - p.user_data.mean) / p.user_data.sigma for p in with_prior(params)]
-        return np.concatenate([*(run.residual(theta) for run in self.runs), priors])
+        rows, centre = prior_rows(params)
+        return np.concatenate([*(run.residual(theta) for run in self.runs), rows @ theta - centre])
 
     def gradient(self, params: lmfit.Parameters) -> Array:
         """Return the derivatives of `residual` by all P parameters, shape (N, P)."""
-        theta, rows = parameter_values(params), dict(zip(params, np.eye(len(params)), strict=True))
-        priors = [rows[p.name] / p.user_data.sigma for p in with_prior(params)]
-        of_runs = [run.jacobian(theta) for run in self.runs]
-        return np.concatenate([*of_runs, np.reshape(priors, (-1, theta.size))])
+        theta = parameter_values(params)
+        return np.concatenate([*(run.jacobian(theta) for run in self.runs), prior_rows(params)[0]])
 
     def jacobian(self, params: lmfit.Parameters) -> Array:
         """Return the derivatives of `residual` by the F parameters that vary, shape (N, F)."""
@@ -228,20 +226,29 @@ def parameter_values(params: lmfit.Parameters) -> Array:
     return np.array([p.value for p in params.values()])
 
 
-def with_prior(params: lmfit.Parameters) -> list[lmfit.Parameter]:
-    """Return the parameters that have a prior."""
-    return [p for p in params.values() if isinstance(p.user_data, Prior)]
+def prior_rows(params: lmfit.Parameters) -> tuple[Array, Array]:
+    """Return priors as rows of chi^2, ``|rows @ theta - centre|^2``, of shapes (N, P) and (N,)."""
+    priors = {i: p.user_data for i, p in enumerate(params.values()) if isinstance(p.user_data, Prior)}
+    rows, centre = np.zeros((len(priors), len(params))), np.zeros(len(priors))
+    for n, (i, prior) in enumerate(priors.items()):
+        rows[n, i], centre[n] = 1 / prior.sigma, prior.mean / prior.sigma
+    return rows, centre
+
+
+def varying(params: lmfit.Parameters) -> list[int]:
+    """Return the places of the F parameters that vary, neither fixed nor tied."""
+    return [i for i, p in enumerate(params.values()) if p.vary and not p.expr]
 
 
 def free_directions(params: lmfit.Parameters) -> Array:
     """Return the derivatives of all P parameters by the F that vary, shape (P, F): ties by the chain rule."""
-    names, varying = list(params), [name for name, p in params.items() if p.vary and not p.expr]
-    free = np.eye(len(names))[:, [names.index(name) for name in varying]]
+    names = list(params)
+    free = np.eye(len(names))[:, varying(params)]
     tied = [i for i, name in enumerate(names) if params[name].expr]
     if not tied:
         return free
     shifted = params.copy()
-    for column, name in enumerate(varying):
+    for column, name in enumerate(names[i] for i in varying(params)):
         p, value_at_fit, step = shifted[name], params[name].value, STEP * (abs(params[name].value) or 1.0)
         ends = []
         for value in (max(value_at_fit - step, p.min), min(value_at_fit + step, p.max)):
@@ -268,14 +275,3 @@ def lmfit_names(names: Iterable[str]) -> list[str]:
             symbol += "_"
         symbols[symbol] = None
     return list(symbols)
-
-
-def lmfit_params(names: Sequence[str], theta: Array, priors: Mapping[int, Prior]) -> lmfit.Parameters:
-    """Return parameters at theta, shape (P,), with priors by their place."""
-    import lmfit  # slow to import
-
-    params = lmfit.Parameters()
-    for i, (name, value) in enumerate(zip(names, theta.tolist(), strict=True)):
-        params.add(name, value=value)
-        params[name].user_data = priors.get(i)
-    return params

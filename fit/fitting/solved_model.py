@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from numbers import Real
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from fit.errors import InputError
 from fit.files import closest_match
-from fit.fitting.joint_model import Array, JointModel, Prior
+from fit.fitting import constraints
+from fit.fitting.joint_model import Array, JointModel, Prior, free_directions
 from fit.fitting.null_space import null_space
 
 if TYPE_CHECKING:
@@ -58,7 +58,7 @@ class SolvedModel:
         InputError
             If one is no parameter of this fit, or its value or prior is not valid.
         """
-        check_params(params)
+        constraints.table(params)  # refuses what is none
         merged = self.result.params.copy()
         for name, p in params.items():
             if name not in merged:
@@ -112,38 +112,8 @@ class SolvedModel:
         """Fit with weak priors of what is not determined."""
         constrained, widths = params.copy(), np.array([prior.sigma for prior in self.weak])
         J = model.gradient(constrained)
-        for p, prior, undetermined in zip(
-            constrained.values(), self.weak, null_space(J.T @ J, widths)[0], strict=True
-        ):
-            if undetermined and p.vary and not p.expr and p.user_data is None:
+        undetermined = null_space(J.T @ J, widths, free_directions(constrained)).undetermined
+        for p, prior, is_weak in zip(constrained.values(), self.weak, undetermined, strict=True):
+            if is_weak and p.vary and not p.expr and p.user_data is None:
                 p.user_data = prior
         return model.fit(constrained)
-
-
-def check_params(params: object) -> None:
-    """Check the parameters that a user gives.
-
-    Raises
-    ------
-    InputError
-        If they are no lmfit.Parameters, a bound is no number, or a prior is no `Prior` of a finite mean and a
-        positive sigma.
-    """
-    import lmfit  # slow to import
-
-    if not isinstance(params, lmfit.Parameters):
-        raise InputError(f"params: {type(params).__name__}, expected lmfit.Parameters (fit.make_params)")
-    for name, p in params.items():
-        if np.isnan([p.min, p.max]).any():
-            raise InputError(f"params: {name}: min: {p.min}, max: {p.max}, expected numbers")
-        if p.user_data is not None and not _is_valid_prior(p.user_data):
-            raise InputError(
-                f"params: {name}: user_data: expected fit.Prior(mean, sigma) of a finite mean and "
-                "a positive sigma"
-            )
-
-
-def _is_valid_prior(prior: object) -> bool:
-    if not isinstance(prior, Prior) or not all(isinstance(x, Real) for x in prior):
-        return False
-    return bool(np.isfinite(prior).all() and prior.sigma > 0)

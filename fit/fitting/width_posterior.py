@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from fit.errors import FitError
 from fit.fitting.constraints import at_bound
 from fit.fitting.irls import IRLSResult, solution
-from fit.fitting.joint_model import parameter_values
+from fit.fitting.joint_model import free_directions, parameter_values, prior_rows, varying
 from fit.fitting.random_effects import RANDOM_EFFECTS, ScaleParameter, restricted_likelihood
 
 Array = NDArray[np.float64]
@@ -169,32 +169,34 @@ def marginalise_widths(outcome: IRLSResult) -> IRLSResult:
     FitError
         If the data leave a direction free.
     """
-    assert outcome.model and outcome.result
     model, params, widths = outcome.model, outcome.result.params.copy(), outcome.random_effects
-    theta, rows = outcome.solution.theta, outcome.prior.rows
+    theta, ordered, places = outcome.solution.theta, list(params.values()), varying(params)
+    for i in (i for width in widths for i in width.members):
+        ordered[i].user_data = None
+    free, (rows, centre) = free_directions(params), prior_rows(params)
     information = model.information(params)
     equations = NormalEquations(
-        information + rows.T @ rows,
-        -model.score(params) - rows.T @ (rows @ (theta - outcome.prior.centre)),
-        theta,
+        free.T @ (information + rows.T @ rows) @ free,
+        -free.T @ (model.score(params) + rows.T @ (rows @ theta - centre)),
+        theta[places],
     )
-    equations = equations.about_zero([i for width in widths for i in width.members])
-    posterior = marginalise(equations, widths)
-    ordered = list(params.values())
+    of_free = [replace(w, members=tuple(map(places.index, w.members))) for w in widths]
+    equations = equations.about_zero([i for width in of_free for i in width.members])
+    posterior = marginalise(equations, of_free)
     for width, log_width in zip(widths, posterior.log_widths, strict=True):
         for i, prior in width.priors(np.exp(log_width)).items():
             ordered[i].user_data = prior
     result = model.fit(params)
-    mean, bounded = posterior.mean, [*at_bound(result.params, np.sqrt(np.diag(posterior.covariance)))]
-    if bounded:
-        C, bound = posterior.covariance[:, bounded], parameter_values(result.params)[bounded]
+    mean, covariance = theta + free @ (posterior.mean - theta[places]), free @ posterior.covariance @ free.T
+    if bounded := [*at_bound(result.params, np.sqrt(np.diag(covariance)))]:
+        C, bound = covariance[:, bounded], parameter_values(result.params)[bounded]
         mean = mean + C @ np.linalg.solve(C[bounded], bound - mean[bounded])
-    _, _, covariance = conditional(equations, widths, posterior.log_widths)
-    n_determined = float(np.trace(covariance @ information))
-    psd_error = covariance @ model.psd_scores(params) @ covariance
+    likeliest = free @ conditional(equations, of_free, posterior.log_widths)[2] @ free.T
+    n_determined = float(np.trace(likeliest @ information))
+    psd_error = likeliest @ model.psd_scores(params) @ likeliest
     return replace(
         outcome,
-        solution=solution(outcome.whitened_runs, mean, posterior.covariance + psd_error, n_determined),
+        solution=solution(outcome.whitened_runs, mean, covariance + psd_error, n_determined),
         scatter=_scatter(outcome, posterior),
         log_widths=tuple(zip(posterior.log_widths.tolist(), posterior.log_sigmas.tolist(), strict=True)),
         result=result,

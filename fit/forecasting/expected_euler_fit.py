@@ -9,6 +9,7 @@ priors, torque noise, errors of the calibration.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 import numpy as np
 import scipy
@@ -16,7 +17,7 @@ from numpy.typing import NDArray
 
 from fit.crosstalk import euler_fit, torque_noise
 from fit.findings import Finding
-from fit.fitting import Convergence, constraints, iterate, reported_estimates
+from fit.fitting import Convergence, constraints, iterate
 from fit.forecasting.expected_fit import CrossSpectra, NoiselessError
 from fit.forecasting.expected_run import CompressedRun
 from fit.forecasting.frequency_responses import GRID, responses
@@ -28,6 +29,9 @@ from fit.spacecraft import PATHFINDER
 from fit.spectra import windowing
 from fit.telemetry import Telemetry, inertial_period
 from fit.whitening import weights, whitened_run
+
+if TYPE_CHECKING:
+    import lmfit
 
 Array = NDArray[np.float64]
 Spectrum = NDArray[np.complex128]
@@ -94,17 +98,17 @@ def expected_periods(
     return {
         period: _expected(
             [_ExpectedWeighing(noise_run, joint) for noise_run in runs],
-            euler_fit.constraints_of_period(angles, period),
+            euler_fit.params_of_period(angles, period),
         )
         for period, runs in periods.items()
     }
 
 
-def _expected(runs: Sequence["_ExpectedWeighing"], settings: Mapping[str, ParameterSettings]) -> Fit:
-    outcome = iterate(runs, euler_fit.PARAMETERS, euler_fit.weak_priors, RULE, settings=settings)
+def _expected(runs: Sequence["_ExpectedWeighing"], params: "lmfit.Parameters") -> Fit:
+    outcome = iterate(runs, euler_fit.PARAMETERS, params, RULE, weak_priors=euler_fit.weak_priors)
     theta, covariance, is_noise = torque_noise.bias_corrected(outcome, runs[0].correlation)
     size = len(euler_fit.NAMES)
-    angles, covariance = reported_estimates(outcome, dict(enumerate(euler_fit.NAMES)), theta, covariance)
+    angles, covariance = outcome.estimates(dict(enumerate(euler_fit.NAMES)), theta, covariance)
     determined = [i for i, estimate in enumerate(angles.values()) if estimate.sigma < MAX_SIGMA]
     dof = sum(2 * run.bins for run in runs) - size
     lacking = {warning.message: warning for run in runs for warning in run.warnings}

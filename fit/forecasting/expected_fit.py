@@ -9,9 +9,12 @@ A campaign may hold hundreds of runs. One after the other is made and boiled dow
 is kept of it is a few kilobytes, and its spectra where the estimates are not known.
 """
 
+from __future__ import annotations
+
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property, partial
+from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 import scipy
@@ -30,7 +33,6 @@ from fit.fitting import (
     joint_parameters,
     ltpda_flscov,
     random_effects,
-    weak_priors,
 )
 from fit.forecasting.expected_run import CompressedRun, compress
 from fit.forecasting.frequency_responses import frequencies, responses
@@ -38,7 +40,7 @@ from fit.model import Delays, Equation, Sharing, dynamics
 from fit.parallel import one_blas_thread, parallel_map, progress_range
 from fit.parameters import Parameter
 from fit.results import Estimate, Fit
-from fit.settings import ParameterSettings, Settings
+from fit.settings import Settings
 from fit.settings import settings as default_settings
 from fit.spectra import Spectra
 from fit.whitening import (
@@ -53,6 +55,9 @@ from fit.whitening import (
     system_run,
     whitened_run,
 )
+
+if TYPE_CHECKING:
+    import lmfit
 
 Array = NDArray[np.float64]
 Spectrum = NDArray[np.complex128]
@@ -138,7 +143,7 @@ def expected_fit(
     return as_fit(result, [w.experiment for w in weighings])
 
 
-def joint_weighings(plan: Sequence[PlannedExperiment], settings: Settings) -> "list[ExpectedWeighing]":
+def joint_weighings(plan: Sequence[PlannedExperiment], settings: Settings) -> list[ExpectedWeighing]:
     """Return the experiments that take part in a joint fit.
 
     Raises
@@ -154,7 +159,7 @@ def joint_weighings(plan: Sequence[PlannedExperiment], settings: Settings) -> "l
 
 
 def share_parameters(
-    weighings: "Sequence[ExpectedWeighing]", settings: Settings, departing: Sequence[str] = ()
+    weighings: Sequence[ExpectedWeighing], settings: Settings, departing: Sequence[str] = ()
 ) -> tuple[list[Parameter], list[ScaleParameter]]:
     """Map the parameters of a joint fit to those of each run; return them with the widths of departures."""
     experiments = [w.experiment for w in weighings]
@@ -165,7 +170,7 @@ def share_parameters(
 
 
 def expected_result(
-    weighings: "Sequence[ExpectedWeighing]",
+    weighings: Sequence[ExpectedWeighing],
     settings: Settings,
     scatter: Mapping[str, float] | None = None,
 ) -> IRLSResult:
@@ -178,25 +183,20 @@ def expected_result(
     widths = [replace(w, scale=max(departing[n] for n in members[w.name]) / FREE) for w in widths]
     truth = {name: value for w in weighings for name, value in w.plan.truth.items()}
     initial = [replace(p, value=truth.get(p.name, p.value)) for p in parameters]
-    n_shared = len(parameters) - sum(len(w.members) for w in widths)
-    constraints_of_fit = constraints_of_joint(settings, parameters[:n_shared])
-    priors = partial(weak_priors, parameters)
-    result = iterate(weighings, initial, priors, RULE, widths, settings=constraints_of_fit)
-    return replace(result, parameters=tuple(parameters))
+    return iterate(weighings, parameters, joint_params(settings, initial), RULE, widths)
 
 
-def constraints_of_joint(settings: Settings, parameters: Sequence[Parameter]) -> dict[str, ParameterSettings]:
-    """Return the constraints of the parameters of a joint fit.
+def joint_params(settings: Settings, parameters: Sequence[Parameter]) -> lmfit.Parameters:
+    """Return the parameters of a joint fit as lmfit has them, with the constraints of the settings.
 
     Raises
     ------
     InputError
         If there are any of other parameters, except the angles of inertial periods.
     """
-    names = [p.name for p in parameters]
     angles = filter(euler_fit.is_angle, settings.parameters)
-    constraints.check(settings.parameters, [*names, *angles], "fit.parameters")
-    return constraints.of_fit(settings.parameters, dict(zip(names, names, strict=True)))
+    constraints.check(settings.parameters, [*(p.name for p in parameters), *angles], "fit.parameters")
+    return constraints.params(parameters, settings.parameters)
 
 
 def _departing(settings: Settings, scatter: Mapping[str, float], N: int) -> dict[str, float]:
@@ -231,11 +231,9 @@ def _document(expected: Fit) -> dict[str, object]:
 
 def _entry(estimate: Estimate) -> dict[str, object]:
     """Return the entry of a parameter, with its constraint if there is any."""
-    stated = vars(estimate.constraint).items() if estimate.constraint else ()
-    constraint = {name: value for name, value in stated if value is not None}
     exact = {"value": estimate.value} if estimate.is_exact else {}
     entry: dict[str, object] = {"sigma": estimate.sigma, "unit": estimate.unit, **exact}
-    return {**entry, "constraint": constraint} if constraint else entry
+    return {**entry, "constraint": estimate.constraint} if estimate.constraint else entry
 
 
 class ExpectedWeighing:

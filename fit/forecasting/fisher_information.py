@@ -7,18 +7,18 @@ of experiments needs, and it is linear in the power.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from fit.fitting import ParameterSet, constraints, free_directions
+from fit.fitting import free_directions, prior_rows, varying
 from fit.forecasting.expected_fit import (
     ExpectedWeighing,
     PlannedExperiment,
-    constraints_of_joint,
     expected_result,
+    joint_params,
     joint_weighings,
     share_parameters,
 )
@@ -127,15 +127,12 @@ def fisher_information(plan: Sequence[PlannedExperiment], settings: Settings) ->
     weighings = joint_weighings(plan, settings)
     parameters, _ = share_parameters(weighings, settings)
     truth = {name: value for w in weighings for name, value in w.plan.truth.items()}
-    parameter_set = ParameterSet(parameters, (), constraints_of_joint(settings, parameters))
-    params = parameter_set.params(np.array([truth.get(p.name, p.value) for p in parameters]))
-    varying = np.flatnonzero(~constraints.fixed_or_tied(params)).tolist()
-    free = free_directions(params)
-    prior_sigma = np.array([p.user_data.sigma if p.user_data else np.inf for p in params.values()])
+    params = joint_params(settings, [replace(p, value=truth.get(p.name, p.value)) for p in parameters])
+    places, free, rows = varying(params), free_directions(params), prior_rows(params)[0]
     return CampaignInformation(
-        names=tuple(parameters[i].name for i in varying),
-        widths=np.array([parameters[i].prior_sigma for i in varying]),
-        prior=np.diag(1 / prior_sigma[varying] ** 2),
+        names=tuple(parameters[i].name for i in places),
+        widths=np.array([parameters[i].prior_sigma for i in places]),
+        prior=free.T @ rows.T @ rows @ free,
         experiments=tuple(_information(w, w.parameter_map @ free) for w in weighings),
     )
 

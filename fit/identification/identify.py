@@ -15,7 +15,7 @@ from fit.consistency import consistency_warnings
 from fit.errors import FitError, InputError
 from fit.false_alarms import sigma_limit
 from fit.findings import Finding
-from fit.fitting import constraint_test, irls, report, width_posterior
+from fit.fitting import constraint_test, constraints, irls, report, width_posterior
 from fit.identification.linearised_run import SimulatedExperiment
 from fit.identification.loop import FreeParameter, Loop
 from fit.identification.parameters import JointParameters, check_constraints, joint
@@ -85,14 +85,13 @@ def identify(
     fit = _report(experiments, parameters, outcome, settings)
     test = constraint_test.refit_unconstrained(outcome, settings.parameters)
     warnings = [
-        *test.warnings(),
+        *test.warnings,
         *fit.warnings,
         *_doubts(experiments, calibrated, outcome),
         *steps.warnings(),
     ]
     if not test.is_contradicted:  # of which a difference is a consequence
-        tested = {c.name for c in test.active}
-        warnings += _differences(fit, calibrated.joint, fixed_values, tested, loop)
+        warnings += _differences(fit, calibrated.joint, fixed_values, {*test.active}, loop)
     provenance = _provenance(experiments, calibrated.provenance, outcome, settings)
     return Results(replace(fit, warnings=tuple(warnings)), {}, {}, {}, provenance)
 
@@ -130,7 +129,7 @@ class _Steps:
             parameters.parameters,
             random_effects=parameters.random_effects,
             limit_step=self.limited,
-            settings=parameters.settings,
+            params=constraints.params(parameters.parameters, parameters.settings),
         )
 
     def limited(self, theta: Array, target: Array) -> Array:
@@ -166,9 +165,7 @@ def _report(
     names = {name: name for name in parameters.free}
     fit = report(outcome, experiments, names, apply("fit", outcome, experiments, names))
     estimates = {  # physical limits of a parameter are no constraint unless it is at one
-        name: e
-        if name in settings.parameters or (e.constraint and e.constraint.at_bound)
-        else replace(e, constraint=None)
+        name: e if name in settings.parameters or "at bound" in e.constraint else replace(e, constraint="")
         for name, e in fit.parameters.items()
     }
     return replace(fit, parameters=estimates)

@@ -93,7 +93,7 @@ def joint(
     coupled = [FreeParameter(n, shared=settings.shared[n]) for n in dynamics.CROSS_TALK if n in measured]
     of_loop = joint_parameters(free, runs)
     parameters = of_loop | joint_parameters(coupled, runs)
-    stated = constraints.of_fit(settings.parameters, {name: name for name in parameters})
+    stated = {name: s for name, s in settings.parameters.items() if name in parameters}
     limits = {name: _bounded(stated.get(name), *p.bounds) for name, (_, p) in parameters.items()}
     fitted = calibrated.joint.values if calibrated.joint else {}
     names = list(parameters)

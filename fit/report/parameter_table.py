@@ -102,7 +102,7 @@ def _row(p: Parameter, fit: Fit, has_truth: bool, forecast: float | None) -> Par
         pull=pull,
         flight=measurement(p.value, p.sigma, exponent) if p.flown else "",
         forecast=sigma_text(forecast, exponent) if forecast else "",
-        constraint=str((e and e.constraint) or ""),
+        constraint=e.constraint if e else "",
     )
 
 

@@ -1,9 +1,6 @@
 """The results of a calibration: what they hold, how they came about, their JSON form and their folder."""
 
 from fit.results.estimates import (
-    Bound,
-    Constraint,
-    ConstraintKind,
     Diagnostics,
     Estimate,
     Stiffness,
@@ -28,9 +25,6 @@ from fit.results.results import (
 )
 
 __all__ = [
-    "Bound",
-    "Constraint",
-    "ConstraintKind",
     "Diagnostics",
     "Estimate",
     "Fit",

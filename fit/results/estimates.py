@@ -2,7 +2,7 @@
 
 import math
 from dataclasses import dataclass, field
-from typing import Annotated, Literal
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,51 +10,10 @@ from pydantic import ConfigDict, Field, model_validator
 
 from fit.files import problem
 from fit.tables import FIXED, measurement, rounded, withheld
-from fit.units import campaign_unit, concise_value, prior_text
+from fit.units import campaign_unit, concise_value
 
 CONFIG = ConfigDict(arbitrary_types_allowed=True, allow_inf_nan=False)
-ConstraintKind = Literal["fixed", "tied", "prior", "bounds"]
-Bound = Literal["min", "max"]
 _Number = Annotated[float, Field(ge=-1e100, le=1e100)]  # its square is still a number
-
-
-@dataclass(frozen=True)
-class Constraint:
-    """What a user states of a parameter, and whether its estimate is at a bound.
-
-    Attributes
-    ----------
-    kind : {"fixed", "tied", "prior", "bounds"}
-        A parameter with a prior may have bounds as well.
-    expr : str or None
-        Expression of a tied parameter.
-    prior : tuple of float or None
-        Mean and sigma of a Gaussian prior, SI.
-    min, max : float or None
-        Bounds, SI.
-    at_bound : {"min", "max"} or None
-        The bound that the estimate is at.
-    """
-
-    kind: ConstraintKind
-    expr: str | None = None
-    prior: tuple[float, float] | None = None
-    min: float | None = None
-    max: float | None = None
-    at_bound: Bound | None = None
-
-    def __str__(self) -> str:
-        if self.expr is not None:
-            return f"tied to {self.expr}"
-        if self.kind == "fixed":
-            return FIXED
-        words = [f"prior {prior_text(*self.prior)}"] if self.prior else []
-        if self.at_bound:
-            words.append(f"at bound {self.min if self.at_bound == 'min' else self.max:.9g}")
-        elif (self.min, self.max) != (None, None):
-            low, high = ("" if limit is None else f"{limit:.9g}" for limit in (self.min, self.max))
-            words.append(f"bounds {low}:{high}")
-        return ", ".join(words)
 
 
 @dataclass(frozen=True, repr=False)
@@ -69,8 +28,9 @@ class Estimate:
         SI unit, ``"1"`` where dimensionless.
     truth, pull : float or None
         The simulated value and (value - truth)/sigma; None where unknown.
-    constraint : Constraint or None
-        Constraint by the user, if there is one.
+    constraint : str
+        What the user states: ``fixed``, ``tied to EXPR``, ``prior MEAN ± SIGMA``, ``bounds MIN:MAX`` or ``at
+        bound VALUE``; empty for nothing.
     sound : bool
         Whether `sigma` is valid: that of an unsound `Fit` is not. Files state it of the fit.
     """
@@ -80,17 +40,16 @@ class Estimate:
     unit: str
     truth: float | None = None
     pull: float | None = None
-    constraint: Constraint | None = None
+    constraint: str = ""
     sound: Annotated[bool, Field(exclude=True)] = field(default=True, compare=False)
 
     @model_validator(mode="after")
     def _check_sigma(self) -> "Estimate":
         """Refuse the sigma of a file if it is none, which would make an estimate look exact."""
-        kind = self.constraint.kind if self.constraint else ""
-        if self.sigma > 0 or (self.is_exact and kind in ("fixed", "tied")):
+        if self.sigma > 0 or (self.is_exact and self.constraint.startswith((FIXED, "tied"))):
             return self
         raise problem(
-            f'{self.sigma:g}, expected more than 0, or 0 with a constraint "fixed" or "tied"', "sigma"
+            f'{self.sigma:g}, expected more than 0, or 0 with a constraint "fixed" or "tied to ..."', "sigma"
         )
 
     @property
@@ -114,8 +73,7 @@ class Estimate:
         text = f"{self.number} {campaign_unit(self.unit)}".rstrip()
         text += "" if self.truth is None else f", truth {rounded(self.truth, self.sigma)}"
         text += "" if self.pull is None or not self.sound else f", pull {self.pull:+.2f}"
-        stated = str(self.constraint or "")
-        return f"{text} ({stated})" if stated not in ("", FIXED) else text
+        return f"{text} ({self.constraint})" if self.constraint not in ("", FIXED) else text
 
     def difference(self, value: float, sigma: float = 0.0) -> float | None:
         """Return value of the estimate - `value` over both sigmas; None where neither has a sigma."""

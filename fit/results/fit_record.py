@@ -260,7 +260,6 @@ def estimates(fits: Mapping[str, Fit]) -> Table:
         for name, e in fit.parameters.items():
             truth = "" if e.truth is None else rounded(e.truth, e.sigma)
             pull = "" if e.pull is None or not e.sound else f"{e.pull:+.2f}"
-            stated = str(e.constraint or "")
-            rows.append((name + suffix, e.number, campaign_unit(e.unit), truth, pull, stated))
+            rows.append((name + suffix, e.number, campaign_unit(e.unit), truth, pull, e.constraint))
     head = ("parameter", "estimate", "unit", "truth", "pull", "constraint")
     return Table(head, tuple(rows)).filled(n_always=3)

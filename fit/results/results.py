@@ -115,7 +115,7 @@ class Results:
                 e.value,
                 e.sigma,
                 e.sound,
-                str(e.constraint or ""),
+                e.constraint,
                 e.truth,
                 e.pull,
             )
@@ -145,7 +145,7 @@ class Results:
                 "parameter": f"${latex_symbol(name)}$",
                 "estimate": f"${latex_value(e.value, e.sigma, sound=e.sound)}$",
                 "unit": latex_unit(e.unit),
-                "constraint": latex_text(str(e.constraint or "")),
+                "constraint": latex_text(e.constraint),
             }
             for section, key, fit in self.fits()
             if section in shown

@@ -101,7 +101,7 @@ class Chain:
                 "sigma_ratio_error": ratio / (2 * ess) ** 0.5,
                 **({} if e.truth is None else {"truth": e.truth}),
             }
-        constraints = {n: str(e.constraint) for n, e in results.joint.parameters.items() if e.constraint}
+        constraints = {n: e.constraint for n, e in results.joint.parameters.items() if e.constraint}
         return {
             "schema": SCHEMA,
             "parameters": parameters,

@@ -22,7 +22,7 @@ from fit.fitting import (
     null_space,
     parameter_values,
 )
-from fit.results import Constraint, Estimate, Fit
+from fit.results import Estimate, Fit
 from fit.spectra import NoiseModel, fit_noise
 from fit.tilt_to_length import michelson
 from fit.tilt_to_length.coefficients import COEFFICIENTS, NAMES, WIDTH
@@ -38,7 +38,6 @@ from fit.units import prior_text
 
 if TYPE_CHECKING:
     import lmfit
-    from lmfit.minimizer import MinimizerResult
 
 Array = NDArray[np.float64]
 
@@ -212,37 +211,21 @@ def _solve(
     undetermined, directions = null_space.null_space(estimate.information, np.full(len(NAMES), WIDTH))
     is_free = [p.vary and not p.expr for p in result.params.values()]
     reported = [i for i in range(len(NAMES)) if not (is_free[i] and undetermined[i])]
-    warnings = [
-        *_test_constraints(params, result, free).warnings(),
-        *blind_warnings(undetermined, directions),
-    ]
+    sigma = np.sqrt(np.diag(free.covar))
+    test = constraint_test.compare(
+        _stated(params),
+        {NAMES[i]: bound for i, bound in constraints.at_bound(result.params, sigma).items()},
+        result.params.valuesdict(),
+        {name: (p.value, s) for (name, p), s in zip(free.params.items(), sigma, strict=True)},
+        result.chisqr - free.chisqr,
+    )
+    warnings = [*test.warnings, *blind_warnings(undetermined, directions)]
     return SolvedModel(model, result, weak), reported, warnings
 
 
-def _test_constraints(
-    stated: lmfit.Parameters | None, constrained: MinimizerResult, free: MinimizerResult
-) -> constraint_test.ConstraintTest:
-    """Compare the fit with what the user states of coefficients and the fit without."""
-    sigma = np.sqrt(np.diag(free.covar))
-    bounds = constraints.at_bound(constrained.params, sigma)
-    tested = []
-    for i, (name, p) in enumerate(constrained.params.items()):
-        if (constraint := _constraint(stated, name)) is None:
-            continue
-        value = f" at {p.value:.6g}" if constraint.kind == "fixed" else ""
-        tested.append(
-            constraint_test.TestedConstraint(
-                name=name,
-                description=f"{name} {constraint}{value}",
-                value=float(p.value),
-                unconstrained=float(free.params[name].value),
-                sigma=float(sigma[i]),
-                bound=bounds.get(i, ""),
-                is_declared=True,
-                is_active=constraint.kind != "bounds" or i in bounds,
-            )
-        )
-    return constraint_test.ConstraintTest(tuple(tested), max(float(constrained.chisqr - free.chisqr), 0.0))
+def _stated(params: lmfit.Parameters | None) -> dict[str, str]:
+    """Return what the user states of coefficients, in words."""
+    return {name: text for name, p in (params or {}).items() if (text := constraints.text(p))}
 
 
 def _fit(
@@ -257,28 +240,12 @@ def _fit(
     """Return the result of a fit, with truth and pull where there is a truth."""
     covariance = solved.model.covariance(solved.result.params)[np.ix_(reported, reported)]
     theta, sigma = parameter_values(solved.result.params)[reported], np.sqrt(np.diag(covariance))
-    estimates = {}
+    estimates, texts = {}, _stated(stated)
     for i, value, error in zip(reported, theta.tolist(), sigma.tolist(), strict=True):
         name, unit = NAMES[i], COEFFICIENTS[i].unit
         pull = (value - truth[name]) / error if name in truth and error > 0 else None
-        estimates[name] = Estimate(value, error, unit, truth.get(name), pull, _constraint(stated, name))
+        estimates[name] = Estimate(value, error, unit, truth.get(name), pull, texts.get(name, ""))
     return Fit(estimates, covariance, chi2, dof, True, tuple(warnings), solved=solved)
-
-
-def _constraint(params: lmfit.Parameters | None, name: str) -> Constraint | None:
-    """Return what the user states of a coefficient."""
-    if params is None or name not in params:
-        return None
-    p = params[name]
-    if p.expr:
-        return Constraint("tied", p.expr)
-    if not p.vary:
-        return Constraint("fixed")
-    low, high = (float(x) if math.isfinite(x) else None for x in (p.min, p.max))
-    prior = (float(p.user_data.mean), float(p.user_data.sigma)) if isinstance(p.user_data, Prior) else None
-    if prior is None and low is None and high is None:
-        return None
-    return Constraint("prior" if prior else "bounds", prior=prior, min=low, max=high)
 
 
 def make_params() -> lmfit.Parameters:

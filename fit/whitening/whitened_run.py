@@ -308,22 +308,6 @@ def _sum(of_columns: Sequence[Array], blocks: Sequence[WhitenedRun], theta: Arra
 
 
 @dataclass(frozen=True)
-class Prior:
-    """Gaussian prior knowledge: chi^2 gains ``|rows (theta - centre)|^2``.
-
-    Attributes
-    ----------
-    centre : ndarray, shape (P,)
-        SI.
-    rows : ndarray, shape (K, P)
-        One row per known direction, divided by its sigma.
-    """
-
-    centre: Array
-    rows: Array
-
-
-@dataclass(frozen=True)
 class Solution:
     """The minimum of chi^2.
 
@@ -349,15 +333,34 @@ class Solution:
         """Standard deviations, shape (P,)."""
         return np.asarray(np.sqrt(np.diag(self.covariance)))
 
+    def in_sigma(self, change: Array) -> Array:
+        """Return a change of the parameters, shape (P,), in sigmas; zero for what is fixed."""
+        return in_sigma(change, self.covariance)
 
-def scaled_inverse(H: Array) -> Array:
+
+def in_sigma(change: Array, covariance: Array) -> Array:
+    """Return a change of parameters, shape (P,), in sigmas of their covariance; zero for what is fixed."""
+    sigma = np.sqrt(np.diag(covariance))
+    return np.divide(change, sigma, out=np.zeros(sigma.size), where=sigma > 0)
+
+
+def scaled_inverse(H: Array, free: Array | None = None) -> Array:
     """Return the inverse of an information matrix, shape (P, P), whatever the units of its parameters.
+
+    Parameters
+    ----------
+    H : ndarray, shape (P, P)
+        Information.
+    free : ndarray, shape (P, F), optional
+        Directions in which the parameters vary: the inverse is that within them, zero across.
 
     Raises
     ------
     FitError
         If it is singular.
     """
+    if free is not None:
+        return np.asarray(free @ scaled_inverse(free.T @ H @ free) @ free.T)
     scale = 1 / np.sqrt(np.abs(np.diag(H)))
     try:
         return np.asarray(scale[:, None] * np.linalg.inv(scale[:, None] * H * scale) * scale)

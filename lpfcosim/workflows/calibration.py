@@ -59,7 +59,7 @@ class Calibration:
         fits = main_fits(self.results)
         known = {name + suffix: e for suffix, fit in fits.items() for name, e in fit.parameters.items()}
         n_runs = len(self.results.experiments)
-        n = sum(not (e.constraint and e.constraint.kind in ("fixed", "tied")) for e in known.values())
+        n = sum(not e.constraint.startswith(("fixed", "tied")) for e in known.values())
         text = f"{n} parameter{'s' * (n != 1)} determined"
         text += f" from {n_runs} experiment{'s' * (n_runs != 1)}" if n_runs else ""
         pulls = {name: e.pull for name, e in known.items() if e.pull is not None}

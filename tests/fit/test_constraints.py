@@ -168,7 +168,7 @@ def test_a_forecast_has_the_constraints_of_the_fit(runs, said, row, known):
     entries = forecast_document(constrained, {})["parameters"]
     for n, e in of_fit.parameters.items():
         if e.is_exact:
-            fixed = {"sigma": 0.0, "unit": e.unit, "value": e.value, "constraint": {"kind": "fixed"}}
+            fixed = {"sigma": 0.0, "unit": e.unit, "value": e.value, "constraint": "fixed"}
             assert entries[n] == fixed
         else:
             assert entries[n]["sigma"] == pytest.approx(e.sigma, rel=0.1), n

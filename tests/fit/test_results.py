@@ -13,7 +13,7 @@ from fit.findings import Amount, Finding
 from fit.forecasting.coverage import with_truth
 from fit.report.parameter_table import parameter_table
 from fit.results import Fit, Results, estimates, load, sound_joint, write
-from fit.results.estimates import Constraint, Estimate, Stiffness
+from fit.results.estimates import Estimate, Stiffness
 from fit.results.provenance import Provenance
 from fit.telemetry.reader import read
 from tests.oracles.contract_file import write_contract_file
@@ -120,15 +120,10 @@ def test_every_float_survives_to_the_last_bit(tmp_path_factory, value, sigma):
 
 
 @pytest.mark.parametrize(
-    ("constraint", "sigma", "text"),
-    [
-        (Constraint("fixed"), 0.0, "fixed"),
-        (Constraint("tied", expr="2 * C_1"), 0.0, "tied to 2 * C_1"),
-        (Constraint("prior", prior=(0.2, 0.1), max=0.3), 0.5, "prior 0.2 ± 0.1, bounds :0.3"),
-        (Constraint("bounds", min=0.2, at_bound="min"), 0.5, "at bound 0.2"),
-    ],
+    ("constraint", "sigma"),
+    [("fixed", 0.0), ("tied to 2 * C_1", 0.0), ("prior 0.2 ± 0.1, bounds :0.3", 0.5), ("at bound 0.2", 0.5)],
 )
-def test_constraints_are_kept_and_shown(tmp_path, constraint, sigma, text):
+def test_constraints_are_kept_and_shown(tmp_path, constraint, sigma):
     fit = make_fit(lambda_2=1.0, C_2=0.2)
     fit.parameters["C_2"] = Estimate(0.2, sigma, "s", truth=0.1, constraint=constraint)
     fit = replace(fit, covariance_matrix=np.diag([0.25, sigma**2]))
@@ -136,12 +131,9 @@ def test_constraints_are_kept_and_shown(tmp_path, constraint, sigma, text):
     joint = load(tmp_path / "results.json").joint
     assert_same(joint, fit)
     assert np.isfinite(joint.correlation).all()
-    assert str(constraint) == text
-    assert (
-        dict(zip(estimates({"": joint}).head, estimates({"": joint}).rows[1], strict=True))["constraint"]
-        == text
-    )
-    assert parameter_table(joint).rows[1].constraint == text
+    table = estimates({"": joint})
+    assert dict(zip(table.head, table.rows[1], strict=True))["constraint"] == constraint
+    assert parameter_table(joint).rows[1].constraint == constraint
 
 
 def test_the_json_is_that_of_the_contract(tmp_path):

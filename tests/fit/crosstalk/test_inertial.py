@@ -148,9 +148,11 @@ def test_constraints_of_the_angles(three_days):
     joint = calibration().joint
     free = fit_period([three_days[0]], joint)
     e = free["delta_phi"]
-    known = fit_period([three_days[0]], joint, {"delta_phi": ParameterSettings(prior=(e.value, e.sigma / 2))})
+    known = fit_period(
+        [three_days[0]], joint, "1", {"delta_phi_1": ParameterSettings(prior=(e.value, e.sigma / 2))}
+    )
     assert known["delta_phi"].sigma == pytest.approx(e.sigma / 5**0.5, rel=0.05)
     assert known["delta_phi"].value == pytest.approx(e.value, abs=0.05 * e.sigma)
-    fixed = fit_period([three_days[0]], joint, {"delta_eta": ParameterSettings(vary=False, value=0.0)})
+    fixed = fit_period([three_days[0]], joint, "1", {"delta_eta_1": ParameterSettings(vary=False, value=0.0)})
     assert (fixed["delta_eta"].value, fixed["delta_eta"].sigma) == (0.0, 0.0)
     np.testing.assert_allclose(fixed.correlation, np.eye(2), rtol=1e-15)

@@ -14,7 +14,7 @@ from scipy.fft import prev_fast_len
 from fit import whitening
 from fit.errors import FitError
 from fit.fitting import fit_experiment, irls, weighings
-from fit.fitting.joint_model import JointModel, lmfit_params
+from fit.fitting.joint_model import JointModel
 from fit.fitting.null_space import null_space
 from fit.fitting.run_estimate import run_estimate
 from fit.pipeline import calibrate
@@ -26,6 +26,7 @@ from lpfcosim.campaign import loading
 from lpfcosim.campaign.montecarlo import numbered
 from lpfcosim.workflows.montecarlo_trial import SpectralSimulator
 from tests import ROOT
+from tests.fit.fitting.linear_equation import params_of
 from tests.oracles import thirteen
 from tests.oracles.closed_loop import Drive
 from tests.oracles.synthetic import World, of_run, pair, telemetry, without
@@ -140,7 +141,7 @@ def test_psd_error_is_the_change_of_the_scores_with_the_knots():
     # the covariance of the estimates, and lmfit's, are those of a sandwich with these scores
     estimate = run_estimate("A", run)
     model = JointModel([estimate])
-    result = model.fit(lmfit_params(["a", "b", "c"], np.zeros(3), {}))
+    result = model.fit(params_of("abc", np.zeros(3)))
     H, M = run.H[1:, 1:], run.M[1:, 1:] + run.psd_scores[1:, 1:]
     expected = np.linalg.solve(H, np.linalg.solve(H, M).T)
     assert model.covariance(result.params) == pytest.approx(expected)

@@ -9,19 +9,13 @@ import scipy
 
 import fit
 from fit.errors import InputError
-from fit.fitting.joint_model import (
-    JointModel,
-    Prior,
-    lmfit_names,
-    lmfit_params,
-    parameter_values,
-)
+from fit.fitting.joint_model import JointModel, Prior, lmfit_names, parameter_values
 from fit.fitting.run_estimate import RunEstimate, run_estimate
 from fit.fitting.solved_model import SolvedModel
 from fit.model import dynamics
 from fit.whitening import whitened_run
 from fit.whitening.likelihoods import weights
-from tests.fit.fitting.linear_equation import LinearEquation
+from tests.fit.fitting.linear_equation import LinearEquation, params_of
 
 TRUTH = np.array([1.08, 0.19, 1.05, 0.2, -4.2e-7, 1e-8, 3e-5])  # in the order of dynamics.PARAMETERS
 SCALE = np.array([1e-4, 1e-3, 1e-4, 1e-3, 1e-9, 1e-9, 1e-6])
@@ -73,7 +67,7 @@ def test_minimum_is_reached_from_near_and_far(driven, away):
     block, minimum, sigma = driven
     start = minimum + away * sigma * np.array([1, -1, 1, 1, -1, 1, -1])
     model = JointModel([run_estimate("A", block)])
-    result = model.fit(lmfit_params(dynamics.PARAMETERS, start, {}))
+    result = model.fit(params_of(dynamics.PARAMETERS, start))
     np.testing.assert_allclose((parameter_values(result.params) - minimum) / sigma, 0, atol=1e-5)
     np.testing.assert_allclose(np.sqrt(np.diag(model.covariance(result.params))) / sigma, 1, rtol=1e-4)
     np.testing.assert_allclose(np.sqrt(np.diag(result.covar)) / sigma, 1, rtol=1e-4)
@@ -96,7 +90,7 @@ def two_runs():
 
 
 def solved(model, **constraints):
-    params = lmfit_params(["a", "b"], np.zeros(2), {})
+    params = params_of("ab", np.zeros(2))
     for name, setting in constraints.items():
         params[name].set(**{key: value for key, value in setting.items() if key != "prior"})
         params[name].user_data = setting.get("prior")
@@ -181,7 +175,7 @@ def test_parameters_of_other_sizes_settle_beside_a_bound():
     root = np.array([[1.0, 0.3, 0.1], [0.0, 1.0, 0.95], [0.0, 0.0, 0.3]]) / scale
     c = np.array([3e4, 1e-7, 1e-9])
     model = JointModel([RunEstimate("A", c, root, LinearEquation())])
-    params = lmfit_params(["a", "b", "c"], c + np.array([0.0, -1e-8, 1e-9]), {})
+    params = params_of("abc", c + np.array([0.0, -1e-8, 1e-9]))
     params["b"].set(max=c[1] - 7 * scale[1])
     W = root.T @ root
     b = -7 * scale[1]

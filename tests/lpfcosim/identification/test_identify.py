@@ -193,7 +193,7 @@ def test_constraints_are_those_of_the_fit(identify, lpfcosim, done):
     assert "fit.parameters.Plant.omega2_1_0: no parameter of this fit" in err  # its name is that of the fit
     joint, warnings = identify(SOUGHT, "--fix", "C_2=0.186", "--prior", "omega2_1_0=-4e-7,1e-9")
     assert joint["parameters"]["C_2"]["value"] == 0.186
-    assert joint["parameters"]["C_2"]["constraint"] == {"kind": "fixed"}
+    assert joint["parameters"]["C_2"]["constraint"] == "fixed"
     assert joint["parameters"]["omega2_1_0"]["sigma"] <= 1.001e-9
     assert warnings["constrained"]["parameters"] == ["C_2", "omega2_1_0"]
 
