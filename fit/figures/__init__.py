@@ -16,7 +16,6 @@ __all__ = [
     "Points",
     "Span",
     "analysis",
-    "bode",
     "gain",
     "motion",
     "runs",

@@ -4,4 +4,4 @@ It selects and arranges tables, figures and text. The records of figures are in 
 them in the page, and `fit.plotting` for print and, one by one, for a notebook (`plot`).
 """
 
-__all__ = ["control_loops", "page", "plot"]
+__all__ = ["page", "plot"]

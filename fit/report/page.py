@@ -21,7 +21,6 @@ from fit.parallel import one_blas_thread, parallel_map, progress_stage
 from fit.parameters import LISA, joint_names, joint_parameter
 from fit.report import (
     charts,
-    control_loops,
     experiments,
     identification,
     mission,
@@ -71,7 +70,7 @@ def write_report(directory: Path, results: Results, telemetries: Sequence[Teleme
     digest = _entry("campaign_digest", results, telemetries)
     joint_table = joint and _joint_table(joint, telemetries, _forecast(directory, digest))
     progress_stage(0.3 if results.inertial else 0.8)
-    ratio, single_sections, sections = _sections(results, telemetries, directory, digest)
+    ratio, single_sections, sections = _sections(results, telemetries)
     single_sections = _rendered(single_sections)
     progress_stage(1.0)
     sections += [*identification.sections(results, directory), *sampling.sections(results, directory)]
@@ -115,19 +114,17 @@ def _joint_table(
 
 
 def _sections(
-    results: Results, telemetries: Sequence[Telemetry], directory: Path, digest: object
+    results: Results, telemetries: Sequence[Telemetry]
 ) -> tuple[FigureSpec | None, list[Section], list[Section]]:
     """Return the figure of all residuals, the sections on each experiment, and those on all of them."""
     analysed = experiments.analysed(results, telemetries)
     together = [*motion.sections(results, telemetries), *mission.sections(results, telemetries)]
-    together += control_loops.sections(directory, digest)
     return experiments.residual_over_noise(analysed), experiments.sections(results, analysed), together
 
 
-def figure_specs(results: Results, telemetries: Sequence[Telemetry], directory: Path) -> list[FigureSpec]:
-    """Return all figures of the report of a folder but those of other commands, not yet drawn."""
-    digest = _entry("campaign_digest", results, telemetries)
-    ratio, single, together = _sections(results, telemetries, directory, digest)
+def figure_specs(results: Results, telemetries: Sequence[Telemetry]) -> list[FigureSpec]:
+    """Return all figures of the report but those of other commands, not yet drawn."""
+    ratio, single, together = _sections(results, telemetries)
     drawn = [spec for section in (*single, *together) for spec in section.figures]
     return [*([ratio] if ratio else []), *(spec for spec in drawn if isinstance(spec, FigureSpec))]
 

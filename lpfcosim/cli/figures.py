@@ -21,7 +21,7 @@ def write_figures(directory: Path, names: Sequence[str], console: Console, *, jo
         results, telemetries = refit.load(directory)
     place = directory / "figures"
     with console.stage("preparation"):
-        known = {spec.name: spec for spec in page.figure_specs(results, telemetries, directory)}
+        known = {spec.name: spec for spec in page.figure_specs(results, telemetries)}
     for name in names:
         if not any(name in figure for figure in known):
             raise InputError(f"{directory}: no figure is called {name!r}{closest_match(name, known)}")

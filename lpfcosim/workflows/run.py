@@ -2,19 +2,17 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import Executor
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
 from fit.errors import CalibrationError
-from fit.files import atomic
 from fit.findings import Finding
 from fit.parallel import one_blas_thread
-from fit.report import control_loops
 from fit.results import Fit, Results
 from fit.settings import Settings, settings
-from fit.telemetry import Telemetry, read_all
+from fit.telemetry import read_all
 from lpfcosim.campaign import Campaign
 from lpfcosim.errors import InputError, RunError, prefix_errors
 from lpfcosim.execution import results_folder, runner, validation
@@ -24,7 +22,6 @@ from lpfcosim.workflows.calibration import Calibration, calibrate_into
 from lpfcosim.workflows.campaigns import CampaignLike, PathLike, as_path, resolve
 from lpfcosim.workflows.progress import LOG, Progress, check_options
 from lpfcosim.workflows.simulate import campaign_fmus, failure_causes, simulate_into
-from lpfcosim.workflows.transfer_functions import transfer_functions
 
 
 @dataclass(frozen=True, repr=False)
@@ -166,8 +163,6 @@ def _fit(
         with progress.stage("reading"):
             files = [simulated.files[name] for e in complete for name in e.run_names]
             telemetries = read_all(files, trusted=True)
-        with progress.stage("loop responses"):
-            _write_transfer_functions(plan, directory, telemetries)
         fitted = calibrate_into(
             directory,
             telemetries,
@@ -190,15 +185,6 @@ def _prefixed(failure: RunError | None) -> Iterator[None]:
         if isinstance(error, InputError):  # about the telemetry: the campaign was found valid
             raise RunError(str(error)) from None
         raise
-
-
-def _write_transfer_functions(plan: Campaign, directory: Path, telemetries: Sequence[Telemetry]) -> None:
-    """Write the transfer functions of the control loops, for the report, if they are known and measured."""
-    path = directory / control_loops.NAME
-    path.unlink(missing_ok=True)
-    with suppress(CalibrationError):
-        loops = transfer_functions(plan, telemetries).values()
-        atomic.write_json(path, control_loops.document([*loops], plan.digest))
 
 
 def _with_missing(results: Results, missing: Sequence[str], causes: str) -> Results:

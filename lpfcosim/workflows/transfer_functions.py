@@ -1,13 +1,13 @@
 """The closed loop of a run, and transfer functions: modelled, and measured at the injected tones."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fit.errors import shown
-from fit.figures import bode
 from fit.files import closest_match
 from fit.parallel import one_blas_thread
 from fit.telemetry import GUIDANCE, Telemetry, check_runs
@@ -27,6 +27,44 @@ LARGEST_CUT = 0.01  # of a sine at its ends, which archive filters shorten: hard
 SHORTEST_NOISE = 2.5  # times a sine: four half-overlapping stretches
 HIGHEST_TONE = (decimation.PASSBAND + decimation.STOPBAND) / 2  # of the sample rate: attenuated by half
 RATE = 2.0  # Hz, of the response of the model, which has next to nothing above half of that
+
+
+@dataclass(frozen=True)
+class LoopResponse:
+    """Response of a read-out to its guidance.
+
+    Attributes
+    ----------
+    read_out : str
+        Name of the channel; `fit.telemetry.GUIDANCE` has that of the injections.
+    frequency : ndarray, shape (N,)
+        Of the model [Hz].
+    modelled : ndarray of complex, shape (N,)
+        Frequency response of the closed loop [1].
+    tones : ndarray, shape (K,)
+        Injected frequencies [Hz].
+    names : tuple of str
+        Experiment of each of the K tones.
+    measured, expected : ndarray of complex, shape (K,)
+        Response at the tones, estimated from telemetry and of the model [1].
+    sigma : ndarray, shape (K,)
+        Standard deviation of real and imaginary part of `measured` [1].
+    """
+
+    read_out: str
+    frequency: Array
+    modelled: Complex
+    tones: Array
+    names: tuple[str, ...]
+    measured: Complex
+    expected: Complex
+    sigma: Array
+
+    @property
+    def differences(self) -> Array:
+        """Differences of magnitude and phase from the model in sigma, shape (2, K)."""
+        along = (self.measured / self.expected - 1) * np.abs(self.expected) / self.sigma
+        return np.stack([along.real, along.imag])
 
 
 def closed_loop(campaign: CampaignLike, run_name: str) -> ClosedLoop:
@@ -56,7 +94,7 @@ def closed_loop(campaign: CampaignLike, run_name: str) -> ClosedLoop:
 
 
 @one_blas_thread
-def transfer_functions(campaign: CampaignLike, runs: Sequence[Telemetry]) -> dict[str, bode.LoopResponse]:
+def transfer_functions(campaign: CampaignLike, runs: Sequence[Telemetry]) -> dict[str, LoopResponse]:
     """Compare the control loops of a campaign with their telemetry.
 
     At the frequency of every sine that is injected into the guidance of a read-out, the measured response is
@@ -149,10 +187,10 @@ def _measure(
     return tones
 
 
-def _loop(read_out: str, modelled: Complex, rows: Sequence[_Tone]) -> bode.LoopResponse:
+def _loop(read_out: str, modelled: Complex, rows: Sequence[_Tone]) -> LoopResponse:
     names, f, measured, expected, sigma = zip(*rows, strict=True)
     responses = np.array(measured), np.array(expected), np.array(sigma)
-    return bode.LoopResponse(read_out, FREQUENCIES, modelled, np.array(f), names, *responses)
+    return LoopResponse(read_out, FREQUENCIES, modelled, np.array(f), names, *responses)
 
 
 def _sines(run: Run, telemetry: Telemetry, noise: Telemetry) -> dict[str, list[Sine]]:

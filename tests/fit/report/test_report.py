@@ -185,7 +185,7 @@ def test_the_whole_report(tmp_path, campaign):
     for experiment in ("1{}-A1", "2{}-B2"):
         for letter, name in {"r": "responses", "s": "spectra", "b": "breakdown", "t": "residual"}.items():
             stems.append(f"e{experiment.format(letter)}-{name}")
-    assert {d.name for d in figure_specs(page.results, runs, tmp_path)} == set(stems)
+    assert {d.name for d in figure_specs(page.results, runs)} == set(stems)
     assert all(f"<code>{stem}</code></figcaption>" in page.source for stem in stems)
     headings = [page.text.index(text) for text in ORDER]
     assert headings == sorted(headings)
@@ -254,7 +254,7 @@ def test_every_foreign_text_is_escaped(tmp_path, campaign):
     assert "img" not in page.tags
     assert not [name for _, name, _ in page.attributes if name.startswith("on")]
     assert EVIL.partition(" & ")[0] in page.text
-    assert all(re.fullmatch(r"[\w.-]+", d.name) for d in figure_specs(page.results, runs, tmp_path))
+    assert all(re.fullmatch(r"[\w.-]+", d.name) for d in figure_specs(page.results, runs))
 
 
 def test_times_are_utc(tmp_path, campaign):

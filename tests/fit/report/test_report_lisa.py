@@ -61,7 +61,7 @@ def test_page_and_figures(tmp_path):
     text = page.write_report(tmp_path, calibrated(), campaign()).read_text(encoding="utf-8")
     for words in ("Experiment A", "Breakdown: the fitted terms", "omega2_xy_1", "χ² / dof"):
         assert words in text
-    specs = page.figure_specs(calibrated(), campaign(), tmp_path)
+    specs = page.figure_specs(calibrated(), campaign())
     assert [spec.name for spec in specs] == FIGURES
     ratio, responses, spectra, breakdown, residual = (spec.draw() for spec in specs)
     charts = (ratio, responses, spectra, breakdown, residual)

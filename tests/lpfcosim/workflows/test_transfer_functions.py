@@ -1,6 +1,5 @@
 """Transfer functions of the control loops, against sine fits to simulated telemetry."""
 
-import json
 from dataclasses import replace
 
 import numpy as np
@@ -8,7 +7,6 @@ import pytest
 
 import fit
 import lpfcosim
-from fit.report import control_loops, page
 from tests.campaign_text import campaign
 
 TIMES = 'duration = "2 h"\nnoise_duration = "3 h"'
@@ -84,30 +82,6 @@ def test_sigma_is_that_of_white_noise(folder, runs):
     assert loop.sigma[0] == pytest.approx(expected, rel=0.5)
 
 
-@pytest.fixture(scope="module")
-def document(folder, measured):
-    """What `run` writes of the loops."""
-    return control_loops.document(
-        [*measured.values()], lpfcosim.load_campaign(folder / "campaign.toml").digest
-    )
-
-
-def test_the_report_and_the_figures_have_them(folder, runs, measured, document):
-    (folder / control_loops.NAME).write_text(json.dumps(document))
-    loaded = control_loops.load(folder, document["campaign_digest"])
-    for loop, again in zip(measured.values(), loaded, strict=True):
-        np.testing.assert_allclose(again.measured, loop.measured, rtol=1e-12)
-        np.testing.assert_array_equal(again.sigma, loop.sigma)
-        assert again.names == loop.names
-    results = fit.calibrate(runs, include_short=True)
-    assert "bode" in {spec.name for spec in page.figure_specs(results, runs, folder)}
-    assert 'id="loops"' in fit.save_report(results, runs, folder).read_text()
-    extra = {**results.provenance.extra, "campaign_digest": "another"}
-    other = replace(results, provenance=replace(results.provenance, extra=extra))
-    assert "bode" not in {spec.name for spec in page.figure_specs(other, runs, folder)}
-    assert 'id="loops"' not in fit.save_report(other, runs, folder).read_text()
-
-
 def test_without_a_noise_run_of_some_length_there_is_nothing_to_measure(folder, runs):
     short = [run.part(slice(1200 * round(run.fs))) if run.kind == "noise" else run for run in runs]
     for others in ([run for run in runs if run.kind == "sysid"], short):
@@ -145,3 +119,9 @@ def test_fast_sines_are_those_of_the_model(tmp_path, rate, frequencies):
     assert loop.tones == pytest.approx(frequencies)
     assert np.abs(loop.differences).max() < 4
     assert (loop.sigma < 0.02 * np.abs(loop.measured)).all()
+
+
+def test_a_sine_that_was_not_injected_has_no_point(folder, runs):
+    silent = [replace(run, channels={**run.channels, "guidance_o_1": 0 * run.time}) for run in runs]
+    measured = lpfcosim.transfer_functions(folder / "campaign.toml", silent)
+    assert list(measured) == ["o_12"]
