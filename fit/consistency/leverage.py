@@ -5,7 +5,7 @@ of all runs, over all of their parameters, notices. Therefore the other runs, an
 are compared with it in that parameter alone.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -61,23 +61,6 @@ class Leverage:
         return {name: pull for name, pull in self.pulls.items() if pull > limit}
 
 
-def find_leverages(
-    test: ConsistencyTest, undetermined: NDArray[np.bool_], left_out: Sequence[RunScore] = ()
-) -> list[Leverage]:
-    """Return the parameters of which a single run has more than half of the information.
-
-    Parameters
-    ----------
-    test : ConsistencyTest
-        The runs of the fit.
-    undetermined : ndarray of bool, shape (P,)
-        Parameters that no run determines.
-    left_out : sequence of RunScore
-        Runs that were left out because they contradict the others.
-    """
-    return list(_leverages(test, undetermined, left_out))
-
-
 def pull_limit(leverages: Sequence[Leverage]) -> float:
     """Return the pull from which others contradict the run that determines a parameter."""
     return sigma_limit(sum(len(leverage.pulls) for leverage in leverages))
@@ -114,9 +97,21 @@ def leverage_warnings(
     return warnings
 
 
-def _leverages(
-    test: ConsistencyTest, undetermined: NDArray[np.bool_], left_out: Sequence[RunScore]
-) -> Iterator[Leverage]:
+def find_leverages(
+    test: ConsistencyTest, undetermined: NDArray[np.bool_], left_out: Sequence[RunScore] = ()
+) -> list[Leverage]:
+    """Return the parameters of which a single run has more than half of the information.
+
+    Parameters
+    ----------
+    test : ConsistencyTest
+        The runs of the fit.
+    undetermined : ndarray of bool, shape (P,)
+        Parameters that no run determines.
+    left_out : sequence of RunScore
+        Runs that were left out because they contradict the others.
+    """
+    leverages = []
     step, variance = test.step() / test.width, np.diag(test.covariance())
     shares = [run.equation.parameter_map for run in test.runs]
     is_common = np.all([share.any(axis=0) for share in shares], axis=0)
@@ -130,7 +125,8 @@ def _leverages(
             if growth[k] > LEVERAGE:
                 pulls |= {score.name: _pull(score, test, k) for score in left_out}
             of_label = bool(~is_common[k] & _equal_to(share, k).any())
-            yield Leverage(run.name, k, float(growth[k]), of_label, pulls)
+            leverages.append(Leverage(run.name, k, float(growth[k]), of_label, pulls))
+    return leverages
 
 
 def _equal_to(share: Array, k: int) -> NDArray[np.bool_]:

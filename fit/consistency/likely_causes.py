@@ -24,6 +24,7 @@ from fit.findings import Amount, Finding, either
 from fit.fitting import IRLSResult, run_estimate
 from fit.model import Sharing, dynamics
 from fit.parameters import M_TM
+from fit.spectra import windowing
 from fit.statistics import ConsistencyTest, RunScore, run_score
 from fit.units import concise_value
 from fit.whitening import whitened_run
@@ -33,11 +34,11 @@ Array = NDArray[np.float64]
 INDISTINCT = 10.0  # Delta chi^2 up to which the data do not distinguish two causes
 AMOUNT = 2.0  # by which chi^2 must fall for an amount to be as likely as none
 SIGNIFICANT = 5.0  # sigma, from which an amount differs from zero
+N_PARTS = 12  # of a run, of which the one with the largest residual is named
 EXACT_SCALE = 0.01  # relative, up to which a scale is a unit or a sign
 GAIN_CODES = ("sign", "unit", "scale")  # of what an implausible gain suggests
 #: Codes of the findings that say no more than that a run disagrees.
 UNEXPLAINED = ("implausible_gain", "misfit", "noise_mismatch", "contradiction")
-PREFIXES = {1e3: "m", 1e6: "u", 1e9: "n", 1e12: "p"}
 #: The columns that are made of each channel.
 CHANNEL_COLUMNS = {
     "o_1": ("o_1", "ddo_1"),
@@ -108,13 +109,30 @@ def explain_findings(campaign: Campaign, agreed: ConsistentFit) -> tuple[Finding
         block = replace(single.whitened_runs[0], parameter_map=own)
         score = run_score(e.name, block, run_estimate(e.name, block), joint.solution.theta)
         causes = likely_causes(replace(test, runs=(*test.runs, score)), maps)
+        message = f"{finding.message}; {_place(block, joint.solution.theta)}"
         guessed = finding.code == "implausible_gain" and any(cause.code in GAIN_CODES for cause in causes)
         if guessed or not causes:
-            return finding
-        message = f"{finding.run}: perhaps {either(causes)}; {finding.message}"
-        return replace(finding, message=message, causes=causes)
+            return replace(finding, message=message)
+        return replace(finding, message=f"{finding.run}: perhaps {either(causes)}; {message}", causes=causes)
 
     return tuple(map(explain, campaign.findings))
+
+
+def _place(run: whitened_run.WhitenedRun, theta: Array) -> str:
+    """Return where the residual of a run at theta, shape (P,), is largest: channel, frequency and time."""
+    block = run.blocks[0]
+    residual = block.columns @ block.coefficients(theta)
+    scores = np.abs(block.columns.conj().T @ residual) / np.linalg.norm(block.columns, axis=0).clip(1e-300)
+    column = block.equation.columns[int(np.argmax(scores))]
+    channel = next((name for name, columns in CHANNEL_COLUMNS.items() if column in columns), column)
+    words = f"its residual at their estimate resembles {channel} most"
+    if block.f is None or block.window is None:
+        return words
+    series = windowing.inverse_transform(residual[:, None], block.first_bin, block.window.size)[:, 0]
+    part = int(np.argmax([np.sum(x**2) for x in np.array_split(series, N_PARTS)]))
+    begin, end = (k / N_PARTS * block.first_bin / block.f[0] for k in (part, part + 1))
+    f = 1e3 * block.f[int(np.argmax(np.abs(residual)))]
+    return f"{words}, and is largest at {f:.3g} mHz and from {begin:.0f} to {end:.0f} s"
 
 
 def likely_causes(test: ConsistencyTest, epochs: Mapping[int, Array]) -> tuple[Finding, ...]:
@@ -226,17 +244,11 @@ def _scale_cause(channel: str, growth: float, sigma: float) -> Finding:
     if channel != "o_12":
         factor, sigma = 1 / factor, sigma / factor**2
     tolerance = max(EXACT_SCALE, SIGNIFICANT * sigma / abs(factor))
-    unit = "m s-2" if channel.startswith("f") else "m"
-    units = {size: f"{prefix}{unit}" for size, prefix in PREFIXES.items()}
-    units |= {1 / size: f"10^{round(np.log10(size))} {unit}" for size in PREFIXES}
-    if channel.startswith("f"):
-        units[M_TM] = "N"
     code, words = "scale", f"is {concise_value(factor, sigma)} times its correct value"
     if abs(factor + 1) < tolerance:
         code, words = "sign", "has the wrong sign"
-    for size, name in units.items():
-        if abs(factor / size - 1) < tolerance:
-            code, words = "unit", f"is in {name} and not in {unit}"
+    if channel.startswith("f") and abs(factor / M_TM - 1) < tolerance:
+        code, words = "unit", "is in N and not in m s-2"
     return Finding(code, f"{channel} {words}", channel=channel, amount=Amount(factor, sigma))
 
 

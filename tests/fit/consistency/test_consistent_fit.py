@@ -110,21 +110,6 @@ def test_commands_late_in_every_run_leave_out_none():
     check_estimates(results.joint, but=("C_2",))
 
 
-@pytest.mark.slow
-def test_ambiguous_authority_leaves_out_no_run():
-    # 170 pN for 50 pN is 7 sigma of omega2_2_0; of four authorities of test mass 2 any may be wrong
-    runs = campaign(sets="ABCE")
-    for name, epoch in (("0", 1), ("1", 2), ("2", 2)):
-        options = {"epoch": epoch, "seed": 5}
-        wrong = pair(World(), "D", experiment=f"D{name}", **options)
-        runs += [replace(r, F_max_2=1.7e-10) for r in wrong] + pair(
-            World(), "C", experiment=f"C{name}", **options
-        )
-    (warning,) = calibrate(runs).joint.unsound
-    assert warning.code == "contradiction"
-    assert "the data do not show which of them is wrong" in warning.message
-
-
 @pytest.mark.parametrize("counts", [3e9, 3e13])  # of which rounding leaves less and less
 def test_counts_of_a_converter_cost_no_other_run_its_fit(counts):
     results = calibrate(replace_runs("A", channel("o_12", lambda x: counts * x))(campaign()))
@@ -137,32 +122,6 @@ def test_counts_of_a_converter_cost_no_other_run_its_fit(counts):
 def test_two_runs_that_disagree_are_both_doubtful():
     results = calibrate(campaign(worlds={"E": World(lambda_2=1.0884)}, sets="AE"))
     assert [w.code for w in results.joint.unsound] == ["contradiction"]
-
-
-@pytest.mark.slow
-def test_gains_and_delays_that_scatter_a_little_cost_no_run():
-    # by 3 and 4 sigma of a run: without A and B the others agree by chance, 5 sigma off
-    rng, worlds = np.random.default_rng(2), {}
-    for name in "ABCDE":
-        (g1, g2), (d1, d2) = 1e-4 * rng.standard_normal(2), 4e-3 * rng.standard_normal(2)
-        worlds[name] = World(
-            lambda_1=1.0748 * (1 + g1),
-            lambda_2=1.0776 * (1 + g2),
-            C_1=0.149 * (1 + g1 + d1),
-            C_2=0.186 * (1 + g2 + d2),
-        )
-    results = calibrate(campaign(worlds=worlds))
-    assert not results.joint.unsound
-    assert not left_out(results)
-    check_estimates(results.joint)
-
-
-@pytest.mark.slow
-def test_leverage_of_a_single_run_is_reported():
-    notes = {
-        w.message.split(" are ")[0] for w in calibrate(campaign()).joint.warnings if w.code == "high_leverage"
-    }
-    assert "lambda_1, C_1, alpha_x_1" in notes
 
 
 @pytest.mark.slow
@@ -181,16 +140,6 @@ def test_gains_that_scatter_are_no_outliers_and_have_wide_sigmas(number):
     assert not left_out(results)
     for name, estimate in joint.parameters.items():
         assert abs(estimate.value - campaign.truth[name]) < 4 * estimate.sigma, name
-
-
-def test_two_runs_that_contradict_each_other_have_no_cause():
-    runs = [run for name in "ABCDE" for run in pair(World(), name, seed=5, drive_1=1e-12 * (name in "DE"))]
-    scaled = replace_runs("D", channel("f_x_1", lambda f: 1.02 * f))(runs)
-    messages = left_out(calibrate(scaled))
-    assert len(messages) == 2
-    for message in messages:
-        assert "perhaps" not in message
-        assert "alone puts lambda_1 at" in message
 
 
 def test_attenuated_cross_talk_is_no_contradiction():
@@ -219,9 +168,8 @@ def exchanged(name, partner):
 
 
 @pytest.mark.slow
-def test_an_exchange_of_two_runs_is_named():
-    results = calibrate(exchanged("B", "E")(campaign(sets="ABCDE")))
-    messages = " ".join([*left_out(results), *(w.message for w in results.joint.unsound)])
-    assert messages
-    if not results.joint.unsound:
-        check_estimates(results.joint)
+def test_an_exchange_of_two_runs_is_a_contradiction_that_names_them():
+    joint = calibrate(exchanged("B", "E")(campaign(sets="ABCDE"))).joint
+    (warning,) = joint.unsound
+    assert warning.code == "contradiction"
+    assert "wrong: B and E, or" in warning.message
