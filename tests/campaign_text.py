@@ -37,7 +37,7 @@ def campaign(
     keys: str, *sines: tuple[str, str, str, int, str], name: str = "one", seed: int = 1, tables: str = ""
 ) -> str:
     """Return a campaign of one experiment: its keys, the sines injected into it, tables before it."""
-    head = f'schema = "lpf-campaign/1"\nname = "{name}"\nseed = {seed}\n\n{tables}\n'
+    head = f'schema = "lpf-campaign/2"\nname = "{name}"\nseed = {seed}\n\n{tables}\n'
     return f"{head}{ONE_EXPERIMENT}{keys}\n" + "".join(sine(*arguments) for arguments in sines)
 
 

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from hypothesis import settings
 
-from lpfcosim.spacecraft.run import Authority, Noise, Run
+from lpfcosim.spacecraft import Authority, Run
 from tests import ROOT
 from tests.campaign_text import SHORT_PLAN
 
@@ -47,15 +47,22 @@ def make_run() -> Callable[..., Run]:
             "n_samples": 6000,
             "authority": nominal,
         }
-        return Run(**{**defaults, **fields})
+        from lpfcosim.models import registered  # takes its time
+
+        model = registered()[fields.get("spacecraft", "lpf-x")]
+        stated = {
+            "truth": {**model.stated_truth, **fields.get("truth", {})},
+            "control": {**model.stated_control, **fields.get("control", {})},
+        }
+        return Run(**{**defaults, **fields, **stated})
 
     return make
 
 
 @pytest.fixture(scope="session")
-def flight_noise() -> Noise:
+def flight_noise() -> dict[str, float]:
     """Noise of early 2016, without the leak onto test mass 1."""
-    return Noise(oms=35e-15, thruster=0.15e-6, plateau=5.6e-15, tail=1.5)
+    return {"oms": 35e-15, "thruster": 0.15e-6, "plateau": 5.6e-15, "tail": 1.5}
 
 
 @pytest.fixture(scope="session")

@@ -3,17 +3,8 @@
 Everything in the file is checked here, so that a mistake is reported before anything runs.
 """
 
-from lpfcosim.campaign.campaign import Campaign, Experiment
+from lpfcosim.campaign.campaign import Campaign
 from lpfcosim.campaign.design_table import DesignTable
 from lpfcosim.campaign.identify_table import IdentifyTable
 
-__all__ = [
-    "Campaign",
-    "DesignTable",
-    "Experiment",
-    "IdentifyTable",
-    "loading",
-    "montecarlo",
-    "names",
-    "schema",
-]
+__all__ = ["Campaign", "DesignTable", "IdentifyTable", "loading", "montecarlo"]

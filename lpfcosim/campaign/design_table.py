@@ -7,8 +7,7 @@ from pydantic import Field, Strict, field_validator
 
 from fit.errors import quote
 from fit.files import Table, problem
-from lpfcosim.campaign.units import FORCE, LENGTH, Frequency, Quantity
-from lpfcosim.campaign.values import Number
+from lpfcosim.quantities import FORCE, LENGTH, Frequency, Number, Quantity
 
 _SPEED = Quantity("a speed", "m s^-1", "0.5 nm/s", "positive")
 _RATE = Quantity("a force per time", "N s^-1", "10 pN/s", "positive", largest=1)

@@ -6,7 +6,7 @@ from pydantic import BeforeValidator, Field, ValidationInfo, field_validator
 
 from fit.errors import quote
 from fit.files import Table, problem
-from lpfcosim.campaign.values import Number
+from lpfcosim.quantities import Number
 
 Shared = Literal["campaign", "alignment_epoch", "experiment"]
 

@@ -1,12 +1,14 @@
 """The campaigns of a Monte Carlo: the same plan with other noise and, if wanted, other truths."""
 
+from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
 
 from lpfcosim.campaign.campaign import Campaign
+from lpfcosim.models import SCATTERED, STIFFNESS
 from lpfcosim.signals import generator
-from lpfcosim.spacecraft import H, Truth
+from lpfcosim.spacecraft import H
 
 GAINS, COEFFICIENTS = 0.05, 0.3  # how far truths are redrawn from those of the campaign, relative, uniformly
 
@@ -19,22 +21,15 @@ def numbered(plan: Campaign, number: int, *, redraw: bool) -> Campaign:
     return replace(plan, seed=seed, truth=truth)
 
 
-def redrawn(truth: Truth, random: np.random.Generator) -> Truth:
+def redrawn(truth: Mapping[str, float], random: np.random.Generator) -> dict[str, float]:
     """Return truths up to 5 % (gains) and 30 % (stiffness, delays, delta_ifo) away from `truth`."""
+    names = [*SCATTERED, *STIFFNESS, *(name for name in truth if name.startswith("delta_ifo_"))]
+    drawn = {name: float(truth[name] * random.uniform(1 - reach(name), 1 + reach(name))) for name in names}
+    for j in (1, 2):  # a delay is never shorter than half the hold
+        drawn[f"C_{j}"] = max(drawn[f"C_{j}"], 0.51 * H * drawn[f"lambda_{j}"])
+    return {**truth, **drawn}
 
-    def scattered(value: float, reach: float) -> float:
-        return float(value * random.uniform(1 - reach, 1 + reach))
 
-    gains = {name: scattered(getattr(truth, name), GAINS) for name in ("lambda_1", "lambda_2")}
-    delays = {f"C_{j}": scattered(getattr(truth, f"C_{j}"), COEFFICIENTS) for j in (1, 2)}
-    return replace(
-        truth,
-        **gains,
-        # a delay is never shorter than half the hold
-        **{name: max(C, 0.51 * H * gains[f"lambda_{name[-1]}"]) for name, C in delays.items()},
-        **{
-            name: scattered(getattr(truth, name), COEFFICIENTS)
-            for name in ("omega2_1_0", "omega2_2_0", "alpha_x_1", "alpha_x_2", "alpha_phi_1", "alpha_phi_2")
-        },
-        delta_ifo={k: scattered(value, COEFFICIENTS) for k, value in truth.delta_ifo.items()},
-    )
+def reach(name: str) -> float:
+    """Return how far a truth is redrawn from that of the campaign, relative, uniformly."""
+    return GAINS if name.startswith("lambda_") else COEFFICIENTS

@@ -208,7 +208,7 @@ def montecarlo(
 
     Telemetry is drawn at 1 Hz from the spectra of the linear closed loop, which needs no FMU. The fit is
     that of `lpfcosim fit` without the tests for faults of archives, and for glitches and changing gains
-    where the campaign has none. Of a campaign with [spacecraft], only the channels of the joint fit are
+    where the campaign has none. Of the whole spacecraft, only the channels of the joint fit are
     drawn; --fmus includes the inertial calibration. The output folder has montecarlo.json, campaigns.jsonl
     and figures/pulls.*. If interrupted, the same command continues, also with a larger N. A campaign with a
     third-party FMU needs --fmus.

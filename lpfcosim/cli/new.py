@@ -1,13 +1,17 @@
 """Campaigns and maps of archives to start from, and the JSON Schema of both for editors."""
 
 import json
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
+from pydantic import TypeAdapter
+
 from fit import settings as fit_settings
-from lpfcosim.campaign import schema
+from lpfcosim.campaign import Campaign, loading
 from lpfcosim.errors import InputError
-from lpfcosim.models import SpacecraftModel, registered
+from lpfcosim.models import registered
+from lpfcosim.quantities import Quantity
 
 ROOM = Path(__file__).parents[1] / "campaign"
 STARTER = Path("quickstart.toml")  # in that room in a wheel, among the campaigns in a checkout
@@ -15,10 +19,8 @@ STARTER = Path("quickstart.toml")  # in that room in a wheel, among the campaign
 
 def write_campaign(file: Path | None) -> Path:
     """Write a commented starter campaign, and next to it its JSON Schema; return the campaign."""
-    from lpfcosim.campaign import names
-
     path = file or Path("campaign.toml")
-    names.check_stem(path)
+    loading.check_stem(path)
     text = starter().replace('name = "quickstart"', f'name = "{path.stem}"')
     text = text.replace("campaigns/quickstart.toml", path.name)
     return _write(path, text, "lpf-campaign.json", json_schema())
@@ -55,48 +57,61 @@ def _write(file: Path, text: str, schema_name: str, content: dict[str, Any]) -> 
     return file
 
 
-def json_schema(*, declared: bool = True) -> dict[str, Any]:
-    """Return the JSON Schema of a campaign file of LISA Pathfinder, what the fit reads of it included.
+def json_schema() -> dict[str, Any]:
+    """Return the JSON Schema of a campaign file of any spacecraft, with what the fit reads of it."""
+    tables = TypeAdapter(Campaign).json_schema()
+    shapes, keys = tables["$defs"], tables["properties"]
+    del keys["tables"]
+    keys["fit"] = _of_fit(shapes)
+    for shape in ("Sine", "HalfCosine"):  # its unit depends on the target
+        shapes[shape]["properties"]["amplitude"]["type"] = "string"
+        shapes[shape]["required"].append("shape")
+    for record, own in (("Authority", "name"), ("Replacement", "model")):  # the name of their table
+        del shapes[record]["properties"][own]
+        shapes[record]["required"].remove(own)
+    del shapes["Authority"]["properties"]["others"]
+    names = {"type": "array", "items": {"type": "string"}}
+    injections = shapes["Experiment"]["properties"]["injections"]
+    shapes["Experiment"]["properties"] |= {"sequences": names}
+    models = registered().values()
+    of_truth = _described(m.truth_keys for m in models)
+    of_noise = _described(m.noise_keys for m in models)
+    laws = {model: _described([known]) for m in models for model, known in m.control_keys.items()}
+    shapes["Authority"]["properties"] |= _described(m.authority_keys for m in models)["properties"]
+    keys["truth"] = of_truth
+    keys["inertial_period"]["additionalProperties"] = of_truth
+    keys["noise"] = shapes["Experiment"]["properties"]["noise"] = of_noise
+    keys["control"] = {"type": "object", "properties": laws, "additionalProperties": False}
+    keys["spacecraft"] |= {"enum": list(registered())}
+    keys |= {
+        "schema": {"const": loading.SCHEMA},
+        "extends": {"type": "string", "description": "a campaign file to which this one adds"},
+        "sequences": {"type": "object", "additionalProperties": injections},
+        "defaults": {**shapes["Experiment"], "required": []},
+        "sweep": {"type": "object", "additionalProperties": names},
+    }
+    # a file that extends another has from there what it does not say
+    required = ["schema", *tables.pop("required")]
+    tables["additionalProperties"] = False
+    tables["anyOf"] = [{"required": ["extends"]}, {"required": required}]
+    return {"$schema": "https://json-schema.org/draft/2020-12/schema", **tables}
 
-    Parameters
-    ----------
-    declared : bool
-        With the keys that the spacecraft models declare beyond the fields of the tables.
-    """
-    json_tables = schema.CampaignTable.model_json_schema()
+
+def _described(tables: Iterable[Mapping[str, Quantity]]) -> dict[str, Any]:
+    """Return the JSON Schema of a table whose keys the spacecraft models declare."""
+    values = {key: quantity.json_schema() for table in tables for key, quantity in table.items()}
+    return {"type": "object", "properties": values, "additionalProperties": False}
+
+
+def _of_fit(shapes: dict[str, Any]) -> dict[str, Any]:
+    """Return the JSON Schema of ``[fit]``; adds to the shapes of the whole."""
     of_fit = fit_settings.Settings.model_json_schema()
     default = fit_settings.settings().model_dump()
     del of_fit["required"]
-    json_tables["$defs"] |= of_fit.pop("$defs")
+    shapes |= of_fit.pop("$defs")
     for name, known in of_fit["properties"].items():
         known["default"] = default[name]
     shared = of_fit["properties"]["shared"]
     group = shared.pop("additionalProperties")
     shared |= {"properties": dict.fromkeys(default["shared"], group), "additionalProperties": False}
-    json_tables["properties"]["fit"] = of_fit
-    for table in ("SineTable", "TaperedSineTable", "HalfCosineTable"):
-        # its unit depends on the target: in the file a string, to pydantic the number this becomes
-        json_tables["$defs"][table]["properties"]["amplitude"]["type"] = "string"
-    for table, units in (("TruthTable", _truth_units()), ("NoiseTable", _noise_units())):
-        described = json_tables["$defs"][table]
-        described["additionalProperties"] = False
-        for name, unit in units.items() if declared else ():
-            value = {"type": "string", "description": f"a value in {unit}"} if unit else {"type": "number"}
-            described["properties"].setdefault(name, value)
-    # a file that extends another has from there what it does not say
-    json_tables["anyOf"] = [{"required": ["extends"]}, {"required": json_tables.pop("required")}]
-    return {"$schema": "https://json-schema.org/draft/2020-12/schema", **json_tables}
-
-
-def _truth_units() -> dict[str, str]:
-    """Return the units of the parameters that spacecraft models of LISA Pathfinder leave to a campaign."""
-    return {name: model.unit(name) for model in _pathfinders() for name in model.truths}
-
-
-def _noise_units() -> dict[str, str]:
-    """Return the units of the levels of noise that spacecraft models of LISA Pathfinder declare."""
-    return {name: unit for model in _pathfinders() for name, unit in model.noise_units.items()}
-
-
-def _pathfinders() -> list[SpacecraftModel]:
-    return [model for key, model in registered().items() if not isinstance(key, str)]
+    return of_fit

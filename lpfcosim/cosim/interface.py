@@ -61,7 +61,7 @@ class Interface:
     @property
     def named(self) -> Path:
         """The user's file, of which `archive` may be a copy."""
-        return self.replacement.archive if self.replacement else self.archive
+        return self.replacement.path if self.replacement else self.archive
 
     @property
     def model(self) -> str:
@@ -216,7 +216,7 @@ def read(
     component: Component, path: Path, settings: Iterable[str], replacement: Replacement | None
 ) -> Interface:
     """Read the description of an FMU for its place; InputError if that cannot be done."""
-    named = replacement.archive if replacement else path
+    named = replacement.path if replacement else path
     description, faults = archive.describe(path, named, validate=replacement is None or replacement.validate)
     if description.fmiVersion[:2] not in ("2.", "3."):
         raise InputError(f"{named}: is FMI {description.fmiVersion}; expected 2.0 or 3.0")

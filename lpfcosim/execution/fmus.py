@@ -21,7 +21,7 @@ def resolve_fmus(
     plan: Campaign, built: Callable[[Sequence[str]], Mapping[str, Path]] = build.build
 ) -> dict[str, Path]:
     """Return the FMUs of a campaign by model: the user's, and ours, `built` if need be, for the others."""
-    third_party = {r.model: r.archive for r in plan.replacements}
+    third_party = {r.model: r.path for r in plan.replacements}
     models = [model for model in model_of(plan.runs[0]).models if model not in third_party]
     return {**built(models), **third_party}
 
@@ -57,7 +57,7 @@ def check_trust(plan: Campaign, *, trusted: bool) -> None:
 def trust_needed(plan: Campaign) -> list[str]:
     """Return a sentence about each third-party FMU of a campaign."""
     return [
-        f"fmus.{r.model}: {r.archive} is native code that lpfcosim did not build and that runs with your "
+        f"fmus.{r.model}: {r.path} is native code that lpfcosim did not build and that runs with your "
         "permissions; expected --trust (in Python trusted=True) if you trust it"
         for r in plan.replacements
     ]

@@ -113,7 +113,7 @@ def attributes(run: Run) -> dict[str, str | int | float]:
 
 def _levels(run: Run) -> dict[str, float]:
     """Return the levels of the noise of Delta g, which a file has where the campaign has events."""
-    return {"plateau": run.noise.plateau, "tail": run.noise.tail} if run.events else {}
+    return {name: run.level(name) for name in ("plateau", "tail")} if run.events else {}
 
 
 def truth(run: Run) -> dict[str, float]:

@@ -80,7 +80,7 @@ def validate(plan: Campaign, *, fitted: bool = True) -> Validation:
     if plan.replacements:
         from lpfcosim import cosim  # takes its time, and few campaigns need it
 
-        third_party = {r.model: r.archive for r in plan.replacements}
+        third_party = {r.model: r.path for r in plan.replacements}
         interfaces = cosim.read_interfaces_of_runs(plan.runs, third_party)
         fmu_warnings = cosim.warnings(interfaces, plan.runs[0].h)
     else:
@@ -110,7 +110,7 @@ def check_linear_model(plan: Campaign, quantity: str, instead: str = "") -> None
     """
     if plan.replacements:
         places = ", ".join(f"fmus.{r.model}" for r in plan.replacements)
-        archives = " and ".join(str(r.archive) for r in plan.replacements)
+        archives = " and ".join(str(r.path) for r in plan.replacements)
         raise UnavailableError(
             f"{places}: {quantity} not available, since the dynamics of {archives} are not known beforehand"
             f"{f'; {instead}' if instead else ''}"

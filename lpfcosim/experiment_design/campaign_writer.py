@@ -8,12 +8,10 @@ from typing import Any
 import tomlkit
 from tomlkit.items import InlineTable
 
-from lpfcosim.campaign import Campaign, Experiment
 from lpfcosim.experiment_design.search import Design
 from lpfcosim.experiment_design.tones import Tone
-from lpfcosim.spacecraft import FS, TaperedSine
+from lpfcosim.spacecraft import Sine
 
-TONES = ("sine", "tapered_sine")  # shapes
 MARK = ", redesigned by lpfcosim design."  # end of a line at the top of every design
 
 
@@ -34,7 +32,7 @@ def campaign_text(design: Design, name: str, source: str, text: str = "") -> str
     """
     document: MutableMapping[str, Any] = tomlkit.parse(text)
     if not document or document.keys() & {"extends", "sweep"}:
-        document = tomlkit.parse(tomlkit.dumps(_tables(design.problem.plan)))
+        document = tomlkit.parse(tomlkit.dumps(design.problem.plan.tables))
     document["name"] = name
     document.pop("design", None)
     for table in document["experiments"]:
@@ -51,24 +49,6 @@ def is_design(path: Path) -> bool:
     """Return whether a file is an earlier design."""
     with path.open(encoding="utf-8", errors="replace") as file:
         return any(line.rstrip("\n").endswith(MARK) for line in (file.readline(1000), file.readline(1000)))
-
-
-def _tables(plan: Campaign) -> dict[str, Any]:
-    """Return the tables of a campaign, with the experiments of a sweep in its place."""
-    tables = {key: value for key, value in plan.tables.items() if key != "sweep"}
-    if "sweep" in plan.tables:
-        tables["experiments"] = [_swept(tables["experiments"][0], e) for e in plan.experiments]
-        sets = {e.authority.name: e.authority for e in plan.experiments}
-        tables["authority"] = {
-            name: {
-                "F_max_1": _si(a.F_max_1, "N"),
-                "F_max_2": _si(a.F_max_2, "N"),
-                "N_max_1": _si(a.N_max_1, "N m"),
-                "N_max_2": _si(a.N_max_2, "N m"),
-            }
-            for name, a in sets.items()
-        }
-    return tables
 
 
 def _head(design: Design, source: str) -> str:
@@ -103,7 +83,7 @@ def _replace_tones(
         table["sequences"] = []
     array = tomlkit.array()
     for injection in injections:
-        if injection["shape"] not in TONES:
+        if injection["shape"] != "sine":
             array.add_line(_inline(injection), indent="  ")
     for tone in tones:
         array.add_line(_inline(_tone_table(tone.injection)), indent="  ", comment=tone.reason)
@@ -117,25 +97,11 @@ def _inline(table: Mapping[str, Any]) -> InlineTable:
     return inline
 
 
-def _swept(base: Mapping[str, Any], experiment: Experiment) -> dict[str, Any]:
-    table = {key: value for key, value in base.items() if key not in ("t0", "inertial_period")}
-    table |= {
-        "name": experiment.name,
-        "authority": experiment.authority.name,
-        "alignment_epoch": experiment.alignment_epoch,
-        "duration": _si(experiment.n_samples / FS, "s"),
-        "noise_duration": _si(experiment.n_noise_samples / FS, "s"),
-        "dc": _si(experiment.dc, "m s^-2"),
-    }
-    optional = {"inertial_period": experiment.inertial_period, "t0": experiment.t0}
-    return table | {key: value for key, value in optional.items() if value}
-
-
-def _tone_table(tone: TaperedSine) -> dict[str, object]:
+def _tone_table(tone: Sine) -> dict[str, object]:
     length = not tone.into.startswith("F_")
     return {
         "into": tone.into,
-        "shape": "tapered_sine",
+        "shape": "sine",
         "frequency": f"{tone.frequency * 1e3:.12g} mHz",
         "amplitude": f"{tone.amplitude * 1e9:.6g} nm" if length else f"{tone.amplitude * 1e12:.6g} pN",
         "cycles": tone.cycles,
@@ -143,7 +109,3 @@ def _tone_table(tone: TaperedSine) -> dict[str, object]:
         "phase": f"{tone.phase:.6g} rad",
         "ramp": f"{tone.ramp:.12g} s",
     }
-
-
-def _si(value: float, unit: str) -> str:
-    return f"{value:.12g} {unit}"

@@ -28,7 +28,7 @@ class FitModel:
 
     def sigmas(self, campaign: Campaign) -> Mapping[str, float]:
         """Return the sigmas to expect of a variant, of all parameters that are not constrained."""
-        gain_scatter = dict.fromkeys(("lambda_1", "lambda_2"), campaign.truth.lambda_scatter)
+        gain_scatter = dict.fromkeys(("lambda_1", "lambda_2"), campaign.truth.get("lambda_scatter", 0.0))
         with follow_progress(None):  # it is a small part of the search, which has its own progress
             joint = expected_fit.expected_fit(planned_experiments(campaign), self.settings, gain_scatter)
         constrained = {name for name, c in self.settings.parameters.items() if c.expr or not c.vary}

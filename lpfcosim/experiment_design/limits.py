@@ -100,7 +100,7 @@ def static_levels(run: Run) -> dict[str, float]:
     """Return the peaks of quantities without tones: static levels, and other injections."""
     injections = tuple(i for i in run.injections if not isinstance(i, Sine))
     signals = quantities(run, response.linear_response(replace(run, injections=injections)))
-    static = {"F_x_2": abs(run.f_x_2_start) * run.m_tm}
+    static = {"F_x_2": abs(run.dc / run.truth["lambda_2"]) * run.m_tm}
     return {name: float(np.max(np.abs(x))) + static.get(name, 0.0) for name, x in signals.items()}
 
 

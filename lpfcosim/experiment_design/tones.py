@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from lpfcosim.experiment_design.design_problem import DesignProblem
 from lpfcosim.experiment_design.multisine import Multisine
-from lpfcosim.spacecraft import TaperedSine
+from lpfcosim.spacecraft import Sine
 
 Array = NDArray[np.float64]
 
@@ -22,13 +22,13 @@ class Tone:
 
     Attributes
     ----------
-    injection : TaperedSine
+    injection : Sine
         The tone.
     sigma_growth : mapping of str to float
         By parameter, how many times as large its sigma would be without the tone; the largest first.
     """
 
-    injection: TaperedSine
+    injection: Sine
     sigma_growth: Mapping[str, float]
 
     @property
@@ -38,7 +38,7 @@ class Tone:
         return f"without it {', '.join(grown)}" if grown else "keeps the peaks low"
 
 
-def injections(multisine: Multisine) -> tuple[TaperedSine, ...]:
+def injections(multisine: Multisine) -> tuple[Sine, ...]:
     """Return the tones of an experiment, those left out that hardly count."""
     return tuple(_injection(multisine, k) for k in _significant(multisine))
 
@@ -47,11 +47,11 @@ def _significant(multisine: Multisine) -> list[int]:
     return np.flatnonzero(np.abs(multisine.amplitudes) > MIN_LIMIT_RATIO).tolist()
 
 
-def _injection(multisine: Multisine, k: int) -> TaperedSine:
+def _injection(multisine: Multisine, k: int) -> Sine:
     experiment, window = multisine.experiment, multisine.window
     amplitude = complex(multisine.amplitudes[k] * multisine.units[k])
     frequency = float(multisine.frequency[k])
-    return TaperedSine(
+    return Sine(
         into=experiment.target(experiment.loops[multisine.loop[k]], frequency),
         amplitude=abs(amplitude),
         frequency=frequency,

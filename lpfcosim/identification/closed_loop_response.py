@@ -93,7 +93,7 @@ class ClosedLoopResponse:
         self.fixed_values = fixed_values(first_run, placed, self.targets)
         digests = {f"fmu_{model}": checksums.digest(path) for model, path in fmus.items()}
         self.simulated_telemetry = all(digests.items() <= dict(t.attributes).items() for t in telemetries)
-        self._gains = {f"lambda_{j}": getattr(plan.truth, f"lambda_{j}") for j in (1, 2)}
+        self._gains = {name: plan.truth[name] for name in ("lambda_1", "lambda_2")}
         self._loaded: dict[str, _LoadedRun] = {}
         for t in telemetries:  # our FMUs are simulated by several threads
             of_run = progress if plan.replacements else SimulationProgress()
@@ -150,10 +150,9 @@ def run_of(plan: Campaign, telemetry: Telemetry) -> Run:
     (F_1, N_1), (F_2, N_2) = telemetry.authority
     return replace(
         run,
-        truth=plan.truth,
+        truth={**plan.truth, "m_tm": telemetry.m_tm},
         authority=Authority(run.authority.name, F_1, F_2, N_1, N_2),
         alignment_epoch=telemetry.alignment_epoch,
-        m_tm=telemetry.m_tm,
     )
 
 
@@ -165,16 +164,15 @@ def _load(
     progress: SimulationProgress,
 ) -> _LoadedRun:
     run = run_of(plan, telemetry)
-    if run.alignment_epoch not in run.truth.delta_ifo:  # any value: it is sought
-        some = next(iter(run.truth.delta_ifo.values()))
-        run = replace(run, truth=replace(run.truth, delta_ifo={run.alignment_epoch: some}))
+    any_value = {f"delta_ifo_{run.alignment_epoch}": run.truth["delta_ifo_1"]}  # it is sought
+    run = replace(run, truth=any_value | dict(run.truth))
     x_sign = -1.0 if telemetry.x_axis == TOWARDS_1 else 1.0
     feeds = _driven(run, telemetry, x_sign)
     mean_commands = _mean_commands(run, telemetry, feeds, x_sign)
     run = replace(
         run,
         dc=_balanced_acceleration(
-            mean_commands, {f"lambda_{j}": getattr(run.truth, f"lambda_{j}") for j in (1, 2)}
+            mean_commands, {name: run.truth[name] for name in ("lambda_1", "lambda_2")}
         ),
     )
     placed = read_interfaces(run, fmus)

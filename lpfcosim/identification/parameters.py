@@ -127,7 +127,7 @@ def _target(key: str, request: IdentifyTable, run: Run, interfaces: Sequence[Int
     value = values[name] if ours else float(interface.start(variable))
     result_name = key if key in DELAYS else name if ours and name in SHARED_NAMES else f"{model}.{name}"
     unit = "s" if key in DELAYS else (interface.stated_unit(variable) or "1").replace(".", " ")
-    gain = getattr(run.truth, DELAYS[key][0]) if key in DELAYS else 1.0
+    gain = run.truth[DELAYS[key][0]] if key in DELAYS else 1.0
     value = (value + H / 2) * gain if key in DELAYS else value
     return Target(result_name, model, variable, value, unit, request)
 

@@ -5,7 +5,6 @@ the whole spacecraft there is what is linear about its steady turn: a rate that 
 """
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -13,9 +12,9 @@ from numpy.typing import NDArray
 
 from lpfcosim.linear.closed_loop import ClosedLoop
 from lpfcosim.linear.state_space import StateSpace
-from lpfcosim.models import model_of
+from lpfcosim.models import ELECTRODES, model_of
 from lpfcosim.signals import Noise, Weights, commanded, decimation
-from lpfcosim.spacecraft import Actuation, Run
+from lpfcosim.spacecraft import Run
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -169,7 +168,7 @@ def noise_system(run: Run) -> StateSpace:
     Noise of the electrodes multiplies commands: it counts as times the rms that these are expected to have
     over the run, which is right for a command that is slow compared with the noise.
     """
-    commands = {} if run.actuation == Actuation() else expected_rms(run)
+    commands = expected_rms(run) if any(map(run.level, ELECTRODES)) else {}
     return ClosedLoop(run).linearize(commands)
 
 
@@ -216,7 +215,7 @@ def noise_streams(run: Run, system: StateSpace, frequency: Array) -> tuple[Array
 
 def expected_rms(run: Run) -> dict[str, float]:
     """Return the rms over a run of the commands that injections and dc call for, by channel, SI."""
-    quiet = replace(run, actuation=Actuation())
+    quiet = run.without_noise(*ELECTRODES)
     loop = ClosedLoop(quiet)
     response, level = linear_response(quiet, channels=list(loop.commands)), loop.equilibrium()
     return {name: float(np.sqrt(np.mean((response[name] + level[name]) ** 2))) for name in loop.commands}

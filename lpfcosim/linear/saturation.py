@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 import scipy
@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from lpfcosim.linear import response
 from lpfcosim.linear.closed_loop import ClosedLoop
-from lpfcosim.models import model_of
-from lpfcosim.spacecraft import READ_OUT_RANGE, Actuation, Run
+from lpfcosim.models import ELECTRODES, model_of
+from lpfcosim.spacecraft import READ_OUT_RANGE, Run
 
 Array = NDArray[np.float64]
 
@@ -77,7 +77,7 @@ def demands(run: Run, commands: Collection[str] | None = None) -> list[Demand]:
     limits |= dict.fromkeys(spacecraft.read_outs, READ_OUT_RANGE)
     gain = system.select(system.inputs, list(limits)).frequency_response(_GRID)
     # noise of the electrodes, which takes a response of its own, hardly adds to the commands
-    weights, psd = response.noise_streams(replace(run, actuation=Actuation()), system, _GRID)
+    weights, psd = response.noise_streams(run.without_noise(*ELECTRODES), system, _GRID)
     power = (np.abs(gain @ weights) ** 2 @ psd[:, :, None])[:, :, 0]
     rms = dict(zip(limits, np.sqrt(np.trapezoid(power, _GRID, axis=0)), strict=True))
     start, largest = loop.equilibrium(), np.abs(gain).max(axis=0)

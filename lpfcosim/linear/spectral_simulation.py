@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 
 from lpfcosim.linear import response
 from lpfcosim.linear.closed_loop import ClosedLoop
-from lpfcosim.models import model_of, stimuli
+from lpfcosim.models import ELECTRODES, model_of, stimuli
 from lpfcosim.signals import decimation, events
-from lpfcosim.spacecraft import Actuation, Noise, Run
+from lpfcosim.spacecraft import Run
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -52,7 +52,7 @@ class Simulation:
     def __init__(self, run: Run, channels: Sequence[str], similar: "Simulation | None" = None) -> None:
         glitches = None
         if events.glitches(run):  # the same in every draw
-            glitches = stimuli.noise_source(replace(run, noise=Noise(), actuation=Actuation()))
+            glitches = stimuli.noise_source(replace(run, noise={}))
         self._n = run.n_samples // round(run.fs / response.RATE)
         driven = run.injections or glitches
         self._mean = (
@@ -167,7 +167,7 @@ def _lower(C: int, independent: int) -> list[tuple[int, int]]:
 def _noise_of(run: Run) -> Run:
     """Return what the noise of a run depends on."""
     alone = replace(run, name="", experiment="", kind="noise", t0="", seed=0, events=None)
-    if run.actuation != Actuation():
+    if any(map(run.level, ELECTRODES)):
         return alone  # it is as loud as the commands
     return replace(alone, injections=(), n_samples=1)
 

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from lpfcosim.errors import InputError
 from lpfcosim.linear.closed_loop import ClosedLoop
-from lpfcosim.spacecraft import Noise, Run
+from lpfcosim.spacecraft import Run
 
 
 def poles(run: Run) -> NDArray[np.complex128]:
@@ -36,7 +36,7 @@ def check(*runs: Run) -> None:
     checked: set[str] = set()
     for run in runs:
         alone = replace(run, name="", experiment="", kind="sysid", t0="", n_samples=1, seed=0)
-        loop = repr(replace(alone, dc=0.0, noise=Noise(), injections=(), events=None))
+        loop = repr(replace(alone, dc=0.0, noise={}, injections=(), events=None))
         if loop not in checked:
             checked.add(loop)
             _check(run)

@@ -97,6 +97,11 @@ class _Module:
                 s.symbol.name: s.variable.description or ""
                 for s in (*self._scalars["parameter"], *self._scalars["input"], *self._outputs)
             },
+            "LIMITS": {
+                s.symbol.name: (s.minimum, s.maximum)
+                for s in self._scalars["parameter"]
+                if (s.minimum, s.maximum) != (None, None)
+            },
             "STATES": tuple(s.name for s in groups["x"]),
             "DISCRETE": tuple(s.name for s in groups["z"]),
             "STATE_OUTPUTS": tuple(s.name for s in self._state_outputs),

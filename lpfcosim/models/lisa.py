@@ -9,10 +9,8 @@ from __future__ import annotations
 from dataclasses import replace
 from math import cos, sin
 
-from lpfcosim.models import one_axis
-from lpfcosim.models.spacecraft_model import Parameters, SpacecraftModel, common_parameters
-from lpfcosim.signals import Source, white
-from lpfcosim.spacecraft import SUSPENSION, Run, Spacecraft
+from lpfcosim.models.spacecraft_model import SpacecraftModel, common_parameters
+from lpfcosim.spacecraft import Run
 
 _AXES, _ANGLES = ("x", "y", "z"), ("theta", "eta", "phi")
 _TILT, _MASSES = ("eta", "phi"), (1, 2)
@@ -33,18 +31,9 @@ _NOISE: dict[str, tuple[tuple[str, ...], float]] = {
 }
 
 
-def sources(run: Run) -> tuple[Source, ...]:
-    """Return the streams of noise, one into each signal; a level with a knee rises as 1/f below it."""
-    return tuple(
-        white(name, run.noise.level(level), knee)
-        for level, (signals, knee) in _NOISE.items()
-        for name in signals
-    )
-
-
 def truth(run: Run) -> dict[str, float]:
     """Return the parameters, and C_k_j, gain times effective delay of the force along k on test mass j."""
-    p = {**MODEL.truths, **run.parameters}
+    p = MODEL.values(run)
     delays = {j: p[f"tau_{j}"] + run.h / 2 for j in _MASSES}
     forces = ("x_2", "y_1", "y_2", "z_1", "z_2")
     return p | {f"C_{force}": p[f"lambda_{force}"] * delays[int(force[-1])] for force in forces}
@@ -52,7 +41,7 @@ def truth(run: Run) -> dict[str, float]:
 
 def attributes(run: Run) -> dict[str, str | float]:
     """Return inertia, opening, and housing 1 less housing 2 in axes of the spacecraft [m]."""
-    p = {**MODEL.truths, **run.parameters}
+    p = MODEL.values(run)
     c, s = cos(p["half_opening"]), sin(p["half_opening"])
     x = {j: p[f"p_x_{j}"] + c * p[f"rho_x_{j}"] - t * p[f"rho_y_{j}"] for j, t in ((1, s), (2, -s))}
     y = {j: p[f"p_y_{j}"] + t * p[f"rho_x_{j}"] + c * p[f"rho_y_{j}"] for j, t in ((1, s), (2, -s))}
@@ -60,35 +49,25 @@ def attributes(run: Run) -> dict[str, str | float]:
             "d_x": x[1] - x[2], "d_y": y[1] - y[2]}  # fmt: skip
 
 
-def _fall_back_laws(run: Run) -> dict[str, Parameters]:
-    """Return the laws along y_1, by thrust, and along x_2, by electrostatic force."""
-    del run
-    laws = {"LISADragFreeControl": Spacecraft.rotation, "LISASuspensionControl": SUSPENSION}
-    return {
-        model: {f"{name}_plane": value for name, value in one_axis.controller_parameters(law).items()}
-        for model, law in laws.items()
-    }
-
-
+_LAW = tuple(f"{name}_plane" for name in ("f_u", "f_z", "f_i", "f_p", "f_r"))
 MODEL = SpacecraftModel(
     key="lisa",
     name="of LISA",
     models=("LISAMetrology", "InertialSensor", "LISADragFreeControl", "LISASuspensionControl",
             "LISAPointingControl", "LISAActuation", "LISAPlant"),
-    sources=sources,
     targets=(
         *("guidance_o_1", "guidance_o_2", "guidance_y_1", "guidance_y_2", "guidance_z"),
         *(f"guidance_{k}" for k in (*_TEST_MASS_ANGLES, *_ANGLES, "opening")),
     ),
     read_outs=("o_1", "o_2"),
     commands=("F_x_2", "F_y_1", "F_y_2", "F_z_1", "F_z_2"),
-    noise={level: signals[0] for level, (signals, _) in _NOISE.items()},
+    noise=_NOISE,
     channels=(
         *("o_2", "o_eta_2", "o_phi_2", "mosa_1", "mosa_2", "jitter_x_1", "jitter_x_2"),
         *(f"dws_{k}_{j}" for j in _MASSES for k in _TILT),
         *(f"jitter_{k}" for k in _ANGLES),
     ),
-    shared_parameters=lambda run: {**common_parameters(run), "fall_back": 0.0},
+    derived=lambda run, values: {**common_parameters(run, values), "fall_back": 0.0},
     attributes=attributes,
     equation="lisa",
     truth=truth,
@@ -97,6 +76,9 @@ FALL_BACK = replace(
     MODEL,
     key="lisa-fall-back",
     name="of LISA in its fall-back",
-    shared_parameters=lambda run: {**common_parameters(run), "fall_back": 1.0},
-    model_parameters=_fall_back_laws,
+    derived=lambda run, values: {**common_parameters(run, values), "fall_back": 1.0},
+    control={  # along y_1, by thrust, and along x_2, by electrostatic force
+        "LISADragFreeControl": dict(zip(_LAW, (30e-3, 9e-3, 1.8e-3, 0.24, 0.6), strict=True)),
+        "LISASuspensionControl": dict(zip(_LAW, (1e-3, 0.30e-3, 0.06e-3, 6e-3, 30e-3), strict=True)),
+    },
 )

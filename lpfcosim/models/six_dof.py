@@ -1,137 +1,134 @@
-"""The whole spacecraft, six degrees of freedom each for it and two test masses: eight FMUs."""
+"""LISA Pathfinder as a whole, six degrees of freedom each for it and two test masses: eight FMUs."""
 
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
-import numpy as np
-from numpy.typing import NDArray
-
-from lpfcosim.models import actuation_noise, one_axis
-from lpfcosim.models.spacecraft_model import DELTA_G, SpacecraftModel
-from lpfcosim.signals import Source, white
-from lpfcosim.spacecraft import Layout, Run, Spacecraft
+from lpfcosim.models import one_axis
+from lpfcosim.models.spacecraft_model import Key, Parameters, Values, model_of
+from lpfcosim.signals import Source, flicker, white
+from lpfcosim.spacecraft import EIGHT_NOZZLES, ETA_PER_X, PHI_PER_X, Run
 
 _GRS_KNEE, _TORQUE_KNEE = 1e-3, 0.2e-3  # Hz, below them sensing and torque noise rise as 1/f
 AXES, ANGLES = ("x", "y", "z"), ("theta", "eta", "phi")
 TILT = tuple(f"{k}_{j}" for j in (1, 2) for k in ANGLES)
 _LATERAL = tuple(f"{k}_{j}" for j in (1, 2) for k in ("y", "z"))
+_RATES = {f"attitude_{k}": f"Omega_{k}_start" for k in ANGLES}
+_CROSS_TALK = tuple(f"b_{i}" for i in range(1, 7))
+#: Stiffness about y and z without authority, and what authority adds to it per stiffness along x.
+_PER_X = {"eta": ETA_PER_X, "phi": PHI_PER_X}
 
 
-def spacecraft_of(run: Run) -> Spacecraft:
-    """Return what ``run`` has in addition to the x axis."""
-    if not isinstance(run.spacecraft, Spacecraft):
-        raise TypeError(f"{run.name}: does not simulate the whole spacecraft")
-    return run.spacecraft
-
-
-def angular_stiffness(run: Run) -> NDArray[np.float64]:
-    """Return the stiffness of test masses 1 and 2 about x, y, z [s^-2], shape (2, 3).
+def angular_stiffness(run: Run, values: Values) -> dict[str, tuple[float, float]]:
+    """Return the stiffness of test masses 1 and 2 about y and z [s^-2], where it has a background of its own.
 
     What authority adds along x, by Eq. (8), it adds in proportion about y and z.
     """
-    sc, truth = spacecraft_of(run), run.truth
-    constant = np.array([sc.omega2_theta, sc.omega2_eta, sc.omega2_phi])
-    along_x = np.array([run.omega2_1 - truth.omega2_1_0, run.omega2_2 - truth.omega2_2_0])
-    return constant + np.outer(along_x, [0.0, sc.eta_per_x, sc.phi_per_x])
-
-
-def shared_parameters(run: Run) -> dict[str, float | None]:
-    """Return the parameters that the models share by name, SI."""
-    sc = spacecraft_of(run)
-    stiffness = dict(zip(ANGLES, angular_stiffness(run).T.tolist(), strict=True))
-    names = ("I_xx_sc", "I_yy_sc", "I_zz_sc", "I_tm", "d", "delta_y", "delta_z", "tau_es", "omega2_y",
-             "omega2_z", "lambda_N", "leak_phi_1", "kappa_phi", "kappa_eta", "F_max_yz", "N_max_theta",
-             "N_max_eta")  # fmt: skip
+    along_x = [
+        omega2 - values[f"omega2_{j}_0"] for j, omega2 in enumerate(one_axis.stiffnesses(run, values), 1)
+    ]
     return {
-        **one_axis.shared_parameters(run),
-        **{name: getattr(sc, name) for name in names},
-        **{f"b_{i}": value for i, value in enumerate(sc.b, 1)},
-        **{f"Omega_{k}_start": rate for k, rate in zip(ANGLES, sc.Omega_DC, strict=True)},
+        k: (background + along_x[0] * per_x, background + along_x[1] * per_x)
+        for k, per_x in _PER_X.items()
+        if (background := values.get(f"omega2_{k}_0")) is not None
+    }
+
+
+def derived(run: Run, values: Values) -> Parameters:
+    """Return the parameters that follow from others."""
+    stiffness = angular_stiffness(run, values)
+    return {
+        **one_axis.derived(run, values),
+        "delta_y": values["d"] * values["delta_phi"],
+        "delta_z": values["d"] * values["delta_eta"],
+        **{f"omega2_{k}": values[f"omega2_{k}"] for k in _PER_X},
+        **{f"domega2_{k}_12": None for k in _PER_X},
         **{f"omega2_{k}": (w_1 + w_2) / 2 for k, (w_1, w_2) in stiffness.items()},
-        **{f"domega2_{k}_12": w_2 - w_1 if w_1 != w_2 else None for k, (w_1, w_2) in stiffness.items()},
+        **{f"domega2_{k}_12": w_2 - w_1 for k, (w_1, w_2) in stiffness.items() if w_1 != w_2},
     }
 
 
-def model_parameters(run: Run) -> dict[str, dict[str, float | None]]:
-    """Return control laws, and of the actuation what few runs set."""
-    sc, law = spacecraft_of(run), one_axis.controller_parameters
-    rotation = {f"{name}_rot": value for name, value in law(sc.rotation).items()}
-    angles = {f"{name}_rot": value for name, value in law(sc.angles).items()}
-    lead = sc.attitude
-    return {
-        "WholeDragFreeControl": {**law(run.drag_free), **rotation},
-        "WholeSuspensionControl": {**law(run.suspension), **angles},
-        "AttitudeControl": {"f_u": lead.unity_gain, "f_z": lead.zero, "f_p": lead.pole},
-        "WholeActuation": {**actuation_noise.parameters(run)},
-    }
+def shaped_sources(run: Run) -> tuple[Source, ...]:
+    """Return the noise along x, of the thrusters, and of the torques of noisy electrodes."""
+    electrode = run.level("electrode")
+    torques = [flicker(f"e_N_{j}", electrode) for j in (1, 2)] if electrode else []
+    return (*one_axis.shaped_sources(run), *_thrust(run), *torques)
 
 
-def sources(run: Run) -> tuple[Source, ...]:
-    """Return the streams of noise along x and beyond; a level with a knee rises as 1/f below it."""
-    noise = run.noise
-    levels = [(f"n_{k}_{j}", noise.dws, 0.0) for k in ("phi", "eta") for j in (1, 12)]
-    levels += [(f"n_grs_{k}_{j}", noise.grs, _GRS_KNEE) for j in (1, 2) for k in AXES]
-    levels += [(f"n_grs_{k}_{j}", noise.grs_angle, _GRS_KNEE) for j in (1, 2) for k in ANGLES]
-    levels += [(f"n_ast_{k}", getattr(noise, f"star_tracker_{k}"), 0.0) for k in ANGLES]
-    levels += [(f"g_{k}", noise.lateral, 0.0) for k in _LATERAL]
-    levels += [(f"gamma_{k}", noise.torque, _TORQUE_KNEE) for k in TILT]
-    lateral = [white(*level) for level in levels]
-    layout = spacecraft_of(run).layout
-    along = [s for s in one_axis.sources(run) if s.into != "F_noise_x_sc" or not layout]
-    thrust = _nozzle_noise(run, layout) if layout else _axis_noise(run)
-    return (*along, *thrust, *actuation_noise.torque_sources(run), *lateral)
-
-
-def _axis_noise(run: Run) -> list[Source]:
-    """Return the noise of thrusters that push along and about every axis by themselves, x apart."""
-    noise = run.noise
-    levels = [(f"F_noise_{k}_sc", noise.thruster) for k in ("y", "z")]
-    levels += [(f"N_noise_{k}_sc", noise.thruster_torque) for k in AXES]
-    return [white(name, level) for name, level in levels]
-
-
-def _nozzle_noise(run: Run, layout: Layout) -> list[Source]:
-    """Return the noise of each nozzle, alike, so loud that the force along x has the level of the run."""
-    level = run.noise.thruster / math.hypot(*layout.matrix[0])
-    signals = [f"{kind}_noise_{k}_sc" for kind in ("F", "N") for k in AXES]
-    columns = layout.matrix.T.tolist()
-    return [
-        white(f"thruster_{i}", level, into=tuple(zip(signals, column, strict=True)))
-        for i, column in enumerate(columns, 1)
+def _thrust(run: Run) -> list[Source]:
+    """Return the noise of each axis by itself, or that of nozzles, alike, with their force along x."""
+    forces, torques = (tuple(f"{kind}_noise_{k}_sc" for k in AXES) for kind in ("F", "N"))
+    nozzles = run.level("nozzles")
+    axes = [
+        white(name, run.level(level))
+        for names, level in ((forces, "thruster"), (torques, "thruster_torque"))
+        for name in names
+        if run.level(level) or not nozzles
+    ]
+    if not nozzles:
+        return axes
+    level = nozzles / math.hypot(*EIGHT_NOZZLES.matrix[0])
+    return axes + [
+        white(f"thruster_{i}", level, into=tuple(zip((*forces, *torques), column, strict=True)))
+        for i, column in enumerate(EIGHT_NOZZLES.matrix.T.tolist(), 1)
     ]
 
 
 def attitude_rates(run: Run) -> dict[str, float]:
-    """Return attitude set points, with the rates that they follow."""
-    return {f"attitude_{k}": rate for k, rate in zip(ANGLES, spacecraft_of(run).Omega_DC, strict=True)}
+    """Return attitude set points, with the rates that they follow: those at the start."""
+    values = model_of(run).values(run)
+    return {set_point: values[rate] for set_point, rate in _RATES.items()}
 
 
 def attributes(run: Run) -> dict[str, float]:
     """Return constants of rotation for a telemetry file; stiffness is the mean of both test masses."""
-    sc = spacecraft_of(run)
-    _, eta, phi = angular_stiffness(run).mean(axis=0).tolist()
-    return {"I_yy": sc.I_tm, "I_zz": sc.I_tm, "omega2_phi": phi, "omega2_eta": eta}
+    values = {**model_of(run).defaults, **run.truth}
+    omega2 = {k: sum(w) / 2 for k, w in angular_stiffness(run, values).items()}
+    eta, phi = (omega2.get(k, values[f"omega2_{k}"]) for k in _PER_X)
+    return {"I_yy": values["I_tm"], "I_zz": values["I_tm"], "omega2_phi": phi, "omega2_eta": eta}
 
 
 def truth(run: Run) -> dict[str, float]:
     """Return the true values along x, the cross-talk of Eq. (3) and the misalignment of the test masses."""
-    sc = spacecraft_of(run)
-    beyond_x = {f"b_{i}": value for i, value in enumerate(sc.b, 1)}
-    return one_axis.truth(run, {**beyond_x, "delta_phi": sc.delta_phi, "delta_eta": sc.delta_eta})
+    values = model_of(run).values(run)
+    return one_axis.truth(run, {name: values[name] for name in (*_CROSS_TALK, "delta_phi", "delta_eta")})
 
 
-MODEL = SpacecraftModel(
+KEYS = {
+    **{f"delta_{k}": Key("rad", 0.0) for k in ("phi", "eta")},
+    **{f"omega2_{k}_0": Key("s^-2") for k in _PER_X},
+}
+MODEL = replace(
+    one_axis.MODEL,
+    key="lpf",
     name="of the whole spacecraft",
-    key=Spacecraft,
     models=("WholeMetrology", "InertialSensor", "StarTracker", "WholeDragFreeControl",
             "WholeSuspensionControl", "AttitudeControl", "WholeActuation", "WholePlant"),
-    shared_parameters=shared_parameters,
-    model_parameters=model_parameters,
-    sources=sources,
-    targets=one_axis.TARGETS,
-    read_outs=one_axis.READ_OUTS,
-    commands=one_axis.COMMANDS,
+    noise={
+        "oms": one_axis.MODEL.noise["oms"],
+        "dws": (tuple(f"n_{k}_{j}" for k in ("phi", "eta") for j in (1, 12)), 0.0),
+        "grs": (tuple(f"n_grs_{k}_{j}" for j in (1, 2) for k in AXES), _GRS_KNEE),
+        "grs_angle": (tuple(f"n_grs_{k}_{j}" for j in (1, 2) for k in ANGLES), _GRS_KNEE),
+        **{f"star_tracker_{k}": ((f"n_ast_{k}",), 0.0) for k in ANGLES},
+        "lateral": (tuple(f"g_{k}" for k in _LATERAL), 0.0),
+        "torque": (tuple(f"gamma_{k}" for k in TILT), _TORQUE_KNEE),
+    },
+    shaped_noise={
+        **one_axis.MODEL.shaped_noise,
+        "thruster": "F_noise_x_sc", "thruster_torque": "N_noise_x_sc", "nozzles": "F_noise_x_sc",
+    },
+    shaped_sources=shaped_sources,
+    keys=one_axis.KEYS | KEYS,
+    drifting=("b_1", "b_2"),
+    stated=one_axis.MODEL.stated | {
+        "I_xx_sc", "I_yy_sc", "I_zz_sc", "I_tm", "d", "delta_phi", "delta_eta", "tau_es", "lambda_N",
+        "leak_phi_1", "kappa_phi", "kappa_eta", "F_max_yz", "N_max_theta", "N_max_eta",
+        *_CROSS_TALK, *_RATES.values(),
+        *(f"omega2_{k}" for k in ("y", "z", "theta")), *(f"{name}_rot" for name in one_axis.LAW),
+    },
+    derived=derived,
+    model_parameters=lambda _: {},
     attitude_rates=attitude_rates,
     affected_truths={
         "WholeMetrology": {**one_axis.METROLOGY_TRUTHS, **{f"b_{i}": (f"b_{i}",) for i in (1, 2, 3, 4)}},
@@ -143,6 +140,5 @@ MODEL = SpacecraftModel(
         },
     },
     attributes=attributes,
-    equation=DELTA_G,
     truth=truth,
 )  # fmt: skip

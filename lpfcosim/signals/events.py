@@ -11,15 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lpfcosim.signals.seeding import generator
-from lpfcosim.spacecraft import Run
+from lpfcosim.spacecraft import DAY, LONGEST_GAP, MAX_GAP_FRACTION, Run
 
 Array = NDArray[np.float64]
 
 RISES = (0.05, 0.8)  # shortest and longest rise of a glitch, in times of its fading (choice)
 DECAY_TIMES = 40.0  # times of fading after which nothing of a glitch is left
-DAY = 86400.0  # s
-MAX_GAP_FRACTION = 0.0099  # share of a run that gaps may take; telemetry may lack 1 %
-LONGEST_GAP = 597.0  # s; telemetry may lack 600 s at a time
 MIN_GAP_DISTANCE = 10.0  # s between two gaps
 EDGE = 2.0  # s that a gap may take in addition, where samples are 1 s apart
 

@@ -5,7 +5,7 @@ from collections.abc import Iterable, Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from lpfcosim.spacecraft import Injection, Run, Sine, TaperedSine
+from lpfcosim.spacecraft import HalfCosine, Injection, Run
 
 Array = NDArray[np.float64]
 
@@ -49,23 +49,10 @@ def commanded(injections: Iterable[Injection], fs: float, start: int, stop: int)
         i_stop = _clip(_sample(fs, injection.end), start, stop)
         since = np.arange(i_start, i_stop) / fs - injection.start
         signal = signals.setdefault(injection.into, np.zeros(stop - start))
-        if isinstance(injection, Sine):
-            argument = 2 * np.pi * injection.frequency * since + injection.phase
-            sine = injection.amplitude * np.sin(argument)
-            signal[i_start - start : i_stop - start] += sine * _envelope(injection, since)
-        else:
-            ramp = 0.5 - 0.5 * np.cos(np.pi * since / (injection.end - injection.start))
-            signal[i_start - start : i_stop - start] += injection.amplitude * ramp
+        signal[i_start - start : i_stop - start] += injection.samples(since)
+        if isinstance(injection, HalfCosine):
             signal[i_stop - start :] += injection.amplitude
     return signals
-
-
-def _envelope(sine: Sine, since: Array) -> Array | float:
-    """Return how large a sine is at times since its start [s], relative to its amplitude."""
-    if not isinstance(sine, TaperedSine):
-        return 1.0
-    margin = np.minimum(since, sine.end - sine.start - since)
-    return 0.5 - 0.5 * np.cos(np.pi * np.clip(margin / sine.ramp, 0, 1))
 
 
 def _sample(fs: float, time: float) -> int:

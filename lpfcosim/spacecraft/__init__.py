@@ -1,55 +1,34 @@
-"""The spacecraft: one run of it, with all that a simulation needs, as frozen records in SI units."""
+"""One run of a spacecraft, with all that a simulation needs, as frozen records in SI units.
 
-from lpfcosim.spacecraft.actuation import ARM, LARGEST_PULL, Actuation, largest_pull
-from lpfcosim.spacecraft.control import DRAG_FREE, SUSPENSION, Controller, Lead
+The records are the tables of a campaign file: validation reads a table into its record.
+"""
+
+from lpfcosim.constants import FS, LONGEST_DELAY, READ_OUT_RANGE, H
 from lpfcosim.spacecraft.electrodes import ETA_PER_X, PHI_PER_X
-from lpfcosim.spacecraft.events import Events
-from lpfcosim.spacecraft.parameters import FS, LONGEST_DELAY, M_TM, READ_OUT_RANGE, H
-from lpfcosim.spacecraft.run import (
-    SCATTERED,
-    Authority,
-    HalfCosine,
-    Injection,
-    Kind,
-    Noise,
-    Replacement,
-    Run,
-    Sine,
-    TaperedSine,
-    Truth,
-)
-from lpfcosim.spacecraft.spacecraft import Spacecraft
-from lpfcosim.spacecraft.thrusters import EIGHT_NOZZLES, Layout
+from lpfcosim.spacecraft.events import DAY, LONGEST_GAP, MAX_GAP_FRACTION, Events
+from lpfcosim.spacecraft.injections import SHAPES, HalfCosine, Injection, Sine
+from lpfcosim.spacecraft.run import Authority, Kind, Replacement, Run, stiffness
+from lpfcosim.spacecraft.thrusters import EIGHT_NOZZLES
 
 __all__ = [
-    "ARM",
-    "DRAG_FREE",
+    "DAY",
     "EIGHT_NOZZLES",
     "ETA_PER_X",
     "FS",
-    "LARGEST_PULL",
     "LONGEST_DELAY",
-    "M_TM",
+    "LONGEST_GAP",
+    "MAX_GAP_FRACTION",
     "PHI_PER_X",
     "READ_OUT_RANGE",
-    "SCATTERED",
-    "SUSPENSION",
-    "Actuation",
+    "SHAPES",
     "Authority",
-    "Controller",
     "Events",
     "H",
     "HalfCosine",
     "Injection",
     "Kind",
-    "Layout",
-    "Lead",
-    "Noise",
     "Replacement",
     "Run",
     "Sine",
-    "Spacecraft",
-    "TaperedSine",
-    "Truth",
-    "largest_pull",
+    "stiffness",
 ]

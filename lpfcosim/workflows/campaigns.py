@@ -1,15 +1,10 @@
 """The campaign of a workflow, given as such or as the path of its file."""
 
-import math
 import os
 import tempfile
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import fields, is_dataclass, replace
-from datetime import datetime
-from numbers import Real
+from collections.abc import Iterable, Mapping
+from dataclasses import replace
 from pathlib import Path
-from types import UnionType
-from typing import Any, get_args, get_origin, get_type_hints
 
 import tomlkit
 
@@ -19,10 +14,6 @@ from lpfcosim.errors import InputError
 
 PathLike = str | os.PathLike[str]
 CampaignLike = Campaign | PathLike
-
-_CHECKED_ELSEWHERE = ("fit", "design", "identify", "tables")  # by the workflows that use them
-_KINDS: dict[Any, type] = {float: Real, tuple: Sequence}
-_NAMES = {Real: "a number", int: "an integer", str: "a text", bool: "True or False", Sequence: "a list"}
 
 
 def load_campaign(path: PathLike) -> Campaign:
@@ -42,52 +33,12 @@ def resolve(campaign: CampaignLike) -> tuple[Campaign, Path | None]:
     Raises
     ------
     InputError
-        As `load_campaign`, if it is neither a campaign nor a path, or if one that was changed in Python has a
-        number that is not finite or a value of another type.
+        As `load_campaign`, or if it is neither a campaign nor a path.
     """
     if isinstance(campaign, Campaign):
-        _check_values(campaign, "campaign", Campaign)
-        if not campaign.experiments:
-            raise InputError("campaign.experiments: none, expected at least one")
-        for place, t0 in (
-            ("", campaign.t0),
-            *((f"experiments: {e.name}: ", e.t0) for e in campaign.experiments),
-        ):
-            if t0 is not None and not _is_date(t0):
-                raise InputError(f"campaign: {place}t0: {shown(t0)}, expected a date and time of ISO 8601")
         return campaign, None
     path = as_path(campaign, "a Campaign, or the path of its file")
     return loading.load(path), path
-
-
-def _check_values(value: object, place: str, expected: Any = object) -> None:
-    """Refuse numbers that are not finite, and values of another type than the field that holds them."""
-    origin, arguments = get_origin(expected) or expected, get_args(expected)
-    is_class = isinstance(origin, type) and origin is not UnionType
-    kind: type = object if not is_class else _KINDS.get(origin, origin)
-    other = {int: bool, Real: bool, Sequence: str}.get(kind, ())  # these are no numbers and no lists
-    if not isinstance(value, kind) or isinstance(value, other):
-        raise InputError(f"{place}: {shown(value)}, expected {_NAMES.get(kind, kind.__name__)}")
-    if isinstance(value, Real) and not math.isfinite(value):
-        raise InputError(f"{place}: {shown(value)}, expected a finite number")
-    if is_dataclass(value) and not isinstance(value, type):
-        types = get_type_hints(type(value))
-        for field in fields(value):
-            if field.name not in _CHECKED_ELSEWHERE:
-                _check_values(getattr(value, field.name), f"{place}.{field.name}", types[field.name])
-    elif isinstance(value, Mapping):
-        for key, item in value.items():
-            _check_values(item, f"{place}[{key!r}]")
-    elif isinstance(value, tuple | list):
-        for n, item in enumerate(value):
-            _check_values(item, f"{place}[{n}]", arguments[0] if Ellipsis in arguments else object)
-
-
-def _is_date(text: str) -> bool:
-    try:
-        return datetime.fromisoformat(text) is not None
-    except ValueError:
-        return False
 
 
 def is_described_by_file(campaign: Campaign, fmus: Mapping[str, Path] | None = None) -> bool:
@@ -115,7 +66,7 @@ def is_described_by_file(campaign: Campaign, fmus: Mapping[str, Path] | None = N
         except InputError:  # a campaign without a file
             return False
     # An FMU may lie elsewhere: of the replacements the digest has the rest.
-    is_equal = replace(described, replacements=campaign.replacements) == campaign
+    is_equal = replace(described, fmus=campaign.fmus) == campaign
     return is_equal and described.digest == campaign.digest
 
 

@@ -13,7 +13,7 @@ from fit.files import atomic
 from fit.parallel import one_blas_thread
 from fit.settings import settings
 from fit.telemetry import read_all
-from lpfcosim.campaign import Campaign, loading, names
+from lpfcosim.campaign import Campaign, loading
 from lpfcosim.errors import InputError, RunError, prefix_errors
 from lpfcosim.execution import Workers, results_folder, validation
 from lpfcosim.experiment_design import (
@@ -26,8 +26,8 @@ from lpfcosim.experiment_design import (
     search,
     with_tones,
 )
-from lpfcosim.models import DELTA_G
-from lpfcosim.spacecraft import FS, Actuation, Noise
+from lpfcosim.models import DELTA_G, model_of
+from lpfcosim.spacecraft import FS
 from lpfcosim.workflows.campaigns import CampaignLike, PathLike, as_path, is_described_by_file, resolve
 from lpfcosim.workflows.progress import LOG, Progress
 from lpfcosim.workflows.result import Columns, Result, Row, by_name
@@ -182,7 +182,7 @@ def design(
     path = Path(f"{source.stem if source else plan.name}-designed.toml")
     path = path if out is None else as_path(out, "the path of a file")
     results_folder.check_file(path, loading.sources(source) if source else (), [".toml"])
-    names.check_stem(path)
+    loading.check_stem(path)
     if path.is_file() and not is_design(path):
         raise InputError(f"{path}: is there already and is no design, expected a new name")
     Workers(jobs)  # refuses another number before the search
@@ -216,7 +216,9 @@ def _search(plan: Campaign, progress: Progress) -> Design:
 def _limits_reached(design: Design, jobs: int | None) -> dict[str, dict[str, float]]:
     """Return what every run reaches of its limits, stepped through the FMUs."""
     experiments = {e.run.experiment: e for e in design.problem.experiments}
-    disturbed = {name for name, e in experiments.items() if e.run.injections or e.run.spacecraft}
+    disturbed = {
+        name for name, e in experiments.items() if e.run.injections or model_of(e.run).attitude_rates(e.run)
+    }
     driven = _quantities(design.campaign, experiments.keys(), jobs)
     undriven = _quantities(with_tones(design.campaign, dict.fromkeys(disturbed, ())), disturbed, jobs)
     ratios = {}
@@ -233,13 +235,13 @@ def _limits_reached(design: Design, jobs: int | None) -> dict[str, dict[str, flo
 def _quantities(campaign: Campaign, experiments: Set[str], jobs: int | None) -> dict[str, dict[str, Array]]:
     """Simulate the sysid runs of some experiments without noise; return the limited quantities of each."""
     noise_free = tuple(
-        replace(e, noise=Noise(), plateau=(), n_noise_samples=0, sample_rate=FS)
+        replace(e, noise={}, noise_duration=0.0, sample_rate=FS)
         for e in campaign.experiments
         if e.name in experiments
     )
     if not noise_free:
         return {}
-    plan = replace(campaign, experiments=noise_free, actuation=Actuation(), events=None)
+    plan = replace(campaign, experiments=noise_free, noise={}, events=None)
     runs = {run.experiment: run for run in plan.runs}
     with tempfile.TemporaryDirectory() as folder:
         telemetries = read_all(simulate(plan, folder, jobs=jobs))

@@ -151,7 +151,7 @@ def expected_results(plan: Campaign, fit_settings: Settings, doubts: tuple[str, 
         If no run takes part in the joint fit, or there is no noise.
     """
     validation.check_equation(plan, "a forecast is", DELTA_G, LISA)
-    gain_scatter = dict.fromkeys(("lambda_1", "lambda_2"), plan.truth.lambda_scatter)
+    gain_scatter = dict.fromkeys(("lambda_1", "lambda_2"), plan.truth.get("lambda_scatter", 0.0))
     joint = expected_fit.expected_fit(planned_experiments(plan), fit_settings, gain_scatter)
     inertial = expected_euler_fit.expected_periods(
         planned_noise_runs(plan.runs), joint, fit_settings.parameters

@@ -154,7 +154,7 @@ def _describe_replacements(plan: Campaign, validated: validation.Validation) -> 
         ignored = interface.ignored
         used = ", ".join(name for name in interface.settings if name not in ignored) or "no parameter"
         unused = f"; not {', '.join(ignored)}" if ignored else ""
-        yield f"{replacement.model}: {replacement.archive}, a third-party FMU; takes {used}{unused}"
+        yield f"{replacement.model}: {replacement.path}, a third-party FMU; takes {used}{unused}"
     if plan.replacements:
         yield "stability and saturation are not checked beforehand, as its dynamics are not known"
     if unknown := sorted(model_of(run).unknown_truths(run, ignored_names(validated.interfaces))):

@@ -32,7 +32,7 @@ from lpfcosim.execution import runner
 from lpfcosim.modelica import build
 from lpfcosim.modelica.compiler import FLAGS, compiler
 from lpfcosim.models import model_of, stimuli
-from lpfcosim.spacecraft.run import Run
+from lpfcosim.spacecraft import Run
 
 HERE = Path(__file__).parent
 CAMPAIGNS = HERE.parents[1] / "campaigns"

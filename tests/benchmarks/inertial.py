@@ -28,7 +28,7 @@ from lpfcosim.campaign import loading
 from lpfcosim.execution import runner
 from lpfcosim.modelica import build
 from lpfcosim.models import model_of
-from lpfcosim.spacecraft.run import Run
+from lpfcosim.spacecraft import Run
 
 CAMPAIGN = Path(__file__).parents[2] / "campaigns" / "inertial.toml"
 NAMES = ("delta_phi", "delta_eta")
@@ -42,7 +42,7 @@ def three_days() -> Run:
 def true_dynamics(run: Run) -> Fit:
     """A joint fit that found the truth, with the sigmas of the flight."""
     known = {n: joint_parameter(n) for n in joint_names([run.alignment_epoch])}
-    truth = vars(run.truth) | {f"delta_ifo_{k}": v for k, v in run.truth.delta_ifo.items()}
+    truth = run.truth
     estimates = {n: Estimate(float(truth[n]), p.sigma, p.unit) for n, p in known.items()}
     return Fit(estimates, np.diag([p.sigma**2 for p in known.values()]), 1.0, 1, True, ())
 
@@ -58,7 +58,7 @@ def fitted(run: Run, change: Callable[[telemetry.Telemetry], telemetry.Telemetry
 
 def deviations(fit: Fit, run: Run) -> np.ndarray:
     """Estimate less truth, and sigma [rad], shape (2, 2)."""
-    truth = (run.spacecraft.delta_phi, run.spacecraft.delta_eta)
+    truth = (run.truth["delta_phi"], run.truth["delta_eta"])
     return np.array(
         [(fit.parameters[n].value - t, fit.parameters[n].sigma) for n, t in zip(NAMES, truth, strict=True)]
     )
@@ -107,27 +107,27 @@ def noisier(asd: float) -> Callable[[telemetry.Telemetry], telemetry.Telemetry]:
 
 def cases(run: Run) -> Iterator[tuple[str, Run, Callable[[telemetry.Telemetry], telemetry.Telemetry]]]:
     """What is changed, in the simulation or in the telemetry."""
-    sc, noise = run.spacecraft, run.noise
+    truth, noise = run.truth, run.noise
     same = without("nothing")
-    yield "torques 2 % stronger than commanded", replace(run, spacecraft=replace(sc, lambda_N=1.02)), same
+    yield "torques 2 % stronger than commanded", replace(run, truth=truth | {"lambda_N": 1.02}), same
     yield (
         "torques leak force along x, kappa_phi = 0.01 /m",
-        replace(run, spacecraft=replace(sc, kappa_phi=1e-2)),
+        replace(run, truth=truth | {"kappa_phi": 1e-2}),
         same,
     )
     yield (
         "torque noise on the test masses x 3",
-        replace(run, noise=replace(noise, torque=3 * noise.torque)),
+        replace(run, noise=noise | {"torque": 3 * noise["torque"]}),
         same,
     )
     yield (
         "torque noise on the test masses 1e-11 rad s^-2 Hz^-0.5",
-        replace(run, noise=replace(noise, torque=1e-11)),
+        replace(run, noise=noise | {"torque": 1e-11}),
         same,
     )
     yield "torque read-out noise of 1e-11 rad s^-2 Hz^-0.5", run, noisier(1e-11)
-    tracker = {f"star_tracker_{k}": 3 * getattr(noise, f"star_tracker_{k}") for k in ("theta", "eta", "phi")}
-    yield "star tracker noise x 3", replace(run, noise=replace(noise, **tracker)), same
+    tracker = {f"star_tracker_{k}": 3 * noise[f"star_tracker_{k}"] for k in ("theta", "eta", "phi")}
+    yield "star tracker noise x 3", replace(run, noise=noise | tracker), same
     yield "no star tracker in the telemetry", run, without("ast_")
     yield "no angles in the telemetry (N/I alone)", run, without("o_phi", "o_eta")
 
@@ -140,7 +140,7 @@ def sensitivity(seeds: int) -> None:
     print(
         "| change | delta_phi | delta_eta | sigma of delta_phi | sigma of delta_eta |\n|---|---|---|---|---|"
     )
-    truth = np.array([run.spacecraft.delta_phi, run.spacecraft.delta_eta])
+    truth = np.array([run.truth["delta_phi"], run.truth["delta_eta"]])
     for name, changed, change in cases(run):
         found = [deviations(fitted(replace(changed, seed=s), change), run) for s in range(1, seeds + 1)]
         shift = np.array([100 * (f[:, 0] - p[:, 0]) / truth for f, p in zip(found, plain, strict=True)])

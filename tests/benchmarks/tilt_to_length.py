@@ -96,7 +96,7 @@ def run(n: int, log: Path) -> list[Line]:
 def time_hour(folder: Path) -> None:
     """Print what the chain takes for an hour of motion with manoeuvre, stage by stage."""
     plan = loading.load(CAMPAIGN)
-    hour = tuple(replace(e, n_samples=36_000, n_noise_samples=0) for e in plan.experiments)
+    hour = tuple(replace(e, duration=3600.0, noise_duration=0.0) for e in plan.experiments)
     measured, start = folder / "measured.h5", _seconds()
     begin = start
     stages = {

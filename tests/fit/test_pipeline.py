@@ -14,7 +14,7 @@ from fit.parameters import joint_names
 from fit.pipeline import calibrate
 from fit.settings import settings
 from lpfcosim.campaign import loading
-from lpfcosim.spacecraft.run import Noise, Truth
+from lpfcosim.models import one_axis
 from tests.fit.recorded import recorded
 from tests.oracles.synthetic import World, of_run, pair, telemetry, without
 from tests.reference_run import simulate_reference
@@ -172,23 +172,25 @@ def test_bad_input_is_one_sentence_that_names_the_file(runs, message):
     assert "\n" not in str(caught.value)
 
 
-FLOWN = Truth()
-TRUTH = Truth(
-    lambda_2=FLOWN.lambda_2 * 1.04,
-    C_2=FLOWN.C_2 * 0.75,
-    omega2_1_0=FLOWN.omega2_1_0 * 1.2,
-    omega2_2_0=FLOWN.omega2_2_0 * 0.8,
-    delta_ifo={k: 1.3 * value for k, value in FLOWN.delta_ifo.items()},
-)
+FACTORS = {"lambda_2": 1.04, "C_2": 0.75, "omega2_1_0": 1.2, "omega2_2_0": 0.8}
+
+
+def moved(truth):
+    """Return a truth with other values of what the quick start determines."""
+    return truth | {
+        name: value * FACTORS.get(name, 1.3 if name.startswith("delta_ifo") else 1.0)
+        for name, value in truth.items()
+    }
 
 
 @pytest.fixture(scope="module")
 def simulated(quickstart):
     """Quick-start telemetry with the truth moved: sysid runs without noise, sysid and noise runs with it."""
-    runs = replace(loading.load(quickstart), truth=TRUTH).runs
+    plan = loading.load(quickstart)
+    runs = replace(plan, truth=moved(plan.truth)).runs
     noisy = {run.name: recorded(run, simulate_reference(run)) for run in runs}
     clean = {
-        run.name: recorded(run, simulate_reference(replace(run, noise=Noise())))
+        run.name: recorded(run, simulate_reference(replace(run, noise={})))
         for run in runs
         if run.kind == "sysid"
     }
@@ -197,9 +199,8 @@ def simulated(quickstart):
 
 def truth_of_joint():
     names = ("lambda_2", "C_2", "omega2_1_0", "omega2_2_0", "alpha_phi_1", "alpha_x_2", "alpha_phi_2")
-    return {name: getattr(TRUTH, name) for name in names} | {
-        f"delta_ifo_{k}": value for k, value in TRUTH.delta_ifo.items()
-    }
+    truth = moved(one_axis.MODEL.stated_truth)
+    return {name: truth[name] for name in (*names, *(f"delta_ifo_{k}" for k in range(1, 5)))}
 
 
 def test_bias_on_the_reference_plant_is_far_below_sigma(simulated):

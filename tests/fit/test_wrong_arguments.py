@@ -66,27 +66,18 @@ def test_sections_of_results_are_mappings():
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"truth": {"C_2": math.nan}}, "campaign.truth.C_2: nan, expected a finite number"),
-        ({"truth": {"C_2": "x"}}, "campaign.truth.C_2: 'x', expected a number"),
-        ({"truth": {"delta_ifo": {1: math.nan}}}, "campaign.truth.delta_ifo[1]: nan, expected a finite"),
-        ({"truth": None}, "campaign.truth: None, expected Truth"),
-        ({"seed": "x"}, "campaign.seed: 'x', expected an integer"),
-        ({"t0": "x"}, "campaign: t0: 'x', expected a date and time of ISO 8601"),
-        ({"experiments": ()}, "campaign.experiments: none, expected at least one"),
-        ({"experiments": "AB"}, "campaign.experiments: 'AB', expected a list"),
-        ({"experiments": (1,)}, "campaign.experiments[0]: 1, expected Experiment"),
-        ({"fit": 3}, "fit: 3, expected a table of settings"),
+        ({"truth": {"C_2": math.nan}}, "truth.C_2"),
+        ({"truth": {"C_2": "x"}}, "truth.C_2"),
+        ({"truth": None}, "truth"),
+        ({"seed": "x"}, "seed"),
+        ({"t0": "x"}, "t0"),
+        ({"experiments": ()}, "experiments"),
+        ({"fit": 3}, "fit"),
     ],
 )
-@pytest.mark.parametrize("function", [lpfcosim.forecast, lpfcosim.check])
-def test_a_campaign_with_wrong_values_is_refused(quickstart, function, change, message):
-    campaign = lpfcosim.load_campaign(quickstart)
-    for name, value in change.items():
-        if isinstance(value, dict):
-            value = replace(getattr(campaign, name), **value)
-        campaign = replace(campaign, **{name: value})
-    with pytest.raises(fit.InputError, match=re.escape(message)):
-        function(campaign)
+def test_a_campaign_with_wrong_values_is_refused(quickstart, change, message):
+    with pytest.raises(fit.InputError, match=re.escape(f"Campaign: {message}: ")):
+        replace(lpfcosim.load_campaign(quickstart), **change)
 
 
 @pytest.mark.parametrize(

@@ -16,7 +16,7 @@ from lpfcosim.errors import InputError
 from lpfcosim.execution import fmus as archives
 from lpfcosim.modelica import build
 from lpfcosim.models import model_of
-from lpfcosim.spacecraft.run import Replacement
+from lpfcosim.spacecraft import Replacement
 from tests.campaign_text import campaign
 from tests.hostile.mutations import NUMBERS, TEXTS, damaged, raw_archive, survives
 from tests.lpfcosim.cosim.archives import edited, repack

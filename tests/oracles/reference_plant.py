@@ -1,6 +1,6 @@
 """The loop along x, written by hand and exactly discretised; it shares no code with the simulator.
 
-Continuous plant, seen from the spacecraft (signs in `lpfcosim.spacecraft.parameters`)::
+Continuous plant, seen from the spacecraft (signs in `lpfcosim.constants`)::
 
     F_j    = m_tm (g_j - omega2_j x_j + a_j)       force on test mass j, which pushes back on the spacecraft
     x_j''  = F_j / m_tm - a_SC                     m_sc a_SC = F_thrust + F_noise_x_sc - F_1 - F_2
@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.linalg import block_diag
 
-from lpfcosim.spacecraft import ARM, Controller, Run
+from lpfcosim.spacecraft import Run
 
 PLANT_INPUTS = ("F_x_sc", "f_x_1", "f_x_2", "g_1", "g_2", "F_noise_x_sc")
 LOOP_INPUTS = ("n_1", "n_12", "guidance_o_1", "guidance_o_12", "f_x_1", "g_1", "g_2", "F_noise_x_sc")
@@ -27,21 +27,42 @@ Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
 
+ARM = 11e-3  # m, of an electrode
 BLOCK = 6000  # samples between two looks at the read-out range
 
 
-def gain(law: Controller) -> float:
+Law = Mapping[str, float]  # f_u, f_z, f_i, f_p, f_r [Hz]
+
+
+def law(run: Run, model: str) -> Law:
+    """Return a control law along x, of one that may be part of the whole spacecraft."""
+    return run.control.get(model) or run.control[f"Whole{model}"]
+
+
+def stiffness(run: Run, j: int) -> float:
+    """Return omega2_j, Eq. (8) [s^-2]."""
+    t, a = run.truth, run.authority
+    F_max, N_max = {1: (a.F_max_1, a.N_max_1), 2: (a.F_max_2, a.N_max_2)}[j]
+    return t[f"omega2_{j}_0"] + t[f"alpha_x_{j}"] * F_max + t[f"alpha_phi_{j}"] * N_max
+
+
+def command_before(run: Run) -> float:
+    """Return the command on test mass 2 before the run [m s^-2]."""
+    return -run.dc / run.truth["lambda_2"]
+
+
+def gain(law: Law) -> float:
     """Return the k [s^-1] of K(s) that makes |K(i 2 pi fu)| = (2 pi fu)^2 at the unity gain fu."""
-    s = 2j * math.pi * law.unity_gain
-    wz, wi, wp, wr = (2 * math.pi * f for f in (law.zero, law.integrator_zero, *law.poles))
+    s = 2j * math.pi * law["f_u"]
+    wz, wi, wp, wr = (2 * math.pi * f for f in (law[name] for name in ("f_z", "f_i", "f_p", "f_r")))
     shape = (s + wz) * (s + wi) / (s * (1 + s / wp) * (1 + s / wr))
     return abs(s) ** 2 / abs(shape)
 
 
-def partial_fractions(law: Controller) -> tuple[Array, Array]:
+def partial_fractions(law: Law) -> tuple[Array, Array]:
     """Return p_i [rad/s] and r_i [s^-3] of the parallel form K(s) = sum_i r_i / (s + p_i)."""
-    wz, wi = 2 * math.pi * law.zero, 2 * math.pi * law.integrator_zero
-    wp, wr = 2 * math.pi * law.poles[0], 2 * math.pi * law.poles[1]
+    wz, wi = 2 * math.pi * law["f_z"], 2 * math.pi * law["f_i"]
+    wp, wr = 2 * math.pi * law["f_p"], 2 * math.pi * law["f_r"]
     scale = gain(law) * wp * wr
     residues = (
         scale * wz * wi / (wp * wr),
@@ -80,7 +101,7 @@ def discretize_zoh(rates: Array, times: ArrayLike) -> Array:
     return np.concatenate([one + z @ mean, t * (mean @ rates[:, n:])], axis=-1)
 
 
-def tustin(law: Controller, h: float) -> tuple[Array, Array, float]:
+def tustin(law: Law, h: float) -> tuple[Array, Array, float]:
     """Discretise K(s) = sum r_i / (s + p_i) with the bilinear rule.
 
     Returns
@@ -117,21 +138,23 @@ class Plant:
 
 def plant(run: Run) -> Plant:
     """Discretise the three bodies, the thrusters and the delays exactly."""
-    r, h = run.m_tm / run.m_sc, run.h
-    k_1, k_2 = -run.omega2_1, -run.omega2_2
+    m_sc = run.truth["m_sc"]
+    r, h = run.m_tm / m_sc, run.h
+    k_1, k_2 = -stiffness(run, 1), -stiffness(run, 2)
     # rows: x_1', v_1', x_2', v_2', F_thrust'; columns: the same states, then PLANT_INPUTS
-    force_1 = np.array([k_1, 0, 0, 0, 0, 0, run.truth.lambda_1, 0, 1, 0, 0])  # F_j / m_tm
-    force_2 = np.array([0, 0, k_2, 0, 0, 0, 0, run.truth.lambda_2, 0, 1, 0])
-    thrust = np.array([0, 0, 0, 0, 1, 0, 0, 0, 0, 0, 1]) / run.m_sc
+    force_1 = np.array([k_1, 0, 0, 0, 0, 0, run.truth["lambda_1"], 0, 1, 0, 0])  # F_j / m_tm
+    force_2 = np.array([0, 0, k_2, 0, 0, 0, 0, run.truth["lambda_2"], 0, 1, 0])
+    thrust = np.array([0, 0, 0, 0, 1, 0, 0, 0, 0, 0, 1]) / m_sc
     a_sc = thrust - r * (force_1 + force_2)
     continuous = np.zeros((5, 11))
     continuous[0, 1] = continuous[2, 3] = 1
     continuous[1] = force_1 - a_sc
     continuous[3] = force_2 - a_sc
-    continuous[4, [4, 5]] = np.array([-1, 1]) / run.thruster_lag
+    continuous[4, [4, 5]] = np.array([-1, 1]) / run.truth["T_sc"]
 
-    transports = (run.thruster_delay, max(run.tau_1 - h / 2, 0.0), max(run.tau_2 - h / 2, 0.0))
-    values = (0.0, 0.0, run.f_x_2_start)  # commands issued before the run
+    taus = [run.truth[f"C_{j}"] / run.truth[f"lambda_{j}"] for j in (1, 2)]
+    transports = (run.truth["tau_sc"], *(max(tau - h / 2, 0.0) for tau in taus))
+    values = (0.0, 0.0, command_before(run))  # commands issued before the run
     lengths = [int(transport // h) + 1 for transport in transports]
     # the new value acts after the switch
     switches = (length * h - transport for length, transport in zip(lengths, transports, strict=True))
@@ -155,7 +178,7 @@ def plant(run: Run) -> Plant:
         first += length
     C = np.zeros((2, n))
     C[0, 0] = 1
-    C[1, [0, 2]] = run.delta_ifo - 1, 1
+    C[1, [0, 2]] = run.truth[f"delta_ifo_{run.alignment_epoch}"] - 1, 1
     return Plant(A, B, C, start)
 
 
@@ -188,18 +211,18 @@ class PlantAndController:
 
 def loop(run: Run) -> PlantAndController:
     """Close the drag-free loop exactly and the suspension loop up to the authority of f_x_2."""
-    body = plant(run)
+    body, m_sc = plant(run), run.truth["m_sc"]
     n = len(body.A)
-    decay_1, entry_1, direct_1 = tustin(run.drag_free, run.h)
-    decay_2, entry_2, direct_2 = tustin(run.suspension, run.h)
+    decay_1, entry_1, direct_1 = tustin(law(run, "DragFreeControl"), run.h)
+    decay_2, entry_2, direct_2 = tustin(law(run, "SuspensionControl"), run.h)
 
     # read-outs o = C state + D_o w and errors e = C state + D_e w of both loops; commands F_x_sc and f_x_2
     C = np.hstack([body.C, np.zeros((2, 6))])
     D_o = np.hstack([np.eye(2), np.zeros((2, 6))])
     D_e = np.hstack([np.eye(2), -np.eye(2), np.zeros((2, 4))])
-    F_c = run.m_sc * direct_1 * C[0]
-    F_c[n : n + 3] = run.m_sc
-    F_d = run.m_sc * direct_1 * D_e[0]
+    F_c = m_sc * direct_1 * C[0]
+    F_c[n : n + 3] = m_sc
+    F_d = m_sc * direct_1 * D_e[0]
     c_2 = -direct_2 * C[1]
     c_2[n + 3 :] = -1
 
@@ -223,7 +246,7 @@ def loop(run: Run) -> PlantAndController:
         B_u=np.concatenate([body.B[:, 2], np.zeros(6)])[:, np.newaxis],
         C_u=c_2[np.newaxis],
         D_u=(-direct_2 * D_e[1])[np.newaxis],
-        u_start=np.array([run.f_x_2_start]),
+        u_start=np.array([command_before(run)]),
         C=np.vstack([C, F_c]),
         D=np.vstack([D_o, F_d]),
         start=np.concatenate([body.start, np.zeros(6)]),
@@ -245,8 +268,8 @@ def open_loop(run: Run) -> Callable[[ArrayLike], Complex]:
         z = z_of(frequency, run.h)
         from_commands = body.C @ np.linalg.solve(z * np.eye(len(body.A)) - body.A, body.B[:, [0, 2]])
         gains = []
-        for law, scale in ((run.drag_free, run.m_sc), (run.suspension, -1.0)):
-            decay, entry, direct = tustin(law, run.h)
+        for model, scale in (("DragFreeControl", run.truth["m_sc"]), ("SuspensionControl", -1.0)):
+            decay, entry, direct = tustin(law(run, model), run.h)
             gains.append(scale * ((entry / (z[:, 0] - decay)).sum(axis=1) + direct))
         return np.asarray(-from_commands * np.stack(gains, axis=1)[:, np.newaxis, :])
 
@@ -304,7 +327,7 @@ def actuation_errors(run: Run, drawn: Mapping[str, Array]) -> tuple[ActuationErr
     drawn : mapping of str to ndarray, shape (n,)
         Stimuli of the actuation.
     """
-    gains = run.truth.lambda_1, run.truth.lambda_2
+    gains = run.truth["lambda_1"], run.truth["lambda_2"]
     if not any(f"{name}_{j}" in drawn for name in ("e_x", "gain") for j in (1, 2)):
         return None
     still = np.zeros(run.n_samples)

@@ -6,49 +6,48 @@ import numpy as np
 from scipy.integrate import solve_ivp
 from scipy.signal import bilinear, lfilter
 
-from lpfcosim.spacecraft.spacecraft import Spacecraft
+from lpfcosim.spacecraft import ETA_PER_X, PHI_PER_X
 
 H = 0.1
 M_TM, M_SC, I_TM, D, ARM = 1.928, 422.7, 6.80e-4, 0.376, 0.011
 I_SC = np.array([202.5, 209.7, 191.7])
-FREE = Spacecraft(omega2_y=0, omega2_z=0, omega2_theta=0, omega2_eta=0, omega2_phi=0)
-SKEW = Spacecraft(
-    delta_phi=-2e-3,
-    delta_eta=1e-3,
-    b=(1.2e-2, -0.9e-2, 2.2e-2, -1.8e-2, 1e-3, -2e-3),
-    lambda_N=1.1,
-    leak_phi_1=40.0,
-    kappa_phi=3e5,
-    kappa_eta=-2e5,
-    omega2_y=-8e-3,
-    omega2_z=5e-3,
-    omega2_theta=-1e-2,
-    omega2_eta=7e-3,
-    omega2_phi=3e-3,
-    eta_per_x=20.0,
-    phi_per_x=-10.0,
-)
+FREE = dict.fromkeys([f"omega2_{k}" for k in ("y", "z", "theta", "eta", "phi")], 0.0)
+SKEW = {
+    "delta_phi": -2e-3, "delta_eta": 1e-3,
+    "b_1": 1.2e-2, "b_2": -0.9e-2, "b_3": 2.2e-2, "b_4": -1.8e-2, "b_5": 1e-3, "b_6": -2e-3,
+    "lambda_N": 1.1, "leak_phi_1": 40.0, "kappa_phi": 3e5, "kappa_eta": -2e5,
+    "omega2_y": -8e-3, "omega2_z": 5e-3, "omega2_theta": -1e-2, "omega2_eta_0": 7e-3, "omega2_phi_0": 3e-3,
+}  # fmt: skip
+
+
+PER_X = {"eta": ETA_PER_X, "phi": PHI_PER_X}
+
+
+def turning(truth, axis, of_authority):
+    """Return the stiffness about y or z, which follows the authority where it has a background."""
+    background = truth.get(f"omega2_{axis}_0")
+    return truth.get(f"omega2_{axis}", -1.5e-6) if background is None else background + of_authority
 
 
 def equations(run):
     """Write down the equations of motion as they stand; rate of change of the 36 states."""
-    sc = run.spacecraft
-    R = np.array([[-D, -sc.delta_y, -sc.delta_z], [D, sc.delta_y, sc.delta_z]]) / 2
-    k_s = np.array([[omega2, sc.omega2_y, sc.omega2_z] for omega2 in (run.omega2_1, run.omega2_2)])
     a, t = run.authority, run.truth
+    offset = D * np.array([1, t["delta_phi"], t["delta_eta"]])
+    R = np.array([-offset, offset]) / 2
     given = [
-        t.alpha_x_1 * a.F_max_1 + t.alpha_phi_1 * a.N_max_1,
-        t.alpha_x_2 * a.F_max_2 + t.alpha_phi_2 * a.N_max_2,
+        t[f"alpha_x_{j}"] * F_max + t[f"alpha_phi_{j}"] * N_max
+        for j, F_max, N_max in ((1, a.F_max_1, a.N_max_1), (2, a.F_max_2, a.N_max_2))
     ]
-    k_r = np.array(
-        [[sc.omega2_theta, sc.omega2_eta + sc.eta_per_x * k, sc.omega2_phi + sc.phi_per_x * k] for k in given]
-    )
+    k_s = np.array([[t[f"omega2_{j}_0"] + given[j - 1], t["omega2_y"], t["omega2_z"]] for j in (1, 2)])
+    k_r = np.array([
+        [t["omega2_theta"], *(turning(t, axis, per_x * k) for axis, per_x in PER_X.items())] for k in given
+    ])  # fmt: skip
 
     def rate(y, f_1, f_2, es, asked, g, gamma, noise):
         # s, v, tilt, w of both test masses; attitude, Omega; thrusts
         s, v, tilt, w = (y[6 * i : 6 * i + 6].reshape(2, 3) for i in range(4))
         Omega, push = y[27:30], y[30:36] + noise
-        f = es[0] + [[f_1, 0, 0], [f_2 - sc.b[4] * s[:, 1].mean() - sc.b[5] * s[:, 2].mean(), 0, 0]]
+        f = es[0] + [[f_1, 0, 0], [f_2 - t["b_5"] * s[:, 1].mean() - t["b_6"] * s[:, 2].mean(), 0, 0]]
         force, torque = M_TM * (g - k_s * s + f), I_TM * (gamma - k_r * tilt + es[1])
         r = R + s
         a_O = (push[:3] - force.sum(axis=0)) / M_SC
@@ -65,7 +64,7 @@ def equations(run):
 
 def by_integration(run, driven):
     """Solve the equations of motion as they stand between all switches; controllers as transfer functions."""
-    sc, truth = run.spacecraft, run.truth
+    truth = run.truth
     laws_of_motion = equations(run)
 
     def tustin(fu, fz, fi, fp, fr):
@@ -93,14 +92,14 @@ def by_integration(run, driven):
         value, memory[key] = lfilter(*laws[law], [error], zi=memory.get(key, np.zeros(3)))
         return value[0]
 
-    delays = {"f1": truth.C_1 / truth.lambda_1 - H / 2, "f2": truth.C_2 / truth.lambda_2 - H / 2}
-    delays |= {"es": sc.tau_es, "thrust": 0.25}
+    delays = {"f1": truth["C_1"] / truth["lambda_1"] - H / 2, "f2": truth["C_2"] / truth["lambda_2"] - H / 2}
+    delays |= {"es": truth["tau_es"], "thrust": 0.25}
     before = {"f1": 0.0, "f2": -run.dc, "es": np.zeros((2, 2, 3)), "thrust": np.zeros(6)}
     issued = {name: [] for name in delays}
     out = []
     unit = 1e-9
     y = np.zeros(36)
-    y[27:30] = np.array(sc.Omega_DC) / unit
+    y[27:30] = np.array([truth[f"Omega_{k}_start"] for k in ("theta", "eta", "phi")]) / unit
 
     def held(name, t):
         i = int(np.floor((t - delays[name]) / H))
@@ -118,9 +117,9 @@ def by_integration(run, driven):
             for i, k in enumerate(("theta", "eta", "phi"))
         }
         means = tilt[:, 2], tilt[:, 1], s[:, 1], s[:, 2]
-        bump = sum(b * mean.mean() for b, mean in zip(sc.b, means, strict=False))
+        bump = sum(truth[f"b_{i}"] * mean.mean() for i, mean in enumerate(means, 1))
         o_1 = s[0, 0] + now["n_1"]
-        o_12 = s[1, 0] - s[0, 0] + run.delta_ifo * s[0, 0] - bump + now["n_12"]
+        o_12 = s[1, 0] - s[0, 0] + truth[f"delta_ifo_{run.alignment_epoch}"] * s[0, 0] - bump + now["n_12"]
         o = {f"{k}_1": tilt[0, i] + now[f"n_{k}_1"] for k, i in (("eta", 1), ("phi", 2))}
         o |= {f"{k}_12": tilt[1, i] - tilt[0, i] + now[f"n_{k}_12"] for k, i in (("eta", 1), ("phi", 2))}
         ast = [y[24 + i] * unit + now[f"n_ast_{k}"] for i, k in enumerate(("theta", "eta", "phi"))]
@@ -134,7 +133,7 @@ def by_integration(run, driven):
             I_SC[1] * K("rot", "eta", (grs["z_1"] - grs["z_2"]) / D),
             I_SC[2] * K("rot", "phi", (grs["y_2"] - grs["y_1"]) / D),
         ])  # fmt: skip
-        f_2 = -run.dc / truth.lambda_2 - K("x12", "x12", o_12 - now["guidance_o_12"]) + now["F_x_2"] / M_TM
+        f_2 = -run.dc / truth["lambda_2"] - K("x12", "x12", o_12 - now["guidance_o_12"]) + now["F_x_2"] / M_TM
         L = [K("att", f"att{i}", e[i]) for i in range(3)]
         F = np.array(
             [[0, M_TM * D / 2 * L[2], -M_TM * D / 2 * L[1]], [0, -M_TM * D / 2 * L[2], M_TM * D / 2 * L[1]]]
@@ -148,21 +147,21 @@ def by_integration(run, driven):
             ],
         ])  # fmt: skip
         a = run.authority
-        F = np.clip(F, -sc.F_max_yz, sc.F_max_yz)
-        top = np.array([[sc.N_max_theta, sc.N_max_eta, m] for m in (a.N_max_1, a.N_max_2)])
+        F = np.clip(F, -50e-12, 50e-12)
+        top = np.array([[10.4e-12, 10.4e-12, m] for m in (a.N_max_1, a.N_max_2)])
         N = np.clip(N, -top, top)
         f_2 = np.clip(f_2, -a.F_max_2 / M_TM, a.F_max_2 / M_TM)
         f_1 = np.clip(now["F_x_1"], -a.F_max_1, a.F_max_1) / M_TM + now["f_x_1_jitter"]
-        f_1 += sc.leak_phi_1 * N[0, 2] / M_TM
-        crossed = (sc.kappa_phi * N[1, 2] + sc.kappa_eta * N[1, 1]) / M_TM
+        f_1 += truth["leak_phi_1"] * N[0, 2] / M_TM
+        crossed = (truth["kappa_phi"] * N[1, 2] + truth["kappa_eta"] * N[1, 1]) / M_TM
         voltage_noise = [
             now[f"e_x_{j}"] * (F_max + N_max / ARM) / M_TM + now[f"e_N_{j}"] * N[j - 1, 2] / (ARM * M_TM)
             for j, F_max, N_max in ((1, a.F_max_1, a.N_max_1), (2, a.F_max_2, a.N_max_2))
         ]
-        issued["f1"].append(truth.lambda_1 * f_1 * (1 + now["gain_1"]) + voltage_noise[0])
-        issued["f2"].append(truth.lambda_2 * f_2 * (1 + now["gain_2"]) + crossed + voltage_noise[1])
-        gain = np.array([[truth.lambda_1], [truth.lambda_2]])
-        issued["es"].append(np.array([gain * F / M_TM, sc.lambda_N * N / I_TM]))
+        issued["f1"].append(truth["lambda_1"] * f_1 * (1 + now["gain_1"]) + voltage_noise[0])
+        issued["f2"].append(truth["lambda_2"] * f_2 * (1 + now["gain_2"]) + crossed + voltage_noise[1])
+        gain = np.array([[truth["lambda_1"]], [truth["lambda_2"]]])
+        issued["es"].append(np.array([gain * F / M_TM, truth["lambda_N"] * N / I_TM]))
         issued["thrust"].append(thrust)
         out.append({
             "o_1": o_1, "o_12": o_12, "f_x_1": f_1, "f_x_2": f_2,

@@ -15,12 +15,12 @@ model Plant "Spacecraft and two test masses, six degrees of freedom each, in the
   parameter Types.Time tau_es = 0.1 "Transport delay of all other electrostatic commands";
   parameter Types.Time tau_sc = 0.25 "Transport delay of the thrust commands";
   parameter Types.Time T_sc = 0.1 "Lag of the thrust";
-  parameter Types.Stiffness omega2_1_0 = -3.99e-7 "Background stiffness of test mass 1 along x";
-  parameter Types.Stiffness omega2_2_0 = -4.19e-7 "Background stiffness of test mass 2 along x";
-  parameter Types.StiffnessPerForce alpha_x_1 = -345 "Stiffness of test mass 1 per force authority";
-  parameter Types.StiffnessPerForce alpha_x_2 = -317 "Stiffness of test mass 2 per force authority";
-  parameter Types.StiffnessPerTorque alpha_phi_1 = -28.2e3 "Stiffness of test mass 1 per torque authority";
-  parameter Types.StiffnessPerTorque alpha_phi_2 = -27.4e3 "Stiffness of test mass 2 per torque authority";
+  parameter Types.Stiffness omega2_1_0(max = 0) = -3.99e-7 "Background stiffness of test mass 1 along x";
+  parameter Types.Stiffness omega2_2_0(max = 0) = -4.19e-7 "Background stiffness of test mass 2 along x";
+  parameter Types.StiffnessPerForce alpha_x_1(max = 0) = -345 "Stiffness of test mass 1 per force authority";
+  parameter Types.StiffnessPerForce alpha_x_2(max = 0) = -317 "Stiffness of test mass 2 per force authority";
+  parameter Types.StiffnessPerTorque alpha_phi_1(max = 0) = -28.2e3 "Stiffness of test mass 1 per torque authority";
+  parameter Types.StiffnessPerTorque alpha_phi_2(max = 0) = -27.4e3 "Stiffness of test mass 2 per torque authority";
   parameter Types.Force F_max_1 = 0 "Authority of the x force on test mass 1";
   parameter Types.Force F_max_2 = 2200e-12 "Authority of the x force on test mass 2";
   parameter Types.Torque N_max_1 = 10.4e-12 "Authority of the torque on test mass 1 about z";

@@ -15,7 +15,6 @@ from fit.statistics import injections
 from fit.whitening import Experiment
 from fit.whitening.run import Run
 from lpfcosim.campaign import loading
-from lpfcosim.spacecraft.run import Noise
 from tests.fit.checks.campaigns import campaign as campaign_of
 from tests.fit.recorded import recorded
 from tests.fit.test_pipeline import OFF
@@ -109,7 +108,7 @@ def simulated(quickstart):
 
     @cache
     def simulate(name, *pulses, noise=True):
-        run = runs[name] if noise else replace(runs[name], noise=Noise())
+        run = runs[name] if noise else replace(runs[name], noise={})
         return recorded(run, simulate_reference(run, pulses))
 
     return simulate

@@ -14,7 +14,6 @@ from lpfcosim.campaign import loading
 from lpfcosim.linear import ClosedLoop, spectral_simulation
 from lpfcosim.planned_experiments import planned_noise_runs, telemetry_of
 from lpfcosim.signals import decimation
-from lpfcosim.spacecraft import Noise
 from lpfcosim.workflows.montecarlo_trial import SpectralSimulator
 from tests import ROOT
 from tests.oracles.rotation_synthetic import calibration
@@ -47,8 +46,8 @@ def test_sigmas_are_those_of_the_campaign_through_fmus(plan):
     measured = {"1": (0.020e-3, 0.0042e-3), "2": (0.012e-3, 0.0027e-3), "3": (0.006e-3, 0.0013e-3)}
     for period, fit in periods.items():
         assert tuple(sigmas(fit).values()) == pytest.approx(measured[period], rel=0.1)
-        drawn = plan.runs[[run.inertial_period for run in plan.runs].index(int(period))].spacecraft
-        truth = {"delta_phi": drawn.delta_phi, "delta_eta": drawn.delta_eta}
+        drawn = plan.runs[[run.inertial_period for run in plan.runs].index(int(period))].truth
+        truth = {name: drawn[name] for name in ("delta_phi", "delta_eta")}
         for name, estimate in fit.parameters.items():
             assert abs(estimate.value - truth[name]) < 0.2 * estimate.sigma
 
@@ -68,7 +67,7 @@ def test_agrees_with_a_fit_of_the_reference_plant(plan):
 @pytest.mark.slow
 def test_loud_torques_widen_as_they_do_in_fits(plan):
     run = next(run for run in plan.runs if run.experiment == "P3a")
-    noisy = replace(run, noise=replace(run.noise, torque=8e-12))
+    noisy = replace(run, noise={**run.noise, "torque": 8e-12})
     drawn, joint = spectral_simulation.Simulation(noisy, CHANNELS), calibration().joint
     fits = [
         fit_period([telemetry_of(noisy, drawn.record(np.random.default_rng(i)))], joint) for i in range(4)
@@ -110,14 +109,14 @@ def test_angles_obey_the_settings(plan):
 
 def test_drowned_in_torque_noise_as_the_fit_is(plan):
     run = next(run for run in plan.runs if run.experiment == "P1")
-    (fit,) = expected_fits(replace(run, noise=replace(run.noise, torque=5e-10))).values()
+    (fit,) = expected_fits(replace(run, noise={**run.noise, "torque": 5e-10})).values()
     assert "torque_noise" in {w.code for w in fit.warnings}
 
 
 def test_a_spacecraft_without_rotation_determines_nothing(plan):
     run = next(run for run in plan.runs if run.experiment == "P1")
-    along_x = {name: getattr(run.noise, name) for name in ("oms", "plateau", "tail", "thruster")}
-    (fit,) = expected_fits(replace(run, noise=Noise(**along_x))).values()
+    along_x = {name: run.noise[name] for name in ("oms", "plateau", "tail", "thruster")}
+    (fit,) = expected_fits(replace(run, noise={**along_x})).values()
     assert not fit.parameters
     assert any("hardly turns" in w.message for w in fit.warnings)
 

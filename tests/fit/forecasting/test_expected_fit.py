@@ -21,8 +21,7 @@ from fit.whitening.run import Run
 from lpfcosim.campaign import loading
 from lpfcosim.linear import ClosedLoop, response
 from lpfcosim.planned_experiments import planned_experiments
-from lpfcosim.spacecraft.run import Authority, HalfCosine, Noise, Sine
-from lpfcosim.spacecraft.spacecraft import Spacecraft
+from lpfcosim.spacecraft import Authority, HalfCosine, Sine
 from tests import ROOT
 from tests.fit.recorded import recorded
 from tests.lpfcosim.linear import drives
@@ -123,16 +122,16 @@ def mission():
 
 
 def test_regressors_without_noise_determine_delta_ifo_worse(mission):
-    noise = {e.name: e.noise for e in loading.load(CAMPAIGNS / "mission-x.toml").experiments}
+    noise = {run.name: run.noise for run in loading.load(CAMPAIGNS / "mission-x.toml").runs}
 
     def of_residual(levels):
         """As much noise as the residual has, all of it in o_12."""
 
         def matrix(names, f):
-            tail = levels.tail * 60e-15 * 20e-6 / f
+            tail = levels["tail"] * 60e-15 * 20e-6 / f
             S = np.zeros((f.size, len(names), len(names)), dtype=complex)
             i = names.index("o_12")
-            S[:, i, i] = (levels.plateau**2 + tail**2) / (2 * np.pi * f) ** 4 + levels.oms**2
+            S[:, i, i] = (levels["plateau"] ** 2 + tail**2) / (2 * np.pi * f) ** 4 + levels["oms"] ** 2
             return S
 
         return matrix
@@ -193,16 +192,19 @@ DRIVEN = {
     ),
     "dc": 3e-12,
 }
-CRAFT = Spacecraft(b=(1.2e-5, -0.9e-5, 2.2e-5, -1.8e-5, 1e-7, -1e-7), leak_phi_1=0.1)
+CROSS_TALK = dict(
+    zip([f"b_{i}" for i in range(1, 7)], (1.2e-5, -0.9e-5, 2.2e-5, -1.8e-5, 1e-7, -1e-7), strict=True)
+)
+CRAFT = {"spacecraft": "lpf", "truth": {**CROSS_TALK, "leak_phi_1": 0.1}}
 
 
 def still(run):
     return replace(run, injections=())
 
 
-@pytest.mark.parametrize("spacecraft", [None, CRAFT])
+@pytest.mark.parametrize("spacecraft", [{}, CRAFT])
 def test_response_is_what_a_simulation_without_noise_gives(make_run, spacecraft):
-    run = make_run(**DRIVEN, spacecraft=spacecraft)
+    run = make_run(**DRIVEN, **spacecraft)
     driven, rest = ClosedLoop(run).simulate(), ClosedLoop(still(run)).simulate()
     expected = response.linear_response(run)
     for name in ("o_1", "o_12", "f_x_1", "f_x_2"):
@@ -214,7 +216,7 @@ F = np.geomspace(1e-4, 0.2, 9)
 
 
 def test_noise_along_x_against_the_loop_gain(make_run):
-    run = make_run(noise=Noise(oms=35e-15))
+    run = make_run(noise={"oms": 35e-15})
     closed = np.linalg.inv(np.eye(2) + reference_plant.open_loop(run)(F))
     assert response.cross_spectra(run, ("o_1", "o_12"), F) == pytest.approx(
         35e-15**2 * closed.conj() @ closed.transpose(0, 2, 1), rel=1e-9
@@ -222,7 +224,7 @@ def test_noise_along_x_against_the_loop_gain(make_run):
 
 
 def test_levels_of_the_noise(make_run):
-    levels = Noise(oms=35e-15, thruster=1e-7, plateau=5e-15, tail=1.3, f_x_1_jitter=1e-14)
+    levels = {"oms": 35e-15, "thruster": 1e-7, "plateau": 5e-15, "tail": 1.3, "f_x_1_jitter": 1e-14}
     psd = drives.psd(make_run(noise=levels), f := np.array([1e-3, 1e-2]))
     assert psd["n_12"] == pytest.approx(35e-15**2)
     assert 2 * psd["g_1"] == pytest.approx(5e-15**2 + (1.3 * 60e-15 * 20e-6 / f) ** 2, rel=1e-3)
@@ -231,12 +233,12 @@ def test_levels_of_the_noise(make_run):
 
 def test_turning_against_the_simulation(make_run):
     # a turn far faster than any flown, so that what is quadratic shows
-    turn = replace(CRAFT, Omega_DC=(0.0, 2e-5, -3e-5))
-    run = make_run(spacecraft=turn)
+    rates = {"Omega_theta_start": 0.0, "Omega_eta_start": 2e-5, "Omega_phi_start": -3e-5}
+    run = make_run(spacecraft="lpf", truth={**CRAFT["truth"], **rates})
     n = np.arange(run.n_samples)
     steady = {
         f"attitude_{k}": rate * n / run.fs
-        for k, rate in zip(("theta", "eta", "phi"), turn.Omega_DC, strict=True)
+        for k, rate in zip(("theta", "eta", "phi"), rates.values(), strict=True)
     }
     pulse = np.where(n == 100, 1e-7, 0.0)
     driven, rest = (ClosedLoop(run).simulate({**steady, **extra}) for extra in ({"N_noise_z_sc": pulse}, {}))
@@ -250,9 +252,9 @@ def test_turning_against_the_simulation(make_run):
 
 
 def test_it_ends_where_it_would_wherever_it_starts(quickstart):
-    text = {"lambda_2": 1.13, "C_2": 0.25, "omega2_2_0": -9e-7, "delta_ifo": {1: 3e-5, 2: -4e-5}}
+    text = {"lambda_2": 1.13, "C_2": 0.25, "omega2_2_0": -9e-7, "delta_ifo_1": 3e-5, "delta_ifo_2": -4e-5}
     plan = loading.load(quickstart)
-    plan = replace(plan, truth=replace(plan.truth, **text))
+    plan = replace(plan, truth={**plan.truth, **text})
     calls: list[str] = []
 
     def counted(p):

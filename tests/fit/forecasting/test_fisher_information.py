@@ -11,13 +11,13 @@ from fit.settings import settings
 from lpfcosim.campaign import loading
 from lpfcosim.linear import ClosedLoop
 from lpfcosim.planned_experiments import planned_experiments
-from lpfcosim.spacecraft import TaperedSine
+from lpfcosim.spacecraft import Sine
 from tests import ROOT
 
 TONES = (
-    TaperedSine("guidance_o_12", 5e-9, 18 / 21000, 18, 300.0, 0.3, 1000.0),
-    TaperedSine("guidance_o_1", 6e-9, 63 / 21000, 63, 300.0, 1.0, 1000.0),
-    TaperedSine("F_x_2", 1e-12, 840 / 21000, 840, 300.0, 2.0, 1000.0),
+    Sine("guidance_o_12", 5e-9, 18 / 21000, 18, 300.0, 0.3, 1000.0),
+    Sine("guidance_o_1", 6e-9, 63 / 21000, 63, 300.0, 1.0, 1000.0),
+    Sine("F_x_2", 1e-12, 840 / 21000, 840, 300.0, 2.0, 1000.0),
 )
 
 

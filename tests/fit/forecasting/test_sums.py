@@ -64,10 +64,13 @@ def test_a_sweep_of_one_authority_knows_the_stiffness_at_each():
     assert {"omega2_2_0", "alpha_phi_2", "omega2_1_0", "alpha_phi_1"} <= set(joint.undetermined)
     truth = plan.truth
     stiffness = {(s.j, s.F_max): s for s in joint.stiffness}
-    assert list(stiffness) == [(1, 0.0), *((2, e.authority.F_max_2) for e in plan.experiments)]
+    assert list(stiffness) == [
+        (1, 0.0),
+        *((2, plan.authority[e.authority].F_max_2) for e in plan.experiments),
+    ]
     for (j, F), known in stiffness.items():
         names = f"omega2_{j}_0", f"alpha_x_{j}", f"alpha_phi_{j}"
-        background, per_force, per_torque = (getattr(truth, name) for name in names)
+        background, per_force, per_torque = (truth[name] for name in names)
         assert known.value == pytest.approx(background + per_force * F + per_torque * N, rel=0.01)
         assert 1e-9 < known.sigma < 2e-8
     (message,) = (w.message for w in joint.warnings if "alpha_phi_2" in w.parameters)

@@ -16,7 +16,8 @@ from fit.telemetry.reader import Telemetry
 from fit.whitening import pair
 from lpfcosim.execution import telemetry_file
 from lpfcosim.linear import ClosedLoop, response
-from lpfcosim.spacecraft import Noise, Sine, Truth
+from lpfcosim.models import one_axis
+from lpfcosim.spacecraft import Sine
 from tests.oracles.reference_plant import tustin
 
 TONES = (
@@ -24,7 +25,7 @@ TONES = (
     Sine("guidance_o_12", 5e-9, 13e-3, 12, 3100),
     Sine("guidance_o_1", 5e-9, 6e-3, 20, 1000),
 )
-NOISE = Noise(oms=35e-15, thruster=0.15e-6, plateau=5.6e-15, tail=1.5)
+NOISE = {"oms": 35e-15, "thruster": 0.15e-6, "plateau": 5.6e-15, "tail": 1.5}
 
 
 def recorded_experiment(make_run, name, truth, seed):
@@ -65,6 +66,12 @@ class Feeds:
         return series
 
 
+def with_law(run, **values):
+    """Return a run with other values of its suspension control."""
+    law = {**run.control["SuspensionControl"], **values}
+    return replace(run, control={**run.control, "SuspensionControl": law})
+
+
 class LinearLoop:
     """The loop of ours along x, linear about its equilibrium; a `fit.identification.loop.Loop`."""
 
@@ -78,13 +85,11 @@ class LinearLoop:
     def _run(self, telemetry, theta):
         run = self._runs[telemetry.run]
         truth = dict(theta)
-        delta_ifo = {run.alignment_epoch: truth.pop("delta_ifo", run.delta_ifo)}
-        law = replace(
-            run.suspension,
-            unity_gain=truth.pop("Controller.f_u", run.suspension.unity_gain),
-            poles=(truth.pop("Controller.f_p", run.suspension.poles[0]), run.suspension.poles[1]),
-        )
-        return replace(run, truth=replace(run.truth, delta_ifo=delta_ifo, **truth), suspension=law)
+        epoch = f"delta_ifo_{run.alignment_epoch}"
+        truth[epoch] = truth.pop("delta_ifo", run.truth[epoch])
+        laws = {name: f"Controller.{name}" for name in ("f_u", "f_p")}
+        law = {name: truth.pop(key) for name, key in laws.items() if key in truth}
+        return replace(with_law(run, **law), truth={**run.truth, **truth})
 
     def response(self, telemetry, theta, inputs):
         self.simulated += 1
@@ -101,7 +106,7 @@ class LinearLoop:
 
     def command(self, telemetry, theta, o_12):
         run = self._run(telemetry, theta)
-        decay, entry, direct = tustin(run.suspension, run.h)
+        decay, entry, direct = tustin(run.control["SuspensionControl"], run.h)
         command = direct * o_12
         for d, e in zip(decay, entry, strict=True):
             command = command + scipy.signal.lfilter([0, e], [1, -d], o_12)
@@ -111,7 +116,7 @@ class LinearLoop:
 # What the tests of one experiment share -------------------------------------------------------------------
 
 CHOSEN = settings({"include_short": True, "glitches": False})
-TRUTH = Truth(lambda_2=1.06, C_2=0.2, omega2_2_0=-4.6e-7)
+TRUTH = {"lambda_2": 1.06, "C_2": 0.2, "omega2_2_0": -4.6e-7}
 FREE = (
     FreeParameter("lambda_2"),
     FreeParameter("C_2"),
@@ -133,10 +138,8 @@ def identified(
 ):
     """Identify `free` with a loop whose other parameters have flight values, or those in `fixed`."""
     runs, telemetries, calibrated = flown
-    blank = [replace(run, truth=replace(Truth(), **(fixed or {})), dc=0.0) for run in runs]
-    loop = LinearLoop(
-        [replace(run, suspension=replace(run.suspension, unity_gain=unity_gain)) for run in blank]
-    )
+    blank = [replace(run, truth={**one_axis.MODEL.stated_truth, **(fixed or {})}, dc=0.0) for run in runs]
+    loop = LinearLoop([with_law(run, f_u=unity_gain) for run in blank])
     loop.refused, loop.simulated_telemetry = refused, simulated
     experiments = pair(telemetries)
     campaign = checked(Campaign({e.name: e for e in experiments}, CHOSEN), "o_1")

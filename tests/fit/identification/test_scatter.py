@@ -9,12 +9,13 @@ from fit.identification.identify import identify
 from fit.identification.loop import FreeParameter
 from fit.settings import settings
 from fit.whitening import pair
-from lpfcosim.spacecraft import Truth
+from lpfcosim.models import one_axis
 from tests.fit.identification.linear_loop import LinearLoop, recorded_experiment
 
 pytestmark = pytest.mark.slow
 
 CHOSEN = settings({"include_short": True, "glitches": False, "scatter": ["lambda_2"]})
+FLIGHT = one_axis.MODEL.stated_truth
 GAINS = {"A": 1.0776, "B": 1.0822, "C": 1.0741, "D": 1.0795}
 FREE = (
     FreeParameter("C_2"),
@@ -29,9 +30,9 @@ def flown(make_run):
     """Four experiments of 5400 s with their noise runs, at 10 Hz, from the reference plant, and their fit."""
     runs, telemetries = [], []
     for name, gain in GAINS.items():
-        truth = replace(Truth(), lambda_2=gain, C_2=gain * Truth().C_2 / Truth().lambda_2)
+        truth = {"lambda_2": gain, "C_2": gain * FLIGHT["C_2"] / FLIGHT["lambda_2"]}
         runs_of_experiment, recorded = recorded_experiment(make_run, name, truth, seed=5)
-        runs += [replace(run, truth=Truth(), dc=0.0) for run in runs_of_experiment]
+        runs += [replace(run, truth=FLIGHT, dc=0.0) for run in runs_of_experiment]
         telemetries += recorded
     return runs, telemetries, pipeline.calibrate(telemetries, CHOSEN)
 

@@ -10,7 +10,8 @@ from hypothesis.extra.numpy import arrays
 
 from fit.model import dynamics
 from fit.spectra import derivatives, windowing
-from lpfcosim.spacecraft.run import Noise, Sine
+from lpfcosim.models.one_axis import stiffnesses
+from lpfcosim.spacecraft import Sine
 from tests.fit.recorded import recorded
 from tests.oracles.synthetic import World, of_run, telemetry, without
 from tests.reference_run import simulate_reference
@@ -110,12 +111,13 @@ def test_closed_loop_of_the_reference_plant_obeys_the_equation(make_run):
         Sine("F_x_1", 1e-12, 30e-3, 20, 300.0),
     )
     run = make_run(n_samples=15000, dc=5e-12, injections=injections)
-    run = replace(run, authority=replace(run.authority, F_max_1=1100e-12), noise=Noise())
-    truth = {name: getattr(run.truth, name) for name in ("lambda_1", "lambda_2", "C_1", "C_2")}
+    run = replace(run, authority=replace(run.authority, F_max_1=1100e-12), noise={})
+    truth = {name: run.truth[name] for name in ("lambda_1", "lambda_2", "C_1", "C_2")}
+    omega2_1, omega2_2 = stiffnesses(run, run.truth)
     truth |= {
-        "omega2_2": run.omega2_2,
-        "domega2_12": run.omega2_2 - run.omega2_1,
-        "delta_ifo": run.delta_ifo,
+        "omega2_2": omega2_2,
+        "domega2_12": omega2_2 - omega2_1,
+        "delta_ifo": run.truth["delta_ifo_1"],
     }
     simulated = recorded(run, simulate_reference(run))
     _, signal = dynamics.residual(simulated, {})

@@ -23,7 +23,7 @@ def extended(tmp_path, quickstart):
 
     def write(text, name="mine"):
         path = tmp_path / f"{name}.toml"
-        head = f'schema = "lpf-campaign/1"\nextends = "{quickstart.as_posix()}"\nname = "{name}"\n'
+        head = f'schema = "lpf-campaign/2"\nextends = "{quickstart.as_posix()}"\nname = "{name}"\n'
         path.write_text(f"{head}{text}\n", encoding="utf-8")
         return path
 

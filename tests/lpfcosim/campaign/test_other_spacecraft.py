@@ -11,11 +11,10 @@ from lpfcosim.errors import InputError, UnavailableError
 from lpfcosim.execution import telemetry_file
 from lpfcosim.linear import ClosedLoop, stability
 from lpfcosim.models import SpacecraftModel, model_of, one_axis, register, spacecraft_model
-from lpfcosim.signals import Source
 from tests import ROOT
 
 TEXT = """
-schema = "lpf-campaign/1"
+schema = "lpf-campaign/2"
 name = "probe"
 seed = 1
 spacecraft = "probe"
@@ -51,24 +50,14 @@ injections = [
 """
 
 
-def sources(run_of_probe):
-    """White noise of the read-outs and of the thrusters."""
-    readout = run_of_probe.noise.level("readout")
-    return (
-        *(Source(name, name, readout) for name in ("n_1", "n_12")),
-        Source("F_noise_x_sc", "F_noise_x_sc", run_of_probe.noise.level("thruster")),
-    )
-
-
 PROBE = SpacecraftModel(
     key="probe",
     name="of a probe",
     models=one_axis.MODEL.models,
-    sources=sources,
     targets=("guidance_o_1", "guidance_o_12", "F_x_2", "f_x_1_jitter"),
     read_outs=("o_1", "o_12"),
     commands=("f_x_2",),
-    noise={"readout": "n_1", "thruster": "F_noise_x_sc"},
+    noise={"readout": (("n_1", "n_12"), 0.0), "thruster": (("F_noise_x_sc",), 0.0)},
     channels=("f_applied_1", "f_control_2"),
 )
 
@@ -96,14 +85,14 @@ def test_keys_reach_the_models(campaign):
     assert parameters["Actuation"]["lambda_1"] == 1.1
     assert parameters["Actuation"]["F_max_2"] == 2.2e-9
     assert parameters["DragFreeControl"] == {"h": 0.1, "m_sc": 500.0, "f_u": 0.09}
-    assert sysid.noise.levels == {"readout": 3e-12, "thruster": 1e-7}
+    assert sysid.noise == {"readout": 3e-12, "thruster": 1e-7}
     assert noise.noise == sysid.noise
     assert [i.amplitude for i in sysid.injections] == [1e-9, 1e-12]
 
 
 def test_truth_is_that_of_the_models_with_their_defaults(campaign):
     truth = telemetry_file.truth(campaign(TEXT).runs[1])
-    assert truth.keys() == PROBE.truths.keys()
+    assert truth.keys() == PROBE.truth_keys.keys()
     assert truth["m_sc"] == 500.0
     assert truth["omega2_2_0"] == -4.19e-7
     assert "f_u" not in truth
@@ -127,38 +116,31 @@ def test_fit_without_its_equation_of_motion_is_not_available(campaign):
     assert any("a forecast is not available" in warning for warning in outcome.warnings)
 
 
-def test_lisa_pathfinder_takes_what_its_models_declare(campaign, tmp_path):
-    free = replace(
-        one_axis.MODEL,
-        noise={"second": "n_12"},
-        shared_parameters=lambda run: {
-            name: value for name, value in one_axis.shared_parameters(run).items() if name != "T_sc"
-        },
-    )
-    register(free)
+def test_lisa_pathfinder_takes_what_its_models_declare(campaign):
     text = (ROOT / "tests" / "two_experiments.toml").read_text(encoding="utf-8")
-    text = text.replace("[truth]", '[truth]\nT_sc = "2 s"')
-    run_of_pathfinder = campaign(text.replace("[noise]", '[noise]\nsecond = "1 pm Hz^-0.5"')).runs[0]
-    assert free.parameters(run_of_pathfinder)["Plant"]["T_sc"] == 2.0
-    assert run_of_pathfinder.noise.level("second") == 1e-12
-    assert telemetry_file.truth(run_of_pathfinder)["T_sc"] == 2.0
-    tables = json_schema()["$defs"]
-    assert tables["TruthTable"]["properties"]["T_sc"]["type"] == "string"
-    assert tables["NoiseTable"]["properties"]["second"]["type"] == "string"
+    plan = campaign(text.replace("[truth]", '[truth]\nT_sc = "2 s"'))
+    assert plan.model.parameters(plan.runs[0])["Plant"]["T_sc"] == 2.0
+    properties = json_schema()["properties"]
+    assert properties["truth"]["properties"]["T_sc"]["type"] == "string"
+    assert properties["noise"]["properties"]["readout"]["type"] == "string"
+
+
+def test_a_spacecraft_has_authorities_of_its_own(campaign):
+    """No line of LISA's: any parameter of its models of the name of a limit is one."""
+    text = (ROOT / "campaigns" / "lisa.toml").read_text(encoding="utf-8")
+    plan = campaign(text.replace("[authority.A]", '[authority.A]\nN_max_eta = "5 pN m"', 1))
+    parameters = plan.model.parameters(plan.runs[0])["LISAActuation"]
+    assert (parameters["F_max_yz"], parameters["N_max_eta"]) == pytest.approx((5e-9, 5e-12))
 
 
 BAD = [  # what to replace, by what, and the sentence
     ('"probe"\n\n[truth]', '"prob"\n\n[truth]', 'spacecraft: no spacecraft "prob", did you mean "probe"?'),
-    ("lambda_1 = 1.1", "lambda_scatter = 0.01", "truth.lambda_scatter: unknown key"),
-    ("lambda_1 = 1.1", 'lambda_1 = "1.1"', 'truth.lambda_1: "1.1" is not a finite number, write it without'),
-    ('"500 kg"', '"500 m"', 'truth.m_sc: "500 m" is not a value in kg, write it like "1 kg"'),
+    ("lambda_1 = 1.1", 'lambda_1 = "1.1"', 'truth.lambda_1: "1.1" is not a number, write it without unit'),
+    ('"500 kg"', '"500 m"', 'truth.m_sc: "500 m" has another unit, write a value in kg like "1 kg"'),
     ("DragFreeControl", "Control", 'control.Control: no such controller, did you mean "DragFreeControl"?'),
-    ("readout = \"2", "oms = \"2", "noise.oms: unknown key (known: readout, thruster)"),
-    ('"2 pm Hz^-0.5"', '"2 pm"', 'noise.readout: "2 pm" is not a value in m Hz^-0.5, which is per'),
-    ("[noise]", '[actuation]\nelectrode = "2e-6 Hz^-0.5"\n[noise]', "actuation: unknown key"),
-    ('duration = "2 h"', 'duration = "2 h"\ndc = "1e-12 m s^-2"', "experiments[0].dc: only LISA Pathfinder"),
+    ("readout = \"2", "oms = \"2", 'noise.oms: unknown key of this spacecraft; spacecraft = "lpf-x" has it'),
     ('"guidance_o_1"', '"F_x_1"', 'experiments[0].injections[0].into: "F_x_1" is not known, did you mean'),
-    ('"1 pm s^-2"', '"1 pm"', "experiments[0].injections[1].amplitude: \"1 pm\" is not an amplitude"),
+    ('"1 pm s^-2"', '"1 pm"', 'experiments[0].injections[1].amplitude: "1 pm" has another unit'),
 ]  # fmt: skip
 
 
@@ -172,24 +154,7 @@ def test_key_of_another_spacecraft_is_one_sentence(campaign, old, new, sentence)
     assert "\n" not in message
 
 
-LISA_TEXT = (ROOT / "campaigns" / "lisa.toml").read_text(encoding="utf-8")
-PATHFINDER_TEXT = (ROOT / "tests" / "two_experiments.toml").read_text(encoding="utf-8")
-OF_PATHFINDER = 'LISA Pathfinder has it, expected no key spacecraft = "lisa" for it'
-OF_LISA = 'runs of LISA have it, expected spacecraft = "lisa" for them'
-MIXED = [  # text, what to replace, by what, where, and who has it
-    (LISA_TEXT, "[truth]", "[truth]\nlambda_1 = 1.05", "truth.lambda_1: unknown key", OF_PATHFINDER),
-    (LISA_TEXT, "[noise]", '[design]\nobjective = "minimax"\n[noise]', "design: unknown key", OF_PATHFINDER),
-    (LISA_TEXT, 'spacecraft = "lisa"\n', "", '"guidance_o_2" is not known', OF_LISA),
-    (PATHFINDER_TEXT, "[truth]", "[truth]\nlambda_y_1 = 1.05", "truth.lambda_y_1: unknown key", OF_LISA),
-]
-
-
-@pytest.mark.parametrize(("text", "old", "new", "fault", "cure"), MIXED)
-def test_keys_of_lisa_and_of_lisa_pathfinder_do_not_mix(campaign, text, old, new, fault, cure):
-    assert old in text
-    with pytest.raises(InputError) as refusal:
-        campaign(text.replace(old, new, 1))
-    message = str(refusal.value)
-    assert fault in message
-    assert message.endswith(cure)
-    assert "\n" not in message
+def test_a_constant_acceleration_that_nothing_holds_is_refused(campaign):
+    text = (ROOT / "campaigns" / "lisa.toml").read_text(encoding="utf-8")
+    with pytest.raises(InputError, match=r"experiments\[0\].dc: nothing holds it in runs of LISA"):
+        campaign(text.replace('duration = "6 h"', 'duration = "6 h"\ndc = "1e-12 m s^-2"', 1))

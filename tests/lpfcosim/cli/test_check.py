@@ -220,7 +220,7 @@ def test_injection_that_tells_a_fit_nothing_is_doubtful(lpfcosim, campaign, old,
 
 def test_short_runs_may_be_simulated_but_not_fitted(quickstart):
     plan = loading.load(quickstart)
-    short = replace(plan.experiments[0], n_samples=6000, n_noise_samples=6000, injections=())
+    short = replace(plan.experiments[0], duration=600.0, noise_duration=600.0, injections=())
     short = replace(plan, experiments=(short,))
     assert validation.validate(short, fitted=False).doubts == ()
     with pytest.raises(InputError, match="runs A-noise, A: lasts 600 s, expected 1800 s or more"):

@@ -5,11 +5,9 @@ import pytest
 from tests.lpfcosim.cli.refusal import refusal
 
 FIT = "[sequences]"
-OMS = 'oms = "35 fm Hz^-0.5"'
 FILES = [  # what to replace in the quick start, by what, the place, and what is told to write
-    (OMS, 'oms = "35 fm"', "noise.oms", 'per root hertz: write "35 fm Hz^-0.5"'),
-    (FIT, '[control.drag_free]\nunity_gain = "1 Hz"\n[sequences]', "", "closed loop is unstable"),
-    ('N_max_1 = "10.4 pN m"', 'N_max_1 = "10.4 pN"', "authority.A.N_max_1", 'write it like "10.4 pN m"'),
+    (FIT, '[control.DragFreeControl]\nf_u = "1 Hz"\n[sequences]', "", "closed loop is unstable"),
+    ('N_max_1 = "10.4 pN m"', 'N_max_1 = "10.4 pN"', "authority.A.N_max_1", 'like "10.4 pN m"'),
     (FIT, '[fit]\nestimater = "gaussian"\n[sequences]', "fit.estimater", 'did you mean "estimator"?'),
 ]  # fmt: skip
 LINES = [  # arguments, what is at fault, and what is told to write

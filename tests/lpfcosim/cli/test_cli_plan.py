@@ -58,7 +58,7 @@ def test_constraints_of_the_fit_are_printed(lpfcosim, quickstart, tmp_path):
         (
             'duration = "3 h"',
             [("guidance_o_12", "3 mHz", "10 nm", 4, "100 s")],
-            "[spacecraft]",
+            'spacecraft = "lpf"',
             15,
             "of 6 h or more",
         ),

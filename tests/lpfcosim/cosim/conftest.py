@@ -2,14 +2,14 @@
 
 import pytest
 
-from lpfcosim.spacecraft.run import Noise, Sine
+from lpfcosim.spacecraft import Sine
 
 
 @pytest.fixture
 def run(make_run):
     return make_run(
         n_samples=1200,
-        noise=Noise(oms=35e-15),
+        noise={"oms": 35e-15},
         injections=(Sine("guidance_o_12", amplitude=10e-9, frequency=0.01, cycles=1, start=10),),
         dc=4e-12,
     )

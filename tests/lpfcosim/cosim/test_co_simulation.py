@@ -10,7 +10,7 @@ from lpfcosim.campaign import loading
 from lpfcosim.cosim import co_simulation
 from lpfcosim.errors import RunError
 from lpfcosim.models import one_axis
-from lpfcosim.spacecraft.run import Authority, HalfCosine, Sine
+from lpfcosim.spacecraft import Authority, HalfCosine, Sine
 from tests.agreement import assert_agree
 from tests.lpfcosim.cosim import in_memory
 from tests.reference_run import simulate_reference
@@ -39,9 +39,13 @@ def test_driven_test_mass_1_agrees_with_the_reference_plant(fmus, make_run):
             HalfCosine("F_x_2", amplitude=0.4e-9, start=800, end=2800),
         ),
         dc=4e-12,
-        noise=replace(
-            make_run().noise, oms=35e-15, f_x_1_jitter=1e-14, thruster=1.5e-7, plateau=5e-15, tail=1.0
-        ),
+        noise={
+            "oms": 35e-15,
+            "f_x_1_jitter": 1e-14,
+            "thruster": 1.5e-7,
+            "plateau": 5e-15,
+            "tail": 1.0,
+        },
     )
     got = in_memory.simulate(run, fmus)
     assert_agree(got, simulate_reference(run))

@@ -10,7 +10,6 @@ from lpfcosim.cosim import fmu_instance, interface
 from lpfcosim.errors import InputError, RunError
 from lpfcosim.modelica import build
 from lpfcosim.network import Component
-from lpfcosim.spacecraft.run import Truth
 from tests.lpfcosim.cosim import in_memory
 from tests.lpfcosim.cosim.archives import edited, repack
 
@@ -53,7 +52,7 @@ def test_an_fmu_that_refuses_to_be_instantiated_says_why(tmp_path, capfd):
 
 
 def test_an_fmu_that_refuses_to_step_says_why(make_run, capfd):
-    run = make_run(truth=Truth(C_2=20.0))  # more than the FMU keeps
+    run = make_run(truth={"C_2": 20.0})  # more than the FMU keeps
     with pytest.raises(RunError, match=r"^run 'run': .*a delay spans too many communication steps"):
         in_memory.simulate(run, build.build())
     assert capfd.readouterr().out == ""

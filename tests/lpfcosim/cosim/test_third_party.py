@@ -15,8 +15,7 @@ from lpfcosim.errors import RunError
 from lpfcosim.execution import runner
 from lpfcosim.modelica import build
 from lpfcosim.models import model_of
-from lpfcosim.spacecraft.run import Noise, Replacement
-from lpfcosim.spacecraft.spacecraft import Spacecraft
+from lpfcosim.spacecraft import Replacement
 from tests import ROOT, third_party
 from tests.lpfcosim.cosim import in_memory
 from tests.lpfcosim.cosim.archives import edited, renamed
@@ -71,7 +70,7 @@ def test_an_input_that_nothing_feeds_stays_at_its_start_value_and_is_listed(run,
     archive = third_party.built(tmp_path)
     names = {k: v for k, v in third_party.VARIABLES.items() if k != "guidance_o_12"}
     mine = Replacement(MODEL, archive, names, (*third_party.UNUSED, "guidance_o_12"), {"wanted": start})
-    quiet = replace(run, noise=Noise(), dc=0.0, injections=())
+    quiet = replace(run, noise={}, dc=0.0, injections=())
     assert simulate(quiet, fmus, mine)["o_12"].any() == bool(start)
     sentences = warnings(placed(quiet, fmus, mine)[1], run.h)
     assert sentences == [
@@ -189,7 +188,7 @@ def test_fmus_that_fail_say_why(run, fmus, tmp_path, macro, fmi, sentence):
 @pytest.mark.slow
 def test_every_place_can_be_taken(run, fmus, tmp_path, model):
     if model not in set(model_of(run).models):
-        run = replace(run, spacecraft=Spacecraft())
+        run = replace(run, spacecraft="lpf")
     component = next(c for c in model_of(run).components(run) if c.model == model)
     names = {name: f"{name}_theirs" for name in (*component.inputs, *component.outputs)}
     archive = renamed(fmus[model], tmp_path / "mine.fmu", names)

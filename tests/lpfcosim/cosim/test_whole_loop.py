@@ -8,31 +8,32 @@ import pytest
 from lpfcosim.linear import ClosedLoop
 from lpfcosim.modelica import build
 from lpfcosim.models import model_of
-from lpfcosim.spacecraft import EIGHT_NOZZLES
-from lpfcosim.spacecraft.run import Authority, Noise, Sine
-from lpfcosim.spacecraft.spacecraft import Spacecraft
+from lpfcosim.spacecraft import Authority, Sine
 from tests.agreement import assert_agree
 from tests.lpfcosim.cosim import in_memory
 
 pytestmark = pytest.mark.fmu
 
-EVERYTHING = Spacecraft(
-    delta_phi=-0.47e-3, delta_eta=-0.066e-3, b=(1.2e-5, -0.9e-5, 2.2e-5, -1.8e-5, 1e-7, -1e-7),
-    Omega_DC=(1e-7, 4e-8, 2e-7), lambda_N=1.01, leak_phi_1=0.01, kappa_phi=1e-3, kappa_eta=-2e-3,
-    eta_per_x=0.19, phi_per_x=0.27, layout=EIGHT_NOZZLES,
-)  # fmt: skip
-NOISE = Noise(
-    oms=35e-15, thruster=0.15e-6, plateau=5.6e-15, tail=1.5, f_x_1_jitter=1e-14, dws=150e-12, grs=1.8e-9,
-    grs_angle=120e-9, star_tracker_theta=0.6e-3, star_tracker_eta=0.6e-3, star_tracker_phi=0.13e-3,
-    lateral=1e-14, torque=1.5e-12,
-)  # fmt: skip
+TRUTH = {
+    "delta_phi": -0.47e-3, "delta_eta": -0.066e-3,
+    "b_1": 1.2e-5, "b_2": -0.9e-5, "b_3": 2.2e-5, "b_4": -1.8e-5, "b_5": 1e-7, "b_6": -1e-7,
+    "Omega_theta_start": 1e-7, "Omega_eta_start": 4e-8, "Omega_phi_start": 2e-7,
+    "lambda_N": 1.01, "leak_phi_1": 0.01, "kappa_phi": 1e-3, "kappa_eta": -2e-3,
+    "omega2_eta_0": -1.4e-6, "omega2_phi_0": -1.3e-6,
+}  # fmt: skip
+NOISE = {
+    "oms": 35e-15, "nozzles": 0.15e-6, "plateau": 5.6e-15, "tail": 1.5, "f_x_1_jitter": 1e-14, "dws": 150e-12,
+    "grs": 1.8e-9, "grs_angle": 120e-9, "star_tracker_theta": 0.6e-3, "star_tracker_eta": 0.6e-3,
+    "star_tracker_phi": 0.13e-3, "lateral": 1e-14, "torque": 1.5e-12,
+}  # fmt: skip
 
 
 @pytest.fixture
 def run(make_run):
     return make_run(
         n_samples=20_000,
-        spacecraft=EVERYTHING,
+        spacecraft="lpf",
+        truth=TRUTH,
         noise=NOISE,
         dc=4e-12,
         authority=Authority("G", F_max_1=4400e-12, F_max_2=5000e-12, N_max_1=1.5e-12, N_max_2=10.4e-12),
@@ -57,7 +58,7 @@ def test_agrees_with_the_reference_plant(run):
 
 def test_authority_agrees_with_the_reference_plant(run):
     # Star tracker far off at first: the lateral forces and the torque about x stay at their limits.
-    shaken = replace(run, noise=replace(NOISE, star_tracker_eta=0.2, star_tracker_theta=2.0), n_samples=6000)
+    shaken = replace(run, noise=NOISE | {"star_tracker_eta": 0.2, "star_tracker_theta": 2.0}, n_samples=6000)
     got, expected = in_memory.simulate(shaken, built(run)), ClosedLoop(shaken).simulate()
-    assert np.abs(got["F_z_1"]).max() == pytest.approx(EVERYTHING.F_max_yz, rel=1e-12)
+    assert np.abs(got["F_z_1"]).max() == pytest.approx(50e-12, rel=1e-12)
     assert_agree(got, expected)

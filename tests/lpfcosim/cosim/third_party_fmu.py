@@ -6,7 +6,7 @@ import pytest
 
 from lpfcosim.cosim import read_interfaces
 from lpfcosim.errors import InputError
-from lpfcosim.spacecraft.run import Replacement
+from lpfcosim.spacecraft import Replacement
 from tests import third_party
 from tests.lpfcosim.cosim import in_memory
 
@@ -21,14 +21,14 @@ def replacement(archive, *, unused=third_party.UNUSED, **fields):
 def placed(run, fmus, mine):
     """Return the run with an FMU of its own, a Replacement, and the interfaces of its loop."""
     run = replace(run, replacements=(mine,))
-    return run, read_interfaces(run, {**fmus, mine.model: mine.archive})
+    return run, read_interfaces(run, {**fmus, mine.model: mine.path})
 
 
 def simulate(run, fmus, mine, **fields):
     """Simulate a run with an FMU of its own: a Replacement, or the archive of a controller and its fields."""
     mine = mine if isinstance(mine, Replacement) else replacement(mine, **fields)
     run = replace(run, replacements=(mine,))
-    return in_memory.simulate(run, {**fmus, mine.model: mine.archive})
+    return in_memory.simulate(run, {**fmus, mine.model: mine.path})
 
 
 def refusal(run, fmus, mine, **fields):

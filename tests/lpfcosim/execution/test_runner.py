@@ -16,7 +16,7 @@ import pytest
 
 from lpfcosim.errors import InputError, RunError
 from lpfcosim.execution import Workers, provenance, runner
-from lpfcosim.spacecraft.run import Authority, Sine
+from lpfcosim.spacecraft import Authority, Sine
 from tests.reference_run import simulate_reference
 
 pytestmark = pytest.mark.fmu
@@ -123,7 +123,7 @@ def test_what_comes_from_elsewhere_is_refused_or_simulated_anew(fmus, plan, copi
     reseeded = replace(plan, seed=8)
     other_fmu = copied[0].parent / "other.fmu"
     other_fmu.write_bytes(fmus["Plant"].read_bytes() + b"0")
-    longer = replace(plan, experiments=(replace(plan.experiments[0], n_samples=2001),))
+    longer = replace(plan, experiments=(replace(plan.experiments[0], duration=200.1),))
     monkeypatch.setattr(Workers, "results", None)  # nothing must be simulated
     for changed, its, sentence in (
         (reseeded, fmus, "simulated with seed 7, now it is 8"),
@@ -210,7 +210,7 @@ def scratch(tmp_path, monkeypatch):
 def long(plan):
     """The campaign with its sysid run so long that something can happen to it."""
     first = plan.experiments[0]
-    return replace(plan, experiments=(replace(first, n_samples=65 * 36_000, injections=()),))
+    return replace(plan, experiments=(replace(first, duration=65 * 3600.0, injections=()),))
 
 
 def test_an_interrupt_leaves_what_is_finished_and_nothing_else(fmus, long, tmp_path, scratch):

@@ -9,7 +9,7 @@ import pytest
 from fit.parameters import FLIGHT
 from lpfcosim.errors import RunError
 from lpfcosim.execution import telemetry_file
-from lpfcosim.spacecraft.run import Sine
+from lpfcosim.spacecraft import Sine
 from tests.reference_run import simulate_reference
 
 PROVENANCE = {"version": "1.2.3", "campaign_digest": "ab" * 32, "seed": 7}

@@ -26,7 +26,7 @@ def load(tmp_path):
 
 def simulate(plan, fmus, folder):
     """Simulate as the command does: through copies that are gone afterwards."""
-    mine = {**fmus, MODEL: plan.replacements[0].archive}
+    mine = {**fmus, MODEL: plan.replacements[0].path}
     folder.mkdir(exist_ok=True)
     with archives.snapshot(plan, mine, folder, trusted=True) as copies:
         return runner.simulate(plan, folder / "telemetry", copies, runner.RunOptions(jobs=1))

@@ -14,7 +14,7 @@ from lpfcosim.campaign import loading
 from lpfcosim.errors import InputError
 from lpfcosim.export import ssp
 from lpfcosim.models import model_of, one_axis
-from lpfcosim.spacecraft.run import Authority, Run
+from lpfcosim.spacecraft import Authority, Run
 from tests import third_party
 from tests.campaign_text import campaign
 

@@ -8,7 +8,7 @@ from lpfcosim.campaign import IdentifyTable
 from lpfcosim.cosim import read_interfaces
 from lpfcosim.identification import targets
 from lpfcosim.identification.parameters import settings
-from lpfcosim.spacecraft.run import Replacement
+from lpfcosim.spacecraft import Replacement
 from tests import third_party
 from tests.lpfcosim.cosim.archives import renamed
 
@@ -19,7 +19,7 @@ pytestmark = pytest.mark.fmu
 def resolved(make_run, plan, fmus):
     def made(sought, *replacements):
         run = make_run(replacements=replacements)
-        archives = {**fmus, **{r.model: r.archive for r in replacements}}
+        archives = {**fmus, **{r.model: r.path for r in replacements}}
         return targets(replace(plan, identify=sought), run, read_interfaces(run, archives))
 
     return made

@@ -10,7 +10,7 @@ from lpfcosim.errors import RunError
 from lpfcosim.identification import simulation_session
 from lpfcosim.linear import ClosedLoop
 from lpfcosim.models import stimuli
-from lpfcosim.spacecraft.run import Sine
+from lpfcosim.spacecraft import Sine
 
 pytestmark = pytest.mark.fmu
 N = 3000

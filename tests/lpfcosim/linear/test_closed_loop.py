@@ -8,14 +8,24 @@ import pytest
 
 from lpfcosim.linear.closed_loop import ClosedLoop
 from lpfcosim.models import stimuli
-from lpfcosim.spacecraft import Actuation, Authority, Noise, Sine, Spacecraft
+from lpfcosim.spacecraft import Authority, Sine
 from tests.reference_run import simulate_reference
 
-NOISE = Noise(oms=3e-15, thruster=5e-8, plateau=6e-15, tail=1.0, f_x_1_jitter=1e-15)
-NOISE = replace(NOISE, dws=1e-10, grs=1e-9, grs_angle=1e-7, thruster_torque=1e-8, torque=1e-13, lateral=1e-13)
-WHOLE = Spacecraft(
-    delta_phi=1e-3, b=(1e-4, 2e-4, 1e-5, 2e-5, 1e-9, 2e-9), Omega_DC=(1e-6, 2e-6, 3e-6), leak_phi_1=1e-2
-)
+NOISE = {"oms": 3e-15, "thruster": 5e-8, "plateau": 6e-15, "tail": 1.0, "f_x_1_jitter": 1e-15}
+NOISE |= {
+    "dws": 1e-10,
+    "grs": 1e-9,
+    "grs_angle": 1e-7,
+    "thruster_torque": 1e-8,
+    "torque": 1e-13,
+    "lateral": 1e-13,
+}
+WHOLE = {
+    "delta_phi": 1e-3, "leak_phi_1": 1e-2,
+    "b_1": 1e-4, "b_2": 2e-4, "b_3": 1e-5, "b_4": 2e-5, "b_5": 1e-9, "b_6": 2e-9,
+    "Omega_theta_start": 1e-6, "Omega_eta_start": 2e-6, "Omega_phi_start": 3e-6,
+}  # fmt: skip
+CRAFTS = [{"spacecraft": "lpf-x"}, {"spacecraft": "lpf", "truth": WHOLE}]
 
 
 @pytest.fixture
@@ -36,7 +46,7 @@ def deviations(computed, expected):
 
 def test_simulation_is_that_of_the_reference_plant(driven):
     authority = Authority("wide", 1e-9, 2.2e-9, 1e-11, 1e-11)
-    run = driven(authority=authority, actuation=Actuation(electrode=1e-6))
+    run = driven(authority=authority, noise={**NOISE, "electrode": 1e-6})
     result = deviations(ClosedLoop(run).simulate(), simulate_reference(run))
     assert max(result.values()) < 1e-12, result
 
@@ -48,9 +58,9 @@ def test_commands_at_their_limit_are_those_of_the_reference_plant(driven):
     assert max(deviations(ClosedLoop(run).simulate(), expected).values()) < 1e-12
 
 
-@pytest.mark.parametrize("spacecraft", [None, WHOLE])
+@pytest.mark.parametrize("spacecraft", CRAFTS)
 def test_linear_loop_predicts_small_departures(driven, spacecraft):
-    run = replace(driven(spacecraft=spacecraft), injections=(), noise=Noise(), dc=0.0)
+    run = replace(driven(**spacecraft), injections=(), noise={}, dc=0.0)
     loop = ClosedLoop(run)
     system, steady = loop.linearize(), stimuli.injections(run)
     equilibrium = loop.simulate(steady)
@@ -70,9 +80,9 @@ def test_linear_loop_predicts_small_departures(driven, spacecraft):
             )
 
 
-@pytest.mark.parametrize("spacecraft", [None, WHOLE])
+@pytest.mark.parametrize("spacecraft", CRAFTS)
 def test_frequency_response_leaves_delays_out_of_the_solution(driven, spacecraft):
-    system = ClosedLoop(driven(spacecraft=spacecraft)).linearize()
+    system = ClosedLoop(driven(**spacecraft)).linearize()
     system = system.select(("guidance_o_1", "F_x_2", "g_2"), ("o_1", "o_12", "f_x_2", "F_x_sc"))
     frequency = np.array([1e-3, 0.05, 2.0])
     z = np.exp(2j * np.pi * frequency * system.dt)
@@ -85,9 +95,9 @@ def test_frequency_response_leaves_delays_out_of_the_solution(driven, spacecraft
 
 
 def test_gain_of_noise_takes_the_command_it_multiplies(driven):
-    run = driven(actuation=Actuation(electrode=1e-6))
+    run = driven(noise={**NOISE, "electrode": 1e-6})
     loop = ClosedLoop(run)
     idle, busy = loop.linearize(), loop.linearize({"f_x_1": 3e-10})
     column = idle.inputs.index("gain_1")
     assert not idle.B[:, column].any()
-    assert busy.B[:, column].max() == pytest.approx(3e-10 * run.truth.lambda_1)
+    assert busy.B[:, column].max() == pytest.approx(3e-10 * run.truth["lambda_1"])

@@ -8,9 +8,7 @@ from scipy.signal import welch
 
 from lpfcosim.linear import ClosedLoop, response
 from lpfcosim.models import stimuli
-from lpfcosim.spacecraft import Actuation
-from lpfcosim.spacecraft.run import Authority, HalfCosine, Noise, Sine, Truth
-from lpfcosim.spacecraft.spacecraft import Spacecraft
+from lpfcosim.spacecraft import Authority, HalfCosine, Sine
 from tests.agreement import assert_agree
 from tests.oracles.whole_equations import I_SC, SKEW, D, H, by_integration
 from tests.reference_run import simulate_reference
@@ -19,9 +17,10 @@ from tests.reference_run import simulate_reference
 @pytest.fixture(scope="module")
 def craft(make_run):
     """Make a noise-free run of the whole spacecraft."""
-    return lambda spacecraft=None, **fields: make_run(spacecraft=spacecraft or Spacecraft(), **fields)
+    return lambda truth=None, **fields: make_run(spacecraft="lpf", truth=truth or {}, **fields)
 
 
+RATES = tuple(f"Omega_{k}_start" for k in ("theta", "eta", "phi"))
 SIGNALS = [
     *("f_x_1_jitter", "n_1", "n_12", "n_phi_1", "n_phi_12", "n_eta_1", "n_eta_12"),
     *(f"n_grs_{k}_{j}" for j in (1, 2) for k in ("x", "y", "z", "theta", "eta", "phi")),
@@ -55,13 +54,18 @@ def test_everything_at_once_against_a_general_integrator(craft, Omega, scale, ta
     """What is quadratic in the motion is held over a step: this alone leaves an error."""
     n = 100
     run = craft(
-        replace(SKEW, Omega_DC=Omega, tau_es=tau_es),
+        {
+            **SKEW,
+            "omega2_1_0": -4e-3,
+            "omega2_2_0": 2e-3,
+            "tau_es": tau_es,
+            **dict(zip(RATES, Omega, strict=True)),
+        },
         n_samples=n,
         authority=Authority("any", 2200e-12, 2200e-12, 10.4e-12, 5e-12),
-        actuation=Actuation(electrode=1e-6),
+        noise={"electrode": 1e-6},
         alignment_epoch=3,
         dc=1.2e-11,
-        truth=Truth(omega2_1_0=-4e-3, omega2_2_0=2e-3),
         injections=(Sine("guidance_o_1", 4e-9, 0.2, 1, 2.0), HalfCosine("F_x_1", 2500e-12, 1.0, 6.0)),
     )
     driven = stimuli.injections(run) | shaken(n, scale)
@@ -75,7 +79,7 @@ def test_x_axis_alone_is_the_reference_of_the_x_axis(craft, flight_noise):
     run = craft(
         n_samples=12_000,
         authority=Authority("tight", 10e-12, 20e-12, 10.4e-12, 1e-12),
-        noise=replace(flight_noise, f_x_1_jitter=1e-14),
+        noise={**flight_noise, "f_x_1_jitter": 1e-14},
         dc=1e-11,
         injections=(
             Sine("guidance_o_1", 4e-9, 26.7e-3, 8, 10.0),
@@ -83,7 +87,7 @@ def test_x_axis_alone_is_the_reference_of_the_x_axis(craft, flight_noise):
             HalfCosine("F_x_1", 12e-12, 300.0, 800.0),
         ),
     )
-    quiet = replace(run, spacecraft=None)
+    quiet = replace(run, spacecraft="lpf-x")
     got = ClosedLoop(run).simulate(stimuli.injections(quiet) | stimuli.noise(quiet))
     assert_agree(got, simulate_reference(quiet), 1e-10)
     assert not got["Omega_phi"].any()
@@ -91,19 +95,19 @@ def test_x_axis_alone_is_the_reference_of_the_x_axis(craft, flight_noise):
 
 
 @pytest.mark.parametrize(
-    ("spacecraft", "driven", "expected"),
+    ("truth", "driven", "expected"),
     [
-        (Spacecraft(delta_phi=-0.47e-3), "N_noise_z_sc", 1e-6 / I_SC[2] * -0.47e-3 * D),
-        (Spacecraft(delta_eta=-0.137e-3), "N_noise_y_sc", -1e-6 / I_SC[1] * -0.137e-3 * D),
-        (Spacecraft(Omega_DC=(0, 0, 2e-6)), "", 4e-12 * D),
-        (Spacecraft(Omega_DC=(0, 3e-6, 0)), "", 9e-12 * D),
-        (Spacecraft(Omega_DC=(3e-6, 0, 0)), "", 0.0),
+        ({"delta_phi": -0.47e-3}, "N_noise_z_sc", 1e-6 / I_SC[2] * -0.47e-3 * D),
+        ({"delta_eta": -0.137e-3}, "N_noise_y_sc", -1e-6 / I_SC[1] * -0.137e-3 * D),
+        ({"Omega_phi_start": 2e-6}, "", 4e-12 * D),
+        ({"Omega_eta_start": 3e-6}, "", 9e-12 * D),
+        ({"Omega_theta_start": 3e-6}, "", 0.0),
     ],
 )
-def test_apparent_forces_have_the_sign_of_minus_g_rot(craft, spacecraft, driven, expected):
+def test_apparent_forces_have_the_sign_of_minus_g_rot(craft, truth, driven, expected):
     """x_2 - x_1 accelerates by Omega^2 d + dOmega_phi delta_y - dOmega_eta delta_z before control answers."""
     n = 4
-    channels = ClosedLoop(craft(spacecraft, n_samples=n)).simulate({driven: np.full(n, 1e-6)})
+    channels = ClosedLoop(craft(truth, n_samples=n)).simulate({driven: np.full(n, 1e-6)})
     acceleration = np.diff(channels["x_2"] - channels["x_1"], 2)[0] / H**2
     assert acceleration == pytest.approx(expected, rel=1e-3, abs=1e-20)
 
@@ -111,7 +115,13 @@ def test_apparent_forces_have_the_sign_of_minus_g_rot(craft, spacecraft, driven,
 @pytest.mark.stat
 def test_simulated_jitter_has_the_spectrum_of_the_linear_loop(craft):
     """20 - 100 mHz in 16 segments of 250 s: 4 sigma of their mean (p = 6e-5 each)."""
-    noise = Noise(thruster=0.15e-6, thruster_torque=0.08e-6, grs=1.8e-9, grs_angle=120e-9, dws=150e-12)
+    noise = {
+        "thruster": 0.15e-6,
+        "thruster_torque": 0.08e-6,
+        "grs": 1.8e-9,
+        "grs_angle": 120e-9,
+        "dws": 150e-12,
+    }
     run = craft(n_samples=40_000, noise=noise)
     channels = ClosedLoop(run).simulate()
     f, _ = welch(channels["y_1"], fs=10, nperseg=2500)

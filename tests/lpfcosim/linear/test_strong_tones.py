@@ -14,7 +14,6 @@ from lpfcosim.execution import telemetry_file
 from lpfcosim.linear import response, spectral_simulation
 from lpfcosim.models import stimuli
 from lpfcosim.planned_experiments import telemetry_of
-from lpfcosim.spacecraft import Noise
 from lpfcosim.workflows.montecarlo_trial import channels_of_fit
 
 AUTHORITY_1 = {"A": "500 pN", "B": "200 pN", "C": "500 pN", "D": "100 pN"}  # F_max_1
@@ -47,7 +46,7 @@ def through_fmus(run, fmus):
 
 def from_spectra(run):
     """Telemetry of the Monte Carlo, but with the noise that the FMUs get."""
-    mean = spectral_simulation.Simulation(replace(run, noise=Noise()), channels_of_fit(run)).record(
+    mean = spectral_simulation.Simulation(replace(run, noise={}), channels_of_fit(run)).record(
         np.random.default_rng(0)
     )
     silent = replace(run, injections=())

@@ -8,7 +8,7 @@ from lpfcosim.execution import telemetry_file
 from lpfcosim.linear import ClosedLoop, margins, response, stability
 from lpfcosim.modelica import build, numpy_models
 from lpfcosim.models import lisa, model_of
-from lpfcosim.spacecraft.run import Noise, Sine
+from lpfcosim.spacecraft import Sine
 from tests import ROOT
 from tests.agreement import assert_agree
 from tests.lpfcosim.cosim import in_memory
@@ -25,9 +25,7 @@ FALL_BACK = "lisa-fall-back"
 @pytest.fixture
 def lisa_run(make_run):
     """Make a run of LISA with the noise of flight."""
-    return lambda key="lisa", **fields: make_run(
-        **{"spacecraft": key, "noise": Noise(levels=LEVELS), **fields}
-    )
+    return lambda key="lisa", **fields: make_run(**{"spacecraft": key, "noise": {**LEVELS}, **fields})
 
 
 def test_fifteen_loops_and_the_opening_keep_their_margins(lisa_run):
@@ -76,13 +74,13 @@ def shaken(run, scale):
 
 @pytest.mark.parametrize("key", ["lisa", FALL_BACK])
 def test_everything_at_once_against_a_general_integrator(lisa_run, key):
-    errors = {name: 0.1 * (i + 1) for i, name in enumerate(n for n in lisa.MODEL.truths if "o_per" in n)}
+    errors = {name: 0.1 * (i + 1) for i, name in enumerate(n for n in lisa.MODEL.truth_keys if "o_per" in n)}
     gains = {"lambda_x_2": 1.05, "lambda_y_1": 0.95, "lambda_y_2": 1.07, "lambda_z_1": 0.9, "lambda_z_2": 1.1,
              "lambda_N": 1.03, "grs_gain_y_1": 1.2, "grs_gain_y_2": 0.8, "dws_gain": 0.9, "x_per_y_1": 0.2,
              "x_per_y_2": -0.1, "x_per_phi_1": 30.0, "x_per_phi_2": -20.0, "grs_y_per_x_1": 0.15,
              "grs_y_per_x_2": -0.25}  # fmt: skip
     limits = {"F_max_yz": 1e-9, "N_max_eta": 5e-13}
-    run = lisa_run(key, n_samples=60, parameters={**SKEW, **errors, **gains, **limits})
+    run = lisa_run(key, n_samples=60, truth={**SKEW, **errors, **gains, **limits})
     driven = shaken(run, 1e-3)
     models = model_of(run)
     p = {name: value for m in models.models for name, (value, _) in numpy_models.load(m).PARAMETERS.items()}
@@ -93,7 +91,7 @@ def test_everything_at_once_against_a_general_integrator(lisa_run, key):
 
 
 def test_record_attributes_and_truth(lisa_run):
-    run = lisa_run(parameters={"lambda_y_1": 1.05, "tau_1": 0.2})
+    run = lisa_run(truth={"lambda_y_1": 1.05, "tau_1": 0.2})
     assert {"o_1", "o_2", "dws_phi_1", "mosa_2", "F_y_1", "guidance_opening", "jitter_theta"} <= set(
         lisa.MODEL.record
     )

@@ -8,19 +8,16 @@ import pytest
 from lpfcosim.linear import ClosedLoop, margins, stability
 from lpfcosim.linear.sampled_model import SampledModel
 from lpfcosim.models import model_of
-from lpfcosim.spacecraft.control import Lead
-from lpfcosim.spacecraft.run import Truth
-from lpfcosim.spacecraft.spacecraft import Spacecraft
 from tests.reference_run import simulate_reference
 
 H = 0.1
 I_TM, W_ANGLE = 6.80e-4, -1.5e-6
-UNIT_GAIN = Truth(lambda_1=1.0, lambda_2=1.0, C_1=0.139, C_2=0.173)
+UNIT_GAIN = {"lambda_1": 1.0, "lambda_2": 1.0, "C_1": 0.139, "C_2": 0.173}
 
 
 @pytest.fixture(scope="module")
 def run(make_run):
-    return make_run(spacecraft=Spacecraft())
+    return make_run(spacecraft="lpf")
 
 
 DESIGN = {  # Hz, deg, dB
@@ -34,7 +31,7 @@ DESIGN = {  # Hz, deg, dB
 
 def test_margins_are_those_of_the_design(make_run):
     """From an independent design of the same controllers, with electrostatic forces of gain one."""
-    for m in margins.margins(make_run(spacecraft=Spacecraft(), truth=UNIT_GAIN)):
+    for m in margins.margins(make_run(spacecraft="lpf", truth=UNIT_GAIN)):
         unity, phase, gain = DESIGN[m.loop]
         assert m.unity_gain == pytest.approx(unity, rel=0.05), m
         assert m.phase_margin == pytest.approx(phase, abs=1), m
@@ -57,10 +54,10 @@ def test_gain_beyond_its_margin_is_unstable(run):
         assert (np.abs(np.linalg.eigvals(closed)).max() < 1) == stable
 
 
-@pytest.mark.parametrize(("truth", "slowest"), [(UNIT_GAIN, 4740), (Truth(), 5074)])
+@pytest.mark.parametrize(("truth", "slowest"), [(UNIT_GAIN, 4740), ({}, 5074)])
 def test_slowest_mode_is_the_known_one(make_run, truth, slowest):
     """4740 s from the independent design; the true gain of the forces makes it 5074 s."""
-    z = stability.poles(make_run(spacecraft=Spacecraft(), truth=truth))
+    z = stability.poles(make_run(spacecraft="lpf", truth=truth))
     assert -H / np.log(np.abs(z[0])) == pytest.approx(slowest, rel=2e-3)
 
 
@@ -104,14 +101,14 @@ def spectra(run, f, psd):
 def test_rotation_emerges_with_its_known_spectrum(make_run):
     """From an independent design of the same loops, phi; the eta of its noisier axis is 4.4 times that."""
     f = np.array([0.03e-3, 0.1e-3, 0.3e-3, 1e-3])
-    run = make_run(spacecraft=Spacecraft(), truth=UNIT_GAIN)
+    run = make_run(spacecraft="lpf", truth=UNIT_GAIN)
     S = spectra(run, f, levels(f))
     Omega = np.sqrt(S["Omega_phi"])
     np.testing.assert_allclose(Omega, [3.1e-8, 8.4e-8, 3.6e-8, 3.4e-9], rtol=0.05)
     np.testing.assert_allclose(2 * np.pi * f * Omega, [5.9e-12, 5.3e-11, 6.7e-11, 2.1e-11], rtol=0.05)
     np.testing.assert_allclose(np.sqrt(S["Omega_eta"]) / Omega, 4.6, rtol=0.05)
     np.testing.assert_allclose(2 * np.pi * f * np.sqrt(S["Phi"]), Omega, rtol=1e-6)
-    with_flight_gain = spectra(replace(run, truth=Truth()), f, levels(f))
+    with_flight_gain = spectra(replace(run, truth={}), f, levels(f))
     np.testing.assert_allclose(np.sqrt(with_flight_gain["Omega_phi"]), Omega, rtol=0.11)
 
 
@@ -134,8 +131,8 @@ def test_torques_show_the_rotation(run):
 
 
 def test_a_loop_without_unity_gain_has_no_margins(make_run):
-    quiet = Spacecraft(attitude=Lead(1e-9, 0.3e-9, 6e-9))
-    result = {m.loop: m for m in margins.margins(make_run(spacecraft=quiet))}
+    quiet = {"AttitudeControl": {"f_u": 1e-9, "f_z": 0.3e-9, "f_p": 6e-9}}
+    result = {m.loop: m for m in margins.margins(make_run(spacecraft="lpf", control=quiet))}
     assert np.isnan(result["attitude_phi"].unity_gain)
     assert result["attitude_phi"].gain_margin == np.inf
     assert result["drag_free_phi"].phase_margin == pytest.approx(56, abs=1)
@@ -143,7 +140,7 @@ def test_a_loop_without_unity_gain_has_no_margins(make_run):
 
 def test_margins_along_x_are_those_of_the_whole_spacecraft(make_run):
     alone = margins.margins(make_run())
-    together = {m.loop: m for m in margins.margins(make_run(spacecraft=Spacecraft()))}
+    together = {m.loop: m for m in margins.margins(make_run(spacecraft="lpf"))}
     for margin in alone:
         other = together[margin.loop]
         assert margin.unity_gain == pytest.approx(other.unity_gain, rel=1e-9)

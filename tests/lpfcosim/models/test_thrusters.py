@@ -7,8 +7,6 @@ from scipy.signal import csd, welch
 from lpfcosim.linear import ClosedLoop, response
 from lpfcosim.models import stimuli
 from lpfcosim.spacecraft import EIGHT_NOZZLES
-from lpfcosim.spacecraft.run import Noise
-from lpfcosim.spacecraft.spacecraft import Spacecraft
 
 SIGNALS = [f"{kind}_noise_{k}_sc" for kind in "FN" for k in "xyz"]
 THRUST = [f"{kind}_{k}_sc" for kind in "FN" for k in "xyz"]
@@ -17,8 +15,7 @@ LEVEL = 0.15e-6
 
 @pytest.fixture(scope="module")
 def run(make_run):
-    noise = Noise(thruster=LEVEL)
-    return make_run(spacecraft=Spacecraft(layout=EIGHT_NOZZLES), noise=noise, n_samples=40_000)
+    return make_run(spacecraft="lpf", noise={"nozzles": LEVEL}, n_samples=40_000)
 
 
 @pytest.fixture(scope="module")

@@ -8,10 +8,9 @@ import pytest
 import scipy
 
 from lpfcosim.linear import spectral_simulation
-from lpfcosim.models import stimuli
+from lpfcosim.models import one_axis, stimuli
 from lpfcosim.signals import decimation, events
-from lpfcosim.spacecraft.events import Events
-from lpfcosim.spacecraft.run import Authority, Noise, Run
+from lpfcosim.spacecraft import Authority, Events, Run
 from tests.reference_run import simulate_reference
 
 EVENTS = Events(glitches_per_day=60.0, gaps_per_day=20.0, gap_duration=20.0)
@@ -21,8 +20,10 @@ RUN = Run(
     experiment="one",
     kind="noise",
     n_samples=216_000,
+    truth=one_axis.MODEL.stated_truth,
+    control=one_axis.MODEL.stated_control,
     authority=Authority("A", 0.0, 2.2e-9, 1e-11, 1e-11),
-    noise=Noise(plateau=5e-15, tail=1.0),
+    noise={"plateau": 5e-15, "tail": 1.0},
     events=EVENTS,
     seed=3,
 )
@@ -99,7 +100,7 @@ def test_gaps_are_no_more_than_telemetry_may_lack():
 
 
 def test_a_run_from_spectra_has_the_same_glitches_and_gaps():
-    run = replace(RUN, n_samples=72_000, noise=Noise(), events=EVENTS)
+    run = replace(RUN, n_samples=72_000, noise={}, events=EVENTS)
     assert events.glitches(run)
     drawn = spectral_simulation.Simulation(run, ["o_1", "o_12", "f_x_1", "f_x_2"]).record(
         np.random.default_rng(1)

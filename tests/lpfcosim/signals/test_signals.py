@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from lpfcosim.models import stimuli
-from lpfcosim.spacecraft.run import HalfCosine, Noise, Sine
+from lpfcosim.spacecraft import HalfCosine, Sine
 
 TARGETS = ("guidance_o_1", "guidance_o_12", "F_x_1", "F_x_2")
 
@@ -46,10 +46,10 @@ def test_half_cosine_rises_smoothly_and_stays(make_run):
 
 
 def test_noise_depends_on_seed_run_and_name_only(make_run):
-    level = Noise(1.0, 1.0, 1.0, 1.0, 1.0)
+    level = {"oms": 1.0, "thruster": 1.0, "plateau": 1.0, "tail": 1.0, "f_x_1_jitter": 1.0}
     reference = stimuli.noise(make_run(noise=level, seed=7))
     again = stimuli.noise(make_run(noise=level, seed=7, n_samples=500))  # another length, same beginning
-    one = stimuli.noise(make_run(noise=Noise(thruster=1.0), seed=7))["F_noise_x_sc"]
+    one = stimuli.noise(make_run(noise={"thruster": 1.0}, seed=7))["F_noise_x_sc"]
     for name, values in reference.items():
         np.testing.assert_array_equal(again[name], values[:500])
     np.testing.assert_array_equal(one, reference["F_noise_x_sc"])
@@ -102,7 +102,7 @@ def test_the_tail_is_stationary_from_its_first_sample(make_run):
     """Its variance is that of a first-order process, slope^2 pi / (2 corner); false positive 1e-6."""
     first, last = [], []
     for seed in range(400):
-        values = stimuli.noise(make_run(noise=Noise(tail=1.0), seed=seed, n_samples=2))["g_1"]
+        values = stimuli.noise(make_run(noise={"tail": 1.0}, seed=seed, n_samples=2))["g_1"]
         first.append(values[0])
         last.append(values[1])
     expected = (60e-15 * 20e-6) ** 2 / 2 * np.pi / (2 * 2e-6)
@@ -113,7 +113,7 @@ def test_the_tail_is_stationary_from_its_first_sample(make_run):
 @pytest.mark.stat
 def test_jitter_falls_as_1_over_f_above_a_flat_part(make_run):
     """False-positive probability 1e-6 a band."""
-    jitter = stimuli.noise(make_run(noise=Noise(f_x_1_jitter=1e-14), n_samples=2_000_000))["f_x_1_jitter"]
+    jitter = stimuli.noise(make_run(noise={"f_x_1_jitter": 1e-14}, n_samples=2_000_000))["f_x_1_jitter"]
     for low, high in ((5e-4, 2e-3), (2e-3, 0.1)):
         f, power = density(jitter, low, high)
         assert_ratio_is_one(power * (f / 1e-3) ** 2 / 1e-28 * (1 + (1e-4 / f) ** 2))

@@ -70,7 +70,7 @@ def test_a_number_of_processes_is_one_or_more(name, jobs, campaign, tmp_path):
 
 
 def test_telemetry_from_equations_is_checked_as_that_of_fmus(campaign, tmp_path):
-    experiment = replace(campaign.experiments[0], n_samples=6000, n_noise_samples=6000)
+    experiment = replace(campaign.experiments[0], duration=600.0, noise_duration=600.0, injections=())
     brief = replace(campaign, experiments=(experiment,))
     paths = lpfcosim.simulate(brief, tmp_path, fmus=False)
     recorded = [path.read_bytes() for path in paths]

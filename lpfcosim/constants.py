@@ -12,8 +12,5 @@ plus the half sample of its zero-order hold.
 FS = 10.0  # Hz, rate of read-outs and commands
 H = 0.1  # s, one sample
 M_TM = 1.928  # kg, one test mass
-M_SC = 422.7  # kg, the spacecraft without its test masses
-THRUSTER_DELAY = 0.25  # s, transport delay of a thrust command
-THRUSTER_LAG = 0.1  # s, first-order lag of the thrust
 READ_OUT_RANGE = 1e-4  # m, beyond it the interferometers have lost the test mass (choice)
 LONGEST_DELAY = 10.0  # s, of a command; the actuation FMU keeps a few more

@@ -1,0 +1,99 @@
+"""Campaign files that are wrong: one sentence with the place, never a wrong number."""
+
+import math
+import tomllib
+
+import pytest
+import tomlkit
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from lpfcosim.campaign import loading
+from lpfcosim.errors import InputError
+from lpfcosim.quantities import Quantity
+from tests.lpfcosim.campaign.conftest import TWO_EXPERIMENTS
+
+BAD = [  # what to replace, by what, and what the sentence then begins with
+    ("seed = 1", "seed = 1\nsede = 2", 'sede: unknown key, did you mean "seed"?'),
+    ("campaign/2", "campaign/1", "is of the format before lpf-campaign/2: write schema = "),
+    ("[truth]", '[actuation]\nelectrode = "2e-6 Hz^-0.5"\n[truth]', "is of the format before"),
+    ("08:00:00Z", "08:00:00+02:00", 't0: "2016-04-16T08:00:00+02:00" is not a time in UTC'),
+    ('"first"', '"nul"', 'experiments[0].name: "nul" cannot name a file on every system'),
+    ('"1 mHz"', "0.001", "sequences.tone[0].frequency: 0.001 has no unit, write a string with"),
+    ('"1 mHz"', '"1 nm"', 'sequences.tone[0].frequency: "1 nm" has another unit, write a frequency'),
+    ('"1 mHz"', '"5 Hz"', "sequences.tone[0].frequency: 5 Hz is not below the Nyquist"),
+    ('"10 nm"', '"10 mm"', 'sequences.tone[0].amplitude: "10 mm" is beyond the reach'),
+    ('into = "F_x_1"', 'into = "g_1"', 'experiments[1].injections[0].into: "g_1" is not known'),
+    ("cycles = 2,", "cycles = 4,", "experiments[0].injections: one into guidance_o_12 ends at 4060 s, past"),
+    ('["tone"]', '["tome"]', 'experiments[0].sequences: no sequence "tome", did you mean "tone"?'),
+    ('"second"', '"first"', 'experiments[1].name: there would be two runs named "first"'),
+    ("epoch = 3", "epoch = 5", "second: alignment_epoch: there is no truth.delta_ifo_5"),
+    ('"7200 s"', '"7200.05 s"', "experiments[1].duration: 7200.05 s is not a whole number of"),
+    ('"35 fm Hz', '"-35 fm Hz', 'noise.oms: "-35 fm Hz^-0.5" must be zero or above'),
+    ("lambda_1 = 1.07", 'C_1 = "0.04 s"', "truth.C_1: C_1/lambda_1 = 0.03722 s, expected 0.05 s"),
+    ("lambda_1 = 1.07", 'omega2_1_0 = "4e-7 s^-2"', 'truth.omega2_1_0: "4e-7 s^-2" must be zero or below'),
+    ("lambda_1 = 1.07", "b_3 = 1e-5", 'truth.b_3: unknown key of this spacecraft; spacecraft = "lpf" has it'),
+    ("f_u = ", "f_v = ", "control.DragFreeControl: f_v: unknown key, did you mean"),
+]
+
+
+@pytest.mark.parametrize(("old", "new", "sentence"), BAD)
+def test_bad_input_is_one_sentence_with_its_place(file, refusal, old, new, sentence):
+    assert old in TWO_EXPERIMENTS
+    file.write_text(TWO_EXPERIMENTS.replace(old, new, 1), encoding="utf-8")
+    assert refusal(file).startswith(sentence)
+
+
+VALUES = st.one_of(
+    st.floats(), st.integers(), st.booleans(), st.text(max_size=12), st.just([]), st.just({}), st.just([1]),
+    st.builds("{} {}".format, st.floats(), st.sampled_from(("Hz", "nm", "s", "pN", "N m", "m s^-2", "kg"))),
+)  # fmt: skip
+
+
+def _places(table, path=()):
+    """Return the paths of all values of a document."""
+    items = table.items() if isinstance(table, dict) else enumerate(table) if isinstance(table, list) else ()
+    return [path, *(p for key, value in items for p in _places(value, (*path, key)))]
+
+
+@settings(max_examples=100, suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None)
+@given(st.data())
+def test_a_value_that_is_another_is_refused_or_arrives_finite_in_the_runs(file, data):
+    """Whatever one value of a file becomes, there is one sentence, or a campaign without nonsense."""
+    document = tomllib.loads(TWO_EXPERIMENTS)
+    *parents, last = data.draw(st.sampled_from([path for path in _places(document) if path]))
+    table = document
+    for key in parents:
+        table = table[key]
+    table[last] = data.draw(VALUES)
+    file.write_text(tomlkit.dumps(document), encoding="utf-8")
+    try:
+        campaign = loading.load(file)
+    except InputError as error:
+        assert str(error).startswith(f"{file}: ") and "\n" not in str(error)
+        return
+    for run in campaign.runs:
+        numbers = [*run.truth.values(), *run.noise.values(), run.dc, *(i.end for i in run.injections)]
+        numbers += [x for values in campaign.model.parameters(run).values() for x in values.values()]
+        assert all(map(math.isfinite, numbers))
+        assert all(level >= 0 for level in run.noise.values())
+        assert all(injection.end <= run.n_samples / run.fs + 1e-6 for injection in run.injections)
+
+
+LENGTH = Quantity("a length", "m", "10 nm")
+ACCELERATION_NOISE = Quantity("an acceleration noise", "m s^-2 Hz^-0.5", "5.6 fm s^-2 Hz^-0.5")
+
+
+@given(st.floats(-1e6, 1e6), st.sampled_from([("nm", -9), ("um", -6), ("pm", -12), ("m", 0), ("km", 3)]))
+@settings(max_examples=50)
+def test_prefixes_scale_by_powers_of_ten(value, unit):
+    name, power = unit
+    assert LENGTH.to_si(f"{value!r} {name}") == pytest.approx(value * 10.0**power, rel=1e-15)
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["5.6 fm s^-2 Hz^-0.5", "5.6 fm/s^2/Hz^0.5", "5.6e-15 m s**-2 / Hz**0.5", "0.0056 pm s^-2 / Hz^(1/2)"],
+)
+def test_one_density_many_spellings(text):
+    assert ACCELERATION_NOISE.to_si(text) == 5.6e-15
