@@ -56,7 +56,7 @@ def check_parameters(campaign: Campaign, settings: Settings) -> None:
     InputError
         If there are any.
     """
-    sysid_runs = [run for run in campaign.runs if run.kind == "sysid"]
+    sysid_runs = [run for run in campaign.runs if run.kind == "sysid" and model_of(run).equation]
     experiments = [Experiment(FitRun(telemetry_of(run, _still(run))), None) for run in sysid_runs]
     if experiments:
         divide(experiments, settings)

@@ -50,8 +50,8 @@ def snapshot(
 
 def check_trust(plan: Campaign, *, trusted: bool) -> None:
     """Raise InputError if a campaign has third-party FMUs and the user does not vouch for them."""
-    if plan.replacements and not trusted:
-        raise InputError("; ".join(trust_needed(plan)))
+    if sentences := [] if trusted else trust_needed(plan):
+        raise InputError("; ".join(sentences))
 
 
 def trust_needed(plan: Campaign) -> list[str]:

@@ -12,7 +12,6 @@ import signal
 import subprocess
 import sys
 import tempfile
-import threading
 import time
 from collections import deque
 from collections.abc import Callable, Generator, Iterator, Mapping
@@ -271,12 +270,10 @@ class _Pool:
         self._function = worker.with_versions(tasks.function)
         self._threads = ThreadPoolExecutor(n_workers)
         self._n_workers = n_workers
-        self._starting = threading.Lock()
         self._pending = deque(tasks.items)
         self._outcomes = SimpleQueue[tuple[str, Any]]()
         self._workers: list[_Worker] = []
         self._running: dict[str, _Worker] = {}
-        self._is_closed = False
 
     def results(self, on_progress: Callable[[str, SimulationProgress], None]) -> Generator[tuple[str, Any]]:
         ends = [self._threads.submit(self._work) for _ in range(self._n_workers)]
@@ -296,19 +293,19 @@ class _Pool:
 
     def close(self) -> None:
         """End all processes."""
-        with self._starting:
-            self._is_closed = True
+        self._pending.clear()
         for process in self._workers:
             process.kill()
         self._threads.shutdown(cancel_futures=True)
         for process in self._workers:
+            process.kill()  # one that was being started
             with suppress(OSError), process.popen:  # closes the pipes
                 pass
 
     def _work(self) -> None:
         """Have tasks done by a process, and by another one if that ends, while there are any; in a thread."""
         process: _Worker | None = None
-        while self._pending and not self._is_closed:
+        while self._pending:
             if process is None or process.popen.poll() is not None:
                 process = self._started()
             try:
@@ -337,11 +334,8 @@ class _Pool:
         """Return a new process that is ready; RunError if there can be none."""
         reason: object
         try:
-            with self._starting:
-                if self._is_closed:
-                    raise EOFError  # noqa: TRY301 as of a process that is gone
-                process = _Worker(self._scratch)
-                self._workers.append(process)
+            process = _Worker(self._scratch)
+            self._workers.append(process)
             process.outcome()
         except OSError as error:
             reason = error.strerror or error

@@ -33,21 +33,14 @@ class Validation:
         Of the third-party FMUs, in the order of their steps.
     fmus : tuple of str
         Sentences about what is odd about third-party FMUs that can be run.
-    saturation : tuple of str
-        Sentences about commands that will reach their limits.
-    injections : tuple of str
-        Sentences about injections that a fit takes nothing, or hardly anything, from.
+    doubts : tuple of str
+        Sentences about what is hardly meant: commands that will reach their limits, and injections that a fit
+        takes nothing, or hardly anything, from.
     """
 
     interfaces: tuple[Interface, ...]
     fmus: tuple[str, ...]
-    saturation: tuple[str, ...]
-    injections: tuple[str, ...]
-
-    @property
-    def doubts(self) -> tuple[str, ...]:
-        """What is hardly meant, but can be simulated."""
-        return (*self.saturation, *self.injections)
+    doubts: tuple[str, ...]
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -76,7 +69,7 @@ def validate(plan: Campaign, *, fitted: bool = True) -> Validation:
     """
     if fitted:
         _check_durations(plan)
-    interfaces, fmu_warnings, saturated = list["Interface"](), list[str](), list[str]()
+    interfaces, fmu_warnings, doubts = list["Interface"](), list[str](), list[str]()
     if plan.replacements:
         from lpfcosim import cosim  # takes its time, and few campaigns need it
 
@@ -85,9 +78,9 @@ def validate(plan: Campaign, *, fitted: bool = True) -> Validation:
         fmu_warnings = cosim.warnings(interfaces, plan.runs[0].h)
     else:
         stability.check(*plan.runs)
-        saturated = _saturation(plan)
+        doubts = _saturation(plan)
     idle = [(run.name, cause) for run in plan.runs for cause in _idle(run)] if fitted else []
-    return Validation(tuple(interfaces), tuple(fmu_warnings), tuple(saturated), tuple(grouped(idle)))
+    return Validation(tuple(interfaces), tuple(fmu_warnings), (*doubts, *grouped(idle)))
 
 
 def check_linear_model(plan: Campaign, quantity: str, instead: str = "") -> None:

@@ -21,7 +21,7 @@ from lpfcosim.execution import Tasks, Workers, checksums, results_folder, runner
 from lpfcosim.execution import fmus as fmu_archives
 from lpfcosim.linear import ClosedLoop, saturation
 from lpfcosim.messages import grouped
-from lpfcosim.models import DELTA_G, model_of
+from lpfcosim.models import DELTA_G
 from lpfcosim.workflows.campaigns import CampaignLike, PathLike, resolve
 from lpfcosim.workflows.montecarlo_trial import MonteCarloTask, Record
 from lpfcosim.workflows.progress import LOG, Progress
@@ -158,11 +158,11 @@ def montecarlo(
         raise InputError(f"n: {n}, expected two campaigns or more")
     workers = Workers(jobs, executor)
     directory = output_folder(out, plan, source, "-montecarlo")
-    fit_settings, validated = validate_simulation(plan, source, "a Monte Carlo is", *[DELTA_G] * redraw)
+    fit_settings, _ = validate_simulation(plan, source, "a Monte Carlo is", *[DELTA_G] * redraw)
     archives = campaign_fmus(plan, progress) if fmus else {}
     if not fmus:
         with prefix_errors(source):
-            _check_spectra(plan, validated)
+            _check_spectra(plan)
     with results_folder.lock(directory, alternative=True), ExitStack() as stack:
         with prefix_errors(source):
             copies = stack.enter_context(fmu_archives.snapshot(plan, archives, directory, trusted=trusted))
@@ -183,16 +183,11 @@ def _header(task: MonteCarloTask) -> dict[str, object]:
     }
 
 
-def _check_spectra(plan: Campaign, validated: validation.Validation) -> None:
+def _check_spectra(plan: Campaign) -> None:
     """Refuse a campaign with what telemetry drawn from spectra does not have."""
     validation.check_linear_model(plan, "the spectra that telemetry is drawn from are", _THROUGH_FMUS)
-    if validated.saturation:
-        raise InputError(
-            f"{'; '.join(validated.saturation)}; telemetry drawn from spectra knows no limit, {_THROUGH_FMUS}"
-        )
     for run in plan.runs:
-        others = ClosedLoop(run).limits.keys() - {*model_of(run).commands}  # validation has checked these
-        for demand in saturation.demands(run, others) if others else ():
+        for demand in saturation.demands(run, ClosedLoop(run).limits):
             raise InputError(
                 f"run '{run.name}': {demand.channel} is expected beyond its limit of {demand.limit:.3g}; "
                 f"telemetry drawn from spectra knows no limit, {_THROUGH_FMUS}"

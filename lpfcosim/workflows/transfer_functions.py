@@ -243,6 +243,4 @@ def _kernel(sine: Sine, time: Array) -> Complex:
 def _filled(x: Array) -> Array:
     """Return a channel with its missing samples interpolated."""
     known = np.flatnonzero(np.isfinite(x))
-    if not known.size:
-        return np.zeros(x.size)
-    return x if known.size == x.size else np.interp(np.arange(x.size), known, x[known])
+    return np.interp(np.arange(x.size), known, x[known]) if known.size else np.zeros(x.size)

@@ -59,6 +59,6 @@ def test_nothing_moves_that_is_not_said_to_depend(model):
             instance.doStep(n * 0.1, 0.1)
         for name in description.names(causality=("input",)):
             poke(name, running)
-    # All that is declared is seen to move, but the pole of an integrator, which is one at any sampling period.
+    # All that is declared is seen to move, but the pole of an integrator: one at any sampling period.
     declared = {(u, k) for u, knowns in initial.items() for k in knowns}
     assert {(u.rpartition(".")[2], k) for u, k in declared - moved} <= {("discretePole[1]", "h")}
