@@ -22,8 +22,7 @@ _REFERENCE = 0xDD000000  # what an object that mat-io cannot find begins with
 def open_matlab(path: Path) -> Iterator[Table]:
     """Open a .mat file.
 
-    A property `y` of an object in the property `data` of the variable `a` is ``a.data.y``; a variable of a
-    timetable is ``name.variable``. Times are texts.
+    A property `y` of an object in the property `data` of the variable `a` is ``a.data.y``. Times are texts.
     """
     with path.open("rb") as file:
         is_hdf5 = file.read(len(_HDF5)) == _HDF5  # without the header of MATLAB
@@ -35,7 +34,7 @@ def open_matlab(path: Path) -> Iterator[Table]:
         warnings.simplefilter("ignore")
         import matio  # takes its time
 
-        variables = matio.load_from_mat(path, add_table_attrs=True)
+        variables = matio.load_from_mat(path)
     columns: dict[str, Column] = {}
     for name, value in variables.items():
         columns |= _flat(name, value)
@@ -46,8 +45,6 @@ def _flat(name: str, value: Any, depth: int = 0) -> dict[str, Column]:
     """Return the columns of a value, be it struct, object, table or array, in `depth` others."""
     if depth > _DEEPEST:
         return {}
-    if hasattr(value, "itertuples"):
-        return _of_frame(name, value)
     members = _members(value)
     if members is not None:
         columns: dict[str, Column] = {}
@@ -89,16 +86,3 @@ def _members(value: Any) -> Iterable[tuple[str, Any]] | None:
     if isinstance(value, np.void) and value.dtype.names:
         return ((field, value[field]) for field in value.dtype.names)
     return None
-
-
-def _of_frame(name: str, frame: Any) -> dict[str, Column]:
-    """Return the variables of a table or timetable with their units, and the times of its rows."""
-    stated = np.ravel(frame.attrs.get("VariableUnits", [])).tolist()
-    units = stated if len(stated) == len(frame.columns) else [""] * len(frame.columns)
-    index = frame.index.to_numpy()
-    columns = {} if index.dtype.kind in "iuO" else _flat(f"{name}.{frame.index.name or 'Time'}", index)
-    for variable, unit in zip(frame.columns, units, strict=True):
-        for member, column in _flat(f"{name}.{variable}", frame[variable].to_numpy()).items():
-            text = str(np.ravel(unit)[0]) if np.size(unit) else ""
-            columns[member] = Column(column.read, text or column.unit)
-    return columns

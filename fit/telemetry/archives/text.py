@@ -29,7 +29,6 @@ _OPENERS: dict[str, Any] = {".gz": gzip.open, ".bz2": bz2.open, ".xz": lzma.open
 SUFFIXES = tuple(
     f"{kind}{pack}" for kind in (".csv", ".tsv", ".txt", ".dat", ".asc") for pack in ("", *_OPENERS)
 )
-_BOMS = {codecs.BOM_UTF8: "utf-8-sig", codecs.BOM_UTF16_LE: "utf-16", codecs.BOM_UTF16_BE: "utf-16"}
 _COMMENTS = ("#", "%")
 _DELIMITERS = ("\t", ";", ",", " ")
 _SAMPLE = 200  # lines that show the layout
@@ -68,22 +67,12 @@ def read_text(path: Path, layout: Layout) -> Table:
         If rows differ in length, or it is not clear where cells or rows begin.
     """
     with _OPENERS.get(path.suffix.lower(), open)(path, "rb") as binary:
-        head = binary.read(2**16)
+        is_utf_16 = binary.read(2) in (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
         binary.seek(0)
         # Letters of another encoding in columns that nobody reads do no harm.
-        with io.TextIOWrapper(binary, encoding=_encoding(head), errors="replace") as file:
+        encoding = "utf-16" if is_utf_16 else "utf-8-sig"
+        with io.TextIOWrapper(binary, encoding=encoding, errors="replace") as file:
             return _read_table(path, file, layout)
-
-
-def _encoding(head: bytes) -> str:
-    """Return the encoding of a text from its first bytes."""
-    if marked := next((encoding for bom, encoding in _BOMS.items() if head.startswith(bom)), None):
-        return marked
-    try:
-        codecs.getincrementaldecoder("utf-8")().decode(head)
-    except UnicodeDecodeError:
-        return "latin-1"
-    return "utf-8"
 
 
 def _numbered(path: Path, file: TextIO) -> Iterator[Line]:
@@ -125,15 +114,16 @@ def _read_table(path: Path, file: TextIO, layout: Layout) -> Table:
     sample = list(islice(lines, _SAMPLE + (layout.header or 0)))
     while sample and not any(map(_begins_number, sample[-_TAIL:])) and (more := list(islice(lines, _SAMPLE))):
         sample += more  # a long header
-    body = [(n, line) for n, line in sample if _is_row(line)]
-    end = body[-1][1].strip(" ") if body else ""
+    body = [line for _, line in sample if _is_row(line)]
+    end = body[-1].strip(" ") if body else ""
     recognised: Iterator[str] = (d for d in _DELIMITERS if d in end and d != layout.decimal)
     delimiter: str = layout.delimiter or next(recognised, " ")
-    rows = [(n, _split(line, delimiter)) for n, line in body]
+    if delimiter != " " and all(line.endswith(delimiter) for line in body):  # it ends each row
+        sample = [(n, line.removesuffix(delimiter)) for n, line in sample]
+        lines = ((n, line.removesuffix(delimiter)) for n, line in lines)
+    rows = [(n, _split(line, delimiter)) for n, line in sample if _is_row(line)]
     last = [row for _, row in rows[1:][-_TAIL:] or rows]
     width = Counter(map(len, last)).most_common(1)[0][0] if last else 0
-    if width > 1 and not any(row[-1] for row in last) and rows[0][1][width - 1 :] == [""]:
-        width -= 1  # a delimiter ends each row
     last = [row for row in last if len(row) >= width]
     is_text = [_is_text([row[i] for row in last], layout.decimal) for i in range(width)]
     first = _first_row(path, rows, is_text, layout)
@@ -147,7 +137,7 @@ def _read_table(path: Path, file: TextIO, layout: Layout) -> Table:
         )
     if width == 1 and layout.header is None:  # a blank line above the first number may be a sample
         first = max((n for n, line in sample if n < first and line.strip(" ")), default=0) + 1
-    content = _data(path, chain((line for line in sample if line[0] >= first), lines), delimiter, width)
+    content = _data(path, chain((line for line in sample if line[0] >= first), lines), width)
     faults: dict[int, str] = {}
     rows_of_numbers = np.empty(0, dtype=[(str(i), float) for i in range(width)])
     if (row := next(content, None)) is not None:
@@ -170,17 +160,15 @@ def _read_table(path: Path, file: TextIO, layout: Layout) -> Table:
     return Table(path, columns, has_order=True)
 
 
-def _data(path: Path, lines: Iterator[Line], delimiter: str, width: int) -> Iterator[str]:
-    """Yield the rows, without a delimiter at their end."""
+def _data(path: Path, lines: Iterator[Line], width: int) -> Iterator[str]:
+    """Yield the rows."""
     blank = 0
     for n, line in lines:
         if blank and width == 1 and _is_row(line):
-            raise InputError(
-                f"{path}: line {blank}: blank in a single column, expected nan where one is missing"
-            )
+            expected = "expected nan for a missing sample"
+            raise InputError(f"{path}: line {blank}: blank in a single column, {expected}")
         if _is_row(line):
-            has_end = delimiter != " " and line.count(delimiter) == width and line.endswith(delimiter)
-            yield line[:-1] if has_end else line
+            yield line
         elif not _is_comment(line):
             blank = blank or n
 
@@ -221,8 +209,8 @@ def _first_row(
         if all(is_text):
             begins = any(map(_STAMP.match, row))
         else:
-            is_whole = len(row) in (len(is_text), len(is_text) + 1)
-            begins = is_whole and all(number(cell, layout.decimal) is not None for cell in cells)
+            numbers = [number(cell, layout.decimal) for cell in cells]
+            begins = len(row) == len(is_text) and None not in numbers
         if not begins:
             continue
         counted = [c for c in cells if c]
@@ -245,7 +233,6 @@ def _names(
     width, candidates = len(is_text), list[list[str]]()
     for lines, separator in ((titles, delimiter), (comments, delimiter), (comments, " ")):
         split = [[line.strip(' "')] if width == 1 else _split(line, separator) for line in lines]
-        split = [row[:-1] if len(row) == width + 1 and not row[-1] else row for row in split]
         candidates = candidates or [row for row in split if len(row) == width]
     units = [""] * width
     if len(candidates) > 1:
