@@ -4,10 +4,9 @@ All reading of TOML and JSON, and all writing of results, goes through here. If 
 file, the error is one sentence that names it and the place in it.
 """
 
-from fit.files.documents import is_file, short_path
+from fit.files.atomic import refuse_links
+from fit.files.documents import Table, is_file, short_path
 from fit.files.faults import closest_match, key, problem, validation_messages
-from fit.files.outputs import refuse_links
-from fit.files.tables import Table
 
 __all__ = [
     "Table",

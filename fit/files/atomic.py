@@ -1,4 +1,7 @@
-"""Files that appear whole or not at all, also when the process is killed or the power fails."""
+"""Files that appear whole or not at all, also when the process is killed or the power fails.
+
+Nothing is written where a link leads: a folder from elsewhere may hold links in the places where results go.
+"""
 
 import json
 import os
@@ -6,7 +9,12 @@ from collections.abc import Mapping
 from contextlib import suppress
 from pathlib import Path
 
-from fit.errors import FitError
+from fit.errors import FitError, InputError
+
+#: What is made in a folder of results and then written into.
+_FOLDERS = ("telemetry", "figures", "fmus", "logs")
+#: Files that are opened as they are; all others are replaced whole, and with them a link of their name.
+_FILES = (".lock", ".lock-holder", "campaigns.jsonl", "forecast.json")
 
 
 def temporary(path: Path) -> Path:
@@ -68,3 +76,23 @@ def write_json(path: Path, document: Mapping[str, object]) -> str:
         raise FitError(f"{path}: not written, a number in the results is not finite") from error
     write(path, text + "\n")
     return text
+
+
+def refuse_links(folder: Path) -> None:
+    """Refuse a folder for results that is a link, or holds one where results go; above it there may be some.
+
+    Raises
+    ------
+    InputError
+        Names the link.
+    """
+    inside = [folder / name for name in (*_FOLDERS, *_FILES)]
+    try:
+        links = [p for p in (folder, *inside, *sorted((folder / "logs").glob("*.log"))) if p.is_symlink()]
+    except OSError:  # what may not be looked into is not written to either
+        return
+    if links:
+        raise InputError(
+            f"{links[0]}: is a symbolic link, expected a file or folder of its own for the results; remove "
+            "it or choose another folder"
+        )

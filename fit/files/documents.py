@@ -1,21 +1,47 @@
-"""Text files from anywhere, TOML and JSON: read if they are files of a size that makes sense."""
+"""Text files from anywhere, TOML and JSON: read if they are files of a size that makes sense.
+
+A key that a table of TOML does not know or misses is named before anything else.
+"""
 
 import json
 import re
 import tomllib
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, ClassVar, TypeVar
 
-from pydantic import TypeAdapter, ValidationError
+from pydantic import BaseModel, ConfigDict, TypeAdapter, ValidationError, model_validator
 
 from fit.errors import InputError, shown
-from fit.files.faults import validation_messages
+from fit.files.faults import closest_match, problem, validation_messages
 
 MAX_SIZE = 2**24  # bytes
 MAX_TOML = 2**20  # bytes; what is written by hand
 # tomllib takes minutes and gigabytes for a key of thousands of parts
 _DEEP_KEY = re.compile(r"""(?<![\w"'-])(?:[\w"'-]+[ \t]*\.[ \t]*){100}""")
 _Content = TypeVar("_Content")
+
+
+class Table(BaseModel):
+    """Keys and values: its fields, and keys that match `more_keys`, of which `more_known` are examples."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+    more_keys: ClassVar[re.Pattern[str] | None] = None
+    more_known: ClassVar[tuple[str, ...]] = ()
+
+    @model_validator(mode="before")
+    @classmethod
+    def _keys(cls, raw: object) -> object:
+        if not isinstance(raw, dict):
+            raise problem("expected a table of keys and values")
+        fields = {field.alias or name: field for name, field in cls.model_fields.items()}
+        for key in raw:
+            if key not in fields and not (cls.more_keys and cls.more_keys.fullmatch(key)):
+                raise problem(f"unknown key{closest_match(key, [*fields, *cls.more_known])}", key)
+        for key, field in fields.items():
+            if field.is_required() and key not in raw:
+                quantities = [f'{key} = "{m.example}"' for m in field.metadata if hasattr(m, "example")]
+                raise problem(f"missing, write {(quantities or field.examples or [f'{key} = …'])[0]}", key)
+        return raw
 
 
 def text(path: Path, kind: str, largest: int = MAX_SIZE) -> str:

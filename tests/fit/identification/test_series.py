@@ -25,27 +25,6 @@ def test_an_archive_is_filled_up_in_the_fitted_band(fs, f):
     assert np.max(np.abs(resampled - np.sin(2 * np.pi * f * fine) - 1e-3 * fine)[inside]) < 5e-6
 
 
-def test_a_force_is_computed_from_its_motion():
-    omega2, lambda_2, delay = -1e-6, 1.0, 0.25  # a whole number of samples and half a hold
-    theta = np.array([1.0, lambda_2, 0.0, lambda_2 * delay, omega2, 0.0, 0.0])
-    n = 40000
-    command = 1e-12 * np.sin(2 * np.pi * 5e-3 * np.arange(n) / series.RATE)
-    stray = 3e-13 * np.sin(2 * np.pi * 2e-2 * np.arange(n) / series.RATE)
-    acts = np.concatenate([np.zeros(2), command[:-2]])  # the command of two samples ago, held
-    k, h = np.sqrt(-omega2), 1 / series.RATE
-    step = scipy.linalg.expm(np.array([[0, 1, 0], [k**2, 0, 1], [0, 0, 0]]) * h)
-    x, state = np.empty(n), np.zeros(2)
-    for i in range(n):
-        x[i] = state[0]
-        state = step[:2, :2] @ state + step[:2, 2] * (acts[i] + stray[i])
-    force = series.force(x, command, theta)
-    offset = (n / series.RATE - force.size) // 2  # s, lost to low-pass and stencils
-    lag = 0.5 / series.RATE  # what is held for a sample acts half of it later
-    expected = 3e-13 * np.sin(2 * np.pi * 2e-2 * (np.arange(force.size) + offset - lag))
-    inside = slice(200, -200)
-    assert np.max(np.abs(force - expected)[inside]) < 1e-2 * 3e-13
-
-
 def test_the_thrust_that_moved_a_loop_is_found():
     decay = scipy.signal.butter(1, [5e-4, 0.05], "bandpass", fs=series.RATE, output="sos")
 

@@ -20,7 +20,7 @@ from fit.report.page import figure_specs, write_report
 from fit.report.parameter_table import parameter_table
 from fit.report.verdict import verdict
 from fit.results import Fit, Results
-from fit.results.estimates import Estimate, Stiffness
+from fit.results.estimates import Estimate
 from fit.results.provenance import Provenance
 from fit.telemetry.reader import read
 from tests.oracles.contract_file import write_contract_file
@@ -273,15 +273,6 @@ def test_a_forecast_of_another_campaign_is_not_shown(tmp_path, campaign, digest)
     assert ("Forecast σ" in text) == (digest == "same")
 
 
-def test_flight_data_without_noise_run_guidance_or_joint_fit(tmp_path, campaign):
-    runs = campaign(noise=False, guidance=False, truth=None)
-    page = written(tmp_path, results(experiments={"A1": experiment_fit()}), runs)
-    assert "No joint fit. True values unknown. All 5 single-experiment parameters" in page.text
-    assert "Δ / σ" in page.text
-    assert "Truth" not in page.text
-    assert page.tags.count("figure") == 4
-
-
 def test_a_truth_that_differs_between_runs_has_no_pull(tmp_path, campaign):
     runs = campaign(truth={**TRUTH, "lambda_2": 1.07}) + campaign("B2", truth={**TRUTH, "lambda_2": 1.08})
     page = written(tmp_path, results(joint=joint_fit()), runs)
@@ -319,26 +310,6 @@ def test_the_reconstructed_stiffness_carries_the_covariance():
     assert sigma == pytest.approx(math.sqrt(background**2 + force**2 + torque**2 - background * torque))
     assert stiffness.reconstruction(make_fit({"C_2": 0.186}), 2, 0.0, 0.0) is None
     assert stiffness.reconstruction(None, 2, 0.0, 0.0) is None
-
-
-def test_a_sum_is_drawn_where_its_parts_are_lost():
-    line = {F: -7e-7 - 317.0 * F for F in (1e-10, 1e-9, 2e-9)}
-    points = [stiffness.StiffnessPoint("", 2, F, 1e-11, Estimate(y, 1e-8, "s-2")) for F, y in line.items()]
-    known = tuple(Stiffness(2, F, 1e-11, y, 3e-9) for F, y in line.items())
-    joint = replace(make_fit({"C_2": 0.186}), stiffness=known)
-    main_panel, pull_panel = stiffness.against_authority(points, joint).panels
-    (curve,) = (mark for mark in main_panel.marks if getattr(mark, "name", "") == "10 pN m")
-    assert curve.y == pytest.approx([-7.0, -7.0 - 3.17 * 2.12])
-    assert any(getattr(mark, "name", "") == "pull" for mark in pull_panel.marks)
-    # the other test mass: nothing of its own varies
-    test_mass_1 = [
-        stiffness.StiffnessPoint("", 1, 0.0, 1e-11, Estimate(-7e-7, 1e-8, "s-2"), F_max_other=F) for F in line
-    ]
-    joint = replace(joint, stiffness=(Stiffness(1, 0.0, 1e-11, -7e-7, 3e-9),))
-    main_panel, _ = stiffness.against_authority(test_mass_1, joint).panels
-    assert main_panel.x.head == "F_max_2 [pN]"
-    (curve,) = (mark for mark in main_panel.marks if getattr(mark, "name", "") == "10 pN m")
-    assert curve.y == pytest.approx([-7.0, -7.0])
 
 
 def test_an_identification_that_the_data_contradict_spoils_the_verdict():

@@ -1,17 +1,12 @@
 """The report in a real browser: nothing asked for, nothing refused, nothing cut off, all figures drawn."""
 
-import json
 import time
 
 import pytest
 
-from fit.forecasting import coverage
 from fit.forecasting.coverage import with_truth
 from fit.pipeline import calibrate, calibrate_inertial
-from fit.plotting import studies
-from fit.plotting.files import write
 from fit.report.page import write_report
-from fit.sampling import SCHEMA
 from fit.settings import settings
 from fit.telemetry.reader import read_all
 from tests.browser import Page, needs_browser
@@ -92,7 +87,7 @@ def written(folder, telemetry, authority):
 
 @pytest.fixture(scope="module")
 def report(tmp_path_factory):
-    """A report with all there can be: two experiments, rotation, what was sampled and repeated."""
+    """A report with all there can be: two experiments, rotation."""
     folder = tmp_path_factory.mktemp("report")
     files = [
         written(folder, run, authority)
@@ -105,39 +100,7 @@ def report(tmp_path_factory):
     results = with_truth(calibrate(telemetries, settings()), telemetries)
     if not results.inertial:
         results = calibrate_inertial([telemetries[-1]], results)
-    (folder / "figures").mkdir()
-    sampled(folder, results)
-    repeated(folder)
     return write_report(folder, results, telemetries)
-
-
-def sampled(folder, results):
-    """What `lpfcosim mcmc` would leave, of a chain that found what least squares did."""
-    chain = {
-        name: {
-            "unit": e.unit, "estimate": e.value, "mean": e.value, "sigma": e.sigma, "tau": 60.0,
-            "ess": 5000.0, "shift_in_sigma": 0.0,
-            "shift_error": 0.01, "sigma_ratio": 1.0, "sigma_ratio_error": 0.01,
-        }
-        for name, e in results.joint.parameters.items()
-    }  # fmt: skip
-    document = {
-        "schema": SCHEMA,
-        "parameters": chain,
-        "steps": 9000,
-        "burn_in": 900,
-        "walkers": 40,
-    }
-    document |= {"acceptance": 0.3}
-    (folder / "mcmc.json").write_text(json.dumps(document))
-
-
-def repeated(folder):
-    """What `lpfcosim montecarlo` would leave."""
-    drawn = [{"lambda_2": (0.3 * i - 1, 3e-5), "lambda_2_A": (1 - 0.2 * i, 1.0)} for i in range(8)]
-    pulls = coverage.summary(drawn)
-    coverage.write(pulls, 8, {3: EVIL[0]}, {"campaign": EVIL[1]}, folder / "montecarlo.json")
-    write(folder / "figures", "pulls", studies.histograms, pulls, drawn)
 
 
 #: Charts side by side that are not of one height.

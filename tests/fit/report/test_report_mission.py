@@ -7,8 +7,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fit.figures import stiffness as figures_stiffness
-from fit.figures.charts import Points
 from fit.figures.stiffness import StiffnessPoint, stiffness_pull
 from fit.parameters import FLIGHT, joint_names
 from fit.report import mission as report_mission
@@ -135,20 +133,6 @@ def test_pulls_of_the_stiffness_model_are_normal():
         independent_pulls.append(stiffness_pull(independent, model))
     assert np.std(pulls) == pytest.approx(1, rel=0.06)
     assert np.std(independent_pulls) == pytest.approx(1, rel=0.15)  # 300: 4 %
-
-
-def test_the_pulls_stand_side_by_side_over_their_authority(mission):
-    results, _ = mission
-    points = [StiffnessPoint(n, 2, 1.1e-9, 1e-12, Estimate(-8e-7, 9e-9, "s-2")) for n in "AB"]
-    main_panel, pull_panel = figures_stiffness.against_authority(points, results.joint).panels
-    (stems,) = (line for line in pull_panel.lines if isinstance(line, Points))
-    assert np.diff(stems.x) > 0
-    assert np.mean(stems.x) == pytest.approx(1100)
-    model = figures_stiffness.reconstruction(results.joint, 2, 1.1e-9, 1e-12)
-    assert stems.y == pytest.approx([stiffness_pull(points[0], results.joint)] * 2)
-    squares = next(line for line in main_panel.lines if line.label == "joint fit")
-    assert squares.y == pytest.approx([1e7 * model[0]] * 2)
-    assert squares.high - squares.low == pytest.approx([2e7 * model[1]] * 2)
 
 
 def test_the_stiffness_of_test_mass_1_is_the_difference(mission):

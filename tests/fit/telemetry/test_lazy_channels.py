@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from fit.errors import InputError
-from fit.telemetry.reader import open_run, read, read_truth
+from fit.telemetry.reader import open_run, read
 from tests.oracles.contract_file import write_contract_file
 
 N = 200
@@ -56,31 +56,6 @@ def test_parts_are_those_of_the_file_unless_it_is_written_again(tmp_path, chunks
     path.unlink()
     with pytest.raises(InputError, match=r"A1\.h5: no such file"):
         run.channels["o_1"]
-
-
-def without_numpy_type(owner):
-    h5py.h5a.create(owner.id, b"clock", h5py.h5t.UNIX_D32LE, h5py.h5s.create(h5py.h5s.SCALAR))
-
-
-def dataset(name, kind):
-    return lambda file: h5py.h5d.create(file.id, name, kind, h5py.h5s.create_simple((N,)))
-
-
-@pytest.mark.parametrize(
-    "add",
-    [
-        without_numpy_type,
-        lambda file: without_numpy_type(file.create_group("truth")),
-        dataset(b"clock", h5py.h5t.UNIX_D32LE),
-        dataset(b"x\xff", h5py.h5t.IEEE_F64LE),
-    ],
-)
-def test_what_no_channel_is_does_no_harm(tmp_path, add):
-    path = write_contract_file(tmp_path / "A1.h5", samples=N)
-    with h5py.File(path, "a") as file:
-        add(file)
-    assert "o_1" in read(path).channels
-    assert read_truth(path) == {}
 
 
 @pytest.mark.skipif(os.name != "posix", reason="how a lock shows is that of POSIX")

@@ -2,8 +2,6 @@ import h5py
 import numpy as np
 import pytest
 import xarray
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from fit.errors import InputError
 from fit.telemetry.reader import read, read_all, read_truth
@@ -182,44 +180,12 @@ TIME_FAULTS = {
 }
 
 
-def test_time_that_is_missing_absurd_or_in_another_unit(file):
-    with h5py.File(file, "a") as h5:
-        h5["time"].attrs["units"] = "ms"
-    assert "'ms'" in refusal(file)
-    with h5py.File(file, "a") as h5:
-        del h5["time"]
-    assert "time: missing" in refusal(file)
-    with h5py.File(file, "a") as h5:
-        h5.create_dataset("time", 2**60, "f8", chunks=(1024,))
-    assert f"time: {2**60} samples" in refusal(file)
-
-
 @pytest.mark.parametrize("fault", TIME_FAULTS)
 def test_faults_of_time(file, fault):
     values, expected = TIME_FAULTS[fault]
     with h5py.File(file, "a") as h5:
         replace(h5, "time", values if values.dtype.kind == "S" else values.astype("f8"), "s")
     assert expected in refusal(file)
-
-
-def test_what_is_no_hdf5(tmp_path):
-    (tmp_path / "empty.h5").touch()
-    assert "not HDF5" in refusal(tmp_path / "empty.h5")
-    (tmp_path / "text.h5").write_text("time,o_1\n0,1\n")
-    assert "not HDF5" in refusal(tmp_path / "text.h5")
-    assert "no such file" in refusal(tmp_path / "nowhere.h5")
-    with h5py.File(tmp_path / "bare.h5", "w"):
-        pass
-    assert "schema: missing" in refusal(tmp_path / "bare.h5")
-
-
-@settings(max_examples=25)
-@given(share=st.floats(0, 0.999))
-def test_truncated_files(tmp_path_factory, share):
-    path = write_contract_file(tmp_path_factory.mktemp("truncated") / "A1.h5", samples=N)
-    whole = path.read_bytes()
-    path.write_bytes(whole[: int(share * len(whole))])
-    refusal(path)
 
 
 def test_runs_are_sorted_by_start_then_name(tmp_path):
