@@ -233,7 +233,7 @@ def calibrate_ttl(
     ttl, compared = ttl_fit.calibrate_ttl(runs[0], runs[1] if runs[1:] else None, params)
     c = parameter_values(ttl.lmfit.params)
     extra: dict[str, object] = {
-        "subtraction_X2": subtraction_spectra(runs[0], c).record(),
+        f"subtraction_{next(iter(runs[0].michelson))}": subtraction_spectra(runs[0], c).record(),
         "estimators": asdict(compared),
     }
     provenance = Provenance(telemetry=[str(run.path) for run in runs], extra=extra)

@@ -1,4 +1,4 @@
-"""Figure of X2 before and after the subtraction of its tilt-to-length coupling."""
+"""Figure of a Michelson variable before and after the subtraction of its tilt-to-length coupling."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -7,14 +7,13 @@ from fit.figures.charts import FREQUENCY, Axis, Chart, Curve, Panel, limits
 
 Array = NDArray[np.float64]
 
-_ASD = Axis("ASD of X₂", "Hz/√Hz", "asd_X2 [Hz Hz-1/2]", log=True)
 
-
-def subtraction(f: Array, before: Array, after: Array) -> Chart:
-    """Draw ASDs [Hz Hz^-0.5] of X2 at the frequencies f [Hz], all of shape (B,)."""
+def subtraction(variable: str, f: Array, before: Array, after: Array) -> Chart:
+    """Draw ASDs [Hz Hz^-0.5] of a Michelson variable at the frequencies f [Hz], all of shape (B,)."""
+    asd = Axis(f"ASD of {variable}", "Hz/√Hz", f"asd_{variable} [Hz Hz-1/2]", log=True)
     marks = (
         Curve(name="before subtraction", label="measured", role="orange", x=f, y=before),
         Curve(name="after subtraction", label="coupling subtracted", role="blue", x=f, y=after),
     )
     across = (float(f[0]), float(f[-1]))
-    return Chart((Panel(FREQUENCY, _ASD, marks, across, limits(_ASD, marks), 2.2),))
+    return Chart((Panel(FREQUENCY, asd, marks, across, limits(asd, marks), 2.2),))

@@ -196,6 +196,24 @@ KINDS: Mapping[str, Kind] = {
         Severity.DOUBT,
         "Experiments are missing because their runs failed",
     ),
+    "wavefront_channels": Kind(
+        "Check signs and names of the wavefront sensing of the assemblies named, in the file and where it "
+        "comes from; their coefficients are those of another channel or sign.",
+        Severity.FAILURE,
+        "Channels of wavefront sensing are not what they are labelled as",
+        unsound=True,
+    ),
+    "light_times": Kind(
+        "Check the light travel times, and the time stamps of wavefront sensing and beat notes.",
+        Severity.FAILURE,
+        "The light travel times are not those of the response",
+        unsound=True,
+    ),
+    "missing_variables": Kind(
+        "Nothing if a link is lost; the coefficients of its two assemblies need one that is not.",
+        Severity.DOUBT,
+        "Michelson variables are missing",
+    ),
     "no_noise_run": Kind(
         "Record a noise run at the same authority next to the experiment and fit both together.",
         Severity.DOUBT,

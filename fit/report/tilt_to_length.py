@@ -9,7 +9,7 @@ from fit.report.parameter_table import parameter_table
 from fit.report.section import FigureSpec, Section
 from fit.results import Results
 from fit.tables import Table
-from fit.tilt_to_length import COEFFICIENTS
+from fit.tilt_to_length import COEFFICIENTS, michelson
 
 _ESTIMATORS = ("least_squares", "bias", "instruments")
 HEADING = "Calibration of the tilt-to-length coupling of LISA"
@@ -25,10 +25,14 @@ def sections(results: Results) -> list[Section]:
         f"Path lengths of the beams that the assemblies receive (rx) and emit (tx), by their angles. χ² of "
         f"{ttl.dof} degrees of freedom: {ttl.chi2:.1f}."
     )
-    spectra = results.provenance.extra.get("subtraction_X2")
-    figures_of_page = (_figure(spectra),) if isinstance(spectra, Mapping) and {*_NAMES} <= {*spectra} else ()
+    extra = results.provenance.extra
+    figures_of_page = tuple(
+        _figure(variable, spectra)
+        for variable in michelson.VARIABLES
+        if isinstance(spectra := extra.get(f"subtraction_{variable}"), Mapping) and {*_NAMES} <= {*spectra}
+    )
     table, title = parameter_table(ttl, COEFFICIENTS), "Tilt-to-length coupling"
-    tables = (_estimators(results.provenance.extra),)
+    tables = (_estimators(extra),)
     return [Section("ttl", title, text, parameters=table, tables=tables, figures=figures_of_page)]
 
 
@@ -45,11 +49,11 @@ def _estimators(extra: Mapping[str, object]) -> Table:
     return Table(head, tuple(row for row in rows if any(row[1:])), caption)
 
 
-def _figure(spectra: Mapping[str, object]) -> FigureSpec:
+def _figure(variable: str, spectra: Mapping[str, object]) -> FigureSpec:
     f, before, after = (np.asarray(spectra[name], dtype=np.float64) for name in _NAMES)
     return FigureSpec(
         "ttl-subtraction",
-        "Amplitude spectral densities of X2 before and after the subtraction of tilt-to-length coupling",
-        "X₂ as measured, and after subtraction of the coupling by the estimated coefficients.",
-        lambda: figures.subtraction(f, before, after),
+        f"Amplitude spectral densities of {variable} before and after the subtraction of its coupling",
+        f"{variable} as measured, and after subtraction of the coupling by the estimated coefficients.",
+        lambda: figures.subtraction(variable, f, before, after),
     )

@@ -9,10 +9,12 @@ where the angle grows. The names are those of lisainstrument.
 from fit.parameters import Parameter
 
 ASSEMBLIES = ("12", "23", "31", "13", "32", "21")
+PAIRS = (("12", "13"), ("23", "21"), ("31", "32"))  # of spacecraft 1, 2, 3: left, right
 ANGLES = ("phi", "eta")
 PATHS = {"rx": "receives", "tx": "emits"}
 #: The angles of all assemblies, such as ``phi_12``.
 SERIES = tuple(f"{angle}_{assembly}" for assembly in ASSEMBLIES for angle in ANGLES)
+N_PATHS = len(PATHS)
 WIDTH = 5e-3  # m/rad, of the weak prior: twice the range of lisainstrument's coefficients
 _GREEK = {"phi": ("φ", r"\phi"), "eta": ("η", r"\eta")}
 

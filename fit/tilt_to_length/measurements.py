@@ -1,13 +1,14 @@
 """What a tilt-to-length fit reads: Michelson variables, wavefront sensing of six assemblies, light times.
 
 They come from a file of schema ``lisa-measurements/1``, or from one of lisainstrument, whose Michelson
-variables pytdi computes.
+variables pytdi computes. Missing samples are NaN. A variable that is missing, or contains a link or an
+assembly without data, is left out; the others determine what they contain.
 """
 
 import json
 import logging
 import warnings
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, replace
 from importlib import import_module
 from pathlib import Path
@@ -19,7 +20,7 @@ from numpy.typing import NDArray
 from fit.errors import InputError, shown
 from fit.telemetry import Writer, read_series, root_attributes
 from fit.tilt_to_length.coefficients import ANGLES, ASSEMBLIES, NAMES, SERIES
-from fit.tilt_to_length.michelson import VARIABLES
+from fit.tilt_to_length.michelson import LINKS, VARIABLES
 
 Array = NDArray[np.float64]
 
@@ -35,6 +36,7 @@ _UNITS = {
     **{f"dws_{name}": "rad s-1" for name in SERIES},
     **{f"d_{assembly}": "s" for assembly in ASSEMBLIES},
 }
+_OPTIONAL = tuple(name for name in _UNITS if not name.startswith("d_"))
 _DATASETS = {"phi": "sci_dws_phis", "eta": "sci_dws_etas"}  # of lisainstrument
 _TRUTHS = {
     ("phi", "rx"): "ttl_coeffs_local_phis",
@@ -55,9 +57,9 @@ class Measurements:
     fs : float
         Sample rate [Hz].
     michelson : dict of str to ndarray, each of shape (N,)
-        X2, Y2, Z2, frequency fluctuations of the beat notes [Hz].
+        X2, Y2, Z2, or some of them: combinations of the frequencies of the beat notes [Hz].
     rates : dict of str to ndarray, each of shape (N,)
-        Rates by wavefront sensing [rad/s], by series: ``phi_12``.
+        Rates by wavefront sensing [rad/s], by series: ``phi_12``, of all assemblies in `michelson`.
     delays : dict of str to float
         Light travel times by link [s], mean values.
     central_frequency : float
@@ -66,6 +68,8 @@ class Measurements:
         Noise of wavefront sensing, white [rad Hz^-0.5]; None where unknown.
     truth : dict of str to float
         The coefficients where they are known [m/rad]; no fit reads them.
+    silent : tuple of str
+        Series without data, for which variables are left out.
     """
 
     path: Path
@@ -76,6 +80,7 @@ class Measurements:
     central_frequency: float = CENTRAL_FREQUENCY
     dws_asd: float | None = None
     truth: dict[str, float] = field(default_factory=dict)
+    silent: tuple[str, ...] = ()
 
     @property
     def size(self) -> int:
@@ -86,6 +91,31 @@ class Measurements:
     def duration(self) -> float:
         """Length [s]."""
         return self.size / self.fs
+
+    def select(self, variables: Collection[str]) -> "Measurements":
+        """Return the same with some of the Michelson variables, and the rates of their assemblies."""
+        michelson = {name: x for name, x in self.michelson.items() if name in variables}
+        assemblies = {assembly for name in michelson for assembly in LINKS[name]}
+        rates = {name: x for name, x in self.rates.items() if name.partition("_")[2] in assemblies}
+        return replace(self, michelson=michelson, rates=rates)
+
+    def interpolated(self) -> "tuple[Measurements, NDArray[np.bool_]]":
+        """Return the same with missing samples interpolated, and which samples are complete, shape (N,)."""
+        valid = np.all([np.isfinite(x) for x in (*self.michelson.values(), *self.rates.values())], axis=0)
+        michelson, rates = ({n: _interpolated(x) for n, x in y.items()} for y in (self.michelson, self.rates))
+        return replace(self, michelson=michelson, rates=rates), valid
+
+
+def _interpolated(x: Array) -> Array:
+    """Return a series whose missing samples are on lines between the others."""
+    valid, n = np.isfinite(x), np.arange(x.size)
+    return x if valid.all() else np.interp(n, n[valid], x[valid])
+
+
+def _is_silent(x: Array) -> bool:
+    """Return whether a series has no data: less than half of its samples, or always the same number."""
+    known = x[np.isfinite(x)]
+    return 2 * known.size < x.size or bool(np.ptp(known) == 0)
 
 
 def read_measurements(path: Path) -> Measurements:
@@ -99,14 +129,19 @@ def read_measurements(path: Path) -> Measurements:
     attributes = root_attributes(path) or {}
     read = _read_lisainstrument if "schema" not in attributes and "metadata_json" in attributes else _read_own
     measurements = read(path)
-    for name, x in (measurements.michelson | measurements.rates).items():
-        if np.ptp(x) == 0:
-            raise InputError(
-                f"{path}: {name}: {x[0]:g} throughout, expected what is measured; the fit needs all three "
-                "variables and the wavefront sensing of all six assemblies"
-            )
+    series = measurements.michelson | {f"dws_{name}": x for name, x in measurements.rates.items()}
+    silent = [n for n in _OPTIONAL if n not in series or _is_silent(series[n])]
+    assemblies = {name.rpartition("_")[2] for name in silent}
+    variables = [v for v in VARIABLES if v not in silent and not assemblies & {*LINKS[v]}]
+    silent += measurements.silent
+    if not variables:
+        raise InputError(
+            f"{path}: without data: {', '.join(silent)}; expected one of {', '.join(VARIABLES)} at least, "
+            "with the wavefront sensing of its four assemblies"
+        )
+    measurements = replace(measurements, silent=tuple(silent)).select(variables)
     for name, rate in measurements.rates.items():
-        angle = np.cumsum(rate - rate.mean()) / measurements.fs
+        angle = np.nancumsum(rate - np.nanmean(rate)) / measurements.fs
         if (largest := float(np.ptp(angle)) / 2) > LINEAR_RANGE:
             raise InputError(
                 f"{path}: {name}: moves by {largest:.2g} rad, where coupling is not linear in the angle, "
@@ -122,21 +157,13 @@ def read_measurements(path: Path) -> Measurements:
 
 
 def _read_own(path: Path) -> Measurements:
-    try:
-        file = read_series(path, SCHEMA, _UNITS)
-    except InputError as error:
-        if any(f"channel {name}: missing" in str(error) for name in VARIABLES):
-            raise InputError(
-                f"{error}: {', '.join(VARIABLES)} are Michelson variables of second generation in frequency, "
-                "as pytdi computes them; other channels are not used"
-            ) from None
-        raise
+    file = read_series(path, SCHEMA, _UNITS, optional=_OPTIONAL, gaps=True)
     return Measurements(
         path,
         file.fs,
-        {name: file.series[name] for name in VARIABLES},
-        {name: file.series[f"dws_{name}"] for name in SERIES},
-        {assembly: float(file.series[f"d_{assembly}"].mean()) for assembly in ASSEMBLIES},
+        {name: file.series[name] for name in VARIABLES if name in file.series},
+        {name: file.series[f"dws_{name}"] for name in SERIES if f"dws_{name}" in file.series},
+        {assembly: float(np.nanmean(file.series[f"d_{assembly}"])) for assembly in ASSEMBLIES},
         _number(path, file.attributes, "central_frequency") or CENTRAL_FREQUENCY,
         _number(path, file.attributes, "dws_asd"),
         {name: value for name, value in file.truth.items() if name in NAMES},
@@ -193,7 +220,7 @@ def _read_lisainstrument(path: Path) -> Measurements:
     logging.getLogger("pytdi").setLevel(logging.ERROR)  # it warns of files that it reads
     try:
         metadata = json.loads(attributes["metadata_json"])
-        data = interface.Data.from_instrument(str(path))
+        data = interface.Data.from_instrument(str(path), signals="total")
         with h5py.File(path) as file:
             rates = {
                 f"{angle}_{assembly}": np.asarray(file[_DATASETS[angle]][assembly][()], dtype=np.float64)
@@ -209,16 +236,23 @@ def _read_lisainstrument(path: Path) -> Measurements:
             f"{path}: lacks data of lisainstrument {version} ({error}), expected beat notes, wavefront "
             "sensing and pseudo-ranges of all six assemblies"
         ) from None
+    beats = {name: x for name, x in data.measurements.items() if "_sb_" not in name}
+    size = max(map(np.size, beats.values()))
+    beats = {name: np.array(np.broadcast_to(x, size), dtype=np.float64) for name, x in beats.items()}
+    silent = tuple(name for name, x in beats.items() if not np.any(np.nan_to_num(x)))
+    valid = np.all([np.isfinite(x) for name, x in beats.items() if name not in silent], axis=0)
+    for name, x in beats.items():  # what has no data stays NaN in all that contains it
+        data.measurements[name] = np.full(x.size, np.nan) if name in silent else _interpolated(x)
     michelson = {
         name: combinations.compute_factorized_michelson(data, rot=i, order=ORDER, unit="frequency")
         for i, name in enumerate(VARIABLES)
     }
-    size = next(iter(michelson.values())).size
+    michelson = {name: np.where(valid, x, np.nan) for name, x in michelson.items()}
     rates = {name: np.broadcast_to(rate, size) for name, rate in rates.items()}
     truth = {
         f"c_{assembly}_{angle}_{way}": float(coefficients[key][assembly])
         for (angle, way), key in _TRUTHS.items()
         for assembly in coefficients[key]
     }
-    measurements = Measurements(path, fs, michelson, rates, delays, central_frequency, dws_asd)
+    measurements = Measurements(path, fs, michelson, rates, delays, central_frequency, dws_asd, silent=silent)
     return replace(measurements, truth=truth)

@@ -29,8 +29,13 @@ C = 299792458.0  # m/s
 #: Links of each variable: those of its first arm there and back, then those of its second.
 LINKS = {"X2": ("12", "21", "13", "31"), "Y2": ("23", "32", "21", "12"), "Z2": ("31", "13", "32", "23")}
 VARIABLES = tuple(LINKS)
-#: Rows: A, E, T as combinations of X2, Y2, Z2; orthonormal, independent noise for equal arms.
-AET = np.array([[-1, 0, 1], [1, -2, 1], [1, 1, 1]]) / np.sqrt([[2], [6], [3]])
+#: By number of variables, rows of orthonormal combinations with independent noise for equal arms: A, E, T of
+#: all three, difference and sum of two.
+COMBINATIONS = {
+    3: np.array([[-1, 0, 1], [1, -2, 1], [1, 1, 1]]) / np.sqrt([[2], [6], [3]]),
+    2: np.array([[-1, 1], [1, 1]]) / np.sqrt(2),
+    1: np.ones((1, 1)),
+}
 
 
 @dataclass(frozen=True)

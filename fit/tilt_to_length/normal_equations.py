@@ -21,14 +21,13 @@ from numpy.typing import NDArray
 
 from fit.fitting import null_space
 from fit.spectra import fit_noise
-from fit.tilt_to_length.coefficients import NAMES, SERIES, WIDTH
+from fit.tilt_to_length.coefficients import N_PATHS, NAMES, SERIES, WIDTH
 from fit.tilt_to_length.response import ResponseSpectra
 
 Array = NDArray[np.float64]
 Spectrum = NDArray[np.complex128]
 
 LEAST_EXCESS = 5.0
-_N_PATHS = len(NAMES) // len(SERIES)
 
 
 @dataclass(frozen=True)
@@ -67,9 +66,9 @@ def product(left: Spectrum, weights: Array, right: Spectrum) -> Array:
 
     Parameters
     ----------
-    left, right : ndarray of complex, shape (3, B, K) and (3, B, L)
+    left, right : ndarray of complex, shape (V, B, K) and (V, B, L)
         Columns.
-    weights : ndarray, shape (3, B)
+    weights : ndarray, shape (V, B)
         Inverse of the PSDs.
     """
     flat = (left * weights[..., None]).reshape(-1, left.shape[-1])
@@ -83,7 +82,7 @@ def noise_product(spectra: ResponseSpectra, weights: Array, share: Array | None 
     """
     total = np.zeros((len(NAMES), len(NAMES)))
     for i in range(len(SERIES)):
-        pair = slice(_N_PATHS * i, _N_PATHS * (i + 1))
+        pair = slice(N_PATHS * i, N_PATHS * (i + 1))
         response = spectra.transfer[..., pair]
         weighed = weights if share is None else weights * share[i]
         total[pair, pair] = product(response, weighed, response)
@@ -120,7 +119,7 @@ def _noise_scatter(spectra: ResponseSpectra, weights: Array, basis: Array) -> Ar
     """
     variance = np.zeros(basis.shape[1])
     for i in range(len(SERIES)):
-        pair = slice(_N_PATHS * i, _N_PATHS * (i + 1))
+        pair = slice(N_PATHS * i, N_PATHS * (i + 1))
         power = 2 * np.einsum("vb,vbk->bk", weights, np.abs(spectra.transfer[..., pair] @ basis[pair]) ** 2)
         variance += np.sum(power**2, axis=0)
     return np.asarray(np.sqrt(spectra.variance_factor * variance))
@@ -131,7 +130,7 @@ def instrumental_variables(spectra: ResponseSpectra, weights: Array) -> LinearEs
     share = motion_share(spectra)
     noise, weighed = noise_product(spectra, weights), noise_product(spectra, weights, share)
     gamma = _solve(noise, weighed)
-    instruments = np.repeat(share, _N_PATHS, axis=0).T * spectra.columns - spectra.columns @ gamma
+    instruments = np.repeat(share, N_PATHS, axis=0).T * spectra.columns - spectra.columns @ gamma
     slope = product(instruments, weights, spectra.columns)
     scores = product(instruments, weights, spectra.data[..., None])[:, 0]
     scatter = product(instruments, weights, instruments) * spectra.variance_factor
@@ -141,12 +140,12 @@ def instrumental_variables(spectra: ResponseSpectra, weights: Array) -> LinearEs
 
 def motion_share(spectra: ResponseSpectra) -> Array:
     """Return the share of motion in the power of every angle, shape (12, B), above its least smooth PSD."""
-    shares = []
-    for angle in spectra.angles:
-        power = np.abs(angle) ** 2
+    shares = np.zeros(spectra.angles.shape)
+    for i in np.flatnonzero(spectra.angles.any(axis=1)):
+        power = np.abs(spectra.angles[i]) ** 2
         smooth = fit_noise(spectra.f, power, np.ones(power.size)).leave_one_out(spectra.f, power)
-        shares.append(1 - smooth.min() / smooth)
-    return np.array(shares)
+        shares[i] = 1 - smooth.min() / smooth
+    return shares
 
 
 def _solve(matrix: Array, right: Array) -> Array:

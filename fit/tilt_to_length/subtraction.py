@@ -1,4 +1,4 @@
-"""X2 before and after the subtraction of its tilt-to-length coupling, as spectra for the report."""
+"""A Michelson variable before and after the subtraction of its coupling, as spectra for the report."""
 
 from dataclasses import asdict, dataclass
 
@@ -7,16 +7,16 @@ from numpy.typing import NDArray
 
 from fit.spectra import asd
 from fit.tilt_to_length import michelson
-from fit.tilt_to_length.coefficients import SERIES
+from fit.tilt_to_length.coefficients import N_PATHS, SERIES
 from fit.tilt_to_length.measurements import Measurements
-from fit.tilt_to_length.response import BAND, N_PATHS, margins
+from fit.tilt_to_length.response import BAND, margins, spans_without_gaps
 
 Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
 class SubtractionSpectra:
-    """One-sided ASDs of X2 [Hz Hz^-0.5] at the frequencies f [Hz], each of length B.
+    """One-sided ASDs of a variable [Hz Hz^-0.5] at the frequencies f [Hz], each of length B.
 
     Attributes
     ----------
@@ -34,7 +34,7 @@ class SubtractionSpectra:
 
 
 def subtract_coupling(measurements: Measurements, c: Array, variable: str = "X2") -> Array:
-    """Return a Michelson variable less its coupling, without its ends.
+    """Return a Michelson variable less its coupling, without its ends; NaN in its gaps.
 
     Parameters
     ----------
@@ -46,17 +46,21 @@ def subtract_coupling(measurements: Measurements, c: Array, variable: str = "X2"
         ``"X2"``, ``"Y2"`` or ``"Z2"``.
     """
     lead, tail = margins(measurements)
+    measurements, complete = measurements.interpolated()
     total = measurements.michelson[variable][lead : measurements.size - tail].copy()
     gain = -measurements.central_frequency / michelson.C
     for k, terms in enumerate(michelson.coefficient_terms(variable, measurements.delays)):
-        rate = measurements.rates[SERIES[k // N_PATHS]]
-        total -= gain * c[k] * michelson.delayed_sum(rate, measurements.fs, terms, lead, tail)
-    return total
+        if terms:
+            rate = measurements.rates[SERIES[k // N_PATHS]]
+            total -= gain * c[k] * michelson.delayed_sum(rate, measurements.fs, terms, lead, tail)
+    return np.where(spans_without_gaps(complete, lead + tail + 1), total, np.nan)
 
 
 def subtraction_spectra(measurements: Measurements, c: Array) -> SubtractionSpectra:
-    """Return the spectra of X2 before and after the subtraction with the coefficients c, shape (24,)."""
-    spectra = [asd(subtract_coupling(measurements, x), measurements.fs) for x in (np.zeros_like(c), c)]
+    """Return the spectra of the first variable before and after the subtraction with c, shape (24,)."""
+    variable = next(iter(measurements.michelson))
+    series = [subtract_coupling(measurements, x, variable) for x in (np.zeros_like(c), c)]
+    spectra = [asd(x, measurements.fs) for x in series]
     inside = (spectra[0].f > BAND[0] / 4) & (spectra[0].f < 2 * BAND[1])
     f, before, after = spectra[0].f[inside], *(x.asd[inside] for x in spectra)
     return SubtractionSpectra(f.tolist(), before.tolist(), after.tolist())

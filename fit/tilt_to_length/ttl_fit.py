@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -25,6 +26,7 @@ from fit.fitting import (
 from fit.results import Estimate, Fit
 from fit.spectra import NoiseModel, fit_noise
 from fit.tilt_to_length import michelson
+from fit.tilt_to_length.channel_tests import channel_findings, light_time_findings
 from fit.tilt_to_length.coefficients import COEFFICIENTS, NAMES, WIDTH
 from fit.tilt_to_length.measurements import Measurements
 from fit.tilt_to_length.normal_equations import (
@@ -123,30 +125,45 @@ def calibrate_ttl(
     """
     if noise is not None:
         _check_noise_run(measurements, noise)
+        both = measurements.michelson.keys() & noise.michelson.keys()
+        measurements, noise = measurements.select(both), noise.select(both)
     spectra = response_spectra(measurements)
     reference = spectra if noise is None else response_spectra(noise)
     dws_asd = DWS_ASD if measurements.dws_asd is None else measurements.dws_asd
-    weights = 1 / np.stack([_psd(reference.f, x, np.zeros(x.size))(spectra.f) for x in reference.data])
+    weights, estimate = _weigh(spectra, reference, dws_asd)
     _check_unit(noise or measurements, weights)
-    estimate = least_squares(spectra, weights, dws_asd)
-    for _ in range(ITERATIONS):
-        leverage = _leverage(spectra, weights) if noise is None else np.zeros(reference.data.shape)
-        psds = map(_psd, [reference.f] * 3, reference.residual(estimate.c), leverage)
-        weights = 1 / np.stack([psd(spectra.f) for psd in psds])
-        estimate = least_squares(spectra, weights, dws_asd)
     instruments = instrumental_variables(spectra, weights)
     compared = EstimatorSigmas.of(estimate, instruments)
-    warnings = [] if noise is not None else [_NO_NOISE_RUN]
+    warnings = [*_absence(measurements), *([] if noise is not None else [_NO_NOISE_RUN])]
     if measurements.dws_asd is None:
         estimate = estimate.with_uncertain_bias()
         is_better = bool(np.all(instruments.sigma <= estimate.sigma))
         estimate = instruments if is_better else estimate
         warnings += _unstated_noise_warnings(compared, is_better)
     solved, reported, blind = _solve(measurements, estimate, params)
-    residual = spectra.residual(parameter_values(solved.result.params))
+    c = parameter_values(solved.result.params)
+    warnings += [
+        *channel_findings(reference),
+        *light_time_findings(measurements, spectra, weights, c, dws_asd),
+    ]
+    residual = spectra.residual(c)
     chi2, dof = float(2 * np.sum(weights * np.abs(residual) ** 2)), 2 * weights.size - len(NAMES)
     warnings += [*blind, *_misfit_warnings(chi2 / dof, math.sqrt(2 * spectra.variance_factor / dof))]
     return _fit(params, solved, reported, measurements.truth, chi2, dof, warnings), compared
+
+
+def _weigh(
+    spectra: ResponseSpectra, reference: ResponseSpectra, dws_asd: float
+) -> tuple[Array, LinearEstimate]:
+    """Return the inverse PSDs of what coupling leaves in `reference`, shape (V, B), and least squares."""
+    weights = 1 / np.stack([_psd(reference.f, x, np.zeros(x.size))(spectra.f) for x in reference.data])
+    estimate = least_squares(spectra, weights, dws_asd)
+    for _ in range(ITERATIONS):
+        leverage = _leverage(spectra, weights) if reference is spectra else np.zeros(reference.data.shape)
+        psds = map(_psd, [reference.f] * len(weights), reference.residual(estimate.c), leverage)
+        weights = 1 / np.stack([psd(spectra.f) for psd in psds])
+        estimate = least_squares(spectra, weights, dws_asd)
+    return weights, estimate
 
 
 def _check_noise_run(measurements: Measurements, noise: Measurements) -> None:
@@ -156,7 +173,11 @@ def _check_noise_run(measurements: Measurements, noise: Measurements) -> None:
             f"{noise.path}: central_frequency: {noise.central_frequency:.7g} Hz, expected "
             f"{measurements.central_frequency:.7g} Hz as in {measurements.path}"
         )
-    if np.array_equal(noise.michelson["X2"], measurements.michelson["X2"]):
+    if not (both := measurements.michelson.keys() & noise.michelson.keys()):
+        raise InputError(
+            f"{noise.path}: none of the Michelson variables of {measurements.path}, expected one"
+        )
+    if any(np.array_equal(noise.michelson[name], measurements.michelson[name]) for name in both):
         raise InputError(
             f"{noise.path}: holds the measurements themselves, expected a run without manoeuvre; leave the "
             "noise run out if there is none"
@@ -179,13 +200,32 @@ _NO_NOISE_RUN = Finding(
 )
 
 
+def _absence(measurements: Measurements) -> list[Finding]:
+    """Return which variables are left out, and the coefficients that the others do not contain."""
+    if len(measurements.michelson) == len(michelson.VARIABLES):
+        return []
+    reason = f"without data: {', '.join(measurements.silent)}; " if measurements.silent else ""
+    message = f"{measurements.path}: {reason}of X2, Y2, Z2 the fit uses {', '.join(measurements.michelson)}"
+    findings = [Finding("missing_variables", message)]
+    if absent := _absent(measurements.michelson):
+        message = f"{', '.join(measurements.michelson)} does not contain {', '.join(absent)}; {PRIOR}"
+        findings.append(Finding("indeterminable", message, parameters=absent))
+    return findings
+
+
+def _absent(variables: Iterable[str]) -> tuple[str, ...]:
+    """Return the coefficients of assemblies in none of the variables."""
+    present = {assembly for name in variables for assembly in michelson.LINKS[name]}
+    return tuple(name for name in NAMES if name.split("_")[1] not in present)
+
+
 def _psd(f: Array, residual: NDArray[np.complex128], leverage: Array) -> NoiseModel:
     """Return the smooth PSD of one variable from its residual, of which a fit took out the leverage."""
     return fit_noise(f, np.abs(residual) ** 2, np.maximum(1 - leverage, MIN_DOF))
 
 
 def _leverage(spectra: ResponseSpectra, weights: Array) -> Array:
-    """Return the share of every bin that the fit takes out, shape (3, B)."""
+    """Return the share of every bin that the fit takes out, shape (V, B)."""
     covariance = scipy.linalg.pinvh(product(spectra.columns, weights, spectra.columns))
     columns = spectra.columns
     return np.asarray(np.einsum("vbk,kl,vbl->vb", columns.conj(), covariance, columns).real * weights)
@@ -219,7 +259,7 @@ def _solve(
         {name: (p.value, s) for (name, p), s in zip(free.params.items(), sigma, strict=True)},
         result.chisqr - free.chisqr,
     )
-    warnings = [*test.warnings, *blind_warnings(undetermined, directions)]
+    warnings = [*test.warnings, *blind_warnings(undetermined, directions, tuple(measurements.michelson))]
     return SolvedModel(model, result, weak), reported, warnings
 
 
@@ -258,7 +298,9 @@ def make_params() -> lmfit.Parameters:
     return params
 
 
-def blind_warnings(undetermined: NDArray[np.bool_], directions: Array) -> list[Finding]:
+def blind_warnings(
+    undetermined: NDArray[np.bool_], directions: Array, variables: Sequence[str] = michelson.VARIABLES
+) -> list[Finding]:
     """Name every combination that the data do not determine.
 
     Parameters
@@ -267,15 +309,22 @@ def blind_warnings(undetermined: NDArray[np.bool_], directions: Array) -> list[F
         Which coefficients are not.
     directions : ndarray, shape (K, 24)
         The combinations, see `fit.fitting.null_space`.
+    variables : sequence of str
+        The Michelson variables; coefficients that they do not contain are not named.
     """
-    warnings, covered = [], set()
+    absent = {*_absent(variables)}
+    warnings, covered = [], {*absent}
+    is_complete = len(variables) == len(michelson.VARIABLES)
     for direction in directions:
         part = np.flatnonzero(np.abs(direction) > NEGLIGIBLE)
         names = tuple(NAMES[i] for i in part)
+        if absent.issuperset(names):
+            continue
         covered |= set(names)
+        cure = _cure(names) if is_complete else "a third Michelson variable would"
         combination = {NAMES[i]: float(direction[i]) for i in part}
         text = " ".join(f"{x:+.2g} {name}" for name, x in combination.items())
-        message = f"the measurements do not determine {text}; {_cure(names)}; {PRIOR}"
+        message = f"the measurements do not determine {text}; {cure}; {PRIOR}"
         warnings.append(Finding("indeterminable", message, parameters=names, combination=combination))
     rest = tuple(NAMES[i] for i in np.flatnonzero(undetermined) if NAMES[i] not in covered)
     if rest:
@@ -309,7 +358,7 @@ def _misfit_warnings(chi2_red: float, scatter: float) -> list[Finding]:
     if abs(chi2_red - 1) < max(MAX_CHI2, CHI2_SIGMA * scatter):
         return []
     message = (
-        f"the residual has {chi2_red:.2g} times the power of the noise; expected light travel times to "
-        "0.1 %, and noise and units as in the noise run"
+        f"the residual has {chi2_red:.2g} times the power of the noise; expected noise and units as "
+        "in the noise run"
     )
     return [Finding("noise_mismatch", message)]

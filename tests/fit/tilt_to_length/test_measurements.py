@@ -6,6 +6,7 @@ import pytest
 
 from fit.errors import InputError
 from fit.tilt_to_length import read_measurements, write_measurements
+from fit.tilt_to_length.michelson import LINKS
 from tests.fit.tilt_to_length.records import coefficients, measurements
 
 
@@ -34,16 +35,8 @@ def _unit(file):
     file["dws_phi_12"].attrs["units"] = "rad"
 
 
-def _missing(file):
-    del file["Y2"]
-
-
 def _schema(file):
     file.attrs["schema"] = "lisa-measurements/2"
-
-
-def _nan(file):
-    file["X2"][7] = np.nan
 
 
 def _delay(file):
@@ -52,10 +45,6 @@ def _delay(file):
 
 def _motion(file):
     file["dws_eta_21"][:] += 1e-6 * np.sin(np.arange(file["time"].size) / 10)
-
-
-def _constant(file):
-    file["dws_phi_12"][:] = 0.0
 
 
 def _step(file):
@@ -70,15 +59,9 @@ def _noise(file):
     ("damage", "sentence"),
     [
         (_unit, r"channel dws_phi_12: units 'rad', expected 'rad s-1'"),
-        (
-            _missing,
-            r"channel Y2: missing, expected it in Hz: X2, Y2, Z2 are .* of second generation .* pytdi",
-        ),
         (_schema, r"attribute schema: 'lisa-measurements/2', expected 'lisa-measurements/1'"),
-        (_nan, r"channel X2: sample 7 is missing, expected all"),
         (_delay, r"d_12: 8.3e\+09 s, expected a light travel time of 1 to 60 s"),
         (_motion, r"eta_21: moves by .* rad, .*repeat the manoeuvre with a smaller amplitude"),
-        (_constant, r"phi_12: 0 throughout, expected what .* wavefront sensing of all six assemblies"),
         (_step, r"time: "),
         (_noise, r"attribute dws_asd: -1.0, expected a number that is not negative"),
     ],
@@ -87,6 +70,35 @@ def test_what_is_wrong_is_named(path, damage, sentence):
     with h5py.File(path, "r+") as file:
         damage(file)
     with pytest.raises(InputError, match=sentence):
+        read_measurements(path)
+
+
+def _empty(file, *names):
+    for name in names:
+        file[name][:] = np.nan
+
+
+@pytest.mark.parametrize(
+    ("damage", "variables"),
+    [
+        (lambda file: file.pop("Y2"), ["X2", "Z2"]),
+        (lambda file: _empty(file, "X2", "Y2"), ["Z2"]),  # as without the beat note 12
+        (lambda file: file["dws_phi_23"].write_direct(np.zeros(file["time"].size)), ["X2"]),
+    ],
+)
+def test_variables_without_data_are_left_out(path, damage, variables):
+    with h5py.File(path, "r+") as file:
+        damage(file)
+    run = read_measurements(path)
+    assert list(run.michelson) == variables
+    assert {*run.rates} >= {f"phi_{link}" for name in variables for link in LINKS[name]}
+    assert run.silent
+
+
+def test_nothing_without_a_variable(path):
+    with h5py.File(path, "r+") as file:
+        _empty(file, "X2", "dws_eta_23")
+    with pytest.raises(InputError, match=r"without data: X2, dws_eta_23; expected one of X2, Y2, Z2"):
         read_measurements(path)
 
 

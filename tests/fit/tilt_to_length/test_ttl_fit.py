@@ -141,11 +141,79 @@ def test_constraints_are_tested_against_the_data(shift, statement):
     assert bool(ttl.unsound) == (shift > 0)
 
 
-def test_wrong_light_travel_times_do_not_pass():
+@pytest.mark.parametrize("factor", [0.998, 1.002])
+def test_light_travel_times_are_right_to_a_thousandth_or_found_wrong(factor):
     run, noise = manoeuvre(4)
-    ttl = calibrated(replace(run, delays={link: 1.01 * d for link, d in run.delays.items()}), noise)
-    assert "noise_mismatch" in {w.code for w in ttl.warnings}
+    ttl = calibrated(replace(run, delays={link: factor * d for link, d in run.delays.items()}), noise)
+    (finding,) = [w for w in ttl.warnings if w.code == "light_times"]
+    assert finding.amount.value == pytest.approx(1 / factor - 1, abs=4 * finding.amount.sigma)
     assert ttl.unsound
+
+
+def _reversed(rates):
+    return rates | {"eta_31": -rates["eta_31"]}
+
+
+def _exchanged(rates):
+    return rates | {"phi_21": rates["eta_21"], "eta_21": rates["phi_21"]}
+
+
+def _of_another(rates):
+    return rates | {"phi_23": rates["phi_31"], "phi_31": rates["phi_23"]}
+
+
+@pytest.mark.parametrize(
+    ("fault", "named"),
+    [
+        (_reversed, {"eta_31", "eta_32"}),
+        (_exchanged, {"phi_23", "phi_21", "eta_23", "eta_21"}),
+        (_of_another, {"phi_23", "phi_21", "phi_31", "phi_32"}),
+    ],
+)
+def test_a_channel_of_another_sign_or_name_is_named(fault, named):
+    run, noise = (replace(m, rates=fault(m.rates)) for m in manoeuvre(4))
+    ttl = calibrated(run, noise)
+    findings = [w for w in ttl.warnings if w.code == "wavefront_channels"]
+    parameters = {
+        f"{angle}_{link}" for w in findings for _, link, angle, _ in (n.split("_") for n in w.parameters)
+    }
+    assert parameters == named
+    assert ttl.unsound
+
+
+def _with_gap(measurements, name, begin, length):
+    """Return measurements that lack some samples of one series."""
+    series = (measurements.michelson | measurements.rates)[name].copy()
+    series[begin : begin + length] = np.nan
+    part = "michelson" if name in measurements.michelson else "rates"
+    return replace(measurements, **{part: getattr(measurements, part) | {name: series}})
+
+
+def test_gaps_are_masked():
+    run, noise = manoeuvre(3)
+    whole = calibrated(run, noise)
+    ttl = calibrated(
+        _with_gap(_with_gap(run, "X2", 1500, 40), "phi_12", 3000, 1), _with_gap(noise, "Z2", 9, 1)
+    )
+    assert not ttl.warnings
+    sigma = np.array([e.sigma for e in ttl.parameters.values()])
+    assert np.all(sigma > [e.sigma for e in whole.parameters.values()])
+    assert np.abs(errors(ttl) - errors(whole)).max() < 2 * sigma.max()
+    assert np.sqrt(np.mean(pulls(ttl) ** 2)) < 1.4
+
+
+@pytest.mark.parametrize("variables", [("Z2",), ("X2", "Z2")])
+def test_fewer_variables_determine_what_they_contain(variables):
+    run, noise = manoeuvre(3)
+    whole, ttl = calibrated(run, noise), calibrated(run.select(variables), noise.select(variables))
+    assert {f"c_{x}_{a}_{p}" for x in ("13", "31") for a in ("phi", "eta") for p in ("rx", "tx")} <= {
+        *ttl.undetermined,
+        *ttl.parameters,
+    }
+    assert len(ttl.parameters) == 8 * len(variables)
+    assert np.abs(pulls(ttl)).max() < 4
+    assert all(e.sigma > 0.95 * whole[name].sigma for name, e in ttl.parameters.items())
+    assert "missing_variables" in {w.code for w in ttl.warnings}
 
 
 def test_a_residual_below_the_noise_does_not_pass():
