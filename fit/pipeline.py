@@ -9,9 +9,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
+from fit.agreement import Agreement, fit_consistent_runs
 from fit.campaign import Campaign, fit_single, participation
-from fit.checks import apply, as_fit, checked, residual
-from fit.consistency import ConsistentFit, explain_findings, fit_consistent_runs
+from fit.checks import apply, as_fit, checked, explain_findings, residual
 from fit.crosstalk import attenuation, crosstalk_fit, euler_fit, inertial
 from fit.errors import FitError, InputError
 from fit.findings import Finding
@@ -89,7 +89,7 @@ def calibrate_inertial(
 class JointFit(NamedTuple):
     """The runs that agree, their joint fit with what the user says of parameters, and its test."""
 
-    agreed: ConsistentFit
+    agreed: Agreement
     outcome: IRLSResult
     correction: attenuation.AttenuationCorrected | None
     test: constraint_test.ConstraintTest
@@ -122,7 +122,7 @@ def fit_jointly(campaign: Campaign, chosen: Settings) -> tuple[Campaign, JointFi
     if not campaign.in_joint_fit:
         return campaign, None
     agreed = fit_consistent_runs(campaign.in_joint_fit, campaign.fits, campaign.settings)
-    campaign = campaign.decide([*agreed.findings, *apply("joint", agreed.outcome, agreed.experiments)])
+    campaign = campaign.decide([*apply("agreement", agreed), *apply("joint", agreed)])
     campaign = replace(campaign, findings=explain_findings(campaign, agreed))
     outcome = agreed.outcome
     if any(setting.is_constraint for setting in chosen.parameters.values()):

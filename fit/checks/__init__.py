@@ -9,14 +9,17 @@ from typing import Any, Literal, NamedTuple
 
 from fit.campaign import Campaign
 from fit.checks import (
+    contradiction,
     determined,
     drift,
+    equations,
     exchanged,
     gaps,
     glitches,
     guidance,
     labels,
     levels,
+    leverage,
     misfit,
     noise_run,
     plausible,
@@ -29,13 +32,16 @@ from fit.checks import (
     units,
     widths,
 )
+from fit.checks.causes import explain_findings
 from fit.findings import Finding
 from fit.fitting import IRLSResult, report, stiffnesses
 from fit.parameters import ALONG
 from fit.results import Fit
 from fit.whitening import Experiment
 
-Stage = Literal["samples", "files", "equation", "limits", "residual", "o_1", "noise", "drift", "fit", "joint"]
+Stage = Literal[
+    "samples", "files", "equation", "limits", "residual", "o_1", "noise", "drift", "fit", "agreement", "joint"
+]
 
 
 class Check(NamedTuple):
@@ -45,7 +51,8 @@ class Check(NamedTuple):
     ----------
     stage : str
         When it is applied: the stages up to "drift" to a campaign, in this order, from "noise" on to the
-        fits of experiments by themselves; "fit" to any fit and its experiments, "joint" to that of all.
+        fits of experiments by themselves; "fit" to any fit and its experiments; "agreement" and "joint" to
+        what runs agree on.
     find : callable
         Returns what it finds.
     n_tests : int
@@ -77,6 +84,9 @@ CHECKS = (
     Check("fit", residual.find, 1),  # with "noise" and "o_1", which test the same power
     Check("fit", regressors.find),
     Check("fit", widths.find),
+    Check("agreement", contradiction.find, 1),  # with "equations" and "leverage", which test it in part
+    Check("agreement", equations.find),
+    Check("agreement", leverage.find),
     Check("joint", plausible.find_acausal),
     Check("joint", drift.find_joint, 1),
 )
@@ -122,6 +132,7 @@ __all__ = [
     "as_fit",
     "checked",
     "determined",
+    "explain_findings",
     "glitches",
     "levels",
     "residual",

@@ -21,6 +21,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from fit.agreement import Agreement
 from fit.campaign import Campaign
 from fit.errors import FitError
 from fit.false_alarms import p_limit
@@ -192,8 +193,9 @@ def find(campaign: Campaign) -> list[Finding]:
     ]
 
 
-def find_joint(fit: IRLSResult, _: Sequence[Experiment]) -> list[Finding]:
+def find_joint(agreed: Agreement) -> list[Finding]:
     """Return the coefficients that change within the runs of a joint fit."""
+    fit = agreed.outcome
     blocks = _blocks(fit)
     names = dict.fromkeys(block.equation.name for block in blocks)
     periods, limit = wave_periods(blocks), p_limit(len(names))

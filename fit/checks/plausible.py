@@ -5,6 +5,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from fit.agreement import Agreement
 from fit.findings import Finding
 from fit.fitting import IRLSResult
 from fit.units import concise_value
@@ -48,9 +49,10 @@ def lead_time(outcome: IRLSResult, lambda_name: str, C_name: str) -> str | None:
     return concise_value(early, sigma / gain) if early > max(EARLY, CERTAIN * sigma / gain) else None
 
 
-def find_acausal(outcome: IRLSResult, experiments: Sequence[Experiment]) -> list[Finding]:
+def find_acausal(agreed: Agreement) -> list[Finding]:
     """Doubt a joint fit in which commands act before they are given: some time is wrong in every run."""
-    commands, early_commands = experiments[0].sysid.spacecraft.commands, dict[str, str]()
+    outcome = agreed.outcome
+    commands, early_commands = agreed.experiments[0].sysid.spacecraft.commands, dict[str, str]()
     for name in outcome.determined:
         gain, of_command = name.replace("C_", "lambda_", 1), name.removeprefix("C_")
         if name.startswith("C_") and (lead := lead_time(outcome, gain, name)):

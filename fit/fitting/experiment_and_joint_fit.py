@@ -74,7 +74,7 @@ def fit_joint(
     experiments : sequence of Experiment
         To be fitted.
     settings : Settings
-        With ``scatter = "auto"`` nothing scatters here, see `fit.consistency`.
+        With ``scatter = "auto"`` nothing scatters here, see `fit.agreement`.
     single_fits : mapping of str to IRLSResult or FitError, optional
         What experiments yield by themselves: the iteration begins with them as they were weighed there.
 

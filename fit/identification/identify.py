@@ -10,8 +10,8 @@ from types import MappingProxyType
 import numpy as np
 from numpy.typing import NDArray
 
+from fit.agreement import Agreement
 from fit.checks import apply, levels, residual
-from fit.consistency import consistency_warnings
 from fit.errors import FitError, InputError
 from fit.false_alarms import sigma_limit
 from fit.findings import Finding
@@ -22,6 +22,7 @@ from fit.identification.parameters import JointParameters, check_constraints, jo
 from fit.parallel import one_blas_thread, parallel_map
 from fit.results import Fit, Provenance, Results
 from fit.settings import Settings
+from fit.statistics import consistency_test
 from fit.whitening import Experiment, Likelihood
 
 Array = NDArray[np.float64]
@@ -175,9 +176,10 @@ def _doubts(
     experiments: Sequence[Experiment], calibrated: Results, outcome: irls.IRLSResult
 ) -> list[Finding]:
     """Return the warnings about the data, and about what the loop leaves of them."""
+    agreed = Agreement(outcome, tuple(experiments), test_of_all=consistency_test(experiments, outcome))
     return [
         *(w for w in (calibrated.joint.warnings if calibrated.joint else ()) if w.code in DATA_CODES),
-        *consistency_warnings(experiments, outcome),
+        *(apply("agreement", agreed) if len(experiments) > 1 else ()),
         *residual.misfits(experiments, outcome),
         *(levels.marginalised(e.name) for e in experiments if e.marginalised),
     ]

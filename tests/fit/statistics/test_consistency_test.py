@@ -10,7 +10,7 @@ from fit.fitting.experiment_and_joint_fit import fit_joint
 from fit.settings import settings
 from fit.statistics.consistency_test import ChiSquare, ConsistencyTest, consistency_test
 from fit.whitening import pair
-from tests.fit.consistency.runs import SCALE, K, P, consistency
+from tests.fit.statistics.runs import SCALE, K, P, consistency
 from tests.oracles import synthetic
 from tests.oracles.synthetic import World
 

@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fit.consistency.leverage import find_leverages, pull_limit
-from fit.consistency.outlier_runs import find_outlier_runs, is_contradicted
+from fit.checks.leverage import find_leverages, pull_limit
+from fit.statistics.outlier_runs import find_outlier_runs, is_contradicted
 from fit.statistics.scatter import estimate_scatter
-from tests.fit.consistency.runs import SCALE, P, consistency, scattered, shifted
+from tests.fit.statistics.runs import SCALE, P, consistency, scattered, shifted
 
 NAMES = ("lambda_1", "lambda_2", "C_1", "C_2")
 
@@ -30,7 +30,7 @@ def test_bad_runs_are_left_out(bad):
 
 
 def test_most_probable_subset_grows_beyond_the_enumerated_ones(monkeypatch):
-    monkeypatch.setattr("fit.consistency.outlier_runs.MAX_SUBSETS", 12)
+    monkeypatch.setattr("fit.statistics.outlier_runs.MAX_SUBSETS", 12)
     assert find_outlier_runs(consistency(1, 9, (0, 2, 8))).runs == ("run 0", "run 2", "run 8")
 
 

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fit.consistency import fit_consistent_runs
+from fit.agreement import fit_consistent_runs
 from fit.fitting import fit_experiment, fit_joint
 from fit.settings import settings
 from fit.whitening import Experiment, Run
@@ -41,7 +41,7 @@ def pulls(outcome, truth):
 def consistent(runs):
     """Return the joint fit of the runs that agree, and which are left out."""
     fit = fit_consistent_runs(runs, {e.name: fit_experiment(e) for e in runs}, settings())
-    return fit.outcome, [finding.run for finding in fit.findings if finding.run]
+    return fit.outcome, [e.name for e in fit.outliers]
 
 
 @pytest.fixture(scope="module")

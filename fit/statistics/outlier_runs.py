@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fit.false_alarms import p_limit
-from fit.statistics import ConsistencyTest
+from fit.statistics.consistency_test import ConsistencyTest
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy import interpolate
 
-from fit.consistency.likely_causes import likely_causes
+from fit.checks.causes import likely_causes
 from fit.fitting import fit_experiment, fit_joint, run_estimate
 from fit.model import Sharing
 from fit.settings import settings

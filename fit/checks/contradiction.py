@@ -4,27 +4,51 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from fit.agreement import Agreement
 from fit.false_alarms import p_limit
 from fit.findings import Finding
-from fit.statistics import ConsistencyTest
+from fit.statistics import ConsistencyTest, find_outlier_runs
 from fit.units import campaign_unit, concise_value
 from fit.whitening import Experiment
 
+MAX_ANSWERS = 3  # that are named, of what may be wrong
 
-def contradictions(
-    test: ConsistencyTest, outliers: Sequence[int], experiments: Sequence[Experiment]
-) -> list[Finding]:
-    """Return the runs that contradict the others, with what they contradict.
 
-    Parameters
-    ----------
-    test : ConsistencyTest
-        All runs.
-    outliers : sequence of int
-        Those that contradict the others, by number.
-    experiments : sequence of Experiment
-        All runs.
-    """
+def find(agreed: Agreement) -> list[Finding]:
+    """Return which runs contradict the others or have no fit, and whether those in the joint fit do."""
+    findings = [Finding("misfit", f"{name} alone does not fit either", name) for name in agreed.unsettled]
+    if agreed.test_of_all is None:
+        message = (
+            "the sigmas of this estimator are too small for a test: whether the experiments contradict each "
+            "other is not known"
+        )
+        return [*findings, Finding("consistency_untested", message)]
+    if agreed.outliers:
+        findings += _outliers(
+            agreed.test_of_all, (*agreed.experiments, *agreed.outliers), len(agreed.experiments)
+        )
+    return [*findings, *([_undecided(agreed)] if agreed.is_contradicted else [])]
+
+
+def _undecided(agreed: Agreement) -> Finding:
+    """Return that runs of the joint fit contradict each other."""
+    test = agreed.test
+    assert test is not None
+    answers = find_outlier_runs(test).answers[:MAX_ANSWERS]
+    suspect = answers[0][0]
+    i = [run.name for run in test.runs].index(suspect)
+    message = (
+        f"the experiments contradict each other: chi2 between them is {test.total.value:.4g} for "
+        f"{test.total.dof} degrees of freedom; the data do not show which of them is wrong: "
+        f"{', or '.join(map(' and '.join, answers))}; {suspect} "
+        f"{largest_pull(test, i, agreed.experiments[i])}; the uncertainties are not valid"
+    )
+    return Finding("contradiction", message)
+
+
+def _outliers(test: ConsistencyTest, experiments: Sequence[Experiment], n_consistent: int) -> list[Finding]:
+    """Return the runs after the first `n_consistent`, which contradict those, with what they contradict."""
+    outliers = range(n_consistent, len(experiments))
     total, rest = test.total, test.without(outliers).total
     names = [test.runs[i].name for i in outliers]
     observation = (

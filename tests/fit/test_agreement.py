@@ -6,7 +6,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fit.consistency import fit_consistent_runs
+from fit.agreement import fit_consistent_runs
+from fit.checks import apply
 from fit.fitting import fit_experiment
 from fit.pipeline import calibrate
 from fit.settings import settings
@@ -85,11 +86,11 @@ def test_an_experiment_of_a_wrong_epoch_alone_is_left_out():
         ]
         labelled = [*experiments[:i], replace(wrong, sysid=runs[0], noise=runs[1]), *experiments[i + 1 :]]
         fit = fit_consistent_runs(labelled, single_fits, settings())
-        assert {finding.run for finding in fit.findings if finding.run} <= {wrong.name}
+        assert {e.name for e in fit.outliers} <= {wrong.name}
         solution, names = fit.outcome.solution, [p.name for p in fit.outcome.parameters]
         pulls = (solution.theta - [thirteen.TRUTH[name] for name in names]) / solution.sigma
         is_right = np.abs(pulls[~fit.outcome.undetermined]).max() < 4.5
-        assert is_right or any(f.kind.unsound for f in fit.findings if not f.run), wrong.name
+        assert is_right or any(f.kind.unsound for f in apply("agreement", fit) if not f.run), wrong.name
 
 
 def test_a_fit_without_more_than_a_third_of_the_experiments_is_not_sound():

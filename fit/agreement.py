@@ -8,15 +8,11 @@ without a single fit takes part if the joint fit settles with it and the runs st
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
-from fit.consistency.contradictions import contradictions, largest_pull
-from fit.consistency.equation_test import equation_warnings
-from fit.consistency.leverage import leverage_warnings
-from fit.consistency.outlier_runs import find_outlier_runs, is_contradicted
 from fit.errors import FitError
-from fit.findings import Finding
 from fit.fitting import IRLSResult, fit_joint, run_estimate
 from fit.model import Sharing
 from fit.parallel import parallel_map
@@ -27,6 +23,8 @@ from fit.statistics import (
     RunScore,
     consistency_test,
     estimate_scatter,
+    find_outlier_runs,
+    is_contradicted,
     prior_rows,
     run_score,
     scattering_parameters,
@@ -34,15 +32,14 @@ from fit.statistics import (
 )
 from fit.whitening import Experiment, WhitenedRun
 
-MAX_ANSWERS = 3  # that are named, of what may be wrong
 UNTESTED = ("flscov",)  # estimators whose sigmas are too small by far for a test
 
 SingleFits = Mapping[str, IRLSResult | FitError]
 
 
 @dataclass(frozen=True)
-class ConsistentFit:
-    """The joint fit of runs that agree.
+class Agreement:
+    """The joint fit of runs that agree, and how well they do.
 
     Attributes
     ----------
@@ -50,19 +47,41 @@ class ConsistentFit:
         The joint fit.
     experiments : tuple of Experiment
         Those in it.
-    findings : tuple of Finding
-        Why the others are not, and what is found of the runs as a whole.
-    test : ConsistencyTest or None
-        Of the runs in the fit; None where nothing was tested.
+    outliers : tuple of Experiment
+        Those that contradict them.
+    unsettled : tuple of str
+        Names of those that have no fit by themselves, and are left out for that.
+    test_of_all : ConsistencyTest or None
+        Of the experiments and, after them, of the outliers; None where nothing is tested.
     probabilities : dict of str to float
         By run, that it contradicts the others.
     """
 
     outcome: IRLSResult
     experiments: tuple[Experiment, ...]
-    findings: tuple[Finding, ...]
-    test: ConsistencyTest | None = None
+    outliers: tuple[Experiment, ...] = ()
+    unsettled: tuple[str, ...] = ()
+    test_of_all: ConsistencyTest | None = None
     probabilities: Mapping[str, float] | None = None
+
+    @cached_property
+    def test(self) -> ConsistencyTest | None:
+        """Of the experiments in the fit."""
+        n = len(self.experiments)
+        return self.test_of_all and self.test_of_all.without(range(n, n + len(self.outliers)))
+
+    @cached_property
+    def is_contradicted(self) -> bool:
+        """Whether experiments in the fit contradict each other.
+
+        Where outliers are most of the runs of an authority or of an epoch, the others of it are suspect.
+        """
+        if self.test is None:
+            return False
+        names = {e.name for e in self.outliers}
+        groups = _groups([*self.experiments, *self.outliers])
+        suspects = {name for group in groups if 2 * len(group & names) > len(group) for name in group - names}
+        return is_contradicted(self.test, _groups(self.experiments), suspects)
 
     @property
     def statistics(self) -> dict[str, dict[str, float]] | None:
@@ -90,7 +109,7 @@ class _Selection:
 
 def fit_consistent_runs(
     experiments: Sequence[Experiment], single_fits: SingleFits, settings: Settings
-) -> ConsistentFit:
+) -> Agreement:
     """Fit those experiments jointly that agree.
 
     Parameters
@@ -107,42 +126,31 @@ def fit_consistent_runs(
     FitError
         If no valid estimate results.
     """
-    unsettled = _unsettled(experiments, single_fits)
-    converged = _remove(experiments, unsettled)
+    unsettled = [e for e in experiments if isinstance(single_fits[e.name], FitError)]
+    converged = [e for e in experiments if e not in unsettled]
     if settings.estimator in UNTESTED:
-        left_out = unsettled if converged else ()
-        members = tuple(converged or experiments)
+        members = converged or [*experiments]
         fit = fit_joint(members, settings, single_fits)
-        return ConsistentFit(fit, members, (*left_out, _untested(settings)))
+        return Agreement(fit, tuple(members), (), _names(unsettled if converged else ()))
     selection = _select(converged, single_fits, settings)
     chosen = settings.model_copy(update={"scatter": [*selection.scatter]})
     joint = fit_joint(selection.experiments, chosen, single_fits) if selection.experiments else None
-    if together := _joint_with_unsettled(experiments, selection, unsettled, joint, chosen, single_fits):
-        selection = replace(
-            selection, experiments=[e for e in experiments if e.name not in selection.outliers]
-        )
-        joint, unsettled = together, ()
+    consistent = selection.experiments
+    if unsettled and (together := _joint_with_unsettled(experiments, selection, joint, chosen, single_fits)):
+        consistent = [e for e in experiments if e.name not in selection.outliers]
+        joint, unsettled = together, []
     assert joint is not None  # without any run that settles, the fit of all or its error
     if settings.scatter == ["auto"] and selection.scatter:
         joint = replace(joint, data_driven=True)
-    consistent = selection.experiments
     outliers = [e for e in experiments if e.name in selection.outliers]
-    test_of_all = _test_with(outliers, consistent, joint, single_fits, settings)
-    numbers = range(len(consistent), len(consistent) + len(outliers))
-    test = test_of_all.without(numbers)
-    findings = [*unsettled, *contradictions(test_of_all, numbers, (*consistent, *outliers))]
-    if of_equations := equation_warnings(test, consistent):
-        findings += of_equations
-    else:
-        findings += _warnings(test, joint, consistent, outliers, test_of_all.runs[numbers.start :])
-    return ConsistentFit(joint, tuple(consistent), tuple(findings), test, selection.probabilities)
+    test = _test_with(outliers, consistent, joint, single_fits, settings)
+    return Agreement(
+        joint, tuple(consistent), tuple(outliers), _names(unsettled), test, selection.probabilities
+    )
 
 
-def consistency_warnings(experiments: Sequence[Experiment], joint: IRLSResult) -> list[Finding]:
-    """Return the warnings about a fit that leaves none of its experiments out."""
-    if len(experiments) == 1:
-        return []
-    return _warnings(consistency_test(experiments, joint), joint, experiments)
+def _names(experiments: Iterable[Experiment]) -> tuple[str, ...]:
+    return tuple(e.name for e in experiments)
 
 
 def _select(experiments: list[Experiment], single_fits: SingleFits, settings: Settings) -> _Selection:
@@ -257,29 +265,9 @@ def _test_with(
     return consistency_test((*consistent, *outliers), joint, (*joint.whitened_runs, *whitened_runs))
 
 
-def _untested(settings: Settings) -> Finding:
-    message = (
-        f"the sigmas of {settings.estimator} are too small for a test: whether the experiments contradict "
-        "each other is not known"
-    )
-    return Finding("consistency_untested", message)
-
-
-def _remove(experiments: Sequence[Experiment], left_out: Iterable[Finding]) -> list[Experiment]:
-    names = {finding.run for finding in left_out}
-    return [e for e in experiments if e.name not in names]
-
-
-def _unsettled(experiments: Sequence[Experiment], single_fits: SingleFits) -> tuple[Finding, ...]:
-    """Return the experiments without a single fit."""
-    names = [e.name for e in experiments if isinstance(single_fits[e.name], FitError)]
-    return tuple(Finding("misfit", f"{name} alone does not fit either", name) for name in names)
-
-
 def _joint_with_unsettled(
     experiments: Sequence[Experiment],
     selection: _Selection,
-    unsettled: Sequence[Finding],
     converged_fit: IRLSResult | None,
     settings: Settings,
     single_fits: SingleFits,
@@ -293,8 +281,6 @@ def _joint_with_unsettled(
     FitError
         If no run has a single fit, and the joint fit does not settle either.
     """
-    if not unsettled:
-        return None
     together = [e for e in experiments if e.name not in selection.outliers]
     try:
         joint = fit_joint(together, settings, single_fits)
@@ -320,32 +306,3 @@ def _groups(experiments: Sequence[Experiment]) -> set[frozenset[str]]:
         for key in (run.authority, run.alignment_epoch):
             members.setdefault(key, set()).add(e.name)
     return {frozenset(names) for names in members.values()}
-
-
-def _warnings(
-    test: ConsistencyTest,
-    joint: IRLSResult,
-    experiments: Sequence[Experiment],
-    outliers: Sequence[Experiment] = (),
-    scores: Sequence[RunScore] = (),
-) -> list[Finding]:
-    """Return a warning that the runs contradict each other, or of what a single one determines.
-
-    `outliers`, with `scores`, contradict the experiments of the joint fit. Where these are most of the runs
-    of an authority or of an epoch, the others of it are suspect.
-    """
-    names = {e.name for e in outliers}
-    groups = _groups([*experiments, *outliers])
-    suspects = {name for group in groups if 2 * len(group & names) > len(group) for name in group - names}
-    if not is_contradicted(test, _groups(experiments), suspects):
-        return leverage_warnings(test, joint, scores)
-    answers = find_outlier_runs(test).answers[:MAX_ANSWERS]
-    suspect = answers[0][0]
-    i = [run.name for run in test.runs].index(suspect)
-    message = (
-        f"the experiments contradict each other: chi2 between them is {test.total.value:.4g} for "
-        f"{test.total.dof} degrees of freedom; the data do not show which of them is wrong: "
-        f"{', or '.join(map(' and '.join, answers))}; {suspect} "
-        f"{largest_pull(test, i, experiments[i])}; the uncertainties are not valid"
-    )
-    return [Finding("contradiction", message)]

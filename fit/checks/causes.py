@@ -17,8 +17,8 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from fit.agreement import Agreement
 from fit.campaign import Campaign
-from fit.consistency.consistent_fit import ConsistentFit
 from fit.false_alarms import p_limit
 from fit.findings import Amount, Finding, either
 from fit.fitting import IRLSResult, run_estimate
@@ -80,14 +80,14 @@ class Rating(NamedTuple):
     is_noise: bool
 
 
-def explain_findings(campaign: Campaign, agreed: ConsistentFit) -> tuple[Finding, ...]:
+def explain_findings(campaign: Campaign, agreed: Agreement) -> tuple[Finding, ...]:
     """Return the findings of a campaign, those of runs that are left out with the causes that explain them.
 
     Parameters
     ----------
     campaign : Campaign
         The campaign.
-    agreed : ConsistentFit
+    agreed : Agreement
         The joint fit of the runs that agree.
     """
     if (test := agreed.test) is None:

@@ -11,9 +11,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from fit.agreement import Agreement
 from fit.false_alarms import sigma_limit
 from fit.findings import Finding
-from fit.fitting import IRLSResult
 from fit.statistics import ConsistencyTest, RunScore
 
 Array = NDArray[np.float64]
@@ -66,10 +66,12 @@ def pull_limit(leverages: Sequence[Leverage]) -> float:
     return sigma_limit(sum(len(leverage.pulls) for leverage in leverages))
 
 
-def leverage_warnings(
-    test: ConsistencyTest, joint: IRLSResult, left_out: Sequence[RunScore]
-) -> list[Finding]:
-    """Return warnings of what a single run determines almost alone, and where others contradict it."""
+def find(agreed: Agreement) -> list[Finding]:
+    """Return what a single run determines almost alone, and where others contradict it."""
+    if agreed.test is None or agreed.is_contradicted:
+        return []
+    test, joint = agreed.test, agreed.outcome
+    left_out = agreed.test_of_all.runs[len(agreed.experiments) :] if agreed.test_of_all else ()
     leverages = [x for x in find_leverages(test, joint.undetermined, left_out) if x.index < joint.shared]
     limit = pull_limit(leverages)
     names_by_run: dict[str, list[str]] = {}

@@ -5,18 +5,15 @@ not what is stated, the equations contradict each other. Linearised, that is the
 for a single run, which has more rows than parameters.
 """
 
-from collections.abc import Sequence
-
+from fit.agreement import Agreement
 from fit.false_alarms import p_limit
 from fit.findings import Finding
-from fit.statistics import ConsistencyTest
-from fit.whitening import Experiment
 
 
-def equation_warnings(test: ConsistencyTest, experiments: Sequence[Experiment]) -> list[Finding]:
-    """Return the warning that equations of the same run contradict each other."""
-    names = [equation.name for equation in experiments[0].sysid.equations]
-    if len(names) < 2:
+def find(agreed: Agreement) -> list[Finding]:
+    """Return that equations of the same run contradict each other."""
+    names, test = [equation.name for equation in agreed.experiments[0].sysid.equations], agreed.test
+    if len(names) < 2 or test is None:
         return []
     singles = [test.without({*range(len(test.runs))} - {i}).total for i in range(len(test.runs))]
     limit = p_limit(len(singles))
