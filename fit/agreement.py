@@ -160,7 +160,8 @@ def _select(experiments: list[Experiment], single_fits: SingleFits, settings: Se
     """
     if settings.scatter != ["auto"]:
         return _leave_out(experiments, settings.scatter, [], single_fits, settings)
-    campaign_wide = [name for name, group in settings.shared.items() if group == "campaign"]
+    names = experiments[0].parameters if experiments else ()
+    campaign_wide = [name for name in names if settings.shared.get(name, "campaign") == "campaign"]
     selection = _leave_out(experiments, [], campaign_wide, single_fits, settings)
     if selection.scatter and selection.contradicted:
         return _leave_out(experiments, [], [], single_fits, settings)

@@ -146,6 +146,7 @@ _OF_TEST_MASS = {
     "o_per_y": (0.0, 0.01, "1", "ρ", r"\rho", "xy", "y in the read-out of x"),
     "grs_y_per_x": (0.0, 0.01, "1", "μ", r"\mu", "yx", "x in the read-out of y"),
 }
+_BACKGROUND = (-2.5e-7, 1e-6, "s-2", "ω²", r"\omega^2", "x,0", "stiffness along x without authority")
 _GEOMETRY = {
     "opening": (0.0, 0.01, "rad", "ε", r"\epsilon", "", "error of the angle between the telescopes"),
     "d_x": (0.0, 0.01, "m", "d", "d", "x", "housing 1 less housing 2 along x of the spacecraft"),
@@ -164,6 +165,7 @@ LISA: Mapping[str, Parameter] = {
     for p in (
         *(_lisa(f"{name}_{j}", str(j), *entry) for name, entry in _OF_TEST_MASS.items() for j in (1, 2)),
         *(_lisa(name, "", *entry) for name, entry in _GEOMETRY.items()),
+        *(_lisa(f"omega2_x_{j}_0", str(j), *_BACKGROUND) for j in (1, 2)),
     )
 }
 #: Delays tau_j = C_j / lambda_j [s] of test masses 1 and 2 in flight (Eq. (6)).

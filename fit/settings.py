@@ -16,7 +16,9 @@ from fit.units import prior_text
 Estimator = Literal["gaussian", "student_t", "marginalised", "flscov"]  # of the likelihood, or LTPDA's
 Group = Literal["campaign", "alignment_epoch", "experiment"]  # over which a parameter has one value
 #: What may depart from experiment to experiment; "auto" stands alone: what the data ask for.
-_Scattering = Literal["auto", "lambda_1", "lambda_2", "C_1", "C_2"]
+_Scattering = Literal[
+    "auto", "lambda_1", "lambda_2", "C_1", "C_2", "lambda_y_1", "lambda_y_2", "C_y_1", "C_y_2"
+]
 LOWEST, HIGHEST = (
     0.02,
     0.1,

@@ -26,7 +26,7 @@ import scipy
 from numpy.typing import ArrayLike, NDArray
 
 from fit.fitting.joint_model import JointModel, Prior, free_directions
-from fit.parameters import FLIGHT, Parameter
+from fit.parameters import Parameter, joint_parameter
 from fit.results import Estimate
 
 if TYPE_CHECKING:
@@ -57,11 +57,14 @@ class RandomEffect:
     scale: float
 
 
-DELAYS = {"lambda_1": "C_1", "lambda_2": "C_2"}  # C = lambda tau, by its gain
+# C = lambda tau, by its gain
+DELAYS = {"lambda_1": "C_1", "lambda_2": "C_2", "lambda_y_1": "C_y_1", "lambda_y_2": "C_y_2"}
 #: The scales are a choice: in flight lambda_2 scattered by 0.005, and C had sigmas of 0.02.
 RANDOM_EFFECTS = (
     RandomEffect("gain", ("lambda_1", "lambda_2"), 0.005),
     RandomEffect("delay", ("C_1", "C_2"), 0.02),
+    RandomEffect("gain along y", ("lambda_y_1", "lambda_y_2"), 0.005),
+    RandomEffect("delay along y", ("C_y_1", "C_y_2"), 0.02),
 )
 
 
@@ -117,7 +120,7 @@ def parameters(
     deviations: list[Parameter] = []
     widths: list[ScaleParameter] = []
     for effect in RANDOM_EFFECTS:
-        deviating = [FLIGHT[name] for name in effect.parameters if name in names]
+        deviating = [joint_parameter(name) for name in effect.parameters if name in names]
         if not deviating:
             continue
         members = range(start + len(deviations), start + len(deviations) + len(deviating) * len(experiments))
@@ -164,7 +167,9 @@ def deviation_map(
         columns[run_parameters.index(name), column] = 1.0
         delay = DELAYS.get(name, "")
         if delay in delays:
-            columns[run_parameters.index(delay), column] = FLIGHT[delay].value / FLIGHT[name].value
+            columns[run_parameters.index(delay), column] = (
+                joint_parameter(delay).value / joint_parameter(name).value
+            )
     return columns
 
 

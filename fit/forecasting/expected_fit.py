@@ -36,7 +36,7 @@ from fit.fitting import (
 )
 from fit.forecasting.expected_run import CompressedRun, compress
 from fit.forecasting.frequency_responses import frequencies, responses
-from fit.model import Delays, Equation, Sharing, dynamics
+from fit.model import Delays, Equation, Sharing
 from fit.parallel import one_blas_thread, parallel_map, progress_range
 from fit.parameters import Parameter
 from fit.results import Estimate, Fit
@@ -209,9 +209,7 @@ def _departing(settings: Settings, scatter: Mapping[str, float], N: int) -> dict
     if names == ["auto"]:
         names = [name for name, width in scatter.items() if width and N > MIN_EXPERIMENTS]
     inflation = np.sqrt((N - 1) / (N - 3)) if N > MIN_EXPERIMENTS else 1.0
-    return {
-        name: inflation * (scatter.get(name) or scales[name]) for name in dynamics.PARAMETERS if name in names
-    }
+    return {name: inflation * (scatter.get(name) or scales[name]) for name in scales if name in names}
 
 
 def document(expected: Fit, periods: Mapping[str, Fit]) -> dict[str, object]:

@@ -8,7 +8,7 @@ from fit.model.dynamics import Columns
 from fit.model.equation import Delays, Equation, Range, Spacecraft
 from fit.model.inertial_forces import BASELINE, separation
 from fit.model.run_channels import RunChannels, reduce_channels
-from fit.model.sharing import Sharing
+from fit.model.sharing import Sharing, run_values
 
 __all__ = [
     "BASELINE",
@@ -26,5 +26,6 @@ __all__ = [
     "inertial_forces",
     "reduce_channels",
     "rotation",
+    "run_values",
     "separation",
 ]

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fit.errors import InputError
-from fit.model import Equation, Spacecraft
+from fit.model import Equation, Spacecraft, run_values
 from fit.results import Results, sound_joint
 from fit.spectra import derivatives
 from fit.telemetry import Telemetry
@@ -101,7 +101,7 @@ class CalibratedTerms:
             raise InputError(f"{head.path}: {head.size} samples, expected more than {least}")
         names = (*joint.parameters, *joint.undetermined)
         nominal = {p.name: p.value for p in spacecraft.parameters(head, names)}
-        of_run = equation_terms(spacecraft, head, {**nominal, **joint.values})
+        of_run = equation_terms(spacecraft, head, run_values(head, {**nominal, **joint.values}))
         self.head, self.n_samples, self.fs = head, head.size, of_run[0].fs
         self._time, self._channels = of_run[0].time, dict[str, Array]()
         self.n_outputs, self.descriptions = self._time.size, dict[str, str]()

@@ -5,12 +5,13 @@ Both test masses share a width, relative to the flight values. The likelihood is
 """
 
 from collections.abc import Sequence
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fit.fitting import estimate_widths, random_effects
-from fit.parameters import FLIGHT
+from fit.parameters import joint_parameter
 from fit.statistics.consistency_test import ConsistencyTest
 
 Array = NDArray[np.float64]
@@ -20,10 +21,12 @@ Array = NDArray[np.float64]
 P_SCATTER = 1e-3
 SENSITIVITY = 1e-3  # inverse sigma, of itself and relative to the most sensitive run, from which a run counts
 FEWEST = 3  # runs that must be sensitive to a deviation
-GAIN, DELAY = (
-    next(kind for kind in random_effects.RANDOM_EFFECTS if kind.name == name) for name in ("gain", "delay")
+CANDIDATES = tuple(
+    candidate
+    for gain, delay in pairwise(random_effects.RANDOM_EFFECTS)
+    if {*gain.parameters} <= {*random_effects.DELAYS}
+    for candidate in ((gain,), (delay,), (gain, delay))
 )
-CANDIDATES = ((GAIN,), (DELAY,), (GAIN, DELAY))
 
 
 def scattering_parameters(names: Sequence[str]) -> list[str]:
@@ -37,7 +40,7 @@ def scattering_parameters(names: Sequence[str]) -> list[str]:
     names : sequence of str
         Parameters that have one value in all runs, and may scatter.
     """
-    effects = [effect for effect in (GAIN, DELAY) if {*effect.parameters} <= {*names}]
+    effects = [effect for effect in random_effects.RANDOM_EFFECTS if {*effect.parameters} <= {*names}]
     return [name for effect in effects for name in effect.parameters]
 
 
@@ -75,9 +78,9 @@ def _deviations(test: ConsistencyTest, kind: random_effects.RandomEffect) -> Arr
     columns = []
     for name in kind.parameters:
         for i, run in enumerate(test.runs):
-            column = run.derivative(name) * FLIGHT[name].value
+            column = run.derivative(name) * joint_parameter(name).value
             if name in random_effects.DELAYS:  # the delay stays
                 C = random_effects.DELAYS[name]
-                column = column + run.derivative(C) * FLIGHT[C].value
+                column = column + run.derivative(C) * joint_parameter(C).value
             columns.append(test.column(i, column))
     return np.hstack(columns)

@@ -221,3 +221,38 @@ def test_sigmas_hold_in_twenty_campaigns():
     drawn = np.array([pulls(fit.calibrate(campaign(seed)).joint) for seed in range(20)])
     assert np.abs(drawn.mean(axis=0)).max() < 3.5 / 20**0.5
     assert np.sqrt(np.mean(drawn**2)) == pytest.approx(1, abs=0.15)
+
+
+ALPHA = -28.0e3  # kg^-1 m^-2, of both test masses
+
+
+@lru_cache(maxsize=1)
+def swept():
+    """Three experiments whose stiffness along x follows the authority of the torques about z."""
+    runs = []
+    for seed, (name, N_max) in enumerate({"A": 10.4e-12, "B": 5e-12, "C": 1e-12}.items()):
+        truth = {f"omega2_x_{j}": WORLD.truth[f"omega2_x_{j}"] + ALPHA * N_max for j in (1, 2)}
+        world = replace(WORLD, truth={**WORLD.truth, **truth})
+        of_authority = lisa_loop.campaign(world, lisa_loop.sequence(1e-6), seed=seed, name=name)
+        runs += [replace(run, F_max_1=0.0, F_max_2=0.0, N_max_1=N_max, N_max_2=N_max) for run in of_authority]
+    return runs
+
+
+def test_stiffness_follows_the_authority():
+    results = fit.calibrate(swept())
+    joint = results.joint
+    assert not joint.unsound
+    truth = {f"omega2_x_{j}_0": WORLD.truth[f"omega2_x_{j}"] for j in (1, 2)}
+    truth |= {f"alpha_phi_{j}": ALPHA for j in (1, 2)} | WORLD.truth
+    assert {"alpha_phi_1", "alpha_phi_2"} < {*joint.parameters}
+    assert not {"alpha_x_1", "omega2_x_1"} & {*joint.parameters}
+    assert max(abs(e.value - truth[name]) / e.sigma for name, e in joint.parameters.items()) < 3.5
+    assert joint["alpha_phi_1"].sigma < 400
+    assert "omega2_x_1" in results.experiments["B"].parameters
+
+
+def test_gains_that_scatter_get_the_sigma_of_their_mean():
+    joint = fit.calibrate(swept(), scatter=["lambda_y_1", "lambda_y_2"]).joint
+    assert "random_effects" in {w.code for w in joint.warnings}
+    assert not joint.unsound
+    assert joint["lambda_y_1"].value == pytest.approx(WORLD.truth["lambda_y_1"], abs=3e-3)
