@@ -28,8 +28,16 @@ model Plant "Spacecraft, two optical assemblies, and a test mass in each"
   parameter Types.Time tau_2 = 0.1 "Transport delay of the electrostatic commands on test mass 2";
   parameter Types.Time tau_sc = 0.25 "Transport delay of the thrust commands";
   parameter Types.Time T_sc = 0.1 "Lag of the thrust";
-  parameter Types.Stiffness omega2_x_1 = -6e-7 "Stiffness of test mass 1 along x_1";
-  parameter Types.Stiffness omega2_x_2 = -5e-7 "Stiffness of test mass 2 along x_2";
+  parameter Types.Force F_max_1 = 0 "Authority of the force on test mass 1 along x_1";
+  parameter Types.Force F_max_2 = 0 "Authority of the force on test mass 2 along x_2";
+  parameter Types.Torque N_max_1 = 10.4e-12 "Authority of the torque on test mass 1 about z";
+  parameter Types.Torque N_max_2 = 10.4e-12 "Authority of the torque on test mass 2 about z";
+  parameter Types.Stiffness omega2_x_1_0 = -3.2e-7 "Background stiffness of test mass 1 along x_1";
+  parameter Types.Stiffness omega2_x_2_0 = -2.2e-7 "Background stiffness of test mass 2 along x_2";
+  parameter Types.StiffnessPerForce alpha_x_1 = -320 "Stiffness of test mass 1 along x_1 per force authority";
+  parameter Types.StiffnessPerForce alpha_x_2 = -320 "Stiffness of test mass 2 along x_2 per force authority";
+  parameter Types.StiffnessPerTorque alpha_phi_1 = -26.5e3 "Stiffness of test mass 1 along x_1 per torque authority";
+  parameter Types.StiffnessPerTorque alpha_phi_2 = -26.5e3 "Stiffness of test mass 2 along x_2 per torque authority";
   parameter Types.Stiffness omega2_y_1 = -1e-6 "Stiffness of test mass 1 along y_1";
   parameter Types.Stiffness omega2_y_2 = -1e-6 "Stiffness of test mass 2 along y_2";
   parameter Types.Stiffness omega2_xy_1 = 3e-8 "Cross stiffness of x_1 and y_1";
@@ -38,6 +46,15 @@ model Plant "Spacecraft, two optical assemblies, and a test mass in each"
   parameter Types.Stiffness omega2_theta = -1.5e-6 "Stiffness of each test mass about x";
   parameter Types.Stiffness omega2_eta = -1.5e-6 "Stiffness of each test mass about y";
   parameter Types.Stiffness omega2_phi = -1.5e-6 "Stiffness of each test mass about z";
+  parameter Types.Thrust F_solar_x = 0 "Pressure of sunlight on the spacecraft along x";
+  parameter Types.Thrust F_solar_y = 0 "Pressure of sunlight on the spacecraft along y";
+  parameter Types.Thrust F_solar_z = 0 "Pressure of sunlight on the spacecraft along z";
+  parameter Types.Acceleration gravity_x_1 = 0 "Gravity of the spacecraft at test mass 1 along x_1";
+  parameter Types.Acceleration gravity_y_1 = 0 "Gravity of the spacecraft at test mass 1 along y_1";
+  parameter Types.Acceleration gravity_z_1 = 0 "Gravity of the spacecraft at test mass 1 along z_1";
+  parameter Types.Acceleration gravity_x_2 = 0 "Gravity of the spacecraft at test mass 2 along x_2";
+  parameter Types.Acceleration gravity_y_2 = 0 "Gravity of the spacecraft at test mass 2 along y_2";
+  parameter Types.Acceleration gravity_z_2 = 0 "Gravity of the spacecraft at test mass 2 along z_2";
   Interfaces.ForceInput F_applied_x_1 "Force on test mass 1 along x_1, before its delay";
   Interfaces.ForceInput F_applied_y_1 "Force on test mass 1 along y_1, before its delay";
   Interfaces.ForceInput F_applied_z_1 "Force on test mass 1 along z_1, before its delay";
@@ -98,11 +115,13 @@ model Plant "Spacecraft, two optical assemblies, and a test mass in each"
   final parameter Types.Length p_1[3] = {p_x_1, p_y_1, p_z_1} "Location of the pivot of assembly 1";
   final parameter Types.Length p_2[3] = {p_x_2, p_y_2, p_z_2} "Location of the pivot of assembly 2";
   Assembly assembly_1(m_tm = m_tm, I_tm = I_tm, I_mosa = I_mosa, direction = half_opening + opening, p = p_1,
-    rho = {rho_x_1, rho_y_1, rho_z_1}, omega2 = {omega2_x_1, omega2_y_1, omega2_z}, omega2_xy = omega2_xy_1,
+    rho = {rho_x_1, rho_y_1, rho_z_1}, omega2_xy = omega2_xy_1,
+    omega2 = {omega2_x_1_0 + alpha_x_1*F_max_1 + alpha_phi_1*N_max_1, omega2_y_1, omega2_z},
     omega2_rot = {omega2_theta, omega2_eta, omega2_phi}, f_mosa = f_mosa, damping_mosa = damping_mosa)
       "Assembly 1 and its test mass";
   Assembly assembly_2(m_tm = m_tm, I_tm = I_tm, I_mosa = I_mosa, direction = -half_opening, p = p_2,
-    rho = {rho_x_2, rho_y_2, rho_z_2}, omega2 = {omega2_x_2, omega2_y_2, omega2_z}, omega2_xy = omega2_xy_2,
+    rho = {rho_x_2, rho_y_2, rho_z_2}, omega2_xy = omega2_xy_2,
+    omega2 = {omega2_x_2_0 + alpha_x_2*F_max_2 + alpha_phi_2*N_max_2, omega2_y_2, omega2_z},
     omega2_rot = {omega2_theta, omega2_eta, omega2_phi}, f_mosa = f_mosa, damping_mosa = damping_mosa)
       "Assembly 2 and its test mass";
   SixDof.Spacecraft spacecraft(m_sc = m_sc, I_sc = {I_xx_sc, I_yy_sc, I_zz_sc}, R_1 = p_1, R_2 = p_2) "The spacecraft";
@@ -114,14 +133,14 @@ equation
     delay(F_applied_z_1, tau_1)};
   assembly_1.N_applied = {delay(N_applied_theta_1, tau_1), delay(N_applied_eta_1, tau_1),
     delay(N_applied_phi_1, tau_1)};
-  assembly_1.g = {g_1, g_y_1, g_z_1};
+  assembly_1.g = {g_1 + gravity_x_1, g_y_1 + gravity_y_1, g_z_1 + gravity_z_1};
   assembly_1.gamma = {gamma_theta_1, gamma_eta_1, gamma_phi_1};
   assembly_1.command = mosa_control_1 + n_mosa_1;
   assembly_2.F_applied = {delay(F_applied_x_2, tau_2), delay(F_applied_y_2, tau_2),
     delay(F_applied_z_2, tau_2)};
   assembly_2.N_applied = {delay(N_applied_theta_2, tau_2), delay(N_applied_eta_2, tau_2),
     delay(N_applied_phi_2, tau_2)};
-  assembly_2.g = {g_2, g_y_2, g_z_2};
+  assembly_2.g = {g_2 + gravity_x_2, g_y_2 + gravity_y_2, g_z_2 + gravity_z_2};
   assembly_2.gamma = {gamma_theta_2, gamma_eta_2, gamma_phi_2};
   assembly_2.command = mosa_control_2 + n_mosa_2;
   connect(spacecraft.a_O, assembly_1.a_O);
@@ -132,7 +151,8 @@ equation
   connect(spacecraft.dOmega, assembly_2.dOmega);
   thruster.F = {F_x_sc, F_y_sc, F_z_sc};
   torqueThruster.F = {N_x_sc, N_y_sc, N_z_sc};
-  spacecraft.F_sc = thruster.F_thrust + {F_noise_x_sc, F_noise_y_sc, F_noise_z_sc};
+  spacecraft.F_sc = thruster.F_thrust + {F_noise_x_sc + F_solar_x, F_noise_y_sc + F_solar_y,
+    F_noise_z_sc + F_solar_z};
   spacecraft.N_sc = torqueThruster.F_thrust + {N_noise_x_sc, N_noise_y_sc, N_noise_z_sc};
   connect(assembly_1.r, spacecraft.s_1);
   connect(assembly_2.r, spacecraft.s_2);
@@ -158,9 +178,13 @@ not in the actuation: a force that switches between two samples cannot cross the
 <p>Sensitive axes, for small angles and with r_j = p_j + rho_j in axes of the spacecraft:</p>
 <pre>
   x_j'' = g_j - omega2_x_j*x_j - omega2_xy_j*y_j + F_applied_x_j/m_tm - u_j.(a_O + dOmega x r_j)
-  u_j   = (cos a_j, sin a_j, 0)                                                  a_1 = half_opening + opening, a_2 = -half_opening
+  u_j   = (cos a_j, sin a_j, 0)                        a_1 = half_opening + opening, a_2 = -half_opening
+  omega2_x_j = omega2_x_j_0 + alpha_x_j*F_max_j + alpha_phi_j*N_max_j
 </pre>
+<p>Voltages that are ready to pull F_max_j along x_j and turn by N_max_j about z add to the stiffness along x_j (eq.
+stiff_model of Phys. Rev. D 97, 122002). Sunlight and the gravity of the spacecraft are constant.</p>
 <p>Defaults: test masses as flown on LISA Pathfinder. Mass, inertia, geometry and mechanism are a choice, as are
-stiffness (of the order of LISA Pathfinder), delays and lag of the thrust (those of LISA Pathfinder).</p>
+stiffness (of the order of LISA Pathfinder; per authority what its electrodes were predicted to have), delays and lag of
+the thrust (those of LISA Pathfinder). No constant forces.</p>
 </html>"));
 end Plant;

@@ -6,6 +6,7 @@ fall-back one link is lost and test mass 2 is suspended along x_2.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 from math import cos, sin
 
@@ -28,6 +29,7 @@ _NOISE: dict[str, tuple[tuple[str, ...], float]] = {
     "test_mass": (("g_1", "g_2"), 0.4e-3),
     "lateral": (("g_y_1", "g_y_2", "g_z_1", "g_z_2"), 0.4e-3),
     "torque": (tuple(f"gamma_{k}" for k in _TEST_MASS_ANGLES), 0.2e-3),
+    "electrode": (("e_x_1", "e_y_1", "e_x_2", "e_y_2"), 1e-3),
 }
 
 
@@ -36,7 +38,14 @@ def truth(run: Run) -> dict[str, float]:
     p = MODEL.values(run)
     delays = {j: p[f"tau_{j}"] + run.h / 2 for j in _MASSES}
     forces = ("x_2", "y_1", "y_2", "z_1", "z_2")
-    return p | {f"C_{force}": p[f"lambda_{force}"] * delays[int(force[-1])] for force in forces}
+    p |= {f"C_{force}": p[f"lambda_{force}"] * delays[int(force[-1])] for force in forces}
+    return p | {f"omega2_x_{j}": _stiffness(run, p, j) for j in _MASSES}
+
+
+def _stiffness(run: Run, p: Mapping[str, float], j: int) -> float:
+    """Return the stiffness along x_j at the authority of a run [s^-2]."""
+    F_max, N_max = (getattr(run.authority, f"{kind}_max_{j}") for kind in "FN")
+    return float(p[f"omega2_x_{j}_0"] + p[f"alpha_x_{j}"] * F_max + p[f"alpha_phi_{j}"] * N_max)
 
 
 def attributes(run: Run) -> dict[str, str | float]:

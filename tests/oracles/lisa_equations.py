@@ -31,7 +31,13 @@ def equations(p):
     a = p["half_opening"] + p["opening"], -p["half_opening"]
     pivot, rho = (np.array([[p[f"{name}_{k}_{j}"] for k in AXES] for j in (1, 2)]) for name in ("p", "rho"))
     I_sc = np.array([p[f"I_{k}{k}_sc"] for k in AXES])
-    K = [np.diag([p[f"omega2_x_{j}"], p[f"omega2_y_{j}"], p["omega2_z"]]) for j in (1, 2)]
+    along_x = [
+        p[f"omega2_x_{j}_0"] + p[f"alpha_x_{j}"] * p[f"F_max_{j}"] + p[f"alpha_phi_{j}"] * p[f"N_max_{j}"]
+        for j in (1, 2)
+    ]
+    K = [np.diag([along_x[j - 1], p[f"omega2_y_{j}"], p["omega2_z"]]) for j in (1, 2)]
+    gravity = np.array([[p[f"gravity_{k}_{j}"] for k in AXES] for j in (1, 2)])
+    sunlight = np.array([p[f"F_solar_{k}"] for k in AXES])
     for j in (0, 1):
         K[j][0, 1] = K[j][1, 0] = p[f"omega2_xy_{j + 1}"]
     K_rot = np.array([p[f"omega2_{k}"] for k in ANGLES])
@@ -41,13 +47,13 @@ def equations(p):
         s, v, tilt, w = (y[6 * i : 6 * i + 6].reshape(2, 3) for i in range(4))
         Omega, yaw, dyaw, push = y[27:30], y[30:32], y[32:34], y[34:40] + noise
         ddyaw = w_m**2 * (yaw_command - yaw) - 2 * p["damping_mosa"] * w_m * dyaw
-        force, torque, R, M = [], [], [], []
+        force, torque, R, M, g = [], [], [], [], g + gravity
         for j in (0, 1):
             M.append(turn(a[j] + yaw[j]))
             R.append(pivot[j] + M[j] @ (rho[j] + s[j]))
             force.append(M[j] @ (p["m_tm"] * (g[j] - K[j] @ s[j]) + f[j]))
             torque.append(M[j] @ (p["I_tm"] * (gamma[j] - K_rot * tilt[j]) + nu[j]))
-        a_O = (push[:3] - force[0] - force[1]) / p["m_sc"]
+        a_O = (push[:3] + sunlight - force[0] - force[1]) / p["m_sc"]
         N = push[3:] - torque[0] - torque[1] - np.cross(R, force).sum(axis=0)
         dOmega = (N - p["I_mosa"] * ddyaw.sum() * Z - np.cross(Omega, I_sc * Omega)) / I_sc
         dv, dw = np.zeros((2, 3)), np.zeros((2, 3))
@@ -150,12 +156,14 @@ def command(laws, p, o, now):
     return np.array([*thrust, *torque]), np.array([yaw, -yaw]), F, N
 
 
-def applied(p, F, N):
+def applied(p, F, N, now):
     """Return the forces [N] and torques [N m] that the test masses receive after their delays."""
     gain = np.array([[p.get(f"lambda_{k}_{j}", 0.0) for k in AXES] for j in (1, 2)])
     received = gain * F
     for j in (0, 1):
         received[j, 0] += p[f"x_per_y_{j + 1}"] * F[j, 1] + p[f"x_per_phi_{j + 1}"] * N[j, 2]
+        pull = p[f"F_max_{j + 1}"] + p[f"N_max_{j + 1}"] / p["arm"]
+        received[j, :2] += now[f"e_x_{j + 1}"] * pull, now[f"e_y_{j + 1}"] * p["F_max_yz"]
     return received, p["lambda_N"] * N
 
 
@@ -203,7 +211,7 @@ def by_integration(p, driven, n):
         now = {name: values[k] for name, values in driven.items()}
         o = read_out(motion.states, p, now)
         thrust, yaws, F, N = command(laws, p, o, now)
-        motion.advance(*applied(p, F, N), thrust, yaws, now)
+        motion.advance(*applied(p, F, N, now), thrust, yaws, now)
         row = dict(zip([f"{kind}_{i}_sc" for kind in "FN" for i in AXES], thrust, strict=True))
         row |= {f"F_{i}_{j}": F[j - 1, m] for j in (1, 2) for m, i in enumerate(AXES) if (i, j) != ("x", 1)}
         row |= {f"N_{i}_{j}": N[j - 1, m] for j in (1, 2) for m, i in enumerate(ANGLES)}

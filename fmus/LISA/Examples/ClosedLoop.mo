@@ -16,7 +16,7 @@ model ClosedLoop "Drag-free, suspension, attitude and opening loops of one space
     "The suspension control" annotation (Placement(transformation(extent = {{-30,-10},{-10,10}})));
   PointingControl pointing(guidance_theta = 0, guidance_eta = 0, guidance_phi = 0, guidance_opening = 0)
     "The pointing control" annotation (Placement(transformation(extent = {{-30,-50},{-10,-30}})));
-  Actuation actuation
+  Actuation actuation(e_x_1 = 0, e_y_1 = 0, e_x_2 = 0, e_y_2 = 0)
     "The capacitive actuation" annotation (Placement(transformation(extent = {{10,-10},{30,10}})));
   Plant plant(n_mosa_1 = 0, n_mosa_2 = 0, F_noise_x_sc = 0, F_noise_y_sc = 0, F_noise_z_sc = 0, N_noise_x_sc = 0,
     N_noise_y_sc = 0, N_noise_z_sc = 0, g_1 = 0, g_y_1 = 0, g_z_1 = 0, gamma_theta_1 = 0, gamma_eta_1 = 0,

@@ -15,7 +15,8 @@ SHARED = {
 ALONG_X = {
     **SHARED,
     "half_opening": 0.0, "p_x_1": -D / 2, "p_x_2": D / 2, "p_y_1": 0.0, "p_y_2": 0.0,
-    "omega2_x_1": -4e-4, "omega2_x_2": -5e-4, "omega2_y_1": -8e-4, "omega2_y_2": -8e-4,
+    "omega2_x_1_0": -4e-4, "omega2_x_2_0": -5e-4, "alpha_phi_1": 0.0, "alpha_phi_2": 0.0,
+    "omega2_y_1": -8e-4, "omega2_y_2": -8e-4,
     "omega2_xy_1": 0.0, "omega2_xy_2": 0.0,
 }  # fmt: skip
 PATHFINDER = {
@@ -29,9 +30,12 @@ SKEW = {
     "I_mosa": 21.0, "half_opening": 0.6, "p_x_1": 0.12, "p_y_1": 0.27, "p_z_1": 0.03, "p_x_2": 0.08,
     "p_y_2": -0.22, "p_z_2": -0.05, "rho_x_1": 0.04, "rho_y_1": -0.02, "rho_z_1": 0.01, "rho_x_2": -0.03,
     "rho_y_2": 0.05, "rho_z_2": 0.02, "f_mosa": 0.7, "damping_mosa": 0.5, "tau_1": 0.13, "tau_2": 0.08,
-    "tau_sc": 0.234, "T_sc": 0.15, "omega2_x_1": -2e-2, "omega2_x_2": 1e-2, "omega2_y_1": -3e-2,
+    "tau_sc": 0.234, "T_sc": 0.15, "omega2_x_1_0": -2e-2, "omega2_x_2_0": 1e-2, "omega2_y_1": -3e-2,
     "omega2_y_2": 4e-2, "omega2_xy_1": 2e-2, "omega2_xy_2": -1e-2, "omega2_z": -5e-2,
     "omega2_theta": -1e-2, "omega2_eta": 2e-2, "omega2_phi": 3e-2, "opening": 0.04,
+    "alpha_x_1": -1e6, "alpha_x_2": 2e6, "alpha_phi_1": 3e9, "alpha_phi_2": -2e9, "F_solar_x": 1e-9,
+    "F_solar_y": -2e-9, "F_solar_z": 3e-9, "gravity_x_1": 1e-13, "gravity_y_1": -2e-13, "gravity_z_1": 3e-13,
+    "gravity_x_2": -1e-13, "gravity_y_2": 2e-13, "gravity_z_2": -3e-13,
 }  # fmt: skip
 #: Inputs that both plants have, but for the name of those along x.
 MOVING = [
