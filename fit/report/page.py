@@ -4,6 +4,7 @@ import base64
 import hashlib
 import json
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from datetime import UTC, datetime
 from functools import cache
@@ -18,7 +19,7 @@ from fit.figures import COLOURS
 from fit.files import atomic, documents
 from fit.forecasting import expected_fit
 from fit.parallel import one_blas_thread, parallel_map, progress_stage
-from fit.parameters import LISA, joint_names, joint_parameter
+from fit.parameters import joint_parameter
 from fit.report import (
     charts,
     experiments,
@@ -68,7 +69,7 @@ def write_report(directory: Path, results: Results, telemetries: Sequence[Teleme
     """
     joint, spacecraft = results.joint, spacecraft_of_results(results, telemetries)
     digest = _entry("campaign_digest", results, telemetries)
-    joint_table = joint and _joint_table(joint, telemetries, _forecast(directory, digest))
+    joint_table = joint and _joint_table(joint, _forecast(directory, digest))
     progress_stage(0.3 if results.inertial else 0.8)
     ratio, single_sections, sections = _sections(results, telemetries)
     single_sections = _rendered(single_sections)
@@ -103,14 +104,13 @@ def write_report(directory: Path, results: Results, telemetries: Sequence[Teleme
     return path
 
 
-def _joint_table(
-    joint: Fit, telemetries: Sequence[Telemetry], expected: Mapping[str, float]
-) -> ParameterTable:
+def _joint_table(joint: Fit, expected: Mapping[str, float]) -> ParameterTable:
     """Return the table of the joint fit, with the expected sigmas by parameter."""
-    epochs = [t.alignment_epoch for t in telemetries if t.kind == "sysid"]
-    known = (*joint_names(epochs), *LISA)
-    names = [name for name in known if name in joint.parameters or name in joint.undetermined]
-    return parameter_table(joint, list(map(joint_parameter, names)), expected)
+    known = []
+    for name in (*joint.parameters, *joint.undetermined):
+        with suppress(KeyError):  # of another version
+            known.append(joint_parameter(name))
+    return parameter_table(joint, known, expected)
 
 
 def _sections(
