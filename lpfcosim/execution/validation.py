@@ -129,8 +129,10 @@ def check_equation(plan: Campaign, quantity: str, *equations: str) -> None:
     """
     spacecraft = model_of(plan.runs[0])
     if spacecraft.equation not in equations if equations else not spacecraft.equation:
-        advice = "" if spacecraft.equation else "; lpfcosim.simulate writes their telemetry"
-        raise UnavailableError(f"spacecraft: {quantity} not available for runs {spacecraft.name}{advice}")
+        others = "check and fit take them" if spacecraft.equation else "simulate writes their telemetry"
+        raise UnavailableError(
+            f'spacecraft = "{spacecraft.key}": {quantity} not available for runs {spacecraft.name}; {others}'
+        )
 
 
 def _check_durations(plan: Campaign) -> None:

@@ -56,12 +56,6 @@ def test_digest_is_of_the_content_not_of_its_spelling(file):
     assert len(digest) == 64
 
 
-def test_toml_dates_and_byte_order_marks_are_fine(file):
-    text = TWO_EXPERIMENTS.replace('"2016-04-16T08:00:00Z"', "2016-04-16T08:00:00+00:00")
-    file.write_bytes(b"\xef\xbb\xbf" + text.encode())
-    assert loading.load(file).t0 == datetime(2016, 4, 16, 8, tzinfo=UTC)
-
-
 def test_a_campaign_adds_to_the_one_it_extends(file):
     more = file.parent / "more.toml"
     more.write_text(
@@ -73,20 +67,6 @@ def test_a_campaign_adds_to_the_one_it_extends(file):
     assert (c.name, c.truth) == ("more", base.truth | {"lambda_1": 1.08})
     assert c.runs[0].noise == base.runs[0].noise | {"plateau": 4e-15}
     assert [r.name for r in c.runs] == [r.name for r in base.runs]
-
-
-@pytest.mark.parametrize(
-    ("text", "told"),
-    [
-        ('extends = "more.toml"', 'extends: "more.toml" extends this file in turn'),
-        ('extends = "nowhere.toml"', "no such file"),
-        ("extends = 1", "extends: "),
-    ],
-)
-def test_what_cannot_be_extended_is_told(file, refusal, text, told):
-    more = file.parent / "more.toml"
-    more.write_text(text, encoding="utf-8")
-    assert told in refusal(more)
 
 
 def test_an_experiment_may_have_a_start_of_its_own(file):

@@ -59,18 +59,6 @@ def test_tail_scatters_from_experiment_to_experiment(events_of):
     assert 0.05 < np.std(np.log(factors[::2])) < 0.6
 
 
-BAD = [
-    ('glitch_longest = "2 s"', "events.glitch_longest: 2 s is below glitch_shortest, 5 s"),
-    ("gaps_per_day = 20.0", "events.gaps_per_day: 20 gaps of 60 s a day take 1.4 % of a run, expected"),
-    (HISTORY.replace("04-17", "04-15"), "events.plateau: expected dates that grow from entry to entry"),
-]  # fmt: skip
-
-
-@pytest.mark.parametrize(("text", "sentence"), BAD)
-def test_bad_events_are_one_sentence_with_their_place(events_of, refusal, text, sentence):
-    assert refusal(events_of(text)).startswith(sentence)
-
-
 @pytest.mark.parametrize("rate", [1, 10])
 def test_telemetry_has_gaps_and_the_truth_of_its_glitches(tmp_path, rate):
     path = tmp_path / "short.toml"

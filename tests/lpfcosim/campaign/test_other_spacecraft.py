@@ -1,7 +1,5 @@
 """Campaign files of a spacecraft other than LISA Pathfinder: its keys are those that its model declares."""
 
-from dataclasses import replace
-
 import pytest
 
 from lpfcosim import check, design, forecast, identify, montecarlo, run
@@ -9,7 +7,6 @@ from lpfcosim.campaign import loading
 from lpfcosim.cli.new import json_schema
 from lpfcosim.errors import InputError, UnavailableError
 from lpfcosim.execution import telemetry_file
-from lpfcosim.linear import ClosedLoop, stability
 from lpfcosim.models import SpacecraftModel, model_of, one_axis, register, spacecraft_model
 from tests import ROOT
 
@@ -96,13 +93,6 @@ def test_truth_is_that_of_the_models_with_their_defaults(campaign):
     assert truth["m_sc"] == 500.0
     assert truth["omega2_2_0"] == -4.19e-7
     assert "f_u" not in truth
-
-
-def test_run_is_simulated(campaign):
-    sysid = campaign(TEXT).runs[1]
-    stability.check(sysid)
-    channels = ClosedLoop(replace(sysid, n_samples=600)).simulate()
-    assert channels.keys() >= {"o_1", "o_12", "f_applied_1", "f_control_2", "guidance_o_1"}
 
 
 def test_fit_without_its_equation_of_motion_is_not_available(campaign):

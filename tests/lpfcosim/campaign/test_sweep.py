@@ -42,21 +42,6 @@ def test_lists_go_together_entry_by_entry(swept):
     assert "sweep" not in plan.tables
 
 
-BAD = [  # the table, and what the sentence then says
-    ("", "sweep: expected lists of authorities of one length"),
-    ('F_max_2 = ["50 pN"]', "sweep: expected lists of authorities of one length"),
-    ('F_max_2 = ["50 pN", "1 nN"]\nN_max_2 = ["1 pN m", "2 pN m", "3 pN m"]', "sweep: expected lists of"),
-    ('F_max_2 = ["50 pN", "1 nm"]', 'authority.F_max_2-1nm.F_max_2: "1 nm" has another unit'),
-    ('F_max_2 = ["50 pN", "50 pN"]', 'experiments[1].name: there would be two runs named "sweep-1'),
-    ('duration = ["6 h", "3 h"]', "authority.duration-6h: unknown key"),
-]  # fmt: skip
-
-
-@pytest.mark.parametrize(("text", "sentence"), BAD[:4])
-def test_bad_sweeps_are_one_sentence_with_their_place(swept, refusal, text, sentence):
-    assert refusal(swept(text)).startswith(sentence)
-
-
 def test_defaults_say_once_what_experiments_have_in_common(tmp_path):
     text = QUICKSTART.read_text(encoding="utf-8")
     keys = 'duration = "6 h"\nnoise_duration = "6 h"\n'

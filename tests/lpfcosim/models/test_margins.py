@@ -38,12 +38,6 @@ def test_margins_are_those_of_the_design(make_run):
         assert m.gain_margin == pytest.approx(gain, abs=1), m
 
 
-def test_every_margin_is_left_with_the_gains_of_flight(run):
-    for m in margins.margins(run):
-        assert m.phase_margin > 43, m
-        assert m.gain_margin > 12, m
-
-
 def test_gain_beyond_its_margin_is_unstable(run):
     """The margin of the weakest loop, attitude, against the poles."""
     margin = {m.loop: m.gain_margin for m in margins.margins(run)}["attitude_phi"]
@@ -128,21 +122,3 @@ def test_torques_show_the_rotation(run):
     s = 2j * np.pi * f
     applied = delayed - (W_ANGLE + s**2) * from_tracker["phi_1"]
     np.testing.assert_allclose(applied, s * from_tracker["Omega_phi"], rtol=1e-5)
-
-
-def test_a_loop_without_unity_gain_has_no_margins(make_run):
-    quiet = {"AttitudeControl": {"f_u": 1e-9, "f_z": 0.3e-9, "f_p": 6e-9}}
-    result = {m.loop: m for m in margins.margins(make_run(spacecraft="lpf", control=quiet))}
-    assert np.isnan(result["attitude_phi"].unity_gain)
-    assert result["attitude_phi"].gain_margin == np.inf
-    assert result["drag_free_phi"].phase_margin == pytest.approx(56, abs=1)
-
-
-def test_margins_along_x_are_those_of_the_whole_spacecraft(make_run):
-    alone = margins.margins(make_run())
-    together = {m.loop: m for m in margins.margins(make_run(spacecraft="lpf"))}
-    for margin in alone:
-        other = together[margin.loop]
-        assert margin.unity_gain == pytest.approx(other.unity_gain, rel=1e-9)
-        assert margin.phase_margin == pytest.approx(other.phase_margin, rel=1e-9)
-        assert margin.gain_margin == pytest.approx(other.gain_margin, rel=1e-9)
