@@ -2,7 +2,7 @@
 
 import hashlib
 import json
-from collections.abc import Mapping
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import asdict, field, fields, is_dataclass
 from datetime import UTC, datetime, timedelta
 from functools import cached_property
@@ -226,6 +226,13 @@ class Campaign(Record):
 
     @model_validator(mode="after")
     def _check(self) -> Self:
+        if self.spacecraft not in registered():
+            match = closest_match(self.spacecraft, registered())
+            raise InputError(f"spacecraft: no spacecraft {quote(self.spacecraft)}{match}")
+        for place, table, keys in self._declared_tables():  # of a campaign that was changed in Python
+            for key in table:
+                if key not in keys:
+                    raise InputError(f"{place}.{key}: unknown key{closest_match(key, keys)}")
         owners: dict[str, str] = {}
         for i, experiment in enumerate(self.experiments):
             if fault := self._fault(i, experiment, owners):
@@ -240,6 +247,19 @@ class Campaign(Record):
         for run in self.runs:
             self.model.check(run)
         return self
+
+    def _declared_tables(self) -> Iterator[tuple[str, Collection[str], Collection[str]]]:
+        """Yield the tables with keys that the spacecraft declares: place, keys, and known keys."""
+        model = self.model
+        yield "truth", self.truth, model.truth_keys
+        yield "noise", self.noise, model.noise_keys
+        yield "control", self.control, model.control_keys
+        for name, law in self.control.items():
+            yield f"control.{name}", law, model.control_keys[name]
+        for k, values in self.inertial_period.items():
+            yield f"inertial_period.{k}", values, model.truth_keys
+        for i, experiment in enumerate(self.experiments):
+            yield f"experiments[{i}].noise", experiment.noise, model.noise_keys
 
     def _fault(self, i: int, experiment: Experiment, owners: dict[str, str]) -> str:
         """Return what of experiment i does not go together with the rest; `owners` are those of run names."""

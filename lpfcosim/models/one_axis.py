@@ -18,7 +18,7 @@ from lpfcosim.models.spacecraft_model import (
     model_of,
 )
 from lpfcosim.signals import Source, flicker, red, white
-from lpfcosim.spacecraft import LONGEST_DELAY, Run, stiffness
+from lpfcosim.spacecraft import LONGEST_DELAY, Run
 
 TAIL_LEVEL, TAIL_FREQUENCY = 60e-15, 20e-6  # m s^-2 Hz^-0.5 at Hz
 JITTER_FREQUENCY, JITTER_CORNER = 1e-3, 0.1e-3  # Hz; flat below the corner (choice)
@@ -57,8 +57,8 @@ def stiffnesses(run: Run, values: Values) -> tuple[float, float]:
     """Return the stiffness of both test masses along x under the authority of a run [s^-2], Eq. (8)."""
     a, v = run.authority, values
     return (
-        stiffness(v["omega2_1_0"], v["alpha_x_1"], a.F_max_1, v["alpha_phi_1"], a.N_max_1),
-        stiffness(v["omega2_2_0"], v["alpha_x_2"], a.F_max_2, v["alpha_phi_2"], a.N_max_2),
+        v["omega2_1_0"] + v["alpha_x_1"] * a.F_max_1 + v["alpha_phi_1"] * a.N_max_1,
+        v["omega2_2_0"] + v["alpha_x_2"] * a.F_max_2 + v["alpha_phi_2"] * a.N_max_2,
     )
 
 
@@ -161,7 +161,7 @@ KEYS = {
     "C_2": Key("s", 0.186),
     "lambda_scatter": Key("", 0.0, smallest=0.0),
     **{f"delta_ifo_{k}": Key("", value) for k, value in enumerate((-2.2e-5, -1.40e-5, -2.09e-5, 1.91e-5), 1)},
-    **{f"delta_ifo_{k}": Key("") for k in range(5, 10)},
+    **{f"delta_ifo_{k}": Key("") for k in range(5, 13)},
 }
 #: Parameters of `Controllers.LeadIntegrator`.
 LAW = ("f_u", "f_z", "f_i", "f_p", "f_r")

@@ -352,7 +352,8 @@ class SpacecraftModel:
         of_models = self.model_parameters(run)
         parameters: dict[str, dict[str, float]] = {}
         for model in self.models:
-            values = {**shared, **run.control.get(model, {}), **of_models.get(model, {})}
+            law = {**self.control.get(model, {}), **run.control.get(model, {})}
+            values = {**shared, **law, **of_models.get(model, {})}
             parameters[model] = {
                 name: value
                 for name in numpy_models.load(model).PARAMETERS

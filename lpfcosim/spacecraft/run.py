@@ -134,8 +134,3 @@ class Run:
     def without_noise(self, *names: str) -> Self:
         """Return it without some levels of noise."""
         return replace(self, noise={n: level for n, level in self.noise.items() if n not in names})
-
-
-def stiffness(background: float, alpha_x: float, F_max: float, alpha_phi: float, N_max: float) -> float:
-    """Give the stiffness of a test mass under its authority [s^-2], Eq. (8)."""
-    return background + alpha_x * F_max + alpha_phi * N_max

@@ -44,9 +44,9 @@ def test_faults_in_the_midst_of_runs_among_sound_ones(fmus, plan, tmp_path):
     step = after(150.0, by_value(reference, [*FAULTS.values(), ""]))
     mixed = replace(
         plan,
-        truth=plan.truth | {f"delta_ifo_{k}": k * 1e-9 for k in range(len(kinds))},
+        truth=plan.truth | {f"delta_ifo_{k + 1}": k * 1e-9 for k in range(len(kinds))},
         experiments=tuple(
-            replace(plan.experiments[0], name=kind, alignment_epoch=k, noise_duration=0.0)
+            replace(plan.experiments[0], name=kind, alignment_epoch=k + 1, noise_duration=0.0)
             for k, kind in enumerate(kinds)
         ),
     )
