@@ -93,14 +93,6 @@ def test_an_experiment_of_a_wrong_epoch_alone_is_left_out():
         assert is_right or any(f.kind.unsound for f in apply("agreement", fit) if not f.run), wrong.name
 
 
-def test_a_fit_without_more_than_a_third_of_the_experiments_is_not_sound():
-    runs = replace_runs("A", channel("f_x_2", lambda f: 1.02 * f))(campaign())
-    runs = replace_runs("C", channel("f_x_2", lambda f: 1.05 * f))(runs)
-    results = calibrate(runs)
-    assert results.provenance.joint_runs == ["B-sysid", "D-sysid", "E-sysid"]
-    assert {w.code for w in results.joint.unsound} == {"too_many_exclusions"}
-
-
 def test_commands_late_in_every_run_leave_out_none():
     results = calibrate([channel("f_x_2", lambda f: np.roll(f, 5))(run) for run in campaign()])
     (warning,) = results.joint.unsound

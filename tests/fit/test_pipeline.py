@@ -79,13 +79,6 @@ def test_order_of_the_files_does_not_matter():
         assert back.parameters[name].sigma == pytest.approx(estimate.sigma, rel=1e-3)
 
 
-def test_epoch_unknown_to_the_flight():
-    runs = [replace(run, alignment_epoch=7) for run in campaign_of(World(), (("A", 1), ("C", 1)))]
-    joint = calibrate(runs).joint
-    estimate = joint.parameters["delta_ifo_7"]
-    assert abs(estimate.value - World().delta_ifo_1) < 4.5 * estimate.sigma
-
-
 @pytest.mark.parametrize(
     ("sets", "together", "reason"),
     [
@@ -135,12 +128,6 @@ def test_short_runs_take_part_only_when_asked():
     assert with_short.provenance.joint_runs == ["A-sysid", "B-sysid", "C-sysid", "D-sysid"]
     assert not any(w.code == "short_run" for w in with_short.joint.warnings)
     assert with_short.joint.parameters["lambda_2"].sigma < without_short.joint.parameters["lambda_2"].sigma
-
-
-def test_nothing_but_short_runs():
-    results = calibrate(pair(World(), duration=7200.0))
-    assert results.joint is None
-    assert any(w.code == "short_run" for w in results.experiments["A"].warnings)
 
 
 def mismatched(**changes):

@@ -20,7 +20,7 @@ from tests.fit.recorded import recorded
 from tests.fit.test_pipeline import OFF
 from tests.oracles import glitches as flown
 from tests.oracles import thirteen
-from tests.oracles.synthetic import World, pair, telemetry, without
+from tests.oracles.synthetic import World, pair, without
 from tests.reference_run import Pulse, simulate_reference
 
 pytestmark = pytest.mark.slow
@@ -56,10 +56,6 @@ def draw(seed, n, duration=21600.0):
         )
         for _ in range(n)
     ]
-
-
-def window_weight(run):
-    return float(np.mean(run.spectra((0.1, 0.1)).window ** 2))
 
 
 # --- nothing where there is nothing ---------------------------------------------------------------------
@@ -119,63 +115,6 @@ def estimate(outcome):
     return theta[~outcome.undetermined], sigma[~outcome.undetermined]
 
 
-def test_twenty_glitches_in_a_campaign_move_nothing(simulated):
-    names, drawn = ("A", "A-noise", "B", "B-noise"), draw(7, 20)
-    pulses = {name: drawn[i::4] for i, name in enumerate(names)}
-    clean = {name: simulated(name) for name in names}
-    struck = {name: simulated(name, *pulses[name]) for name in names}
-
-    def experiments(telemetry):
-        return [experiment((telemetry[name], telemetry[f"{name}-noise"])) for name in "AB"]
-
-    before, glitchy = experiments(clean), experiments(struck)
-    after = [search(e)[0] for e in glitchy]
-
-    strong = [(name, p) for name, found in pulses.items() for p in found if abs(p.amplitude) > 40 * RMS]
-    of_run = {run.telemetry.run: run.masks for e in after for run in both(e)}
-    for name, pulse in strong:
-        middle = pulse.start + pulse.duration / 2
-        assert any(begin - 5 <= middle <= end + 5 for begin, end in of_run[name])
-    assert sum(map(len, of_run.values())) <= 20
-
-    lost = 1 - np.mean([window_weight(r) for e in after for r in both(e)]) / np.mean(
-        [window_weight(r) for e in before for r in both(e)]
-    )
-    assert lost < 0.06
-
-    def joint(found):
-        return estimate(fit_joint(found, settings()))
-
-    theta, sigma = joint(before)
-    assert np.max(np.abs(joint(glitchy)[0] - theta) / sigma) > 5  # something was at stake
-    assert np.all(np.abs(joint(after)[0] - theta) < sigma)
-    assert np.mean(joint(after)[1] / sigma) < 1.1
-
-    for e, masked in zip(before, after, strict=True):
-        theta, sigma = estimate(fit_experiment(e))
-        assert np.all(np.abs(estimate(fit_experiment(masked))[0] - theta) < sigma)
-
-
-def test_at_the_edges_and_beside_gaps(simulated):
-    pulses = (
-        Pulse("g_2", 2e-12, 60.0, 20.0),
-        Pulse("g_2", -2e-12, 7920.0, 60.0),
-        Pulse("g_1", 2e-12, 15000.0, 30.0),
-        Pulse("g_1", 1e-11, 21580.0, 19.0),
-    )
-    gaps = ((80050, 80350), (150400, 150700))  # at 10 Hz: behind one glitch, within another
-    clean = experiment([simulated("A"), simulated("A-noise")])
-    sysid = without(simulated("A", *pulses), *gaps)
-    after, (warning,) = search(experiment([sysid, clean.noise.telemetry]))
-    found = after.sysid.masks
-    assert any(begin < 7950 < end for begin, end in found)
-    assert any(begin < 15015 < end for begin, end in found)
-    assert after.sysid.n_masked == 600 + round(sum(10 * (end - begin) for begin, end in found))
-    assert f"{len(found)} glitches masked" in warning.message
-    theta, sigma = estimate(fit_experiment(clean))
-    assert np.all(np.abs(estimate(fit_experiment(after))[0] - theta) < sigma)
-
-
 @pytest.mark.stat
 def test_glitches_of_seconds_to_hours_leave_the_joint_estimates():
     # left in they move an estimate by 2.8 sigma; the seed is fixed: it passes or fails for good
@@ -200,7 +139,7 @@ def test_too_much_is_told_and_left(simulated):
     after, (warning,) = search(before)
     assert after.sysid.masks == ()
     assert after.sysid.n_masked == 0
-    assert warning.code == glitches.TOO_MANY
+    assert warning.code == "too_many_glitches"
     assert "nothing is masked" in warning.message
 
 
@@ -268,14 +207,6 @@ def test_injected_cells_are_those_of_the_strongest_tones():
     struck = replace(run.telemetry, channels=dict(run.telemetry.channels))
     struck.channels["o_12"] = run.telemetry.channels["o_12"] + 1e-11 * (run.telemetry.time > 15000)
     np.testing.assert_array_equal(injections.injected_cells(Run(struck), (0.15, 0.18)), cells)
-
-
-def test_the_last_cells_of_a_long_run_may_lie_beyond_its_transform():
-    run = Run(telemetry(World(), "A", "sysid", duration=64_520.0, fs=1.0))
-    cells = injections.injected_cells(run, (0.15, 0.18))
-    assert cells.size == injections.n_cells(run)
-    assert run.spectra((0.15, 0.18)).window.size <= (cells.size - 1) * injections.CELL
-    assert not cells[-1]
 
 
 @pytest.mark.long

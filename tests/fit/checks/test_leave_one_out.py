@@ -7,7 +7,7 @@ import pytest
 from matplotlib.figure import Figure
 
 import fit
-from fit.fitting import JointModel, SolvedModel
+from fit.fitting import JointModel
 from tests.oracles.synthetic import World, pair
 
 
@@ -50,18 +50,6 @@ def test_a_shift_is_in_units_of_the_noise_of_its_difference(results):
     assert row["shift"] == pytest.approx(first / np.sqrt(variance), rel=1e-3)
     nested = np.sqrt(row["sigma"] ** 2 - results.joint["lambda_2"].sigma ** 2)
     assert np.sqrt(variance) == pytest.approx(nested, rel=0.1)  # the difference of nested estimates
-
-
-def test_an_experiment_without_which_there_is_no_solution_has_no_row(results, monkeypatch):
-    solve = SolvedModel.exclude
-
-    def exclude(model, *runs):
-        if "C" in runs:
-            raise fit.FitError("no solution")
-        return solve(model, *runs)
-
-    monkeypatch.setattr(SolvedModel, "exclude", exclude)
-    assert set(fit.leave_one_out(results).index.get_level_values("without")) == {"A", "B"}
 
 
 def test_results_of_a_file_have_no_model(results, tmp_path):

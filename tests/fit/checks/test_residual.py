@@ -5,10 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fit.checks import as_fit
 from fit.fitting.experiment_and_joint_fit import fit_experiment
-from fit.results import Results, load, write
-from fit.results.provenance import Provenance
 from fit.spectra import windowing
 from fit.spectra.noise_psd import fit_noise
 from fit.statistics.variance import WhitenedResidual, diagnose, diagnostics
@@ -96,14 +93,3 @@ def test_a_run_without_noise_run():
     found = diagnose(experiment, fit_experiment(experiment))
     assert found.chi2_red == pytest.approx(1, abs=0.01)
     assert found.chi2_red_sigma == pytest.approx(0, abs=1e-6)
-
-
-def test_diagnostics_survive_the_file(tmp_path):
-    experiment, found = outcome(pair(World(), seed=9, duration=7200.0))
-    fit = replace(as_fit(found, [experiment]), diagnostics=diagnose(experiment, found))
-    results = Results(None, {"A": fit, "bare": replace(fit, diagnostics=None)}, {}, {}, Provenance())
-    write(results, tmp_path / "results.json")
-    back = load(tmp_path / "results.json")
-    assert back.experiments["A"].diagnostics == fit.diagnostics
-    assert back.experiments["bare"].diagnostics is None
-    assert '"diagnostics": null' not in (tmp_path / "results.json").read_text()
