@@ -127,6 +127,8 @@ class Spacecraft(ABC):
         Channels of the read-outs, the quietest first.
     commands : tuple of str
         Channels of the commanded forces.
+    needed, attitude : tuple of str
+        Channels that a fit reads where they are recorded, and those of long noise runs alone.
     delays : tuple of float
         Nominal delays of the commands on test masses 1 and 2 [s].
     forces : tuple of slice
@@ -162,6 +164,8 @@ class Spacecraft(ABC):
     delays: Delays
     forces: tuple[slice, slice]
     shortest: float
+    needed: tuple[str, ...] = ()
+    attitude: tuple[str, ...] = ()
     levels: Mapping[str, float] = field(default_factory=dict)
     alike: tuple[tuple[str, str], ...] = ()
     ranges: Mapping[str, Range] = field(default_factory=dict)

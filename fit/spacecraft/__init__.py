@@ -61,7 +61,6 @@ __all__ = [
     "Terms",
     "check_same",
     "equation_terms",
-    "lisa",
     "saturation",
     "spacecraft_of",
     "spacecraft_of_results",

@@ -364,6 +364,7 @@ LISA = Lisa(
     name="LISA",
     read_outs=("o_1", "o_2", "grs_y_1", "grs_y_2"),
     commands=_COMMANDS,
+    needed=CHANNELS,
     delays=(0.15, 0.15),
     forces=(slice(8, 12), slice(12, 16)),
     shortest=SHORTEST,

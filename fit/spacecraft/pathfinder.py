@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from fit.model import Columns, Equation, RunChannels, Spacecraft, dynamics
+from fit.model import Columns, Equation, RunChannels, Spacecraft, dynamics, rotation
 from fit.parameters import DELAYS, Parameter, cross_talk_parameter, experiment_parameters
 from fit.telemetry import Telemetry
 
@@ -115,6 +115,8 @@ PATHFINDER = Pathfinder(
     name="LISA Pathfinder",
     read_outs=("o_12", "o_1"),
     commands=("f_x_1", "f_x_2"),
+    needed=(*dynamics.CHANNELS, *(name for parts in dynamics.MEANS.values() for name in parts)),
+    attitude=tuple(f"ast_{axis}" for axis in rotation.AXES),
     delays=DELAYS,
     forces=dynamics.FORCES,
     levels={"o_1": 1.5e-10, "o_12": 6e-15},  # in flight

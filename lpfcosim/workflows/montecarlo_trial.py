@@ -11,20 +11,19 @@ import numpy as np
 from fit.crosstalk import euler_fit
 from fit.errors import CalibrationError
 from fit.forecasting import coverage
-from fit.model import dynamics, rotation
 from fit.parallel import one_blas_thread, serial
 from fit.pipeline import calibrate
 from fit.results import Results
 from fit.settings import Settings
-from fit.spacecraft import lisa
+from fit.spacecraft import spacecraft_of
 from fit.telemetry import Telemetry, read_all
 from lpfcosim.campaign import Campaign, montecarlo
 from lpfcosim.cosim import FmuLibraryCache, SimulationProgress
 from lpfcosim.errors import RunError
 from lpfcosim.execution import runner, telemetry_file
 from lpfcosim.linear import ClosedLoop, spectral_simulation, stability
-from lpfcosim.models import DELTA_G, model_of
-from lpfcosim.planned_experiments import LISA, telemetry_of
+from lpfcosim.models import model_of
+from lpfcosim.planned_experiments import telemetry_of
 from lpfcosim.signals import generator
 from lpfcosim.spacecraft import Run
 
@@ -143,12 +142,8 @@ class MonteCarloTask:
 
 def channels_of_fit(run: Run) -> list[str]:
     """Return the recorded channels that a fit reads; the star tracker only in long noise runs."""
-    if model_of(run).equation == LISA:
-        return [name for name in lisa.CHANNELS if name in model_of(run).record]
-    if model_of(run).equation != DELTA_G:
-        return list(model_of(run).record)
-    means = (name for parts in dynamics.MEANS.values() for name in parts)
-    inertial = run.kind == "noise" and run.n_samples / run.fs >= euler_fit.MIN_DURATION
-    stars = [f"ast_{axis}" for axis in rotation.AXES] if inertial else []
     record = model_of(run).record
-    return [*dynamics.CHANNELS, *(name for name in (*means, *stars) if name in record)]
+    spacecraft = spacecraft_of(telemetry_of(run, dict.fromkeys(record, np.zeros(1))))
+    is_inertial = run.kind == "noise" and run.n_samples / run.fs >= euler_fit.MIN_DURATION
+    names = (*spacecraft.needed, *(spacecraft.attitude if is_inertial else ()))
+    return [name for name in names if name in record]
