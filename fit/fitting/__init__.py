@@ -68,7 +68,6 @@ __all__ = [
     "iterate",
     "joint_parameters",
     "linear_combination",
-    "ltpda_flscov",
     "moments",
     "names_of",
     "null_space",

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from fit.crosstalk import euler_fit, torque_noise
 from fit.findings import Finding
 from fit.fitting import Convergence, constraints, iterate
-from fit.forecasting.expected_fit import CrossSpectra, NoiselessError
+from fit.forecasting.expected_fit import CrossSpectra, noiseless
 from fit.forecasting.expected_run import CompressedRun
 from fit.forecasting.frequency_responses import GRID, responses
 from fit.model import RunChannels, dynamics, dynamics_of, rotation, separation
@@ -194,7 +194,7 @@ class _ExpectedWeighing:
         noise = noise_run.cross_spectra(names, self._f)
         power = np.einsum("bki,bij,blj->bkl", rows.conj(), noise, rows, optimize=True).real
         if not np.all(power[:, 0, 0] > 0):
-            raise NoiselessError(noise_run.run.run)
+            raise noiseless(noise_run.run.run)
         self._power = power
         self._of_bins = self._spline(power)
 

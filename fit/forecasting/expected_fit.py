@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import scipy
 from numpy.typing import NDArray
+from pydantic import TypeAdapter
 
 from fit.checks import as_fit
 from fit.crosstalk import euler_fit
@@ -31,7 +32,6 @@ from fit.fitting import (
     constraints,
     iterate,
     joint_parameters,
-    ltpda_flscov,
     random_effects,
 )
 from fit.forecasting.expected_run import CompressedRun, compress
@@ -39,7 +39,7 @@ from fit.forecasting.frequency_responses import frequencies, responses
 from fit.model import Delays, Equation, Sharing
 from fit.parallel import one_blas_thread, parallel_map, progress_range
 from fit.parameters import Parameter
-from fit.results import Estimate, Fit
+from fit.results import Fit
 from fit.settings import Settings
 from fit.settings import settings as default_settings
 from fit.spectra import Spectra
@@ -74,20 +74,15 @@ RULE = Convergence(
 )
 
 
-class NoneTakesPartError(InputError):
-    """No run is long enough for a joint fit, or none is left."""
-
-    def __init__(self) -> None:
-        super().__init__("no sysid run takes part in the joint fit, expected at least one of 6 h or more")
+class NoForecastError(InputError):
+    """There is nothing to forecast: no run takes part, or one has no noise."""
 
 
-class NoiselessError(InputError):
-    """A run has no noise."""
-
-    def __init__(self, run: str) -> None:
-        super().__init__(
-            f"run {run}: without noise there are no sigmas to forecast, expected some in [noise]"
-        )
+def noiseless(run: str) -> NoForecastError:
+    """Return the error of a run without noise."""
+    return NoForecastError(
+        f"run {run}: without noise there are no sigmas to forecast, expected some in [noise]"
+    )
 
 
 @dataclass(frozen=True)
@@ -130,8 +125,8 @@ def expected_fit(
 
     Raises
     ------
-    NoneTakesPartError
-        If no experiment takes part in the joint fit.
+    NoForecastError
+        If no experiment takes part in the joint fit, a run has no noise, or the estimator is ``flscov``.
     FitError
         If the fit would come to nothing.
     """
@@ -148,13 +143,15 @@ def joint_weighings(plan: Sequence[PlannedExperiment], settings: Settings) -> li
 
     Raises
     ------
-    NoneTakesPartError
-        If there is none.
+    NoForecastError
+        If there is none, or the estimator is ``flscov``.
     """
     weighings = parallel_map(lambda experiment: ExpectedWeighing(experiment, settings), plan)
     in_joint_fit = divide([w.experiment for w in weighings], settings)[0]
     if not in_joint_fit:
-        raise NoneTakesPartError
+        raise NoForecastError(
+            "no sysid run takes part in the joint fit, expected at least one of 6 h or more"
+        )
     return [w for w in weighings if w.experiment in in_joint_fit]
 
 
@@ -219,19 +216,9 @@ def document(expected: Fit, periods: Mapping[str, Fit]) -> dict[str, object]:
 
 
 def _document(expected: Fit) -> dict[str, object]:
-    return {
-        "parameters": {name: _entry(e) for name, e in expected.parameters.items()},
-        "names": list(expected.parameters),
-        "correlation": expected.correlation.tolist(),
-        "warnings": [warning.as_dict() for warning in expected.warnings],
-    }
-
-
-def _entry(estimate: Estimate) -> dict[str, object]:
-    """Return the entry of a parameter, with its constraint if there is any."""
-    exact = {"value": estimate.value} if estimate.is_exact else {}
-    entry: dict[str, object] = {"sigma": estimate.sigma, "unit": estimate.unit, **exact}
-    return {**entry, "constraint": estimate.constraint} if estimate.constraint else entry
+    record = TypeAdapter(Fit).dump_python(expected, by_alias=True, exclude_defaults=True)
+    entries = {name: record[name] for name in ("parameters", "names", "warnings")}
+    return {**entries, "correlation": expected.correlation.tolist()}
 
 
 class ExpectedWeighing:
@@ -250,13 +237,14 @@ class ExpectedWeighing:
     converged = True
 
     def __init__(self, plan: PlannedExperiment, settings: Settings) -> None:
+        if settings.estimator == "flscov":  # whose sigmas do not say how it scatters
+            raise NoForecastError('fit.estimator: "flscov" has no forecast, expected another estimator')
         self.plan = plan
         experiment = plan.make().limit_band(settings.f_max).with_parameters(settings.parameters)
         run, sharing = experiment.sysid.telemetry, Sharing(settings.shared)
         parameters = sharing.parameters([(run, experiment.parameters)])
         self._f_max = settings.f_max
-        self._by_stretches = settings.estimator == "flscov"
-        self._likelihood: Likelihood = "gaussian" if settings.estimator == "flscov" else settings.estimator
+        self._likelihood: Likelihood = settings.estimator
         if experiment.sysid.telemetry.experiment in settings.levels:
             self._likelihood = "marginalised"
         self.parameter_map = sharing.matrix(run, experiment.parameters, [p.name for p in parameters])
@@ -322,14 +310,7 @@ class ExpectedWeighing:
 
     def _compress_run(self, run: Run, theta: Array) -> WhitenedRun:
         """Return the expected sums of a run at its own parameters theta, shape (K,)."""
-        tau, share = self._delays(theta), np.eye(theta.size)
-        if self._by_stretches:
-            functions = ((e, self._noise_functions(tau, theta, e)) for e in run.equations)
-            columns = run.columns(tau)
-            return system_run(
-                [compress(ltpda_flscov.expected(columns, e, noise, share)) for e, noise in functions]
-            )
-        spectra = run.spectra(tau)
+        spectra = run.spectra(self._delays(theta))
         if self._will_move:  # else hardly anything is kept of a run, of which there may be hundreds
             self._spectra = spectra
         return self._compress_spectra(spectra, theta)
@@ -341,21 +322,15 @@ class ExpectedWeighing:
 
     def _compress_equation(self, terms: Spectra, theta: Array, equation: Equation) -> CompressedRun:
         """Return the expected sums of an equation; what the fit subtracts of noise carries no information."""
-        power, S = self._noise_functions(terms.tau, theta, equation)(terms.f)
+        f, power, residual = self.noise(terms.tau, theta, equation)
+        if not np.all(residual > 0):
+            raise noiseless(self.experiment.sysid.telemetry.run)
+        # The weight a fit expects of a noise run is 1 / S: `NoiseModel.expected` widens by what makes it so.
+        S = np.exp(scipy.interpolate.CubicSpline(np.log(f), np.log(residual))(np.log(terms.f)))
         U, fraction = whitened_run.whiten(terms, S)
-        of_bin = power * (2 * fraction / S)[:, None, None]
         bin_weights, share = self.expected_weights(terms.f), np.eye(theta.size)
         block = WhitenedRun(terms.tau, U, bin_weights, terms.window, share, equation=equation)
-        return compress(block, None if equation.noisy else of_bin.sum(axis=0))
-
-    def _noise_functions(
-        self, tau: Delays, theta: Array, equation: Equation
-    ) -> Callable[[Array], tuple[Array, Array]]:
-        """Return a function for cross powers of the columns and PSD of the residual at any frequencies."""
-        f, power, residual = self.noise(tau, theta, equation)
-        if not np.all(residual > 0):
-            raise NoiselessError(self.experiment.sysid.telemetry.run)
-        of_columns = scipy.interpolate.CubicSpline(np.log(f), power)
-        # The weight a fit expects of a noise run is 1 / S: `NoiseModel.expected` widens by what makes it so.
-        of_residual = scipy.interpolate.CubicSpline(np.log(f), np.log(residual))
-        return lambda f: (of_columns(np.log(f)), np.exp(of_residual(np.log(f))))
+        if equation.noisy:
+            return compress(block)
+        of_columns = scipy.interpolate.CubicSpline(np.log(f), power)(np.log(terms.f))
+        return compress(block, np.sum(of_columns * (2 * fraction / S)[:, None, None], axis=0))

@@ -118,12 +118,11 @@ def fisher_information(plan: Sequence[PlannedExperiment], settings: Settings) ->
 
     Raises
     ------
-    NoneTakesPartError
+    NoForecastError
         If none of them takes part in a joint fit.
     InputError
         If the settings name parameters that the fit does not have.
     """
-    settings = _likelihood_settings(settings)
     weighings = joint_weighings(plan, settings)
     parameters, _ = share_parameters(weighings, settings)
     truth = {name: value for w in weighings for name, value in w.plan.truth.items()}
@@ -142,12 +141,12 @@ def expected_parameters(plan: Sequence[PlannedExperiment], settings: Settings) -
 
     Raises
     ------
-    NoneTakesPartError
+    NoForecastError
         If none of the experiments takes part in a joint fit.
     FitError
         If the fit would come to nothing.
     """
-    settings = _likelihood_settings(settings).model_copy(update={"scatter": []})
+    settings = settings.model_copy(update={"scatter": []})
     weighings = joint_weighings(plan, settings)
     known = {name for w in weighings for name in w.plan.truth}
     if all(p.name in known for p in share_parameters(weighings, settings)[0]):
@@ -155,13 +154,6 @@ def expected_parameters(plan: Sequence[PlannedExperiment], settings: Settings) -
     result = expected_result(weighings, settings)
     estimates = zip(result.parameters, result.solution.theta.tolist(), strict=True)
     return {p.name: value for p, value in estimates if p.name not in known}
-
-
-def _likelihood_settings(settings: Settings) -> Settings:
-    """Return settings with a likelihood of bins: stretches of LTPDA have no information tone by tone."""
-    if settings.estimator != "flscov":
-        return settings
-    return settings.model_copy(update={"estimator": "gaussian"})
 
 
 def _information(weighing: ExpectedWeighing, share: Array) -> ExperimentInformation:
@@ -174,17 +166,10 @@ def _information(weighing: ExpectedWeighing, share: Array) -> ExperimentInformat
     window = windowing.window(np.ones(n, dtype=bool), run.channels.fs)
     bin_weights = weighing.expected_weights(f)
     quality = float(np.mean(bin_weights.curvature) ** 2 / np.mean(bin_weights.score))
-    information = (
-        slope.T
-        @ sums.H
-        @ slope
-        * quality
-        / float(np.mean(bin_weights.curvature))
-        / windowing.variance_factor(window)
-    )
+    scale = quality / float(np.mean(bin_weights.curvature)) / windowing.variance_factor(window)
     return ExperimentInformation(
         name=weighing.experiment.name,
-        information=information,
+        information=slope.T @ sums.H @ slope * scale,
         duration=run.telemetry.duration,
         window=window,
         channels=run.spacecraft.inputs(run.channels),

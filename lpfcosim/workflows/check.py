@@ -227,7 +227,7 @@ def check(campaign: CampaignLike) -> CampaignCheck:
             warnings = (*warnings, *forecast.warnings)
         except UnavailableError as error:
             warnings = (*warnings, error.reason)
-        except (expected_fit.NoneTakesPartError, expected_fit.NoiselessError) as error:
+        except expected_fit.NoForecastError as error:
             warnings = (*warnings, f"no forecast: {error}")
         sigmas, peaks = expected_ttl_sigmas(plan), _peaks(plan)
         return CampaignCheck(plan, valid, margins, forecast, sigmas, peaks, None, constraints, warnings)

@@ -147,7 +147,7 @@ def expected_results(plan: Campaign, fit_settings: Settings, doubts: tuple[str, 
     ------
     UnavailableError
         If there is no equation of motion for the spacecraft.
-    NoneTakesPartError, NoiselessError
+    NoForecastError
         If no run takes part in the joint fit, or there is no noise.
     """
     validation.check_equation(plan, "a forecast is", DELTA_G, LISA)

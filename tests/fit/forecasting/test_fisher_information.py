@@ -60,15 +60,3 @@ def test_a_tone_clear_of_the_window_is_worth_its_time(plan):
     power[4000:12000] = 1.0
     assert experiment.equivalent_duration(power) == pytest.approx(0.4 * experiment.duration, rel=1e-3)
     assert experiment.equivalent_duration(np.ones(20000)) < 0.96 * experiment.duration
-
-
-def test_flscov_is_designed_for_as_the_default(plan):
-    flscov, gaussian = (
-        fisher_information.fisher_information(planned_experiments(plan), settings(s))
-        for s in ({"estimator": "flscov"}, {})
-    )
-    for one, reference in zip(flscov.experiments, gaussian.experiments, strict=True):
-        np.testing.assert_array_equal(one.information, reference.information)
-        np.testing.assert_array_equal(
-            one.sensitivity(np.array([1e-2])), reference.sensitivity(np.array([1e-2]))
-        )
