@@ -1,15 +1,15 @@
 """The results of one calibration, and their file, schema ``lpf-results/1``."""
 
 import os
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NoReturn
+from typing import TYPE_CHECKING, Any
 
 from markupsafe import Markup
 from pydantic import TypeAdapter, model_validator
 
-from fit.errors import InputError, MissingKeyError, shown
+from fit.errors import InputError, shown
 from fit.files import atomic, documents
 from fit.findings import Finding
 from fit.results.estimates import CONFIG
@@ -29,18 +29,6 @@ INDEX = ["section", "key", "parameter", "unit"]
 COLUMNS = ["value", "sigma", "sound", "constraint", "truth", "pull"]
 
 
-class KeyedFits(dict[str, Fit]):
-    """The fits of a section of results by experiment, epoch or period, which is their `kind`."""
-
-    def __init__(self, kind: str, fits: Mapping[str, Fit]) -> None:
-        super().__init__(fits)
-        self.kind = kind
-
-    def __missing__(self, key: object) -> NoReturn:
-        known = ", ".join(self) or "none"
-        raise MissingKeyError(f"no {self.kind} {shown(key)} in these results, known: {known}")
-
-
 @dataclass(frozen=True, repr=False)
 class Results:
     """Results of one calibration.
@@ -57,11 +45,6 @@ class Results:
         Software, telemetry, settings and runs that the results are of.
     ttl : Fit or None
         Tilt-to-length coupling of LISA.
-
-    Raises
-    ------
-    InputError
-        If a section is indexed by a fit that it does not have.
     """
 
     __pydantic_config__ = CONFIG
@@ -79,10 +62,6 @@ class Results:
         """Return a document with the sections that it lacks, empty."""
         empty: dict[str, Any] = {"joint": None, **{section: {} for section in (*SECTIONS, "provenance")}}
         return empty | document if isinstance(document, dict) else document
-
-    def __post_init__(self) -> None:
-        for section, kind in SECTIONS.items():
-            object.__setattr__(self, section, KeyedFits(kind, getattr(self, section)))
 
     @property
     def unsound(self) -> list[tuple[str, Finding]]:
@@ -111,24 +90,13 @@ class Results:
         import pandas as pd  # slow to import
 
         rows = {
-            (section, key, name, e.unit): (
-                e.value,
-                e.sigma,
-                e.sound,
-                e.constraint,
-                e.truth,
-                e.pull,
-            )
+            (section, key, name, e.unit): tuple(getattr(e, column) for column in COLUMNS)
             for section, key, fit in self.fits()
             for name, e in fit.parameters.items()
         }
         index = pd.MultiIndex.from_tuples([*rows] or [("",) * len(INDEX)], names=INDEX)
         frame = pd.DataFrame([*rows.values()], index=index[: len(rows)], columns=COLUMNS)
         return frame.astype({"truth": float, "pull": float})
-
-    def to_csv(self, path: str | Path) -> None:
-        """Write all estimates as comma-separated values, with the columns of `to_dataframe`."""
-        self.to_dataframe().to_csv(_checked(path, "to_csv"))
 
     def to_latex(self) -> str:
         r"""Return the joint fit and the inertial forces as a ``tabular`` of LaTeX, with rules of booktabs.
@@ -180,15 +148,10 @@ class Results:
         InputError
             If it is no path of a file, or of a folder that does not exist.
         """
-        write(self, _checked(path, "save"))
-
-
-def _checked(path: object, function: str) -> Path:
-    """Return the path of a file to write."""
-    file = Path(path) if isinstance(path, str | os.PathLike) else Path()
-    if file.name and file.parent.is_dir() and not file.is_dir():
-        return file
-    raise InputError(f"{function}: path: {shown(path)}, expected a file in a folder that exists")
+        file = Path(path) if isinstance(path, str | os.PathLike) else Path()
+        if not file.name or not file.parent.is_dir() or file.is_dir():
+            raise InputError(f"save: path: {shown(path)}, expected a file in a folder that exists")
+        write(self, file)
 
 
 def check_results(results: object, function: str) -> None:

@@ -65,11 +65,3 @@ def test_figures_are_drawn_on_axes_of_the_user(results, runs):
     assert plot.figure is figure and len(ax.lines) >= 3 and ax.get_legend()
     with pytest.raises(fit.InputError, match=r"plot: ax: .* expected 2 axes of matplotlib"):
         fit.plot.residual(results, runs, "A", ax=ax)
-
-
-def test_estimates_as_csv(results, tmp_path):
-    results.to_csv(tmp_path / "results.csv")
-    first, *lines = (tmp_path / "results.csv").read_text().splitlines()
-    assert first == "section,key,parameter,unit,value,sigma,sound,constraint,truth,pull"
-    (line,) = [line for line in lines if line.startswith("joint,,lambda_2,")]
-    assert float(line.split(",")[4]) == results.joint["lambda_2"].value
