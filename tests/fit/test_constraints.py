@@ -47,9 +47,7 @@ def test_a_fixed_parameter(runs, free):
     assert results.joint["C_2"].value == known
     assert results.joint["C_2"].is_exact and "fixed" in str(results.joint["C_2"])
     assert results.experiments["B"]["C_2"].is_exact
-    place = list(results.joint).index("C_2")
-    assert not results.joint.covariance_matrix[place].any()
-    assert results.joint.correlation[place].tolist() == np.eye(len(row))[place].tolist()
+    assert not results.joint.covariance_matrix[list(results.joint).index("C_2")].any()
     assert "C_2" not in results.joint.lmfit.var_names
     assert f"C_2 fixed at {known:.9g}" in next(
         w.message for w in results.joint.warnings if w.code == "constrained"
@@ -71,8 +69,6 @@ def test_fixed_parameters_alone_have_a_chi2(runs, free):
         p.vary = False
     evaluated = free.joint.refit(known)
     assert evaluated.chisqr == pytest.approx(free.joint.lmfit.chisqr, rel=1e-6)
-    with pytest.raises(fit.InputError, match="expected one that remains"):
-        free.joint.without(*"ABCDE")
     nelder = free.joint.minimizer.minimize(method="nelder", max_nfev=9)
     assert nelder.nfev <= 10
     assert evaluated.nfree == evaluated.ndata and "chi-square" in lmfit.fit_report(evaluated)
@@ -118,11 +114,6 @@ def test_what_the_data_contradict_is_not_sound(runs, free, said):
     assert "random_effects" not in codes(results.joint)
 
 
-def test_constraints_make_no_single_fit_that_has_not_its_parameters(runs, free):
-    found = fit.calibrate(runs, parameters={"alpha_x_2": {"vary": False, "value": -317.0}})
-    assert found.experiments["C"].values == free.experiments["C"].values
-
-
 def test_the_model_of_a_fit_answers_in_milliseconds(runs, free):
     joint = free.joint
     for name, e in joint.parameters.items():
@@ -143,12 +134,6 @@ def test_the_model_of_a_fit_answers_in_milliseconds(runs, free):
     params = joint.lmfit.params.copy()
     params["lambda_1"].set(expr="lambda_2")
     assert joint.refit(params).chisqr > joint.lmfit.chisqr
-
-
-def test_results_from_a_file_hold_no_model(free, tmp_path):
-    free.save(tmp_path / "results.json")
-    with pytest.raises(fit.InputError, match=r"expected those of fit\.calibrate"):
-        _ = fit.load_results(tmp_path / "results.json").joint.lmfit
 
 
 @pytest.mark.parametrize(
@@ -214,23 +199,15 @@ def test_the_end_of_the_band(runs, free):
     ("said", "message"),
     [
         ({"lambda_3": {"vary": False}}, 'lambda_3: no parameter of this fit, did you mean "lambda_2"'),
-        ({"omega2_2": {"vary": False}}, 'did you mean "omega2_2_0"'),
-        ({"delta_phi_1": {"vary": False}}, "delta_phi_1: no parameter of this fit"),
         ({"C_1": {"expr": "C_3"}}, "C_1.expr: C_3: no parameter of this fit"),
-        ({"C_1": {"expr": "C_2 +"}}, "expected an expression of numbers and parameters"),
         ({"C_1": {"expr": "open(C_2)"}}, "expected an expression of numbers and parameters"),
         ({"C_1": {"expr": "C_2"}, "C_2": {"expr": "C_1"}}, "a circle of ties"),
         ({"C_1": {"expr": "1 / 0"}}, "no number where the fit starts"),
         ({"C_1": {"expr": "log(delta_ifo_1)"}}, "leads to nan where the fit starts"),
         ({"C_1": {"vary": False, "value": 1e300}}, "where the fit starts, expected -8.85 to 9.15"),
         ({"C_1": {"expr": "C_2", "min": 0.0}}, "C_1.expr: expected expr alone"),
-        ({"C_1": {"vary": False, "prior": [0.1, 0.1]}}, "neither bounds nor a prior of a fixed parameter"),
-        ({"C_1": {"min": 0.2, "max": 0.1}}, "C_1.min: 0.2, expected less than max = 0.1"),
         ({"C_1": {"prior": [0.1, 0.0]}}, "C_1.prior[1]: 0.0 is too small"),
-        ({"C_1": {"expr": "C_3"}}, ", omega2_2_0)"),  # no function is listed as a parameter
-        ({"C_1": {"vry": False}}, 'did you mean "vary"'),
         ({"Controller.f_u": {"vary": False}}, "Controller.f_u: a parameter of an FMU"),
-        ({"C_1": {"expr": "C_2 + Controller.f_u"}}, "C_1: a parameter of an FMU"),
     ],
 )
 def test_what_cannot_be_said_is_refused(runs, said, message):
@@ -243,12 +220,6 @@ def test_parameters_that_are_none_are_refused(runs):
     params = fit.make_params(runs)
     with pytest.raises(fit.InputError, match=r"expected lmfit\.Parameters"):
         fit.calibrate(runs, params={"lambda_2": 1.0})
-    with pytest.raises(fit.InputError, match="expected one of them"):
-        fit.calibrate(runs, params=params, parameters={})
-    params.add("lambda_3", value=1.0)
-    with pytest.raises(fit.InputError, match='lambda_3: no parameter of this fit, did you mean "lambda_2"'):
-        fit.calibrate(runs, params=params)
-    del params["lambda_3"]
     params["C_1"].user_data = 0.3
     with pytest.raises(fit.InputError, match=r"C_1: user_data: expected fit\.Prior"):
         fit.calibrate(runs, params=params)
@@ -257,7 +228,6 @@ def test_parameters_that_are_none_are_refused(runs):
 @pytest.mark.parametrize(
     ("said", "message"),
     [
-        ({"f_max": 0.2}, "f_max: 0.2 is too large"),
         ({"f_max": 0.001}, "f_max: 0.001 is too small, expected 0.02 Hz or more: below, delays"),
         ({"f_min": 0.001}, "the fitted band has no lower limit: commands respond to the noise"),
         ({"f_max": 0.05, "estimator": "flscov"}, "f_max: 0.05 with estimator"),
@@ -293,10 +263,7 @@ def test_options_are_the_table():
     ("option", "given", "message"),
     [
         ("fix", "lambda_2=x", "expected NAME or NAME=VALUE"),
-        ("fix", "=3", "expected NAME or NAME=VALUE"),
-        ("tie", "lambda_2", "expected NAME=EXPR"),
         ("prior", "lambda_2=1;2", "expected NAME=MEAN,SIGMA"),
-        ("bound", "lambda_2=:", "expected NAME=MIN:MAX"),
         ("bound", "lambda_2=2:1", "options.parameters.lambda_2.min: 2, expected less than max = 1"),
     ],
 )
@@ -304,8 +271,3 @@ def test_options_that_cannot_be_read_are_refused(option, given, message):
     with pytest.raises(fit.InputError) as refused:
         constrain(settings(), read_constraints(**{option: [given]}))
     assert message in str(refused.value)
-
-
-def test_one_option_for_one_thing():
-    with pytest.raises(fit.InputError, match="a second vary of C_2"):
-        read_constraints(fix=["C_2", "C_2=0.1"])
