@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -12,7 +13,7 @@ from lpfcosim.campaign import Campaign, IdentifyTable
 from lpfcosim.cosim import Interface
 from lpfcosim.errors import InputError
 from lpfcosim.models import model_of
-from lpfcosim.spacecraft import H, Run
+from lpfcosim.spacecraft import LONGEST_DELAY, H, Run
 
 #: What the fit has under the same name, and what follows from others: C_j = lambda_j (tau_j + h/2). The
 #: parameter tau_j of the FMU is the transport delay; the hold of a command adds half a sample.
@@ -23,6 +24,7 @@ SHARED_NAMES = (
 DELAYS = {"C_1": ("lambda_1", "tau_1"), "C_2": ("lambda_2", "tau_2")}
 #: What a campaign seeks by default; fixed values are in this order, gains before their delays.
 OF_FIT = (*SHARED_NAMES[:2], *DELAYS, *SHARED_NAMES[2:])
+GAIN_RANGE = 10.0  # times a gain of the campaign, or as little: beyond, it is another actuation
 
 
 @dataclass(frozen=True)
@@ -41,6 +43,8 @@ class Target:
         Its unit.
     request : IdentifyTable
         What the campaign says of it.
+    limits : tuple of float
+        Between which values it can be, if the campaign gives no bounds.
     """
 
     name: str
@@ -49,6 +53,7 @@ class Target:
     default_value: float
     unit: str
     request: IdentifyTable
+    limits: tuple[float, float] = (-math.inf, math.inf)
 
     @property
     def place(self) -> str:
@@ -87,6 +92,15 @@ def fixed_values(
     return known
 
 
+def _limits(name: str, value: float, gain: float) -> tuple[float, float]:
+    """Return between which values a gain or a delay can be; the hold of a command takes half a sample."""
+    if name in ("lambda_1", "lambda_2") and value > 0:
+        return value / GAIN_RANGE, value * GAIN_RANGE
+    if name in DELAYS:
+        return H / 2 * gain, LONGEST_DELAY * gain
+    return (0, LONGEST_DELAY) if name in ("Plant.tau_1", "Plant.tau_2") else (-math.inf, math.inf)
+
+
 def _place(name: str, by_model: Mapping[str, Interface], location: str) -> str:
     """Return the model that has a parameter of the fit."""
     variable = DELAYS[name][1] if name in DELAYS else name
@@ -111,25 +125,18 @@ def _target(key: str, request: IdentifyTable, run: Run, interfaces: Sequence[Int
     variable = interface.name(name) if ours else name
     location = f"identify.{key}: {interface.named}"
     parameters = interface.candidates("parameter")
-    try:
-        record = interface.variable(variable)
-    except InputError:
-        raise InputError(
-            f"{location}: has no parameter {quote(variable)}{closest_match(variable, parameters)}"
-        ) from None
-    is_settable = record.causality == "parameter" and record.variability != "constant" and name != "h"
-    if not is_settable or record.type not in ("Real", "Float64", "Float32"):
-        kind = f"{record.type} of causality '{record.causality}'"
-        raise InputError(
-            f"{location}: {quote(variable)} is a {kind}; expected a real parameter but the step h"
-        )
+    record = interface.variable(variable) if variable in parameters and name != "h" else None
+    kinds = ("Real", "Float64", "Float32")
+    if record is None or record.variability == "constant" or record.type not in kinds:
+        hint = closest_match(variable, parameters)
+        raise InputError(f"{location}: has no real parameter {quote(variable)} that can be set{hint}")
     values = model_of(run).parameters(run)[model]
     value = values[name] if ours else float(interface.start(variable))
     result_name = key if key in DELAYS else name if ours and name in SHARED_NAMES else f"{model}.{name}"
     unit = "s" if key in DELAYS else (interface.stated_unit(variable) or "1").replace(".", " ")
     gain = run.truth[DELAYS[key][0]] if key in DELAYS else 1.0
     value = (value + H / 2) * gain if key in DELAYS else value
-    return Target(result_name, model, variable, value, unit, request)
+    return Target(result_name, model, variable, value, unit, request, _limits(result_name, value, gain))
 
 
 def settings(

@@ -1,6 +1,5 @@
 """Parameters of the FMUs in the loop, estimated from telemetry by simulating the loop with trial values."""
 
-import math
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack, closing, nullcontext
 from dataclasses import dataclass, replace
@@ -231,7 +230,7 @@ def free_parameter(target: Target) -> FreeParameter:
     """
     request, place = target.request, f"identify.{target.name}"
     start, width = request.start, request.width
-    low, high = request.bounds or (-math.inf, math.inf)
+    low, high = request.bounds or target.limits
     if "." in target.name:  # of an FMU
         start = target.default_value if start is None else start
         if width is None and not start:

@@ -127,7 +127,10 @@ def test_what_is_clipped_is_masked(lpfcosim, campaign):
 @pytest.mark.parametrize(
     ("sought", "sentence"),
     [
-        ("Plant.omega2_2 = {}", 'has no parameter "omega2_2", did you mean "omega2_2_0"'),
+        (
+            "Plant.omega2_2 = {}",
+            'has no real parameter "omega2_2" that can be set, did you mean "omega2_2_0"',
+        ),
         ("Plnt.omega2_2_0 = {}", 'identify.Plnt.omega2_2_0: the loop has no "Plnt", did you mean "Plant"'),
         ("lambda_2 = {}\nActuation.lambda_2 = {}", "identify: Actuation.lambda_2 is listed twice"),
         ("lambda_2 = { bounds = [2, 1] }", "expected the lower bound first"),
