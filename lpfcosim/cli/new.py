@@ -62,6 +62,9 @@ def json_schema() -> dict[str, Any]:
     tables = TypeAdapter(Campaign).json_schema()
     shapes, keys = tables["$defs"], tables["properties"]
     del keys["tables"]
+    for shape in shapes.values():
+        shape["additionalProperties"] = False
+    shapes["Experiment"]["required"] = ["name"]  # defaults may have the rest
     keys["fit"] = _of_fit(shapes)
     for shape in ("Sine", "HalfCosine"):  # its unit depends on the target
         shapes[shape]["properties"]["amplitude"]["type"] = "string"

@@ -101,7 +101,7 @@ def faults(schema, value):
     return sorted({".".join(map(str, fault.absolute_path)) for fault in result})
 
 
-@pytest.mark.parametrize("name", ["quickstart", "designed", "mission", "operations", "inertial", "sweep"])
+@pytest.mark.parametrize("name", ["quickstart", "designed", "mission", "operations", "inertial", "lisa-ttl"])
 def test_schema_allows_what_is_shipped(schema, quickstart, name):
     text = quickstart.with_name(f"{name}.toml").read_text(encoding="utf-8")
     value = tomllib.loads(text)
@@ -113,6 +113,7 @@ def test_schema_allows_what_is_shipped(schema, quickstart, name):
     [
         (("sequences", "standard", 0, "amplitude"), 1e-8, "sequences.standard.0"),
         (("noise", "omms"), "35 fm Hz^-0.5", "noise"),
+        (("experiments", 0, "dcc"), "1e-12 m s^-2", "experiments.0"),
         (("fit",), {"estimator": "best"}, "fit.estimator"),
         (("nosie",), {}, ""),
     ],
