@@ -28,6 +28,7 @@ _HOME = {
     "workflows.progress": ("Progress",),
     "workflows.run": ("CampaignRun", "run"),
     "workflows.simulate": ("simulate",),
+    "workflows.ttl": ("run_ttl",),
     "workflows.transfer_functions": ("closed_loop", "transfer_functions"),
 }
 __all__ = [name for names in _HOME.values() for name in names]

@@ -3,6 +3,7 @@
 import base64
 import hashlib
 import json
+import os
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
@@ -41,7 +42,13 @@ from fit.telemetry import Telemetry
 SCRIPTS = ("templates/ticks.js", "uplot/uPlot.iife.min.js", "templates/chart.js", "templates/page.js")
 _DIGITS = 12  # of a digest, in short
 _NESTED = ("settings", "versions")  # tables with a line for each entry
-_SHOWN = ("agreement",)  # in the section on tests of the data
+_SHOWN = (
+    "agreement",
+    "estimators",
+    "subtraction_X2",
+    "subtraction_Y2",
+    "subtraction_Z2",
+)  # in the section on tests of the data
 
 
 @one_blas_thread
@@ -220,6 +227,8 @@ def _text(value: object) -> str:
 
 def _extent(results: Results, telemetries: Sequence[Telemetry]) -> str:
     experiments_text = f"Experiments: {len(results.experiments)}"
+    if results.ttl:
+        return ", ".join(map(os.path.basename, results.provenance.telemetry or []))
     if not telemetries:
         return f"{experiments_text}; their telemetry is not here"
     hours = sum(t.duration for t in telemetries) / 3600

@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 
 import numpy as np
+from markupsafe import Markup
 
 from fit.figures import tilt_to_length as figures
 from fit.report.parameter_table import parameter_table
@@ -41,7 +42,10 @@ def _estimators(extra: Mapping[str, object]) -> Table:
     columns = extra.get("estimators")
     by_estimator = [columns.get(key, {}) for key in _ESTIMATORS] if isinstance(columns, Mapping) else []
     rows = [
-        (p.html, *(f"{1e6 * column[p.name]:.3g}" if p.name in column else None for column in by_estimator))
+        (
+            Markup(p.html),
+            *(f"{1e6 * column[p.name]:.3g}" if p.name in column else None for column in by_estimator),
+        )
         for p in COEFFICIENTS
     ]
     caption = "Bias by noise of wavefront sensing, which is subtracted, and standard deviations [μm/rad]."

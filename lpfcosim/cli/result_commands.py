@@ -179,12 +179,13 @@ def jitter(
     console.show(str(out))
 
 
-@app.command(epilog=examples("lpfcosim ttl manoeuvre.h5 --noise noise.h5"))
+@app.command(epilog=examples("lpfcosim ttl lisa-ttl.toml", "lpfcosim ttl measured.h5 --noise noise.h5"))
 def ttl(
     measurements: Annotated[
         Path,
         typer.Argument(
-            metavar="MEASUREMENTS.h5", help="TDI and wavefront sensing, or a file of lisainstrument."
+            metavar="MEASUREMENTS.h5",
+            help="TDI and wavefront sensing, a file of lisainstrument, or a campaign of three spacecraft.",
         ),
     ],
     noise: Annotated[
@@ -200,15 +201,23 @@ def ttl(
     """Calibrate the tilt-to-length coupling of LISA.
 
     The 24 coefficients go to the section ttl of results.json. A file of measurements holds X2, Y2, Z2 and the
-    rates by wavefront sensing (lisa-measurements/1). Files of lisainstrument need the extra lpfcosim[lisa].
+    rates by wavefront sensing (lisa-measurements/1). Files of lisainstrument need the extra lpfcosim[lisa]. A
+    campaign is simulated first, and measured by lisainstrument.
     """
+    from lpfcosim.errors import InputError
     from lpfcosim.execution import results_folder
     from lpfcosim.workflows import calibration
+    from lpfcosim.workflows import ttl as workflow
 
     console = Console(quiet=quiet, as_json=as_json)
     directory = out or results_folder.default(measurements, "ttl")
     results_folder.check_folder(directory)
-    console.show_calibration(calibration.calibrate_ttl_into(directory, measurements, noise, console))
+    if measurements.suffix == ".toml":
+        if noise is not None:
+            raise InputError(f"--noise {noise}: expected no noise run, a campaign has its own")
+        console.show_calibration(workflow.run_ttl(measurements, directory, progress=console))
+    else:
+        console.show_calibration(calibration.calibrate_ttl_into(directory, measurements, noise, console))
 
 
 @app.command(epilog=examples("lpfcosim mcmc quickstart"))

@@ -1,11 +1,13 @@
 """The command ttl."""
 
 import json
+from importlib.util import find_spec
 
 import numpy as np
 import pytest
 
 from fit.tilt_to_length import NAMES, write_measurements
+from tests import ROOT
 from tests.fit.tilt_to_length.records import SPACECRAFT_TONES, manoeuvre
 
 
@@ -31,6 +33,8 @@ def test_coefficients_are_printed_and_written(lpfcosim_json, files, tmp_path):
     report = (out / "report.html").read_text(encoding="utf-8")
     assert "All 24 tilt-to-length parameters lie within 4 σ of the true values" in report
     assert "measured, and after subtraction of the coupling" in report
+    assert "m.h5, n.h5" in report and "Experiments" not in report
+    assert {"least_squares", "bias", "instruments"} == {*document["provenance"]["estimators"]}
 
 
 def test_blind_directions_are_named_and_the_others_estimated(lpfcosim, tmp_path):
@@ -46,3 +50,22 @@ def test_blind_directions_are_named_and_the_others_estimated(lpfcosim, tmp_path)
     assert [name for name in fitted["names"] if "_eta_" in name] == [n for n in NAMES if "_eta_" in n]
     assert not any("_phi_" in name for name in fitted["names"])
     assert "Not determined by these data" in (out / "report.html").read_text(encoding="utf-8")
+
+
+@pytest.mark.fmu
+@pytest.mark.lisa
+@pytest.mark.skipif(find_spec("lisainstrument") is None, reason="needs the extra lisa")
+def test_a_campaign_is_simulated_measured_and_fitted(lpfcosim_json, tmp_path):
+    document = lpfcosim_json("ttl", ROOT / "campaigns" / "lisa-ttl.toml", "--out", tmp_path / "out")
+    assert document["ttl"]["sound"]
+    assert {w["code"] for w in document["ttl"]["warnings"]} == set()
+    estimates = document["ttl"]["parameters"].values()
+    assert len(estimates) == 24
+    assert np.sqrt(np.mean([(e["value"] - e["truth"]) ** 2 for e in estimates])) < 18e-6
+    assert np.sqrt(np.mean([e["pull"] ** 2 for e in estimates])) < 1.4
+
+
+def test_a_campaign_of_one_spacecraft_is_refused(lpfcosim, tmp_path):
+    campaign = ROOT / "campaigns" / "quickstart.toml"
+    message = lpfcosim("ttl", campaign, "--out", tmp_path / "out", status=2)[2]
+    assert "quickstart.toml: expected three experiments that move spacecraft 1, 2 and 3" in message
