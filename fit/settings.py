@@ -19,10 +19,7 @@ Group = Literal["campaign", "alignment_epoch", "experiment"]  # over which a par
 _Scattering = Literal[
     "auto", "lambda_1", "lambda_2", "C_1", "C_2", "lambda_y_1", "lambda_y_2", "C_y_1", "C_y_2"
 ]
-LOWEST, HIGHEST = (
-    0.02,
-    0.1,
-)  # Hz, of f_max: below, C_1, C_2 and delta_ifo are lost; archives are flat up to 0.1
+LOWEST, HIGHEST = 0.02, 0.1  # Hz, of f_max: below, delays and delta_ifo are lost; archives are flat up to 0.1
 _MODEL = re.compile(r"(?<![\w.])([A-Za-z_]\w*)\.[A-Za-z_]")  # of a parameter of an FMU
 _Finite = Annotated[float, Field(allow_inf_nan=False)]
 _UNBOUNDED = (-math.inf, math.inf)
@@ -107,24 +104,6 @@ class Settings(Table):
     """Settings of the fit, explained in ``fit/default.toml``."""
 
     model_config = ConfigDict(strict=True)
-
-    @model_validator(mode="before")
-    @classmethod
-    def _limits_of_the_band(cls, raw: object) -> object:
-        f_max = raw.get("f_max") if isinstance(raw, dict) else None
-        if isinstance(f_max, int | float) and f_max < LOWEST:
-            raise problem(
-                f"{f_max:g} is too small, expected {LOWEST:g} Hz or more: below, delays and the leakage of "
-                "the read-out are lost",
-                "f_max",
-            )
-        if isinstance(raw, dict) and "f_min" in raw:
-            raise problem(
-                "the fitted band has no lower limit: commands respond to the noise, and only a fit "
-                "from the first bin on is unbiased; expected f_max alone",
-                "f_min",
-            )
-        return raw
 
     @field_validator("parameters", mode="before")
     @classmethod
@@ -245,10 +224,6 @@ def settings(table: Mapping[str, object] | None = None, context: str = "[fit]") 
         raise InputError(f"{context}.{validation_messages(error)}") from error
     if result.estimator == "flscov" and result.f_max < HIGHEST:
         raise InputError(f'{context}.f_max: {result.f_max:g} with estimator = "flscov", expected {HIGHEST:g}')
-    if len(set(result.scatter)) < len(result.scatter):
-        raise InputError(f"{context}.scatter: {', '.join(result.scatter)}: expected each parameter once")
-    if "auto" in result.scatter and len(result.scatter) > 1:
-        raise InputError(f'{context}.scatter: {", ".join(result.scatter)}: expected "auto" alone')
     for name in result.scatter:
         if result.shared.get(name, "campaign") != "campaign":
             raise InputError(

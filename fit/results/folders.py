@@ -10,7 +10,7 @@ import stat
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
-from fit.errors import InputError, shown
+from fit.errors import InputError
 from fit.files import is_file
 from fit.results.results import Results, load
 from fit.telemetry import is_telemetry
@@ -29,15 +29,11 @@ def results_file(path: Path) -> Path:
     """
     mode = _mode(path)
     if not mode:
-        raise InputError(
-            f"{_named(path)}: no such file or folder, expected results (lpf-results/1) or their folder"
-        )
+        raise InputError(f"{path}: no such file or folder, expected results (lpf-results/1) or their folder")
     if not stat.S_ISDIR(mode):
         return path
     if not _mode(path / RESULTS):
-        outer = path.parent
-        hint = f"; did you mean {outer}?" if path.name == TELEMETRY and is_file(outer / RESULTS) else ""
-        raise InputError(f"{path}: no {RESULTS} in it, expected the folder of an earlier run or fit{hint}")
+        raise InputError(f"{path}: no {RESULTS} in it, expected the folder of an earlier run or fit")
     return path / RESULTS
 
 
@@ -51,8 +47,7 @@ def results_folder(path: Path) -> Path:
     """
     if not stat.S_ISDIR(mode := _mode(path)):
         problem = "is a file" if mode else "no such folder"
-        hint = f"; did you mean {path.parent}?" if mode and path.name == RESULTS else ""
-        raise InputError(f"{_named(path)}: {problem}, expected the folder of an earlier run or fit{hint}")
+        raise InputError(f"{path}: {problem}, expected the folder of an earlier run or fit")
     return results_file(path).parent
 
 
@@ -66,7 +61,7 @@ def results_beside(path: Path) -> Path | None:
     """
     mode = _mode(path)
     if not mode:
-        raise InputError(f"{_named(path)}: no such file or folder, expected telemetry")
+        raise InputError(f"{path}: no such file or folder, expected telemetry")
     folder = path if stat.S_ISDIR(mode) else path.parent
     outer = folder.parent if folder.name == TELEMETRY else folder.resolve().parent
     places = (folder, outer) if folder.resolve().name == TELEMETRY else (folder,)
@@ -197,11 +192,4 @@ def _mode(path: Path) -> int:
     except (FileNotFoundError, NotADirectoryError, ValueError):  # the last: a name with a NUL
         return 0
     except OSError as error:
-        raise InputError(
-            f"{_named(path)}: cannot be read ({error.strerror}), expected a file or folder"
-        ) from None
-
-
-def _named(path: Path) -> str:
-    """Return a path for a message, cut if it is longer than names are."""
-    return str(path) if str(path).isprintable() and len(str(path)) <= 200 else shown(str(path))
+        raise InputError(f"{path}: cannot be read ({error.strerror}), expected a file or folder") from None

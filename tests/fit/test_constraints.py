@@ -225,20 +225,6 @@ def test_parameters_that_are_none_are_refused(runs):
         fit.calibrate(runs, params=params)
 
 
-@pytest.mark.parametrize(
-    ("said", "message"),
-    [
-        ({"f_max": 0.001}, "f_max: 0.001 is too small, expected 0.02 Hz or more: below, delays"),
-        ({"f_min": 0.001}, "the fitted band has no lower limit: commands respond to the noise"),
-        ({"f_max": 0.05, "estimator": "flscov"}, "f_max: 0.05 with estimator"),
-    ],
-)
-def test_other_bands_are_refused(said, message):
-    with pytest.raises(fit.InputError) as refused:
-        settings(said)
-    assert message in str(refused.value)
-
-
 def test_options_are_the_table():
     options = read_constraints(
         fix=["lambda_2=1.0776", "C_1"],

@@ -19,8 +19,9 @@ from fit.settings import read, settings
             {"scatter": ["lambda_2"], "shared": {"lambda_2": "experiment"}},
             "a value for each experiment already",
         ),
-        ({"scatter": ["lambda_2", "lambda_2"]}, "expected each parameter once"),
-        ({"scatter": ["auto", "lambda_2"]}, 'expected "auto" alone'),
+        ({"f_max": 0.001}, "f_max"),
+        ({"f_min": 0.001}, "f_min"),
+        ({"f_max": 0.05, "estimator": "flscov"}, "f_max: 0.05 with estimator"),
         ({"exclude": "A"}, "exclude"),
     ],
 )
