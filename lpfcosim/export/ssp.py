@@ -71,10 +71,7 @@ def export(campaign: Campaign, fmus: Mapping[str, Path], path: Path) -> Path:
         from pyssp_standard.ssd import SSD
         from pyssp_standard.ssv import SSV
     except ImportError:
-        raise InputError(
-            "SSP needs 'pyssp-standard', which is not installed; "
-            "install the build extra (pip install 'lpfcosim[build]')"
-        ) from None
+        raise InputError("SSP needs pyssp-standard: pip install 'lpfcosim[build]'") from None
     path.parent.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(prefix="lpfcosim-") as folder:
         root = Path(folder)
@@ -137,16 +134,15 @@ def _component(interface: Interface, run: Run) -> Any:
     from pyssp_standard.ssv import SSVElem
 
     component = Component()
-    component.name, component.source = interface.model, _fmu_file(interface)
-    component.implementation = "CoSimulation"
+    component.name, component.implementation = interface.model, "CoSimulation"
+    component.source = _fmu_file(interface)
     component.connectors = [
         Connector(name=name, kind=kind, type_=TypeReal(interface.unit(name)))
         for kind, names in (("input", interface.inputs), ("output", interface.outputs))
         for name in names
     ]
-    values = SSVElem(name=run.authority.name)
-    _fill_values(values, run, interface)
-    component.parameter_bindings = [ParameterBinding(ssv=values)]
+    component.parameter_bindings = [ParameterBinding(ssv=SSVElem(name=run.authority.name))]
+    _fill_values(component.parameter_bindings[0].ssv, run, interface)
     return component
 
 
