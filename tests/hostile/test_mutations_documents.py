@@ -135,15 +135,3 @@ def _pipe(path):
 def test_what_has_no_end(tmp_path, limit, reader):
     path = LIMITS[limit](tmp_path)
     assert survives(lambda: reader(path), path, limit)
-
-
-@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="has neither pipes nor devices among its files")
-@pytest.mark.parametrize(
-    "base", ["/dev/zero", "pipe.toml", "c.toml", "other.toml", "../" * 50, "x" * 5000, "a\\u0000b", "."]
-)
-def test_what_extends_nothing_good(tmp_path, base):
-    os.mkfifo(tmp_path / "pipe.toml")
-    (tmp_path / "other.toml").write_text('extends = "c.toml"\n')
-    path = tmp_path / "c.toml"
-    path.write_text(f'extends = "{base}"\n')
-    assert survives(lambda: loading.load(path), path, base)

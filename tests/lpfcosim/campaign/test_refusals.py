@@ -10,7 +10,6 @@ from hypothesis import strategies as st
 
 from lpfcosim.campaign import loading
 from lpfcosim.errors import InputError
-from lpfcosim.quantities import Quantity
 from tests.lpfcosim.campaign.conftest import TWO_EXPERIMENTS
 
 BAD = [  # what to replace, by what, and what the sentence then begins with
@@ -101,22 +100,3 @@ def test_a_value_that_is_another_is_refused_or_arrives_finite_in_the_runs(file, 
         assert all(map(math.isfinite, numbers))
         assert all(level >= 0 for level in run.noise.values())
         assert all(injection.end <= run.n_samples / run.fs + 1e-6 for injection in run.injections)
-
-
-LENGTH = Quantity("a length", "m", "10 nm")
-ACCELERATION_NOISE = Quantity("an acceleration noise", "m s^-2 Hz^-0.5", "5.6 fm s^-2 Hz^-0.5")
-
-
-@given(st.floats(-1e6, 1e6), st.sampled_from([("nm", -9), ("um", -6), ("pm", -12), ("m", 0), ("km", 3)]))
-@settings(max_examples=50)
-def test_prefixes_scale_by_powers_of_ten(value, unit):
-    name, power = unit
-    assert LENGTH.to_si(f"{value!r} {name}") == pytest.approx(value * 10.0**power, rel=1e-15)
-
-
-@pytest.mark.parametrize(
-    "text",
-    ["5.6 fm s^-2 Hz^-0.5", "5.6 fm/s^2/Hz^0.5", "5.6e-15 m s**-2 / Hz**0.5", "0.0056 pm s^-2 / Hz^(1/2)"],
-)
-def test_one_density_many_spellings(text):
-    assert ACCELERATION_NOISE.to_si(text) == 5.6e-15
