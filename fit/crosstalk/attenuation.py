@@ -2,7 +2,6 @@
 
 from collections.abc import Container, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +13,7 @@ from fit.findings import Finding
 from fit.fitting import IRLSResult, prior_rows
 from fit.model import dynamics
 from fit.parallel import parallel_map
-from fit.results import Estimate, Fit
+from fit.results import Fit
 from fit.whitening import Experiment, whitened_run
 
 Array = NDArray[np.float64]
@@ -44,24 +43,6 @@ class AttenuationCorrected:
     names: frozenset[str]
     shift: Array
     uncorrected_shift: Array
-
-
-class IVCorrection(NamedTuple):
-    """What instrumental variables change in an estimate.
-
-    Attributes
-    ----------
-    shift : float
-        Change of its value, SI.
-    bias : float
-        By how many of its sigmas least squares is off.
-    sigma_ratio : float
-        Factor of its sigma.
-    """
-
-    shift: float
-    bias: float
-    sigma_ratio: float
 
 
 def correct_attenuation(outcome: IRLSResult, experiments: Sequence[Experiment]) -> AttenuationCorrected:
@@ -164,25 +145,6 @@ def iv_parameters(fit: Fit | None) -> set[str]:
     return {name for w in warnings if w.code == "instrumental_variables" for name in w.parameters}
 
 
-def iv_corrections(estimates: Mapping[str, Estimate], least_squares: IRLSResult) -> dict[str, IVCorrection]:
-    """Return what instruments change in the estimates of least squares.
-
-    Parameters
-    ----------
-    estimates : mapping of str to Estimate
-        With instruments.
-    least_squares : IRLSResult
-        The same fit by least squares.
-    """
-    index = {p.name: i for i, p in enumerate(least_squares.parameters)}
-    theta, sigma = least_squares.solution.theta, least_squares.solution.sigma
-    corrections = {}
-    for name, estimate in estimates.items():
-        shift, width = estimate.value - float(theta[index[name]]), float(sigma[index[name]])
-        corrections[name] = IVCorrection(shift, -shift / width, estimate.sigma / width)
-    return corrections
-
-
 def correct_joint(joint: Fit, outcome: IRLSResult, corrected: AttenuationCorrected) -> Fit:
     """Return the joint fit with instrumental variables.
 
@@ -201,7 +163,8 @@ def correct_joint(joint: Fit, outcome: IRLSResult, corrected: AttenuationCorrect
         The same with instruments.
     """
     theta, sigma = outcome.solution.theta, outcome.solution.sigma
-    solution, corrections = corrected.outcome.solution, {}
+    solution, parameters, biases = corrected.outcome.solution, dict(joint.parameters), {}
+    ratio = dict.fromkeys(joint.parameters, 1.0)
     for i, name in enumerate(p.name for p in outcome.parameters):
         if name not in joint.parameters or joint.parameters[name].is_exact:
             continue
@@ -209,37 +172,19 @@ def correct_joint(joint: Fit, outcome: IRLSResult, corrected: AttenuationCorrect
         remaining = float(np.nan_to_num(corrected.shift[i])) / sigma[i]
         is_shifted = not abs(corrected.uncorrected_shift[i]) < NEGLIGIBLE * sigma[i]
         if is_shifted and max(abs(bias), abs(remaining)) > NEGLIGIBLE:
-            sigma_ratio = float(np.hypot(max(solution.sigma[i] / sigma[i], 1.0), remaining))
-            corrections[name] = IVCorrection(float(solution.theta[i] - theta[i]), bias, sigma_ratio)
-    description = "estimated with instrumental variables, without the noise of the read-outs of motion"
-    return apply_iv(joint, corrections, description)
-
-
-def apply_iv(fit: Fit, corrections: Mapping[str, IVCorrection], description: str, note: str = "") -> Fit:
-    """Return a fit with what instrumental variables change in its estimates.
-
-    Parameters
-    ----------
-    fit : Fit
-        By least squares.
-    corrections : mapping of str to IVCorrection
-        By parameter.
-    description, note : str
-        Begin and end of the warning.
-    """
-    if not corrections:
-        return fit
-    parameters, ratio = dict(fit.parameters), np.ones(len(fit.parameters))
-    for i, (name, estimate) in enumerate(fit.parameters.items()):
-        if name in corrections:
-            ratio[i] = corrections[name].sigma_ratio
-            value, sigma = estimate.value + corrections[name].shift, estimate.sigma * float(ratio[i])
-            parameters[name] = replace(estimate, value=value, sigma=sigma)
-    biases = ", ".join(f"{name} ({correction.bias:+.1f})" for name, correction in corrections.items())
-    message = f"{description}; bias of least squares in units of its sigma: {biases}{note}"
+            e, biases[name] = joint.parameters[name], bias
+            ratio[name] = float(np.hypot(max(solution.sigma[i] / sigma[i], 1.0), remaining))
+            value = e.value + float(solution.theta[i] - theta[i])
+            parameters[name] = replace(e, value=value, sigma=e.sigma * ratio[name])
+    if not biases:
+        return joint
+    message = (
+        "estimated with instrumental variables, without the noise of the read-outs of motion; bias of least "
+        f"squares in units of its sigma: {', '.join(f'{n} ({b:+.1f})' for n, b in biases.items())}"
+    )
     return replace(
-        fit,
+        joint,
         parameters=parameters,
-        covariance_matrix=fit.covariance_matrix * np.outer(ratio, ratio),
-        warnings=(*fit.warnings, Finding("instrumental_variables", message, parameters=tuple(corrections))),
+        covariance_matrix=joint.covariance_matrix * np.outer(list(ratio.values()), list(ratio.values())),
+        warnings=(*joint.warnings, Finding("instrumental_variables", message, parameters=tuple(biases))),
     )

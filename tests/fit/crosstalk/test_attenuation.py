@@ -7,10 +7,8 @@ import pytest
 
 from fit.crosstalk.attenuation import (
     AttenuationCorrected,
-    apply_iv,
     correct_joint,
     inflate_sigma,
-    iv_corrections,
     iv_parameters,
 )
 from fit.results import Fit
@@ -64,16 +62,3 @@ def test_shifted_estimates_are_those_with_instruments():
     # what moved is chance where no shift was to be expected
     by_chance = AttenuationCorrected(solution, {"b_3_1"}, np.zeros(3), np.zeros(3))
     assert correct_joint(joint, LEAST_SQUARES, by_chance) is joint
-
-
-def test_another_fit_of_the_same_data_is_corrected_alike():
-    corrections = iv_corrections({"delta_ifo_1": Estimate(1.3, 0.12, "1")}, LEAST_SQUARES)
-    loop_fit = fit_of(("lambda_2", "delta_ifo_1", "Plant.cubic_2"), np.array([0.1, 0.1, 1.0]), 0.5)
-    fit = apply_iv(loop_fit, corrections, "moved as the fit", "; nothing is known of Plant.cubic_2")
-    assert fit["delta_ifo_1"] == Estimate(pytest.approx(1.3), pytest.approx(0.12), "1")
-    assert fit["lambda_2"] == loop_fit["lambda_2"]
-    assert np.sqrt(np.diag(fit.covariance_matrix)) == pytest.approx([0.1, 0.12, 1.0])
-    assert np.allclose(fit.correlation, loop_fit.correlation)
-    (warning,) = fit.warnings
-    assert "delta_ifo_1 (-3.0); nothing is known" in warning.message
-    assert apply_iv(loop_fit, {}, "") is loop_fit
