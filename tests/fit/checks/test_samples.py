@@ -174,8 +174,8 @@ def test_a_command_that_nothing_feeds_back_or_that_is_at_its_limit_may_stay_the_
 
 @pytest.mark.parametrize(
     "channels",
-    [dict.fromkeys(CHANNELS, single), {"f_x_2": steps(1e-14)}, {"o_1": steps(1e-9)}],
-    ids=["single", "command", "o_1"],
+    [dict.fromkeys(CHANNELS, single), {"f_x_2": steps(1e-16)}, {"f_x_2": steps(1e-14)}, {"o_1": steps(1e-9)}],
+    ids=["single", "fine", "command", "o_1"],
 )
 def test_rounding_is_no_fault_of_samples(channels):
     assert not found(**channels)

@@ -4,8 +4,18 @@ import numpy as np
 
 from tests.hostile.catalogue.channels import SHORT, UNIT, times
 from tests.hostile.catalogue.fault import changes, faults
-from tests.hostile.catalogue.world import line
-from tests.hostile.spoiling import all_of, before_archive, changed, every, gain, pushed, remade, rewritten
+from tests.hostile.catalogue.world import STIFFNESS, line, ramp
+from tests.hostile.spoiling import (
+    all_of,
+    before_archive,
+    changed,
+    every,
+    gain,
+    pushed,
+    remade,
+    rewritten,
+    softened,
+)
 
 HALF = ("A1", "B2", "A2", "E3", "G3", "B4", "C4")  # seven of thirteen
 LEAK = "guidance"
@@ -85,6 +95,16 @@ COMMON = (
         ),
     ),
     *faults("hysteresis in every run", "", ("2 nm in 0.2 %", "o_12", "", with_hysteresis(2e-3, 2e-9))),
+    *faults(
+        "stiffness drifts in every run",
+        STIFFNESS,
+        (
+            "4e-8 s-2",
+            "",
+            "",
+            every(lambda run: remade(run, hidden=softened(lambda t: ramp(4e-8)(t, None)))),
+        ),
+    ),
     *faults("read-outs averaged in every run", AVERAGED, ("1 s", "o_1 o_12", "", averaged(1.0))),
     *changes(
         "unit wrong by a power of ten",

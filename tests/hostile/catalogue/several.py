@@ -63,6 +63,7 @@ SEVERAL = (
         LATE,
         ("1 s", "o_12", *each(EPOCH_4, late(1))),
         ("1 s", "o_12", *each(("A1", "E3"), late(1))),
+        ("1 s", "o_1", *each(EPOCH_4, lambda n: changed(f"{n}-sysid", o_1=delayed(1)))),
     ),
     *faults(
         "clock off in several runs", "clock|time", ("1e-3", "all", *each(EPOCH_4, lambda n: clock(n, 1e-3)))
