@@ -20,8 +20,9 @@ Array = NDArray[np.float64]
 
 MIN_FLAT = 8  # second differences in a row that are zero: a stretch
 NEARBY = 2000  # samples about a stretch that show how often noise and rounding make a difference zero
-MAX_SHARE, ROUNDED = 0.01, 5.0  # of differences that are zero, and times those of one step of rounding
-COARSE = 0.1  # share of differences of one step, from which rounding makes stretches too
+MAX_SHARE = 0.01  # of differences that are zero, beyond those that rounding makes
+QUIET = 5.0  # times that share of a run, in its quiet parts
+COARSE = 0.1  # share of differences that rounding makes zero, from which nothing is said
 MIN_NOISE = 0.5  # of fifth over fourth differences: noise has 1.5, a sine 2 pi f / fs
 MAX_ROUNDING = 16  # times that of a second difference in a fifth one, with margin
 
@@ -67,9 +68,12 @@ def _flat_faults(x: Array, fs: float, n_channels: int) -> Iterator[tuple[str, st
     size, rounding = np.abs(np.diff(x, 2)), _rounding(x)
     flat = (size <= max(rounding, 1e-9 * float(np.nanmedian(size)))) | (x[1:-1] == x[:-2])
     fourth, fifth = (np.abs(np.diff(x, order))[~flat[1:][: x.size - order]] for order in (4, 5))
+    if flat.all():
+        return
     least_noise = max(MIN_NOISE * np.nanmedian(fourth), MAX_ROUNDING * rounding) if fifth.size else 0.0
-    one_step = np.mean(~flat & (size < 1.5 * np.min(size[~flat], initial=np.inf)))
-    if one_step > COARSE or (fifth.size and not np.nanmedian(fifth) > least_noise):
+    # that rounding makes a difference zero, if the least of them is a step of it
+    chance = float(np.nanmin(size[~flat]) / np.nanmedian(size[~flat]))
+    if chance > COARSE or (fifth.size and not np.nanmedian(fifth) > least_noise):
         return
     stretches = _stretches(flat, p_limit(n_channels * x.size))
     for begin, end in stretches:
@@ -77,7 +81,7 @@ def _flat_faults(x: Array, fs: float, n_channels: int) -> Iterator[tuple[str, st
         words = f"is constant or a straight line for {seconds:g} s at {begin / fs:.7g} s"
         yield "invalid_data", words
     share = float(np.mean(flat))
-    if not stretches and share > MAX_SHARE + ROUNDED * one_step:
+    if not stretches and share > MAX_SHARE + QUIET * chance:
         words = (
             f"is interpolated: {100 * share:.0f} % of its samples lie on the line between their neighbours"
         )

@@ -138,7 +138,7 @@ def _answers(bad: Flags, log_p: Array) -> tuple[list[Flags], bool]:
         return list(np.eye(bad.shape[1], dtype=bool)), True
     sizes = np.count_nonzero(bad, axis=1)
     best = 1 + int(np.argmax(log_p[1:]))
-    probable = log_p > log_p[best] - PRIOR.margin * math.sqrt(sizes[best])
+    probable = log_p >= log_p[best] - PRIOR.margin * math.sqrt(sizes[best])
     answers: list[Flags] = []
     candidates = np.flatnonzero(probable & (sizes > 0) & (sizes <= sizes[best])).tolist()
     for i in sorted(candidates, key=lambda i: (sizes[i], -log_p[i])):

@@ -19,6 +19,7 @@ QUICK = {
     "wrong sign, second half, o_12, B4": SMALL,
     "gain drifts in the run, 0.1 %, f_x_1, G3": ("G3", *SMALL),  # the only run that determines it
 }
+WRONG = ("silent", "minority", "too sure", "cries wolf")
 JUDGED = Judged("sound", 6.0, 6.0, 1.0, (), False, False, False, ("nothing",))
 
 
@@ -30,14 +31,14 @@ def of(name):
 def test_a_small_campaign_is_never_silently_wrong(name):
     fault = of(name)
     judged = judge(fault, QUICK[name])
-    assert judged.verdict(fault) not in ("silent", "cries wolf", "costs all"), judged
+    assert judged.verdict(fault) not in (*WRONG, "costs all"), judged
 
 
 @pytest.mark.long
 @pytest.mark.parametrize("fault", FAULTS, ids=lambda fault: fault.name)
 def test_no_fault_passes_for_sound(fault):
     judged = judge(fault)
-    assert judged.verdict(fault) not in ("silent", "minority", "cries wolf"), judged
+    assert judged.verdict(fault) not in WRONG, judged
 
 
 def test_the_judge_calls_silent_what_is():

@@ -82,14 +82,21 @@ def test_the_experiment_that_drifts_is_left_out():
         assert abs(estimate.value - TRUTH[name]) < 4.5 * estimate.sigma
 
 
-@pytest.mark.parametrize(("period", "size"), [(9000.0, 4e-4), (18000.0, 7e-4), (40000.0, 7e-4)])
-def test_a_gain_that_follows_the_temperature_in_all_runs_is_not_sound_or_harmless(period, size):
+@pytest.mark.parametrize(
+    ("period", "size", "code"),
+    [
+        (3600.0, 4e-4, "drift"),
+        (9000.0, 4e-4, "drift"),
+        (18000.0, 7e-4, "drift"),
+        (40000.0, 7e-4, "contradiction"),
+    ],
+)
+def test_a_gain_that_follows_the_temperature_in_all_runs_is_not_sound(period, size, code):
     """Each run has a phase of its own; half of the size moves no estimate by five sigma."""
     phases = dict(zip((f"{name}-sysid" for name in NAMES), (0.3, 2.0, 4.1, 5.5), strict=True))
     runs = every(lambda run: changed(run, o_12=wave(period, size, phases[run])), NAMES)(clean(NAMES))
     joint = calibrate(list(runs.values())).joint
-    errors = [abs(e.value - TRUTH[name]) / e.sigma for name, e in joint.parameters.items()]
-    assert joint.unsound or max(errors) < 4.5
+    assert code in {w.code for w in joint.unsound}
 
 
 def test_many_runs_that_drift_leave_none_out():

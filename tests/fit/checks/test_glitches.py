@@ -89,11 +89,6 @@ def test_missing_samples_are_no_glitches():
     assert (after.sysid.n_masked, after.noise.n_masked) == (131, 100)
 
 
-def test_without_noise_nothing_stands_out():
-    still = [replace(run, channels={k: 0 * x for k, x in run.channels.items()}) for run in pair(World())]
-    assert not search(experiment(still))[1]
-
-
 # --- in closed loop, sines running ----------------------------------------------------------------------
 
 
@@ -141,19 +136,6 @@ def test_too_much_is_told_and_left(simulated):
     assert after.sysid.n_masked == 0
     assert warning.code == "too_many_glitches"
     assert "nothing is masked" in warning.message
-
-
-def test_a_calibration_masks_and_tells(simulated):
-    runs = [simulated("A", Pulse("g_1", 1e-11, 5123.0, 12.0)), simulated("A-noise")]
-    results = calibrate(runs)
-    for fit in (results.joint, results.experiments["A"]):
-        (warning,) = (w for w in fit.warnings if w.code == "glitches")
-        assert warning.message.startswith("A: 1 glitch masked, at 50")
-        assert 400 <= fit.masked_samples <= 2000  # at 10 Hz
-    plain = calibrate(runs, settings({"glitches": False}))
-    assert not [w for w in plain.joint.warnings if w.code == "glitches"]
-    assert plain.joint.masked_samples == 0
-    assert plain.joint.chi2 > 2 * results.joint.chi2
 
 
 def test_what_is_full_of_glitches_stays_out_of_the_joint_fit(simulated):

@@ -59,14 +59,12 @@ def test_scale_and_sign_of_a_run_are_measured(runs, scale):
         ("o_1", lambda o: 1.01 * o),
         ("o_1", slower),
         ("o_1", lambda o: np.roll(o, 3)),
-        ("o_1", lambda o: o + 1e-6),
         ("guidance_o_1", np.zeros_like),
         ("guidance_o_1", lambda g: np.full(g.size, 3e-9)),
-        ("guidance_o_1", lambda g: 1e-9 * np.sin(0.5 * np.arange(g.size))),
         ("guidance_o_1", lambda g: 1e-9 * np.random.default_rng(1).standard_normal(g.size)),
         ("guidance_o_12", lambda g: 1.05 * g),
     ],
-    ids=["little", "slow", "late", "offset", "none", "constant", "80 mHz", "noise", "o_12"],
+    ids=["little", "slow", "late", "none", "constant", "noise", "o_12"],
 )
 def test_other_departures_are_no_scale(runs, channel, function):
     assert reasons(changed(runs, ["C2"], channel, function)) == {}
@@ -79,23 +77,6 @@ def test_runs_without_slow_guidance_share_the_fault_of_their_epoch(runs):
     assert sorted(both) == ["C2", "D2", "G3"]
     assert "nothing distinguishes its o_1 from that of C2, D2" in both["G3"]
     assert list(reasons(changed(silent, ["C2"], "o_1", lambda o: 1.06 * o))) == ["C2"]
-
-
-def test_a_fault_of_few_runs_excludes_them_and_that_of_most_spoils_the_fit(runs):
-    def decided(*names):
-        campaign = campaign_of(pair(list(changed(runs, names, "o_1", lambda o: 1.06 * o).values())))
-        return campaign.decide(guidance.find(campaign))
-
-    assert decided("C2").faulty == {"C2"}
-    common = decided("A1", "C2", "D2")
-    assert common.faulty == set()
-    (finding,) = common.findings
-    assert finding.code == "guidance_scale"
-    assert [(cause.run, cause.channel) for cause in finding.causes] == [
-        (name, "o_1") for name in ("A1", "C2", "D2")
-    ]
-    assert common.of_joint == [finding]
-    assert common.of_run("C2") == [finding]
 
 
 @pytest.mark.stat  # fixed seed; the mean departs by more than 0.2 in one of 2,000

@@ -173,12 +173,20 @@ def test_a_command_that_nothing_feeds_back_or_that_is_at_its_limit_may_stay_the_
 
 
 @pytest.mark.parametrize(
-    "channels",
-    [dict.fromkeys(CHANNELS, single), {"f_x_2": steps(1e-16)}, {"f_x_2": steps(1e-14)}, {"o_1": steps(1e-9)}],
-    ids=["single", "fine", "command", "o_1"],
+    ("channels", "words"),
+    [
+        (dict.fromkeys(CHANNELS, single), ""),
+        ({"f_x_2": steps(1e-16)}, ""),
+        ({"o_12": lambda x: x + np.linspace(0, 1e-6, x.size)}, ""),
+        ({"f_x_2": steps(1e-14)}, "f_x_2 to steps of 1e-14"),
+        ({"o_1": steps(1e-9)}, "o_1 to steps of 1e-09"),
+    ],
+    ids=["single", "fine", "slope", "command", "o_1"],
 )
-def test_rounding_is_no_fault_of_samples(channels):
-    assert not found(**channels)
+def test_rounding_is_a_fault_where_it_would_move_estimates(channels, words):
+    messages = [finding.message for finding in found(**channels)]
+    assert len(messages) == bool(words)
+    assert all(words in message for message in messages)
 
 
 @pytest.mark.parametrize("at", [0, 1, 5, 25, N - 26, N - 2, N - 1])

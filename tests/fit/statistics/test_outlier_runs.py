@@ -34,6 +34,11 @@ def test_most_probable_subset_grows_beyond_the_enumerated_ones(monkeypatch):
     assert find_outlier_runs(consistency(1, 9, (0, 2, 8))).runs == ("run 0", "run 2", "run 8")
 
 
+def test_a_run_without_any_noise_leaves_an_answer():
+    test = consistency(1, 5, (3,), shift=1e30)
+    assert find_outlier_runs(test).answers
+
+
 @pytest.mark.parametrize(("n_runs", "bad"), [(6, (0, 1, 2)), (2, (0,))])
 def test_half_of_the_runs_contradict_the_others(n_runs, bad):
     test = consistency(3, n_runs, bad, shift=1e4)
