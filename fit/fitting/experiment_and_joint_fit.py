@@ -85,12 +85,20 @@ def fit_joint(
     FitError
         If no valid estimate results.
     """
-    initial = _weighed(single_fits or {})
-    if settings.scatter == ["auto"]:
-        return _fitted(experiments, settings, (), initial)
-    if settings.scatter and len(experiments) < 2:
+    scattering = [] if settings.scatter == ["auto"] else settings.scatter
+    if scattering and len(experiments) < 2:
         raise InputError(f"fit.scatter: {experiments[0].name} is the only experiment, expected two or more")
-    return _fitted(experiments, settings, settings.scatter, initial)
+    parameters, maps, widths = joint_parameters(experiments, settings, scattering)
+    outcome = reweight(
+        experiments,
+        maps,
+        parameters,
+        estimator=settings.estimator,
+        random_effects=widths,
+        initial=_weighed(single_fits or {}),
+        params=constraints.params(parameters, settings.parameters),
+    )
+    return marginalise_widths(outcome) if widths else outcome
 
 
 def _weighed(fits: Mapping[str, IRLSResult | FitError | None]) -> dict[str, whitened_run.WhitenedRun]:
@@ -134,26 +142,6 @@ def joint_parameters(
         for n, e in enumerate(experiments)
     ]
     return [*shared, *deviations], maps, widths
-
-
-def _fitted(
-    experiments: Sequence[Experiment],
-    settings: Settings,
-    scattering: Sequence[str],
-    initial: Mapping[str, whitened_run.WhitenedRun],
-) -> IRLSResult:
-    """Fit all experiments together, with random effects of the named parameters."""
-    parameters, maps, widths = joint_parameters(experiments, settings, scattering)
-    outcome = reweight(
-        experiments,
-        maps,
-        parameters,
-        estimator=settings.estimator,
-        random_effects=widths,
-        initial=initial,
-        params=constraints.params(parameters, settings.parameters),
-    )
-    return marginalise_widths(outcome) if widths else outcome
 
 
 def report(

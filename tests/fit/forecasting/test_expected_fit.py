@@ -158,7 +158,7 @@ def test_agrees_with_a_fit_of_the_reference_plant(quickstart):
     assert list(sigmas(forecasted)) == list(sigmas(fitted))
     for name, sigma in sigmas(fitted).items():
         # the noise PSDs at the lowest frequencies make that of a stiffness scatter by 8 % from fit to fit
-        tolerance = 0.2 if name.startswith(("omega2", "alpha")) else 0.1
+        tolerance = 0.12 if name.startswith(("omega2", "alpha")) else 0.05
         assert sigmas(forecasted)[name] == pytest.approx(sigma, rel=tolerance), name
     undetermined = [w.parameters for w in fitted.warnings if w.code == "indeterminable"]
     assert [w.parameters for w in forecasted.warnings] == undetermined
