@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import asdict, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -233,8 +233,8 @@ def calibrate_ttl(
     ttl, compared = ttl_fit.calibrate_ttl(runs[0], runs[1] if runs[1:] else None, params)
     c = parameter_values(ttl.lmfit.params)
     extra: dict[str, object] = {
-        f"subtraction_{next(iter(runs[0].michelson))}": subtraction_spectra(runs[0], c).record(),
-        "estimators": asdict(compared),
+        f"subtraction_{next(iter(runs[0].michelson))}": subtraction_spectra(runs[0], c),
+        "estimators": compared,
     }
     provenance = Provenance(telemetry=[str(run.path) for run in runs], extra=extra)
     return Results(None, {}, {}, {}, provenance, ttl)

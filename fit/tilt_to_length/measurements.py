@@ -36,6 +36,10 @@ _UNITS = {
     **{f"dws_{name}": "rad s-1" for name in SERIES},
     **{f"d_{assembly}": "s" for assembly in ASSEMBLIES},
 }
+_LONG_NAMES = dict.fromkeys(VARIABLES, "Michelson variable, second generation") | {
+    "dws": "rate of an angle of an assembly by wavefront sensing",
+    "d": "light travel time to an assembly",
+}
 _OPTIONAL = tuple(name for name in _UNITS if not name.startswith("d_"))
 _DATASETS = {"phi": "sci_dws_phis", "eta": "sci_dws_etas"}  # of lisainstrument
 _TRUTHS = {
@@ -188,18 +192,9 @@ def write_measurements(
     attributes["central_frequency"] = measurements.central_frequency
     if measurements.dws_asd is not None:
         attributes["dws_asd"] = measurements.dws_asd
-    channels = {name: (_UNITS[name], _long_name(name)) for name in series}
+    channels = {name: (_UNITS[name], _LONG_NAMES[name.partition("_")[0]]) for name in series}
     with Writer(path, size, channels, attributes, truth=measurements.truth or None) as writer:
         writer.append(np.arange(size) / measurements.fs, series)
-
-
-def _long_name(name: str) -> str:
-    kind, _, index = name.partition("_")
-    if kind == "dws":
-        return f"rate of the angle {index} by wavefront sensing"
-    return (
-        f"light travel time to assembly {index}" if kind == "d" else "Michelson variable, second generation"
-    )
 
 
 def _read_lisainstrument(path: Path) -> Measurements:

@@ -1,7 +1,5 @@
 """A Michelson variable before and after the subtraction of its coupling, as spectra for the report."""
 
-from dataclasses import asdict, dataclass
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -12,25 +10,6 @@ from fit.tilt_to_length.measurements import Measurements
 from fit.tilt_to_length.response import BAND, margins, spans_without_gaps
 
 Array = NDArray[np.float64]
-
-
-@dataclass(frozen=True)
-class SubtractionSpectra:
-    """One-sided ASDs of a variable [Hz Hz^-0.5] at the frequencies f [Hz], each of length B.
-
-    Attributes
-    ----------
-    f, before, after : list of float
-        With coupling, and without what the coefficients make of wavefront sensing.
-    """
-
-    f: list[float]
-    before: list[float]
-    after: list[float]
-
-    def record(self) -> dict[str, list[float]]:
-        """Return them as JSON has them."""
-        return asdict(self)
 
 
 def subtract_coupling(measurements: Measurements, c: Array, variable: str = "X2") -> Array:
@@ -56,11 +35,14 @@ def subtract_coupling(measurements: Measurements, c: Array, variable: str = "X2"
     return np.where(spans_without_gaps(complete, lead + tail + 1), total, np.nan)
 
 
-def subtraction_spectra(measurements: Measurements, c: Array) -> SubtractionSpectra:
-    """Return the spectra of the first variable before and after the subtraction with c, shape (24,)."""
+def subtraction_spectra(measurements: Measurements, c: Array) -> dict[str, list[float]]:
+    """Return ASDs of the first variable before and after the subtraction with c, shape (24,).
+
+    As JSON has them: frequencies f [Hz], ``before`` and ``after`` [Hz Hz^-0.5], each of length B.
+    """
     variable = next(iter(measurements.michelson))
     series = [subtract_coupling(measurements, x, variable) for x in (np.zeros_like(c), c)]
-    spectra = [asd(x, measurements.fs) for x in series]
-    inside = (spectra[0].f > BAND[0] / 4) & (spectra[0].f < 2 * BAND[1])
-    f, before, after = spectra[0].f[inside], *(x.asd[inside] for x in spectra)
-    return SubtractionSpectra(f.tolist(), before.tolist(), after.tolist())
+    before, after = (asd(x, measurements.fs) for x in series)
+    inside = (before.f > BAND[0] / 4) & (before.f < 2 * BAND[1])
+    columns = {"f": before.f, "before": before.asd, "after": after.asd}
+    return {name: x[inside].tolist() for name, x in columns.items()}

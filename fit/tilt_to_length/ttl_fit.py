@@ -55,34 +55,6 @@ PRIOR = f"left at the prior, {prior_text(0, 1e3 * WIDTH)} mm/rad"
 
 
 @dataclass(frozen=True)
-class EstimatorSigmas:
-    """Least squares and instrumental variables by coefficient [m/rad].
-
-    Attributes
-    ----------
-    least_squares, instruments : dict of str to float
-        Standard deviations, of coefficients that are determined.
-    bias : dict of str to float
-        Of least squares by noise of wavefront sensing, which the estimates are free of.
-    """
-
-    least_squares: dict[str, float]
-    bias: dict[str, float]
-    instruments: dict[str, float]
-
-    @classmethod
-    def of(cls, least_squares: LinearEstimate, instruments: LinearEstimate) -> EstimatorSigmas:
-        """Return those of two estimates."""
-        columns = (least_squares.sigma, least_squares.bias, instruments.sigma)
-        return cls(*({n: float(x) for n, x in zip(NAMES, y, strict=True) if np.isfinite(x)} for y in columns))
-
-    @property
-    def largest_bias(self) -> float:
-        """The largest bias [sigma]."""
-        return max((abs(self.bias[n]) / sigma for n, sigma in self.least_squares.items()), default=0.0)
-
-
-@dataclass(frozen=True)
 class Identity:
     """Coefficients of the columns are the parameters themselves, see `fit.fitting.RunEstimate`."""
 
@@ -97,7 +69,7 @@ class Identity:
 
 def calibrate_ttl(
     measurements: Measurements, noise: Measurements | None = None, params: lmfit.Parameters | None = None
-) -> tuple[Fit, EstimatorSigmas]:
+) -> tuple[Fit, dict[str, dict[str, float]]]:
     """Fit the coefficients of tilt-to-length coupling.
 
     Parameters
@@ -113,8 +85,9 @@ def calibrate_ttl(
     -------
     fit : Fit
         With truth and pull where the measurements have the truth.
-    compared : EstimatorSigmas
-        Of the two estimators.
+    compared : dict of str to dict
+        By coefficient that is determined [m/rad]: sigma of ``least_squares`` and of ``instruments``, and the
+        ``bias`` of least squares by noise of wavefront sensing, which the estimates are free of.
 
     Raises
     ------
@@ -133,13 +106,14 @@ def calibrate_ttl(
     weights, estimate = _weigh(spectra, reference, dws_asd)
     _check_unit(noise or measurements, weights)
     instruments = instrumental_variables(spectra, weights)
-    compared = EstimatorSigmas.of(estimate, instruments)
+    compared = _by_estimator(estimate, instruments)
     warnings = [*_absence(measurements), *([] if noise is not None else [_NO_NOISE_RUN])]
     if measurements.dws_asd is None:
+        bias = float(np.max(np.abs(estimate.bias) / estimate.sigma))
         estimate = estimate.with_uncertain_bias()
         is_better = bool(np.all(instruments.sigma <= estimate.sigma))
         estimate = instruments if is_better else estimate
-        warnings += _unstated_noise_warnings(compared, is_better)
+        warnings += _unstated_noise_warnings(bias, is_better)
     solved, reported, blind = _solve(measurements, estimate, params)
     c = parameter_values(solved.result.params)
     warnings += [
@@ -150,6 +124,15 @@ def calibrate_ttl(
     chi2, dof = float(2 * np.sum(weights * np.abs(residual) ** 2)), 2 * weights.size - len(NAMES)
     warnings += [*blind, *_misfit_warnings(chi2 / dof, math.sqrt(2 * spectra.variance_factor / dof))]
     return _fit(params, solved, reported, measurements.truth, chi2, dof, warnings), compared
+
+
+def _by_estimator(estimate: LinearEstimate, instruments: LinearEstimate) -> dict[str, dict[str, float]]:
+    """Return sigmas and bias by coefficient, without those that are not determined."""
+    columns = {"least_squares": estimate.sigma, "bias": estimate.bias, "instruments": instruments.sigma}
+    return {
+        key: {name: float(x) for name, x in zip(NAMES, column, strict=True) if np.isfinite(x)}
+        for key, column in columns.items()
+    }
 
 
 def _weigh(
@@ -341,11 +324,11 @@ def _cure(names: tuple[str, ...]) -> str:
     return f"turn spacecraft {spacecraft} about theta, eta and phi at different frequencies"
 
 
-def _unstated_noise_warnings(compared: EstimatorSigmas, has_instruments: bool) -> list[Finding]:
-    """Return a warning of noise of an unknown level, where it matters."""
+def _unstated_noise_warnings(bias: float, has_instruments: bool) -> list[Finding]:
+    """Return a warning of noise of an unknown level, where its `bias` [sigma] matters."""
     if has_instruments:
         consequence = "the estimates are those of instrumental variables"
-    elif compared.largest_bias > MAX_BIAS:
+    elif bias > MAX_BIAS:
         consequence = f"the bias by {DWS_ASD:.2g} rad Hz^-0.5 is subtracted, and part of the sigmas"
     else:
         return []

@@ -125,17 +125,10 @@ def test_parameters_of_lmfit_go_in_and_come_out():
 
 
 @pytest.mark.parametrize("shift", [0.0, 10.0])
-@pytest.mark.parametrize("statement", ["fixed", "prior", "tied"])
-def test_constraints_are_tested_against_the_data(shift, statement):
+def test_a_constraint_is_tested_against_the_data(shift):
     run, noise = manoeuvre(3)
     name, (free, params) = "c_12_phi_rx", (calibrated(run, noise), make_params())
-    value = free[name].value + shift * free[name].sigma
-    if statement == "fixed":
-        params[name].set(value=value, vary=False)
-    elif statement == "prior":
-        params[name].user_data = fit.Prior(value, 0.1 * free[name].sigma)
-    else:
-        params[name].set(expr=f"c_13_phi_rx + {value - free['c_13_phi_rx'].value:.12g}")
+    params[name].set(value=free[name].value + shift * free[name].sigma, vary=False)
     ttl = calibrated(run, noise, params)
     assert "constrained" in {w.code for w in ttl.warnings}
     assert bool(ttl.unsound) == (shift > 0)
