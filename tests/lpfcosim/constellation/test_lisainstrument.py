@@ -2,6 +2,7 @@
 
 from importlib.util import find_spec
 
+import h5py
 import numpy as np
 import pytest
 
@@ -64,7 +65,8 @@ def test_longitudinal_motion_cancels(quiet):
     _, measurements = quiet
     residual = response_spectra(measurements)
     c = np.array([measurements.truth[name] for name in NAMES])
-    assert np.abs(residual.residual(c)).max() < 1e-4 * np.abs(residual.data).max()
+    # beat notes of 10 MHz are rounded to 2e-9 Hz, which leaves 4e-8 cycles Hz^-0.5; noise of a link has 1e-5
+    assert np.abs(residual.residual(c)).max() < 1e-3 * np.abs(residual.data).max()
 
 
 @lisa
@@ -88,6 +90,27 @@ def test_wavefront_sensing_reads_the_noise_of_the_loop(tmp_path):
         np.testing.assert_array_equal(x, read[1].rates[name])
         angle = np.cumsum(x) / read[0].fs
         assert np.std(np.diff(angle)) > 0.5 * level * np.sqrt(2.0)
+
+
+@lisa
+@installed
+def test_beat_notes_are_read_as_a_phasemeter_gives_them(tmp_path):
+    path = tmp_path / "m.h5"
+    simulate_measurements(join(write_constellation(tmp_path, 600.0, manoeuvre())), path)
+    whole = read_measurements(path)
+    with h5py.File(path, "r+") as file:
+        file.pop("debug", None)
+        file["sci_carriers"]["23"][400:440] = np.nan
+    gap = read_measurements(path)
+    for name, x in gap.michelson.items():
+        np.testing.assert_array_equal(np.flatnonzero(np.isnan(x)), np.arange(400, 440))
+        np.testing.assert_array_equal(x[:350], whole.michelson[name][:350])
+    with h5py.File(path, "r+") as file:
+        file["sci_carriers"]["12"][:] = 0.0
+    dead = read_measurements(path)
+    assert list(dead.michelson) == ["Z2"]
+    assert "sci_12" in dead.silent
+    np.testing.assert_array_equal(dead.michelson["Z2"], gap.michelson["Z2"])
 
 
 def test_rates_are_flat_up_to_one_hertz():
