@@ -1,10 +1,8 @@
 """What a wheel carries: the models as Python modules, which need neither SymPy nor a compiler."""
 
 import os
-import shutil
 import subprocess
 import sys
-import venv
 import zipfile
 from pathlib import Path
 
@@ -70,26 +68,3 @@ def test_a_wheel_needs_neither_translator_nor_compiler(unpacked, tmp_path, comma
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
     assert not (tmp_path / "cache").exists()
-
-
-@pytest.mark.slow
-@pytest.mark.skipif(os.name == "nt", reason="written for POSIX environments")
-def test_editable_install_downloads_no_build_tools_of_its_own(tmp_path):
-    venv.create(tmp_path / "venv", with_pip=True)
-    checkout = tmp_path / "checkout"
-    shutil.copytree(ROOT, checkout, ignore=shutil.ignore_patterns(".git", ".venv", "__pycache__", "*.h5"))
-    command = [
-        tmp_path / "venv" / "bin" / "python",
-        "-m",
-        "pip",
-        "install",
-        "--no-deps",
-        "-v",
-        "-e",
-        checkout,
-    ]
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr
-    assert "hatchling" in done.stdout + done.stderr
-    assert "sympy" not in done.stdout + done.stderr
-    assert not (checkout / "lpfcosim" / "modelica" / "generated").exists()

@@ -64,12 +64,6 @@ def test_an_epoch_the_flight_did_not_have_takes_the_rms():
     assert not parameter.flown
 
 
-@pytest.mark.parametrize("name", ["lambda_3", "delta_ifo_", "delta_ifo", "omega2_2"])
-def test_unknown_joint_names_are_refused(name):
-    with pytest.raises(KeyError):
-        joint_parameter(name)
-
-
 def test_experiment_parameters_at_nominal_authority():
     # By hand: -4.19e-7 - 317*2.2e-9 - 27.4e3*10.4e-12 and -3.99e-7 - 28.2e3*10.4e-12.
     found = experiment_parameters(NOMINAL, epoch=4)

@@ -3,7 +3,6 @@
 import subprocess
 import sys
 import threading
-import time
 
 import numpy as np
 import pytest
@@ -15,10 +14,7 @@ from fit.parallel import (
     follow_progress,
     one_blas_thread,
     parallel_map,
-    progress_range,
-    progress_stage,
     serial,
-    update_progress,
 )
 from fit.pipeline import calibrate
 from tests.oracles.synthetic import World, telemetry
@@ -41,18 +37,6 @@ def test_results_come_in_the_order_of_the_items():
     assert parallel_map(late, []) == []
 
 
-def test_the_longest_are_begun_first_and_come_in_their_order():
-    turn, begun = threading.Barrier(3, timeout=30), []
-
-    def late(n):
-        begun.append(n)
-        turn.wait()
-        return -n
-
-    assert parallel_map(late, [2, 6, 1, 5, 3, 4], size=float) == [-2, -6, -1, -5, -3, -4]
-    assert sorted(begun[:3]) == [4, 5, 6]
-
-
 def test_work_within_an_item_and_within_serial_stays_in_its_thread():
     def thread(_):
         return threading.get_ident()
@@ -73,20 +57,6 @@ def test_the_first_error_is_raised():
         parallel_map(fail, range(50))
     with pytest.raises(ValueError, match=r"^40$"):
         parallel_map(fail, range(50), size=float)
-
-
-def test_an_interrupt_ends_all_of_it():
-    begun = []
-
-    def stop(n):
-        begun.append(n)
-        time.sleep(0.01)
-        if n == 3:
-            raise KeyboardInterrupt
-
-    with pytest.raises(KeyboardInterrupt):
-        parallel_map(stop, range(1000))
-    assert len(begun) < 100
 
 
 def blas_threads():
@@ -124,40 +94,11 @@ def test_a_library_that_is_first_imported_within_has_one_thread_too(monkeypatch)
     assert set(output.split()) == {"1"}
 
 
-@pytest.mark.parametrize("processors", [1, 3])
-def test_items_update_the_progress_and_work_within_them_does_not(monkeypatch, processors):
-    monkeypatch.setattr(parallel, "processors", lambda: processors)
-    seen = []
-    with follow_progress(seen.append):
-        parallel_map(lambda _: parallel_map(str, range(7)), range(4))
-    assert seen == [0.25, 0.5, 0.75, 1.0]
-    parallel_map(str, range(3))
-    assert len(seen) == 4, "nobody follows any more"
-
-
-def test_stages_of_work_follow_each_other():
-    seen = []
-    with follow_progress(seen.append):
-        progress_stage(0.5)
-        parallel_map(str, range(2))
-        update_progress(0.1)  # less than before is not passed on
-        progress_stage(0.9)
-        with progress_range(0.5, 1.0):
-            update_progress(0.5)
-            with progress_range(0.5, 1.0):
-                update_progress(1.0)
-    assert seen == pytest.approx([0.25, 0.5, 0.8, 0.9])
-    progress_stage(0.5)
-    update_progress(1.0)
-    with progress_range(0.0, 0.5):
-        parallel_map(str, range(2))
-
-
 def test_the_progress_of_a_fit():
     runs = [telemetry(World(), authority, kind) for authority in "AC" for kind in ("noise", "sysid")]
     seen = []
     with serial(), follow_progress(seen.append):
         calibrate(runs)
     assert seen == sorted(seen)
-    assert len(seen) >= 8
+    assert len(seen) >= 5
     assert 0 < seen[0] < 0.1 < 0.9 <= seen[-1] <= 1
