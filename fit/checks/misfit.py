@@ -39,15 +39,15 @@ class CommonEffect(NamedTuple):
         Amount.
     run : str
         Name of the only run that determines it; empty if several do.
-    epoch : int or None
-        Alignment epoch of the runs; None for all.
+    scope : str
+        Words for the runs of an alignment epoch; empty for all runs.
     """
 
     template: Template
     size: float
     sigma: float
     run: str
-    epoch: int | None
+    scope: str
 
     @property
     def z(self) -> float:
@@ -96,7 +96,9 @@ def common_effects(runs: Sequence[RunMisfit]) -> list[CommonEffect]:
     for i, template in enumerate(MODEL_TEMPLATES if runs else ()):
         for epoch in sorted(epochs) if template.by_epoch else [None]:
             members = [r for r in runs if epoch in (None, r.experiment.sysid.telemetry.alignment_epoch)]
-            effects.append(_common_effect(members, i, epoch))
+            names = ", ".join(r.experiment.name for r in members)
+            scope = "" if epoch is None else f" in the runs of alignment epoch {epoch} ({names})"
+            effects.append(_common_effect(members, i, scope))
     limit = sigma_limit(len(effects))
     significant = [e for e in effects if e and e.z > limit and e.template.admits(e.size, e.sigma)]
     significant.sort(key=lambda e: -e.z)
@@ -105,7 +107,7 @@ def common_effects(runs: Sequence[RunMisfit]) -> list[CommonEffect]:
     return [e for e in significant if e.z**2 > significant[0].z ** 2 * (1 - INDISTINCT) - DELTA_CHI2]
 
 
-def _common_effect(runs: Sequence[RunMisfit], i: int, epoch: int | None) -> CommonEffect | None:
+def _common_effect(runs: Sequence[RunMisfit], i: int, scope: str) -> CommonEffect | None:
     """Return the common amount of the i-th template; None if it scatters, or may be a fault of one run."""
     sums = np.array([run.sums[i] for run in runs])
     amounts = np.zeros(len(MODEL_TEMPLATES))
@@ -130,15 +132,14 @@ def _common_effect(runs: Sequence[RunMisfit], i: int, epoch: int | None) -> Comm
     if is_of_one and remainder > (1 - ACCOUNTED) * excess:
         return None
     name = runs[largest].experiment.name if is_of_one else ""
-    return CommonEffect(MODEL_TEMPLATES[i], float(amounts[i]), float(information**-0.5), name, epoch)
+    return CommonEffect(MODEL_TEMPLATES[i], float(amounts[i]), float(information**-0.5), name, scope)
 
 
 def _template_warning(effects: Sequence[CommonEffect], largest_force: tuple[float, float]) -> Finding:
     """Return the warning of the best template and those that the data do not distinguish from it."""
     causes = []
-    for template, size, sigma, run, epoch in effects:
+    for template, size, sigma, run, scope in effects:
         force = largest_force[int(template.channel[-1]) - 1] if template.kind == "gain by force" else 0.0
-        scope = "" if epoch is None else f" in the runs of alignment epoch {epoch}"
         causes.append(template.cause(size, sigma, run, scope=scope, force=force))
     message = (
         f"{effects[0].run or 'all runs together'} {'shows' if effects[0].run else 'show'} {effects[0].z:.1f} "
