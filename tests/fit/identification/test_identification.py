@@ -80,9 +80,7 @@ def test_a_bound_is_contradicted_where_noise_does_not_explain_it(flown, unconstr
     bounded = identified(flown, (FreeParameter("lambda_2", bounds=(bound, 1.2)), *FREE[1:])).joint
     assert bounded["lambda_2"].value == pytest.approx(bound, abs=1e-3 * estimate.sigma)
     (at_bound,) = [w for w in bounded.warnings if w.code == "at_bound"]
-    assert f"lambda_2 is at its lower bound {bound:.6g}, the data put it at {estimate.value:.5g}"[:-1] in (
-        at_bound.message
-    )
+    assert at_bound.parameters == ("lambda_2",)
     contradicted = [w for w in bounded.warnings if w.code == "constraint_contradicted"]
     assert len(contradicted) == (sigmas == 30) == bool(bounded.unsound)
     for warning in contradicted:
