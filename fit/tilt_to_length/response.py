@@ -176,20 +176,14 @@ def margins(measurements: Measurements, band: tuple[float, float] = BAND) -> tup
     fs = measurements.fs
     if fs < 5 * band[1]:
         raise InputError(f"{measurements.path}: sampled at {fs:g} Hz, expected {5 * band[1]:g} Hz or more")
-    lead, tail = _ends(fs, measurements.delays)
+    longest = michelson.longest_delay(measurements.delays)
+    lead, tail = (math.ceil((x + SETTLING) * fs) + derivatives.HALF for x in (longest, 0.0))
     shortest = SHORTEST + (lead + tail) / fs
     if measurements.duration < shortest:
         raise InputError(
             f"{measurements.path}: {measurements.duration:.0f} s, expected {shortest:.0f} s or more, of "
             "which the delays take a part"
         )
-    return lead, tail
-
-
-def _ends(fs: float, delays: Mapping[str, float]) -> tuple[int, int]:
-    """Return how many samples delays and interpolation take at the beginning and at the end."""
-    longest = michelson.longest_delay(delays)
-    lead, tail = (math.ceil((x + SETTLING) * fs) + derivatives.HALF for x in (longest, 0.0))
     return lead, tail
 
 

@@ -225,9 +225,5 @@ def read_jitter(path: Path) -> Jitter:
     """
     units = {name: unit for name, (unit, _) in (SERIES | NOISES).items()}
     file = read_series(path, SCHEMA, units, optional=NOISES)
-    size = next(iter(file.series.values())).size
-    if file.attributes.get("size", size) != size:
-        stated = shown(file.attributes["size"])
-        raise InputError(f"{path}: attribute size: {stated}, expected {size}, the number of samples")
     names = [file.attributes.get(f"run_{sc}") for sc in ASSEMBLIES]
     return Jitter(file.fs, file.series, tuple(str(name) for name in names if name is not None))
