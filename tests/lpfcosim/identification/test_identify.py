@@ -208,7 +208,7 @@ def test_bounds_that_the_data_contradict_make_the_result_unsound(identify):
     joint, warnings = identify(f"[identify]\n{table}", status=1)
     assert joint["sound"] is False
     assert warnings["constraint_contradicted"]["parameters"] == ["lambda_2", "omega2_2_0"]
-    assert "lambda_2 is at its lower bound 1.08, the data put it at 1.077" in warnings["at_bound"]["message"]
+    assert "lambda_2 is at its bound 1.08, the data put it at 1.077" in warnings["at_bound"]["message"]
     assert "loop_contradiction" not in warnings  # the bound is what differs
     assert joint["parameters"]["lambda_2"]["value"] == pytest.approx(1.08, abs=1e-6)
 
