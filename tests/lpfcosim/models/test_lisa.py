@@ -3,11 +3,15 @@
 import numpy as np
 import pytest
 
+import fit
+import lpfcosim
+from lpfcosim.campaign import loading
 from lpfcosim.execution import telemetry_file
 from lpfcosim.linear import ClosedLoop, margins, response
 from lpfcosim.modelica import build, numpy_models
 from lpfcosim.models import lisa, model_of
 from lpfcosim.spacecraft import Sine
+from tests import ROOT
 from tests.agreement import assert_agree
 from tests.lpfcosim.cosim import in_memory
 from tests.lpfcosim.models.test_lisa_plant import SKEW
@@ -103,6 +107,23 @@ def test_record_attributes_and_truth(lisa_run):
     assert truth["C_y_1"] == pytest.approx(1.05 * 0.25, rel=1e-15)
     assert truth["omega2_x_1"] == pytest.approx(-3.2e-7 - 26.5e3 * run.authority.N_max_1, rel=1e-12)
     assert "C_1" not in truth
+
+
+def test_stiffness_of_the_shipped_campaign_follows_its_authority():
+    plan = loading.load(ROOT / "campaigns" / "lisa.toml")
+    assert model_of(plan.runs[0]) is lisa.MODEL
+    stiffness = {run.name: telemetry_file.truth(run)["omega2_x_1"] for run in plan.runs}
+    assert stiffness["B"] - stiffness["A"] == pytest.approx(-26.5e3 * (5e-12 - 10.4e-12), rel=1e-9)
+
+
+@pytest.mark.slow
+def test_fall_back_is_calibrated_with_priors_of_the_science_mode(tmp_path):
+    plan = lpfcosim.load_campaign(ROOT / "campaigns" / "lisa-fall-back.toml")
+    lpfcosim.simulate(plan, tmp_path, fmus=False)
+    joint = fit.calibrate(fit.load(tmp_path), parameters=plan.fit["parameters"]).joint
+    assert not joint.unsound
+    assert joint["lambda_x_2"].sigma == pytest.approx(lpfcosim.forecast(plan)["lambda_x_2"].sigma, rel=0.1)
+    assert max(abs(e.pull) for e in joint.parameters.values()) < 3.5
 
 
 @pytest.mark.fmu
