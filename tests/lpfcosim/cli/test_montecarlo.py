@@ -2,6 +2,7 @@
 
 import json
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -9,10 +10,12 @@ from scipy.stats import norm
 
 from fit.forecasting import coverage
 from fit.settings import settings
+from fit.spacecraft.lisa import GEOMETRY
 from lpfcosim.campaign import loading, montecarlo
 from lpfcosim.cosim import SimulationProgress
 from lpfcosim.workflows import montecarlo as workflow
-from lpfcosim.workflows.montecarlo_trial import MonteCarloTask
+from lpfcosim.workflows.montecarlo_trial import MonteCarloTask, misaligned
+from tests import ROOT
 from tests.campaign_text import campaign
 from tests.lpfcosim.cli.refusal import refusal
 
@@ -75,6 +78,16 @@ def test_every_number_has_noise_of_its_own_and_keeps_it(small):
     assert len(set(seeds)) == 50
     assert seeds[7] == montecarlo.numbered(plan, 7, redraw=False).seed
     assert montecarlo.numbered(plan, 7, redraw=False).truth == plan.truth
+
+
+def test_axes_of_lisa_are_drawn_unless_they_are_stated():
+    lisa = loading.load(ROOT / "campaigns" / "lisa.toml")
+    drawn = [misaligned(montecarlo.numbered(lisa, k, redraw=False)).truth for k in range(400)]
+    axes = np.array([[truth[name] for name in GEOMETRY] for truth in drawn])
+    np.testing.assert_allclose(axes.std(axis=0), 1e-3, rtol=0.15)  # 4 sigma
+    stated = replace(lisa, fit={"parameters": {"opening": {"value": 0.0, "vary": False}}})
+    assert misaligned(stated).truth.keys() >= {"o_per_y_1"}
+    assert "opening" not in misaligned(stated).truth
 
 
 def test_redrawn_truths_stay_near_and_valid(small):
