@@ -28,7 +28,8 @@ def find(campaign: Campaign) -> list[Finding]:
 
 def _of_experiment(e: Experiment) -> Iterator[Finding]:
     run, tau = e.sysid, initial_fit(e.sysid).tau
-    channels = {name: run.telemetry.channels[name] for name in run.channels.series}
+    recorded = run.telemetry.channels
+    channels = {name: recorded[name] for name in run.channels.series if name in recorded}
     steps = {name: step for name, x in channels.items() if (step := coarse_step(x))}
     if not steps:
         return
