@@ -1,6 +1,6 @@
 """Put every fault of the catalogue into telemetry, fit it, and write docs/faults.csv and its summaries.
 
-``python -m tests.hostile.faults [PARTIAL]`` takes half an hour on two cores. Rows are kept in PARTIAL, by
+``python -m tests.hostile.faults [PARTIAL]`` takes ten minutes on two cores. Rows are kept in PARTIAL, by
 default faults.jsonl in the working folder, from which an interrupted run resumes; remove it to begin again.
 ``python -m tests.hostile.faults --summary`` writes the page from the table that is there.
 """
@@ -20,10 +20,9 @@ from tests.hostile.catalogue import FAULTS, Fault
 from tests.hostile.judging import FAR, judge
 
 TABLE, PAGE = ROOT / "docs" / "faults.csv", ROOT / "docs" / "faults.md"
-KINDS, DETECTORS = ROOT / "docs" / "faults-by-kind.csv", ROOT / "docs" / "faults-by-detector.csv"
+KINDS = ROOT / "docs" / "faults-by-kind.csv"
 COLUMNS = (
-    "kind", "size", "channel", "experiments", "outcome", "left_out", "error", "verdict", "detectors",
-    "message",
+    "kind", "size", "channel", "experiments", "outcome", "left_out", "error", "verdict", "message",
 )  # fmt: skip
 OUTCOMES = ("sound", "left out", "no sigma", "failed", "refused")
 HEADING = ("fault", "cases", "sound", "left out", "not sound", "failed", "refused", "largest error [σ]")
@@ -45,7 +44,6 @@ def make_row(fault: Fault) -> Row:
         " ".join(judged.left_out),
         "" if judged.outcome in ("refused", "failed") else f"{judged.pull:.1f}",
         "undetectable" if fault.blind else "harmless" if fault.harmless else judged.verdict(fault),
-        " ".join(judged.detectors),
         message if len(message) <= LONGEST else f"{message[: LONGEST - 3]}...",
     )
     row = dict(zip(COLUMNS, cells, strict=True))
@@ -86,23 +84,6 @@ def by_verdict(rows: Sequence[Row]) -> str:
     return "\n".join(lines)
 
 
-def ablation(rows: Sequence[Row]) -> list[tuple[str, ...]]:
-    """Return the table of detectors: on how many faults each fires, and on how many it alone does."""
-    clean = next(row for row in rows if row["kind"] == "nothing is wrong")
-    always = set(clean["detectors"].split())
-    fires: Counter[str] = Counter()
-    single: Counter[str] = Counter()
-    example: dict[str, str] = {}
-    for row in rows:
-        fired = set(row["detectors"].split()) - always
-        fires.update(fired)
-        if len(fired) == 1:
-            single.update(fired)
-        for name in fired:
-            example.setdefault(name, f"{row['kind']}, {row['channel']}".strip(", "))
-    return [(name, str(n), str(single[name] or ""), example[name]) for name, n in fires.most_common()]
-
-
 def totals(rows: Sequence[Row]) -> str:
     """Return the table that counts the wrong responses."""
     verdicts = Counter(row["verdict"] for row in rows)
@@ -135,11 +116,9 @@ def replace_section(page: str, name: str, text: str) -> str:
 
 
 def write_summary(rows: Sequence[Row]) -> None:
-    """Write the summaries into the page, and those by kind and by detector beside it."""
-    detectors = ("detector", "faults", "alone", "example")
-    for path, table in ((KINDS, [HEADING, *by_kind(rows)]), (DETECTORS, [detectors, *ablation(rows)])):
-        with path.open("w", encoding="utf-8", newline="") as file:
-            csv.writer(file, lineterminator="\n").writerows(table)
+    """Write the summaries into the page, and that by kind beside it."""
+    with KINDS.open("w", encoding="utf-8", newline="") as file:
+        csv.writer(file, lineterminator="\n").writerows([HEADING, *by_kind(rows)])
     page = PAGE.read_text(encoding="utf-8")
     for name, text in (("totals", totals(rows)), ("kinds", by_verdict(rows))):
         page = replace_section(page, name, text)

@@ -41,8 +41,6 @@ class Judged:
         Whether what is said of the joint fit names an experiment of the fault, and words for its cause.
     said : tuple of str
         Errors and warnings of the joint fit.
-    detectors : tuple of str
-        What fired in any of the fits: codes of warnings, and kinds of causes.
     """
 
     outcome: str
@@ -54,7 +52,6 @@ class Judged:
     names_run: bool
     names_cause: bool
     said: tuple[str, ...]
-    detectors: tuple[str, ...] = ()
 
     def telling(self, fault: Fault) -> str:
         """Return the first of what is said that names the fault, or else the first of all."""
@@ -126,13 +123,7 @@ def judge(fault: Fault, names: Iterable[str] | None = None) -> Judged:
         names_run=_names(said, fault),
         names_cause=any(re.search(fault.cause, words) for words in said),
         said=tuple(dict.fromkeys(said)),
-        detectors=_detectors([joint, *results.experiments.values()]),
     )
-
-
-def _detectors(fits: Iterable[Fit]) -> tuple[str, ...]:
-    """Return what fired in any of the fits."""
-    return tuple(sorted({w.code for fit in fits for w in (*fit.unsound, *fit.warnings)}))
 
 
 @cache

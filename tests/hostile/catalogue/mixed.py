@@ -6,7 +6,7 @@ from tests.hostile.catalogue.channels import LATE, SIGN, times
 from tests.hostile.catalogue.fault import changes, faults
 from tests.hostile.catalogue.labels import SAME
 from tests.hostile.catalogue.world import other
-from tests.hostile.spoiling import READ_OUTS, all_of, changed, late, rewritten
+from tests.hostile.spoiling import changed, late, rewritten
 
 HALF = 10800
 WRONG = "something else|stuck|repeat|no equation|samples|jump|off by|line|exact"
@@ -43,10 +43,6 @@ def lent(to, of, name, start=0):
     return spoil
 
 
-def spliced(to, of, start):
-    return all_of(*(lent(to, of, name, start) for name in READ_OUTS))
-
-
 def dead(band):
     return lambda x: np.where(np.abs(x - x.mean()) < band, x.mean(), x)
 
@@ -68,14 +64,12 @@ MIXED = (
         "late from half the run on",
         LATE,
         ("1 s", "f_x_2", "D4", late_from(HALF, 1)),
-        ("0.3 s", "o_12", "C2", late_from(HALF, 0.3)),
     ),
     *changes("minute repeated", WRONG, ("", "all", "A2", repeated_minute(9000))),
     *changes(
         "missing minute closed up",
         WRONG + "|" + LATE,
         ("", "o_12", "E3", closed_up(7000, 60)),
-        ("", "all", "F3", closed_up(7000, 60)),
     ),
     *changes("late and of the wrong sign", f"late.*{SIGN}", ("3 s", "f_x_2", "A1", lambda x: -late(x, 3))),
     *changes("clipped", "stops|stuck", ("at 50 %", "f_x_1", "G3", lambda x: np.clip(x, -1e-9, 1e-9))),
@@ -93,7 +87,6 @@ MIXED = (
         "channel of another run",
         SAME,
         ("", "o_12", "A1 A1b", lent("A1b-sysid", "A1-sysid", "o_12")),
-        ("second half", "all", "B2 C2", spliced("B2-sysid", "C2-sysid", HALF)),
     ),
     *faults(
         "channel of another run", "", ("its noise run", "f_x_2", "D4", lent("D4-sysid", "D4-noise", "f_x_2"))

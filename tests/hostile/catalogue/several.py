@@ -5,7 +5,7 @@ import numpy as np
 from tests.hostile.catalogue.channels import LATE, SCALE, clock, delayed, times
 from tests.hostile.catalogue.fault import faults
 from tests.hostile.catalogue.labels import AUTHORITY
-from tests.hostile.spoiling import all_of, changed, cut, every, labelled, recorded, remade, shifted
+from tests.hostile.spoiling import all_of, changed, cut, every, labelled, recorded, shifted
 
 EPOCH_3, EPOCH_4 = ("E3", "F3", "G3", "D3"), ("B4", "D4", "C4")
 
@@ -38,10 +38,7 @@ SEVERAL = (
     *faults(
         "scaled in several runs",
         SCALE,
-        ("1 %", "f_x_2", *each(("B4", "C2"), scaled(1.01))),
-        ("1 % up, 1 % down", "f_x_2", "B4 C2", all_of(scaled(1.01)("B4"), scaled(0.99)("C2"))),
         ("0.1 %", "f_x_2", *each(("A1", "A1b", "B2", "C2", "A2", "D2"), scaled(1.001))),
-        ("0.1 %", "f_x_2", *each(EPOCH_4, scaled(1.001))),
     ),
     *faults(
         "scaled in several runs",
@@ -61,8 +58,6 @@ SEVERAL = (
     *faults(
         "late in several runs",
         LATE,
-        ("1 s", "o_12", *each(EPOCH_4, late(1))),
-        ("1 s", "o_12", *each(("A1", "E3"), late(1))),
         ("1 s", "o_1", *each(EPOCH_4, lambda n: changed(f"{n}-sysid", o_1=delayed(1)))),
     ),
     *faults(
@@ -72,7 +67,6 @@ SEVERAL = (
         "F_max_2 wrong in several runs",
         AUTHORITY,
         ("× 2", "", *each(("A1", "A1b", "A2"), lambda n: labelled(n, F_max_2=4400e-12))),
-        ("× 2", "", *each(("B2", "B4", "C2", "C4"), lambda n: labelled(n, F_max_2=2200e-12))),
     ),
     *faults(
         "N_max_2 wrong in several runs",
@@ -82,12 +76,6 @@ SEVERAL = (
     *faults(
         "alignment epochs exchanged",
         "epoch|delta_ifo",
-        (
-            "2 and 4",
-            "",
-            "B2 B4",
-            all_of(labelled("B2", alignment_epoch=4), labelled("B4", alignment_epoch=2)),
-        ),
         ("2 is 1, two runs of four", "", *each(("B2", "C2"), lambda n: labelled(n, alignment_epoch=1))),
     ),
     *faults(
@@ -107,12 +95,6 @@ SEVERAL = (
             "",
             "B4 C2 A2",
             all_of(scaled(1.01)("B4"), late(1)("C2"), shifted("A2-sysid", omega2_2=5e-8)),
-        ),
-        (
-            "noise × 3; F_max_2",
-            "",
-            "D4 A1",
-            all_of(remade("D4-sysid", noise={"plateau": 3}), labelled("A1", F_max_2=2e-9)),
         ),
     ),
     *faults("archived at 10 Hz", "", ("sysid and noise", "all", *each(("B4",), recorded)), harmless=True),

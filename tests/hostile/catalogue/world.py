@@ -87,17 +87,17 @@ def louder(highest, level):
     return function
 
 
-def many_glitches(t):
-    return sum(glitch(900.0 + 1700 * k, 1e-10, 20, 90)(t) for k in range(12))
-
-
 GAINS = (
     *faults(
-        "lambda_2 wanders over the mission", GAIN, ("1e-3", *wandering(1e-3)), ("1e-4", *wandering(1e-4))
+        "lambda_2 wanders over the mission",
+        GAIN,
+        ("1e-3", *wandering(1e-3)),
     ),
     *faults("lambda_2 wanders over the mission", "", ("1e-6", *wandering(1e-6)), harmless=True),
     *faults(
-        "lambda_2 scatters by experiment", GAIN, ("0.28 %", *scattering(2.8e-3)), ("2e-4", *scattering(2e-4))
+        "lambda_2 scatters by experiment",
+        GAIN,
+        ("0.28 %", *scattering(2.8e-3)),
     ),
     *faults(
         "lambda_2 differs",
@@ -105,13 +105,11 @@ GAINS = (
         ("1e-3", *other("B4", lambda_2=1.001)),
         ("2e-4", *other("C4", lambda_2=1.0002)),
         ("1e-3", *other("G3", lambda_2=1.001)),
-        ("1e-2", *other("D3", lambda_2=1.01)),
     ),
     *faults("lambda_2 differs", "", ("1e-6", *other("C4", lambda_2=1 + 1e-6)), harmless=True),
     *faults(
         "gain drifts in the run",
         GAIN,
-        ("1 %", *hidden("B4", "f_x_2", gain(2, ramp(0.01)))),
         ("0.1 %", *hidden("C2", "f_x_2", gain(2, ramp(0.001)))),
         ("0.1 %", *hidden("G3", "f_x_1", gain(1, ramp(0.001)))),
     ),
@@ -119,8 +117,6 @@ GAINS = (
         "gain depends on force",
         GAIN,
         ("1 % at 4 nN", *hidden("G3", "f_x_1", gain(1, by_force(0.01, 2.07e-9)))),
-        ("1 % at 4 nN", *hidden("G3", "f_x_2", gain(2, by_force(0.01, 2.07e-9)))),
-        ("5 % at 1 pm s-2", *hidden("A1", "f_x_2", gain(2, by_force(0.05, 1e-12)))),
     ),
     *faults(
         "force missing", "glitch|force|f_x_2", ("for 300 s", *hidden("A2", "f_x_2", gain(2, off(3000, 3300))))
@@ -130,16 +126,12 @@ DYNAMICS = (
     *faults(
         "stiffness of an epoch differs",
         STIFFNESS + "|epoch",
-        ("5e-8 s-2", *together(EPOCH_3, omega2_2=5e-8)),
-        ("5e-8 s-2, both test masses", *together(EPOCH_4, omega2_1=5e-8, omega2_2=5e-8)),
         ("1e-8 s-2", *together(EPOCH_4, omega2_2=1e-8)),
     ),
     *faults(
         "stiffness differs",
         STIFFNESS,
         ("5e-8 s-2", *changing("A2", omega2_2=5e-8)),
-        ("5e-8 s-2, test mass 1", *changing("A2", omega2_1=5e-8)),
-        ("five times", *other("E3", omega2_1=5.0, omega2_2=5.0)),
     ),
     *faults("stiffness differs", "", ("1e-10 s-2", *changing("A2", omega2_2=1e-10)), harmless=True),
     *faults(
@@ -150,13 +142,11 @@ DYNAMICS = (
     *faults(
         "delay differs",
         "delay|C_2|late",
-        ("50 ms", *changing("A1", delay_2=0.05)),
         ("5 ms", *changing("D4", delay_2=0.005)),
     ),
     *faults(
         "delta_ifo differs within the epoch",
         "delta_ifo|epoch|leak",
-        ("3e-5", *changing("C4", delta_ifo=3e-5)),
         ("3e-6", *changing("B2", delta_ifo=3e-6)),
     ),
 )
@@ -165,34 +155,30 @@ NOISES = (
     *faults(
         "noise of the experiment",
         NOISE,
-        ("× 1.5", *noise("B4", plateau=1.5, tail=1.5)),
         ("× 3", *noise("B4", plateau=3, tail=3)),
-        ("× 0.5", *noise("B4", plateau=0.5, tail=0.5)),
     ),
     *faults("noise of every experiment", NOISE, ("× 2", *everywhere(plateau=2, tail=2))),
-    *faults("low-frequency noise", NOISE, ("× 5", *everywhere(tail=5)), ("× 5", *noise("C4", tail=5))),
+    *faults(
+        "low-frequency noise",
+        NOISE,
+        ("× 5", *everywhere(tail=5)),
+    ),
     *faults("read-out noise", NOISE, ("× 5", *noise("A1", "o_12", oms=5))),
     *faults("thruster noise", "", ("× 3", *noise("A1", "o_1", thruster=3)), harmless=True),
     *faults(
         "noise of the second half",
         NOISE,
         ("12 fm more, to 10 mHz", *force("D4", louder(0.01, 12e-15))),
-        ("12 fm more", *force("G3", louder(0.5, 12e-15))),
     ),
     *faults(
         "line",
         "line|sine|tone|noise",
         ("1e-13 m s-2, injected frequency", *force("B4", line(1.667e-3, 1e-13))),
-        ("1e-14 m s-2, injected frequency", *force("C4", line(0.833e-3, 1e-14))),
-        ("1e-13 m s-2, elsewhere", *force("B4", line(9e-3, 1e-13))),
     ),
     *faults(
         "glitch",
         "glitch",
         ("1e-9 m s-1 in 60 s", *force("B4", glitch(7000, 1e-9, 20, 60))),
-        ("1e-10 m s-1 in 600 s", *force("C2", glitch(3000, 1e-10, 100, 600))),
-        ("1e-10 m s-1 in 2 h", *force("A2", glitch(8000, 1e-10, 900, 7200))),
-        ("12 of 1e-10 m s-1", *force("G3", many_glitches)),
     ),
     *faults("glitch", "", ("3e-12 m s-1 in 10 s", *force("D4", glitch(15000, 3e-12, 3, 10))), harmless=True),
     *faults(
