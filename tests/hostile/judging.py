@@ -13,7 +13,13 @@ from tests.hostile.spoiling import clean
 from tests.oracles.thirteen import PLANS, TRUTH
 
 FAR = 5.0  # sigma
-UNNAMED = ("alone puts", "does not fit either")
+UNNAMED = (
+    "alone puts",
+    "does not fit either",
+    "changes within the run",
+    "do not follow the equation",
+    "jumps by",
+)
 LONG = "D3"
 NARROW = 0.85  # of the sigma without the fault, upon which no copy may improve
 RESTS = "high_leverage"  # said of a clean campaign too
