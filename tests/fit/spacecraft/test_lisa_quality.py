@@ -28,10 +28,18 @@ def largest_pull(joint):
 
 def test_an_experiment_that_contradicts_the_others_is_left_out():
     driven, noise = experiment("C", 2)
-    results = fit.calibrate([*experiment(), *experiment("B", 1), changed(driven, F_y_1=1.005), noise])
+    results = fit.calibrate([*experiment(), *experiment("B", 1), changed(driven, grs_y_1=1.005), noise])
     assert results.provenance.joint_runs == ["A-sysid", "B-sysid"]
     assert not results.joint.unsound
     assert largest_pull(results.joint) < 3.5
+
+
+def test_a_gain_that_differs_in_one_experiment_scatters():
+    driven, noise = experiment("C", 2)
+    joint = fit.calibrate([*experiment(), *experiment("B", 1), changed(driven, F_y_1=1.005), noise]).joint
+    assert "random_effects" in {w.code for w in joint.warnings}
+    assert joint["lambda_y_1"].sigma > 1e-3
+    assert largest_pull(joint) < 3.5
 
 
 def test_equal_noise_under_two_names_is_refused():
