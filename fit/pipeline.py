@@ -1,8 +1,9 @@
 """What happens to a run, from telemetry to results.
 
-The runs are paired and checked; what a check finds follows from its kind, in `Campaign.decide` alone: it is
-masked, the fit adapts to it, the run is left out, or the user is warned. Then each experiment is fitted by
-itself, noise and constancy of the coefficients are checked, and those that agree are fitted jointly.
+The runs are paired and checked, stage by stage as in the table of `fit.checks`. What follows from a finding
+is decided by its kind, in `Campaign.decide` alone: samples are masked, the fit adapts to noise, the run is
+left out, or the user is warned. Each experiment is fitted by itself, and those that agree are fitted jointly,
+without what the user says of parameters and then with it.
 """
 
 from collections.abc import Mapping, Sequence
@@ -49,8 +50,8 @@ def calibrate(telemetries: Sequence[Telemetry], chosen: Settings | None = None) 
     progress_stage(0.45)
     campaign = checked(paired(telemetries, chosen), "samples", "files", "equation")
     progress_stage(0.65)
-    campaign = checked(campaign, "limits", "residual", "o_1").fit_each()
-    campaign = checked(campaign, "noise").fit_each()
+    campaign = checked(campaign, "limits", "residual", "o_1").fit_each()  # residuals of an initial fit
+    campaign = checked(campaign, "noise").fit_each()  # those whose noise levels are fitted
     campaign = checked(campaign, "drift")
     progress_stage(0.95)
     campaign, joint = fit_jointly(campaign, chosen)
