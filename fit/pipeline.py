@@ -48,7 +48,7 @@ def calibrate(telemetries: Sequence[Telemetry], chosen: Settings | None = None) 
     """
     chosen = chosen or settings()
     progress_stage(0.45)
-    campaign = checked(paired(telemetries, chosen), "samples", "files", "equation")
+    campaign = checked(paired(telemetries, chosen), "samples", "gaps", "files", "equation")
     progress_stage(0.65)
     campaign = checked(campaign, "limits", "residual", "o_1").fit_each()  # residuals of an initial fit
     campaign = checked(campaign, "noise").fit_each()  # those whose noise levels are fitted

@@ -41,8 +41,9 @@ from fit.results import Fit
 from fit.whitening import Experiment
 
 Stage = Literal[
-    "samples", "files", "equation", "limits", "residual", "o_1", "noise", "drift", "fit", "agreement", "joint"
-]
+    "samples", "gaps", "files", "equation", "limits", "residual", "o_1", "noise", "drift", "fit", "agreement",
+    "joint",
+]  # fmt: skip
 
 
 class Check(NamedTuple):
@@ -66,9 +67,9 @@ class Check(NamedTuple):
 
 
 CHECKS = (
-    Check("samples", gaps.find),
     Check("samples", samples.find, 1),
     Check("samples", spikes.find),
+    Check("gaps", gaps.find),
     Check("files", labels.find),
     Check("files", units.find),
     Check("files", exchanged.find),

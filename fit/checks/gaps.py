@@ -1,4 +1,4 @@
-"""Runs of which missing samples leave too little for spectra."""
+"""Runs of which missing and masked samples leave too little for spectra."""
 
 from collections.abc import Iterator
 

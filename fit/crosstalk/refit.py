@@ -56,7 +56,7 @@ def experiments(
     fit_settings = settings(chosen, f"{path}: provenance.settings")
     limited = [e.limit_band(fit_settings.f_max).with_parameters(fit_settings.parameters) for e in recorded]
     campaign = Campaign({e.name: e for e in limited}, fit_settings)
-    prepared = checked(campaign, "samples", "limits", "residual", "o_1")
+    prepared = checked(campaign, "samples", "gaps", "limits", "residual", "o_1")
     levels = provenance.levels or []
     every = prepared.experiments.values()
     return [replace(e, marginalised=e.name in levels) for e in every], fit_settings

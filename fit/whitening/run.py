@@ -162,7 +162,7 @@ class Run:
         elif spectra is None:
             groups = self.spacecraft.column_groups(self.channels, tau)
             spectra = self.transformed(groups, self.spacecraft.blank(self.channels, tau))
-            check_coverage(self.telemetry, spectra.window, f"{self.channels.missing} missing samples")
+            check_coverage(self.telemetry, spectra.window, "missing and masked samples")
             self._cache.initial = spectra
         else:
             for j in self._far_masses(spectra, tau, noise):  # of what does not move, the transforms stay

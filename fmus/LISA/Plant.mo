@@ -181,8 +181,8 @@ not in the actuation: a force that switches between two samples cannot cross the
   u_j   = (cos a_j, sin a_j, 0)                        a_1 = half_opening + opening, a_2 = -half_opening
   omega2_x_j = omega2_x_j_0 + alpha_x_j*F_max_j + alpha_phi_j*N_max_j
 </pre>
-<p>Voltages that are ready to pull F_max_j along x_j and turn by N_max_j about z add to the stiffness along x_j (eq.
-stiff_model of Phys. Rev. D 97, 122002). Sunlight and the gravity of the spacecraft are constant.</p>
+<p>Voltages that are ready to pull F_max_j along x_j and turn by N_max_j about z add to the stiffness along x_j (Eq. (8) of
+Phys. Rev. D 97, 122002). Sunlight and the gravity of the spacecraft are constant.</p>
 <p>Defaults: test masses as flown on LISA Pathfinder. Mass, inertia, geometry and mechanism are a choice, as are
 stiffness (of the order of LISA Pathfinder; per authority what its electrodes were predicted to have), delays and lag of
 the thrust (those of LISA Pathfinder). No constant forces.</p>

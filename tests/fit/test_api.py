@@ -325,7 +325,10 @@ def test_figures_show_themselves_and_their_numbers(results, runs, tmp_path):
 @pytest.mark.fmu
 def test_simulated_through_the_fmus_it_is_the_same(campaign, folder, tmp_path):
     brief = replace(
-        campaign, experiments=[replace(e, duration=600.0, noise_duration=0.0) for e in campaign.experiments]
+        campaign,
+        experiments=[
+            replace(e, duration=600.0, noise_duration=0.0, injections=()) for e in campaign.experiments
+        ],
     )
     ours = simulator.simulate(brief, tmp_path / "fmus", jobs=1)
     theirs = simulator.simulate(brief, tmp_path / "reference", fmus=False)

@@ -149,7 +149,7 @@ SCATTERED = tuple((start, start + 2) for start in range(50, 21500, 120))
         (mismatched(kind="sysid"), r"^A-noise\.h5: experiment 'A' already has the sysid run A-sysid\.h5"),
         (
             [without(mismatched()[0], *SCATTERED)],
-            r"^A-sysid\.h5: 358 missing samples lie so widely",
+            r"^A-sysid\.h5: missing and masked samples lie so widely",
         ),
     ],
 )

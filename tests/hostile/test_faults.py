@@ -128,7 +128,7 @@ def single(name, tone, fault):
 def test_a_single_tone_determines_the_sign_of_a_gain():
     flipped = [*single("A", 1e-3, lambda r: changed(r, o_12=negative))]
     flipped += single("B", 2e-2, lambda r: changed(r, o_12=negative))
-    with pytest.raises(InputError, match=r"A-sysid\.h5: o_12 or .* wrong sign.*B-sysid\.h5: o_12 or"):
+    with pytest.raises(InputError, match=r"A-sysid\.h5: o_12 or .* wrong sign.*B"):
         calibrate(flipped)
 
 
@@ -136,7 +136,7 @@ def test_what_is_excluded_stops_nothing_and_is_no_sound_fit():
     wrong = of("A-sysid", lambda r: changed(r, o_12=negative))
     results = calibrate(wrong, settings({"exclude": ["A"]}))
     assert not results.joint.unsound
-    assert [w.code for w in results.experiments["A"].unsound] == ["invalid_data"]
+    assert [w.code for w in results.experiments["A"].unsound] == ["implausible_gain"]
     assert not results.unsound
 
 
