@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import pytest
 
-from fit.errors import FitError, InputError
+from fit.errors import FitError
 from fit.findings import Finding
 from fit.whitening import pair
 from tests.fit.checks.campaigns import campaign
@@ -45,11 +45,6 @@ def test_the_kind_says_how_many_are_left_out(code, names, left_out):
     assert {f.run for f in decided.of_joint if f.code == "rejected"} == set(left_out)
 
 
-def test_faults_of_all_leave_nothing_to_fit():
-    with pytest.raises(InputError, match=r"A-noise.h5: it is so, 0 times; similar in B, C, D, E$"):
-        CAMPAIGN.decide(found("invalid_data", NAMES))
-
-
 def test_a_fit_without_more_than_a_third_of_the_experiments_is_not_sound():
     def codes(names):
         return [
@@ -58,14 +53,6 @@ def test_a_fit_without_more_than_a_third_of_the_experiments_is_not_sound():
 
     assert codes("A") == []
     assert codes("AB") == ["too_many_exclusions"]
-
-
-def test_who_is_left_out_by_the_settings_does_not_count_as_faulty():
-    excluded = campaign(pair(RUNS), exclude=["A"]).decide([Finding("excluded", "named in exclude", "A")])
-    decided = excluded.decide(found("invalid_data", "A"))
-    assert "A" not in [e.name for e in decided.in_joint_fit]
-    assert [f.code for f in decided.of_joint] == ["excluded"]
-    assert [f.code for f in decided.of_run("A")] == ["excluded", "invalid_data"]
 
 
 def test_what_is_found_in_a_span_is_masked_and_what_adapts_a_fit_has_it_fitted_anew():

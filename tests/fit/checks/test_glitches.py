@@ -20,7 +20,7 @@ from tests.fit.recorded import recorded
 from tests.fit.test_pipeline import OFF
 from tests.oracles import glitches as flown
 from tests.oracles import thirteen
-from tests.oracles.synthetic import World, pair, without
+from tests.oracles.synthetic import World, pair
 from tests.reference_run import Pulse, simulate_reference
 
 pytestmark = pytest.mark.slow
@@ -71,24 +71,6 @@ def test_clean_runs_are_left_alone(world, authority):
     assert not warnings
 
 
-def test_what_lasts_is_no_glitch():
-    # a line that no column tells, ten thousand times the noise in its bin
-    sysid, noise = pair(World())
-    line = 3e-11 * np.sin(2 * np.pi * 7e-3 * sysid.time)
-    sysid = replace(sysid, channels={**sysid.channels, "o_12": sysid.channels["o_12"] + line})
-    assert not search(experiment((sysid, noise)))[1]
-
-
-def test_missing_samples_are_no_glitches():
-    sysid, noise = pair(World())
-    gaps = ((3000, 3030), (9000, 9001), (15000, 15100))
-    before = experiment((without(sysid, *gaps), without(noise, (100, 200))))
-    after, warnings = search(before)
-    assert both(after) == both(before)
-    assert not warnings
-    assert (after.sysid.n_masked, after.noise.n_masked) == (131, 100)
-
-
 # --- in closed loop, sines running ----------------------------------------------------------------------
 
 
@@ -126,16 +108,6 @@ def test_glitches_of_seconds_to_hours_leave_the_joint_estimates():
     moved = np.abs(theta - expected) / sigma
     assert np.max(moved) < 1
     assert np.sqrt(np.mean(moved**2)) < 0.45
-
-
-def test_too_much_is_told_and_left(simulated):
-    storm = draw(1, 400)
-    before = experiment([simulated("A", *storm), simulated("A-noise")])
-    after, (warning,) = search(before)
-    assert after.sysid.masks == ()
-    assert after.sysid.n_masked == 0
-    assert warning.code == "too_many_glitches"
-    assert "nothing is masked" in warning.message
 
 
 def test_what_is_full_of_glitches_stays_out_of_the_joint_fit(simulated):
@@ -179,16 +151,6 @@ def test_glitches_lie_in_injections_as_often_as_chance_has_it():
     assert injections.chance_probability([]) == 1
     quiet = injections.Coincidences(0, 0, 0, 168)
     assert injections.chance_probability([count, quiet]) == injections.chance_probability([count])
-
-
-def test_injected_cells_are_those_of_the_strongest_tones():
-    run = Run(thirteen.telemetry(thirteen.made("D2", "sysid", seed=1)))
-    cells = injections.injected_cells(run, (0.15, 0.18))
-    assert cells[[35, 67, 68]].all()
-    assert np.mean(cells) < 0.3
-    struck = replace(run.telemetry, channels=dict(run.telemetry.channels))
-    struck.channels["o_12"] = run.telemetry.channels["o_12"] + 1e-11 * (run.telemetry.time > 15000)
-    np.testing.assert_array_equal(injections.injected_cells(Run(struck), (0.15, 0.18)), cells)
 
 
 @pytest.mark.long

@@ -78,12 +78,6 @@ def test_samples_of_another_run_exclude_the_experiments_in_doubt(exchanged, excl
     assert sorted(faults(campaign)) == excluded
 
 
-def test_equal_authorities_leave_the_owner_of_a_shared_noise_run():
-    campaign = {name: replace(r, F_max_2=1100e-12) for name, r in runs("A", "B", "E").items()}
-    exchange(campaign, "B-noise", "A-noise")
-    assert list(faults(campaign)) == ["B"]
-
-
 @pytest.mark.parametrize(
     ("disguise", "words"),
     [
@@ -150,8 +144,3 @@ def test_commands_of_both_test_masses_exchanged(sign):
 
 
 # --- nothing where there is nothing ---------------------------------------------------------------------
-
-
-def test_equal_injections_are_no_duplicates():
-    campaign = runs("A", "B", "C", "D", "E", drive_1=1e-12)
-    assert not faults({name: replace(r, F_max_1=2200e-12) for name, r in campaign.items()})

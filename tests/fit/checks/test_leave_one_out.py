@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from matplotlib.figure import Figure
 
 import fit
 from fit.fitting import JointModel
@@ -50,18 +49,3 @@ def test_a_shift_is_in_units_of_the_noise_of_its_difference(results):
     assert row["shift"] == pytest.approx(first / np.sqrt(variance), rel=1e-3)
     nested = np.sqrt(row["sigma"] ** 2 - results.joint["lambda_2"].sigma ** 2)
     assert np.sqrt(variance) == pytest.approx(nested, rel=0.1)  # the difference of nested estimates
-
-
-def test_results_of_a_file_have_no_model(results, tmp_path):
-    results.save(tmp_path / "results.json")
-    with pytest.raises(fit.InputError, match=r"leave_one_out: results from a file, expected those of fit\."):
-        fit.leave_one_out(fit.load_results(tmp_path / "results.json"))
-
-
-def test_figures_are_drawn_on_axes_of_the_user(results, runs):
-    figure = Figure()
-    ax = figure.subplots()
-    plot = fit.plot.spectra(results, runs, "A", ax=ax)
-    assert plot.figure is figure and len(ax.lines) >= 3 and ax.get_legend()
-    with pytest.raises(fit.InputError, match=r"plot: ax: .* expected 2 axes of matplotlib"):
-        fit.plot.residual(results, runs, "A", ax=ax)

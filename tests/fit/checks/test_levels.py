@@ -5,7 +5,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fit.errors import InputError
 from fit.fitting.experiment_and_joint_fit import fit_experiment
 from fit.pipeline import calibrate
 from fit.settings import settings
@@ -54,11 +53,6 @@ def test_noise_of_another_level_is_marginalised(changes):
     assert results.joint.chi2 / results.joint.dof == pytest.approx(1, abs=0.05)
 
 
-def test_a_level_that_is_off_everywhere_is_seen_where_none_stands_out():
-    results = calibrate(campaign("ABCD", tail=3e-14))
-    assert results.provenance.levels == ["A", "B", "C", "D"]
-
-
 def test_a_signal_that_the_equation_lacks_is_no_noise():
     runs = campaign()
     t = runs[0].time
@@ -68,15 +62,6 @@ def test_a_signal_that_the_equation_lacks_is_no_noise():
     assert results.provenance.levels == []
     assert "noise_mismatch" in codes(results.experiments["A"])
     assert "A-sysid" not in results.provenance.joint_runs or results.joint.unsound
-
-
-def test_the_settings_may_insist():
-    results = calibrate(campaign(), settings({"levels": ["B"]}))
-    assert results.provenance.levels == ["B"]
-    (said,) = (w for w in results.joint.warnings if w.code == "marginalised_noise")
-    assert said.message.startswith("B: ")
-    with pytest.raises(InputError, match=r"fit.levels: no experiment 'Z', there are A, B, C, D"):
-        calibrate(campaign(), settings({"levels": ["Z"]}))
 
 
 def test_bins_below_the_noise_run_have_no_level():

@@ -11,7 +11,7 @@ from fit.spectra.noise_psd import fit_noise
 from fit.statistics.variance import WhitenedResidual, diagnose, diagnostics
 from fit.whitening import Experiment, whitened_run
 from fit.whitening.run import Run
-from tests.oracles.synthetic import World, pair, telemetry
+from tests.oracles.synthetic import World, pair
 
 HOURS = 3600
 
@@ -85,11 +85,3 @@ def test_an_experiment_and_what_a_wrong_model_leaves_of_it(tmp_path):
     solution = replace(found.solution, theta=theta, covariance=0 * found.solution.covariance)
     wrong = diagnose(experiment, replace(found, solution=solution))
     assert wrong.chi2_red > right.chi2_red + 10 * right.chi2_red_sigma
-
-
-def test_a_run_without_noise_run():
-    run = telemetry(World(), seed=8)
-    experiment = Experiment(Run(run), None)
-    found = diagnose(experiment, fit_experiment(experiment))
-    assert found.chi2_red == pytest.approx(1, abs=0.01)
-    assert found.chi2_red_sigma == pytest.approx(0, abs=1e-6)

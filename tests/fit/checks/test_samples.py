@@ -7,11 +7,10 @@ import numpy as np
 import pytest
 
 from fit.checks import apply, checked
-from fit.checks.spikes import outliers
 from fit.whitening import Experiment, pair
 from fit.whitening.run import Run
 from tests.fit.checks.campaigns import campaign as campaign_of
-from tests.oracles import closed_loop, thirteen
+from tests.oracles import thirteen
 
 N = 20000
 
@@ -150,19 +149,6 @@ def found(**channels):
     return [*apply("samples", campaign), *apply("files", campaign)]
 
 
-def test_sines_that_begin_and_end_are_no_jumps():
-    assert not found()
-    silence = closed_loop.Noise(plateau=0.0, tail=0.0, oms=0.0, thruster=0.0, jitter=0.0)
-    still = thirteen.telemetry(replace(thirteen.made("B4", "sysid"), noise=silence))
-    assert messages(still) == ["f_x_1 is constant throughout, at 0"]  # which no injection drives
-
-
-def test_body_that_follows_guidance_does_not_jump():
-    late = np.maximum(np.arange(N) - 5000.0, 0)
-    assert not faults(o_1=lambda x: x + 1e-6 * (1 - (1 + late) * np.exp(-late)))
-    assert "jumps" in faults(o_1=plus(1e-6, 5001))[0]
-
-
 def test_a_command_that_nothing_feeds_back_or_that_is_at_its_limit_may_stay_the_same():
     assert not found(f_x_1=lambda x: 0 * x)
     (e,) = experiments(f_x_2=lambda x: np.clip(x, -1e-12, 1e-12))
@@ -187,13 +173,6 @@ def test_rounding_is_a_fault_where_it_would_move_estimates(channels, words):
     messages = [finding.message for finding in found(**channels)]
     assert len(messages) == bool(words)
     assert all(words in message for message in messages)
-
-
-@pytest.mark.parametrize("at", [0, 1, 5, 25, N - 26, N - 2, N - 1])
-def test_spikes_near_the_ends_are_seen(at):
-    spikes, jumps = outliers(plus(1e-7, at, at + 1)(noise()))
-    assert [begin <= at < end for begin, end in spikes] == [True]
-    assert not jumps
 
 
 def interpolated(spoilt):

@@ -107,15 +107,6 @@ def number(text):
     return float(words)
 
 
-def drag(page, n, start, end):
-    page.mouse("mouseMoved", *place(page, n, *start))
-    page.mouse("mousePressed", *place(page, n, *start), button="left", buttons=1, clickCount=1)
-    for share in (0.5, 1.0):
-        via = [a + share * (b - a) for a, b in zip(start, end, strict=True)]
-        page.mouse("mouseMoved", *place(page, n, *via), button="left", buttons=1)
-    page.mouse("mouseReleased", *place(page, n, *end), button="left", clickCount=1)
-
-
 def ink(page, n):
     """The pixels of the n-th plot."""
     return page.evaluate(f"document.querySelectorAll('.uplot canvas')[{n}].toDataURL()")
@@ -131,44 +122,3 @@ def test_the_pointer_reads_what_was_drawn(shown):
     readings = pointer(shown, 1, 0.25)  # 1.5 h, in the gap
     assert readings["time"] == pytest.approx(1.5, abs=0.06)
     assert read(shown, 2)["down"] == pytest.approx(1.5, abs=0.06)  # the pointer of one panel is that of all
-
-
-def test_a_rectangle_zooms_and_a_double_click_goes_back(shown):
-    initial = ink(shown, 0)
-    drag(shown, 0, (0.25, 0.3), (0.5, 0.7))  # 1 to 10 mHz, 10^-14.2 to 10^-11.8
-    assert pointer(shown, 0, 0.5)["frequency"] == pytest.approx(10**-2.5, rel=0.06)
-    assert pointer(shown, 0, 0.999)["frequency"] == pytest.approx(1e-2, rel=0.07)
-    assert ink(shown, 0) != initial
-    for count in (1, 2):
-        centre = place(shown, 0, 0.5, 0.5)
-        shown.mouse("mousePressed", *centre, button="left", buttons=1, clickCount=count)
-        shown.mouse("mouseReleased", *centre, button="left", clickCount=count)
-    shown.mouse("mouseMoved", 1, 1)
-    assert pointer(shown, 0, 0.25)["frequency"] == pytest.approx(1e-3, rel=0.06)
-    assert ink(shown, 0) == initial
-
-
-def test_the_wheel_scrolls_the_page_until_a_figure_is_chosen(shown):
-    initial, centre = ink(shown, 0), place(shown, 0, 0.5, 0.5)
-    shown.mouse("mouseWheel", *centre, deltaX=0, deltaY=-100)
-    assert ink(shown, 0) == initial
-    drag(shown, 0, (0.5, 0.5), (0.5, 0.5))  # a click
-    shown.mouse("mouseWheel", *centre, deltaX=0, deltaY=-300)
-    shown.evaluate("new Promise(done => setTimeout(done, 200))")
-    assert ink(shown, 0) != initial
-
-
-def test_two_fingers_zoom(shown):
-    def touch(kind, *shares):
-        centre = [
-            dict(zip("xy", place(shown, 0, *share), strict=True), id=i) for i, share in enumerate(shares)
-        ]
-        shown.send("Input.dispatchTouchEvent", type=kind, touchPoints=centre)
-
-    initial = ink(shown, 0)
-    touch("touchStart", (0.4, 0.5), (0.6, 0.5))
-    for distance in (0.25, 0.35, 0.45):
-        touch("touchMove", (0.5 - distance, 0.5), (0.5 + distance, 0.5))
-    touch("touchEnd")
-    shown.evaluate("new Promise(done => setTimeout(done, 200))")
-    assert ink(shown, 0) != initial

@@ -1,6 +1,5 @@
 import base64
 import hashlib
-import json
 import math
 import re
 from dataclasses import replace
@@ -8,10 +7,8 @@ from html.parser import HTMLParser
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
-from fit.figures import series, stiffness
+from fit.figures import stiffness
 from fit.figures.colours import COLOURS
 from fit.findings import Finding
 from fit.forecasting.coverage import with_truth
@@ -257,22 +254,6 @@ def test_every_foreign_text_is_escaped(tmp_path, campaign):
     assert all(re.fullmatch(r"[\w.-]+", d.name) for d in figure_specs(page.results, runs))
 
 
-def test_times_are_utc(tmp_path, campaign):
-    runs = campaign(t0="2016-04-16T23:30:00+02:00")
-    page = written(tmp_path, results(experiments={"A1": experiment_fit()}), runs)
-    assert "2016-04-16 21:30:00 UTC" in page.text
-    assert "23:30" not in page.text
-
-
-@pytest.mark.parametrize("digest", ["same", "another"])
-def test_a_forecast_of_another_campaign_is_not_shown(tmp_path, campaign, digest):
-    forecast = {"schema": "lpf-forecast/1", "parameters": {"lambda_2": {"sigma": 1e-4}}}
-    (tmp_path / "forecast.json").write_text(json.dumps({**forecast, "campaign_digest": digest}))
-    known = results(joint=joint_fit(), provenance=Provenance(extra={"campaign_digest": "same"}))
-    text = write_report(tmp_path, known, campaign()).read_text(encoding="utf-8")
-    assert ("Forecast σ" in text) == (digest == "same")
-
-
 def test_a_truth_that_differs_between_runs_has_no_pull(tmp_path, campaign):
     runs = campaign(truth={**TRUTH, "lambda_2": 1.07}) + campaign("B2", truth={**TRUTH, "lambda_2": 1.08})
     page = written(tmp_path, results(joint=joint_fit()), runs)
@@ -289,16 +270,6 @@ def test_rows_share_an_exponent_and_show_two_digits_of_sigma():
     assert (alpha.unit, alpha.flight) == ("10³ kg⁻¹ m⁻²", "−27.4(8)")
     assert alpha.estimate.startswith("−25.9")
     assert (gain.unit, gain.estimate, gain.flight) == ("", "1.077595(32)", "1.0776(1)")
-
-
-@given(size=st.integers(1, 9000), seed=st.integers(0, 2**32), spike=st.floats(0, 1))
-def test_an_envelope_keeps_the_extremes(size, seed, spike):
-    values = np.random.default_rng(seed).normal(size=size)
-    values[int(spike * (size - 1))] = 100.0
-    time, drawn = series.envelope(np.arange(values.size, dtype=float), values)
-    assert drawn.size == time.size <= 1000
-    assert (drawn.min(), drawn.max()) == (values.min(), values.max())
-    assert np.all(np.diff(time) >= 0)
 
 
 def test_the_reconstructed_stiffness_carries_the_covariance():

@@ -9,13 +9,12 @@ import pytest
 
 import fit
 from fit.figures import analysis
-from fit.report import experiments, page
+from fit.report import experiments
 from fit.spectra import Estimator
 from fit.telemetry import GUIDANCE
 from tests.oracles import lisa_loop
 
 WORLD = lisa_loop.World()
-FIGURES = ["residual-over-noise", "e1r-A-responses", "e1s-A-spectra", "e1b-A-breakdown", "e1t-A-residual"]
 
 
 @lru_cache(maxsize=1)
@@ -55,24 +54,6 @@ def test_rising_noise_does_not_leak_to_low_frequencies(n):
     slow = (level.f > 3 / n) & (level.f < 60 / n)
     expected = np.sqrt(2) * (2 * np.pi * level.f[slow]) ** 2
     assert np.median(level.asd[slow] / expected) == pytest.approx(1, abs=0.3)
-
-
-def test_page_and_figures(tmp_path):
-    text = page.write_report(tmp_path, calibrated(), campaign()).read_text(encoding="utf-8")
-    for words in ("Experiment A", "Breakdown: the fitted terms", "omega2_xy_1", "χ² / dof"):
-        assert words in text
-    specs = page.figure_specs(calibrated(), campaign())
-    assert [spec.name for spec in specs] == FIGURES
-    ratio, responses, spectra, breakdown, residual = (spec.draw() for spec in specs)
-    charts = (ratio, responses, spectra, breakdown, residual)
-    assert [len(chart.panels) for chart in charts] == [2, 4, 2, 2, 2]
-    mean = next(mark for mark in ratio.panels[1].marks if mark.name == "mean")
-    assert np.nanmedian(mean.y) == pytest.approx(1, abs=0.1)
-    assert [panel.title for panel in spectra.panels] == ["D_x", "D_y"]
-    assert len(breakdown.panels[0].marks) == 2 + 6 + 1  # shade and note, terms, residual
-    for name, chart in (("spectra", spectra), ("breakdown", breakdown), ("residual", residual)):
-        plot = getattr(fit.plot, name)(calibrated(), campaign(), "A")
-        assert len(plot.figure.axes) == len(chart.panels)
 
 
 def test_set_points_are_those_of_the_controllers():

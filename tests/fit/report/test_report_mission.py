@@ -1,7 +1,5 @@
 """The report's sections on the experiments together: tables, figures, and the numbers in them."""
 
-import html
-import re
 from dataclasses import replace
 
 import numpy as np
@@ -53,55 +51,6 @@ def mission():
 
 def sections(results, runs):
     return {part.anchor: part for part in report_mission.sections(results, runs)}
-
-
-def cells(table):
-    """Texts by row, markup taken off."""
-    rows = [[text and html.unescape(re.sub("<[^>]*>", "", str(text))) for text in row] for row in table.rows]
-    return {head: texts for head, *texts in rows}
-
-
-def test_side_by_side(mission):
-    results, runs = mission
-    calibration = replace(results, joint=joint({"C_2": 2.0, "lambda_1": -9.0}))
-    part = sections(calibration, runs)["paper"]
-    (grid,) = part.tables
-    lines = {head.split("C_")[0]: texts for head, texts in cells(grid).items()}
-    assert len(grid.rows) == 11  # runs of epoch 1 alone
-    assert "11 of 11 parameters have a σ at or below the flight's" in part.text
-    assert lines["C2"] == ["0.194(2)", "0.186(4)", "0.50", "1.79"]  # 2 / hypot(1, 0.5)
-    gain = grid.rows[0]
-    assert gain[-1] == '<span class="off">−8.05</span>'  # 9 / hypot(1, 0.5)
-
-
-def test_table_eulerfit_where_a_period_was_flown():
-    values = {"delta_phi": -0.4e-3, "delta_eta": -0.03e-3}
-    periods = {"2": fit(values, [1e-5, 2e-6]), "7": fit(values, [1e-5, 2e-6])}
-    (part,) = report_mission.sections(Results(None, {}, {}, periods, Provenance()), [])
-    (grid,) = part.tables
-    assert [row[3:] for row in grid.rows] == [
-        ("0.33", "0.00"),
-        ("0.67", "0.55"),
-    ]  # of period 2 alone
-
-
-def test_stationarity(mission):
-    results, runs = mission
-    part = sections(results, runs)["gain"]
-    lines = cells(part.tables[0])
-    # four of equal sigma: 1.0776, 1.07764, 1.07768, 1.07772, chi2 = (2 2^2 + 2 6^2) (1e-5 / 5e-5)^2
-    assert lines["weighted mean of the experiments"][0] == "1.077660(25)"
-    assert lines["χ² / degrees of freedom about the mean"] == ["1.07", "≈ 90"]
-    assert "agree with one" in part.text
-    scattered = {n: experiment(1.07 + 0.01 * k, 0.0, 0.0) for k, n in enumerate("ABC")}
-    part = sections(replace(results, experiments=scattered), runs)["gain"]
-    assert "not the same in every experiment" in part.text
-    assert cells(part.tables[0])["scatter beyond noise"][0] == "0.93 %"
-    lambda_2 = Estimate(1.0776, 0.0, "1")  # which is no measurement
-    fixed = {
-        n: replace(fit, parameters={**fit.parameters, "lambda_2": lambda_2}) for n, fit in scattered.items()
-    }
-    assert "gain" not in sections(replace(results, experiments=fixed), runs)
 
 
 @pytest.mark.stat

@@ -1,13 +1,10 @@
 """The report's sections on spacecraft motion: tables, figures, and what the figures are drawn from."""
 
-import re
-
 import numpy as np
 import pytest
 
 from fit.figures import motion as figures_motion
 from fit.pipeline import calibrate_inertial
-from fit.report import page as report
 from fit.report.motion import sections
 from fit.telemetry.reader import read_all
 from tests.oracles import rotation_synthetic as synthetic
@@ -23,17 +20,6 @@ def calibration(tmp_path_factory):
     ]
     telemetries = read_all([synthetic.write(folder, run) for run in runs])
     return calibrate_inertial(telemetries, synthetic.calibration()), telemetries
-
-
-@pytest.mark.slow
-def test_page_shows_the_period_with_figures(calibration, tmp_path):
-    results, telemetries = calibration
-    page = report.write_report(tmp_path, results, telemetries).read_text()
-    assert 'id="p3"' in page
-    assert "Rotation, inertial period 3" in page
-    assert "(inertial period 3)" in page  # its warnings
-    assert {"p3i-inertial", "p3b-breakdown"} <= set(re.findall("<code>(p3[^<]*)</code>", page))
-    assert "4 days in 2 runs" in page
 
 
 def test_correction_quietens_what_rotation_made(calibration):

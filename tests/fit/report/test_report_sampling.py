@@ -52,23 +52,6 @@ def test_a_chain(tmp_path):
     assert part.figures == ()
 
 
-def test_the_figure_another_command_drew_stays_inert(tmp_path):
-    (tmp_path / "figures").mkdir()
-    (tmp_path / "figures" / "corner.svg").write_text("<svg><script>alert(1)</script></svg>")
-    (tmp_path / "figures" / "corner.pdf").touch()
-    (tmp_path / "mcmc.json").write_text(json.dumps(chain(joint_fit())))
-    page = write_report(tmp_path, results(joint=joint_fit()), []).read_text()
-    assert "alert(1)" not in page
-    assert page.count('<img src="data:image/svg+xml;base64,') == 1
-    assert 'href="figures/corner.pdf"' in page
-
-
-def test_a_chain_of_another_fit(tmp_path):
-    (tmp_path / "mcmc.json").write_text(json.dumps(chain(joint_fit({"C_2": 0.1}))))
-    (part,) = sections(results(joint=joint_fit()), tmp_path)
-    assert "The chain is of another fit" in part.text
-
-
 def test_a_monte_carlo(tmp_path):
     true = coverage.Pulls(200, 0.05, 0.07, 1.01, 0.05, 0.68, 0.033, 3e-5)
     pulls = {"lambda_2": true, "C_2": replace(true, pull_mean=0.5, coverage_1sigma=0.40)}

@@ -7,7 +7,7 @@ import pytest
 from fit.findings import Finding
 from fit.parameters import FLIGHT, joint_names, joint_parameter
 from fit.report.parameter_table import parameter_table
-from fit.report.verdict import verdict, warning_groups
+from fit.report.verdict import verdict
 from fit.results.estimates import Estimate
 from tests.fit.report.test_report import UNDETERMINED, experiment_fit, joint_fit, make_fit, results
 
@@ -67,11 +67,6 @@ def test_what_spoils_the_judged_fit(code):
     assert verdict(results(experiments={"B2": single}), shown).state == "bad"
 
 
-@pytest.mark.parametrize("code", ["missing_run", "no_noise_run", "too_many_glitches", "saturated_too_long"])
-def test_what_casts_doubt(code):
-    assert judged(joint_fit(warnings=[warned(code)])).state == "doubtful"
-
-
 def test_other_fits_must_find_the_truth_unless_they_say_they_do_not():
     off = make_fit({"b_1": 2e-5, "b_3": 1e-5})
     off = replace(
@@ -86,13 +81,3 @@ def test_other_fits_must_find_the_truth_unless_they_say_they_do_not():
     )
     warnings = (warned("attenuation_bias", "b_3"), warned("euler_included", "b_1", "b_2"))
     assert judged(joint_fit(), cross_talk={"1": replace(off, warnings=warnings)}).state == "good"
-
-
-def test_warnings_are_told_once_with_all_fits_that_raise_them():
-    fits = {name: replace(experiment_fit(), warnings=(UNDETERMINED, warned("glitches"))) for name in "AB"}
-    conclusion = warning_groups(results(joint=joint_fit(), experiments=fits))
-    assert [matter.code for matter in conclusion] == ["indeterminable", "glitches"]
-    (notice,) = conclusion[0].messages
-    assert notice.message == "Nothing drives test mass 1."
-    assert notice.scopes == ("joint fit", "experiment A", "experiment B")
-    assert "<code>lpfcosim forecast</code>" in conclusion[0].advice

@@ -1,8 +1,6 @@
 """Archives of every format: what was written is read, whatever the layout, and what is unclear is refused."""
 
-import bz2
 import gzip
-import lzma
 import re
 from contextlib import nullcontext, suppress
 from pathlib import Path
@@ -94,19 +92,11 @@ def test_text(folder, matrix, delimiter, end, head, encoding, decimal):
 
 
 LAYOUTS = {
-    "quotes": ('"t","x"\n"0.5","1"\n', {"t": [0.5], "x": [1]}),
-    "delimiters at the end": ("t,x,\n0,1,\n1,2,\n", {"t": [0, 1], "x": [1, 2]}),
     "Fortran": ("t x\n 0.5D+00 1.5D-11\n", {"t": [0.5], "x": [1.5e-11]}),
     "missing": ("t,x\n0,\n1,NaN\n2,NA\n3,#N/A\n4,5\n", {"t": range(5), "x": [NAN] * 4 + [5]}),
-    "a missing column": ("t,x\n0,\n1,\n", {"t": [0, 1], "x": [NAN, NAN]}),
     "missing between tabs": ("x\ty\n\t\n1.5\t2\n\t\n", {"x": [NAN, 1.5, NAN], "y": [NAN, 2, NAN]}),
-    "blank lines": ("t,x\n\n0,1\n\n1,2\n\n", {"t": [0, 1], "x": [1, 2]}),
-    "one column": ("x [nm]\n1.5\n2.5\n\n", {"x [nm]": [1.5, 2.5]}),
     "a name twice": ("x,t,x\n0,1,2.5\n", {"1": [0], "t": [1], "3": [2.5]}),
     "stamps": (f"t,x\n{STAMPS[0]},0\n", {"t": STAMPS[:1], "x": [0]}),
-    "a long header": ("# a comment\n" * 500 + "t,x\n0,1\n", {"t": [0], "x": [1]}),
-    "names alone": ("t,x\n", {"t": [], "x": []}),
-    "nothing": ("", {}),
 }
 
 
@@ -119,15 +109,10 @@ def test_layouts_of_texts(tmp_path, layout):
 
 UNCLEAR = {
     "words": ("t,x\n0,1\n1,off\n", "column x: cannot be read ('off' is no number"),
-    "decimal commas": ("t;x\n1,5;2\n2,5;2.5\n", "column x: cannot be read ('2.5' is no number"),
     "more cells": ("t,x\n0,1\n1,2,3\n2,3\n", "cannot be read (the dtype passed requires 2 columns but 3"),
-    "fewer cells": ("t,x\n0,1\n1\n2,3\n", "cannot be read (the dtype passed requires 2 columns but 1"),
     "two integers or one decimal comma": ("x1 [nm]\n0,5\n,25\n", "line 2: the comma may be a decimal mark"),
-    "a missing sample at the start": ("\n1.5\n2.5\n", "line 1: blank in a single column"),
     "a missing sample": ("x\n1.5\n\n2.5\n", "line 3: blank in a single column"),
-    "numbers for names": (",0,1\n0,1.5,2.5\n", "line 1: ',0,1' may be names or data, expected header = 1"),
     "zero bytes": ("t,x\n1,2\n\0", "line 3: no text of at most"),
-    "a bomb": ("t,x\n" + "1" * 2**21, "line 2: no text of at most"),
 }  # fmt: skip
 
 
@@ -148,26 +133,6 @@ def test_what_a_map_states_of_texts(tmp_path):
         read(tmp_path / "a.csv", layout=Layout(header=0)), {"1": [NAN, 0], "2": [0, 1.5], "3": [1, 2.5]}
     )
     assert_same(read(tmp_path / "a.csv", layout=Layout(header=1)), {"column 1": [0], "0": [1.5], "1": [2.5]})
-
-
-@pytest.mark.parametrize(("suffix", "pack"), [("gz", gzip), ("bz2", bz2), ("xz", lzma)])
-def test_compressed_texts(tmp_path, suffix, pack):
-    path = tmp_path / f"a.csv.{suffix}"
-    whole = pack.compress(("t,x\n" + 99 * "0.5,1\n").encode("utf-16"))
-    path.write_bytes(whole)
-    assert np.array_equal(read(path)["t"], 99 * [0.5])
-    path.write_bytes(whole[:-9])
-    assert "cannot be read" in refusal(path)
-
-
-def test_columns_by_name_and_number(tmp_path):
-    (tmp_path / "a.csv").write_text("t [s],x12 [nm],a,a\n0,1,2,3.5\n1,2,3,4\n")
-    with open_table(tmp_path / "a.csv", None) as table:
-        names = [table.column(key) for key in ("t", "t [s]", 1, "x12", 2, 3, 4)]
-        assert names == ["t [s]", "t [s]", "t [s]", "x12 [nm]", "x12 [nm]", "3", "4"]
-        for key, expected in {"x1": 'missing, did you mean "x12"', 5: "missing"}.items():
-            with pytest.raises(InputError, match=re.escape(f"column {key} (channel o_1): {expected}")):
-                table.column(key, "o_1")
 
 
 # HDF5 ----------------------------------------------------------------------------------------------------

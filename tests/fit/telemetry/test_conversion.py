@@ -15,11 +15,6 @@ from fit.telemetry.validation import replace_markers
 from tests.fit.telemetry.mapped import M_TM, T0, N, assert_same, instants, isot, listed, write
 
 
-def yday(times):
-    times.precision = 3
-    return times.yday.tolist()
-
-
 def posix(times):
     """POSIX time: days of 86400 s, counted in UTC."""
     days = times.ymdhms
@@ -101,20 +96,12 @@ TIME_FAULTS = {
         "",
         "from 89.9 s to 90.1 s at sample 900, expected uniform",
     ),
-    "too few digits": (lambda t: isot(t, 0), "", "rounded to 1 s, which does not resolve samples"),
     "single precision": (
         lambda t: t.gps.astype("f4").astype(float).tolist(),
         'format = "gps"',
         "rounded to 128 s, which does not resolve samples",
     ),
-    "another format": (lambda t: t.gps.tolist(), 'format = "mjd"', "expected times of format 'mjd'"),
-    "numbers for texts": (lambda t: t.gps.tolist(), 'format = "iso"', "numbers, expected times of format"),
     "a GPS week": (lambda t: (t.gps % 604800).tolist(), 'format = "gps"', "begins at 1980-01-1"),
-    "POSIX in a leap second": (
-        lambda t: posix(instants(10.0, "2016-12-31T23:58:00")),
-        'format = "unix"',
-        " at sample 12",
-    ),
 }
 
 
@@ -155,16 +142,6 @@ def test_the_map_that_a_message_asks_for_is_enough(archive, channels, name, valu
         chosen = described | {name: described[name].replace(" }", f"{missing} }}")}
         run = archive.convert(columns=chosen, top=top)
         assert np.flatnonzero(np.isnan(run.channels[name])).tolist() == list(range(50, 900, 200))
-
-
-def test_a_channel_without_markers_is_said_to_be_so(archive, channels):
-    columns = {key: values / values.std() for key, values in channels.items()}
-    columns["o_12"][[50, 250]] = 999.0
-    write(archive.folder / "A.csv", {"t": np.arange(N).tolist(), **listed(columns)})
-    run = archive.convert(columns={"o_12": '{ column = "o_12", missing = [] }'})
-    np.testing.assert_array_equal(run.channels["o_12"], columns["o_12"])
-    with h5py.File(run.path) as file:
-        assert [name for name in file if "missing_value" in file[name].attrs] == ["o_12"]
 
 
 def test_a_marker_in_telemetry(archive, channels):
@@ -211,21 +188,6 @@ def test_the_unit_of_a_column(archive, channels, of_file, of_map, factor):
 def test_columns_that_contradict_the_map_are_refused(archive, channels, columns, words):
     write_with_unit(archive, channels, "pm")
     assert words in archive.refusal(columns=columns)
-
-
-def test_a_channel_of_one_value(archive, channels):
-    write_with_unit(archive, channels, "")
-    for column, value in (("{ value = 0 }", 0.0), ('{ value = 1.5, unit = "pN/kg" }', 1.5e-12)):
-        run = archive.convert(columns={"f_x_1": column})
-        np.testing.assert_allclose(run.channels["f_x_1"], np.full(N, value), rtol=1e-15)
-        assert_same(run.select(["f_x_2"]), {"f_x_2": channels["f_x_2"]})
-    for column, words in {
-        "{ value = 1.5 }": "channels.f_x_1.unit: value 1.5 without a unit",
-        '{ value = 0, column = "f_x_1" }': "channels.f_x_1: expected its column",
-        "{ }": "channels.f_x_1: expected its column",
-        "{ value = nan }": "channels.f_x_1.value: NaN is not a finite number",
-    }.items():
-        assert words in archive.refusal(columns={"f_x_1": column})
 
 
 def test_forces_are_divided_by_the_mass(archive, channels):

@@ -1,9 +1,5 @@
 """Channels are read when they are asked for, from the file as it was first."""
 
-import os
-import subprocess
-import sys
-
 import h5py
 import numpy as np
 import pytest
@@ -56,19 +52,3 @@ def test_parts_are_those_of_the_file_unless_it_is_written_again(tmp_path, chunks
     path.unlink()
     with pytest.raises(InputError, match=r"A1\.h5: no such file"):
         run.channels["o_1"]
-
-
-@pytest.mark.skipif(os.name != "posix", reason="how a lock shows is that of POSIX")
-def test_a_file_that_another_process_has_open(tmp_path):
-    """It is not damaged, and nobody should replace it."""
-    path = write_contract_file(tmp_path / "A1.h5", samples=N)
-    source = f"import h5py; f = h5py.File({str(path)!r}, 'r+'); print('open', flush=True); input()"
-    with subprocess.Popen(
-        [sys.executable, "-c", source], stdin=subprocess.PIPE, stdout=subprocess.PIPE
-    ) as holder:
-        assert holder.stdout.readline()
-        with pytest.raises(InputError, match=r"A1\.h5: is locked by another process") as refusal:
-            read(path)
-        holder.communicate(b"\n")
-    assert "damaged" not in str(refusal.value)
-    assert read(path).run == "A1"

@@ -69,20 +69,11 @@ def written(tmp_path):
     return write
 
 
-def test_all_that_a_map_may_say(written):
-    loaded = maps.load(written(MAP))
-    assert loaded.missing == [-9999.0, 1e20] and loaded.channels["o_1"].missing == [-1.0]
-    assert maps.attributes_of(written(MAP), loaded, 0)["F_max_2"] == 2.2e-9
-
-
 FAULTS = {
     "no column": ("column = 2, ", "", "channels.o_1: expected its column"),
     "format": ('"gps"', '"GPS"', 'time.format: "GPS" is not known, did you mean "gps"?'),
-    "scale of a format with its own": ('"gps"', '"gps"\nscale = "utc"', 'time.scale: "utc", expected none'),
     "unit of days": ('"gps"', '"mjd"\nunit = "d"', "time.unit: \"d\", expected none with format 'mjd'"),
-    "no such file": ('"{run}_{channel}.txt"', '"{channel}.txt"', "runs[0].file: "),
     "attribute": ("m_tm", "m_TM", 'attributes.m_TM: not known, did you mean "m_tm"?'),
-    "delimiter": ('";"', '"|"', 'text.delimiter: "|" is not known'),
     "start without time": (
         "2016-04-16T14:00:00Z",
         "2016-04-16",

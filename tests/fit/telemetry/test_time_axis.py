@@ -33,9 +33,3 @@ def test_a_lost_sample_is_named_whatever_the_rounding(fs, spell, stated):
     begin, *end = map(float, re.findall(r"(?:from |to |\()(\S+) s", str(refused.value)))
     assert begin == pytest.approx(899 / fs, abs=0.04)
     assert end == pytest.approx([901 / fs] * len(end), abs=0.04)
-
-
-def test_single_precision_is_reported_where_it_loses_samples():
-    column = time_stamps.read_stamps("A: t", single(1e6)(SAMPLES / 10), None, None, 1.0)
-    with pytest.raises(InputError, match=r"A: t: the times are rounded to 0\.0625 s, which does not resolve"):
-        time_axis.fit_grid("A: t", column, None)

@@ -122,24 +122,6 @@ def test_what_rests_on_our_loop_is_not_available_with_another_one(
         assert advice in refused
 
 
-@pytest.mark.parametrize(
-    ("changes", "options", "fault"),
-    [
-        ([], {"keys": 'variables = { f_control_2 = "forze" }\n'}, "variable 'forze' is missing"),
-        ([], {"keys": "values = { gain = 2.0 }\n"}, "values names \"gain\", expected a parameter"),
-        ([('"0" causality="input" variability="continuous">\n<Real unit="m"',
-           '"0" causality="input" variability="continuous">\n<Real unit="nm"')], {}, "means 1e-09 m"),
-        ([], {"content": b"no archive"}, "Mine.fmu: not a readable FMU"),
-    ],
-)  # fmt: skip
-def test_fmu_that_does_not_fit_is_refused(lpfcosim, third_party, monkeypatch, changes, options, fault):
-    monkeypatch.setattr(build, "build", None)  # refused before ours are built
-    path = third_party(*changes, **options)
-    refused = refusal(lpfcosim("check", path))
-    assert refused.startswith(f"{path}: fmus.SuspensionControl")
-    assert fault in refused
-
-
 def test_every_command_that_simulates_refuses_alike_and_writes_nothing(lpfcosim, third_party, tmp_path):
     path = third_party(keys="values = { gain = 2.0 }\n")
     before = sorted(tmp_path.rglob("*"))
@@ -170,18 +152,6 @@ def test_a_step_beyond_the_range_of_the_interferometers_is_refused(lpfcosim, ton
     )
     path.write_text(f"{path.read_text()}\n[[experiments.injections]]\n{step}\n")
     assert re.search("o_12 reaches .* the range of the interferometers", refusal(lpfcosim("check", path)))
-
-
-def test_a_command_at_its_limit_for_a_while_is_doubtful(lpfcosim, tone):
-    path = tone("1 um", 2)
-    _, out, err = lpfcosim("check", path, status=0)
-    assert out.startswith(f"{path}: doubtful (see the warnings): 2 runs along x, 2 h\n")
-    assert re.search(
-        "warning: run one: command f_x_2 reaches .*, beyond which it is for [0-9]+ % of the run", err
-    )
-    assert refusal(lpfcosim("montecarlo", path, "-n", 2, "--out", "out")).endswith(
-        "telemetry drawn from spectra knows no limit, expected a simulation through the FMUs (fmus)"
-    )
 
 
 @pytest.mark.parametrize("name", ["quickstart", "mission-x", "spacecraft", "operations", "sweep", "designed"])

@@ -14,7 +14,6 @@ from lpfcosim.campaign import loading
 from lpfcosim.errors import InputError, RunError
 from lpfcosim.execution import runner, telemetry_file
 from lpfcosim.modelica import build as fmu_build
-from lpfcosim.models import fmu_names
 from tests.campaign_text import campaign
 from tests.reference_run import simulate_reference
 
@@ -84,15 +83,6 @@ def test_run_leaves_what_the_contract_says(lpfcosim, short, tmp_path):
     assert [p.stat().st_mtime_ns for p in (folder / "telemetry").iterdir()] == stamps
 
 
-@pytest.mark.fmu
-def test_fmu_commands(lpfcosim, tmp_path):
-    lpfcosim("fmu", "build", "--out", "here", status=0)
-    assert len(list((tmp_path / "here").glob("*.fmu"))) == len(fmu_names())
-    out = lpfcosim("fmu", "list", status=0)[1]
-    assert out.count("built") == len(fmu_names())
-    assert "not built" not in out
-
-
 @pytest.mark.parametrize(
     ("error", "status", "sentence"),
     [
@@ -118,16 +108,6 @@ def test_what_fails_is_one_sentence_and_a_status(lpfcosim, short, monkeypatch, e
         assert lpfcosim("run", short, "--quiet") == (status, "", f"lpfcosim: error: {sentence}\n")
     finally:
         signal.signal(signal.SIGTERM, before)
-
-
-def test_one_cause_of_several_runs_is_one_sentence(lpfcosim, short, monkeypatch):
-    failures = {
-        name: RunError(f"run '{name}': the Plant FMU crashed at 0.1 s") for name in ("one-noise", "one")
-    }
-    monkeypatch.setattr(fmu_build, "build", lambda *_, **__: {})
-    monkeypatch.setattr(runner, "simulate", lambda *_, **__: runner.SimulationResult({}, failures, {}))
-    sentence = "2 of 2 runs failed, see short/logs: runs one-noise, one: the Plant FMU crashed at 0.1 s"
-    assert lpfcosim("run", short, "--quiet") == (1, "", f"lpfcosim: error: {sentence}\n")
 
 
 @pytest.mark.fmu

@@ -36,11 +36,3 @@ def test_on_a_command_line(lpfcosim, quickstart, tmp_path, arguments, place, adv
     sentence = refusal(lpfcosim(*arguments.split()))
     assert place in sentence
     assert advice in sentence
-
-
-@pytest.mark.parametrize("group", [(), ("fmu",)])
-def test_no_command_at_all_is_answered_with_those_there_are(lpfcosim, group):
-    status, out, err = lpfcosim(*group)
-    assert (status, out) == (2, "")
-    assert err.startswith(f"Usage: {' '.join(('lpfcosim', *group))} ")
-    assert "Commands:" in err

@@ -9,9 +9,6 @@ import pytest
 
 from lpfcosim.cli.new import json_schema
 from lpfcosim.modelica import build
-from tests.campaign_text import campaign
-
-TONE = ("guidance_o_12", "3 mHz", "10 nm", 4, "100 s")
 
 
 def test_new_then_check(lpfcosim, quickstart, tmp_path, monkeypatch):
@@ -50,39 +47,6 @@ def test_constraints_of_the_fit_are_printed(lpfcosim, quickstart, tmp_path):
     assert f"{stated}; SuspensionControl.f_p fixed at 0.0055" in out.splitlines()
     _, out, _ = lpfcosim("check", "mine.toml", "--json")
     assert json.loads(out)["constraints"][0] == "C_2 fixed"
-
-
-@pytest.mark.parametrize(
-    ("keys", "tones", "tables", "n_loops", "warning"),
-    [
-        (
-            'duration = "3 h"',
-            [("guidance_o_12", "3 mHz", "10 nm", 4, "100 s")],
-            'spacecraft = "lpf"',
-            15,
-            "of 6 h or more",
-        ),
-        ('noise_duration = "12 h"', [], "", 2, "no sysid run"),
-    ],
-)
-def test_check_without_a_joint_fit_has_all_loops(
-    lpfcosim_json, tmp_path, keys, tones, tables, n_loops, warning
-):
-    (tmp_path / "one.toml").write_text(campaign(keys, *tones, tables=tables))
-    document = lpfcosim_json("check", "one.toml")
-    assert (len(document["loops"]), document["forecast"], document["valid"]) == (n_loops, None, True)
-    assert warning in document["warnings"][0]
-
-
-def test_new_names_its_schema_for_editors(lpfcosim, tmp_path, schema):
-    (tmp_path / "there").mkdir()
-    (tmp_path / "there" / "lpf-campaign.json").write_text("mine", encoding="utf-8")
-    for file in (tmp_path / "mine.toml", tmp_path / "there" / "mine.toml"):
-        lpfcosim("new", file, status=0)
-        first, *_ = file.read_text(encoding="utf-8").splitlines()
-        assert first == "#:schema ./lpf-campaign.json"
-    assert json.loads((tmp_path / "lpf-campaign.json").read_text(encoding="utf-8")) == schema
-    assert (tmp_path / "there" / "lpf-campaign.json").read_text(encoding="utf-8") == "mine"
 
 
 # The schema -----------------------------------------------------------------------------------------------
@@ -124,10 +88,3 @@ def test_schema_knows_what_is_wrong(schema, quickstart, keys, value, fault):
         place = place[key]
     place[keys[-1]] = value
     assert faults(schema, document) == [fault]
-
-
-def test_schema_asks_for_a_base_or_all_the_rest(schema, quickstart):
-    value = tomllib.loads(quickstart.read_text(encoding="utf-8"))
-    del value["seed"]
-    assert faults(schema, value) == [""]
-    assert faults(schema, {**value, "extends": "quickstart.toml"}) == []

@@ -71,21 +71,6 @@ def test_after_mcmc_every_command_takes_the_folder_as_before(lpfcosim, flight):
     assert not (flight.parent / "third").exists()
 
 
-def test_calibration_by_its_folder(lpfcosim, flight):
-    files = ["flight/telemetry/B-noise.h5"]
-    for name, calibration in (("a", []), ("b", ["--calibration", "flight"])):
-        err = lpfcosim("deltag", *files, *calibration, "--out", name, status=0)[2]
-        assert ("calibration: " in err) == (not calibration)
-    digests = []
-    for name in "ab":
-        (product,) = (flight.parent / name).glob("*.h5")
-        with h5py.File(product) as file:
-            digests.append(file.attrs["calibration_sha256"])
-    assert digests[0] == digests[1]
-    said = sentence(lpfcosim("fit", *files, "--calibration", "flight", "--out", "c"))
-    assert "no noise run of 12 h or more" in said  # the calibration was read
-
-
 def test_telemetry_of_several_results_needs_the_calibration_named(lpfcosim, flight, tmp_path):
     other = shutil.copytree(flight, tmp_path / "other")
     names = sorted(path.name for path in (flight / "telemetry").iterdir())

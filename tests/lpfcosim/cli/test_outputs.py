@@ -1,12 +1,7 @@
 """Where results cannot be written is said before any work is done."""
 
-import os
-from pathlib import Path
-
 import pytest
 
-from lpfcosim.errors import InputError
-from lpfcosim.execution import results_folder
 from lpfcosim.modelica import build
 from tests import ROOT
 from tests.lpfcosim.cli.refusal import refusal
@@ -43,20 +38,3 @@ def test_output_that_cannot_be_is_refused_first(lpfcosim, mine, command, sentenc
     before = {path: path.stat().st_mtime_ns for path in mine.rglob("*")}
     assert refusal(lpfcosim(*command.split())).startswith(sentence)
     assert {path: path.stat().st_mtime_ns for path in mine.rglob("*")} == before
-
-
-def test_what_may_not_be_written_to_is_refused(tmp_path, monkeypatch):
-    """Whoever is root may write to anything: what the system says is taken from elsewhere."""
-    locked = tmp_path / "locked"
-    locked.mkdir()
-    results_folder.check_folder(tmp_path / "new" / "deeper")
-    results_folder.check_file(locked / "a.toml")
-    monkeypatch.setattr(os, "access", lambda path, _: Path(path) != locked)
-    for check, path in (
-        (results_folder.check_folder, locked),
-        (results_folder.check_folder, locked / "deeper"),
-        (results_folder.check_file, locked / "a.toml"),
-        (results_folder.check_file, tmp_path / "new" / "a.toml"),
-    ):
-        with pytest.raises(InputError, match="cannot be"):
-            check(path)

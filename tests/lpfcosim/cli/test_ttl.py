@@ -48,9 +48,3 @@ def test_a_campaign_is_simulated_measured_and_fitted(lpfcosim_json, tmp_path):
     assert len(estimates) == 24
     assert np.sqrt(np.mean([(e["value"] - e["truth"]) ** 2 for e in estimates])) < 18e-6
     assert np.sqrt(np.mean([e["pull"] ** 2 for e in estimates])) < 1.4
-
-
-def test_a_campaign_of_one_spacecraft_is_refused(lpfcosim, tmp_path):
-    campaign = ROOT / "campaigns" / "quickstart.toml"
-    message = lpfcosim("ttl", campaign, "--out", tmp_path / "out", status=2)[2]
-    assert "quickstart.toml: expected three experiments that move spacecraft 1, 2 and 3" in message
