@@ -56,15 +56,6 @@ def results(runs):
 # Names ----------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("package", [fit, simulator], ids=lambda package: package.__name__)
-def test_every_public_name_is_there_and_documented(package):
-    assert set(package.__all__) <= set(dir(package))
-    for name in package.__all__:
-        assert getattr(package, name).__doc__, name
-    with pytest.raises(AttributeError, match="nothing_of_that_name"):
-        _ = package.nothing_of_that_name
-
-
 # Loading --------------------------------------------------------------------------------------------------
 
 
@@ -296,27 +287,6 @@ def test_telemetry_shows_its_channels_without_reading_them(runs):
     rows = Page(run._repr_html_()).rows
     assert ["o_12", "m", run.long_names["o_12"]] in rows
     assert repr(run).startswith("<Telemetry C-noise: noise run of C, 6 h at 10 Hz from 2016-04-")
-
-
-def test_figures_show_themselves_and_their_numbers(results, runs, tmp_path):
-    plots = (
-        fit.plot.spectra(results, runs, "D"),
-        fit.plot.responses(runs, "D"),
-        fit.plot.breakdown(results, runs, "D"),
-        fit.plot.residual(results, runs, "D"),
-        fit.plot.stiffness(results, runs),
-    )
-    assert Page(plots[0]._repr_html_()).text == ""
-    for plot in plots:
-        assert plot._repr_html_().startswith('<img src="data:image/svg+xml;base64,')
-        assert len({len(column) for column in plot.columns.values()}) == 1
-        assert plot.figure.axes
-    plots[0].save(tmp_path / "spectra.pdf")
-    assert (tmp_path / "spectra.pdf").read_bytes().startswith(b"%PDF")
-    with pytest.raises(fit.InputError, match="no sysid run of 'E', expected one of C, D"):
-        fit.plot.spectra(results, runs, "E")
-    with pytest.raises(fit.InputError, match="no experiment 'D', expected one of none"):
-        fit.plot.spectra(replace(results, experiments={}), runs, "D")
 
 
 # Simulation -----------------------------------------------------------------------------------------------

@@ -216,15 +216,6 @@ def test_what_cannot_be_said_is_refused(runs, said, message):
     assert message in str(refused.value)
 
 
-def test_parameters_that_are_none_are_refused(runs):
-    params = fit.make_params(runs)
-    with pytest.raises(fit.InputError, match=r"expected lmfit\.Parameters"):
-        fit.calibrate(runs, params={"lambda_2": 1.0})
-    params["C_1"].user_data = 0.3
-    with pytest.raises(fit.InputError, match=r"C_1: user_data: expected fit\.Prior"):
-        fit.calibrate(runs, params=params)
-
-
 def test_options_are_the_table():
     options = read_constraints(
         fix=["lambda_2=1.0776", "C_1"],
@@ -243,17 +234,3 @@ def test_options_are_the_table():
         "C_2": {"prior": (0.186, 0.01), "min": 0.1},
         "delta_ifo_1": {"min": -1e-4, "max": 1e-4},
     }
-
-
-@pytest.mark.parametrize(
-    ("option", "given", "message"),
-    [
-        ("fix", "lambda_2=x", "expected NAME or NAME=VALUE"),
-        ("prior", "lambda_2=1;2", "expected NAME=MEAN,SIGMA"),
-        ("bound", "lambda_2=2:1", "options.parameters.lambda_2.min: 2, expected less than max = 1"),
-    ],
-)
-def test_options_that_cannot_be_read_are_refused(option, given, message):
-    with pytest.raises(fit.InputError) as refused:
-        constrain(settings(), read_constraints(**{option: [given]}))
-    assert message in str(refused.value)

@@ -11,13 +11,10 @@ from threadpoolctl import threadpool_info, threadpool_limits
 
 from fit import parallel
 from fit.parallel import (
-    follow_progress,
     one_blas_thread,
     parallel_map,
     serial,
 )
-from fit.pipeline import calibrate
-from tests.oracles.synthetic import World, telemetry
 
 
 @pytest.fixture(autouse=True)
@@ -92,13 +89,3 @@ def test_a_library_that_is_first_imported_within_has_one_thread_too(monkeypatch)
     monkeypatch.setenv("OPENBLAS_NUM_THREADS", "2")
     output = subprocess.run([sys.executable, "-c", LATER], capture_output=True, text=True, check=True).stdout
     assert set(output.split()) == {"1"}
-
-
-def test_the_progress_of_a_fit():
-    runs = [telemetry(World(), authority, kind) for authority in "AC" for kind in ("noise", "sysid")]
-    seen = []
-    with serial(), follow_progress(seen.append):
-        calibrate(runs)
-    assert seen == sorted(seen)
-    assert len(seen) >= 5
-    assert 0 < seen[0] < 0.3 < 0.9 <= seen[-1] <= 1

@@ -48,7 +48,6 @@ def make_results(**sections):
     return Results(**{**empty, **sections})
 
 
-LAG = Finding("lag", "late", "a", "o_1", amount=Amount(1.5, 0.1, "s"))
 INDETERMINABLE = Finding(
     "indeterminable",
     "test mass 1 was not driven",
@@ -96,15 +95,6 @@ def test_round_trip(tmp_path):
     assert_same(loaded.inertial["0"], results.inertial["0"])
     assert loaded.cross_talk == {}
     assert loaded.provenance == results.provenance
-
-
-@pytest.mark.parametrize("span", [[1.0], ["x", 2.0], {"run": "a"}])
-def test_a_span_is_two_times(tmp_path, span):
-    warning = {"code": "glitches", "parameters": [], "message": "one", "spans": [span]}
-    written = tmp_path / "results.json"
-    written.write_text(json.dumps(document(warnings=[warning])))
-    with pytest.raises(InputError, match="spans"):
-        load(written)
 
 
 @given(value=st.floats(-1e100, 1e100), sigma=st.floats(1e-100, 1e100))
@@ -213,14 +203,6 @@ def test_faulty_json_is_refused_with_its_place(tmp_path, text):
     assert message.startswith(f"{path}: ")
     assert FAULTS[text] in message
     assert "\n" not in message
-
-
-def test_missing_and_binary_files(tmp_path):
-    with pytest.raises(InputError, match="no such file"):
-        load(tmp_path / "results.json")
-    (tmp_path / "binary.json").write_bytes(b"\x89\xff")
-    with pytest.raises(InputError, match="is not UTF-8 text"):
-        load(tmp_path / "binary.json")
 
 
 def telemetry(folder, name, truth, **attributes):

@@ -90,26 +90,9 @@ def test_results_among_their_telemetry(tmp_path):
     assert f"has telemetry (new.h5) other than that of its results ({files[0]} ...)" in message
 
 
-@pytest.mark.parametrize("content", ['{"schema": "lpf-results/1"}', "{", '{"schema": "other/1"}'])
-def test_results_that_name_nothing_do_not_hide_telemetry(tmp_path, content):
-    files = telemetry(tmp_path, "a")
-    (tmp_path / "results.json").write_text(content)
-    assert telemetry_files([tmp_path]) == files
-    files[0].unlink()
-    assert str(tmp_path / "results.json") in refused(telemetry_files, [tmp_path])
-
-
 def test_results_are_no_telemetry(tmp_path):
     file = results(tmp_path)
     assert refused(telemetry_files, [file]).endswith(f"expected telemetry; did you mean {tmp_path}?")
-
-
-@pytest.mark.parametrize("function", [lambda path: telemetry_files([path]), results_file, results_folder])
-def test_what_cannot_be_read_is_said_to_be_so(tmp_path, function):
-    loop = tmp_path / "loop"
-    loop.symlink_to(loop)
-    assert f"{loop}: cannot be read (Too many levels of symbolic links)" in refused(function, loop)
-    assert "File name too long" in refused(function, tmp_path / ("x" * 300))
 
 
 # Results --------------------------------------------------------------------------------------------------
@@ -133,10 +116,3 @@ def test_results_beside_telemetry(tmp_path, monkeypatch):
     assert results_beside(type(run)("a.h5")).samefile(file)
     assert results_beside(tmp_path) is None
     assert "no such file or folder" in refused(results_beside, tmp_path / "nowhere")
-
-
-def test_a_folder_without_results(tmp_path):
-    assert refused(results_file, tmp_path).startswith(f"{tmp_path}: no results.json in it")
-    assert refused(results_file, tmp_path / "nowhere").startswith(
-        f"{tmp_path / 'nowhere'}: no such file or folder"
-    )

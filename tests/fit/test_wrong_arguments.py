@@ -58,15 +58,3 @@ def test_wrong_arguments_are_refused_in_one_sentence(act, expected):
 def test_a_campaign_with_wrong_values_is_refused(quickstart, change, message):
     with pytest.raises(fit.InputError, match=re.escape(f"Campaign: {message}: ")):
         replace(lpfcosim.load_campaign(quickstart), **change)
-
-
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        ({"fmus": "no"}, "fmus: 'no', expected True or False"),
-    ],
-)
-def test_options_of_other_types_are_refused(quickstart, tmp_path, options, message):
-    with pytest.raises(fit.InputError, match=re.escape(message)):
-        lpfcosim.simulate(quickstart, tmp_path / "folder", **options)
-    assert not (tmp_path / "folder").exists()

@@ -11,7 +11,7 @@ from fit import results as fit_results
 from fit.crosstalk import refit
 from fit.pipeline import calibrate
 from fit.report import page as report
-from tests.hostile.mutations import hostile, restructured, survives
+from tests.hostile.mutations import restructured, survives
 from tests.oracles.synthetic import World, pair
 from tests.synthetic_files import write_run
 
@@ -59,15 +59,3 @@ def test_results(copied, cases):
         survives(lambda: rebuild(copied), path, f"folder {n}")
     assert content(copied.parent.parent)[:2] == ["in", "in/out"]
     assert {p.name for p in copied.iterdir()} <= {"results.json", "telemetry", "report.html", "figures"}
-
-
-@pytest.mark.parametrize("document", ["mcmc.json", "montecarlo.json"])
-def test_what_other_commands_left(copied, document, cases):
-    results = fit_results.load(copied / "results.json")
-    schema = f"lpf-{document[:-5]}/1"
-    for n in range(cases(0.005, 30)):
-        rng = random.Random(n)
-        value = {"schema": schema, "n": 2, "parameters": {"C_2": hostile(rng)}, "steps": hostile(rng)}
-        path = copied / document
-        path.write_text(json.dumps(value if n % 3 else hostile(rng)))
-        survives(lambda: report.sampling.sections(results, copied), path, f"{document} {n}")

@@ -13,7 +13,6 @@ from fit.crosstalk.fitted_run import fitted_runs
 from fit.fitting.experiment_and_joint_fit import fit_experiment, fit_joint
 from fit.model import dynamics
 from fit.model.sharing import Sharing
-from fit.pipeline import calibrate
 from fit.settings import settings
 from fit.spectra import derivatives
 from fit.whitening import Experiment
@@ -176,14 +175,6 @@ def test_read_outs_that_differ_by_more_than_noise_are_no_instruments(altered):
     assert warning(fit, "instrumental_variables").parameters == ("b_4", "b_6")
 
 
-def test_read_out_noise_is_measured(noisy):
-    floor = readout_noise.noise_psd(noisy[0][0].sysid)
-    expected = {"phi": 1.25 * 150e-12**2, "y": 2e-9**2 / 2}
-    for mean, twin in (("phi", "eta"), ("y", "z")):
-        assert floor[mean] == pytest.approx(expected[mean], rel=0.15)
-        assert floor[twin] == pytest.approx(expected[mean], rel=0.15)
-
-
 def subtraction(run, parameters, edges):
     """Return the PSDs of Delta g_x, of Delta g, and what is left of Delta g_x at best, in bands of frequency.
 
@@ -237,30 +228,6 @@ def test_the_pulls_of_couplings_are_standard_normal():
     all_pulls = np.array(all_pulls)
     assert np.all(np.abs(all_pulls.mean(axis=0)) < 0.45)
     assert np.all((np.sum(all_pulls**2, axis=0) > 51.0) & (np.sum(all_pulls**2, axis=0) < 170.0))
-
-
-def test_couplings_are_as_the_settings_have_them():
-    runs = [
-        run
-        for name, epoch in (("A", 1), ("B", 1), ("C", 2))
-        for run in pair(Motion(), LATE, name, epoch=epoch)
-    ]
-    free = calibrate(runs)
-    constraints = {
-        "b_3_1": {"value": TRUTH["b_3"], "vary": False},
-        "b_1_1": {"expr": "b_1_2"},
-        "b_5_1": {"prior": [TRUTH["b_5"], 1e-10]},
-    }
-    constrained = calibrate(runs, settings({"parameters": constraints}))
-    epoch_1, epoch_2 = constrained.cross_talk["1"], constrained.cross_talk["2"]
-    assert epoch_1["b_3"].is_exact and epoch_1["b_3"].value == TRUTH["b_3"]
-    assert str(epoch_1["b_1"].constraint) == "tied to b_1_2"
-    assert epoch_1["b_1"].value == epoch_2["b_1"].value
-    weights = [free.cross_talk[epoch]["b_1"].sigma ** -2 for epoch in ("1", "2")]
-    assert epoch_1["b_1"].sigma == pytest.approx(sum(weights) ** -0.5, rel=0.02)
-    assert epoch_1["b_5"].sigma == pytest.approx(1e-10, rel=0.02)
-    # what least squares finds of b_3 is attenuated: that the truth is not there contradicts nothing
-    assert not constrained.unsound
 
 
 @pytest.mark.slow

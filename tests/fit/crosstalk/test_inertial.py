@@ -6,20 +6,17 @@ import numpy as np
 import pytest
 from scipy.signal import csd, welch
 
-from fit.crosstalk.euler_fit import fit_period
 from fit.model import angular_rate, rotation
-from fit.settings import ParameterSettings
 from tests.fit.crosstalk.euler import (
     DAY,
     LOW_NOISE,
     TRUTH,
-    calibration,
     codes,
     fitted,
     lacking,
     pulls,
 )
-from tests.oracles.rotation_synthetic import Plane, World, run
+from tests.oracles.rotation_synthetic import World, run
 
 
 def test_recovers_both_angles_with_the_expected_sigmas(three_day_fit):
@@ -36,15 +33,6 @@ def test_recovers_both_angles_with_the_expected_sigmas(three_day_fit):
     assert fit.chi2 / fit.dof == pytest.approx(1, abs=0.05)
     assert codes(fit) == {"degenerate_with_actuation_crosstalk"}
     assert "cannot separate" in fit.warnings[0].message
-
-
-@pytest.mark.slow
-def test_another_truth_and_both_rates():
-    world = replace(LOW_NOISE, phi=Plane(0.13e-3, -1e-7, 1.3e-3), eta=Plane(0.6e-3, 2e-7, 0.5e-3))
-    truth = {"delta_phi": 1.3e-3, "delta_eta": 0.5e-3}
-    for fs in (1.0, 10.0):
-        fit = fitted(run(world, duration=DAY, fs=fs)[0], world=world)
-        assert max(map(abs, pulls(fit, truth))) < 4.5
 
 
 def test_the_stiffness_multiplies_lengths_in_the_read_out_too(quiet_day_fit):
@@ -142,17 +130,3 @@ def test_pulls_are_standard_normal(world, n, mean, squares):
     assert np.all(np.abs(all_pulls.mean(axis=0)) < mean)
     total = np.sum(all_pulls**2, axis=0)
     assert np.all((total > squares[0]) & (total < squares[1]))
-
-
-def test_constraints_of_the_angles(three_days):
-    joint = calibration().joint
-    free = fit_period([three_days[0]], joint)
-    e = free["delta_phi"]
-    known = fit_period(
-        [three_days[0]], joint, "1", {"delta_phi_1": ParameterSettings(prior=(e.value, e.sigma / 2))}
-    )
-    assert known["delta_phi"].sigma == pytest.approx(e.sigma / 5**0.5, rel=0.05)
-    assert known["delta_phi"].value == pytest.approx(e.value, abs=0.05 * e.sigma)
-    fixed = fit_period([three_days[0]], joint, "1", {"delta_eta_1": ParameterSettings(vary=False, value=0.0)})
-    assert (fixed["delta_eta"].value, fixed["delta_eta"].sigma) == (0.0, 0.0)
-    np.testing.assert_allclose(fixed.correlation, np.eye(2), rtol=1e-15)

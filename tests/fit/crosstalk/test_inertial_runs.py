@@ -1,6 +1,5 @@
 """The Euler fit: glitches, gaps, bad attributes, which runs take part, the command."""
 
-import json
 from dataclasses import replace
 
 import numpy as np
@@ -11,7 +10,7 @@ from fit.pipeline import calibrate, calibrate_inertial
 from fit.settings import ParameterSettings
 from tests.fit.crosstalk.euler import DAY, LOW_NOISE, codes, fitted, pulls
 from tests.oracles import synthetic
-from tests.oracles.rotation_synthetic import Plane, World, calibration, run, write
+from tests.oracles.rotation_synthetic import Plane, World, calibration, run
 from tests.oracles.synthetic import without
 
 
@@ -91,28 +90,3 @@ def test_one_folder_of_calibration_and_inertial_runs():
     second = replace(runs[1], run="again", path=runs[1].path.with_name("again.h5"))
     with pytest.raises(InputError, match=r"^again\.h5: experiment 'A' already has the noise run"):
         calibrate([*runs, second])
-
-
-@pytest.fixture
-def files(tmp_path, quiet_day):
-    from fit import results
-
-    write(tmp_path, quiet_day[0], LOW_NOISE)
-    results.write(calibration(LOW_NOISE), tmp_path / "earlier.json")
-    return tmp_path
-
-
-@pytest.mark.slow
-def test_command_with_an_earlier_calibration(files, lpfcosim):
-    status, out, _ = lpfcosim("fit", "inertial.h5", "--calibration", "earlier.json", "--out", "new")
-    assert status == 0
-    assert "delta_eta (0)" in out
-    document = json.loads((files / "new" / "results.json").read_text())
-    calibration_document = json.loads((files / "earlier.json").read_text())
-    assert document["joint"] == calibration_document["joint"]
-    parameters = document["inertial"]["0"]["parameters"]
-    assert parameters["delta_phi"]["truth"] == -0.4e-3
-    assert max(abs(parameters[name]["pull"]) for name in ("delta_phi", "delta_eta")) < 4.5
-    assert document["provenance"]["calibration"] == "earlier.json"
-    assert (files / "new" / "report.html").is_file()
-    assert lpfcosim("report", "new", "--quiet")[0] == 0

@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from fit.errors import InputError
 from fit.pipeline import calibrate
 from fit.settings import settings
 from tests.oracles.synthetic import World, pair
@@ -40,13 +39,6 @@ def test_a_parameter_may_have_a_value_for_each_experiment():
     assert [n for n in joint.parameters if n.startswith("lambda_2")] == names
     truth = vars(World()) | {n: w.lambda_2 for n, w in zip(names, worlds, strict=True)}
     assert max(abs(p) for p in pulls(joint, truth).values()) < 4.5
-
-
-def test_delta_ifo_may_be_common():
-    common = World(delta_ifo_2=World().delta_ifo_1)
-    joint = calibrate(campaign(common), settings({"shared": {"delta_ifo": "campaign"}})).joint
-    assert [n for n in joint.parameters if "ifo" in n] == ["delta_ifo"]
-    assert max(abs(p) for p in pulls(joint, vars(common) | {"delta_ifo": -2.2e-5}).values()) < 4.5
 
 
 def test_sigma_includes_the_scatter_of_the_gain():
@@ -106,8 +98,3 @@ def test_both_gains_share_a_width_and_obey_bounds():
     bounded = calibrate(runs, settings({**table, "parameters": {"lambda_2": {"min": bound}}})).joint
     assert bounded.values["lambda_2"] == pytest.approx(bound, abs=1e-3 * free.sigma)
     assert "at_bound" in {w.code for w in bounded.warnings}
-
-
-def test_one_experiment_alone_cannot_scatter():
-    with pytest.raises(InputError, match="A is the only experiment, expected two or more"):
-        calibrate(pair(World()), settings({"scatter": ["lambda_2"]}))

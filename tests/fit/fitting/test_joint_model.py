@@ -9,7 +9,7 @@ import scipy
 
 import fit
 from fit.errors import InputError
-from fit.fitting.joint_model import JointModel, Prior, lmfit_names, parameter_values
+from fit.fitting.joint_model import JointModel, Prior, parameter_values
 from fit.fitting.run_estimate import RunEstimate, run_estimate
 from fit.fitting.solved_model import SolvedModel
 from fit.model import dynamics
@@ -186,17 +186,6 @@ def test_parameters_of_other_sizes_settle_beside_a_bound():
     assert (shift - expected) / scale[[0, 2]] == pytest.approx(np.zeros(2), abs=1e-3)
 
 
-def test_a_refit_takes_parameters_by_name(two_runs):
-    solution = solved(two_runs)
-    params, fixed = solution.result.params, lmfit.Parameters()
-    fixed.add("b", value=2.0, vary=False)
-    expected = solved(two_runs, b={"value": 2.0, "vary": False}).result.params
-    for given in (fixed, fixed.copy().update(params.copy().update(fixed))):  # b alone, then b before a
-        result = solution.refit(given).params
-        assert list(result) == ["a", "b"]
-        np.testing.assert_allclose(parameter_values(result), parameter_values(expected), rtol=1e-9)
-
-
 @pytest.mark.parametrize(
     ("name", "value", "prior", "message"),
     [
@@ -222,10 +211,6 @@ def test_without_a_run_the_other_one_is_left(two_runs):
         solved(two_runs).exclude("D")
     with pytest.raises(InputError, match="A, B: all experiments of this fit"):
         solved(two_runs).exclude("A", "B")
-
-
-def test_names_that_are_no_symbols_become_such():
-    assert lmfit_names(["lambda_2_A-1", "lambda_2_A.1", "b"]) == ["lambda_2_A_1", "lambda_2_A_1_", "b"]
 
 
 def test_directions_a_run_does_not_determine_are_no_rows(driven):

@@ -60,12 +60,6 @@ def test_the_ratio_of_powers_has_its_sigma():
     )  # false positives 1e-2 below, 1e-4 above, for normal pulls; seeds are fixed
 
 
-def test_noise_and_motion_are_both_louder():
-    noisy, moving = experiment(noisy=1e-9), experiment("A1", thruster=3.0)
-    assert [e.name for e in adapted([noisy, moving])] == ["B4", "A1"]
-    assert readout_excess(moving)[0] == pytest.approx(9, rel=0.2)
-
-
 def test_nothing_is_adapted_without_a_noise_run_or_with_the_estimator_of_ltpda():
     e = experiment(noisy=1e-9)
     assert adapted([replace(e, noise=None)]) == []

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 from scipy.stats import halfcauchy
 
-from fit.errors import FitError
 from fit.fitting.random_effects import ScaleParameter
 from fit.fitting.width_posterior import NormalEquations, conditional, marginalise
 
@@ -104,10 +103,3 @@ def test_where_the_data_say_nothing_the_width_is_that_of_the_prior():
     width = ScaleParameter("w", (0,), np.ones(1), 0.1)
     normal = NormalEquations(np.diag([1e-12]), np.zeros(1), np.zeros(1))
     assert marginalise(normal, [width]).log_widths[0] == pytest.approx(np.log(0.1), abs=0.05)
-
-
-def test_a_free_direction_is_told():
-    width = ScaleParameter("w", (2,), np.ones(1), 0.1)
-    H = np.array([[1.0, 1.0, 0.0], [1.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
-    with pytest.raises(FitError, match="direction free"):
-        marginalise(NormalEquations(H, np.zeros(3), np.zeros(3)), [width])

@@ -1,6 +1,5 @@
 """The forecast of the inertial angles: against fits through FMUs, without FMUs, and drawn."""
 
-import json
 from dataclasses import replace
 
 import numpy as np
@@ -113,14 +112,6 @@ def test_drowned_in_torque_noise_as_the_fit_is(plan):
     assert "torque_noise" in {w.code for w in fit.warnings}
 
 
-def test_a_spacecraft_without_rotation_determines_nothing(plan):
-    run = next(run for run in plan.runs if run.experiment == "P1")
-    along_x = {name: run.noise[name] for name in ("oms", "plateau", "tail", "thruster")}
-    (fit,) = expected_fits(replace(run, noise={**along_x})).values()
-    assert not fit.parameters
-    assert any("hardly turns" in w.message for w in fit.warnings)
-
-
 @pytest.fixture
 def short(tmp_path):
     """Head, experiment A and half a day of noise of the shipped campaign."""
@@ -129,18 +120,6 @@ def short(tmp_path):
     path = tmp_path / "short.toml"
     path.write_text("[[experiments]]".join([head, first_experiment, turning]), encoding="utf-8")
     return path
-
-
-def test_command_line_prints_the_angles(lpfcosim, short, tmp_path):
-    status, out, err = lpfcosim("forecast", short, "--out", "told")
-    assert status == 0, err
-    period = json.loads((tmp_path / "told" / "forecast.json").read_text(encoding="utf-8"))["inertial"]["1"]
-    assert period["names"] == ["delta_phi", "delta_eta"]
-    sigma = period["parameters"]["delta_phi"]["sigma"]
-    assert sigma == pytest.approx(0.020e-3 * np.sqrt(6), rel=0.3)  # that of three days, see above
-    (row,) = (line for line in out.splitlines() if "delta_phi_1" in line)
-    assert row.split() == ["delta_phi_1", "rad", f"{sigma:.2g}", "3e-05", f"{sigma / 3e-5:.2g}"]
-    assert "inertial period 1: the calibration does not determine" in err
 
 
 def test_without_noise_nothing_is_forecast(lpfcosim, short):

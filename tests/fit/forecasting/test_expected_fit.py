@@ -1,6 +1,5 @@
 """The forecast of the joint fit: against fits of noisy telemetry, other people's numbers, closed forms."""
 
-import json
 from dataclasses import replace
 from functools import partial
 
@@ -272,37 +271,6 @@ def test_short_and_excluded_runs_stay_out(quickstart):
 def test_flscov_is_not_forecast():
     with pytest.raises(InputError, match='"flscov" has no forecast'):
         forecast(expected(World(), SETS[:1]), settings({"estimator": "flscov"}))
-
-
-def test_command_line(lpfcosim, quickstart, tmp_path):
-    status, out, err = lpfcosim("forecast", quickstart, "--json", "--out", "told")
-    assert status == 0, err
-    document = json.loads(out)
-    assert document["schema"] == "lpf-forecast/1"
-    assert json.loads((tmp_path / "told" / "forecast.json").read_text()) == document
-    assert document["campaign_digest"] == loading.load(quickstart).digest
-    assert list(document["parameters"]) == document["names"]
-    assert document["parameters"]["delta_ifo_2"]["sigma"] == pytest.approx(2.34e-7, rel=0.02)
-    assert np.diag(document["correlation"]) == pytest.approx(np.ones(len(document["names"])))
-    assert {name for w in document["warnings"] for name in w["parameters"]} == {
-        "lambda_1",
-        "C_1",
-        "alpha_x_1",
-    }
-    status, out, err = lpfcosim("forecast", quickstart)
-    assert status == 0
-    assert "delta_ifo_2" in out
-    assert "no run drives test mass 1" in err
-
-
-def test_bad_input_is_one_sentence(lpfcosim, quickstart, tmp_path):
-    noise_only = tmp_path / "noise.toml"
-    noise_only.write_text(
-        quickstart.read_text().replace('\nduration = "6 h"', "").replace('sequences = ["standard"]', "")
-    )
-    status, _, err = lpfcosim("forecast", noise_only)
-    assert status == 2
-    assert err.splitlines()[-1].startswith(f"lpfcosim: error: {noise_only}: no sysid run takes part")
 
 
 @pytest.mark.parametrize("kind", ["student_t", "marginalised"])

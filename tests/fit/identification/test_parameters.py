@@ -3,9 +3,7 @@
 import numpy as np
 import pytest
 
-from fit.fitting import random_effects
 from fit.identification.parameters import _with_departures
-from fit.model import dynamics
 from fit.parameters import FLIGHT
 
 RATIO = FLIGHT["C_2"].value / FLIGHT["lambda_2"].value
@@ -36,14 +34,3 @@ def test_a_gain_deviates_with_the_delay_of_its_force(loop_names, deviating, alon
     for name, value in entries.items():
         expected[of_run.index(name), -1] = value  # the deviation of the second experiment
     np.testing.assert_array_equal(parameter_map, expected)
-
-
-def test_the_map_of_the_fit_is_the_same():
-    plain = np.arange(14.0).reshape(7, 2)
-    names = ("lambda_1", "C_2")
-    share = random_effects.extend_map(plain, dynamics.PARAMETERS, names, 0, 2)
-    assert share.shape == (7, 6)
-    np.testing.assert_array_equal(share[:, :2], plain)
-    deviations = share[:, 2:]
-    assert [int(i) for i in np.flatnonzero(deviations.any(axis=1))] == [0, 2, 3]
-    assert deviations[2, 0] == pytest.approx(FLIGHT["C_1"].value / FLIGHT["lambda_1"].value)

@@ -1,7 +1,5 @@
 """The table [events]: what it makes of the runs, and the sentence for all that can be wrong with it."""
 
-from dataclasses import replace
-
 import h5py
 import numpy as np
 import pytest
@@ -10,7 +8,6 @@ import lpfcosim
 from fit.telemetry.reader import read_all, read_truth
 from lpfcosim.campaign import loading
 from lpfcosim.signals import events
-from lpfcosim.spacecraft import Events
 from tests import ROOT
 from tests.campaign_text import SHORT_PLAN
 
@@ -26,15 +23,6 @@ HISTORY = """plateau = [
 def events_of(extended):
     """Write a campaign with a table of events."""
     return lambda text: extended(f"[events]\n{text}", "events")
-
-
-def test_nothing_happens_unless_asked_for(events_of):
-    assert not any(run.events for run in loading.load(QUICKSTART).runs)
-    plan = loading.load(events_of("glitches_per_day = 1.0"))
-    assert all(run.events == Events(glitches_per_day=1.0) for run in plan.runs)
-    assert replace(plan, events=None, name="quickstart") == loading.load(QUICKSTART)
-    assert replace(plan, events=None, name="quickstart").digest == loading.load(QUICKSTART).digest
-    assert replace(plan, name="quickstart").digest != loading.load(QUICKSTART).digest
 
 
 def test_plateau_falls_with_the_date(events_of):

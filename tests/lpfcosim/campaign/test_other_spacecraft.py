@@ -120,24 +120,6 @@ def test_a_spacecraft_has_authorities_of_its_own(campaign):
     assert (parameters["F_max_yz"], parameters["N_max_eta"]) == pytest.approx((5e-9, 5e-12))
 
 
-BAD = [  # what to replace, by what, and the sentence
-    ('"probe"\n\n[truth]', '"prob"\n\n[truth]', 'spacecraft: no spacecraft "prob", did you mean "probe"?'),
-    ("DragFreeControl", "Control", 'control.Control: no such controller, did you mean "DragFreeControl"?'),
-    ("readout = \"2", "oms = \"2", 'noise.oms: unknown key of this spacecraft; spacecraft = "lpf-x" has it'),
-    ('"guidance_o_1"', '"F_x_1"', 'experiments[0].injections[0].into: "F_x_1" is not known, did you mean'),
-]  # fmt: skip
-
-
-@pytest.mark.parametrize(("old", "new", "sentence"), BAD)
-def test_key_of_another_spacecraft_is_one_sentence(campaign, old, new, sentence):
-    assert old in TEXT
-    with pytest.raises(InputError) as refusal:
-        campaign(TEXT.replace(old, new, 1))
-    message = str(refusal.value)
-    assert f": {sentence}" in message
-    assert "\n" not in message
-
-
 def test_a_constant_acceleration_that_nothing_holds_is_refused(campaign):
     text = (ROOT / "campaigns" / "lisa.toml").read_text(encoding="utf-8")
     with pytest.raises(InputError, match=r"experiments\[0\].dc: nothing holds it in runs of LISA"):

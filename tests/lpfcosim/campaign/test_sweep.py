@@ -2,18 +2,10 @@
 
 from dataclasses import replace
 
-import pytest
-
 from lpfcosim.campaign import loading
 from tests import ROOT
 
 QUICKSTART = ROOT / "campaigns" / "quickstart.toml"
-
-
-@pytest.fixture
-def swept(extended):
-    """Write a campaign with a sweep."""
-    return lambda text, more="": extended(f"{more}\n[sweep]\n{text}", "sweep")
 
 
 def test_every_value_makes_the_first_experiment_again():
@@ -27,19 +19,6 @@ def test_every_value_makes_the_first_experiment_again():
         assert plan.authority[made.authority] == authority
         assert made == replace(base.experiments[0], name=made.name, authority=made.name)
     assert len({run.t0 for run in plan.runs}) == 16
-
-
-def test_lists_go_together_entry_by_entry(swept):
-    lists = 'F_max_2 = ["50 pN", "1100 pN"]\nN_max_2 = ["1.0 pN m", "10.4 pN m"]'
-    plan = loading.load(swept(lists))
-    assert [e.name for e in plan.experiments] == [
-        "F_max_2-50pN_N_max_2-1.0pNm",
-        "F_max_2-1100pN_N_max_2-10.4pNm",
-    ]
-    one, two = (plan.authority[e.authority] for e in plan.experiments)
-    assert (one.F_max_2, one.N_max_2, one.N_max_1) == pytest.approx((50e-12, 1e-12, 10.4e-12))
-    assert (two.F_max_2, two.N_max_2) == pytest.approx((1.1e-9, 10.4e-12))
-    assert "sweep" not in plan.tables
 
 
 def test_defaults_say_once_what_experiments_have_in_common(tmp_path):

@@ -3,15 +3,13 @@
 import contextlib
 import os
 
-import fmpy
 import pytest
 
 from lpfcosim.cosim import fmu_instance, interface
-from lpfcosim.errors import InputError, RunError
+from lpfcosim.errors import InputError
 from lpfcosim.modelica import build
 from lpfcosim.network import Component
-from tests.lpfcosim.cosim import in_memory
-from tests.lpfcosim.cosim.archives import edited, repack
+from tests.lpfcosim.cosim.archives import repack
 
 pytestmark = pytest.mark.fmu
 
@@ -40,19 +38,3 @@ def test_a_library_that_does_not_load(tmp_path):
     assert "/tmp/tmp" not in message
     assert "\n" not in message
     assert os.getcwd() == here  # noqa: PTH109
-
-
-def test_an_fmu_that_refuses_to_be_instantiated_says_why(tmp_path, capfd):
-    archive = build.build([MODEL])[MODEL]
-    token = fmpy.read_model_description(archive).guid
-    path = edited(archive, tmp_path / "other.fmu", (token, "another"))
-    with pytest.raises(InputError, match=r"other\.fmu: cannot be loaded: .* is not that of this FMU\)$"):
-        start(path)
-    assert capfd.readouterr().out == ""
-
-
-def test_an_fmu_that_refuses_to_step_says_why(make_run, capfd):
-    run = make_run(truth={"C_2": 20.0})  # more than the FMU keeps
-    with pytest.raises(RunError, match=r"^run 'run': .*a delay spans too many communication steps"):
-        in_memory.simulate(run, build.build())
-    assert capfd.readouterr().out == ""

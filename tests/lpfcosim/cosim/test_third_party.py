@@ -18,7 +18,7 @@ from lpfcosim.models import model_of
 from lpfcosim.spacecraft import Replacement
 from tests import ROOT, third_party
 from tests.lpfcosim.cosim import in_memory
-from tests.lpfcosim.cosim.archives import edited, renamed
+from tests.lpfcosim.cosim.archives import renamed
 from tests.lpfcosim.cosim.third_party_fmu import FMI, MODEL, placed, refusal, replacement, simulate
 
 pytestmark = [pytest.mark.fmu]
@@ -126,49 +126,6 @@ def test_a_step_that_does_not_divide_that_of_the_loop(run, fmus, tmp_path, attri
         assert sentence.endswith("is stepped by 0.1 s; its default step is 0.03 s")
 
 
-@FMI
-@pytest.mark.parametrize(
-    ("values", "sentence"),
-    [
-        ({"mode": 2.5}, "values.mode: 2.5, expected an integer from "),
-        ({"mode": True}, "values.mode: true, expected an integer from "),
-        ({"mode": 2**40}, "values.mode: 1099511627776, expected an integer from "),
-        ({"enabled": 1}, "values.enabled: 1, expected true or false (type Boolean)"),
-        ({"label": 3}, "values.label: 3, expected a string (type String)"),
-        ({"state": "x"}, 'values.state: "x", expected a finite number (type '),
-        ({"mod": 2}, 'values names "mod", expected a parameter, an input or a variable'),
-        ({"cold": 2.0}, 'values names "cold", expected a parameter'),
-        ({"wanted": 2.0}, "'wanted' is set twice"),
-    ],
-)  # fmt: skip
-def test_values_that_do_not_fit_are_one_sentence(run, fmus, tmp_path, fmi, values, sentence):
-    archive = third_party.built(tmp_path, fmi=fmi)
-    message = refusal(run, fmus, archive, values=values)
-    assert message.startswith("fmus.SuspensionControl: ")
-    assert sentence in message
-    assert str(archive) in message
-
-
-FAULTS = {
-    "units": [(r"(?s)<UnitDefinitions>.*</UnitDefinitions>", "")],
-    "no start value": [('<Real unit="m" start="0"/>', '<Real unit="m"/>')],
-    "unknown attribute": [('generationTool="By hand"', 'generationTool="By hand" colour="blue"')],
-}  # fmt: skip
-
-
-@pytest.mark.parametrize("fault", FAULTS)
-def test_archives_that_break_the_schema_run_where_asked_to(run, fmus, tmp_path, fault):
-    archive = third_party.built(tmp_path, changes=FAULTS[fault], name="faulty")
-    message = refusal(run, fmus, archive)
-    assert "does not conform to the FMI schema: " in message
-    assert "validate = false" in message
-    (warning,) = warnings(placed(run, fmus, replacement(archive, validate=False))[1], run.h)
-    assert warning.startswith(f"fmus.SuspensionControl: {archive}: its modelDescription.xml does not conform")
-    expected = simulate(run, fmus, third_party.built(tmp_path))
-    got = simulate(run, fmus, archive, validate=False)
-    assert all(np.array_equal(got[channel], expected[channel]) for channel in expected)
-
-
 @pytest.mark.parametrize(
     ("macro", "fmi", "sentence"),
     [
@@ -195,30 +152,6 @@ def test_every_place_can_be_taken(run, fmus, tmp_path, model):
     expected = in_memory.simulate(run, fmus)
     got = simulate(run, fmus, Replacement(model, archive, names))
     assert all(np.array_equal(got[channel], values) for channel, values in expected.items())
-
-
-UNFIT = {
-    "dimension": (
-        '<BaseUnit m="1"/>', '<BaseUnit rad="1"/>',
-        "variable 'distance' is in m, by which it means rad; expected m, for o_12",
-    ),
-    "type": ('<Float64 (name="distance".*) unit="m"', r"<Float32 \1",
-             "variable 'distance' is of type Float32; expected Float64 for o_12"),
-    "name": ('name="force"', 'name="forces"',
-             "variable 'force' is missing, the output for f_control_2, did you mean \"forces\"? (known"),
-    "platform": ("<ModelStructure>", "<ModelStructure>", "has no binary; expected one for"),
-}  # fmt: skip
-
-
-@pytest.mark.parametrize("case", UNFIT)
-def test_what_does_not_fit_is_one_sentence(run, fmus, tmp_path, case):
-    pattern, text, sentence = UNFIT[case]
-    archive = third_party.built(tmp_path, fmi="3.0", changes=[(pattern, text)])
-    if case == "platform":
-        archive = edited(archive, tmp_path / "mine.fmu", drop=["binaries/"])
-    message = refusal(run, fmus, archive)
-    assert message.startswith(f"fmus.SuspensionControl: {archive}: ")
-    assert sentence in message
 
 
 def test_truth_that_no_fmu_takes_is_left_out(run, fmus, tmp_path):

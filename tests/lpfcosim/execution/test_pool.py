@@ -15,7 +15,7 @@ from pathlib import Path
 import pytest
 
 from lpfcosim.errors import InputError, RunError
-from lpfcosim.execution import Tasks, Workers, dask_executor, pool, worker
+from lpfcosim.execution import Tasks, Workers, dask_executor
 
 posix = pytest.mark.skipif(os.name != "posix", reason="signals are those of POSIX")
 REASON = "which function it is"
@@ -96,23 +96,6 @@ def test_a_task_that_fails_is_named_and_takes_no_other_along(tmp_path):
 
 
 @posix
-@pytest.mark.parametrize(
-    ("script", "reason"),
-    [("", "No such file"), ("exit 1", "status 1"), ("echo why >&2", "why"), ("exec sleep 60", "no answer")],
-)
-def test_that_no_process_can_be_started_is_said_at_once(tmp_path, monkeypatch, script, reason):
-    if script:
-        (tmp_path / "python").write_text(f"#!/bin/sh\n{script}\n")
-        (tmp_path / "python").chmod(0o755)
-    monkeypatch.setattr(sys, "executable", str(tmp_path / "python"))
-    monkeypatch.setattr(pool, "START", 1.0)
-    begun = time.monotonic()
-    with pytest.raises(RunError, match=rf"no worker process can be started \(.*python\): .*{reason}"):
-        results(tmp_path, {"A": ("print", 1), "B": ("print", 2)})
-    assert time.monotonic() - begun < 10
-
-
-@posix
 def test_other_workers_do_the_work_of_one_that_cannot_be_started(tmp_path, monkeypatch):
     first = tmp_path / "first"
     (tmp_path / "python").write_text(f'#!/bin/sh\nmkdir {first} && exec {sys.executable} "$@"\nexit 1\n')
@@ -163,14 +146,6 @@ def test_any_executor_does_the_work(tmp_path, monkeypatch):
         outcomes = results(tmp_path, items, executor=executor)
     assert outcomes["A"] == ("print", "1")
     assert [str(outcomes[name]) for name in "BC"] == ["as asked", "run 'C' failed: ValueError: bad"]
-
-
-def test_a_worker_with_another_version_is_refused(monkeypatch):
-    with monkeypatch.context() as patch:
-        patch.setattr(worker.metadata, "version", lambda _: "9.9")
-        function = worker.with_versions(act)
-    with pytest.raises(RunError, match=r"a worker has lpfcosim .*, expected 9\.9 as the caller"):
-        worker.execute(function, ("print", 1))
 
 
 @pytest.mark.slow

@@ -88,16 +88,6 @@ def test_a_byte_changed_anywhere_is_noticed(fmus, plan, copied, monkeypatch):
     assert asked == [[lost.stem]] * len(places)
 
 
-def test_a_ledger_that_is_lost_or_damaged_costs_time_only(fmus, plan, copied, monkeypatch):
-    asked = []
-    monkeypatch.setattr(Workers, "results", lambda _, tasks, __: nothing(asked.append({*tasks.items})))
-    ledger = copied[0].parent.with_suffix(".sha256")
-    for damage in (ledger.read_bytes()[40:], b"\xff\0\n  \n", b""):
-        ledger.write_bytes(damage)
-        runner.simulate(plan, copied[0].parent, fmus)
-    assert asked == [{"one-noise"}, {"one-noise", "one"}, {"one-noise", "one"}]
-
-
 @pytest.mark.skipif(os.name != "posix", reason="how a lock shows is that of POSIX")
 @pytest.mark.parametrize("rerun", [False, True])
 def test_a_file_that_cannot_be_opened_is_never_replaced(fmus, plan, copied, rerun):
@@ -169,19 +159,6 @@ def test_a_rerun_removes_nothing_before_a_new_file_is_finished_and_then_all_that
     (file,) = folder.glob("*.h5")
     assert file.read_bytes() != before[file]
     assert not runner.simulate(reseeded, folder, fmus).failures
-
-
-def test_telemetry_of_no_run_of_the_campaign_is_left_alone(fmus, plan, tmp_path):
-    stranger = tmp_path / "telemetry" / "two.h5"
-    stranger.parent.mkdir()
-    stranger.write_bytes(b"somebody's")
-    with pytest.raises(InputError, match=r"two\.h5: belongs to no run of this campaign; choose"):
-        runner.simulate(plan, stranger.parent, fmus)
-    assert folder_of(stranger.parent) == ["two.h5"]
-    stranger.unlink()
-    stranger.with_name("one.h5").mkdir()
-    with pytest.raises(InputError, match=r"one\.h5: cannot be opened \(Is a directory"):
-        runner.simulate(plan, stranger.parent, fmus)
 
 
 def test_failing_run_does_not_take_the_others_along(fmus, plan, tmp_path):

@@ -93,15 +93,6 @@ def test_truth_has_every_parameter_and_those_of_the_run(path):
     assert truth["domega2_12"] == truth["omega2_2"] - truth["omega2_1"]
 
 
-def test_xarray_opens_it(path, channels):
-    xarray = pytest.importorskip("xarray")
-    pytest.importorskip("h5netcdf")
-    with xarray.open_dataset(path, engine="h5netcdf") as data:
-        assert (set(data.data_vars), data.sizes, data.attrs["run"]) == (CHANNELS, {"time": 600}, "D")
-        assert data["o_1"].attrs["units"] == "m"
-        np.testing.assert_array_equal(data["o_1"], channels["o_1"])
-
-
 def test_a_disk_that_is_full_at_any_byte_leaves_the_old_file(tmp_path, make_run):
     """A limit on the size of files stands in for the disk: HDF5 must not swallow a write that failed."""
     resource = pytest.importorskip("resource")

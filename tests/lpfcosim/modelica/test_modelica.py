@@ -5,7 +5,6 @@ import numpy as np
 import pytest
 import sympy as sp
 
-from lpfcosim.errors import InputError
 from lpfcosim.modelica import build
 from lpfcosim.modelica.flat_model import UnsupportedError
 from tests.lpfcosim.modelica.modelica_source import fmu, translate, write
@@ -110,23 +109,13 @@ def test_affine_systems_are_recognised(tmp_path):
 
 
 REFUSED = {
-    "algorithm section": ("Real x; input Real u;\nalgorithm\n  x := u;", None),
-    "initial equation": ("Real x; input Real u;\ninitial equation\n  x = 3;\nequation\n  der(x) = u;", None),
-    "elsewhen": ("discrete Real x; input Real u;\nequation\n  when sample(0, 0.1) then\n    x = u;\n"
-                 "  elsewhen u > 1 then\n    x = 2;\n  end when;", 5),
     "nonlinear equation for x": ("output Real x; input Real u;\nequation\n  x^3 + x = u;", 3),
     "event inside a step": ("Real x; input Real u;\nequation\n  der(x) = if x > 1 then 0 else u;", 3),
-    "delay() of a signal that is not held": ("Real x; output Real y; input Real u;\nequation\n"
-                                             "  der(x) = u;\n  y = delay(x, 0.3);", 4),
     "depend on each other in a circle": ("discrete Real x; discrete Real y; input Real u;\nequation\n"
                                          "  when sample(0, 0.1) then\n    x = y + u;\n    y = 2*x;\n"
                                          "  end when;", None),
-    "parameter 'p' with 'fixed = false'": ("output Real y;\n  parameter Real p(fixed = false);\n"
-                                           "equation\n  y = p;", 2),
     "pre() outside when": ("discrete Real n(start = 0); output Real y;\nequation\n  y = pre(n);\n"
                            "  when sample(0, 0.1) then\n    n = pre(n) + 1;\n  end when;", 3),
-    "start value of 'x' that is not a parameter": ("Real x(start = u); input Real u;\n"
-                                                   "equation\n  der(x) = u;", 1),
     "pre(x) of a variable that is not sampled": ("Real x; discrete Real n;\nequation\n  der(x) = 1;\n"
                                                  "  when sample(0, 1) then\n    n = pre(x);\n  end when;", 5),
 }  # fmt: skip
@@ -143,27 +132,3 @@ def test_unsupported_construct_is_refused_with_its_place(tmp_path, construct):
     if line is not None:
         assert f"Test.mo:{line}: M: " in str(caught.value)
     assert not (tmp_path / "M.fmu").exists()
-
-
-OUTPUT = "model M output Real x;\n"
-FOREIGN = 'function f\n  input Real x; output Real y;\n  external "C" y = foo(x);\nend f;\n'
-
-
-@pytest.mark.parametrize(
-    ("text", "sentence"),
-    [
-        (f"{OUTPUT}equation\n  x = nowhere;", r"Test\.mo: M: .*unresolved component reference: 'nowhere'$"),
-        (
-            f"{OUTPUT}equation\n  x = 1;\n  x = 2;",
-            r"M: .*unbalanced model: 2 equations, 1 unknowns \(bal.* 1\)$",
-        ),
-        ("model M\n  Real x\nequation\n  x = 1;", r"Test\.mo:2: M: unexpected"),
-        ("partial model M\n  Real x;", r"Test\.mo:2: M: the model is partial"),
-        (f"{FOREIGN}model M output Real x; equation x = f(3);", r"Test\.mo:1: M: external function 'f'"),
-    ],
-)
-def test_fault_in_the_source_is_one_sentence_with_its_place(tmp_path, capfd, text, sentence):
-    with pytest.raises(InputError, match=sentence) as refusal:
-        translate(tmp_path, f"{text}\nend M;")
-    assert "\n" not in str(refusal.value)
-    assert not capfd.readouterr().err
