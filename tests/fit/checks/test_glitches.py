@@ -20,7 +20,7 @@ from tests.fit.recorded import recorded
 from tests.fit.test_pipeline import OFF
 from tests.oracles import glitches as flown
 from tests.oracles import thirteen
-from tests.oracles.synthetic import World, pair
+from tests.oracles.synthetic import World, pair, without
 from tests.reference_run import Pulse, simulate_reference
 
 pytestmark = pytest.mark.slow
@@ -90,6 +90,24 @@ def simulated(quickstart):
 def estimate(outcome):
     theta, sigma = outcome.solution.theta, np.sqrt(np.diag(outcome.solution.covariance))
     return theta[~outcome.undetermined], sigma[~outcome.undetermined]
+
+
+def test_what_lasts_is_no_glitch():
+    # a line that no column tells, ten thousand times the noise in its bin
+    sysid, noise = pair(World())
+    line = 3e-11 * np.sin(2 * np.pi * 7e-3 * sysid.time)
+    sysid = replace(sysid, channels={**sysid.channels, "o_12": sysid.channels["o_12"] + line})
+    assert not search(experiment((sysid, noise)))[1]
+
+
+def test_missing_samples_are_no_glitches():
+    sysid, noise = pair(World())
+    gaps = ((3000, 3030), (9000, 9001), (15000, 15100))
+    before = experiment((without(sysid, *gaps), without(noise, (100, 200))))
+    after, warnings = search(before)
+    assert both(after) == both(before)
+    assert not warnings
+    assert (after.sysid.n_masked, after.noise.n_masked) == (131, 100)
 
 
 @pytest.mark.stat

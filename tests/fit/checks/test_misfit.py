@@ -10,6 +10,7 @@ from fit.checks.misfit import model_findings
 from fit.pipeline import calibrate
 from fit.whitening import pair
 from tests.hostile.catalogue.common import (
+    averaged,
     leaking_guidance,
     pushed_at,
     weaker_at_large_force,
@@ -60,9 +61,22 @@ def test_of_two_runs_the_one_with_an_unrecorded_force_is_left_out():
     assert results.experiments["B4"].unsound
 
 
+def test_a_force_that_the_only_run_does_not_record_is_named():
+    (cause,) = causes(pushed_at(1.667e-3, amplitude=2e-14, names=("B4",)), ("B4",))
+    assert (cause.code, cause.run) == ("unrecorded force", "B4")
+
+
 @pytest.mark.parametrize("pulse", [(7000, 1e-9, 20, 60), (8000, 1e-10, 900, 7200)])
 def test_a_glitch_in_the_only_run_is_no_misfit(pulse):
     assert causes(remade("B4-sysid", hidden=pushed(glitch(*pulse))), ("B4",)) == []
+
+
+def test_read_outs_that_are_averaged_are_named():
+    named = causes(averaged(1.0), tuple(name for name in thirteen.PLANS if name != "D3"))
+    assert {cause.code for cause in named} == {"averaging"}
+    amounts = [cause.amount.value for cause in named if cause.amount]
+    assert amounts
+    assert amounts == pytest.approx([1] * len(amounts), abs=0.1)
 
 
 def test_an_o_12_that_is_not_linear_is_named():

@@ -190,6 +190,21 @@ def test_columns_that_contradict_the_map_are_refused(archive, channels, columns,
     assert words in archive.refusal(columns=columns)
 
 
+def test_a_channel_of_one_value(archive, channels):
+    write_with_unit(archive, channels, "")
+    for column, value in (("{ value = 0 }", 0.0), ('{ value = 1.5, unit = "pN/kg" }', 1.5e-12)):
+        run = archive.convert(columns={"f_x_1": column})
+        np.testing.assert_allclose(run.channels["f_x_1"], np.full(N, value), rtol=1e-15)
+        assert_same(run.select(["f_x_2"]), {"f_x_2": channels["f_x_2"]})
+    for column, words in {
+        "{ value = 1.5 }": "channels.f_x_1.unit: value 1.5 without a unit",
+        '{ value = 0, column = "f_x_1" }': "channels.f_x_1: expected its column",
+        "{ }": "channels.f_x_1: expected its column",
+        "{ value = nan }": "channels.f_x_1.value: NaN is not a finite number",
+    }.items():
+        assert words in archive.refusal(columns={"f_x_1": column})
+
+
 def test_forces_are_divided_by_the_mass(archive, channels):
     forces = {name: channels[name] * M_TM * 1e12 for name in ("f_x_1", "f_x_2")}
     write(archive.folder / "A.csv", {"t": np.arange(N).tolist(), **listed(channels | forces)})

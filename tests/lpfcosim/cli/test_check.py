@@ -122,6 +122,24 @@ def test_what_rests_on_our_loop_is_not_available_with_another_one(
         assert advice in refused
 
 
+@pytest.mark.parametrize(
+    ("changes", "options", "fault"),
+    [
+        ([], {"keys": 'variables = { f_control_2 = "forze" }\n'}, "variable 'forze' is missing"),
+        ([], {"keys": "values = { gain = 2.0 }\n"}, "values names \"gain\", expected a parameter"),
+        ([('"0" causality="input" variability="continuous">\n<Real unit="m"',
+           '"0" causality="input" variability="continuous">\n<Real unit="nm"')], {}, "means 1e-09 m"),
+        ([], {"content": b"no archive"}, "Mine.fmu: not a readable FMU"),
+    ],
+)  # fmt: skip
+def test_fmu_that_does_not_fit_is_refused(lpfcosim, third_party, monkeypatch, changes, options, fault):
+    monkeypatch.setattr(build, "build", None)  # refused before ours are built
+    path = third_party(*changes, **options)
+    refused = refusal(lpfcosim("check", path))
+    assert refused.startswith(f"{path}: fmus.SuspensionControl")
+    assert fault in refused
+
+
 def test_every_command_that_simulates_refuses_alike_and_writes_nothing(lpfcosim, third_party, tmp_path):
     path = third_party(keys="values = { gain = 2.0 }\n")
     before = sorted(tmp_path.rglob("*"))

@@ -154,6 +154,12 @@ def test_every_place_can_be_taken(run, fmus, tmp_path, model):
     assert all(np.array_equal(got[channel], values) for channel, values in expected.items())
 
 
+def test_an_input_of_another_dimension_is_refused(run, fmus, tmp_path):
+    changes = [('<BaseUnit m="1"/>', '<BaseUnit rad="1"/>')]
+    archive = third_party.built(tmp_path, fmi="3.0", changes=changes)
+    assert "by which it means rad; expected m, for o_12" in refusal(run, fmus, archive)
+
+
 def test_truth_that_no_fmu_takes_is_left_out(run, fmus, tmp_path):
     # Its stiffness of test mass 2 and its cross-talk have other names, which nobody maps.
     plant = renamed(fmus["Plant"], tmp_path / "plant.fmu", {"omega2_2_0": "k", "tau_1": "delay"})
