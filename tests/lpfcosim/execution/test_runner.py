@@ -216,3 +216,26 @@ def test_saturation_is_counted(fmus, make_run, tmp_path):
         expected = int(np.sum(np.abs(file["f_x_2"][:]) >= 2e-12 / shaken.m_tm * (1 - 1e-9)))
     assert expected > 100
     assert runner.saturated_samples([tmp_path / "quiet.h5", tmp_path / "shaken.h5"]) == {"run": expected}
+
+
+def test_a_ledger_that_is_lost_or_damaged_costs_time_only(fmus, plan, copied, monkeypatch):
+    asked = []
+    monkeypatch.setattr(Workers, "results", lambda _, tasks, __: nothing(asked.append({*tasks.items})))
+    ledger = copied[0].parent.with_suffix(".sha256")
+    for damage in (ledger.read_bytes()[40:], b"\xff\0\n  \n", b""):
+        ledger.write_bytes(damage)
+        runner.simulate(plan, copied[0].parent, fmus)
+    assert asked == [{"one-noise"}, {"one-noise", "one"}, {"one-noise", "one"}]
+
+
+def test_telemetry_of_no_run_of_the_campaign_is_left_alone(fmus, plan, tmp_path):
+    stranger = tmp_path / "telemetry" / "two.h5"
+    stranger.parent.mkdir()
+    stranger.write_bytes(b"somebody's")
+    with pytest.raises(InputError, match=r"two\.h5: belongs to no run of this campaign; choose"):
+        runner.simulate(plan, stranger.parent, fmus)
+    assert folder_of(stranger.parent) == ["two.h5"]
+    stranger.unlink()
+    stranger.with_name("one.h5").mkdir()
+    with pytest.raises(InputError, match=r"one\.h5: cannot be opened \(Is a directory"):
+        runner.simulate(plan, stranger.parent, fmus)
