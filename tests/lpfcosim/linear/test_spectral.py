@@ -168,3 +168,9 @@ def test_noise_of_1_over_f_has_its_power_in_the_lowest_bins_although_it_repeats(
     result = power(spectral_simulation.PERIOD * n) / power(40 * n)
     assert np.abs(result - 1).max() < 2e-3
     assert np.abs(result[[1, 3, 4, 5]] - 1).max() < 5e-4
+
+
+def test_expected_rms_of_a_command_holds_the_constant_force(sysid):
+    quiet = replace(sysid, injections=())
+    rms = response.expected_rms(quiet)["f_x_2"]
+    assert rms == pytest.approx(abs(sysid.dc / sysid.truth["lambda_2"]), rel=1e-6)

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from lpfcosim.models import stimuli
+from lpfcosim.signals import injected
 from lpfcosim.spacecraft import HalfCosine, Sine
 
 TARGETS = ("guidance_o_1", "guidance_o_12", "F_x_1", "F_x_2")
@@ -40,6 +41,12 @@ def test_half_cosine_rises_smoothly_and_stays(make_run):
     # no kink at either end: the steepest step is pi/2 times the mean slope, the first almost nothing
     assert np.diff(signal).max() == pytest.approx(np.pi / 2 * 4e-9 / 2000, rel=1e-4)
     assert signal[1001] < 1e-14
+
+
+def test_set_points_grow_at_the_stated_rate(make_run):
+    run = make_run()
+    signals = injected(run, TARGETS, {"guidance_phi": 2e-6}, start=100, stop=300)
+    np.testing.assert_allclose(signals["guidance_phi"], 2e-6 * run.time[100:300], rtol=1e-12)
 
 
 # --- noise ----------------------------------------------------------------------------------------------
