@@ -80,7 +80,7 @@ def model_parameters(run: Run) -> dict[str, Parameters]:
 
 
 def check(run: Run) -> None:
-    """Refuse a delay that no command can have, and an alignment epoch without its delta_ifo.
+    """Refuse a force without authority, a delay that no command has, an alignment epoch without delta_ifo.
 
     Raises
     ------
@@ -93,6 +93,10 @@ def check(run: Run) -> None:
             raise InputError(
                 f"truth.C_{j}: C_{j}/lambda_{j} = {delay:.4g} s, expected {run.h / 2:g} s, the half sample "
                 f"that the hold of a command takes, to {LONGEST_DELAY:g} s"
+            )
+        if not getattr(run.authority, f"F_max_{j}") and any(i.into == f"F_x_{j}" for i in run.injections):
+            raise InputError(
+                f"{run.name}: injection into F_x_{j}: F_max_{j} of its authority is zero, expected more"
             )
     if f"delta_ifo_{run.alignment_epoch}" not in values:
         raise InputError(
