@@ -23,10 +23,7 @@ from fit.telemetry import Telemetry
 
 RESIDUAL_LEVEL = 1e-6  # scatter of chi2, below which it was measured on the residual itself
 _BOTH = Markup("{}<sub>max,1</sub> and {}<sub>max,2</sub>")
-_DESCRIPTION = (
-    "Fit of this experiment only. Flight: stiffness at the authority of this run, with σ from uncorrelated "
-    "parameters."
-)
+_FLIGHT = " Flight: stiffness at the authority of this run, with σ from uncorrelated parameters."
 
 _PEAK = "a peak at an injected frequency is an effect missing from the model."
 #: Description and caption of the figures.
@@ -185,7 +182,8 @@ def _section(i: int, name: str, fit: Fit, experiment: AnalysedExperiment | None)
     if warnings := _warnings(fit):
         facts["Warnings"] = Markup('<a href="#warnings">{}</a>').format(warnings)
     table = parameter_table(fit, known)
-    return Section(f"e{i}", f"Experiment {name}", _DESCRIPTION, facts, table, figures=specs)
+    description = "Fit of this experiment only." + _FLIGHT * table.has_flight
+    return Section(f"e{i}", f"Experiment {name}", description, facts, table, figures=specs)
 
 
 def parameters(results: Results, run: Telemetry) -> dict[str, float]:

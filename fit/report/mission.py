@@ -22,6 +22,7 @@ from fit.parameters import (
 from fit.report import stiffness as report_stiffness
 from fit.report.section import FigureSpec, Section, single_fits, start_time
 from fit.results import Fit, Results
+from fit.spacecraft import spacecraft_of_results
 from fit.tables import FIXED, Cell, Table, highlight, measurement, parameter_head, pull_text
 from fit.telemetry import Telemetry
 
@@ -53,7 +54,8 @@ def _sound(results: Results) -> Results:
 
 def _side_by_side(results: Results, telemetries: Sequence[Telemetry]) -> Section | None:
     tables, text = [], Markup()
-    if results.joint is not None and results.joint.parameters.keys() & FLIGHT.keys():
+    flown = spacecraft_of_results(results, telemetries).overview[0] in FLIGHT
+    if flown and results.joint is not None and results.joint.parameters.keys() & FLIGHT.keys():
         epochs = [t.alignment_epoch for t in telemetries if t.kind == "sysid"]
         names = joint_names(epochs) if epochs else tuple(FLIGHT)
         known = [p for p in map(joint_parameter, names) if p.flown]

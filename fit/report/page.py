@@ -20,7 +20,7 @@ from fit.figures import COLOURS
 from fit.files import atomic, documents
 from fit.forecasting import expected_fit
 from fit.parallel import one_blas_thread, parallel_map, progress_stage
-from fit.parameters import joint_parameter
+from fit.parameters import FLIGHT, joint_parameter
 from fit.report import (
     charts,
     experiments,
@@ -76,7 +76,7 @@ def write_report(directory: Path, results: Results, telemetries: Sequence[Teleme
     """
     joint, spacecraft = results.joint, spacecraft_of_results(results, telemetries)
     digest = _entry("campaign_digest", results, telemetries)
-    joint_table = joint and _joint_table(joint, _forecast(directory, digest))
+    joint_table = joint and _joint_table(joint, _forecast(directory, digest), spacecraft.overview[0] in FLIGHT)
     progress_stage(0.3 if results.inertial else 0.8)
     ratio, single_sections, sections = _sections(results, telemetries)
     single_sections = _rendered(single_sections)
@@ -111,12 +111,13 @@ def write_report(directory: Path, results: Results, telemetries: Sequence[Teleme
     return path
 
 
-def _joint_table(joint: Fit, expected: Mapping[str, float]) -> ParameterTable:
-    """Return the table of the joint fit, with the expected sigmas by parameter."""
+def _joint_table(joint: Fit, expected: Mapping[str, float], flown: bool) -> ParameterTable:
+    """Return the table of the joint fit, with the expected sigmas, and the flight values of its spacecraft."""
     known = []
     for name in (*joint.parameters, *joint.undetermined):
         with suppress(KeyError):  # of another version
-            known.append(joint_parameter(name))
+            parameter = joint_parameter(name)
+            known.append(replace(parameter, flown=parameter.flown and flown))
     return parameter_table(joint, known, expected)
 
 
