@@ -26,6 +26,8 @@ def load(directory: Path) -> tuple[Results, list[Telemetry]]:
     """
     path = results_folder(directory) / "results.json"
     results = fit_results.load(path)
+    if results.ttl:  # of Michelson variables, which the results hold
+        return results, []
     return results, read_all(telemetry_of(results, path))
 
 

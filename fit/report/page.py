@@ -76,7 +76,9 @@ def write_report(directory: Path, results: Results, telemetries: Sequence[Teleme
     """
     joint, spacecraft = results.joint, spacecraft_of_results(results, telemetries)
     digest = _entry("campaign_digest", results, telemetries)
-    joint_table = joint and _joint_table(joint, _forecast(directory, digest), spacecraft.overview[0] in FLIGHT)
+    joint_table = joint and _joint_table(
+        joint, _forecast(directory, digest), spacecraft.overview[0] in FLIGHT
+    )
     progress_stage(0.3 if results.inertial else 0.8)
     ratio, single_sections, sections = _sections(results, telemetries)
     single_sections = _rendered(single_sections)
@@ -112,7 +114,7 @@ def write_report(directory: Path, results: Results, telemetries: Sequence[Teleme
 
 
 def _joint_table(joint: Fit, expected: Mapping[str, float], flown: bool) -> ParameterTable:
-    """Return the table of the joint fit, with the expected sigmas, and the flight values of its spacecraft."""
+    """Return the table of the joint fit, with expected sigmas and, if `flown`, flight values."""
     known = []
     for name in (*joint.parameters, *joint.undetermined):
         with suppress(KeyError):  # of another version
@@ -133,7 +135,11 @@ def _sections(
 def figure_specs(results: Results, telemetries: Sequence[Telemetry]) -> list[FigureSpec]:
     """Return all figures of the report but those of other commands, not yet drawn."""
     ratio, single, together = _sections(results, telemetries)
-    drawn = [spec for section in (*single, *together) for spec in section.figures]
+    drawn = [
+        spec
+        for section in (*single, *together, *tilt_to_length.sections(results))
+        for spec in section.figures
+    ]
     return [*([ratio] if ratio else []), *(spec for spec in drawn if isinstance(spec, FigureSpec))]
 
 
