@@ -152,6 +152,8 @@ class Spacecraft(ABC):
         Whether the noise of the residual rises with frequency beyond all that is slow.
     has_inertial : bool
         Whether cross-talk of its motion and inertial forces are calibrated and subtracted.
+    flown : bool
+        Whether the values of the flight (`fit.parameters.FLIGHT`) are of it.
     overview : tuple of str
         A gain and a stiffness, of each experiment by itself.
     template, meaning : str
@@ -174,6 +176,7 @@ class Spacecraft(ABC):
     gap_taper: float = GAP_TAPER
     rising_noise: bool = False
     has_inertial: bool = False
+    flown: bool = False
     overview: tuple[str, str] = ("", "")
     template: str = ""
     meaning: str = "One value for all experiments."

@@ -54,7 +54,7 @@ def _sound(results: Results) -> Results:
 
 def _side_by_side(results: Results, telemetries: Sequence[Telemetry]) -> Section | None:
     tables, text = [], Markup()
-    flown = spacecraft_of_results(results, telemetries).overview[0] in FLIGHT
+    flown = spacecraft_of_results(results, telemetries).flown
     if flown and results.joint is not None and results.joint.parameters.keys() & FLIGHT.keys():
         epochs = [t.alignment_epoch for t in telemetries if t.kind == "sysid"]
         names = joint_names(epochs) if epochs else tuple(FLIGHT)

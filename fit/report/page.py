@@ -20,7 +20,7 @@ from fit.figures import COLOURS
 from fit.files import atomic, documents
 from fit.forecasting import expected_fit
 from fit.parallel import one_blas_thread, parallel_map, progress_stage
-from fit.parameters import FLIGHT, joint_parameter
+from fit.parameters import joint_parameter
 from fit.report import (
     charts,
     experiments,
@@ -76,9 +76,7 @@ def write_report(directory: Path, results: Results, telemetries: Sequence[Teleme
     """
     joint, spacecraft = results.joint, spacecraft_of_results(results, telemetries)
     digest = _entry("campaign_digest", results, telemetries)
-    joint_table = joint and _joint_table(
-        joint, _forecast(directory, digest), spacecraft.overview[0] in FLIGHT
-    )
+    joint_table = joint and _joint_table(joint, _forecast(directory, digest), spacecraft.flown)
     progress_stage(0.3 if results.inertial else 0.8)
     ratio, single_sections, sections = _sections(results, telemetries)
     single_sections = _rendered(single_sections)

@@ -122,6 +122,7 @@ PATHFINDER = Pathfinder(
     levels={"o_1": 1.5e-10, "o_12": 6e-15},  # in flight
     jitter="o_1",
     has_inertial=True,
+    flown=True,
     overview=("lambda_2", "omega2_2"),
     template="equations.html.jinja",
     meaning="Common gains, delays and stiffness model, one δ_ifo per alignment epoch. Flight: values of LISA "
