@@ -5,7 +5,7 @@ Validation knows a file by its context, the spacecraft model that the file choos
 
 import math
 import re
-from collections.abc import Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 from typing import Annotated, Any, Literal, Self
@@ -121,10 +121,9 @@ def declared_values(raw: Mapping[str, object], known: Mapping[str, Quantity]) ->
     PydanticCustomError
         If a key is unknown, or a value no such quantity.
     """
+    _check_keys(raw, known)
     values = {}
     for key, value in raw.items():
-        if key not in known:
-            raise problem(f"unknown key{closest_match(str(key), known)}", str(key))
         try:
             values[key] = known[key].to_si(value)
         except PydanticCustomError as error:
@@ -153,11 +152,14 @@ class Record:
     @classmethod
     def _known_keys(cls, raw: object) -> object:
         if isinstance(raw, dict):
-            known = cls.__pydantic_fields__  # type: ignore[attr-defined]
-            for key in raw:
-                if key not in known:
-                    raise problem(f"unknown key{closest_match(str(key), known)}", str(key))
+            _check_keys(raw, cls.__pydantic_fields__)  # type: ignore[attr-defined]
         return raw
+
+
+def _check_keys(raw: Iterable[object], known: Collection[str]) -> None:
+    for key in raw:
+        if key not in known:
+            raise problem(f"unknown key{closest_match(str(key), known)}", str(key))
 
 
 def _whole_samples(seconds: float) -> float:
