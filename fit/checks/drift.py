@@ -201,7 +201,11 @@ def find_joint(agreed: Agreement) -> list[Finding]:
     periods, limit = wave_periods(blocks), p_limit(len(names))
     found = []
     for name in names:
-        runs = [waves(b, fit.solution.theta, periods) for b in blocks if b.equation.name == name]
+        members = [block for block in blocks if block.equation.name == name]
+        runs = [waves(block, fit.solution.theta, periods) for block in members]
+        for block, of_run in zip(members, runs, strict=True):
+            if NOISY & {*block.equation.columns}:  # the read-out holds that noise too, as the residual does
+                of_run.pop(block.equation.columns[0], None)
         # what one run alone shows, such as the rest of a glitch, is none of the equation
         others = [[*runs[:i], *runs[i + 1 :]] for i in range(len(runs))] if len(runs) > 1 else []
         for drift in find_drift(runs, periods, limit):
