@@ -1,5 +1,6 @@
 """The mission campaign: what it is, and that the fit of it is free of bias."""
 
+import json
 from dataclasses import replace
 
 import numpy as np
@@ -63,3 +64,13 @@ def test_approximations_bias_nothing(plan, redraw):
     if redraw:  # of the campaign's own truths runs without noise are left out as contradicting each other
         assert list(joint.parameters) == list(joint_names([1, 2, 3, 4]))
         assert all(e.sigma < FLIGHT[name].sigma for name, e in joint.parameters.items())
+
+
+@pytest.mark.fmu
+@pytest.mark.long
+@pytest.mark.parametrize("name", ["mission", "inertial"])
+def test_shipped_campaigns_of_the_whole_spacecraft_are_sound(lpfcosim, tmp_path, name):
+    lpfcosim("run", CAMPAIGNS / f"{name}.toml", "--out", "out", "--quiet", status=0)
+    results = json.loads((tmp_path / "out" / "results.json").read_text())
+    assert results["joint"]["sound"]
+    assert all(abs(p["pull"]) < 4 for p in results["joint"]["parameters"].values())
