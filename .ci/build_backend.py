@@ -19,7 +19,7 @@ from hatchling.builders.hooks.plugin.interface import BuildHookInterface
 
 ROOT = Path(__file__).parents[1]
 # What the generator imports, of the requirements in pyproject.toml.
-TOOLS = {"numpy", "pint", "platformdirs", "rumoca", "scipy", "sympy"}
+TOOLS = {"numpy", "pint", "platformdirs", "pydantic", "rumoca", "scipy", "sympy"}
 
 
 def get_requires_for_build_wheel(config_settings: object = None) -> list[str]:  # noqa: ARG001
