@@ -21,35 +21,42 @@ class Place(NamedTuple):
 
 
 class Slave:
-    """One FMU of the loop, its real variables by name."""
+    """One FMU in initialization mode, its real variables by name; what is not here are methods of FMPy's."""
 
     def __init__(self, stack, archive, parameters):
         folder = stack.enter_context(tempfile.TemporaryDirectory())
         fmpy.extract(str(archive), folder)
-        description = fmpy.read_model_description(str(archive))
-        self.references = {v.name: v.valueReference for v in description.modelVariables}
-        self.second = description.fmiVersion == "2.0"
-        self.fmu = (FMU2Slave if self.second else FMU3Slave)(
-            guid=description.guid,
+        self.description = fmpy.read_model_description(str(archive))
+        self.references = {v.name: v.valueReference for v in self.description.modelVariables}
+        self.second = self.description.fmiVersion == "2.0"
+        self._fmu = (FMU2Slave if self.second else FMU3Slave)(
+            guid=self.description.guid,
             unzipDirectory=folder,
-            modelIdentifier=description.coSimulation.modelIdentifier,
+            modelIdentifier=self.description.coSimulation.modelIdentifier,
             instanceName="oracle",
         )
-        self.fmu.instantiate()
-        stack.callback(self.fmu.freeInstance)
+        self._fmu.instantiate()
+        stack.callback(self._fmu.freeInstance)
+        self.initialize(parameters)
+
+    def __getattr__(self, name):
+        return getattr(self._fmu, name)
+
+    def initialize(self, parameters):
+        """Set parameters and enter initialization mode, of a new instance or after a reset."""
         self.set(parameters)
         if self.second:
-            self.fmu.setupExperiment(startTime=0.0)
-        self.fmu.enterInitializationMode()
+            self.setupExperiment(startTime=0.0)
+        self.enterInitializationMode()
 
     def set(self, values):
         """Set variables."""
-        set_values = self.fmu.setReal if self.second else self.fmu.setFloat64
+        set_values = self.setReal if self.second else self.setFloat64
         set_values([self.references[name] for name in values], list(values.values()))
 
     def get(self, names):
         """Return the values of variables."""
-        get_values = self.fmu.getReal if self.second else self.fmu.getFloat64
+        get_values = self.getReal if self.second else self.getFloat64
         return get_values([self.references[name] for name in names])
 
 
@@ -77,11 +84,11 @@ def simulate(places, signals, record, h):
             for place, slave in loop:
                 slave.set({variable: bus[source] for variable, source in place.inputs.items()})
                 for k in range(place.steps) if i >= 0 else ():
-                    slave.fmu.doStep(i * h + k * (h / place.steps), h / place.steps)
+                    slave.doStep(i * h + k * (h / place.steps), h / place.steps)
                 bus.update(zip(place.outputs.values(), slave.get(place.outputs), strict=True))
             if i < 0:
                 for _, slave in loop:
-                    slave.fmu.exitInitializationMode()
+                    slave.exitInitializationMode()
             else:
                 for name, source in record.items():
                     recorded[name][i] = bus[source]

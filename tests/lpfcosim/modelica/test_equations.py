@@ -98,27 +98,31 @@ def test_polynomial_remainder_is_extrapolated_and_the_affine_part_exact(tmp_path
     np.testing.assert_allclose(np.divide(errors[:2], errors[1:]), 4, rtol=0.2)
 
 
-SWITCHES = {
-    "input": ("der(x) = if u > 1 then 3 else 5;", 3.0),
-    "if equation": ("if u > 1 then der(x) = 3; else der(x) = 5; end if;", 3.0),
-    "algebraic": ("der(x) = g; g = if u > 1 then 3 else 5;", 3.0),
-    "maximum": ("der(x) = max(u, 1.5);", 2.0),
-    "Runge-Kutta": ("der(x) = (if u > 1 then 3 else 5) + zero*sin(x);", 3.0),
-    "delayed": ("der(x) = if delay(u, 0.25) > 1 then 3 else 5;", 3.0),
-    "sampled": ("der(x) = if n > 5.5 then 1 else 0; when sample(0, 0.1) then n = pre(n) + 1; end when;", 0.5),
+SWITCHES = {  # equations of x_1, x_2 ... with u = 2, and x after 1 s
+    "der(x_1) = if u > 1 then 3 else 5;": 3.0,
+    "if u > 1 then der(x_2) = 3; else der(x_2) = 5; end if;": 3.0,
+    "der(x_3) = g; g = if u > 1 then 3 else 5;": 3.0,
+    "der(x_4) = max(u, 1.5);": 2.0,
+    "der(x_5) = if delay(u, 0.25) > 1 then 3 else 5;": 3.0,
+    "der(x_6) = if n > 5.5 then 1 else 0; when sample(0, 0.1) then n = pre(n) + 1; end when;": 0.5,
 }
 
 
-@pytest.mark.parametrize("switch", SWITCHES)
-def test_switch_on_a_held_signal_in_a_derivative(tmp_path, switch):
-    equations, expected = SWITCHES[switch]
-    extra = {"algebraic": "Real g;", "sampled": "discrete Real n(start = 0, fixed = true);"}.get(switch, "")
+@pytest.mark.parametrize("nonlinear", [False, True])  # by the exact step, and by Runge-Kutta
+def test_switches_on_held_signals_in_derivatives(tmp_path, nonlinear):
     archive = fmu(
         tmp_path,
-        f"model M input Real u(start = 2); output Real x(start = 0, fixed = true); "
-        f"parameter Real zero = 0; {extra} equation {equations} end M;",
+        f"""model M
+          input Real u(start = 2); parameter Real zero = 0; Real g; discrete Real n(start = 0, fixed = true);
+          {" ".join(f"output Real x_{i}(start = 0, fixed = true);" for i in range(1, 7))}
+          Real y(start = 0, fixed = true);
+        equation
+          der(y) = {"zero*sin(y)" if nonlinear else "-y"}; {" ".join(SWITCHES)}
+        end M;""",
     )
-    assert simulate(archive, 1)["x"][-1] == pytest.approx(expected, rel=1e-12)
+    result = simulate(archive, 1)
+    for i, (equation, expected) in enumerate(SWITCHES.items(), 1):
+        assert result[f"x_{i}"][-1] == pytest.approx(expected, rel=1e-12), equation
 
 
 def test_shorter_and_longer_communication_steps(tmp_path):
