@@ -45,14 +45,6 @@ def test_a_run_is_the_same_whoever_had_the_libraries_before(fmus, make_run, fold
         assert np.array_equal(np.concatenate([block[name] for block in again]), expected), name
 
 
-def test_two_runs_at_once_have_instances_of_their_own(fmus, make_run, folders, shelf):
-    run = make_run(n_samples=2500)
-    one, other = (co_simulation.blocks(run, read_interfaces(run, fmus), libraries=shelf) for _ in range(2))
-    for block, beside in zip(one, other, strict=True):
-        assert all(np.array_equal(block[name], beside[name]) for name in block)
-    assert folders() == LOOP
-
-
 def test_an_archive_that_was_built_anew_is_loaded_anew(make_run, folders, shelf, tmp_path):
     fmus = {model: Path(shutil.copy(path, tmp_path)) for model, path in build.build().items()}
     run = make_run(n_samples=10)

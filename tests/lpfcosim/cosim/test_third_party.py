@@ -2,7 +2,6 @@
 
 import contextlib
 from dataclasses import replace
-from pathlib import Path
 
 import fmpy
 import h5py
@@ -11,24 +10,21 @@ import pytest
 
 from lpfcosim.cosim import warnings
 from lpfcosim.cosim.fmu_instance import FmuInstance
-from lpfcosim.errors import RunError
+from lpfcosim.errors import InputError, RunError
 from lpfcosim.execution import runner
-from lpfcosim.modelica import build
 from lpfcosim.models import model_of
 from lpfcosim.spacecraft import Replacement
-from tests import ROOT, third_party
+from tests import third_party
 from tests.lpfcosim.cosim import in_memory
-from tests.lpfcosim.cosim.archives import renamed
+from tests.lpfcosim.cosim.archives import renamed, repack
 from tests.lpfcosim.cosim.third_party_fmu import FMI, MODEL, placed, refusal, replacement, simulate
 
 pytestmark = [pytest.mark.fmu]
 
-VALUES = [
-    {"label": "half"},
-    {"law": 2},
-    {"single": 0.25},
-    {"mode": 2, "enabled": True, "label": "full", "law": 1, "state": -2e-9},
-]
+VALUES = {
+    "2.0": {"mode": 2, "enabled": True, "label": "half", "law": 2, "state": -2e-9},
+    "3.0": {"mode": 2, "enabled": True, "label": "half", "law": 2, "state": -2e-9, "single": 0.25},
+}
 
 
 def stepped(run, fmus, archive, values, n=20):
@@ -50,12 +46,9 @@ def stepped(run, fmus, archive, values, n=20):
 
 
 @FMI
-@pytest.mark.parametrize("values", VALUES, ids=str)
 @pytest.mark.parametrize("macro", ["EARLY", "LATE"])
-def test_typed_values_do_what_they_do_in_fmpy(run, fmus, tmp_path, fmi, values, macro):
-    if fmi == "2.0" and "single" in values:
-        pytest.skip("FMI 2.0 has no type Float32")
-    archive = third_party.built(tmp_path, macro, fmi=fmi)
+def test_typed_values_do_what_they_do_in_fmpy(run, fmus, tmp_path, fmi, macro):
+    values, archive = VALUES[fmi], third_party.built(tmp_path, macro, fmi=fmi)
     ours = model_of(run).parameters(run)[MODEL]
     starts = {"bandwidth": ours["f_u"], "hold": ours["f_x_2_start"], "distance": 2e-9, "wanted": 1e-9}
     times = {"stop_time": 2.0, "step_size": 0.1, "output_interval": 0.1}
@@ -78,22 +71,24 @@ def test_an_input_that_nothing_feeds_stays_at_its_start_value_and_is_listed(run,
     ]
 
 
-STEPS = {  # attributes of the description, key of the campaign, steps of 0.02 s
-    "default": ('canHandleVariableCommunicationStepSize="true"', 'stepSize="0.02"', 0.0),
-    "only": ('canHandleVariableCommunicationStepSize="false"', 'stepSize="0.02"', 0.0),
-    "key": ('canHandleVariableCommunicationStepSize="true"', 'stepSize="1"', 0.02),
-}
-
-
-@FMI
-@pytest.mark.parametrize("case", STEPS)
-def test_an_fmu_of_smaller_steps_takes_several_in_one_of_the_loop(run, fmus, tmp_path, fmi, case):
-    attribute, experiment, step = STEPS[case]
+def with_step(folder, is_free, stated, *macros, fmi="2.0"):
+    """Build the controller with a default step [s], which it may be stepped without, or not."""
+    attribute = 'canHandleVariableCommunicationStepSize="{}"'
     changes = [
-        ('canHandleVariableCommunicationStepSize="true"', attribute),
-        ("<ModelVariables>", f"<DefaultExperiment {experiment}/><ModelVariables>"),
+        (attribute.format("true"), attribute.format(str(is_free).lower())),
+        ("<ModelVariables>", f'<DefaultExperiment stepSize="{stated}"/><ModelVariables>'),
     ]
-    archive = third_party.built(tmp_path, "SHORT", "CHECKS_TIME", fmi=fmi, changes=changes)
+    return third_party.built(folder, *macros, fmi=fmi, changes=changes)
+
+
+@pytest.mark.parametrize(
+    ("fmi", "is_free", "stated", "step"),
+    [("2.0", True, 0.02, 0.0), ("3.0", False, 0.02, 0.0), ("3.0", True, 1, 0.02)],
+)
+def test_an_fmu_of_smaller_steps_takes_several_in_one_of_the_loop(
+    run, fmus, tmp_path, fmi, is_free, stated, step
+):
+    archive = with_step(tmp_path, is_free, stated, "SHORT", "CHECKS_TIME", fmi=fmi)
     mine = replacement(archive, step=step)
     got = simulate(run, fmus, mine)
     run = replace(run, replacements=(mine,))
@@ -105,20 +100,16 @@ def test_an_fmu_of_smaller_steps_takes_several_in_one_of_the_loop(run, fmus, tmp
 
 
 @pytest.mark.parametrize(
-    ("attribute", "stated", "step", "fault"),
+    ("is_free", "stated", "step", "fault"),
     [
-        ('="true"', "0.03", 0.0, ""),
-        ('="false"', "0.03", 0.0, "steps by 0.03 s; expected a step that divides that of the loop, 0.1 s"),
-        ('="false"', "0.2", 0.0, "steps by 0.2 s; expected a step that divides"),
-        ('="true"', "0.02", 0.04, "steps by 0.04 s; expected a step that divides"),
+        (True, 0.03, 0.0, ""),
+        (False, 0.03, 0.0, "steps by 0.03 s; expected a step that divides that of the loop, 0.1 s"),
+        (False, 0.2, 0.0, "steps by 0.2 s; expected a step that divides"),
+        (True, 0.02, 0.04, "steps by 0.04 s; expected a step that divides"),
     ],
 )
-def test_a_step_that_does_not_divide_that_of_the_loop(run, fmus, tmp_path, attribute, stated, step, fault):
-    changes = [
-        ('(canHandleVariableCommunicationStepSize)="true"', rf"\1{attribute}"),
-        ("<ModelVariables>", f'<DefaultExperiment stepSize="{stated}"/><ModelVariables>'),
-    ]
-    mine = replacement(third_party.built(tmp_path, changes=changes), step=step)
+def test_a_step_that_does_not_divide_that_of_the_loop(run, fmus, tmp_path, is_free, stated, step, fault):
+    mine = replacement(with_step(tmp_path, is_free, stated), step=step)
     if fault:
         assert fault in refusal(run, fmus, mine)
     else:
@@ -141,17 +132,24 @@ def test_fmus_that_fail_say_why(run, fmus, tmp_path, macro, fmi, sentence):
     assert str(refused.value) == f"run 'run': the SuspensionControl FMU {sentence}"
 
 
-@pytest.mark.parametrize("model", build.MODELS)
 @pytest.mark.slow
-def test_every_place_can_be_taken(run, fmus, tmp_path, model):
-    if model not in set(model_of(run).models):
-        run = replace(run, spacecraft="lpf")
-    component = next(c for c in model_of(run).components(run) if c.model == model)
-    names = {name: f"{name}_theirs" for name in (*component.inputs, *component.outputs)}
-    archive = renamed(fmus[model], tmp_path / "mine.fmu", names)
+@pytest.mark.parametrize("spacecraft", ["lpf-x", "lpf"])
+def test_every_place_can_be_taken(run, fmus, tmp_path, spacecraft):
+    run = replace(run, spacecraft=spacecraft)
     expected = in_memory.simulate(run, fmus)
-    got = simulate(run, fmus, Replacement(model, archive, names))
-    assert all(np.array_equal(got[channel], values) for channel, values in expected.items())
+    for component in model_of(run).components(run):
+        names = {name: f"{name}_theirs" for name in (*component.inputs, *component.outputs)}
+        archive = renamed(fmus[component.model], tmp_path / f"{component.model}.fmu", names)
+        got = simulate(run, fmus, Replacement(component.model, archive, names))
+        assert all(np.array_equal(got[channel], values) for channel, values in expected.items())
+
+
+def test_a_library_that_does_not_load_is_refused_with_the_name_of_the_archive(run, fmus, tmp_path):
+    archive = repack(
+        fmus[MODEL], tmp_path / "junk.fmu", lambda n, b: b"junk" if n.startswith("binaries") else b
+    )
+    with pytest.raises(InputError, match=f"^{archive}: cannot be loaded"):
+        simulate(run, fmus, Replacement(MODEL, archive))
 
 
 def test_an_input_of_another_dimension_is_refused(run, fmus, tmp_path):
@@ -169,20 +167,3 @@ def test_truth_that_no_fmu_takes_is_left_out(run, fmus, tmp_path):
     with h5py.File(tmp_path / "one.h5") as one, h5py.File(tmp_path / "ours.h5") as ours:
         left_out = set(ours["truth"].attrs) - set(one["truth"].attrs)
     assert left_out == {"omega2_2_0", "omega2_2", "domega2_12", "tau_1", "C_1"}
-
-
-@pytest.mark.slow
-def test_controller_of_another_exporter(run, fmus, tmp_path):
-    pythonfmu3 = pytest.importorskip("pythonfmu3")
-    source = ROOT / "tests" / "oracles" / "suspension_controller.py"
-    archive = pythonfmu3.FmuBuilder.build_FMU(source, dest=tmp_path)
-    names = {
-        "o_12": "distance", "guidance_o_12": "wanted", "f_control_2": "u",
-        "f_u": "unity_gain", "f_x_2_start": "bias",
-    }  # fmt: skip
-    expected = in_memory.simulate(run, fmus)
-    got = simulate(run, fmus, Replacement(MODEL, Path(archive), names))
-    assert np.abs(expected["f_x_2"]).max() > 0
-    for channel, values in expected.items():
-        # Second-order sections with poles this close to 1 lose five digits in single outputs.
-        assert np.abs(got[channel] - values).max() <= 1e-8 * np.sqrt(np.mean(values**2)), channel
