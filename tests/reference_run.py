@@ -1,9 +1,11 @@
-"""Runs along x through the reference plant, driven by their injections, noise and stray accelerations."""
+"""Runs along x through the reference plant, and campaigns from the equations of their models."""
 
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
 
+from lpfcosim.execution import runner
 from lpfcosim.models import stimuli
 from tests.oracles import reference_plant
 
@@ -18,7 +20,15 @@ class Pulse:
     duration: float
 
 
+def simulate_equations(plan, folder):
+    """Simulate a campaign in this process, which takes no time to start; return the files of its runs."""
+    with ThreadPoolExecutor(1) as executor:
+        simulated = runner.simulate(plan, folder, {}, runner.RunOptions(executor=executor))
+    return list(simulated.files.values())
+
+
 def simulate_reference(run, pulses=()):
+    """Return the channels of a run, driven by its injections, its noise and stray accelerations."""
     signals = stimuli.stimuli(run)
     for pulse in pulses:
         phase = (run.time - pulse.start) / pulse.duration

@@ -41,9 +41,7 @@ thread.join()
 #: Arguments of Python, what its standard input holds, and the module that is needed.
 CALLERS = {
     "script": (["script.py"], "", ""),
-    "import": (["-c", "import script"], "", ""),
     "standard input": (["-"], "{code}", ""),
-    "command": (["-c", "{code}"], "", ""),
     "prompt": (["-i"], "{code}", ""),
     "thread": (["-c", THREAD], "", ""),
     "IPython": (["-m", "IPython", "script.py"], "", "IPython"),

@@ -70,14 +70,11 @@ def test_a_campaign_adds_to_the_one_it_extends(file):
     assert [r.name for r in c.runs] == [r.name for r in base.runs]
 
 
-def test_an_experiment_may_have_a_start_of_its_own(file):
-    file.write_text(
-        TWO_EXPERIMENTS.replace('name = "second"', 'name = "second"\nt0 = "2016-05-01T00:00:00Z"')
-    )
-    assert [r.t0 for r in loading.load(file).runs][2] == "2016-05-01T00:00:00Z"
-    file.write_text(
-        TWO_EXPERIMENTS.replace('name = "second"', 'name = "second"\nt0 = "2016-04-16T09:00:00Z"')
-    )
+def test_an_experiment_may_start_later_but_not_before_the_one_before_it_ends(file):
+    second = 'name = "second"\nt0 = "2016-{}:00:00Z"'
+    file.write_text(TWO_EXPERIMENTS.replace('name = "second"', second.format("05-01T00")))
+    assert loading.load(file).runs[2].t0 == "2016-05-01T00:00:00Z"
+    file.write_text(TWO_EXPERIMENTS.replace('name = "second"', second.format("04-16T09")))
     with pytest.raises(InputError, match=r'"second" begins at .*, before "first" ends'):
         loading.load(file)
 

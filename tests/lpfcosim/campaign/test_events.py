@@ -4,12 +4,12 @@ import h5py
 import numpy as np
 import pytest
 
-import lpfcosim
 from fit.telemetry.reader import read_all, read_truth
 from lpfcosim.campaign import loading
 from lpfcosim.signals import events
 from tests import ROOT
 from tests.campaign_text import SHORT_PLAN
+from tests.reference_run import simulate_equations
 
 QUICKSTART = ROOT / "campaigns" / "quickstart.toml"
 HISTORY = """plateau = [
@@ -28,14 +28,12 @@ def events_of(extended):
 def test_plateau_falls_with_the_date(events_of):
     runs = loading.load(events_of(HISTORY)).runs
     # A has no plateau of its own, B to D have
-    assert [run.noise["plateau"] for run in runs[:2]] == pytest.approx(
-        [5.57e-15, 5.57e-15 * (1.74 / 5.57) ** 0.25]
-    )
+    falling = [5.57e-15, 5.57e-15 * (1.74 / 5.57) ** 0.25]
+    assert [run.noise["plateau"] for run in runs[:2]] == pytest.approx(falling)
     assert [run.noise["plateau"] for run in runs[2::2]] == [5e-15, 4e-15, 3e-15]
-    text = events_of(HISTORY).read_text(encoding="utf-8")
-    later = 't0 = "2017-04-16T08:00:00Z"\n[events]'
-    path = events_of("")
-    path.write_text(text.replace("[events]", later), encoding="utf-8")
+    path = events_of(HISTORY)
+    text = path.read_text(encoding="utf-8")
+    path.write_text(text.replace("[events]", 't0 = "2017-04-16T08:00:00Z"\n[events]'), encoding="utf-8")
     assert loading.load(path).runs[0].noise["plateau"] == pytest.approx(1.74e-15)
 
 
@@ -52,9 +50,9 @@ def test_telemetry_has_gaps_and_the_truth_of_its_glitches(tmp_path):
     text = SHORT_PLAN.replace('duration = "200 s"', 'duration = "5000 s"\nsample_rate = "1 Hz"')
     table = '[events]\nglitches_per_day = 200.0\ngaps_per_day = 70.0\ngap_duration = "6 s"\n'
     path.write_text(text.replace("[noise]", f"{table}\n[noise]"), encoding="utf-8")
-    (run,) = (run for run in loading.load(path).runs if run.kind == "sysid")
-    paths = lpfcosim.simulate(str(path), str(tmp_path / "out"), fmus=False)
-    (telemetry,) = (told for told in read_all(paths) if told.kind == "sysid")
+    plan = loading.load(path)
+    _, run = plan.runs
+    _, telemetry = read_all(simulate_equations(plan, tmp_path / "out"))
     lost = events.missing(run, telemetry.time)
     assert 0 < lost.mean() < 0.01
     for values in telemetry.channels.values():

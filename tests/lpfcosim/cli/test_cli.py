@@ -10,12 +10,10 @@ from contextlib import suppress
 
 import pytest
 
-from lpfcosim.campaign import loading
 from lpfcosim.errors import InputError, RunError
-from lpfcosim.execution import runner, telemetry_file
-from lpfcosim.modelica import build as fmu_build
+from lpfcosim.execution import runner
+from lpfcosim.modelica import build
 from tests.campaign_text import campaign
-from tests.reference_run import simulate_reference
 
 SHORT = campaign(
     'duration = "7200 s"\nnoise_duration = "7200 s"',
@@ -25,6 +23,7 @@ SHORT = campaign(
     name="short",
     seed=3,
 )
+HEAVY = ("fmpy", "h5py", "lmfit", "matplotlib", "scipy", "sympy")
 
 
 @pytest.fixture
@@ -32,34 +31,6 @@ def short(tmp_path):
     file = tmp_path / "short.toml"
     file.write_text(SHORT)
     return file
-
-
-@pytest.fixture
-def recorded(short, tmp_path):
-    """Folder with the telemetry of the short campaign, from the reference plant."""
-    folder = tmp_path / "recorded"
-    folder.mkdir()
-    for run in loading.load(short).runs:
-        channels = {k: v for k, v in simulate_reference(run).items() if k in telemetry_file.CHANNELS}
-        with telemetry_file.create(folder / f"{run.name}.h5", run, channels, {}) as file:
-            file.append(channels)
-    return folder
-
-
-def test_fit_then_report(lpfcosim, recorded, tmp_path):
-    before = sorted(p.name for p in recorded.iterdir())
-    out = lpfcosim("fit", recorded, "--include-short", status=0)[1]
-    assert sorted(p.name for p in recorded.iterdir()) == before  # the folder by default is another one
-    result = tmp_path / "recorded-fit"
-    assert str(result.name) in out
-    document = json.loads((result / "results.json").read_text())
-    assert document["schema"] == "lpf-results/1"
-    assert abs(document["joint"]["parameters"]["lambda_2"]["pull"]) < 4
-    page = (result / "report.html").read_text(encoding="utf-8")
-    (result / "report.html").unlink()
-    lpfcosim("report", result, status=0)
-    assert 'id="agreement"' in page
-    assert (result / "report.html").read_text(encoding="utf-8").split() == page.split()
 
 
 @pytest.mark.fmu
@@ -73,6 +44,7 @@ def test_run_leaves_what_the_contract_says(lpfcosim, short, tmp_path):
     document = json.loads((folder / "results.json").read_text())
     assert document["provenance"]["campaign"] == "short"
     assert "fmu_Plant" in document["provenance"]
+    assert abs(document["experiments"]["one"]["parameters"]["lambda_2"]["pull"]) < 4
     assert "report.html" in out
     assert "run one: 2 h" in err
     # nothing is simulated twice
@@ -89,7 +61,6 @@ def test_run_leaves_what_the_contract_says(lpfcosim, short, tmp_path):
         (InputError("plant.fmu: no"), 2, "plant.fmu: no"),
         (RunError("run 'one' diverges"), 1, "run 'one' diverges"),
         (OSError(28, "No space left on device", "one.h5"), 1, "one.h5: No space left on device"),
-        (signal.SIGINT, 1, "interrupted; what is finished is kept, the same command continues"),
         (signal.SIGTERM, 1, "interrupted; what is finished is kept, the same command continues"),
     ],
 )
@@ -101,13 +72,55 @@ def test_what_fails_is_one_sentence_and_a_status(lpfcosim, short, monkeypatch, e
         time.sleep(5)
 
     before = signal.getsignal(signal.SIGTERM)
-    monkeypatch.setattr(fmu_build, "build", lambda *_, **__: {})
-    monkeypatch.setattr(runner, "read_interfaces", lambda *_: [])
+    monkeypatch.setattr(build, "build", lambda *_, **__: {})
     monkeypatch.setattr(runner, "simulate", fail)
     try:
         assert lpfcosim("run", short, "--quiet") == (status, "", f"lpfcosim: error: {sentence}\n")
     finally:
         signal.signal(signal.SIGTERM, before)
+
+
+@pytest.mark.parametrize(
+    ("command", "sentence"),
+    [
+        ("chek short.toml", "no such command 'chek', did you mean 'check'"),
+        ("run short.toml --jobs two", "invalid value for '--jobs': it should be a valid integer"),
+        ("fmu build Rocket", 'no model "Rocket"'),
+        ("report .", ".: no results.json in it, expected the folder of an earlier run or fit"),
+        ("forecast short.toml --out short.toml", "short.toml: cannot be made in or written to, expected a f"),
+        ("new short.toml", "short.toml: exists already, expected a new name"),
+    ],
+)
+@pytest.mark.usefixtures("short")
+def test_a_mistake_is_one_sentence_and_nothing_is_written(refusal, tmp_path, command, sentence):
+    assert refusal(*command.split()).startswith(sentence)
+    assert [path.name for path in tmp_path.iterdir()] == ["short.toml"]
+
+
+def test_a_design_replaces_no_file_but_a_design(refusal, tmp_path, monkeypatch):
+    monkeypatch.setattr("lpfcosim.experiment_design.fit_model.planned_experiments", None)
+    (tmp_path / "base.toml").write_text(SHORT)
+    (tmp_path / "mine.toml").write_text('extends = "base.toml"\nname = "mine"\n')
+    (tmp_path / "notes.toml").touch()
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / "mine.toml").symlink_to(tmp_path / "base.toml")
+    for out in ("base.toml", "out/mine.toml"):
+        assert refusal("design", "mine.toml", "--out", out).startswith(f"{out}: is read by this command")
+    assert "is there already and is no design" in refusal("design", "mine.toml", "--out", "notes.toml")
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [["--version"], ["run", "--help"], ["fmu", "list"], ["new", "mine.toml"], ["lunch"]],
+)
+def test_what_needs_no_numbers_reads_no_heavy_library(arguments, tmp_path):
+    code = (
+        "import sys, lpfcosim.cli\n"
+        "try: lpfcosim.cli.main()\n"
+        f"finally: print([m for m in {HEAVY} if m in sys.modules], file=sys.stderr)"
+    )
+    done = subprocess.run([sys.executable, "-c", code, *arguments], stderr=-1, text=True, cwd=tmp_path)
+    assert done.stderr.splitlines()[-1] == "[]"
 
 
 @pytest.mark.fmu

@@ -1,6 +1,5 @@
-"""The commands before a campaign is run: a starter, what to expect of it, its JSON Schema."""
+"""A campaign to start from, what the command check prints of it, and the JSON Schema of campaigns."""
 
-import json
 import re
 import tomllib
 
@@ -23,30 +22,16 @@ def test_new_then_check(lpfcosim, quickstart, tmp_path, monkeypatch):
 
     _, out, err = lpfcosim("check", "mine.toml", status=0)
     assert out.startswith("mine.toml: valid: 8 runs along x, 48 h\n")
-    assert re.search(r"^ *A-noise +noise +2016-04-16 08:00 +6 +A +1 *$", out, flags=re.MULTILINE)
-    assert re.search(r"^ *D +sysid +2016-04-18 02:00 +6 +D +2 +10 *$", out, flags=re.MULTILINE)
-    assert re.search(r"^ *drag_free_x +79\.\d+ mHz +45\.\d deg +14\.\d dB *$", out, flags=re.MULTILINE)
-    assert "suspension_x" in out
+    for row in (
+        "A-noise +noise +2016-04-16 08:00 +6 +A +1",
+        "D +sysid +2016-04-18 02:00 +6 +D +2 +10",
+        r"drag_free_x +79\.\d+ mHz +45\.\d deg +14\.\d dB",
+        r"delta_ifo_2 .* 2\.\de-07 .*",
+    ):
+        assert re.search(f"^ *{row} *$", out, flags=re.MULTILINE)
     assert "drag_free_y" not in out
-    assert re.search(r"^ *delta_ifo_2 +2\.\de-07 ", out, flags=re.MULTILINE)
     assert "warning: the data do not determine lambda_1, C_1: no run drives test mass 1" in err
     assert sorted(p.name for p in tmp_path.iterdir()) == ["lpf-campaign.json", "mine.toml"]
-
-
-def test_constraints_of_the_fit_are_printed(lpfcosim, quickstart, tmp_path):
-    parameters = (
-        "[fit.parameters]\nC_2 = { vary = false }\nlambda_2 = { prior = [1.0776, 1e-5] }\n"
-        "SuspensionControl.f_p = { vary = false, value = 5.5e-3 }\n"
-    )
-    (tmp_path / "mine.toml").write_text(quickstart.read_text(encoding="utf-8") + parameters, encoding="utf-8")
-    stated = "with constraints: C_2 fixed; lambda_2 prior 1.0776 ± 1e-05"
-    out = lpfcosim("forecast", "mine.toml", status=0)[1]
-    assert stated in out.splitlines()
-    assert re.search("C_2 +s +fixed .* fixed *$", out, flags=re.MULTILINE)
-    _, out, _ = lpfcosim("check", "mine.toml")  # identify fixes the parameter of an FMU
-    assert f"{stated}; SuspensionControl.f_p fixed at 0.0055" in out.splitlines()
-    _, out, _ = lpfcosim("check", "mine.toml", "--json")
-    assert json.loads(out)["constraints"][0] == "C_2 fixed"
 
 
 # The schema -----------------------------------------------------------------------------------------------
@@ -65,11 +50,10 @@ def faults(schema, value):
     return sorted({".".join(map(str, fault.absolute_path)) for fault in result})
 
 
-@pytest.mark.parametrize("name", ["quickstart", "designed", "mission", "operations", "inertial", "lisa-ttl"])
+@pytest.mark.parametrize("name", ["designed", "mission", "operations", "inertial", "lisa-ttl"])
 def test_schema_allows_what_is_shipped(schema, quickstart, name):
     text = quickstart.with_name(f"{name}.toml").read_text(encoding="utf-8")
-    value = tomllib.loads(text)
-    assert faults(schema, value) == []
+    assert faults(schema, tomllib.loads(text)) == []
 
 
 @pytest.mark.parametrize(

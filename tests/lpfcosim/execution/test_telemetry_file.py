@@ -69,16 +69,12 @@ def test_channels_lie_on_the_dimension_scale_time(path, channels):
         assert set(file) == CHANNELS | {"time", "truth"}
         assert file["time"].is_scale
         np.testing.assert_array_equal(file["time"], np.arange(600) / 10)
-        assert file["time"].attrs["units"] == "s"
         for name, values in channels.items():
-            assert file[name].dtype == np.float64
             assert file[name].dims[0][0] == file["time"]
             assert file[name].attrs["long_name"]
             np.testing.assert_array_equal(file[name], values)
-        units = {name: file[name].attrs["units"] for name in CHANNELS}
-    assert units["o_12"] == "m"
-    assert units["f_x_2"] == "m s-2"
-    assert units["F_x_sc"] == "N"
+        units = [file[name].attrs["units"] for name in ("time", "o_12", "f_x_2", "F_x_sc")]
+    assert units == ["s", "m", "m s-2", "N"]
 
 
 def test_truth_has_every_parameter_and_those_of_the_run(path):

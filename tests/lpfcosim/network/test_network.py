@@ -1,8 +1,5 @@
 """The order of the steps and the algebraic loops, from the connections alone."""
 
-import re
-from itertools import pairwise
-
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -27,9 +24,8 @@ def test_order_does_not_depend_on_how_they_are_listed(make_run, data):
 def test_whole_spacecraft_is_wired_to_signals_and_outputs_that_exist(make_run):
     run = make_run(spacecraft="lpf")
     outputs = {f"{c.model}.{v}" for c in model_of(run).components(run) for v in c.outputs}
-    sources = [s for c in model_of(run).components(run) for s in c.inputs.values()] + list(
-        model_of(run).record.values()
-    )
+    sources = [s for c in model_of(run).components(run) for s in c.inputs.values()]
+    sources += model_of(run).record.values()
     assert set(sources) <= outputs | set(model_of(run).stimuli(run))
     assert set(model_of(run).stimuli(run)) <= set(sources)
     names = [c.model for c in model_of(run).components(run)]
@@ -49,13 +45,8 @@ def test_components_that_wait_for_each_other_are_named():
 def test_variable_that_follows_from_itself_is_named():
     components = chain("C.y", "A.y", "B.y", "guidance")
     everything = {c.model: {"y": ["u"]} for c in components}
-    with pytest.raises(InputError) as refusal:
+    with pytest.raises(InputError, match=r"algebraic loop: .*(A.y -> B.y|B.y -> C.y -> A.y -> B.y)"):
         check_feedthrough(components, everything)
-    (loop,) = re.findall(r"algebraic loop: (.*);", str(refusal.value))
-    nodes = loop.split(" -> ")
-    assert len(nodes) == 4
-    assert nodes[0] == nodes[-1]
-    assert {"A.y -> B.y", "B.y -> C.y", "C.y -> A.y"} == {f"{a} -> {b}" for a, b in pairwise(nodes)}
     check_feedthrough(components, {**everything, "B": {"y": []}})
 
 

@@ -1,4 +1,4 @@
-"""What cannot be simulated as it is meant is refused by every workflow alike, before anything is simulated."""
+"""What cannot be simulated as it is meant is refused by every workflow alike, and nothing is simulated."""
 
 from dataclasses import replace
 

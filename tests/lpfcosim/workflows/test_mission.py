@@ -27,9 +27,8 @@ def test_the_mission_is_flown_as_it_was(plan):
     whole = loading.load(CAMPAIGNS / "mission.toml")
     driven = [r for r in whole.runs if r.kind == "sysid"]
     clean = [r for r in plan.runs if r.kind == "sysid"]
-    assert [(r.name, r.authority.name, r.alignment_epoch) for r in driven] == [
-        (r.name, r.authority.name, r.alignment_epoch) for r in clean
-    ]
+    flown, along_x = ([(r.name, r.authority.name, r.alignment_epoch) for r in s] for s in (driven, clean))
+    assert flown == along_x
     # long noise in the three periods of table Eulerfit, beside which every experiment has its own
     long = {r.inertial_period: r for r in whole.runs if r.sample_rate == 1}
     assert {k: r.n_samples / 864_000 for k, r in long.items()} == {1: 9, 2: 6, 3: 9}
@@ -52,9 +51,7 @@ def test_approximations_bias_nothing(plan, redraw):
             drawn = spectral_simulation.Simulation(run, CHANNELS).record(rng)
         else:
             drawn = response.linear_response(replace(run, noise={}))
-            drawn["f_x_1"] += 1e-20 * np.random.default_rng(2).standard_normal(
-                drawn["f_x_1"].size
-            )  # not stuck
+            drawn["f_x_1"] += 1e-20 * rng.standard_normal(drawn["f_x_1"].size)  # not stuck
         telemetries.append(telemetry_of(run, {name: drawn[name] for name in CHANNELS}))
     joint = calibrate(telemetries).joint
     assert {"lambda_2", "C_2", "omega2_2_0", "alpha_x_2"} <= joint.parameters.keys()
