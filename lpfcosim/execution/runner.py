@@ -17,14 +17,12 @@ from lpfcosim.errors import InputError, RunError
 from lpfcosim.execution import telemetry_file
 from lpfcosim.execution.checksums import ChecksumFile, PendingFile, digest
 from lpfcosim.execution.pool import Tasks, Workers
-from lpfcosim.execution.provenance import Provenance
+from lpfcosim.execution.provenance import Attributes, mismatch, provenance
 from lpfcosim.linear import ClosedLoop, saturation
 from lpfcosim.modelica import engine_library
 from lpfcosim.models import model_of
 from lpfcosim.signals import decimation
 from lpfcosim.spacecraft import Run
-
-Attributes = Mapping[str, str | int | float]
 
 
 @dataclass(frozen=True)
@@ -37,13 +35,13 @@ class SimulationResult:
         The telemetry of every run that is complete, in the order of the campaign.
     failures : mapping of str to RunError
         The errors of the others.
-    provenance : Provenance
-        Of all files.
+    provenance : mapping
+        Of all files, see `provenance.provenance`.
     """
 
     files: Mapping[str, Path]
     failures: Mapping[str, RunError]
-    provenance: Provenance
+    provenance: Attributes
 
 
 @dataclass(frozen=True)
@@ -109,11 +107,11 @@ def simulate(
     InputError
         If a folder is in the way of a file, telemetry is of another campaign, or FMUs do not fit.
     """
-    provenance = Provenance.of(campaign, fmus)
+    attributes = provenance(campaign, fmus)
     directory.mkdir(parents=True, exist_ok=True)
     paths = {run.name: directory / f"{run.name}.h5" for run in campaign.runs}
     checksums = ChecksumFile(directory.with_name(f"{directory.name}.sha256"))
-    complete = _completed_runs(directory, paths, provenance, checksums, rerun=options.rerun)
+    complete = _completed_runs(directory, paths, attributes, checksums, rerun=options.rerun)
     for name, path in paths.items():
         if name in complete:
             callbacks.on_existing(name)
@@ -122,7 +120,7 @@ def simulate(
             callbacks.on_message(f"run {name}: {path} {reason}")
     missing = {run.name: run for run in campaign.runs if run.name not in complete}
     place = directory.resolve() if options.executor else directory  # workers may be in another folder
-    task = _SimulationTask(provenance.attributes(), place, fmus)
+    task = _SimulationTask(attributes, place, fmus)
     queue = dict(sorted(missing.items(), key=lambda item: -item[1].n_samples))  # all workers end together
     tasks = Tasks(task, queue, directory, directory.parent / "logs", models=fmu_order(campaign))
     tasks.remove_empty_logs()  # of a command that was killed
@@ -137,7 +135,7 @@ def simulate(
     with closing(options.results(tasks, on_progress)) as outcomes:
         failures = _collect_results(missing, outcomes, checksums, paths, callbacks, tasks)
     files = {name: path for name, path in paths.items() if name not in failures}
-    return SimulationResult(files, failures, provenance)
+    return SimulationResult(files, failures, attributes)
 
 
 def _collect_results(
@@ -184,7 +182,7 @@ def fmu_order(campaign: Campaign) -> tuple[str, ...]:
 def _completed_runs(
     directory: Path,
     paths: Mapping[str, Path],
-    provenance: Provenance,
+    expected: Attributes,
     checksums: ChecksumFile,
     *,
     rerun: bool,
@@ -203,13 +201,13 @@ def _completed_runs(
             raise InputError(f"{path}: has the checksum of a complete run, but cannot be read; not replaced")
         if attributes is None or matches[name] is False:
             continue  # missing or damaged
-        mismatch = provenance.mismatch(attributes)
-        if mismatch and not rerun:
+        difference = mismatch(expected, attributes)
+        if difference and not rerun:
             raise InputError(
-                f"{path}: {mismatch}; use another folder (--out), or simulate again (--rerun; in Python, "
+                f"{path}: {difference}; use another folder (--out), or simulate again (--rerun; in Python, "
                 "rerun=True)"
             )
-        if matches[name] and not mismatch:
+        if matches[name] and not difference:
             complete.add(name)
     return complete
 

@@ -168,7 +168,7 @@ def _fit(
             telemetries,
             fit_settings,
             progress,
-            provenance={**simulated.provenance.attributes(), **({"missing": missing} if missing else {})},
+            provenance={**simulated.provenance, **({"missing": missing} if missing else {})},
             amend=partial(_with_missing, missing=[*missing], causes="; ".join(failure_causes(simulated))),
         )
     return CampaignRun(fitted.results, fitted.path, fitted.report, simulated.files, failures)
