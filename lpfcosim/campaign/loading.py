@@ -35,16 +35,21 @@ def load(path: Path) -> Campaign:
     """
     raw = _load_extended(path)
     try:
-        tables = _swept({key: value for key, value in raw.items() if key not in ("extends", "schema")})
-        spacecraft = _spacecraft_model(tables.get("spacecraft", DEFAULT_SPACECRAFT))
-        content = {"truth": {}, "control": {}, **tables, "tables": {"schema": SCHEMA, **tables}}
-        _complete_experiments(content, spacecraft)
-        campaign = TypeAdapter(Campaign).validate_python(content, context=spacecraft)
-        _check_replacements(campaign)
+        return validated(raw)
     except ValidationError as error:
         raise InputError(f"{path}: {validation_messages(error, SHAPES)}") from None
     except InputError as error:
         raise InputError(f"{path}: {error}") from None
+
+
+def validated(raw: Mapping[str, Any]) -> Campaign:
+    """Return the campaign of the tables of a file and of what it extends; ValidationError, InputError."""
+    tables = _swept({key: value for key, value in raw.items() if key not in ("extends", "schema")})
+    spacecraft = _spacecraft_model(tables.get("spacecraft", DEFAULT_SPACECRAFT))
+    content = {"truth": {}, "control": {}, **tables, "tables": {"schema": SCHEMA, **tables}}
+    _complete_experiments(content, spacecraft)
+    campaign = TypeAdapter(Campaign).validate_python(content, context=spacecraft)
+    _check_replacements(campaign)
     return campaign
 
 

@@ -1,12 +1,10 @@
 """The campaign of a workflow, given as such or as the path of its file."""
 
 import os
-import tempfile
-from collections.abc import Iterable, Mapping
-from dataclasses import replace
+from collections.abc import Iterable
 from pathlib import Path
 
-import tomlkit
+from pydantic import ValidationError
 
 from fit.errors import shown
 from lpfcosim.campaign import Campaign, loading
@@ -41,33 +39,12 @@ def resolve(campaign: CampaignLike) -> tuple[Campaign, Path | None]:
     return loading.load(path), path
 
 
-def is_described_by_file(campaign: Campaign, fmus: Mapping[str, Path] | None = None) -> bool:
-    """Return whether a campaign is still as its file has it.
-
-    Parameters
-    ----------
-    campaign : Campaign
-        It may have been changed in Python, or have no file.
-    fmus : mapping of str to Path, optional
-        Its third-party FMUs by model, wherever they lie now.
-    """
-    archives = {model: {"path": str(path.resolve())} for model, path in (fmus or {}).items()}
-    tables = {**campaign.tables}
-    entries = tables.get("fmus", {})
-    if not archives.keys() <= entries.keys():
+def is_described_by_file(campaign: Campaign) -> bool:
+    """Return whether a campaign is still as its file has it; it may have been changed in Python."""
+    try:
+        return loading.validated(campaign.tables) == campaign
+    except (InputError, ValidationError):  # a campaign without a file
         return False
-    if archives:
-        tables["fmus"] = {model: {**entry, **archives.get(model, {})} for model, entry in entries.items()}
-    with tempfile.TemporaryDirectory(prefix="lpfcosim-") as folder:
-        path = Path(folder) / "campaign.toml"
-        path.write_text(tomlkit.dumps(tables), encoding="utf-8")
-        try:
-            described = loading.load(path)
-        except InputError:  # a campaign without a file
-            return False
-    # An FMU may lie elsewhere: of the replacements the digest has the rest.
-    is_equal = replace(described, fmus=campaign.fmus) == campaign
-    return is_equal and described.digest == campaign.digest
 
 
 def as_paths(paths: object, expected: str) -> list[Path]:

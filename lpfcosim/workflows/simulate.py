@@ -138,7 +138,7 @@ def _write_campaign(
 ) -> None:
     """Write the campaign and its third-party FMUs to the folder, if its file describes it as it is."""
     path = directory / results_folder.CAMPAIGN
-    if source or is_described_by_file(plan, fmus):
+    if source or is_described_by_file(plan):
         results_folder.write_provenance(directory, plan.tables, fmus)
     else:
         path.unlink(missing_ok=True)
