@@ -1,10 +1,11 @@
 """The closed loop of a run, and transfer functions: modelled, and measured at the injected tones."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import TypeAlias
 
 import numpy as np
+import scipy.signal
 from numpy.typing import NDArray
 
 from fit.errors import shown
@@ -24,6 +25,7 @@ _Tone: TypeAlias = tuple[str, float, complex, complex, float]
 
 FREQUENCIES = np.geomspace(1e-4, 1.0, 241)  # Hz
 LARGEST_CUT = 0.01  # of a sine at its ends, which archive filters shorten: hardly any of its Hann window
+HANN_POWER = 3 / 8  # mean square of a Hann window
 SHORTEST_NOISE = 2.5  # times a sine: four half-overlapping stretches
 HIGHEST_TONE = (decimation.PASSBAND + decimation.STOPBAND) / 2  # of the sample rate: attenuated by half
 RATE = 2.0  # Hz, of the response of the model, which has next to nothing above half of that
@@ -133,21 +135,40 @@ def transfer_functions(campaign: CampaignLike, runs: Sequence[Telemetry]) -> dic
         validation.check_linear_model(plan, "transfer functions are")
         for run in plan.runs:
             telemetry, noise = telemetries.get(run.name), noise_runs.get(run.experiment)
-            if telemetry is None or noise is None or not (sines := _sines(run, telemetry, noise)):
+            sines = list(_measurable_sines(run, telemetry, noise)) if telemetry and noise else []
+            if not (telemetry and noise and sines):
                 continue
-            system, responses = ClosedLoop(run).linearize(), _linear_response(run, telemetry, list(sines))
-            for read_out, injections in sines.items():
-                loop = system.select([GUIDANCE[read_out]], [read_out])
+            system = ClosedLoop(run).linearize()
+            linear = _linear_response(run, telemetry, [*dict(sines)])
+            for read_out, sine in sines:
+                loop = system.select([sine.into], [read_out])
                 if read_out not in modelled:
                     modelled[read_out] = loop.frequency_response(FREQUENCIES)[:, 0, 0]
-                if measured := _measure(loop, injections, telemetry, noise, responses[read_out]):
-                    tones.setdefault(read_out, []).extend(measured)
+                if tone := _measure(loop, sine, telemetry, noise, linear[read_out]):
+                    tones.setdefault(read_out, []).append(tone)
         if not tones:
             raise InputError(
                 f"{plan.name}: no response can be measured, expected a sine in the guidance of a read-out, "
                 f"all of it in the telemetry, and a noise run of {SHORTEST_NOISE:g} times its length"
             )
     return {name: _loop(name, modelled[name], rows) for name, rows in tones.items()}
+
+
+def _measurable_sines(run: Run, telemetry: Telemetry, noise: Telemetry) -> Iterator[tuple[str, Sine]]:
+    """Yield read-outs and the sines in their guidance whose response can be measured."""
+    read_outs = {guidance: read_out for read_out, guidance in GUIDANCE.items()}
+    begin, end = telemetry.time[0], telemetry.time[-1] + 1 / telemetry.fs
+    for sine in run.injections:
+        read_out, duration = read_outs.get(sine.into, ""), sine.end - sine.start
+        cut = LARGEST_CUT * duration
+        if (
+            isinstance(sine, Sine)
+            and {read_out, sine.into} <= {*telemetry.channels}
+            and sine.frequency <= HIGHEST_TONE * _rate(telemetry)
+            and begin - cut <= sine.start <= sine.end <= end + cut
+            and noise.duration >= SHORTEST_NOISE * duration
+        ):
+            yield read_out, sine
 
 
 def _linear_response(run: Run, telemetry: Telemetry, read_outs: Sequence[str]) -> dict[str, Array]:
@@ -165,82 +186,41 @@ def _rate(telemetry: Telemetry) -> float:
 
 
 def _measure(
-    loop: StateSpace, sines: Sequence[Sine], telemetry: Telemetry, noise: Telemetry, linear: Array
-) -> list[_Tone]:
-    """Return the responses of a read-out to sines, without those that telemetry does not have.
+    loop: StateSpace, sine: Sine, telemetry: Telemetry, noise: Telemetry, linear: Array
+) -> _Tone | None:
+    """Return the response of a read-out to a sine, or None if telemetry has nothing of it.
 
     `linear` is the response of the model to all injections.
     """
     (read_out,) = loop.outputs
-    guidance, y = (_filled(telemetry.channels[name]) for name in (GUIDANCE[read_out], read_out))
-    noise_values, time = _filled(noise.channels[read_out]), np.arange(linear.size) / _rate(telemetry)
+    time = np.arange(linear.size) / _rate(telemetry)
     recorded = slice(*np.searchsorted(time, (telemetry.time[0], telemetry.time[-1] + 0.5 / telemetry.fs)))
-    tones = []
-    for sine in sines:
-        power = _noise_power(sine, noise_values, noise.fs)
-        X, Y = (_transform(sine, telemetry.time, x) for x in (guidance, y))
-        if X and power:
-            residual = Y - _transform(sine, time[recorded], linear[recorded])
-            expected = complex(loop.frequency_response([sine.frequency])[0, 0, 0])
-            sigma = (power / 2) ** 0.5 / abs(X)
-            tones.append((telemetry.experiment, sine.frequency, expected + residual / X, expected, sigma))
-    return tones
-
-
-def _loop(read_out: str, modelled: Complex, rows: Sequence[_Tone]) -> LoopResponse:
-    names, f, measured, expected, sigma = zip(*rows, strict=True)
-    responses = np.array(measured), np.array(expected), np.array(sigma)
-    return LoopResponse(read_out, FREQUENCIES, modelled, np.array(f), names, *responses)
-
-
-def _sines(run: Run, telemetry: Telemetry, noise: Telemetry) -> dict[str, list[Sine]]:
-    """Return the sines in the guidance of each read-out whose response can be measured."""
-    read_outs = {guidance: read_out for read_out, guidance in GUIDANCE.items()}
-    begin, end = telemetry.time[0], telemetry.time[-1] + 1 / telemetry.fs
-    sines: dict[str, list[Sine]] = {}
-    for injection in run.injections:
-        read_out = read_outs.get(injection.into)
-        if not isinstance(injection, Sine) or not read_out:
-            continue
-        duration = injection.end - injection.start
-        cut = LARGEST_CUT * duration
-        if (
-            {read_out, injection.into} <= {*telemetry.channels}
-            and injection.frequency <= HIGHEST_TONE * _rate(telemetry)
-            and begin - cut <= injection.start <= injection.end <= end + cut
-            and noise.duration >= SHORTEST_NOISE * duration
-        ):
-            sines.setdefault(read_out, []).append(injection)
-    return sines
+    X, Y = (_transform(sine, telemetry.time, telemetry.channels[name]) for name in (sine.into, read_out))
+    n = round((sine.end - sine.start) * noise.fs)
+    psd = scipy.signal.welch(_filled(noise.channels[read_out]), noise.fs, nperseg=n)[1][sine.cycles]
+    sigma_Y = np.sqrt(psd / 2 * HANN_POWER * n / noise.fs / 2)
+    if not (X and psd):
+        return None
+    residual = Y - _transform(sine, time[recorded], linear[recorded])
+    expected = complex(loop.frequency_response([sine.frequency])[0, 0, 0])
+    return telemetry.experiment, sine.frequency, expected + residual / X, expected, sigma_Y / abs(X)
 
 
 def _transform(sine: Sine, time: Array, x: Array) -> complex:
-    """Return the Fourier transform of a series, times s, at a sine and under its Hann window."""
+    """Return the Fourier transform of a series less its mean, times s, at a sine under its Hann window."""
     part = slice(*np.searchsorted(time, (sine.start, sine.end)))
-    kernel = _kernel(sine, time[part])
-    return complex(x[part] @ kernel * (time[1] - time[0]))
-
-
-def _noise_power(sine: Sine, noise: Array, fs: float) -> float:
-    """Return the mean power of such a transform of a noise run.
-
-    It is averaged over half-overlapping stretches as long as the sine.
-    """
-    n = round((sine.end - sine.start) * fs)
-    kernel = _kernel(sine, sine.start + np.arange(n) / fs)
-    powers = [abs(noise[i : i + n] @ kernel / fs) ** 2 for i in range(0, noise.size - n + 1, n // 2)]
-    return float(np.mean(powers))
-
-
-def _kernel(sine: Sine, time: Array) -> Complex:
-    """Return the Hann window of a sine times its conjugate wave, which lets no constant pass."""
-    since = time - sine.start
+    since = time[part] - sine.start
     window = np.sin(np.pi * since / (sine.end - sine.start)) ** 2
     kernel = window * np.exp(-2j * np.pi * sine.frequency * since)
-    return np.asarray(kernel - kernel.mean())
+    return complex(_filled(x)[part] @ (kernel - kernel.mean()) * (time[1] - time[0]))
 
 
 def _filled(x: Array) -> Array:
     """Return a channel with its missing samples interpolated."""
     known = np.flatnonzero(np.isfinite(x))
-    return np.interp(np.arange(x.size), known, x[known]) if known.size else np.zeros(x.size)
+    return np.interp(np.arange(x.size), known, x[known])
+
+
+def _loop(read_out: str, modelled: Complex, tones: Sequence[_Tone]) -> LoopResponse:
+    names, f, *responses = zip(*tones, strict=True)
+    return LoopResponse(read_out, FREQUENCIES, modelled, np.array(f), names, *map(np.array, responses))
