@@ -2,7 +2,7 @@
 
 import sys
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
@@ -79,49 +79,24 @@ class Console(progress.Progress):
         self.note(f"{name}: {time.perf_counter() - start:.1f} s")
 
     @contextmanager
-    def counted(self, name: str, total: int, done: int = 0) -> Iterator[Callable[[int], None]]:
-        """Follow a piece of work of at most `total` parts, `done` of them before.
+    def counted(
+        self, name: str, total: float, done: float = 0.0, unit: str = ""
+    ) -> Iterator[Callable[..., None]]:
+        """Follow a piece of work of `total` parts of a unit, `done` of them before.
 
-        Yields the function to call with the number of parts done.
+        Yields the function to call with the number of parts done, and with the total if that has changed.
         """
         start, n_done = time.perf_counter(), done
         with self._bar(name, total, done) as update:
 
-            def advance(now: int) -> None:
+            def advance(now: float, total: float = total) -> None:
                 nonlocal n_done
                 n_done = now
-                update(now)
+                update(now, total)
 
             yield advance
-        self.note(f"{name}: {n_done} in {time.perf_counter() - start:.1f} s")
-
-    @contextmanager
-    def samples(
-        self, sizes: Mapping[str, int]
-    ) -> Iterator[tuple[Callable[[str, int], None], Callable[[str], None]]]:
-        """Show the progress of the simulation of runs, and each run that is finished.
-
-        Yields the functions to call with ``(run, samples done)``, and with ``(run)`` for telemetry that
-        exists.
-        """
-        from lpfcosim.spacecraft import H  # takes its time
-
-        start, n_done, simulated = time.perf_counter(), dict.fromkeys(sizes, 0), dict(sizes)
-        with self._bar("simulation", sum(sizes.values())) as update:
-
-            def advance(name: str, done: int) -> None:
-                n_done[name] = done
-                update(sum(n_done.values()), sum(simulated.values()))
-                if done == sizes[name]:
-                    self.note(f"run {name}: {done * H / 3600:.3g} h")
-
-            def skip(name: str) -> None:
-                del simulated[name]
-                self.note(f"run {name}: kept")
-
-            yield advance, skip
-        hours = sum(simulated.values()) * H / 3600
-        self.note(f"simulation: {hours:.3g} h in {time.perf_counter() - start:.1f} s")
+        amount = f"{round(n_done, 2):g} {unit}".rstrip()
+        self.note(f"{name}: {amount} in {time.perf_counter() - start:.1f} s")
 
     @contextmanager
     def _bar(self, name: str, total: float, done: float = 0.0) -> Iterator[Callable[..., None]]:

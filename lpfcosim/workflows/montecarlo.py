@@ -1,7 +1,7 @@
 """A campaign repeated with new noise, and fitted each time, to test whether its uncertainties are valid."""
 
 import json
-from collections.abc import Generator, Mapping
+from collections.abc import Mapping
 from concurrent.futures import Executor
 from contextlib import ExitStack, closing
 from dataclasses import dataclass
@@ -220,11 +220,15 @@ def _run_trials(
     with (
         progress.counted("campaigns", n, n - len(missing)) as advance,
         log.open("a", encoding="utf-8") as file,
-        closing(_outcomes(tasks, workers, unfinished)) as outcomes,
+        closing(workers.results(tasks)) as outcomes,
     ):
-        for record in outcomes:  # in any order, as each has its own seed
-            records[record["number"]] = record
-            file.write(json.dumps(record) + "\n")
+        for name, outcome in outcomes:  # in any order, as each has its own seed
+            if isinstance(outcome, InputError | RunError):
+                unfinished[name] = str(outcome)
+                tasks.append_to_log(name, unfinished[name])
+                continue
+            records[outcome["number"]] = outcome
+            file.write(json.dumps(outcome) + "\n")
             file.flush()
             advance(len(records))
     return {number: record for number, record in sorted(records.items()) if number < n}, unfinished
@@ -296,13 +300,3 @@ def read_log(log: Path, header: Mapping[str, object]) -> dict[int, Record]:
     content = [header, *records.values()]
     checksums.write(log, "".join(json.dumps(entry) + "\n" for entry in content))
     return records
-
-
-def _outcomes(tasks: Tasks, workers: Workers, unfinished: dict[str, str]) -> Generator[Record]:
-    """Yield the records of campaigns; add those that could not be simulated to `unfinished`."""
-    for name, outcome in workers.results(tasks):
-        if isinstance(outcome, InputError | RunError):
-            unfinished[name] = str(outcome)
-            tasks.append_to_log(name, unfinished[name])
-        else:
-            yield outcome

@@ -1,7 +1,7 @@
 """The progress of a workflow: what it calls while it works. The command line shows it on the terminal."""
 
 import logging
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 from fit.errors import InputError, shown
@@ -26,24 +26,18 @@ class Progress:
         yield
 
     @contextmanager
-    def counted(self, name: str, total: int, done: int = 0) -> Iterator[Callable[[int], None]]:  # noqa: ARG002
-        """Surround a piece of work of `total` parts, `done` of them before.
-
-        Yields the function to call with the number of parts done.
-        """
-        yield lambda _done: None
-
-    @contextmanager
-    def samples(
+    def counted(
         self,
-        sizes: Mapping[str, int],  # noqa: ARG002
-    ) -> Iterator[tuple[Callable[[str, int], None], Callable[[str], None]]]:
-        """Surround the simulation of runs, with their numbers of samples.
+        name: str,  # noqa: ARG002
+        total: float,  # noqa: ARG002
+        done: float = 0.0,  # noqa: ARG002
+        unit: str = "",  # noqa: ARG002
+    ) -> Iterator[Callable[..., None]]:
+        """Surround a piece of work of `total` parts of a unit, `done` of them before.
 
-        Yields the functions to call with ``(run, samples done)``, and with ``(run)`` for telemetry that
-        exists.
+        Yields the function to call with the number of parts done, and with the total if that has changed.
         """
-        yield lambda _run, _done: None, lambda _run: None
+        yield lambda _done, _total=0.0: None
 
 
 LOG = Progress()

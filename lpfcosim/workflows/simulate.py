@@ -13,6 +13,7 @@ from lpfcosim.execution import results_folder, runner, validation
 from lpfcosim.messages import grouped
 from lpfcosim.modelica import build
 from lpfcosim.models import model_of
+from lpfcosim.spacecraft import H
 from lpfcosim.workflows.campaigns import CampaignLike, PathLike, as_path, is_described_by_file, resolve
 from lpfcosim.workflows.progress import LOG, Progress, check_options
 
@@ -112,6 +113,19 @@ def simulate_into(
         third_party = {r.model: copies[r.model] for r in plan.replacements}
         _write_campaign(plan, source, directory, third_party, progress)
 
+    hours = {run.name: run.n_samples * H / 3600 for run in plan.runs}
+    done = dict.fromkeys(hours, 0.0)  # of the runs that are simulated now
+
+    def on_existing(name: str) -> None:
+        del done[name]
+        progress.note(f"run {name}: kept")
+
+    def on_progress(name: str, n_samples: int) -> None:
+        done[name] = n_samples * H / 3600
+        advance(sum(done.values()), sum(hours[simulated] for simulated in done))
+        if done[name] == hours[name]:
+            progress.note(f"run {name}: {hours[name]:.3g} h")
+
     with ExitStack() as stack:
         with prefix_errors(source):
             copies = stack.enter_context(archives.snapshot(plan, fmus, directory, trusted=trusted))
@@ -119,8 +133,8 @@ def simulate_into(
             progress.note(line)
         for line in validated.warnings:
             progress.warn(line)
-        advance, skip = stack.enter_context(progress.samples({r.name: r.n_samples for r in plan.runs}))
-        listener = runner.ProgressCallbacks(advance, skip, progress.note, begin)
+        advance = stack.enter_context(progress.counted("simulation", sum(hours.values()), unit="h"))
+        listener = runner.ProgressCallbacks(on_progress, on_existing, progress.note, begin)
         simulated = runner.simulate(plan, directory / "telemetry", copies, options, listener)
     if saturated := runner.saturated_samples(simulated.files.values()):
         counts = ", ".join(f"{n} samples of {name}" for name, n in saturated.items())

@@ -14,7 +14,7 @@ from fit.spacecraft.lisa import GEOMETRY
 from lpfcosim.campaign import loading, montecarlo
 from lpfcosim.cosim import SimulationProgress
 from lpfcosim.errors import InputError, RunError
-from lpfcosim.workflows import montecarlo as workflow
+from lpfcosim.execution import Workers
 from lpfcosim.workflows.montecarlo_trial import MonteCarloTask, misaligned
 from tests import ROOT
 from tests.campaign_text import campaign
@@ -132,7 +132,7 @@ def test_pulls_that_chance_explains_are_valid_and_others_are_not():
 def test_a_study_ends_with_its_verdict(small, tmp_path, monkeypatch, mean, valid):
     rng = np.random.default_rng(3)
     lines = [{"number": k, "estimates": {"C_2": (mean + rng.standard_normal(), 1.0)}} for k in range(40)]
-    monkeypatch.setattr(workflow, "_outcomes", lambda *_: (line for line in lines))
+    monkeypatch.setattr(Workers, "results", lambda *_: (("", line) for line in lines))
     study = lpfcosim.montecarlo(small, 40, tmp_path / "out")
     assert study.document()["verdict"]["valid"] == valid
     if valid:
