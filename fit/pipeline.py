@@ -182,8 +182,8 @@ def assemble(
     if joint.correction:
         sharing = Sharing(chosen.shared)
         fit = attenuation.correct_joint(fit, joint.outcome, joint.correction)
-        cross_talk = crosstalk_fit.of_joint(
-            fit, joint.outcome, campaign.in_joint_fit, sharing, joint.correction
+        cross_talk = crosstalk_fit.cross_talk(
+            joint.outcome, campaign.in_joint_fit, sharing, joint.correction, fit.warnings
         )
     return Results(fit, fits, cross_talk, {}, provenance(campaign, joint, chosen))
 

@@ -42,7 +42,11 @@ _TURNED = inertial_forces.along(inertial_forces.BASELINE).keys()
 
 
 def cross_talk(
-    outcome: IRLSResult, experiments: Sequence[Experiment], sharing: Sharing, correction: AttenuationCorrected
+    outcome: IRLSResult,
+    experiments: Sequence[Experiment],
+    sharing: Sharing,
+    correction: AttenuationCorrected,
+    joint_findings: Sequence[Finding] = (),
 ) -> dict[str, Fit]:
     """Return the couplings of Eq. (3) by alignment epoch.
 
@@ -51,7 +55,8 @@ def cross_talk(
 
     Its warnings: ``indeterminable``; ``attenuation_bias``, with the coefficients
     to expect of read-outs without noise, where no instruments free them of it; ``instrumental_variables``
-    where they do; ``cross_talk_drift`` of b_1 and b_2; ``correlation`` of delta_ifo with every b_i.
+    where they do; ``cross_talk_drift`` of b_1 and b_2; ``correlation`` of delta_ifo with every b_i;
+    ``euler_included`` where runs turn; what invalidates the sigmas of the joint fit.
 
     The sigma of an attenuated coefficient includes the expected attenuation; where that is unknown, the
     coefficient is not in the fit.
@@ -66,12 +71,15 @@ def cross_talk(
         What they share.
     correction : AttenuationCorrected
         Of the same fit.
+    joint_findings : sequence of Finding
+        What is found of the joint fit as it is reported.
 
     Raises
     ------
     FitError
         If a sigma is no positive number.
     """
+    turns = any(rotation.sources(e.sysid.telemetry) for e in experiments)
     of_epoch, delta_ifo = _names(experiments, sharing)
     shift, fits = correction.shift, {}
     for epoch, names in of_epoch.items():
@@ -85,8 +93,14 @@ def cross_talk(
         shifts = {names[p.name]: shift[i] for i, p in enumerate(outcome.parameters) if p.name in names}
         large = {n: shifts[n] for n, e in fit.parameters.items() if not abs(shifts[n]) <= e.sigma}
         fit = attenuation.inflate_sigma(fit, {name: value**2 for name, value in large.items()})
-        fits[str(epoch)] = replace(_with_drift(fit, _drifts(outcome, names)), solved=outcome.solved)
+        fit = replace(_with_drift(fit, _drifts(outcome, names)), solved=outcome.solved)
+        of_joint = [f for f in joint_findings if f.kind.unsound or _is_constraint(f, names)]
+        fits[str(epoch)] = (with_euler_warning(fit) if turns else fit).add(of_joint)
     return fits
+
+
+def _is_constraint(finding: Finding, names: Mapping[str, str]) -> bool:
+    return finding.code in ("constrained", "at_bound") and any(n in names for n in finding.parameters)
 
 
 def _drifts(outcome: IRLSResult, names: Mapping[str, str]) -> dict[str, Heterogeneity]:
@@ -117,34 +131,6 @@ def _with_drift(fit: Fit, drifts: Mapping[str, Heterogeneity]) -> Fit:
     finding = Finding("cross_talk_drift", message, parameters=tuple(reported))
     fit = attenuation.inflate_sigma(fit, {name: drift.variance for name, drift in reported.items()})
     return replace(fit, warnings=(*fit.warnings, finding))
-
-
-def of_joint(
-    joint: Fit,
-    outcome: IRLSResult,
-    experiments: Sequence[Experiment],
-    sharing: Sharing,
-    correction: AttenuationCorrected,
-) -> dict[str, Fit]:
-    """Return the couplings by alignment epoch, with what is found of the joint fit that they depend on.
-
-    Where runs turn, they hold the Euler force.
-
-    Parameters
-    ----------
-    joint : Fit
-        The joint fit as it is reported; the others see `cross_talk`.
-    outcome, experiments, sharing, correction
-        See `cross_talk`.
-    """
-    turns = any(rotation.sources(e.sysid.telemetry) for e in experiments)
-    couplings = cross_talk(outcome, experiments, sharing, correction)
-    for epoch, fit in couplings.items():
-        with_euler = with_euler_warning(fit) if turns else fit
-        names, codes = {f"{name}_{epoch}" for name in COEFFICIENTS}, ("constrained", "at_bound")
-        constrained = [w for w in joint.warnings if w.code in codes and names & {*w.parameters}]
-        couplings[epoch] = with_euler.add([*constrained, *joint.unsound])
-    return couplings
 
 
 def subtraction(

@@ -57,9 +57,7 @@ class NoisyRegressor:
 
     Attributes
     ----------
-    label : tuple of int and str
-        Its alignment epoch, its name.
-    indices : tuple of int
+    indices : list of int
         Where the parameters of the run have its coefficients, those of acceleration and position.
     noise_power : ndarray, shape (B,)
         Power of the noise of the acceleration.
@@ -72,8 +70,7 @@ class NoisyRegressor:
         What makes its instruments of the acceleration: 1, that of the position, those of the loop.
     """
 
-    label: tuple[int, str]
-    indices: tuple[int, int]
+    indices: list[int]
     noise_power: Array
     uncertainty: float
     loop: Spectrum
@@ -85,25 +82,25 @@ def noisy_regressor(w: FittedRun, name: str, theta: Array) -> NoisyRegressor | N
 
     `theta`, shape (P,), is the estimate of least squares.
     """
-    run, f = w.experiment.sysid, w.terms.f
-    noise = readout_noise.mean_psd(run, name)
+    f, noise = w.terms.f, readout_noise.mean_psd(w.experiment.sysid, name)
     if noise is None:
         return None
     level, uncertainty = noise
     omega2 = (2 * np.pi * f) ** 2
     white = omega2**2 * level
-    indices = tuple(w.experiment.parameters.index(b) for b in COEFFICIENTS_OF[name])
+    indices = _indices(w, name)
     power = np.abs(w.terms.columns[:, indices[0] + 1]) ** 2
     smooth = fit_noise(f, power, np.ones(f.size)).leave_one_out(f, power)
     T, noise_power = _causal(f).conj(), 2 * white / w.S
-    acceleration, position = w.block.parameter_map[list(indices)] @ theta
-    force = (acceleration - position / omega2)[:, None]
-    shapes = force * np.minimum(white / smooth, 1.0)[:, None] * T
-    filters = np.column_stack([np.ones(f.size), -1 / omega2, shapes])
-    label = (run.telemetry.alignment_epoch, name)
-    return NoisyRegressor(
-        label, (indices[0], indices[1]), noise_power, uncertainty, force * noise_power[:, None] * T, filters
-    )
+    acceleration, position = w.block.parameter_map[indices] @ theta
+    loop = (acceleration - position / omega2)[:, None] * T
+    filters = np.column_stack([np.ones(f.size), -1 / omega2, loop * np.minimum(white / smooth, 1.0)[:, None]])
+    return NoisyRegressor(indices, noise_power, uncertainty, loop * noise_power[:, None], filters)
+
+
+def _indices(w: FittedRun, name: str) -> list[int]:
+    """Return where the parameters of a run have the coefficients of a mean."""
+    return [w.experiment.parameters.index(b) for b in COEFFICIENTS_OF[name]]
 
 
 def _causal(f: Array) -> Spectrum:
@@ -123,8 +120,8 @@ class MomentEquations:
 
     Attributes
     ----------
-    means : tuple of NoisyRegressor
-        Those with instruments.
+    means : mapping of tuple of int and str to NoisyRegressor
+        Those with instruments, by alignment epoch and name.
     regressors : ndarray of complex, shape (B, K)
         Whitened.
     instruments : ndarray of complex, shape (B, K + LOOP_ORDER M)
@@ -141,7 +138,7 @@ class MomentEquations:
         Of the bins.
     """
 
-    means: tuple[NoisyRegressor, ...]
+    means: Mapping[tuple[int, str], NoisyRegressor]
     regressors: Spectrum
     instruments: Spectrum
     residual: Spectrum
@@ -153,13 +150,8 @@ class MomentEquations:
     @property
     def corrected(self) -> list[int]:
         """Where what is fitted has the coefficients of its means."""
-        indices = [i for mean in self.means for i in mean.indices]
+        indices = [i for mean in self.means.values() for i in mean.indices]
         return [int(j) for j in np.flatnonzero(self.map[indices].any(axis=0))]
-
-    @property
-    def accelerations(self) -> list[int]:
-        """Where what is fitted has the coefficient of the acceleration of each mean."""
-        return [int(np.argmax(self.map[mean.indices[0]] != 0)) for mean in self.means]
 
     def _rows(self) -> list[tuple[NoisyRegressor, list[int], slice]]:
         """Return each mean with the rows of its instruments, and where its loop is among the columns."""
@@ -167,7 +159,7 @@ class MomentEquations:
         loops = [slice(K + i * LOOP_ORDER, K + (i + 1) * LOOP_ORDER) for i in range(len(self.means))]
         return [
             (mean, [*mean.indices, *range(loop.start, loop.stop)], loop)
-            for mean, loop in zip(self.means, loops, strict=True)
+            for mean, loop in zip(self.means.values(), loops, strict=True)
         ]
 
     @cached_property
@@ -210,7 +202,7 @@ class MomentEquations:
         covariance = self.spread * per_bin.T @ per_bin
         b = np.zeros(len(change))
         b[: self.b.size] = self.b + change[: self.b.size]
-        for mean, C in zip(self.means, self.noise, strict=True):
+        for mean, C in zip(self.means.values(), self.noise, strict=True):
             level_error = mean.uncertainty * (C @ b) @ self.map
             covariance += np.outer(level_error, level_error)
         return np.asarray(covariance)
@@ -247,23 +239,39 @@ def estimate(
     """
     if any(w.block.window is None for w in fitted_runs):
         return outcome, frozenset()
-    theta = outcome.solution.theta
-    means_of_runs = [(w, _noisy_regressors(w, theta)) for w in fitted_runs]
-    candidates = [(w, name, mean) for w, means in means_of_runs for name, mean in means.items()]
-    labels = {(_epoch(w), name) for w, name, _ in candidates if _is_shifted(outcome, w, name, shifts)}
-    labels -= {(_epoch(w), name) for w, name, mean in candidates if mean is None}
+    means_of_runs = [
+        {
+            (w.experiment.sysid.telemetry.alignment_epoch, name): noisy_regressor(
+                w, name, outcome.solution.theta
+            )
+            for name in COEFFICIENTS_OF
+            if name in w.experiment.sysid.channels.means
+        }
+        for w in fitted_runs
+    ]
+    candidates = [
+        (w, label, mean)
+        for w, means in zip(fitted_runs, means_of_runs, strict=True)
+        for label, mean in means.items()
+    ]
+    labels = {label for w, label, _ in candidates if _is_shifted(outcome, w, label[1], shifts)}
+    labels -= {label for _, label, mean in candidates if mean is None}
     while labels:
-        runs = [_moment_equations(w, outcome, means, sorted(labels)) for w, means in means_of_runs]
+        runs = [
+            _moment_equations(w, outcome, means, sorted(labels))
+            for w, means in zip(fitted_runs, means_of_runs, strict=True)
+        ]
         rejected = _noise_dominated(outcome, runs)
         if not rejected:
             solution = _solution(outcome, runs)
             cost = outcome.solution.in_sigma(solution.sigma)
             max_cost = [np.fmax(MAX_SIGMA_RATIO, abs(shifts.get(p.name, 0.0))) for p in outcome.parameters]
+            too_costly = cost > max_cost
             rejected = {
-                mean.label
+                label
                 for run in runs
-                for mean, j in zip(run.means, run.accelerations, strict=True)
-                if cost[j] > max_cost[j]
+                for label, mean in run.means.items()
+                if too_costly[np.argmax(run.map[mean.indices[0]] != 0)]  # the coefficient of its acceleration
             }
         if not rejected:
             names = frozenset(outcome.parameters[j].name for run in runs for j in run.corrected)
@@ -272,35 +280,21 @@ def estimate(
     return outcome, frozenset()
 
 
-def _noisy_regressors(w: FittedRun, theta: Array) -> dict[str, NoisyRegressor | None]:
-    """Return what the instruments of the means of a run need, by mean."""
-    names = [name for name in COEFFICIENTS_OF if name in w.experiment.sysid.channels.means]
-    return {name: noisy_regressor(w, name, theta) for name in names}
-
-
-def _epoch(w: FittedRun) -> int:
-    return w.experiment.sysid.telemetry.alignment_epoch
-
-
 def _is_shifted(outcome: IRLSResult, w: FittedRun, name: str, shifts: Container[str]) -> bool:
     """Return whether a coefficient of a mean is shifted, and that of its acceleration is determined."""
-    rows = w.block.parameter_map[[w.experiment.parameters.index(b) for b in COEFFICIENTS_OF[name]]]
-    parameters_of_mean = [
-        p.name for p, used in zip(outcome.parameters, np.any(rows, axis=0).tolist(), strict=True) if used
-    ]
-    return not outcome.undetermined[rows[0] != 0].any() and any(
-        parameter in shifts for parameter in parameters_of_mean
-    )
+    rows = w.block.parameter_map[_indices(w, name)] != 0
+    is_shifted = np.array([p.name in shifts for p in outcome.parameters])
+    return not outcome.undetermined[rows[0]].any() and bool(is_shifted[rows.any(axis=0)].any())
 
 
 def _moment_equations(
     w: FittedRun,
     outcome: IRLSResult,
-    means_of_run: Mapping[str, NoisyRegressor | None],
+    means_of_run: Mapping[tuple[int, str], NoisyRegressor | None],
     labels: Sequence[tuple[int, str]],
 ) -> MomentEquations:
     """Return the equations of a run for those of its means that have a label among `labels`."""
-    means = [mean for mean in means_of_run.values() if mean and mean.label in labels]
+    means = {label: mean for label, mean in means_of_run.items() if mean and label in labels}
     theta, K, P = w.block.parameter_map @ outcome.solution.theta, *w.block.parameter_map.shape
     U, _ = whitened_run.whiten(w.terms, w.S)
     regressors: Spectrum = U @ dynamics.gradient(theta, w.terms.tau)
@@ -311,18 +305,16 @@ def _moment_equations(
         whitened_run.whiten(
             replace(w.terms, columns=mean.filters[:, 2:] * w.terms.columns[:, [mean.indices[0] + 1]]), w.S
         )[0]
-        for mean in means
+        for mean in means.values()
     ]
     to_run = np.zeros((K + LOOP_ORDER * len(means), P + LOOP_ORDER * len(labels)))
     to_run[:K, :P] = w.block.parameter_map
-    for i, mean in enumerate(means):
-        column = P + LOOP_ORDER * labels.index(mean.label)
-        to_run[K + i * LOOP_ORDER : K + (i + 1) * LOOP_ORDER, column : column + LOOP_ORDER] = np.eye(
-            LOOP_ORDER
-        )
+    for i, label in enumerate(means):
+        row, column = K + i * LOOP_ORDER, P + LOOP_ORDER * labels.index(label)
+        to_run[row : row + LOOP_ORDER, column : column + LOOP_ORDER] = np.eye(LOOP_ORDER)
     assert w.block.window is not None
     return MomentEquations(
-        tuple(means),
+        means,
         regressors,
         np.asarray(np.concatenate([regressors, *loops], axis=1) * weights[:, None], dtype=np.complex128),
         U @ dynamics.coefficients(theta, w.terms.tau),
@@ -341,8 +333,8 @@ def _noise_dominated(outcome: IRLSResult, runs: Sequence[MomentEquations]) -> se
     H = whitened_run.information(outcome.whitened_runs, outcome.solution.theta) + prior.T @ prior
     noise_of_label: dict[tuple[int, str], Array] = {}
     for run in runs:
-        for mean, C in zip(run.means, run.noise, strict=True):
-            total = noise_of_label.setdefault(mean.label, np.zeros((P, P)))
+        for label, C in zip(run.means, run.noise, strict=True):
+            total = noise_of_label.setdefault(label, np.zeros((P, P)))
             total += (run.map.T @ C @ run.map)[:P, :P]
     return {
         label

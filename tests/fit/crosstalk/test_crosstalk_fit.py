@@ -1,7 +1,6 @@
 """Cross-talk of spacecraft motion: in the equation, in the joint fit, in what is reported of it."""
 
 from dataclasses import replace
-from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -17,7 +16,7 @@ from fit.settings import settings
 from fit.spectra import derivatives
 from fit.whitening import Experiment
 from fit.whitening.run import Run
-from tests.oracles.bump_synthetic import TRUTH, Motion, blind, jitter, pair, run
+from tests.oracles.bump_synthetic import TRUTH, Motion, blind, pair, run
 from tests.oracles.synthetic import World, of_run
 
 SHARING = Sharing(settings().shared)
@@ -175,61 +174,6 @@ def test_read_outs_that_differ_by_more_than_noise_are_no_instruments(altered):
     assert warning(fit, "instrumental_variables").parameters == ("b_4", "b_6")
 
 
-def subtraction(run, parameters, edges):
-    """Return the PSDs of Delta g_x, of Delta g, and what is left of Delta g_x at best, in bands of frequency.
-
-    At best (Wiener): no combination of the noisy read-outs, even with other complex coefficients in every
-    band, leaves less.
-    """
-    theta = np.array([parameters.get(name, 0.0) for name in run.channels.parameters])
-    terms = run.spectra(dynamics.delays(theta))
-    c, split = dynamics.coefficients(theta, terms.tau), len(dynamics.COLUMNS)
-    delta_g_x = terms.columns[:, :split] @ c[:split]
-    delta_g = delta_g_x + terms.columns[:, split:] @ c[split:]
-    powers = []
-    for low, high in pairwise(edges):
-        band = (terms.f >= low) & (terms.f < high)
-        x, target = terms.columns[band, split : split + 4], delta_g_x[band]  # phi'', eta'', y'', z''
-        remainder = target - x @ np.linalg.lstsq(x, target)[0]
-        free = band.sum() - x.shape[1]  # a fit to n bins takes out one bin's power a coefficient
-        power = [np.mean(np.abs(y[band]) ** 2) for y in (delta_g_x, delta_g)]
-        powers.append([*power, np.sum(np.abs(remainder) ** 2) / free])
-    return np.array(powers).T
-
-
-def test_bump_falls_to_the_limit_of_its_noisy_regressors(noisy):
-    runs, outcome, _ = noisy
-    b = crosstalk_fit.subtraction(outcome, runs, SHARING)["1"]
-    edges = np.array([25, 35, 45, 60]) * 1e-3
-    uncorrected, corrected, wiener = subtraction(runs[0].noise, of_run(LATE, "A") | b, edges)
-    assert np.sqrt(uncorrected / corrected)[0] > 3
-    assert np.all(np.sqrt(corrected / wiener) < 1.2)
-    # Wiener's limit from the spectra that were put in
-    f = np.linspace(edges[:-1], edges[1:], 50)
-    omega2 = (2 * np.pi * f) ** 2
-    limit = LATE.plateau**2 + (omega2 * LATE.oms) ** 2
-    for name, mean, noise in (("b_1", "phi", 1.12 * 150e-12), ("b_3", "y", 2e-9 / np.sqrt(2))):
-        S, S_n = jitter(mean, f) ** 2, noise**2
-        squares = TRUTH[name] ** 2 + TRUTH[f"b_{int(name[2:]) + 1}"] ** 2
-        limit += squares * omega2**2 * S * S_n / (S + S_n)
-    assert np.sqrt(wiener) == pytest.approx(np.sqrt(limit.mean(axis=0)), rel=0.1)
-
-
-@pytest.mark.long
-@pytest.mark.stat
-def test_the_pulls_of_couplings_are_standard_normal():
-    # 100 fits of six coefficients; least squares has mean pulls of 7 to 14 sigma for b_3 to b_6. Mean within
-    # 0.45, 4.5 standard errors; sum of squared pulls within the 1e-5 quantiles of chi^2(100): false-positive
-    # probability 2e-4.
-    all_pulls = []
-    for seed in range(100):
-        runs = [r for authority in "AB" for r in pair(Motion(), LATE, authority, seed=seed)]
-        all_pulls.append(list(pulls(fitted(experiments(runs))[1]["1"], TRUTH).values()))
-    all_pulls = np.array(all_pulls)
-    assert np.all(np.abs(all_pulls.mean(axis=0)) < 0.45)
-    assert np.all((np.sum(all_pulls**2, axis=0) > 51.0) & (np.sum(all_pulls**2, axis=0) < 170.0))
-
-
 @pytest.mark.slow
 def test_attenuated_coefficients_hardly_move_the_dynamics():
     # Thrusters askew by 1 % move y and z with x_1. Same Delta g with and without read-out noise in the
@@ -242,6 +186,32 @@ def test_attenuated_coefficients_hardly_move_the_dynamics():
         )
         shifts.append(((noisy.theta - clean.theta) / np.sqrt(np.diag(noisy.covariance)))[:5])
     assert np.all(np.abs(np.mean(shifts, axis=0)) < 0.5)
+
+
+def test_the_subtraction_makes_delta_g_three_times_as_quiet(noisy):
+    runs, outcome, _ = noisy
+    b, run = crosstalk_fit.subtraction(outcome, runs, SHARING)["1"], runs[0].noise.telemetry
+    levels = [in_band(dynamics.residual(run, of_run(LATE, "A") | c)[1], 25e-3, 35e-3) for c in ({}, b)]
+    assert levels[0] > 3 * levels[1]
+
+
+def test_instruments_hold_the_noise_and_the_force_of_a_mean(noisy):
+    runs, outcome, _ = noisy
+    w, theta = fitted_runs(outcome, runs)[0], outcome.solution.theta
+    places = [w.experiment.parameters.index(name) for name in ("b_3", "b_5")]
+    b, terms, f = w.block.parameter_map[places] @ theta, w.terms.columns[:, np.add(places, 1)], w.terms.f
+    mean = instrumental_variables.noisy_regressor(w, "y", theta)
+    S_m = Motion().grs ** 2 / 2  # of the mean of two read-outs
+    assert mean.noise_power * w.S / (2 * (2 * np.pi * f) ** 4 * S_m) == pytest.approx(1, rel=0.1)
+    # the position, and the force of both (Eq. (3)), per acceleration; causal functions have one modulus
+    moving, modulus = (f > 1e-3) & (f < 1e-2), np.hypot(1, f / 40e-3)
+    force = np.abs(mean.loop[:, 0]) / mean.noise_power * modulus
+    found = np.stack([mean.filters[:, 1], force])[:, moving]
+    expected = (np.stack([terms[:, 1], np.abs(terms @ b / terms[:, 0]) * terms[:, 0]]) / terms[:, 0])[
+        :, moving
+    ]
+    assert np.median(np.abs(found / expected - 1), axis=1) == pytest.approx([0, 0], abs=0.06)
+    assert np.all(np.abs(mean.filters[:, 2]) * modulus < 1.001 * force)  # its share of noise is at most 1
 
 
 def test_instruments_of_a_bin_do_not_depend_on_the_bin(noisy):
