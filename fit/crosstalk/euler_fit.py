@@ -60,6 +60,12 @@ CENTRIFUGAL = 1 + len(PARAMETERS)  # the column behind those of Delta g and `PAR
 BAND = (30e-6, 2e-3)  # Hz
 PER_CYCLE = 50.0  # instants in a cycle of the highest frequency, at which glitches are made
 MIN_DURATION = 43200.0  # s: below, Omega and the PSD depend on a handful of bins
+TORQUE_NOISE = Finding(
+    "torque_noise",
+    "the two test masses disagree on more than half of dOmega: noise of the torques attenuates delta_phi and "
+    "delta_eta by an unknown amount",
+    parameters=NAMES,
+)
 
 
 def takes_part(run: Telemetry) -> bool:
@@ -141,7 +147,7 @@ def fit_period(
         converged=outcome.converged,
         warnings=(
             *_warnings([(w.name, warning) for w in weighings for warning in w.warnings]),
-            *([torque_noise_warning()] if is_noise else []),
+            *([TORQUE_NOISE] if is_noise else []),
             *(centrifugal.frame_warnings(g_Omega, x_axis, n_periods)),
             *constraint_test.refit_unconstrained(outcome).warnings,
         ),
@@ -181,21 +187,22 @@ class _WhitenedRotation(whitened_run.LinearRun):
         return np.asarray((self.columns[:, 1:].conj().T @ self.calibration_error).real)
 
 
-@dataclass(frozen=True)
-class _Columns:
-    """Columns of a run without their mean, number of missing samples, and warnings about its rate.
+def _columns(
+    run: Telemetry, sources: rotation.Sources, of_run: Dynamics
+) -> tuple[dynamics.Columns, Spectrum, int, Sequence[Finding]]:
+    """Make the columns of a run; of what they are made of nothing stays in memory.
 
-    The columns `calibration_error` come as spectra: as series they would take most of the memory.
+    Returns
+    -------
+    columns : dynamics.Columns
+        Without their mean.
+    calibration_error : ndarray of complex, shape (B, K)
+        See `_WhitenedRotation`: spectra, since the series would take most of the memory.
+    missing : int
+        Number of missing samples.
+    warnings : sequence of Finding
+        About the rate.
     """
-
-    terms: dynamics.Columns
-    calibration_error: Spectrum
-    missing: int
-    warnings: tuple[Finding, ...]
-
-
-def _columns(run: Telemetry, sources: rotation.Sources, of_run: Dynamics) -> _Columns:
-    """Make the columns; of what they are made of nothing stays in memory."""
     motion = rotation.motion(run, sources)
     slow = angular_rate.slow_rate(run.path, [motion], motion.time[0], motion.time[-1])
     d = inertial_forces.separation(run.x_axis)
@@ -220,7 +227,7 @@ def _columns(run: Telemetry, sources: rotation.Sources, of_run: Dynamics) -> _Co
     spread = dynamics.gradient(of_run.theta, terms.tau) @ of_run.share
     calibration_error = windowing.transform(terms.values, valid, terms.fs, band=BAND).columns @ spread
     terms_of_fit = replace(terms, names=(), values=columns, valid=valid)
-    return _Columns(terms_of_fit, calibration_error, channels.missing, tuple(slow.warnings))
+    return terms_of_fit, calibration_error, channels.missing, slow.warnings
 
 
 class _EulerWeighing:
@@ -244,8 +251,7 @@ class _EulerWeighing:
         sources = rotation.sources(run)
         assert sources is not None
         of_run = dynamics_of(run, joint)
-        columns = _columns(run, sources, of_run)
-        terms = columns.terms
+        terms, calibration_error, self.missing, warnings = _columns(run, sources, of_run)
         glitches = long_glitches.find_glitches(terms.values[:, :CENTRIFUGAL], terms.valid, terms.time, BAND)
         spectra = windowing.transform(terms.values, terms.valid, terms.fs, band=BAND)
         check_coverage(run, spectra.window, "missing samples in read-outs, torques or angles")
@@ -255,12 +261,12 @@ class _EulerWeighing:
         shaped = [windowing.windowed_spectra(shapes, window, fs, spectra.bins)] if glitches else []
         self._terms = replace(
             spectra,
-            columns=np.hstack([spectra.columns, columns.calibration_error]),
+            columns=np.hstack([spectra.columns, calibration_error]),
             nuisance=np.hstack([spectra.nuisance, *shaped]),
         )
         self._model: NoiseModel | None = None
-        self.name, self.correlation, self.missing = run.run, of_run.correlation, columns.missing
-        self.warnings = [*sources.warnings, *columns.warnings, *of_run.warnings]
+        self.name, self.correlation = run.run, of_run.correlation
+        self.warnings = [*sources.warnings, *warnings, *of_run.warnings]
         if warning := long_glitches.glitch_warning(run.run, glitches, run.duration):
             self.warnings.append(warning)
 
@@ -300,15 +306,6 @@ def _centrifugal(
     correlation = weighings[0].correlation
     covariance = outcome.solution.covariance + torque_noise.calibration_covariance(outcome, correlation)
     return Estimate(1 + float(outcome.solution.theta[-1]), float(np.sqrt(covariance[-1, -1])), "1")
-
-
-def torque_noise_warning() -> Finding:
-    """Return the warning of angles that noise of the torques attenuates by an unknown amount."""
-    message = (
-        "the two test masses disagree on more than half of dOmega: noise of the torques attenuates delta_phi "
-        "and delta_eta by an unknown amount"
-    )
-    return Finding("torque_noise", message, parameters=NAMES)
 
 
 def _warnings(warnings_of_runs: Sequence[tuple[str, Finding]]) -> tuple[Finding, ...]:

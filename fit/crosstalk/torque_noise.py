@@ -43,7 +43,10 @@ class NoisyRotation(Protocol):
 
 
 def bias_corrected(outcome: IRLSResult, correlation: Array) -> tuple[Array, Array, bool]:
-    """Return the angles without the attenuation by noise in dOmega, see `unattenuated`.
+    """Return the angles without the attenuation by noise in dOmega.
+
+    The mean m of two read-outs that disagree by 2 d has, but for noise common to both, the cross-power
+    |m|^2 - |d|^2: that is what instruments of each for the other put in the place of |m|^2.
 
     Parameters
     ----------
@@ -55,21 +58,25 @@ def bias_corrected(outcome: IRLSResult, correlation: Array) -> tuple[Array, Arra
     Returns
     -------
     theta, covariance : ndarray, shapes (2,) and (2, 2)
-        Of the angles, errors of the calibration included.
+        Of the angles, errors of the calibration and the scatter of the power of d included.
     is_noise : bool
-        See `unattenuated`.
+        Whether most of dOmega is noise, in some combination of the angles; then nothing is corrected.
     """
-    solution, free = outcome.solution, outcome.free
+    theta, covariance = outcome.solution.theta, outcome.solution.covariance
     width = np.array([p.prior_sigma for p in outcome.parameters])
     noise, scatter = np.zeros((2, width.size, width.size))
     for block in cast(Sequence[NoisyRotation], outcome.whitened_runs):
-        of_run = block.torque_noise(solution.theta)
+        of_run = block.torque_noise(theta)
         noise[:ANGLES, :ANGLES] += of_run[0]
         scatter[:ANGLES, :ANGLES] += of_run[1]
     H = _information(outcome)
-    theta, covariance, is_noise = unattenuated(
-        solution.theta, solution.covariance, H, noise, scatter, width, free
-    )
+    share = noise_share(H, noise, width, outcome.free)[0]
+    is_noise = bool(share.max(initial=0.0) > MAX_NOISE_FRACTION)
+    if not is_noise:
+        inverse = whitened_run.scaled_inverse(H - noise, outcome.free)
+        factor = np.eye(width.size) + inverse @ noise
+        theta = factor @ theta
+        covariance = factor @ covariance @ factor.T + inverse @ scatter @ inverse.T
     covariance = covariance + calibration_covariance(outcome, correlation)
     return theta[:ANGLES], covariance[:ANGLES, :ANGLES], is_noise
 
@@ -78,53 +85,6 @@ def _information(outcome: IRLSResult) -> Array:
     """Return the normal equations of least squares, priors included, shape (P, P)."""
     rows = prior_rows(outcome.result.params)[0]
     return whitened_run.information(outcome.whitened_runs, outcome.solution.theta) + rows.T @ rows
-
-
-def unattenuated(
-    theta: Array,
-    covariance: Array,
-    H: Array,
-    noise: Array,
-    scatter: Array,
-    width: Array,
-    free: Array | None = None,
-) -> tuple[Array, Array, bool]:
-    """Remove the attenuation by noise in dOmega from least squares.
-
-    The mean m of two read-outs that disagree by 2 d has, but for noise common to both, the cross-power
-    |m|^2 - |d|^2: that is what instruments of each for the other put in the place of |m|^2.
-
-    Parameters
-    ----------
-    theta, covariance : ndarray, shapes (P,) and (P, P)
-        The estimate of least squares.
-    H : ndarray, shape (P, P)
-        Its normal equations, priors included.
-    noise : ndarray, shape (P, P)
-        The part of them that is |d|^2.
-    scatter : ndarray, shape (P, P)
-        Covariance of what that adds to their right-hand side.
-    width : ndarray, shape (P,)
-        Of the weak priors, which makes numbers comparable.
-    free : ndarray, shape (P, F), optional
-        Directions in which the parameters vary, by default all.
-
-    Returns
-    -------
-    theta : ndarray, shape (P,)
-        Parameters.
-    covariance : ndarray, shape (P, P)
-        Theirs, the scatter of the power of d included.
-    is_noise : bool
-        Whether most of dOmega is noise, in some combination of the angles; then nothing is corrected.
-    """
-    free = np.eye(width.size) if free is None else free
-    if noise_share(H, noise, width, free)[0].max(initial=0.0) > MAX_NOISE_FRACTION:
-        return theta, covariance, True
-    inverse = whitened_run.scaled_inverse(H - noise, free)
-    factor = np.eye(width.size) + inverse @ noise
-    covariance = factor @ covariance @ factor.T + inverse @ scatter @ inverse.T
-    return factor @ theta, covariance, False
 
 
 def calibration_covariance(outcome: IRLSResult, correlation: Array) -> Array:

@@ -120,7 +120,7 @@ def _expected(runs: Sequence["_ExpectedWeighing"], params: "lmfit.Parameters") -
         converged=True,
         warnings=(
             *lacking.values(),
-            *([euler_fit.torque_noise_warning()] if is_noise else []),
+            *([euler_fit.TORQUE_NOISE] if is_noise else []),
             *([_undetermined_angles()] if len(determined) < size else []),
         ),
     )

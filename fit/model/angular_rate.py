@@ -34,6 +34,12 @@ DEGREE = 3
 MEAN = 300.0  # s, averaging before attitude and torques are compared
 CERTAIN = 5.0  # sigma
 STIFF = 1e-9  # weight of the third differences, which bridge what the star tracker misses
+REVERSED = Finding(
+    "star_tracker_reversed",
+    "the attitude of the star tracker turns against the torques, as that of a quaternion from body to J2000 "
+    "would; it is reversed here",
+    parameters=("delta_phi", "delta_eta"),
+)
 
 
 class Integral:
@@ -115,7 +121,7 @@ def slow_rate(path: Path, stretches: Iterable[Motion], start: float, end: float)
     backwards = _backwards(series - spline(times[:, 0]))
     attitude, integral = np.split(spline.c, 2, axis=1)
     s = scipy.interpolate.BSpline(knots, (-attitude if backwards else attitude) - integral, DEGREE)
-    return Slow(s.derivative(), (_reversed(),) if backwards else ())
+    return Slow(s.derivative(), (REVERSED,) if backwards else ())
 
 
 def _means(stretch: Motion, series: Array) -> Array:
@@ -139,14 +145,6 @@ def _backwards(series: Array) -> bool:
         return False
     correlation = np.sum(x * y, axis=0) / np.sqrt(power)
     return bool(correlation.sum() * np.sqrt(len(series) / 2) < -CERTAIN)
-
-
-def _reversed() -> Finding:
-    message = (
-        "the attitude of the star tracker turns against the torques, as that of a quaternion from "
-        "body to J2000 would; it is reversed here"
-    )
-    return Finding("star_tracker_reversed", message, parameters=("delta_phi", "delta_eta"))
 
 
 def rate(stretch: Motion, slow: Slow, integral: Integral) -> Array:
