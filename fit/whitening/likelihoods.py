@@ -41,8 +41,7 @@ class Weights:
         Of the covariance of the scores, in units of the Gaussian's.
     level : ndarray, optional
         Of the squares in chi^2, where the noise has levels of its own; without it, all bins count alike.
-    bands : tuple of slice
-        In which these levels hold.
+
     likelihood : str
         Which it is.
     """
@@ -51,22 +50,7 @@ class Weights:
     curvature: Array
     score: Array
     level: Array | None = None
-    bands: tuple[slice, ...] = ()
     likelihood: Likelihood = "gaussian"
-
-    def cost(self, power: Array) -> Array:
-        """Return minus the logarithm of the likelihood but for a constant, shape (...).
-
-        Parameters
-        ----------
-        power : ndarray, shape (B, ...)
-            Residual power u of the bins; where levels are marginalised, its sums over the bands.
-        """
-        if self.likelihood == "student_t":
-            return np.asarray((NU + 2) / 2 * np.sum(np.log1p(power / NU), axis=0))
-        if self.likelihood == "marginalised":
-            return np.tensordot([band.stop - band.start for band in self.bands], np.log(power), 1)
-        return np.asarray(np.sum(power, axis=0) / 2)
 
 
 def weights(likelihood: Likelihood, f: Array, u: Array) -> Weights:
@@ -85,11 +69,10 @@ def weights(likelihood: Likelihood, f: Array, u: Array) -> Weights:
         return Weights(w, w * NU / (NU + u), score, likelihood=likelihood)
     if likelihood == "marginalised":
         w, n = np.empty(u.size), np.empty(u.size)
-        divided = tuple(frequency_bands(f))
-        for band in divided:
+        for band in frequency_bands(f):
             n[band] = band.stop - band.start
             w[band] = 2 * n[band] / np.sum(u[band])
-        return Weights(w, w * (1 - 1 / n), w, w, divided, likelihood)
+        return Weights(w, w * (1 - 1 / n), w, w, likelihood)
     one = np.ones(u.size)
     return Weights(one, one, one)
 

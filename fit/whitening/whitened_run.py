@@ -293,18 +293,8 @@ def whiten_run(
 
 def information(blocks: Sequence[WhitenedRun], theta: Array) -> Array:
     """Return the curvature of the cost that the data make at theta, shape (P, P)."""
-    return _sum([block.H for block in blocks], blocks, theta)
-
-
-def scores(blocks: Sequence[WhitenedRun], theta: Array) -> Array:
-    """Return the covariance of the scores, shape (P, P); the information itself if no window were there."""
-    return _sum([block.M for block in blocks], blocks, theta)
-
-
-def _sum(of_columns: Sequence[Array], blocks: Sequence[WhitenedRun], theta: Array) -> Array:
-    gradients = (block.gradient(theta) for block in blocks)
-    terms = (c.T @ matrix @ c for c, matrix in zip(gradients, of_columns, strict=True))
-    return sum(terms, np.zeros((theta.size, theta.size)))
+    gradients = [(block.gradient(theta), block.H) for block in blocks]
+    return sum((J.T @ H @ J for J, H in gradients), np.zeros((theta.size, theta.size)))
 
 
 @dataclass(frozen=True)
