@@ -5,7 +5,6 @@ of such runs is what every fit minimises, and what a user gets for whatever else
 iteration, `irls.iterate`, moves weights, delays and parameters until nothing moves.
 """
 
-from fit.fitting.confidence import delta_chi2
 from fit.fitting.experiment_and_joint_fit import (
     fit_experiment,
     fit_joint,
@@ -41,7 +40,7 @@ from fit.fitting.run_estimate import (
     run_estimate,
     score_whitening,
 )
-from fit.fitting.solved_model import SolvedModel
+from fit.fitting.solved_model import SolvedModel, delta_chi2
 
 __all__ = [
     "FREE",

@@ -9,7 +9,7 @@ to b_6), so that their constraints are not tested.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -135,20 +135,10 @@ def compare(
         + (f" (without: {concise_value(*free[name])})" if name in free else "")
         for name, text in stated.items()
     }
-    return replace(test, warnings=tuple(_warnings(test, words, bounds, values, free, declared)))
-
-
-def _warnings(
-    test: ConstraintTest,
-    words: Mapping[str, str],
-    bounds: Mapping[str, float],
-    values: Mapping[str, float],
-    free: Mapping[str, tuple[float, float]],
-    declared: Collection[str] | None,
-) -> Iterator[Finding]:
+    warnings: list[Finding] = []
     if named := tuple(name for name in words if declared is None or name in declared):
         message = f"with constraints: {'; '.join(words[name] for name in named)}"
-        yield Finding("constrained", message, parameters=named)
+        warnings.append(Finding("constrained", message, parameters=named))
     if bounds:
         places = (
             f"{name} is at its bound {bound:.6g}"
@@ -156,19 +146,19 @@ def _warnings(
             for name, bound in bounds.items()
         )
         message = f"{'; '.join(places)}; the sigmas are those without bounds"
-        yield Finding("at_bound", message, parameters=tuple(bounds))
+        warnings.append(Finding("at_bound", message, parameters=tuple(bounds)))
     if test.is_contradicted:
         shifts = {
             name: (value - values[name]) / sigma
             for name, (value, sigma) in free.items()
             if name not in words and abs(value - values[name]) > SHIFT_SIGMA * sigma
         }
-        dof = len(test.active)
+        dof = len(active)
         message = (
-            f"the data contradict the constraints: {'; '.join(map(words.__getitem__, test.active))}; without "
+            f"the data contradict the constraints: {'; '.join(words[name] for name in active)}; without "
             f"them chi2 is less by {test.delta_chi2:.4g} for {dof} degree{'s' if dof > 1 else ''} of freedom"
         )
-        if shifts:
-            moved = ", ".join(f"{name} by {shift:+.2g} sigma" for name, shift in shifts.items())
-            message += f", and these estimates move: {moved}"
-        yield Finding("constraint_contradicted", message, parameters=(*test.active, *shifts))
+        moved = ", ".join(f"{name} by {shift:+.2g} sigma" for name, shift in shifts.items())
+        message += f", and these estimates move: {moved}" if moved else ""
+        warnings.append(Finding("constraint_contradicted", message, parameters=(*active, *shifts)))
+    return replace(test, warnings=tuple(warnings))

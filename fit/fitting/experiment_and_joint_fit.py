@@ -128,19 +128,17 @@ def joint_parameters(
     widths : list of ScaleParameter
         Of the departures.
     """
-    sharing, N = Sharing(settings.shared), len(experiments)
+    sharing = Sharing(settings.shared)
     for e, name in ((e, name) for e in experiments for name in scattering):
         if name not in e.parameters:
             raise InputError(f"fit.scatter: {name}: no parameter of {e.name}, expected one")
     shared = sharing.parameters([(e.sysid.telemetry, e.parameters) for e in experiments])
     names = [p.name for p in shared]
     deviations, widths = random_effects.parameters(scattering, [e.name for e in experiments], len(names))
-    maps = [
-        random_effects.extend_map(
-            sharing.matrix(e.sysid.telemetry, e.parameters, names), e.parameters, scattering, n, N
-        )
-        for n, e in enumerate(experiments)
-    ]
+    maps = []
+    for n, e in enumerate(experiments):
+        of_deviations = random_effects.deviation_map(e.parameters, scattering, n, len(experiments))
+        maps.append(np.hstack([sharing.matrix(e.sysid.telemetry, e.parameters, names), of_deviations]))
     return [*shared, *deviations], maps, widths
 
 

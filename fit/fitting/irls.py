@@ -31,7 +31,7 @@ from fit.fitting.null_space import NullSpace, null_space
 from fit.fitting.random_effects import FREE, ScaleParameter, n_shared
 from fit.fitting.run_estimate import RunEstimate, run_estimate
 from fit.fitting.solved_model import SolvedModel
-from fit.fitting.weighings import WARM_UP, Weighing, weighing
+from fit.fitting.weighings import WARM_UP, LTPDAWeighing, SmoothWeighing, Weighing
 from fit.parallel import parallel_map, progress_range
 from fit.parameters import Parameter
 from fit.results import Estimate
@@ -74,6 +74,11 @@ class Convergence:
     max_move: float
     warm_up: int = WARM_UP
     moving: str = "parameters still move"
+
+    def error(self, parameters: Sequence[Parameter], move: Array) -> FitError:
+        """Return the error of an iteration whose last step moved the parameters by `move` [sigma], (P,)."""
+        name, n = parameters[int(np.argmax(move))].name, self.max_iterations
+        return FitError(f"{self.moving} by {move.max():.2g} sigma after {n} iterations, {name} most")
 
 
 @dataclass(frozen=True)
@@ -237,12 +242,12 @@ def reweight(
     FitError
         If it does not settle, or a step of it fails.
     """
-    initial = initial or {}
-    weighings = [
-        weighing(e, share, estimator, initial.get(e.name))
-        for e, share in zip(experiments, shares, strict=True)
-    ]
-
+    weighings: list[Weighing] = []
+    for e, share in zip(experiments, shares, strict=True):
+        if estimator == "flscov":
+            weighings.append(LTPDAWeighing(e, share))
+        else:
+            weighings.append(SmoothWeighing(e, share, estimator, (initial or {}).get(e.name)))
     try:
         return iterate(weighings, parameters, params, random_effects=random_effects)
     except FitError as error:
@@ -309,7 +314,7 @@ def iterate(
         swings = float(move[determined] @ move_before[determined]) < 0  # against the weights
         step, move_before = step / 2 if iteration >= FIXED_SET and swings else step, move
         theta = limit_step(theta, theta + step * (estimate - theta))
-    raise _unsettled(convergence, parameters, np.where(determined, np.abs(move), 0.0))
+    raise convergence.error(parameters, np.where(determined, np.abs(move), 0.0))
 
 
 def _with_priors(params: lmfit.Parameters, priors: Mapping[int, Prior]) -> lmfit.Parameters:
@@ -328,13 +333,6 @@ def _weak_priors(
     blind = null_space(information, np.array([p.prior_sigma for p in parameters]), free)
     priors = {i: Prior(p.value, p.prior_sigma) for i, p in enumerate(parameters) if blind.undetermined[i]}
     return blind, priors
-
-
-def _unsettled(convergence: Convergence, parameters: Sequence[Parameter], move: Array) -> FitError:
-    """Return the error of an iteration whose last step moved the parameters by `move` [sigma], shape (P,)."""
-    name = parameters[int(np.argmax(move))].name
-    n = convergence.max_iterations
-    return FitError(f"{convergence.moving} by {move.max():.2g} sigma after {n} iterations, {name} most")
 
 
 def _weighed(

@@ -133,13 +133,6 @@ def parameters(
     return deviations, widths
 
 
-def extend_map(
-    parameter_map: Array, run_parameters: Sequence[str], names: Sequence[str], index: int, n_experiments: int
-) -> Array:
-    """Append the deviations of `names` to the map to the parameters of a run, shape (K, P)."""
-    return np.hstack([parameter_map, deviation_map(run_parameters, names, index, n_experiments)])
-
-
 def deviation_map(
     run_parameters: Sequence[str],
     names: Sequence[str],

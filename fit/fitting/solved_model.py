@@ -1,4 +1,4 @@
-"""A joint model and its estimate by lmfit: refits, and fits without some of the runs."""
+"""A joint model and its estimate by lmfit: refits, fits without some of the runs, confidence intervals."""
 
 from __future__ import annotations
 
@@ -7,8 +7,9 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
+import scipy
 
-from fit.errors import InputError
+from fit.errors import InputError, shown
 from fit.files import closest_match
 from fit.fitting import constraints
 from fit.fitting.joint_model import Array, JointModel, Prior, free_directions
@@ -117,3 +118,27 @@ class SolvedModel:
             if is_weak and p.vary and not p.expr and p.user_data is None:
                 p.user_data = prior
         return model.fit(constrained)
+
+
+def delta_chi2(best: MinimizerResult, new: MinimizerResult) -> float:
+    """Return the probability of a smaller difference of chisqr, for `lmfit.conf_interval`.
+
+    lmfit's default, an F test, is for sigmas that are known up to a factor. Those of a calibration are
+    known: the difference that one fixed parameter makes is distributed as chi^2 with one degree of freedom.
+
+    Parameters
+    ----------
+    best, new : MinimizerResult
+        The best fit, and one with a parameter fixed.
+
+    Raises
+    ------
+    InputError
+        If one of them is no result of lmfit.
+    """
+    from lmfit.minimizer import MinimizerResult  # slow to import
+
+    for result in (best, new):
+        if not isinstance(result, MinimizerResult):
+            raise InputError(f"delta_chi2: {shown(result)}, expected an lmfit MinimizerResult")
+    return float(scipy.special.chdtr(max(new.nfree - best.nfree, 1), max(new.chisqr - best.chisqr, 0.0)))

@@ -8,7 +8,6 @@ from numpy.typing import NDArray
 
 from fit.fitting import ltpda_flscov, readout_excess_noise, regressor_noise
 from fit.model import Equation
-from fit.settings import Estimator
 from fit.spectra import NoiseModel
 from fit.whitening import Experiment, Likelihood, noise_model, system_run, whitened_run
 
@@ -35,10 +34,8 @@ class Weighing(Protocol):
         """Return the run weighed at the estimate theta, shape (P,), of that covariance, shape (P, P)."""
 
 
-def weighing(
-    experiment: Experiment, share: Array, estimator: Estimator, initial: whitened_run.WhitenedRun | None
-) -> Weighing:
-    """Return what weighs the sysid run of an experiment.
+class SmoothWeighing:
+    """Weighs the sysid run of an experiment in each of its equations.
 
     Parameters
     ----------
@@ -46,18 +43,11 @@ def weighing(
         The runs.
     share : ndarray, shape (K, P)
         The `parameter_map` of a `whitened_run.WhitenedRun`.
-    estimator : str
-        ``flscov``, or the likelihood of the residual, see `fit.whitening.likelihoods`.
+    likelihood : str
+        Of the residual, see `fit.whitening.likelihoods`, unless its level is marginalised.
     initial : whitened_run.WhitenedRun or None
         The run as another fit has weighed it, which is where the iteration begins.
     """
-    if estimator == "flscov":
-        return _Flscov(experiment, share)
-    return _Smooth(experiment, share, "marginalised" if experiment.marginalised else estimator, initial)
-
-
-class _Smooth:
-    """Weighs a run in each of its equations."""
 
     converged = True
 
@@ -70,12 +60,14 @@ class _Smooth:
     ) -> None:
         self.name = experiment.name
         self._share, self._initial = share, initial
+        likelihood = "marginalised" if experiment.marginalised else likelihood
         models = (
             [block.noise for block in initial.blocks] if initial else [None] * len(experiment.sysid.equations)
         )
         self._equations = [_SmoothPSD(experiment, i, share, likelihood, S) for i, S in enumerate(models)]
 
     def block(self, theta: Array, covariance: Array, iteration: int) -> whitened_run.WhitenedRun:
+        """As that of `Weighing`."""
         if self._initial and iteration == 0:
             return replace(self._initial, parameter_map=self._share)
         of_run = self._share @ covariance @ self._share.T
@@ -137,8 +129,8 @@ class _SmoothPSD:
         return replace(model, values=model.values + leap * change)
 
 
-class _Flscov:
-    """Weighs a run as LTPDA does."""
+class LTPDAWeighing:
+    """Weighs a run as LTPDA does, see `fit.fitting.ltpda_flscov`."""
 
     def __init__(self, experiment: Experiment, share: Array) -> None:
         self._experiment, self._share = experiment, share
@@ -147,6 +139,7 @@ class _Flscov:
         self.converged = False
 
     def block(self, theta: Array, _: Array, iteration: int) -> whitened_run.WhitenedRun:
+        """As that of `Weighing`."""
         run, equations = self._experiment.sysid, self._experiment.sysid.equations
         of_run = self._share @ theta
         terms = run.columns(run.spacecraft.delays_of(of_run, self._experiment.parameters))

@@ -3,7 +3,6 @@
 The oracles are the normal equations, SciPy's bounded least squares and the Wald statistic of the bounds.
 """
 
-from dataclasses import dataclass
 from types import SimpleNamespace
 
 import numpy as np
@@ -14,47 +13,10 @@ from fit import false_alarms
 from fit.fitting import NullSpace, constraints, irls
 from fit.fitting.constraint_test import SHIFT_SIGMA, refit_unconstrained
 from fit.parameters import Parameter
+from fit.whitening import Weights
+from fit.whitening.whitened_run import LinearRun
 
 N = 400
-
-
-@dataclass(frozen=True)
-class Data:
-    """Data linear in the parameters, of unit variance; a whitened run without a window."""
-
-    R: np.ndarray
-    weights = SimpleNamespace(likelihood="gaussian")
-
-    @property
-    def root_level(self):
-        return self.R
-
-    @property
-    def size(self):
-        return len(self.R)
-
-    @property
-    def H(self):
-        return self.R.T @ self.R
-
-    M = H
-
-    noise = None
-
-    @property
-    def blocks(self):
-        return (self,)
-
-    def coefficients(self, theta):
-        return np.concatenate([np.ones_like(theta[:1]), -theta])
-
-    def run_gradient(self, _theta):
-        return -np.eye(self.R.shape[1], self.R.shape[1] - 1, k=-1)
-
-    gradient = run_gradient
-
-    def without_data(self):
-        return self
 
 
 def linear_data(names, correlation=0.6):
@@ -69,11 +31,19 @@ def linear_data(names, correlation=0.6):
     return X, y, np.sqrt(np.diag(np.linalg.inv(X.T @ X)))
 
 
+def as_run(y, X):
+    """Return data of unit variance as a whitened run without a window."""
+    rows, even = np.column_stack([-y, X]).reshape(N // 2, 2, -1), np.ones(N // 2)
+    columns = rows[:, 0] + 1j * rows[:, 1]
+    weights, share = Weights(even, even, even), np.eye(X.shape[1])
+    return LinearRun((0.0, 0.0), columns, weights, None, share, n_projected=0)
+
+
 def bounded_fit(names, low, high, start=1.0, scales=1.0):
     """Fit within bounds, in units of `scales`; return the estimate and the test of the bounds."""
     X, y, _ = linear_data(names)
     scales = np.broadcast_to(scales, len(names))
-    data = Data(np.column_stack([y, X / scales]))
+    data = as_run(y, X / scales)
     weighing = SimpleNamespace(name="A", converged=True, block=lambda *_: data)
     values = np.clip(start, low, high) * scales
     parameters = [
@@ -127,6 +97,7 @@ def test_estimates_within_bounds_are_not_reported():
     _, _, sigma = linear_data(names)
     outcome, test = bounded_fit(names, 1 - 3 * sigma, 1 + 3 * sigma, start=1 + 2 * sigma[0])
     np.testing.assert_allclose(outcome.solution.theta, 1.0, atol=1e-3 * sigma.min())
+    assert outcome.solution.dof == N - len(names)
     assert not test.warnings
 
 

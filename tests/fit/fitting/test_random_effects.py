@@ -32,28 +32,24 @@ def test_equal_errors_give_the_variance_of_the_sample():
     assert result.variance == pytest.approx(result.width**2 / 5)
 
 
-def test_one_experiment_has_no_width():
-    assert heterogeneity(*fitted_mean([1.0], [1.0]), 0) is None
-
-
 def test_the_width_beyond_noise_is_that_drawn():
-    # the variance of 6 values has a relative error of 0.63: 5 sigma of its mean over 200 draws is 23 %
+    # the variance of 6 values has a relative error of 0.63: 5 sigma of its mean over 60 draws is 41 %
     rng, sigmas = np.random.default_rng(0), np.array([1.0, 1.0, 2.0, 1.0, 0.5, 1.0])
     weights = sigmas**-2 / np.sum(sigmas**-2)
     variances = []
-    for _ in range(200):
+    for _ in range(60):
         values = 10 * rng.standard_normal(6) + sigmas * rng.standard_normal(6)
         result = heterogeneity(*fitted_mean(values, sigmas), 0)
         variances.append(1e12 * result.width**2)
         assert result.variance == pytest.approx(result.width**2 * (weights @ weights))
-    assert np.mean(variances) == pytest.approx(100, abs=23)
+    assert np.mean(variances) == pytest.approx(100, abs=41)
 
 
 def test_noise_has_the_stated_p_values():
-    # of 400 draws 4 are below 0.01; 13 or more once in 10,000
+    # of 120 draws 6 are below 0.05; 17 or more twice in 10,000
     rng, sigmas = np.random.default_rng(1), np.array([1.0, 2.0, 3.0, 1.0])
-    p = [heterogeneity(*fitted_mean(sigmas * rng.standard_normal(4), sigmas), 0).p for _ in range(400)]
-    assert np.sum(np.array(p) < 0.01) < 13
+    p = [heterogeneity(*fitted_mean(sigmas * rng.standard_normal(4), sigmas), 0).p for _ in range(120)]
+    assert np.sum(np.array(p) < 0.05) < 17
 
 
 def test_two_effects_have_their_own_widths():
