@@ -32,11 +32,6 @@ def codes(found):
     return [w.code for w in found.warnings]
 
 
-def test_parameters_are_those_of_the_results(runs, free):
-    assert list(fit.make_params(runs)) == list(free.joint)
-    assert codes(fit.calibrate(runs, params=fit.make_params(runs)).joint) == codes(free.joint)
-
-
 def test_a_fixed_parameter(runs, free):
     known = free.joint["C_2"].value + free.joint["C_2"].sigma
     params = fit.make_params(runs)

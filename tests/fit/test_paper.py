@@ -7,9 +7,7 @@ from hypothesis import strategies as st
 from fit import units
 from fit.parameters import (
     FLIGHT,
-    cross_talk_parameter,
     experiment_parameters,
-    joint_names,
     joint_parameter,
     stiffness,
 )
@@ -51,13 +49,6 @@ def test_weak_priors_have_the_widths_of_the_contract():
     assert FLIGHT["delta_ifo_4"].prior_sigma == pytest.approx(1.91e-5)
 
 
-def test_joint_names_cover_the_epochs_that_occur():
-    names = joint_names([4, 1, 4])
-    assert names[-2:] == ("delta_ifo_1", "delta_ifo_4")
-    assert len(names) == 12
-    assert [joint_parameter(name).name for name in names] == list(names)
-
-
 def test_an_epoch_the_flight_did_not_have_takes_the_rms():
     parameter = joint_parameter("delta_ifo_7")
     assert parameter.value == pytest.approx(((2.2**2 + 1.4**2 + 2.09**2 + 1.91**2) / 4) ** 0.5 * 1e-5)
@@ -75,13 +66,6 @@ def test_experiment_parameters_at_nominal_authority():
     assert found["delta_ifo"].value == 1.91e-5
     names = ("lambda_2", "C_2", "omega2_2", "domega2_12", "delta_ifo", "lambda_1", "C_1")
     assert tuple(found) == names == tuple(p.name for p in found.values())
-
-
-def test_cross_talk_has_no_flight_value():
-    parameter = cross_talk_parameter("b_3")
-    assert (parameter.name, parameter.unit, parameter.value, parameter.flown) == ("b_3", "1", 0.0, False)
-    with pytest.raises(KeyError):
-        cross_talk_parameter("b_7")
 
 
 @given(st.floats(0, 5e-9), st.floats(0, 5e-9), st.floats(0, 2e-11))

@@ -34,17 +34,3 @@ def test_a_steady_sine_obeys_newton(channel, f):
     force = act_2 - act_1 - PLANT.omega2_2 * (delta_x + x_1) + PLANT.omega2_1 * x_1
     # sampling at 10 Hz folds the images of the hold back: 4e-5 of the force at 50 mHz
     assert abs(s**2 * delta_x - force) < 1e-4 * max(abs(act_2), abs(act_1), abs(s**2 * x_1) * 1e-6)
-
-
-def test_a_hidden_force_acts_as_one_that_is_shown():
-    pulse = ((100.0, 5e-3, 1e-13, 20),)
-    shown = closed_loop.record(PLANT, QUIET, Drive(force_1=pulse), 6000.0, [0])
-
-    def hidden(time, channels):
-        on = (time >= 100) & (time < 4100)
-        force = np.where(on, 1e-13 * np.sin(2 * np.pi * 5e-3 * (time - 100)), 0.0)
-        return force, 0 * time, 0 * time
-
-    found = closed_loop.record(PLANT, QUIET, Drive(), 6000.0, [0], hidden=hidden)
-    assert not np.any(found["f_x_1"])
-    assert np.abs(found["o_12"] - shown["o_12"]).max() < 1e-3 * np.abs(shown["o_12"]).max()

@@ -16,7 +16,7 @@ from tests.fit.crosstalk.euler import (
     lacking,
     pulls,
 )
-from tests.oracles.rotation_synthetic import World, run
+from tests.oracles.rotation_synthetic import run
 
 
 def test_recovers_both_angles_with_the_expected_sigmas(three_day_fit):
@@ -112,21 +112,3 @@ def test_an_attitude_of_the_other_sense_is_seen_and_reversed(quiet_day, quiet_da
     assert "star_tracker_reversed" in codes(fit)
     for name, estimate in quiet_day_fit.parameters.items():
         assert fit.parameters[name].value == pytest.approx(estimate.value, rel=1e-9)
-
-
-@pytest.mark.long
-@pytest.mark.stat
-@pytest.mark.parametrize(
-    ("world", "n", "mean", "squares"),
-    [
-        # mean within 4.5 standard errors, sum of squares within the 1e-5 quantiles of chi^2(30): 6e-5
-        (World(), 30, 4.5 / np.sqrt(30), (7.0, 77.0)),
-        # least squares has a mean pull of +0.9 for delta_phi; four standard errors, chi^2(100): 2e-4
-        (World(torque=1e-11), 100, 0.4, (51.0, 170.0)),
-    ],
-)
-def test_pulls_are_standard_normal(world, n, mean, squares):
-    all_pulls = np.array([pulls(fitted(run(world, seed=seed)[0], world=world)) for seed in range(n)])
-    assert np.all(np.abs(all_pulls.mean(axis=0)) < mean)
-    total = np.sum(all_pulls**2, axis=0)
-    assert np.all((total > squares[0]) & (total < squares[1]))

@@ -192,19 +192,3 @@ def test_noise_that_creeps_comes_to_rest(monkeypatch):
     assert converged.converged
     for name, estimate in converged.parameters.items():
         assert abs(accelerated[name].value - estimate.value) < 2e-3 * estimate.sigma
-
-
-@pytest.mark.stat
-@pytest.mark.parametrize("bump", [pytest.param(0.0, marks=pytest.mark.slow), 15e-15])
-@pytest.mark.slow
-def test_pulls_are_standard_normal(bump):
-    # 30 experiments x 5 parameters of 10,800 s. chi^2 of the pulls per parameter within its 1e-5 quantiles,
-    # the mean within 4.5 standard errors: false-positive probability 1.5e-4 per case.
-    world = World(bump=bump)
-    all_pulls = []
-    for seed in range(30):
-        fit = fit_one(pair(world, seed=seed, duration=10800.0))
-        all_pulls.append([pulls(fit, of_run(world, "A"))[name] for name in NAMES])
-    all_pulls = np.array(all_pulls)
-    assert np.all(np.abs(all_pulls.mean(axis=0)) < 4.5 / np.sqrt(30))
-    assert np.all((np.sum(all_pulls**2, axis=0) > 7.5) & (np.sum(all_pulls**2, axis=0) < 75.0))

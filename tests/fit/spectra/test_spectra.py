@@ -41,17 +41,6 @@ def test_low_pass_keeps_the_band_and_removes_what_would_alias(fs, factor):
         assert np.abs(response(taps, near / fs)).max() < 2e-5
 
 
-@pytest.mark.parametrize("fs", [10.0, 5.0, 2.5, 1.0])
-@pytest.mark.parametrize("n", [4000, 4007])
-def test_decimation_keeps_time(fs, n):
-    taps, factor = derivatives.low_pass(fs)
-    t = np.arange(n) / fs
-    kept = derivatives.decimate(np.sin(2 * np.pi * 0.05 * t), taps, factor)
-    first = taps.size // 2
-    assert kept.size == len(t[first : n - first : factor])
-    assert np.allclose(kept, np.sin(2 * np.pi * 0.05 * t[first::factor][: kept.size]), atol=2e-5)
-
-
 def test_short_gaps_are_bridged_and_long_ones_masked():
     t = np.arange(3000) / 10
     x = np.sin(2 * np.pi * 0.0533 * t)
