@@ -103,9 +103,9 @@ def test_commands_late_in_every_run_leave_out_none():
     check_estimates(results.joint, but=("C_2",))
 
 
-@pytest.mark.parametrize("counts", [3e9, 3e13])  # of which rounding leaves less and less
-def test_counts_of_a_converter_cost_no_other_run_its_fit(counts):
-    results = calibrate(replace_runs("A", channel("o_12", lambda x: counts * x))(campaign()))
+def test_counts_of_a_converter_cost_no_other_run_its_fit():
+    # of which rounding leaves little
+    results = calibrate(replace_runs("A", channel("o_12", lambda x: 3e13 * x))(campaign()))
     assert not results.joint.unsound
     check_estimates(results.joint)
     (message,) = left_out(results)
@@ -149,20 +149,3 @@ def test_attenuated_cross_talk_is_no_contradiction():
     scaled = calibrate(replace_runs("B1", channel("f_x_2", lambda f: 1.01 * f))(runs)).joint
     (message,) = (w.message for w in scaled.warnings if w.code == "rejected")
     assert message.startswith("left out of the joint fit: B1")
-
-
-def exchanged(name, partner):
-    def fault(runs):
-        data = {(r.experiment, r.kind): r.channels for r in runs}
-        partners = {name: partner, partner: name}
-        return [replace(r, channels=data[partners.get(r.experiment, r.experiment), r.kind]) for r in runs]
-
-    return fault
-
-
-@pytest.mark.slow
-def test_an_exchange_of_two_runs_is_a_contradiction_that_names_them():
-    joint = calibrate(exchanged("B", "E")(campaign(sets="ABCDE"))).joint
-    (warning,) = joint.unsound
-    assert warning.code == "contradiction"
-    assert "wrong: B and E, or" in warning.message

@@ -76,15 +76,6 @@ def test_sigma_includes_the_scatter_of_the_gain():
     assert results.joint.chi2 / results.joint.dof == pytest.approx(1, abs=0.1)
 
 
-def test_no_scatter_has_no_width():
-    results = calibrate(campaign(World()), settings({"scatter": ["lambda_2"]}))
-    width = results.provenance.scatter["lambda_2"]
-    assert width["value"] < 3 * width["sigma"] < 1e-3
-    (message,) = (w.message for w in results.joint.warnings if w.code == "random_effects")
-    assert message.startswith("lambda_2 may scatter between the experiments by ")
-    assert max(abs(p) for p in pulls(results.joint, vars(World())).values()) < 4.5
-
-
 def test_both_gains_share_a_width_and_obey_bounds():
     gains = 1 + 0.003 * np.array([1.0, -0.7, 0.4, -1.1])
     worlds = [World(lambda_2=1.0776 * gain) for gain in gains]

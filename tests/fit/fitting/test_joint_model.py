@@ -62,7 +62,7 @@ def driven():
     )
 
 
-@pytest.mark.parametrize("away", [0.3, 100.0, 1e5])  # sigma
+@pytest.mark.parametrize("away", [0.3, 1e5])  # sigma
 def test_minimum_is_reached_from_near_and_far(driven, away):
     block, minimum, sigma = driven
     start = minimum + away * sigma * np.array([1, -1, 1, 1, -1, 1, -1])
@@ -190,7 +190,6 @@ def test_parameters_of_other_sizes_settle_beside_a_bound():
     ("name", "value", "prior", "message"),
     [
         ("a", 1.0, (1.0, 0.1), r"params: a: user_data: expected fit\.Prior"),
-        ("a", 1.0, Prior(np.nan, 1.0), "a finite mean"),
         ("a", np.nan, None, "params: a: value: nan, expected a finite number"),
         ("aa", 1.0, None, "params: aa: no parameter of this fit"),
     ],

@@ -33,9 +33,9 @@ def test_the_band_and_the_ratio_of_what_adds_noise():
 
 @pytest.mark.stat
 def test_a_small_correction_that_is_right_is_seldom_called_noise():
-    """Twenty days, none of which may raise an alarm: the budget of false alarms is 1e-3 for each."""
+    """Eight days, none of which may raise an alarm: the budget of false alarms is 1e-3 for each."""
     n_alarms = 0
-    for seed in range(20):
+    for seed in range(8):
         rng = np.random.default_rng([4, seed])
         x, correction = rng.standard_normal(DAY), 0.5 * pink(rng, DAY, 1e-4, 0.4)
         n_alarms += len(bands(x + correction, x))

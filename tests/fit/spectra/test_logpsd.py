@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
+import fit
 from fit.spectra.averaged_spectra import log_psd, log_psds
 
 N = 100_000
@@ -25,6 +26,9 @@ def test_white_noise_and_its_error_bars():
     inside = np.mean([(s.low < 0.5) & (s.high > 0.5) for s in spectra])
     assert inside == pytest.approx(0.683, abs=0.05)
     assert np.all(np.diff(spectra[0].averages) > -0.5)
+    f, level, sigma = fit.asd(white(0, 20_000), 4.0)
+    assert np.array_equal(f, spectra[0].f) and level**2 == pytest.approx(spectra[0].psd)
+    assert sigma / level == pytest.approx(scatter / 2, rel=0.65)  # half of that of the power
     assert np.diff(np.log10(spectra[0].f)) == pytest.approx(0.1)
 
 
