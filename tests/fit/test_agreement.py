@@ -6,14 +6,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fit.agreement import fit_consistent_runs
-from fit.checks import apply
-from fit.fitting import fit_experiment
 from fit.pipeline import calibrate
-from fit.settings import settings
-from fit.whitening import pair as paired
-from tests.benchmarks import sbc
-from tests.oracles import bump_synthetic, thirteen
+from tests.oracles import bump_synthetic
 from tests.oracles.bump_synthetic import Motion
 from tests.oracles.synthetic import World, pair
 
@@ -73,26 +67,6 @@ def test_weak_fault_of_all_runs_of_an_epoch_is_a_contradiction():
     assert [w.code for w in joint.unsound] == ["contradiction"]
 
 
-@pytest.mark.slow
-def test_an_experiment_of_a_wrong_epoch_alone_is_left_out():
-    names = tuple(name for name in thirteen.PLANS if name != "D3")  # 65 h
-    experiments = paired(list(thirteen.campaign(names=names).values()))
-    single_fits = {e.name: fit_experiment(e) for e in experiments}
-    for i, wrong in enumerate(experiments):
-        epoch = wrong.sysid.telemetry.alignment_epoch % 4 + 1
-        runs = [
-            replace(r, telemetry=replace(r.telemetry, alignment_epoch=epoch))
-            for r in (wrong.sysid, wrong.noise)
-        ]
-        labelled = [*experiments[:i], replace(wrong, sysid=runs[0], noise=runs[1]), *experiments[i + 1 :]]
-        fit = fit_consistent_runs(labelled, single_fits, settings())
-        assert {e.name for e in fit.outliers} <= {wrong.name}
-        solution, names = fit.outcome.solution, [p.name for p in fit.outcome.parameters]
-        pulls = (solution.theta - [thirteen.TRUTH[name] for name in names]) / solution.sigma
-        is_right = np.abs(pulls[~fit.outcome.undetermined]).max() < 4.5
-        assert is_right or any(f.kind.unsound for f in apply("agreement", fit) if not f.run), wrong.name
-
-
 def test_commands_late_in_every_run_leave_out_none():
     results = calibrate([channel("f_x_2", lambda f: np.roll(f, 5))(run) for run in campaign()])
     (warning,) = results.joint.unsound
@@ -115,24 +89,6 @@ def test_counts_of_a_converter_cost_no_other_run_its_fit():
 def test_two_runs_that_disagree_are_both_doubtful():
     results = calibrate(campaign(worlds={"E": World(lambda_2=1.0884)}, sets="AE"))
     assert [w.code for w in results.joint.unsound] == ["contradiction"]
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    "number",
-    [
-        62,  # gains scatter by 1.2 %; three of five agree within 2e-4, and would leave out the others
-        156,  # by 1.4e-4, three sigma of one: no contradiction, but the joint sigma is a fifth of it
-    ],
-)
-def test_gains_that_scatter_are_no_outliers_and_have_wide_sigmas(number):
-    campaign = sbc.drawn(number)
-    results = calibrate(campaign.runs)
-    joint = results.joint
-    assert not joint.unsound
-    assert not left_out(results)
-    for name, estimate in joint.parameters.items():
-        assert abs(estimate.value - campaign.truth[name]) < 4 * estimate.sigma, name
 
 
 def test_attenuated_cross_talk_is_no_contradiction():

@@ -107,6 +107,25 @@ def test_each_epoch_has_its_own_coefficients():
     assert max(abs(p) for p in pulls(joint, vars(LATE)).values()) < 4.5
 
 
+def test_the_sigma_holds_what_experiments_differ_by():
+    def fit_of(*shifts):
+        b = [TRUTH | {"b_1": TRUTH["b_1"] + shift} for shift in shifts]
+        runs = [r for x, name in zip(b, "ABC", strict=True) for r in pair(replace(CLEAN, b=x), LATE, name)]
+        return fitted(experiments(runs))[1]["1"]
+
+    steady = fit_of(0.0, 0.0, 0.0)
+    assert "cross_talk_drift" not in [w.code for w in steady.warnings]
+    shift = 30 * steady["b_1"].sigma
+    fit = fit_of(-shift, 0.0, shift)
+    assert warning(fit, "cross_talk_drift").parameters == ("b_1",)
+    sigma = fit["b_1"].sigma
+    assert sigma == pytest.approx(shift / np.sqrt(3), rel=0.15)
+    assert abs(fit["b_1"].value - TRUTH["b_1"]) < sigma
+    assert fit.covariance_matrix[0, 0] / sigma**2 == pytest.approx(1)
+    for name in ("b_2", "b_3"):
+        assert fit[name].sigma == pytest.approx(steady[name].sigma, rel=0.1)
+
+
 def test_noisy_read_outs_attenuate_least_squares(noisy):
     # The PSDs of true motion and read-out noise are known here: so is the least-squares limit, but for the
     # weights, that depend little on frequency where the bump is large.

@@ -6,20 +6,24 @@ import numpy as np
 
 from fit.whitening import fit_residual_noise
 
+F, SLOW = np.arange(1, 2161) / 21600, np.arange(1, 9) / 216000
+
+
+def run(f, power):
+    """Return the residual of a run at frequencies f; its power may depend on the model before."""
+    return SimpleNamespace(terms=SimpleNamespace(f=f), power=lambda previous, _=None: power(previous))
+
+
+QUICK = run(F, lambda _: np.ones((2, F.size)))
+
 
 def test_slower_noise_that_was_left_alone_is_heard_again_only_when_much_louder():
     # else what it changes could take it out again, and so on without an end
-    f, slow = np.arange(1, 2161) / 21600, np.arange(1, 9) / 216000
-
-    def run(f, power):
-        spectrum = np.stack([power, np.ones(f.size)])
-        return SimpleNamespace(terms=SimpleNamespace(f=f), power=lambda _, n_bins=None: spectrum[:, :n_bins])
-
-    shorter = fit_residual_noise(run(f, np.ones(f.size)), None)
+    shorter = fit_residual_noise(QUICK, None)
 
     def weighed(times, previous):
-        longer = run(slow, times * shorter.expected(slow))
-        return fit_residual_noise(run(f, np.ones(f.size)), previous, longer)
+        longer = run(SLOW, lambda _: np.stack([times * shorter.expected(SLOW), np.ones(SLOW.size)]))
+        return fit_residual_noise(QUICK, previous, longer)
 
     def is_used(times, previous):
         return bool(weighed(times, previous).n_below)
@@ -32,19 +36,13 @@ def test_slower_noise_that_was_left_alone_is_heard_again_only_when_much_louder()
 
 def test_slower_noise_that_is_heard_a_second_time_stays():
     # the weights with it make it look quiet, those without it loud
-    f, slow = np.arange(1, 2161) / 21600, np.arange(1, 9) / 216000
+    shorter = fit_residual_noise(QUICK, None)
 
-    def run(f, power):
-        return SimpleNamespace(terms=SimpleNamespace(f=f), power=power)
-
-    quick = run(f, lambda _: np.ones((2, f.size)))
-    shorter = fit_residual_noise(quick, None)
-
-    def of_slow(previous, n_bins):
+    def of_slow(previous):
         times = 0.5 if previous and previous.n_below else 3.0
-        return np.stack([times * shorter.expected(slow), np.ones(slow.size)])
+        return np.stack([times * shorter.expected(SLOW), np.ones(SLOW.size)])
 
     models, model = [], None
     for _ in range(6):
-        models.append(model := fit_residual_noise(quick, model, run(slow, of_slow)))
+        models.append(model := fit_residual_noise(QUICK, model, run(SLOW, of_slow)))
     assert [bool(model.n_below) for model in models] == [False, True, True, True, True, True]
