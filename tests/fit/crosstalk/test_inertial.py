@@ -1,11 +1,14 @@
 """The Euler fit on telemetry of closed rotation loops that shares no code with it."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
+import scipy
 from scipy.signal import csd, welch
 
+from fit.crosstalk import torque_noise
 from fit.model import angular_rate, rotation
 from tests.fit.crosstalk.euler import (
     DAY,
@@ -16,6 +19,7 @@ from tests.fit.crosstalk.euler import (
     lacking,
     pulls,
 )
+from tests.fit.fitting.linear_equation import params_of
 from tests.oracles.rotation_synthetic import run
 
 
@@ -88,6 +92,26 @@ def test_two_test_masses_free_the_angles_of_their_torque_noise():
     assert one.parameters["delta_phi"].value / TRUTH["delta_phi"] == pytest.approx(0.86, abs=0.04)
     (warning,) = (w for w in one.warnings if w.code == "one_test_mass")
     assert warning.parameters == ("delta_phi",)
+
+
+def test_the_angles_solve_the_normal_equations_without_the_noise():
+    H, noise, angles = np.array([[4.0, 1.0], [1.0, 3.0]]), np.diag([0.4, 0.9]), np.array([2.0, -1.0])
+    run = SimpleNamespace(
+        H=scipy.linalg.block_diag(1.0, H),
+        gradient=lambda _: np.eye(3, 2, k=-1),
+        torque_noise=lambda _: (noise, np.zeros((2, 2))),
+        calibration_moments=lambda: np.zeros((2, 1)),
+    )
+    outcome = SimpleNamespace(
+        solution=SimpleNamespace(theta=angles, covariance=np.linalg.inv(H)),
+        parameters=[SimpleNamespace(prior_sigma=1.0)] * 2,
+        whitened_runs=[run],
+        free=np.eye(2),
+        result=SimpleNamespace(params=params_of("ab", angles)),
+    )
+    theta, covariance, _ = torque_noise.bias_corrected(outcome, np.zeros((1, 1)))
+    assert (H - noise) @ theta == pytest.approx(H @ angles)
+    assert (H - noise) @ covariance @ (H - noise) == pytest.approx(H)
 
 
 def test_torsional_stiffness_counts(quiet_day, quiet_day_fit):
