@@ -20,7 +20,7 @@ DEFAULT_SPACECRAFT = "lpf-x"
 _LONGEST_CHAIN = 20  # of files that extend each other
 _CONVERSION = (
     f'is of the format before {SCHEMA}: write schema = "{SCHEMA}" and spacecraft = "lpf-x" or "lpf", and '
-    "move the keys of [spacecraft] and [actuation] to [truth] and [noise], as docs/campaigns.md has under "
+    "move the keys of [spacecraft] and [actuation] to [truth] and [noise], as CHANGELOG.md has under "
     '"From lpf-campaign/1"'
 )
 
