@@ -71,55 +71,29 @@ def labelled(*names: str, **attributes: object) -> Spoil:
     return spoil
 
 
-def exchanged(first: str, second: str, *kinds: str, channels: tuple[str, ...] = READ_OUTS) -> Spoil:
-    """Exchange the data of two experiments, their attributes stay."""
+def copied(name: str) -> Spoil:
+    """Give an experiment again under another name."""
 
     def spoil(runs: Runs) -> Runs:
         result = dict(runs)
-        for kind in kinds or ("sysid", "noise"):
-            a, b = runs[f"{first}-{kind}"], runs[f"{second}-{kind}"]
-            for mine, other in ((a, b), (b, a)):
-                taken = {name: other.channels[name] for name in channels}
-                result[mine.run] = replace(mine, channels=mine.channels | taken)
+        for kind in ("sysid", "noise"):
+            run = f"{name}x-{kind}"
+            names = {"run": run, "experiment": f"{name}x", "path": Path(f"{run}.h5")}
+            result[run] = replace(runs[f"{name}-{kind}"], **names)
         return result
 
     return spoil
 
 
-def copied(name: str, times: int, **attributes: object) -> Spoil:
-    """Give an experiment again under other names."""
+def lent(to: str, of: str, *names: str) -> Spoil:
+    """Give a run channels of another, all by default, as many samples as it has."""
 
     def spoil(runs: Runs) -> Runs:
-        result = dict(runs)
-        for n in range(times):
-            for kind in ("sysid", "noise"):
-                run, experiment = f"{name}x{n}-{kind}", f"{name}x{n}"
-                told = {"run": run, "experiment": experiment, "path": Path(f"{run}.h5")}
-                result[run] = replace(runs[f"{name}-{kind}"], **told, **attributes)
-        return result
-
-    return spoil
-
-
-def cut(run: str, start: float, stop: float) -> Spoil:
-    """Keep a stretch of a run only, in seconds since its start."""
-
-    def spoil(runs: Runs) -> Runs:
-        old = runs[run]
-        kept = (old.time >= start) & (old.time < stop)
-        channels = {name: values[kept] for name, values in old.channels.items()}
-        return runs | {run: replace(old, time=old.time[kept] - start, channels=channels)}
-
-    return spoil
-
-
-def lent(to: str, of: str) -> Spoil:
-    """Give a run the channels of another, as many samples as it has."""
-
-    def spoil(runs: Runs) -> Runs:
-        n = min(runs[to].time.size, runs[of].time.size)
-        channels = {name: values[:n] for name, values in runs[of].channels.items()}
-        return runs | {to: replace(runs[to], time=runs[to].time[:n], channels=channels)}
+        lender, run = runs[of].channels, runs[to]
+        n = min(run.time.size, runs[of].time.size)
+        channels = {name: values[:n] for name, values in run.channels.items()}
+        channels |= {name: lender[name][:n] for name in names or lender}
+        return runs | {to: replace(run, time=run.time[:n], channels=channels)}
 
     return spoil
 
@@ -166,12 +140,12 @@ def late(values: Array, samples: float) -> Array:
     return interpolate.CubicSpline(n, values)(np.clip(n - samples, 0, values.size - 1))
 
 
-def stretched(epsilon: float, *, names: tuple[str, ...] = READ_OUTS) -> Callable[[dict], dict]:
+def stretched(epsilon: float) -> Callable[[dict], dict]:
     """Sample with a clock that is slow by a part in 1 / epsilon, for use before the archive."""
 
     def function(channels: dict[str, Array]) -> dict[str, Array]:
         result = {}
-        for name in names:
+        for name in READ_OUTS:
             n = np.arange(channels[name].size)
             result[name] = interpolate.CubicSpline(n, channels[name])(np.minimum(n * (1 + epsilon), n[-1]))
         return result

@@ -1,4 +1,4 @@
-"""The faults of the campaign of thirteen experiments, who judges them, and some of them judged.
+"""The faults of the campaign of thirteen experiments: who judges them, and some of them judged.
 
 ``python -m tests.hostile.faults`` writes the table of all of them into docs/faults.csv.
 """
@@ -8,69 +8,54 @@ from dataclasses import replace
 import pytest
 
 from tests.hostile.catalogue import FAULTS
-from tests.hostile.faults import PAGE, by_verdict, read, totals
+from tests.hostile.faults import PAGE, read, summary
 from tests.hostile.judging import Judged, judge
 
 SMALL = ("A1", "B4", "C4", "D4")
 QUICK = {
     "nothing is wrong": SMALL,
-    "F_max_2 wrong, × 2, B4": SMALL,
-    "lambda_2 differs, 1e-3, B4": SMALL,
-    "wrong sign, second half, o_12, B4": SMALL,
-    "gain drifts in the run, 0.1 %, f_x_1, G3": ("G3", *SMALL),  # the only run that determines it
+    "F_max_2 twice too large": SMALL,
+    "o_12 with the wrong sign from half the run on": SMALL,
+    "lambda_1 drifts by 0.1 % in the only run that determines it": ("G3", *SMALL),
 }
-WRONG = ("silent", "minority", "too sure", "cries wolf")
-JUDGED = Judged("sound", 6.0, 6.0, 1.0, (), False, False, False, ("nothing",))
-
-
-def of(name):
-    return next(fault for fault in FAULTS if fault.name == name)
+BY_NAME = {fault.name: fault for fault in FAULTS}
+JUDGED = Judged("sound", 6.0)
 
 
 @pytest.mark.parametrize("name", QUICK)
 def test_a_small_campaign_is_never_silently_wrong(name):
-    fault = of(name)
-    judged = judge(fault, QUICK[name])
-    assert judged.verdict(fault) not in (*WRONG, "costs all"), judged
+    judged = judge(BY_NAME[name], QUICK[name])
+    assert judged.verdict(BY_NAME[name]) == "ok", judged
 
 
 @pytest.mark.long
 @pytest.mark.parametrize("fault", FAULTS, ids=lambda fault: fault.name)
 def test_no_fault_passes_for_sound(fault):
     judged = judge(fault)
-    assert judged.verdict(fault) not in WRONG, judged
+    assert judged.verdict(fault) not in ("silent", "minority", "too sure", "false alarm"), judged
 
 
-def test_the_judge_calls_silent_what_is():
-    harmful, harmless = of("clock off, 1e-3, all, B4"), of("clock off, 1e-5, all, A1")
-    assert JUDGED.verdict(harmful) == "silent"
-    assert replace(JUDGED, pull=4.0).verdict(harmful) == "ok"
-    assert replace(JUDGED, outcome="no sigma").verdict(harmful) == "wrong run"
-    assert replace(JUDGED, outcome="no sigma").verdict(harmless) == "cries wolf"
-    assert replace(JUDGED, pull=1.0, minority=True).verdict(harmful) == "minority"
-    assert replace(JUDGED, pull=1.0, width=0.5).verdict(harmful) == "too sure"
-    assert replace(JUDGED, outcome="refused").verdict(harmful) == "costs all"
-    assert replace(JUDGED, pull=1.0, left_out=("A1",)).verdict(harmless) == "costs a run"
-    assert replace(JUDGED, pull=1.0, left_out=("A1", "B4")).verdict(harmful) == "costs others"
-    assert (
-        replace(JUDGED, pull=1.0, left_out=("B4",), names_run=True, names_cause=True).verdict(harmful) == "ok"
-    )
+@pytest.mark.parametrize(
+    ("changes", "of_harmful", "of_harmless"),
+    [
+        ({}, "silent", "silent"),
+        ({"pull": 4.0}, "ok", "ok"),
+        ({"outcome": "not sound"}, "ok", "false alarm"),
+        ({"pull": 1.0, "width": 0.5}, "too sure", "too sure"),
+        ({"outcome": "refused"}, "costs all", "false alarm"),
+        ({"pull": 1.0, "left_out": ("B4",)}, "ok", "costs a run"),
+        ({"pull": 1.0, "left_out": ("A1", "B4")}, "costs others", "costs others"),
+        ({"pull": 1.0, "left_out": tuple("ABCDEFG")}, "minority", "minority"),
+    ],
+)
+def test_the_judge_calls_silent_what_is(changes, of_harmful, of_harmless):
+    judged = replace(JUDGED, **changes)
+    harmful, harmless = BY_NAME["F_max_2 twice too large"], BY_NAME["o_1 1 % too large"]  # both of B4
+    assert (judged.verdict(harmful), judged.verdict(harmless)) == (of_harmful, of_harmless)
 
 
-def test_what_no_data_can_tell_is_told_to_rest_on_one_run():
-    blind = of("scaled, the only run that drives it, 1 %, f_x_1, G3")
-    assert JUDGED.verdict(blind) == "silent"
-    assert replace(JUDGED, checked=2.0).verdict(blind) == "ok"
-
-
-def test_there_are_enough_and_each_has_a_name_of_its_own():
-    assert len({fault.name for fault in FAULTS}) == len(FAULTS) >= 60
-
-
-def test_table_has_every_fault_and_the_page_its_summary():
+def test_table_has_every_fault_and_none_is_sound_and_wrong():
     rows = read()
-    names = [(row["kind"], row["size"], row["channel"], row["experiments"]) for row in rows]
-    assert names == [(f.kind, f.size, f.channel, f.run or "all") for f in FAULTS]
-    page = PAGE.read_text(encoding="utf-8")
-    assert all(text in page for text in (totals(rows), by_verdict(rows)))
-    assert not {row["verdict"] for row in rows} & {"silent", "cries wolf", "minority"}
+    assert [row["fault"] for row in rows] == list(BY_NAME)
+    assert summary(rows) in PAGE.read_text(encoding="utf-8")
+    assert not {row["verdict"] for row in rows} & {"silent", "minority", "too sure", "false alarm"}
