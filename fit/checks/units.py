@@ -1,10 +1,9 @@
 """Units and signs of the channels, from the samples of a run before any prior acts on a gain.
 
 A least-squares fit of the equation of motion gives the gains lambda_j of the commanded forces, which are 1.08
-in flight: a gain far from 1 is a channel with another unit or sign. Which one, the other gain and the noise
-of the read-outs show. From 10 to 60 mHz the second derivative of ``o_1`` is noise of the thrusters, that of
-``o_12`` read-out noise and Delta g, both the same to a factor of two during the mission: a read-out that is
-orders of magnitude louder or quieter is in another unit.
+in flight: a gain far from 1 is a channel with another unit or sign. From 10 to 60 mHz the second derivative
+of ``o_1`` is noise of the thrusters, that of ``o_12`` read-out noise and Delta g, both the same to a factor
+of two during the mission: a read-out that is orders of magnitude louder or quieter is in another unit.
 """
 
 from collections.abc import Iterator, Mapping
@@ -17,7 +16,7 @@ from numpy.typing import NDArray
 from fit.campaign import Campaign
 from fit.findings import Finding
 from fit.model import dynamics
-from fit.parameters import FLIGHT, M_TM
+from fit.parameters import FLIGHT
 from fit.statistics import initial_fit
 from fit.whitening import Experiment, Run, whitened_run
 
@@ -25,19 +24,16 @@ Array = NDArray[np.float64]
 
 BAND = (0.01, 0.06)  # Hz, of the levels of the read-outs
 SEGMENT = 1024.0  # s
-DECADES = 0.7  # between the level of a read-out and that of flight in another unit
-TOLERANCE = 0.2  # decades, of a gain in another unit
+LOUD = 200.0  # times the level of the flight, from which a read-out is in another unit: these differ by 1000
 #: Gains that are possible, by the relative sigma up to which a run determines them. Without injections the
 #: closed loop makes least-squares gains of 0.9 to 1.9 with a sigma of 0.02 to 0.1.
 PLAUSIBLE_GAINS: Mapping[float, tuple[float, float]] = {0.01: (0.7, 1.5), 0.1: (0.3, 3.0)}
 PLAUSIBLE_STIFFNESS = 3e-6  # s^-2; a single tone does not separate it from the gain
-CONSISTENT = 2.0  # ratio of residual power to that of the noise run, up to which the equation holds
 PLAUSIBLE_LEAKAGE = 1e-3  # delta_ifo; in flight 2e-5
 LEVEL_RATIO = 300.0  # between the test masses; prefixes of units differ by 1000
 LEAK = 5e-12  # m s^-2: without authority less than this leaks onto a test mass
 LEAK_RATIO = 2.0  # and no more than this times the other command
 MAX_STIFFNESS = 1e-4  # s^-2, that an authority makes; flight had 1e-6
-PREFIXES = {3: "m", 6: "u", 9: "n", 12: "p", 15: "f"}  # of units 10^-n
 
 
 @dataclass(frozen=True)
@@ -48,13 +44,10 @@ class FreeFit:
     ----------
     c, sigma : ndarray, shape (P + 1,)
         Coefficients of the columns, the first of which is 1, and their standard deviations.
-    power : float
-        Power of the residual per degree of freedom, in units of the PSD that it had in flight.
     """
 
     c: Array
     sigma: Array
-    power: float
 
     @property
     def gains(self) -> dict[int, float]:
@@ -106,106 +99,57 @@ def free_fit(run: Run) -> FreeFit:
     c[0] = 1.0
     c[used] = -inverse @ columns[:, 0] / scale[1:]
     sigma[used] = np.sqrt(power) * np.linalg.norm(inverse, axis=1) / scale[1:]
-    return FreeFit(c, sigma, power)
+    return FreeFit(c, sigma)
 
 
 def find(campaign: Campaign) -> list[Finding]:
     """Return the channels and attributes of runs whose unit or sign is wrong."""
-    units, levels = campaign.find_each(unit_faults), campaign.find_each(level_faults)
-    return [*units, *levels, *campaign.find_each(authority_faults)]
+    checks = (unit_faults, level_faults, authority_faults)
+    return [finding for check in checks for finding in campaign.find_each(check)]
 
 
 def unit_faults(e: Experiment) -> Iterator[Finding]:
-    """Yield the channels of an experiment and of its noise run whose unit or sign is wrong."""
+    """Yield the read-outs of an experiment and of its noise run in another unit, and impossible gains."""
     levels = e.sysid.spacecraft.levels
     if not levels:
         return
     fit = free_fit(e.sysid)
-    power = readout_decades(e.sysid, "o_1")
-    if power > 0 or (power < 0 and fit.leaks):
-        yield _level_fault(e.sysid, "o_1", power)
-    yield from _gain_faults(e, fit)
+    ratio = level_ratio(e.sysid, "o_1")
+    if ratio > LOUD or (ratio < 1 / LOUD and fit.leaks):
+        yield _level_fault(e.sysid, "o_1", ratio)
+    wrong = fit.implausible_gains
+    if wrong:
+        j, gain = min(wrong.items(), key=lambda item: fit.relative_sigma(item[0]))
+        words = (
+            f"unit, sign or scale of o_12 or f_x_{j} is wrong: lambda_{j} is estimated as {gain:.3g}, "
+            "expected about 1 with o_12 = x_2 - x_1 in m and forces along +x in m s-2"
+        )
+        run = e.sysid.telemetry
+        yield Finding("implausible_gain", f"{run.path}: {words}", run.run, f"o_12 f_x_{j}")
     if e.noise:
         for channel in levels:
-            power = readout_decades(e.noise, channel)
-            if power > 0:
-                yield _level_fault(e.noise, channel, power)
+            ratio = level_ratio(e.noise, channel)
+            if ratio > LOUD:
+                yield _level_fault(e.noise, channel, ratio)
 
 
-def _level_fault(run: Run, channel: str, power: int) -> Finding:
-    words = (
-        f"{_unit_text(channel, power)}, judging by its noise from {1e3 * BAND[0]:g} to {1e3 * BAND[1]:g} mHz"
-    )
-    return Finding("invalid_data", f"{run.telemetry.path}: {words}", run.telemetry.run, channel)
-
-
-def readout_decades(run: Run, channel: str) -> int:
-    """Return the power of ten of the unit that a read-out appears to be in, 0 for metres."""
+def level_ratio(run: Run, channel: str) -> float:
+    """Return the noise of a read-out in `BAND` over that of the flight."""
     fs = run.channels.fs
     acceleration = np.diff(run.channels.series[channel], 2) * fs**2
     f, psd = scipy.signal.welch(
         acceleration, fs, nperseg=min(acceleration.size, int(SEGMENT * fs)), average="median"
     )
     level = np.sqrt(np.median(psd[(f > BAND[0]) & (f < BAND[1])]))
-    return _unit_power(level / run.spacecraft.levels[channel], DECADES)
+    return float(level / run.spacecraft.levels[channel])
 
 
-def _unit_power(factor: float, tolerance: float) -> int:
-    """Return the multiple of three that log10 of a factor is near to, 0 if there is none."""
-    if not factor > 0:
-        return 0
-    decades = float(np.log10(factor))
-    power = 3 * round(decades / 3)
-    return power if abs(decades - power) < tolerance else 0
-
-
-def _gain_faults(e: Experiment, fit: FreeFit) -> Iterator[Finding]:
-    """Yield what implausible gains say of signs and units of the commands and of o_12."""
-    wrong = fit.implausible_gains
-    if not wrong:
-        return
-    j, gain = min(wrong.items(), key=lambda item: fit.relative_sigma(item[0]))
-    force = f"f_x_{j}"
-    if len(wrong) == 2 or readout_decades(e.sysid, "o_12"):
-        channel, factor = "o_12", gain
-    elif len(fit.gains) == 2 or abs(np.log10(abs(gain))) > 1:
-        channel, factor = force, 1 / gain
-    else:
-        channel, factor = f"o_12 or {force}", gain
-    code, text = _gain_fault(e, fit, j, channel, factor)
+def _level_fault(run: Run, channel: str, ratio: float) -> Finding:
     words = (
-        f"{text}: lambda_{j} is estimated as {gain:.3g}, expected about 1 with o_12 = x_2 - x_1 in m and "
-        "forces along +x in m s-2"
+        f"{channel} is in another unit: from {1e3 * BAND[0]:g} to {1e3 * BAND[1]:g} mHz its noise is "
+        f"{ratio:.2g} times that of the flight"
     )
-    run = e.sysid.telemetry
-    yield Finding(code, f"{run.path}: {words}", run.run, channel.replace(" or", ""))
-
-
-def _gain_fault(e: Experiment, fit: FreeFit, j: int, channel: str, factor: float) -> tuple[str, str]:
-    """Return code and clause of an implausible gain of test mass j."""
-    gain, power = fit.gains[j], _unit_power(abs(factor), TOLERANCE)
-    scale = max(abs(gain), 1.0) if channel == "o_12" else 1.0  # of the residual, which is that of o_12''
-    low, high = PLAUSIBLE_GAINS[min(PLAUSIBLE_GAINS)]
-    if e.noise and fit.power > CONSISTENT * scale**2 * free_fit(e.noise).power:
-        return "misfit", "the channels do not follow the equation"
-    if power:
-        sign = " and has the wrong sign" * (gain < 0)
-        return "invalid_data", f"{_unit_text(channel, power)}{sign}"
-    if low < -gain < high:
-        return "implausible_gain", f"{channel} has the wrong sign"
-    if low < gain * M_TM < high:
-        return "implausible_gain", f"f_x_{j} is in N and not in m s-2"
-    return "implausible_gain", f"{channel} has the wrong scale"
-
-
-def _unit_text(channel: str, power: int) -> str:
-    """Describe a channel that is 10^power times too large."""
-    unit = "m s-2" if channel.startswith("f") else "m"
-    if power in PREFIXES:
-        return f"{channel} is in {PREFIXES[power]}{unit} and not in {unit}"
-    return (
-        f"{channel} is in another unit, {10.0 ** abs(power):g} times too {'large' if power > 0 else 'small'}"
-    )
+    return Finding("invalid_data", f"{run.telemetry.path}: {words}", run.telemetry.run, channel)
 
 
 def level_faults(experiment: Experiment) -> Iterator[Finding]:
