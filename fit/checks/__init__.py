@@ -90,7 +90,7 @@ CHECKS = (
     Check("agreement", contradiction.find, 1),  # with "equations" and "leverage", which test it in part
     Check("agreement", equations.find),
     Check("agreement", leverage.find),
-    Check("joint", plausible.find_acausal),
+    Check("joint", plausible.find_delays),
     Check("joint", drift.find_joint, 1),
 )
 

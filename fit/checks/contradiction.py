@@ -5,7 +5,6 @@ from collections.abc import Sequence
 import numpy as np
 
 from fit.agreement import Agreement
-from fit.false_alarms import p_limit
 from fit.findings import Finding
 from fit.statistics import ConsistencyTest, find_outlier_runs
 from fit.units import campaign_unit, concise_value
@@ -58,16 +57,8 @@ def _outliers(test: ConsistencyTest, experiments: Sequence[Experiment], n_consis
     )
     findings = []
     for i, name in zip(outliers, names, strict=True):
-        numbers = [k for k in outliers if k != i]
-        remaining = test.without(numbers)
-        position = i - sum(k < i for k in numbers)
-        agrees = test.runs[i].noise_level == 1 and remaining.of_runs([position]).p > p_limit()
-        # from the other outliers, or from all
-        largest = (
-            largest_pull(test, i, experiments[i])
-            if agrees
-            else largest_pull(remaining, position, experiments[i])
-        )
+        without_others = test.without([k for k in outliers if k != i])
+        largest = largest_pull(without_others, n_consistent, experiments[i])
         findings.append(Finding("contradiction", f"{observation}; {name} {largest}", name))
     return findings
 

@@ -1,16 +1,16 @@
 """Runs that are not what their labels say: copies of others, noise runs with injections or of other settings.
 
 Two runs may share their injections but never their noise. What is compared is the phase of every bin of a
-read-out above the injections, each bin of one weight. First the powers of the bins about their smooth level
-are correlated, which no shift alters; what is alike is looked at lag by lag, and then block by block: what
-edges of the same injection have in common is in a few of these, a copy in nearly all.
+read-out above the injections, each bin of one weight, first lag by lag, and then block by block: what edges
+of the same injection have in common is in a few of these, a copy in nearly all.
 """
 
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from functools import lru_cache, partial
-from itertools import groupby
+from functools import partial
+from itertools import combinations, groupby
+from typing import NamedTuple
 
 import numpy as np
 import scipy
@@ -20,19 +20,13 @@ from fit.campaign import Campaign
 from fit.findings import Finding
 from fit.parallel import parallel_map
 from fit.statistics import injections
-from fit.telemetry import Telemetry
 from fit.whitening import Experiment, Run
-
-Array = NDArray[np.float64]
 
 LENGTH = 2**15  # samples that are compared, 9 h at 1 Hz
 BAND = (0.07, 0.2)  # Hz: above what is injected, below where archives at 1 Hz have nothing left
 MEDIAN_BINS = 101  # bins, over which the level is a median
 TONE = 10.0  # of that level: what is higher is no noise
 MAX_DEVIATION = 10.0  # median deviations; a few wild samples must not hide the rest
-#: Correlation of powers from which phases are compared; independent noise gives 0.015, equal edges of
-#: injections up to 0.15.
-MIN_POWER_CORRELATION = 0.05
 #: Correlation of phases at the best lag; independent noise gives 0.06, equal edges up to 0.26.
 MIN_PHASE_CORRELATION = 0.15
 BLOCK = 512  # samples; a copy is one nearly everywhere
@@ -75,7 +69,7 @@ def _noise_runs_with_injections(e: Experiment) -> Iterator[Finding]:
 def _duplicates(experiments: Sequence[Experiment]) -> Iterator[Finding]:
     """Yield the experiments that hold samples of another run, or of another of their own."""
     owners = [(e, run) for e in experiments for run in e.runs]
-    pairs = sorted(duplicate_pairs([run for _, run in owners]), key=lambda pair: pair.runs)
+    pairs = sorted(duplicate_pairs([run for _, run in owners]), key=lambda pair: (pair.runs, pair.channel))
     excluded: set[str] = set()
     for (i, j), group in groupby(pairs, key=lambda pair: pair.runs):
         readouts = list(group)
@@ -84,20 +78,14 @@ def _duplicates(experiments: Sequence[Experiment]) -> Iterator[Finding]:
             continue
         names = _mislabelled_owners(e, a, copy, b, whole=len(readouts) == 2)
         excluded |= set(names)
-        message = _duplicate_message(a.telemetry, b.telemetry, readouts)
-        channels = " ".join(readout.channel for readout in readouts)
+        late = f", {abs(readouts[0].lag):g} s {'later' if readouts[0].lag > 0 else 'earlier'}"
+        message = (
+            f"{b.telemetry.path}: {' and '.join(pair.channel for pair in readouts)}: the same noise as in "
+            f"{a.telemetry.path}{late * (readouts[0].lag != 0)}: {b.telemetry.run} and {a.telemetry.run} "
+            "cannot be two runs"
+        )
+        channels = " ".join(pair.channel for pair in readouts)
         yield from (Finding("invalid_data", message, name, channels) for name in names)
-
-
-def _duplicate_message(a: Telemetry, b: Telemetry, readouts: Sequence["DuplicatePair"]) -> str:
-    pair = readouts[0]
-    late = f", {abs(pair.lag):g} s {'later' if pair.lag > 0 else 'earlier'}" * (abs(pair.lag) > 0.5)
-    scaled = f", times {pair.gain:.4g}" * (abs(pair.gain - 1) > 1e-3)
-    names = [readout.channel for readout in readouts]
-    return (
-        f"{b.path}: {' and '.join(names)} contain{'s' * (len(names) == 1)} the same noise as {a.path}{late}"
-        f"{scaled}: {b.run} and {a.run} cannot be two runs"
-    )
 
 
 def _mislabelled_owners(e: Experiment, a: Run, copy: Experiment, b: Run, *, whole: bool) -> list[str]:
@@ -117,26 +105,12 @@ def _mislabelled_owners(e: Experiment, a: Run, copy: Experiment, b: Run, *, whol
     return [e.name, copy.name]
 
 
-@dataclass(frozen=True)
-class DuplicatePair:
-    """A read-out of two runs that holds the same noise.
-
-    Attributes
-    ----------
-    runs : tuple of int
-        Indices of the two runs, in their order.
-    channel : str
-        The read-out.
-    lag : float
-        Delay of the second run [s].
-    gain : float
-        Of the second run over the first one.
-    """
+class DuplicatePair(NamedTuple):
+    """Two runs by index, in their order, a read-out of which is the same noise, and by what it lags [s]."""
 
     runs: tuple[int, int]
     channel: str
     lag: float
-    gain: float
 
 
 @dataclass(frozen=True)
@@ -152,11 +126,9 @@ class _Fingerprint:
     n_samples : int
         That are compared.
     asd : float
-        Of the second differences in `BAND` [m Hz^-1/2].
+        Of the read-out at the centre of `BAND` [m Hz^-1/2].
     bins : ndarray, shape (LENGTH / 2 + 1,)
         Fourier transform over the root of its smooth power in `BAND`, else zero.
-    powers : ndarray, shape (B,)
-        Root powers of the bins in `BAND` about their mean, of norm 1.
     """
 
     run: int
@@ -164,31 +136,20 @@ class _Fingerprint:
     n_samples: int
     asd: float
     bins: NDArray[np.complex64]
-    powers: NDArray[np.float32]
-
-    @property
-    def is_noise_free(self) -> bool:
-        """Whether a run was simulated without noise, if the read-out is o_12."""
-        differences = (2 * np.sin(np.pi * np.mean(BAND) / self.fs)) ** 2
-        return bool(self.asd < NOISE_FREE * differences)
 
 
-def duplicate_pairs(runs: Sequence[Run]) -> list[DuplicatePair]:
-    """Return every two runs, and the read-out, that hold the same noise."""
+def duplicate_pairs(runs: Sequence[Run]) -> Iterator[DuplicatePair]:
+    """Yield every two runs, and the read-out, that hold the same noise."""
     sampled = [(n, run) for n, run in enumerate(runs) if run.channels.fs > 2 * BAND[1]]
-    pairs: list[DuplicatePair] = []
-    noisy: set[int] = set()
     names = [name for _, run in sampled for name in run.spacecraft.read_outs]
+    noisy: set[int] = set()
     for channel in dict.fromkeys(names):
         fingerprints = [p for p in parallel_map(partial(_fingerprint, channel), sampled) if p is not None]
         if channel == names[0]:  # the quietest
-            noisy = {p.run for p in fingerprints if not p.is_noise_free}
-        for fs in sorted({p.fs for p in fingerprints}):
-            similar = [p for p in fingerprints if p.fs == fs and p.run in noisy]
-            powers = np.array([p.powers for p in similar])
-            candidates = np.argwhere(np.triu(powers @ powers.T > MIN_POWER_CORRELATION, 1)) if similar else ()
-            pairs += [p for i, j in candidates if (p := _compare(similar[i], similar[j], channel))]
-    return sorted(pairs, key=lambda pair: (pair.runs, pair.channel))
+            noisy = {p.run for p in fingerprints if p.asd > NOISE_FREE}
+        for a, b in combinations((p for p in fingerprints if p.run in noisy), 2):
+            if a.fs == b.fs and (lag := _common_lag(a, b)) is not None:
+                yield DuplicatePair((a.run, b.run), channel, lag / a.fs)
 
 
 def _fingerprint(channel: str, indexed_run: tuple[int, Run]) -> _Fingerprint | None:
@@ -198,8 +159,9 @@ def _fingerprint(channel: str, indexed_run: tuple[int, Run]) -> _Fingerprint | N
     limit = MAX_DEVIATION * float(np.median(np.abs(x - np.median(x))))
     if x.size < MIN_SAMPLES or limit == 0:
         return None
+    x = np.clip(x, -limit, limit)
     band = slice(*(math.ceil(edge * LENGTH / fs) - k for k, edge in enumerate(BAND)))
-    X = scipy.fft.rfft(np.clip(x, -limit, limit) * _window(x.size), LENGTH)[band]
+    X = scipy.fft.rfft(x * scipy.signal.windows.tukey(x.size, 0.1), LENGTH)[band]
     power = np.abs(X) ** 2
     level = scipy.ndimage.median_filter(power, MEDIAN_BINS, mode="nearest")
     noise = power < TONE * level
@@ -207,30 +169,22 @@ def _fingerprint(channel: str, indexed_run: tuple[int, Run]) -> _Fingerprint | N
         return None
     bins = np.zeros(LENGTH // 2 + 1, dtype=np.complex64)
     bins[band] = np.where(noise, X / np.sqrt(level), 0)
-    powers = np.sqrt(power / level)
-    powers = np.where(noise, powers - powers[noise].mean(), 0)
-    norm = float(np.linalg.norm(powers))
-    if not norm > 0:  # simulated without noise
-        return None
     # the median of blocks: an injection begins or ends in few of them
-    f, psd = scipy.signal.welch(np.clip(x, -limit, limit), fs, nperseg=BLOCK, average="median")
+    f, psd = scipy.signal.welch(x, fs, nperseg=BLOCK, average="median")
     asd = math.sqrt(float(np.median(psd[(f >= BAND[0]) & (f <= BAND[1])])))
-    return _Fingerprint(n, fs, x.size, asd, bins, (powers / norm).astype(np.float32))
+    return _Fingerprint(n, fs, x.size, asd / (2 * math.sin(math.pi * np.mean(BAND) / fs)) ** 2, bins)
 
 
-@lru_cache(maxsize=8)  # the runs of a campaign have few lengths
-def _window(size: int) -> Array:
-    return np.asarray(scipy.signal.windows.tukey(size, 0.1), dtype=np.float64)
+def _common_lag(a: _Fingerprint, b: _Fingerprint) -> int | None:
+    """Return the lag of b, in samples, at which it holds the noise of a; None if it does not.
 
-
-def _compare(a: _Fingerprint, b: _Fingerprint, channel: str) -> DuplicatePair | None:
-    """Compare two read-outs lag by lag, and at the best lag block by block."""
+    What correlates best is looked at lag by lag in phase, and then block by block.
+    """
     cross = b.bins * a.bins.conj()
     size = np.abs(cross)
-    by_lag = scipy.fft.irfft(np.where(size > 0, cross / np.where(size > 0, size, 1), 0), LENGTH)
-    by_lag *= LENGTH / 2 / max(int(np.count_nonzero(size)), 1)
+    by_lag = scipy.fft.irfft(cross / np.where(size > 0, size, 1), LENGTH)
     peak = int(np.argmax(np.abs(by_lag)))
-    if abs(by_lag[peak]) < MIN_PHASE_CORRELATION:
+    if abs(by_lag[peak]) * LENGTH / 2 < MIN_PHASE_CORRELATION * np.count_nonzero(size):
         return None
     lag = peak if peak < LENGTH // 2 else peak - LENGTH
     x, y = scipy.fft.irfft(a.bins, LENGTH), scipy.fft.irfft(b.bins, LENGTH)
@@ -238,7 +192,4 @@ def _compare(a: _Fingerprint, b: _Fingerprint, channel: str) -> DuplicatePair | 
     n_blocks = min(x.size, y.size) // BLOCK
     x, y = (z[: n_blocks * BLOCK].reshape(n_blocks, BLOCK) for z in (x, y))
     products = np.sum(x * y, axis=1) / np.sqrt(np.sum(x * x, axis=1) * np.sum(y * y, axis=1))
-    median = float(np.median(products)) if n_blocks > 1 else 0.0
-    if abs(median) < MIN_BLOCK_CORRELATION:
-        return None
-    return DuplicatePair((a.run, b.run), channel, lag / a.fs, math.copysign(b.asd / a.asd, median))
+    return lag if n_blocks > 1 and abs(np.median(products)) > MIN_BLOCK_CORRELATION else None

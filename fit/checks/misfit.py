@@ -14,16 +14,12 @@ import numpy as np
 from fit.campaign import Campaign
 from fit.false_alarms import chi2_limit, p_limit, sigma_limit
 from fit.findings import Finding, either
-from fit.model import dynamics
 from fit.parallel import parallel_map
-from fit.parameters import DELAYS
 from fit.statistics import MODEL_TEMPLATES, RunMisfit, Template, run_misfit
 from fit.whitening import Experiment
 
 WIDESPREAD = 1 / 3  # of the runs: a misfit of so many is one of the model
 MIN_RUNS = 3  # with a misfit that no template accounts for; of fewer runs all
-MAX_DELAY = 3.0  # times the delays of the flight; no actuator comes near
-PRECISE = 0.05  # s, standard deviation of a delay that is compared with those of the flight
 ACCOUNTED = 0.8  # share of the misfit that a template must account for if one run alone shows it
 INDISTINCT, DELTA_CHI2 = 0.01, 10.0  # share of Delta chi^2, and more, up to which templates are alike
 
@@ -75,14 +71,12 @@ def model_findings(experiments: Sequence[Experiment]) -> list[Finding]:
     forces = [[float(np.abs(x.get(f"f_x_{j}", np.zeros(1))).max()) for j in (1, 2)] for x in series]
     largest = (max(f for f, _ in forces), max(f for _, f in forces))
     runs = parallel_map(lambda e: run_misfit(e, largest), measured, Experiment.samples)
-    delays = _delay_warnings(runs)
     if common := common_effects(runs):
-        return [_template_warning(common, largest), *delays]
-    limit = p_limit(len(runs))
-    misfits = [run for run in runs if run.p < limit]
+        return [_template_warning(common, largest)]
+    misfits = [run for run in runs if run.p < p_limit(len(runs))]
     if len(misfits) >= max(min(MIN_RUNS, len(runs)), WIDESPREAD * len(runs)):
-        return [_force_warning(misfits, len(runs)), *delays]
-    return delays
+        return [_force_warning(misfits, len(runs))]
+    return []
 
 
 def common_effects(runs: Sequence[RunMisfit]) -> list[CommonEffect]:
@@ -168,25 +162,3 @@ def _strongest_tone(run: RunMisfit) -> Finding:
     amplitude = float(run.sine_amplitude[peak] * np.sqrt(2 * power[peak]))
     message = f"at {1e3 * run.f[peak]:.3g} mHz, {amplitude:.2g} m s-2"
     return Finding("unrecorded force", message, run.experiment.name)
-
-
-def _delay_warnings(runs: Sequence[RunMisfit]) -> list[Finding]:
-    """Return a warning of delays that no actuator has."""
-    delays = np.array([run.delays for run in runs])
-    late = {}
-    for j, flight in enumerate(DELAYS):
-        precise = delays[delays[:, j, 1] < PRECISE, j, 0]
-        if precise.size and np.median(precise) > MAX_DELAY * flight:
-            late[j + 1] = float(np.median(precise))
-    if not late:
-        return []
-    extra = float(np.mean([tau - DELAYS[j - 1] for j, tau in late.items()]))
-    span = 2 * extra + dynamics.LOOP_PERIOD  # of n samples, whose mean is late by (n - 1) / 2 of them
-    measured = " and ".join(f"{tau:.3g} s for f_x_{j}" for j, tau in late.items())
-    words = f"the read-outs seem to be averaged over {span:.2g} s"
-    cause = Finding("averaging", words, channel="o_1 o_12")
-    message = (
-        f"the delay C / lambda is {measured}, more than {MAX_DELAY:g} times that of the flight: {words}, or "
-        "the commands are early in the files; the equation of motion lacks an average, and gains are biased"
-    )
-    return [Finding("model_misfit", message, parameters=tuple(f"C_{j}" for j in late), causes=(cause,))]

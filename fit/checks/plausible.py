@@ -15,6 +15,7 @@ Array = NDArray[np.float64]
 
 CERTAIN = 5.0  # sigma
 EARLY = 0.05  # s, half a control step: by so much a time may be a matter of convention
+MAX_DELAY = 3.0  # times the delays of the flight; no actuator comes near
 
 
 def find(outcome: IRLSResult, experiments: Sequence[Experiment], *_: object) -> Iterator[Finding]:
@@ -35,33 +36,23 @@ def find(outcome: IRLSResult, experiments: Sequence[Experiment], *_: object) -> 
             )
 
 
-def lead_time(outcome: IRLSResult, lambda_name: str, C_name: str) -> str | None:
-    """Return by how many seconds a command acts before it is given, in print; None if it does not.
-
-    Its gain and the product of gain and delay have these names; both must be determined.
-    """
-    positions = outcome.determined
-    if not {lambda_name, C_name} <= positions.keys():
-        return None
-    gain, C = (float(outcome.solution.theta[positions[name]]) for name in (lambda_name, C_name))
-    sigma = float(outcome.solution.sigma[positions[C_name]])
-    early = -C / gain if gain > 0 else 0.0
-    return concise_value(early, sigma / gain) if early > max(EARLY, CERTAIN * sigma / gain) else None
-
-
-def find_acausal(agreed: Agreement) -> list[Finding]:
-    """Doubt a joint fit in which commands act before they are given: some time is wrong in every run."""
-    outcome = agreed.outcome
-    commands, early_commands = agreed.experiments[0].sysid.spacecraft.commands, dict[str, str]()
-    for name in outcome.determined:
-        gain, of_command = name.replace("C_", "lambda_", 1), name.removeprefix("C_")
-        if name.startswith("C_") and (lead := lead_time(outcome, gain, name)):
-            command = next(channel for channel in commands if channel.endswith(of_command))
-            early_commands[name] = (
-                f"{command} acts {lead} s before it is commanded: it is late in the files of every run, or "
-                "the read-outs are early"
+def find_delays(agreed: Agreement) -> Iterator[Finding]:
+    """Yield each delay of a joint fit that no actuator has: some time is wrong in every run."""
+    outcome, spacecraft = agreed.outcome, agreed.experiments[0].sysid.spacecraft
+    theta, sigma, positions = outcome.solution.theta, outcome.solution.sigma, outcome.determined
+    longest = MAX_DELAY * max(spacecraft.delays)
+    for name, i in positions.items():
+        gain = name.replace("C_", "lambda_", 1)
+        if not name.startswith("C_") or gain not in positions:
+            continue
+        scale = float(theta[positions[gain]])
+        delay, error = (float(x[i]) / scale for x in (theta, sigma))
+        margin = max(EARLY, CERTAIN * error)
+        if scale > 0 and not -margin < delay < longest + margin:
+            command = next(c for c in spacecraft.commands if c.endswith(name.removeprefix("C_")))
+            message = (
+                f"{command} acts {concise_value(delay, error)} s after it is commanded, expected 0 to "
+                f"{longest:g} s: its time or that of the read-outs is wrong in every run, or read-outs are "
+                f"averages; {name} is not that of the actuators"
             )
-    if not early_commands:
-        return []
-    message = f"{'; '.join(early_commands.values())}; C is not that of the actuators"
-    return [Finding("acausal", message, parameters=tuple(early_commands))]
+            yield Finding("implausible_delay", message, channel=command, parameters=(name,))

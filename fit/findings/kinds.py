@@ -22,7 +22,7 @@ class Kind:
     Attributes
     ----------
     advice : str
-        What to do about it; words between backquotes are code.
+        What to do about it, if the message does not say it; words between backquotes are code.
     severity : Severity
         Effect on the verdict.
     headline : str
@@ -39,7 +39,7 @@ class Kind:
         Attribute of an experiment that it sets, so that the fit allows for it.
     """
 
-    advice: str
+    advice: str = ""
     severity: Severity = Severity.NOTE
     headline: str = ""
     unsound: bool = False
@@ -49,7 +49,7 @@ class Kind:
 
 
 #: A note without advice, of the codes of other versions.
-UNKNOWN = Kind(advice="")
+UNKNOWN = Kind()
 _ALL_BUT_ONE = 1.0  # share of the experiments that a kind excludes
 
 #: By code; failures and doubts come first, in the order in which a verdict lists them.
@@ -174,10 +174,10 @@ KINDS: Mapping[str, Kind] = {
         unsound=True,
         excludes=1 / 2,
     ),
-    "acausal": Kind(
+    "implausible_delay": Kind(
         "Archive the channels again with the correct times of each; until then do not use any delay.",
         Severity.FAILURE,
-        "A command acts before it is issued",
+        "A delay is not that of an actuator",
         unsound=True,
     ),
     "consistency_untested": Kind(
@@ -240,28 +240,16 @@ KINDS: Mapping[str, Kind] = {
         "The data contradict constraints on parameters",
         unsound=True,
     ),
-    "constrained": Kind(
-        "Nothing if the constraints are true; the other estimates and their sigmas depend on them."
-    ),
     "at_bound": Kind(
         "Nothing if the bound is known to be true; otherwise widen `bounds` in the table [identify], or "
         "`min` and `max` in [fit.parameters]. The other estimates are valid only if the bound is.",
         Severity.DOUBT,
         "Parameters are at their bounds",
     ),
-    "attenuation": Kind("Larger set points make the correction smaller; the sigmas are valid."),
     "attenuation_bias": Kind(
         "Use these b_i to subtract the motion, not as couplings; a quieter inertial sensor or larger "
         "motion would reduce the bias.",
         biased=True,
-    ),
-    "cross_talk_drift": Kind(
-        "For the coupling at one date fit the experiments near it on their own; the mean over the epoch is "
-        "the best subtraction for all of them."
-    ),
-    "correlation": Kind(
-        "Nothing while the coefficients are below 0.9; above, move the spacecraft about phi and eta in "
-        "one more experiment of the epoch."
     ),
     "degenerate_with_actuation_crosstalk": Kind(
         "Bound the actuation cross-talk by other means (ground calibration, a dedicated torque injection) "
@@ -272,14 +260,7 @@ KINDS: Mapping[str, Kind] = {
         "subtract with these b_1 and b_2, but do not interpret them as couplings.",
         biased=True,
     ),
-    "euler_separated": Kind(
-        "Nothing to do; to correct Delta g, use b_1 and b_2 together with the inertial fit."
-    ),
-    "excluded": Kind(
-        "Nothing if intended; otherwise change `exclude` of the table [fit], or repeat the experiment at a "
-        "quieter time.",
-        excludes=math.inf,
-    ),
+    "excluded": Kind(excludes=math.inf),
     "glitches": Kind(
         "Inspect the residual at these times; if it is signal and no glitch, set `glitches = false` in "
         "the table [fit]."
@@ -292,61 +273,22 @@ KINDS: Mapping[str, Kind] = {
         "Nothing to do; these b_i are couplings; subtract the motion with those of the provenance "
         "(`subtraction`), as `lpfcosim deltag` does."
     ),
-    "marginalised_noise": Kind(
-        "Nothing if the noise may have changed since the noise run; with a matching noise run the sigmas "
-        "would be slightly smaller.",
-        adapts="marginalised",
-    ),
+    "marginalised_noise": Kind(adapts="marginalised"),
     "wavefront_noise": Kind(
         "State `dws_asd` in the file of measurements; or move more, so that the noise does not count."
     ),
-    "readout_excess_noise": Kind(
-        "Nothing if the spacecraft may have moved more than in the noise run; otherwise inspect the spectrum "
-        "of o_1 above 0.1 Hz: motion falls off there, noise of a read-out does not.",
-        adapts="readout_excess",
-    ),
-    "no_star_tracker": Kind(
-        "Archive the star tracker (ast_theta, ast_eta, ast_phi or ast_q_1 to ast_q_4) with the run."
-    ),
-    "no_torsional_stiffness": Kind(
-        "Add the attributes to the telemetry files if the torsional stiffness is known."
-    ),
-    "noise_run_channel_missing": Kind("Archive the same read-outs in the noise run as in the experiment."),
-    "not_calibrated": Kind(
-        "Calibrate with a run that determines these parameters before using Delta g where they matter."
-    ),
-    "no_single_fit": Kind(
-        "Nothing for the joint fit; for a fit of this experiment on its own, inject more strongly, longer or "
-        "at more frequencies."
-    ),
-    "high_leverage": Kind(
-        "The estimate is as reliable as that run; a second run of its kind would be a check."
-    ),
-    "saturated": Kind(
-        "Nothing if few samples are lost; otherwise reduce the injection or give the run more authority."
-    ),
-    "one_test_mass": Kind(
-        "Archive torques and wavefront angles of both test masses: their difference measures the noise."
-    ),
-    "random_effects": Kind(
-        "Quote the mean with this sigma; for a single experiment use its own estimate instead of the joint "
-        "one."
-    ),
+    "readout_excess_noise": Kind(adapts="readout_excess"),
     "short_run": Kind(
         "Extend the run to 6 h or more, or include it by `include_short = true` in the table [fit] "
         "(`lpfcosim fit --include-short`).",
         excludes=math.inf,
     ),
-    "step_halved": Kind("Nothing if it converged; start values closer to the result avoid it."),
     "star_tracker_reversed": Kind(
         "Check the convention of the archive: quaternions rotate J2000 to the body frame, scalar last."
     ),
     "torque_noise": Kind(
         "Use runs with quieter torques or larger rotation; until then the angles are lower bounds.",
         biased=True,
-    ),
-    "no_wavefront_angle": Kind(
-        "Archive the wavefront angles (o_phi_1, o_eta_1 and their differences) with the torques."
     ),
     "unsound_file": Kind(
         "Fit the telemetry again with this version.",
@@ -356,8 +298,28 @@ KINDS: Mapping[str, Kind] = {
     ),
     **dict.fromkeys(
         (
+            "attenuation",
+            "constrained",
+            "correlation",
+            "cross_talk_drift",
+            "euler_separated",
+            "high_leverage",
+            "no_single_fit",
+            "no_star_tracker",
+            "no_torsional_stiffness",
+            "no_wavefront_angle",
+            "noise_run_channel_missing",
+            "not_calibrated",
+            "one_test_mass",
+            "random_effects",
+            "saturated",
+            "step_halved",
+        ),
+        Kind(),
+    ),  # notes whose message says all
+    **dict.fromkeys(
+        (
             "averaging",
-            "exchange",
             "gain by force",
             "guidance leak",
             "label",

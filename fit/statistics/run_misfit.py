@@ -8,7 +8,6 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from fit.model import dynamics
 from fit.spacecraft import DELTA_G
 from fit.spectra import windowing
 from fit.statistics.fault_templates import MODEL_TEMPLATES, RunSeries
@@ -45,8 +44,6 @@ class RunMisfit:
         Of further effects, 2 B rows.
     variance : float
         By how much the window makes amounts vary more than independent bins would.
-    delays : ndarray, shape (2, 2)
-        Delay [s] and standard deviation of the commands of test masses 1 and 2.
     effects : ndarray, shape (2 B, Q)
         Whitened, of the templates, without what is refitted; none for other equations.
     """
@@ -57,7 +54,6 @@ class RunMisfit:
     sine_amplitude: Array
     test: ScoreTest
     variance: float
-    delays: Array
     effects: Array
 
     def power(self, amounts: Array | None = None) -> Array:
@@ -140,7 +136,6 @@ def run_misfit(experiment: Experiment, largest_force: tuple[float, float]) -> Ru
         sine_amplitude=np.sqrt(S * (w @ w) * run.channels.fs) / w.sum(),
         test=_refitted(run, whitened, tau),
         variance=windowing.variance_factor(w),
-        delays=np.array([(t, np.inf) for t in tau]),
         effects=np.zeros((2 * f.size, 0)),
     )
     if [equation.name for equation in run.equations] != [DELTA_G.name]:  # whose templates these are
@@ -151,13 +146,7 @@ def run_misfit(experiment: Experiment, largest_force: tuple[float, float]) -> Ru
     none = np.zeros(len(columns.values))
     values = np.stack([none if (x := t.effect(series)) is None else x for t in MODEL_TEMPLATES], axis=1)
     effects = whitened_run.as_real(whitened_run.whiten(run.transformed(values, columns), S)[0])
-    rms = max(1.0, float(np.sqrt(np.mean(test.residual**2))))
-    delays = misfit.delays.copy()
-    for delay, forces in zip(delays, dynamics.FORCES, strict=True):
-        gain, slope = c[forces]
-        if gain:  # beyond noise, the delays are less precise
-            delay[:] = delay[0] - slope / gain, test.sigmas[forces.start] * rms / abs(gain)
-    return replace(misfit, delays=delays, effects=test.independent(effects))
+    return replace(misfit, effects=test.independent(effects))
 
 
 def _refitted(run: Run, whitened: Sequence[Array], tau: tuple[float, float]) -> ScoreTest:

@@ -36,7 +36,7 @@ def with_channels(**changes):
             "F_y_1: x_per_y_1 is estimated as ",
         ),
         ({"grs_y_2": lambda c: 4 * c["grs_y_2"]}, "invalid_data", "grs_y_2: grs_gain_y_2 is estimated as "),
-        ({"F_y_2": lambda c: np.roll(c["F_y_2"], 5)}, "acausal", "F_y_2 acts "),
+        ({"F_y_2": lambda c: np.roll(c["F_y_2"], 5)}, "implausible_delay", "F_y_2 acts "),
         (
             {"o_1": lambda c: 1.02 * c["o_1"]},
             "constraint_contradicted",
