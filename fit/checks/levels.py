@@ -91,18 +91,10 @@ def describe_levels(table: variance.VarianceTable, n_runs: int) -> str:
     shown = table.mismatched(n_runs)
     if not shown.any():  # the bands of all runs together
         shown = np.abs(table.z_score) >= min(1.0, np.abs(table.z_score).max(initial=0.0))
-    ratio = np.exp(table.log_ratio)
-    if shown.all():
-        return f"{ratio.min():.2g} to {ratio.max():.2g} at all frequencies"
-    bands = zip(table.bands[shown].tolist(), ratio[shown], strict=True)
-    return ", ".join(f"{r:.2g} {_describe_band(band)}" for band, r in bands)
-
-
-def _describe_band(band: int) -> str:
-    low, high = 1e3 * variance.BAND_EDGES[band], 1e3 * variance.BAND_EDGES[band + 1]
-    if not low:
-        return f"below {high:g} mHz"
-    return f"above {low:g} mHz" if band == variance.N_BANDS - 1 else f"from {low:g} to {high:g} mHz"
+    edges, bands = 1e3 * variance.BAND_EDGES, table.bands[shown].tolist()
+    ratios = zip(bands, np.exp(table.log_ratio[shown]), strict=True)
+    words = ", ".join(f"{r:.2g} from {edges[band]:g} to {edges[band + 1]:g}" for band, r in ratios)
+    return f"{words} mHz"
 
 
 def marginalised(

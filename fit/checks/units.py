@@ -17,7 +17,7 @@ from fit.campaign import Campaign
 from fit.findings import Finding
 from fit.model import dynamics
 from fit.parameters import FLIGHT
-from fit.statistics import initial_fit
+from fit.statistics import ScoreTest, initial_fit
 from fit.whitening import Experiment, Run, whitened_run
 
 Array = NDArray[np.float64]
@@ -91,15 +91,9 @@ def free_fit(run: Run) -> FreeFit:
     power = float(residual @ residual) / max(len(rows) - rows.shape[1] + 1, 1)
     prior = np.zeros(rows.shape[1])
     prior[dynamics.COLUMNS.index("o_12")] = np.sqrt(power) / PLAUSIBLE_STIFFNESS
-    used = np.flatnonzero(np.any(rows[:, 1:], axis=0)) + 1
-    columns = np.vstack([rows, prior])[:, [0, *used]]
-    scale = np.linalg.norm(columns, axis=0)
-    inverse = np.linalg.pinv(columns[:, 1:] / scale[1:])
-    c, sigma = np.zeros(rows.shape[1]), np.zeros(rows.shape[1])
-    c[0] = 1.0
-    c[used] = -inverse @ columns[:, 0] / scale[1:]
-    sigma[used] = np.sqrt(power) * np.linalg.norm(inverse, axis=1) / scale[1:]
-    return FreeFit(c, sigma)
+    columns = np.vstack([rows, prior])
+    test = ScoreTest(columns[:, 0], columns[:, 1:])
+    return FreeFit(np.append(1.0, -test.amounts), np.append(0.0, np.sqrt(power) * test.sigmas))
 
 
 def find(campaign: Campaign) -> list[Finding]:

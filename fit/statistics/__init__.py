@@ -8,6 +8,7 @@ from fit.statistics.outlier_runs import find_outlier_runs, is_contradicted
 from fit.statistics.run_misfit import RunMisfit, run_misfit
 from fit.statistics.run_scores import RunScore, run_score
 from fit.statistics.scatter import P_SCATTER, estimate_scatter, scattering_parameters
+from fit.statistics.score_test import ScoreTest
 
 __all__ = [
     "MODEL_TEMPLATES",
@@ -15,6 +16,7 @@ __all__ = [
     "ConsistencyTest",
     "RunMisfit",
     "RunScore",
+    "ScoreTest",
     "Template",
     "consistency_test",
     "estimate_scatter",
