@@ -230,6 +230,12 @@ def single_fit_test(
     parameters = sharing.parameters([(e.sysid.telemetry, e.parameters) for e in experiments])
     names = [p.name for p in parameters]
     theta, width = (np.array([getattr(p, key) for p in parameters]) for key in ("value", "prior_sigma"))
+    stated = {name: setting.prior for name, setting in settings.parameters.items()}
+    assumed = {
+        i: stated.get(p.name) or (p.value, p.assumed_sigma)
+        for i, p in enumerate(parameters)
+        if p.assumed_sigma
+    }
 
     def score(e: Experiment, block: WhitenedRun) -> RunScore:
         share = sharing.matrix(e.sysid.telemetry, e.parameters, names)
@@ -240,12 +246,14 @@ def single_fit_test(
         (e, fit.whitened_runs[0]) for e in experiments if isinstance(fit := single_fits[e.name], IRLSResult)
     ]
     runs = tuple(parallel_map(lambda one: score(*one), fits))
-    rows = prior_rows({i: p.assumed_sigma for i, p in enumerate(parameters) if p.assumed_sigma}, theta.size)
-    test = ConsistencyTest(runs, width, rows, np.zeros(len(rows)))
+    rows = prior_rows({i: sigma for i, (_, sigma) in assumed.items()}, theta.size)
+    means = theta.copy()
+    means[[*assumed]] = [mean for mean, _ in assumed.values()]
+    test = ConsistencyTest(runs, width, rows, rows @ (theta - means))
     for _ in range(2):  # coefficients are nearly linear in the parameters
         joint_theta = test.runs[0].theta + test.step()
         moved = tuple(replace(run, theta=joint_theta) for run in test.runs)
-        test = replace(test, runs=moved, prior_residual=rows @ (joint_theta - theta))
+        test = replace(test, runs=moved, prior_residual=rows @ (joint_theta - means))
     return test
 
 

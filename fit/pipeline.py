@@ -108,12 +108,19 @@ def paired(telemetries: Sequence[Telemetry], chosen: Settings) -> Campaign:
             "calibration"
         )
     common_x_axis(telemetries)
+    wider: dict[str, ParameterSettings] = {}
     if chosen.parameters:
         runs = [(e.sysid.telemetry, e.parameters) for e in experiments]
-        names = [p.name for p in Sharing(chosen.shared).parameters(runs)]
-        constraints.check(chosen.parameters, [*names, *euler_fit.names(telemetries)], "fit.parameters")
-    # what the data are like is judged without what the user says of parameters: that may be wrong
-    unconstrained = chosen.model_copy(update={"parameters": {}})
+        assumed = {p.name: p.assumed_sigma for p in Sharing(chosen.shared).parameters(runs)}
+        constraints.check(chosen.parameters, [*assumed, *euler_fit.names(telemetries)], "fit.parameters")
+        wider = {
+            name: ParameterSettings(prior=setting.prior)
+            for name, setting in chosen.parameters.items()
+            if setting.prior and setting.prior[1] > assumed.get(name, 0.0) > 0
+        }
+    # what the data are like is judged without what the user says of parameters: that may be wrong, but for
+    # priors that say less than what is assumed
+    unconstrained = chosen.model_copy(update={"parameters": wider})
     campaign = Campaign({e.name: e for e in experiments}, unconstrained)
     return campaign.decide(participation(experiments, chosen))
 

@@ -217,8 +217,11 @@ def consistency_test(
         for name in joint.scatter
         if parameters[i].name.startswith(f"d{name}_")
     }
-    widths |= {i: p.assumed_sigma for i, p in enumerate(parameters) if p.assumed_sigma}
-    rows, means = prior_rows(widths, theta.size), np.array([p.value for p in parameters])
+    means = np.array([p.value for p in parameters])
+    for i, p in enumerate(joint.result.params.values()):
+        if parameters[i].assumed_sigma and p.user_data:
+            means[i], widths[i] = p.user_data
+    rows = prior_rows(widths, theta.size)
     return ConsistencyTest(runs, np.array([p.prior_sigma for p in parameters]), rows, rows @ (theta - means))
 
 

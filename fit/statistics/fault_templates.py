@@ -162,6 +162,20 @@ def nonlinear_stiffness(j: int, power: int) -> Effect:
     return effect
 
 
+def drifting(weights: Mapping[str, float]) -> Effect:
+    """Return the effect of a parameter that grows about its mean, by one from start to end of a run.
+
+    `weights` are those of the columns that it multiplies in Delta g.
+    """
+
+    def effect(run: RunSeries) -> Array:
+        time = run.columns.time
+        course = (time - time.mean()) / np.ptp(time)
+        return np.asarray(-course * sum(weight * run.column(name) for name, weight in weights.items()))
+
+    return effect
+
+
 def late_o_1(run: RunSeries) -> Array:
     """Return the effect of an o_1 that is late by one second, to first order."""
     return np.asarray(-np.gradient(run.terms("o_1", "ddo_1")) * run.columns.fs)
@@ -194,6 +208,20 @@ MODEL_TEMPLATES = (
         )
         for j in (1, 2)
         for power in (1, 2)
+    ),
+    *(
+        Template(
+            "drift",
+            name,
+            unit,
+            f"{name} changes by {{size}}{f' {unit}'.removesuffix(' 1')} from start to end",
+            drifting(weights),
+        )
+        for name, unit, weights in (
+            ("omega2_1", "s-2", {"o_1": -1.0}),
+            ("omega2_2", "s-2", {"o_12": 1.0, "o_1": 1.0}),
+            ("delta_ifo", "1", {"ddo_1": -1.0}),
+        )
     ),
     Template(
         "non-linearity",

@@ -62,9 +62,10 @@ def test_scale_and_sign_of_a_run_are_measured(runs, scale):
         ("guidance_o_1", np.zeros_like),
         ("guidance_o_1", lambda g: np.full(g.size, 3e-9)),
         ("guidance_o_1", lambda g: 1e-9 * np.random.default_rng(1).standard_normal(g.size)),
+        ("guidance_o_1", lambda g: 1e-12 * np.sin(2 * np.pi * 0.0011 * np.arange(g.size))),
         ("guidance_o_12", lambda g: 1.05 * g),
     ],
-    ids=["little", "slow", "late", "none", "constant", "noise", "o_12"],
+    ids=["little", "slow", "late", "none", "constant", "noise", "unanswered", "o_12"],
 )
 def test_other_departures_are_no_scale(runs, channel, function):
     assert reasons(changed(runs, ["C2"], channel, function)) == {}

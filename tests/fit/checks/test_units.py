@@ -9,7 +9,7 @@ from fit.checks.units import free_fit, unit_faults
 from fit.errors import InputError
 from fit.pipeline import calibrate
 from fit.whitening import pair
-from tests.oracles import thirteen
+from tests.oracles import synthetic, thirteen
 
 PAIR = thirteen.campaign(5, names=("C4",))
 
@@ -46,6 +46,12 @@ def test_a_wrong_unit_or_sign_is_refused(factors, words, runs):
 def test_a_wrong_unit_of_the_noise_run_is_found():
     (reason,) = reasons([PAIR["C4-sysid"], scaled(PAIR["C4-noise"], o_12=1e6)])
     assert reason.startswith("C4-noise.h5: o_12 is in another unit")
+
+
+def test_a_single_tone_determines_the_sign_of_a_gain():
+    runs = synthetic.pair(synthetic.World(), "A", seed=1, tones_12=(1e-3,), tones_1=())
+    (reason,) = reasons([scaled(run, o_12=-1) for run in runs])
+    assert "lambda_2 is estimated as -" in reason
 
 
 @pytest.mark.stat  # fixed seeds

@@ -101,6 +101,14 @@ def test_a_milliradian_of_axes_that_are_stated_as_exact_is_not_sound(name):
     assert "constraint_contradicted" in {w.code for w in joint.unsound}
 
 
+def test_axes_may_be_as_far_off_as_a_prior_says():
+    runs = with_channels(o_1=lambda c: c["o_1"] + 0.02 * c["grs_y_1"])
+    wide = {"o_per_y_1": {"prior": (0.0, 0.02)}}
+    joint = fit.calibrate(runs, parameters=wide).joint
+    assert not joint.unsound
+    assert joint["o_per_y_1"].value == pytest.approx(0.02, abs=4.5 * joint["o_per_y_1"].sigma)
+
+
 def test_axes_far_from_what_is_assumed_are_not_sound():
     joint = fit.calibrate(with_channels(o_1=lambda c: c["o_1"] + 0.02 * c["grs_y_1"])).joint
     assert "constraint_contradicted" in {w.code for w in joint.unsound}

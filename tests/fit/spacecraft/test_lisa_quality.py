@@ -43,7 +43,7 @@ def test_a_gain_that_differs_in_one_experiment_scatters():
 
 
 def test_equal_noise_under_two_names_is_refused():
-    with pytest.raises(fit.InputError, match=r"contain the same noise as .*cannot be two runs"):
+    with pytest.raises(fit.InputError, match=r"the same noise as in .*cannot be two runs"):
         fit.calibrate(
             [*experiment(), *(replace(run, run=f"B-{run.kind}", experiment="B") for run in experiment())]
         )
