@@ -1,17 +1,13 @@
-"""How good is the inertial calibration? Pulls over many seeds, and what errors of the instrument do to it.
-
-    python tests/benchmarks/inertial.py pulls [--seeds 100] [--first 1]
-    python tests/benchmarks/inertial.py sensitivity [--seeds 4]
+"""What errors of the instrument do to the inertial calibration: ``python tests/benchmarks/inertial.py``.
 
 Simulates three days of the last period of campaigns/inertial.toml through the FMUs, each seed anew, and fits
-delta_phi and delta_eta with the true dynamics. The sensitivity table pairs every change with the unchanged
-run of the same seed, so that the noise cancels where the change leaves it alone.
+delta_phi and delta_eta with the true dynamics. The table pairs every change with the unchanged run of the
+same seed, so that the noise cancels where the change leaves it alone.
 """
 
 from __future__ import annotations
 
 import argparse
-import json
 import tempfile
 from collections.abc import Callable, Iterator
 from dataclasses import replace
@@ -62,20 +58,6 @@ def deviations(fit: Fit, run: Run) -> np.ndarray:
     return np.array(
         [(fit.parameters[n].value - t, fit.parameters[n].sigma) for n, t in zip(NAMES, truth, strict=True)]
     )
-
-
-def pulls(first: int, seeds: int) -> None:
-    """Print mean and standard deviation of the pulls; the last line is JSON."""
-    run, found = three_days(), []
-    for seed in range(first, first + seeds):
-        d = deviations(fitted(replace(run, seed=seed)), run)
-        found.append(d[:, 0] / d[:, 1])
-        print(seed, *(f"{p:+.2f}" for p in found[-1]), flush=True)
-    table = np.array(found)
-    print(json.dumps({
-        name: {"n": seeds, "pull_mean": round(float(p.mean()), 3), "pull_std": round(float(p.std(ddof=1)), 3)}
-        for name, p in zip(NAMES, table.T, strict=True)
-    }))  # fmt: skip
 
 
 def without(*beginnings: str) -> Callable[[telemetry.Telemetry], telemetry.Telemetry]:
@@ -151,16 +133,10 @@ def sensitivity(seeds: int) -> None:
 
 
 def main() -> None:
-    """Run one of the two."""
+    """Print the table of some seeds."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("what", choices=["pulls", "sensitivity"])
-    parser.add_argument("--seeds", type=int)
-    parser.add_argument("--first", type=int, default=1)
-    options = parser.parse_args()
-    if options.what == "pulls":
-        pulls(options.first, options.seeds or 100)
-    else:
-        sensitivity(options.seeds or 4)
+    parser.add_argument("--seeds", type=int, default=4)
+    sensitivity(parser.parse_args().seeds)
 
 
 if __name__ == "__main__":

@@ -82,8 +82,8 @@ class Drawn:
     widths: Mapping[str, float]
 
 
-def drawn(number: int, *, plain: bool = False) -> Drawn:
-    """Draw a campaign; `plain`: truths and noise alone."""
+def drawn(number: int) -> Drawn:
+    """Draw a campaign."""
     rng = np.random.default_rng([SEED, number])
     truth = {}
     for name, value in thirteen.TRUTH.items():
@@ -91,8 +91,7 @@ def drawn(number: int, *, plain: bool = False) -> Drawn:
         even = rng.uniform(-1, 1)
         truth[name] = DELTA_IFO * even if name.startswith("delta_ifo") else value * (1 + spread * even)
     widths = {
-        name: 0.0 if plain else scale * float(np.tan(np.arctan(WIDEST) * rng.uniform()))
-        for name, scale in WIDTHS.items()
+        name: scale * float(np.tan(np.arctan(WIDEST) * rng.uniform())) for name, scale in WIDTHS.items()
     }
     runs = []
     for experiment in EXPERIMENTS:
@@ -101,10 +100,10 @@ def drawn(number: int, *, plain: bool = False) -> Drawn:
             how = replace(thirteen.made(experiment, kind, number, own), duration=DURATION)
             plateau, tail = np.exp(LEVEL * rng.standard_normal(2))
             struck = _struck(rng, how.duration)
-            if kind == "sysid" and not plain:
+            if kind == "sysid":
                 noise = replace(how.noise, plateau=plateau * how.noise.plateau, tail=tail * how.noise.tail)
                 how = replace(how, noise=noise)
-            runs.append(glitches.struck(how, () if plain else struck))
+            runs.append(glitches.struck(how, struck))
     return Drawn(runs, truth, widths)
 
 
@@ -123,15 +122,11 @@ def _departed(
 
 def _struck(rng: np.random.Generator, duration: float) -> list[glitches.Glitch]:
     """Draw the glitches of a run."""
+    struck: list[glitches.Glitch] = []
     often = rng.poisson(A_DAY * duration / 86400)
-    return [one for _ in range(often) for one in _one(rng, duration)]
-
-
-def _one(rng: np.random.Generator, duration: float) -> list[glitches.Glitch]:
-    found: list[glitches.Glitch] = []
-    while not found:
-        found = glitches.draw(rng, 1, duration, RATIO, FALL)
-    return found
+    while len(struck) < often:
+        struck += glitches.draw(rng, 1, duration, RATIO, FALL)
+    return struck
 
 
 # What is kept of a fit ----------------------------------------------------------------------------------
@@ -167,12 +162,12 @@ def _overheard(
     return _integrate(normal, widths)
 
 
-def trial(number: int, *, plain: bool) -> Line:
+def trial(number: int) -> Line:
     """Draw a campaign and fit it; the ranks of the truths, or what went wrong."""
     width_posterior.marginalise = _overheard
-    campaign = drawn(number, plain=plain)
+    campaign = drawn(number)
     line: Line = {"number": number, "widths": campaign.widths, "fit": _kept(campaign, {})}
-    if not plain and number % RIGID == 0:
+    if number % RIGID == 0:
         line["rigid"] = _kept(campaign, {"scatter": []})
     return line
 
@@ -211,14 +206,14 @@ def _ranks(joint: Fit, truth: Mapping[str, float], *, modelled: bool) -> dict[st
 # The log --------------------------------------------------------------------------------------------------
 
 
-def header(*, plain: bool) -> Line:
+def header() -> Line:
     """Return what a log is of: another fit, oracle or prior makes another."""
     root = Path(__file__).parents[2]
     files = sorted(
         [*(root / "fit").rglob("*.py"), *(root / "tests" / "oracles").glob("*.py"), Path(__file__)]
     )
     total = sha256(b"".join(file.read_bytes() for file in files))
-    return {"seed": SEED, "plain": plain, "sources": total.hexdigest()}
+    return {"seed": SEED, "sources": total.hexdigest()}
 
 
 def known(log: Path, head: Line) -> list[Line]:
@@ -241,13 +236,13 @@ def known(log: Path, head: Line) -> list[Line]:
     return lines
 
 
-def run(n: int, log: Path, jobs: int, *, plain: bool) -> list[Line]:
+def run(n: int, log: Path, jobs: int) -> list[Line]:
     """Do what is missing of the first `n` campaigns; all of them, in their order."""
-    lines = {int(line["number"]): line for line in known(log, header(plain=plain))}
+    lines = {int(line["number"]): line for line in known(log, header())}
     missing = [number for number in range(n) if number not in lines]
     started = time.perf_counter()
     with ProcessPoolExecutor(jobs, get_context("spawn")) as pool, log.open("a", encoding="utf-8") as file:
-        for done, future in enumerate(as_completed([pool.submit(trial, m, plain=plain) for m in missing]), 1):
+        for done, future in enumerate(as_completed([pool.submit(trial, m) for m in missing]), 1):
             line = future.result()
             lines[int(line["number"])] = line
             file.write(json.dumps(line) + "\n")
@@ -370,10 +365,8 @@ def main() -> None:
     parser.add_argument("-n", type=int, default=1000, help="campaigns")
     parser.add_argument("--log", type=Path, default=Path("sbc.jsonl"), help="what is done")
     parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1, help="processes")
-    parser.add_argument("--plain", action="store_true", help="truths and noise alone; only print")
     chosen = parser.parse_args()
-    lines = run(chosen.n, chosen.log, chosen.jobs, plain=chosen.plain)
-    print(section(lines, rows(models(lines))) if chosen.plain else write(lines, DOCS))
+    print(write(run(chosen.n, chosen.log, chosen.jobs), DOCS))
 
 
 if __name__ == "__main__":

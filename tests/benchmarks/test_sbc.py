@@ -67,7 +67,7 @@ def test_what_is_not_sound_or_failed_is_counted_and_not_ranked(right):
 
 
 def test_a_log_is_continued_and_that_of_another_fit_refused(tmp_path, right):
-    log, head = tmp_path / "log.jsonl", {"seed": 1, "plain": False, "sources": "a"}
+    log, head = tmp_path / "log.jsonl", {"seed": 1, "sources": "a"}
     assert sbc.known(log, head) == []
     with log.open("a") as file:
         file.write(json.dumps(right[0]) + "\n" + json.dumps(right[1])[:50])  # killed while it wrote
@@ -79,14 +79,12 @@ def test_a_log_is_continued_and_that_of_another_fit_refused(tmp_path, right):
 
 @pytest.mark.long
 def test_a_campaign_depends_on_its_number_alone():
-    first, second = sbc.trial(10, plain=False), sbc.trial(10, plain=False)
+    first, second = sbc.trial(10), sbc.trial(10)
     assert first == second
     assert first["fit"]["scatter"]
     assert set(first["fit"]["ranks"]) == set(NAMES)
     assert not first["rigid"].get("scatter")
-    other = sbc.trial(11, plain=True)
-    assert set(other["widths"].values()) == {0.0}
-    assert "rigid" not in other
+    assert "rigid" not in sbc.trial(11)
 
 
 def test_the_page_has_the_numbers_of_the_file():

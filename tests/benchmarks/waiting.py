@@ -3,15 +3,13 @@
     python tests/benchmarks/waiting.py                          all campaigns
     python tests/benchmarks/waiting.py quickstart --rounds 3
     python tests/benchmarks/waiting.py --docs                   writes README and docs/benchmarks.md, too
-    python tests/benchmarks/waiting.py --json FILE --docs       ... from what was printed before
 
-Memory is that of the largest process, `cpu` the time on all processors; of several rounds the medians are
-printed. Modules are compiled beforehand, as pip does it. The last line is JSON.
+Memory is that of the largest process; of several rounds the medians are printed. Modules are compiled
+beforehand, as pip does it.
 """
 
 import argparse
 import compileall
-import json
 import os
 import platform
 import re
@@ -33,11 +31,11 @@ COMMANDS = {
     "start": ("--version",),
 }
 BEGIN, END = "<!-- from waiting.py -->", "<!-- end of waiting.py -->"
-Figures = dict[str, dict[str, float]]  # by command: s, cpu [s], mb
+Figures = dict[str, dict[str, float]]  # by command: s, mb
 
 
 def measure(arguments: Sequence[str], folder: Path) -> dict[str, float]:
-    """Run a command in a folder; return its wall and processor time [s] and its peak memory [MB]."""
+    """Run a command in a folder; return its wall time [s] and its peak memory [MB]."""
     started = time.perf_counter()
     with (folder / "stderr").open("w+", encoding="utf-8") as stderr:
         command = [sys.executable, "-P", "-m", "lpfcosim", *arguments]
@@ -50,8 +48,7 @@ def measure(arguments: Sequence[str], folder: Path) -> dict[str, float]:
         if process.returncode not in (0, 1):
             stderr.seek(0)
             raise SystemExit(f"{' '.join(arguments)}: status {process.returncode}\n{stderr.read()}")
-    seconds, cpu = time.perf_counter() - started, usage.ru_utime + usage.ru_stime
-    return {"s": seconds, "cpu": cpu, "mb": usage.ru_maxrss / 1024}
+    return {"s": time.perf_counter() - started, "mb": usage.ru_maxrss / 1024}
 
 
 def measure_all(campaigns: Sequence[str], rounds: int) -> Figures:
@@ -106,24 +103,19 @@ def write(texts: Mapping[Path, str]) -> None:
 
 
 def main() -> None:
-    """Measure, or take what was measured; print it, and write it where it belongs."""
+    """Measure, print, and write where it belongs."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("campaigns", nargs="*", default=CAMPAIGNS, metavar="NAME", help="of campaigns/")
     parser.add_argument("--rounds", type=int, default=1)
     parser.add_argument("--docs", action="store_true", help="write the tables into the documentation")
-    parser.add_argument("--json", type=Path, help="what was printed before, to be written anew")
     options = parser.parse_args()
-    if options.json:
-        measured = json.loads(options.json.read_text(encoding="utf-8").splitlines()[-1])
-    else:
-        measured = {"machine": machine(), "figures": measure_all(options.campaigns, options.rounds)}
-    print(table(measured["machine"], measured["figures"]))
+    measured = machine(), measure_all(options.campaigns, options.rounds)
+    print(table(*measured))
     if options.docs:
         pages = {ROOT / "README.md": sentence, ROOT / "docs" / "benchmarks.md": table}
-        write({path: text(measured["machine"], measured["figures"]) for path, text in pages.items()})
-    print(json.dumps(measured))
+        write({path: text(*measured) for path, text in pages.items()})
 
 
 if __name__ == "__main__":

@@ -7,12 +7,10 @@ of the two test masses differ by what the spacecraft's rotation makes of the bas
 """
 
 from dataclasses import dataclass, field, replace
-from pathlib import Path
 
 import numpy as np
 
-from fit.telemetry.reader import Telemetry
-from tests.oracles.synthetic import AUTHORITIES, World, of_run
+from tests.oracles.synthetic import AUTHORITIES, World, of_run, recorded
 
 BASELINE = 0.376
 TONES_12 = (0.833e-3, 1.667e-3, 3.333e-3, 13.33e-3, 53.33e-3)
@@ -126,26 +124,7 @@ def run(
 
     channels = {name: series(spectrum) for name, spectrum in spectra.items()}
     channels["f_x_1"] = np.zeros(kept)
-    name = f"{experiment}-{kind}"
-    F_1, F_2, N_1, N_2 = (1e-12 * value for value in AUTHORITIES[authority])
-    telemetry = Telemetry(
-        path=Path(f"{name}.h5"),
-        run=name,
-        experiment=experiment,
-        kind=kind,
-        fs=1.0,
-        t0="2016-04-16T00:00:00Z",
-        F_max_1=F_1,
-        F_max_2=F_2,
-        N_max_1=N_1,
-        N_max_2=N_2,
-        alignment_epoch=epoch,
-        m_tm=1.928,
-        time=np.arange(kept, dtype=np.float64),
-        channels=channels,
-        units={},
-        attributes={},
-    )
+    telemetry = recorded(AUTHORITIES[authority], experiment, kind, channels, alignment_epoch=epoch)
     return telemetry, {"delta_g": series(delta_g), "delta_g_SC": series(s**2 * length + force)}
 
 

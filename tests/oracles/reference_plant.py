@@ -11,12 +11,12 @@ step. The plant is linear, so each step is exact: the old value acts up to the s
 """
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.linalg import block_diag
+from scipy.linalg import block_diag, expm
 
 from lpfcosim.spacecraft import Run
 
@@ -24,9 +24,6 @@ PLANT_INPUTS = ("F_x_sc", "f_x_1", "f_x_2", "g_1", "g_2", "F_noise_x_sc")
 LOOP_INPUTS = ("n_1", "n_12", "guidance_o_1", "guidance_o_12", "f_x_1", "g_1", "g_2", "F_noise_x_sc")
 
 Array = NDArray[np.float64]
-Complex = NDArray[np.complex128]
-
-
 ARM = 11e-3  # m, of an electrode
 BLOCK = 6000  # samples between two looks at the read-out range
 
@@ -87,18 +84,9 @@ def discretize_zoh(rates: Array, times: ArrayLike) -> Array:
     ndarray, shape (k, n, n + m)
         What x and u at the beginning make of x at the end.
     """
-    n, t = len(rates), np.asarray(times, dtype=float)[:, np.newaxis, np.newaxis]
-    z = rates[:, :n] * t
-    halvings = max(math.ceil(math.log2(np.abs(z).sum(axis=-1).max() + 1)) - 1, 0)
-    z /= 2**halvings
-    # mean of exp(z s) over 0 < s < 1, which is 1 + z/2 + z^2/6 ...; the norm of z is at most 2
-    mean = one = np.eye(n)
-    for k in range(25, 1, -1):
-        mean = one + z @ mean / k
-    for _ in range(halvings):
-        mean = mean + z @ mean @ mean / 2
-        z *= 2
-    return np.concatenate([one + z @ mean, t * (mean @ rates[:, n:])], axis=-1)
+    n, m = len(rates), rates.shape[1] - len(rates)
+    augmented = np.vstack([rates, np.zeros((m, n + m))])
+    return np.array([expm(augmented * t)[:n] for t in times])
 
 
 def tustin(law: Law, h: float) -> tuple[Array, Array, float]:
@@ -115,11 +103,6 @@ def tustin(law: Law, h: float) -> tuple[Array, Array, float]:
     decay = (2 - p * h) / (2 + p * h)
     direct = r * h / (2 + p * h)
     return decay, direct * (1 + decay), float(direct.sum())
-
-
-def z_of(frequency: ArrayLike, h: float) -> Complex:
-    """Give z = exp(2 pi i f h) of frequencies [Hz], shape (n, 1, 1)."""
-    return np.asarray(np.exp(2j * np.pi * h * np.asarray(frequency, dtype=float))[:, np.newaxis, np.newaxis])
 
 
 @dataclass(frozen=True)
@@ -184,29 +167,21 @@ def plant(run: Run) -> Plant:
 
 @dataclass(frozen=True)
 class PlantAndController:
-    """One step of plant and controllers around the commands, which authority may clip.
+    """One step of plant and controllers around the command f_x_2, which authority may clip.
 
-    ``state+ = A state + B w + B_u u`` with w = ``inputs``, u = ``commands``; the controllers ask for
-    ``u = C_u state + D_u w + u_start``; the rows of ``C state + D w`` are the ``read_outs``; SI.
+    ``state+ = A state + B w + b_2 f_x_2`` with w = `LOOP_INPUTS`; the controller asks for
+    ``f_x_2 = c_2 state + d_2 w + start_2``; ``C state + D w`` are o_1, o_12 and F_x_sc; SI.
     """
 
-    inputs: tuple[str, ...]
-    commands: tuple[str, ...]
-    read_outs: tuple[str, ...]
     A: Array
     B: Array
-    B_u: Array
-    C_u: Array
-    D_u: Array
-    u_start: Array
+    b_2: Array
+    c_2: Array
+    d_2: Array
+    start_2: float
     C: Array
     D: Array
     start: Array
-
-    @property
-    def closed(self) -> Array:
-        """State matrix of the linear closed loop, no command at its limit."""
-        return self.A + self.B_u @ self.C_u
 
 
 def loop(run: Run) -> PlantAndController:
@@ -238,42 +213,16 @@ def loop(run: Run) -> PlantAndController:
     A += np.outer(thrust, F_c)
     B += np.outer(thrust, F_d)
     return PlantAndController(
-        inputs=LOOP_INPUTS,
-        commands=("f_x_2",),
-        read_outs=("o_1", "o_12", "F_x_sc"),
         A=A,
         B=B,
-        B_u=np.concatenate([body.B[:, 2], np.zeros(6)])[:, np.newaxis],
-        C_u=c_2[np.newaxis],
-        D_u=(-direct_2 * D_e[1])[np.newaxis],
-        u_start=np.array([command_before(run)]),
+        b_2=np.concatenate([body.B[:, 2], np.zeros(6)]),
+        c_2=c_2,
+        d_2=-direct_2 * D_e[1],
+        start_2=command_before(run),
         C=np.vstack([C, F_c]),
         D=np.vstack([D_o, F_d]),
         start=np.concatenate([body.start, np.zeros(6)]),
     )
-
-
-def open_loop(run: Run) -> Callable[[ArrayLike], Complex]:
-    """Give the loop gain of the sampled system, both loops cut at their errors.
-
-    Returns
-    -------
-    callable
-        From frequency [Hz], shape (n,), to L, shape (n, 2, 2), in (o_1, o_12) = -L (o_1 - guidance_o_1,
-        o_12 - guidance_o_12), with noise left out and no command at its limit; exact.
-    """
-    body = plant(run)
-
-    def response(frequency: ArrayLike) -> NDArray[np.complex128]:
-        z = z_of(frequency, run.h)
-        from_commands = body.C @ np.linalg.solve(z * np.eye(len(body.A)) - body.A, body.B[:, [0, 2]])
-        gains = []
-        for model, scale in (("DragFreeControl", run.truth["m_sc"]), ("SuspensionControl", -1.0)):
-            decay, entry, direct = tustin(law(run, model), run.h)
-            gains.append(scale * ((entry / (z[:, 0] - decay)).sum(axis=1) + direct))
-        return np.asarray(-from_commands * np.stack(gains, axis=1)[:, np.newaxis, :])
-
-    return response
 
 
 def limits(run: Run) -> dict[str, float]:
@@ -359,7 +308,7 @@ def simulate(run: Run, stimuli: Mapping[str, Array]) -> dict[str, Array]:
         If o_1 or o_12 leaves +-1e-4 m.
     """
     step = loop(run)
-    (b_2,), (c_2,), (d_2,), (start_2,) = step.B_u.T, step.C_u, step.D_u, step.u_start
+    b_2, c_2, d_2, start_2 = step.b_2, step.c_2, step.d_2, step.start_2
     limit = limits(run)
     limit_1, limit_2 = limit.get("f_x_1", 0.0), limit["f_x_2"]
     f_x_1 = np.clip(stimuli["F_x_1"] / run.m_tm, -limit_1, limit_1) + stimuli["f_x_1_jitter"]

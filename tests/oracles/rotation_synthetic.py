@@ -8,7 +8,6 @@ is closed on the differential acceleration in which the apparent forces appear.
 """
 
 from dataclasses import dataclass, field
-from pathlib import Path
 
 import numpy as np
 
@@ -16,8 +15,8 @@ from fit.parameters import joint_names, joint_parameter
 from fit.results import Fit, Results
 from fit.results.estimates import Estimate
 from fit.results.provenance import Provenance
-from fit.telemetry.reader import Telemetry
 from tests.oracles.contract_file import write_contract_file
+from tests.oracles.synthetic import AUTHORITIES, recorded
 
 BASELINE = 0.376
 INERTIA = 6.80e-4
@@ -170,28 +169,10 @@ def run(world=None, *, duration=3 * 86400.0, fs=1.0, seed=0, name="inertial", **
         "f_x_2": series(-K * o_12)[keep] - slow / world.lambda_2,
     }
     truth["delta_g"] = series(delta_g)[keep]
-    return _telemetry(channels, fs, name, attributes), truth
-
-
-def _telemetry(channels, fs, name, attributes):
-    return Telemetry(
-        path=Path(f"{name}.h5"),
-        run=name,
-        experiment=name,
-        kind="noise",
-        fs=fs,
-        t0="2016-06-19T00:00:00Z",
-        F_max_1=0.0,
-        F_max_2=2200e-12,
-        N_max_1=10.4e-12,
-        N_max_2=10.4e-12,
-        alignment_epoch=1,
-        m_tm=1.928,
-        time=np.arange(channels["o_1"].size) / fs,
-        channels=channels,
-        units={},
-        attributes={"omega2_phi": -1.5e-6, "omega2_eta": -1.5e-6, **attributes},
-    )
+    attributes = {"omega2_phi": -1.5e-6, "omega2_eta": -1.5e-6, **attributes}
+    t0 = "2016-06-19T00:00:00Z"
+    made = recorded(AUTHORITIES["A"], name, "noise", channels, fs=fs, run=name, t0=t0, attributes=attributes)
+    return made, truth
 
 
 def calibration(world=None):

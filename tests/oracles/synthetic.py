@@ -137,28 +137,38 @@ def _telemetry(
         "f_x_1": f_1[keep].copy(),
         "f_x_2": f_2[keep].copy(),
     }
-    F_1, F_2, N_1, N_2 = (1e-12 * value for value in AUTHORITIES[authority])
-    run = f"{experiment}-{kind}"
-    time = np.arange(channels["o_1"].size) / fs
-    for values in (time, *channels.values()):
+    run = recorded(AUTHORITIES[authority], experiment, kind, channels, fs=fs, alignment_epoch=epoch)
+    for values in (run.time, *channels.values()):
         values.flags.writeable = False
+    return run
+
+
+def recorded(
+    authority: tuple[float, ...],
+    experiment: str,
+    kind: str,
+    channels: dict[str, np.ndarray],
+    *,
+    fs: float = 1.0,
+    run: str = "",
+    **fields: object,
+) -> Telemetry:
+    """Return a run with its channels, and an authority as in `AUTHORITIES`; `fields` of `Telemetry`."""
+    run = run or f"{experiment}-{kind}"
+    limits = (1e-12 * value for value in authority)
+    named = dict(zip(("F_max_1", "F_max_2", "N_max_1", "N_max_2"), limits, strict=True))
+    stated = {"t0": "2016-04-16T00:00:00Z", "alignment_epoch": 1, "units": {}, "attributes": {}}
     return Telemetry(
         path=Path(f"{run}.h5"),
         run=run,
         experiment=experiment,
         kind=kind,
         fs=fs,
-        t0="2016-04-16T00:00:00Z",
-        F_max_1=F_1,
-        F_max_2=F_2,
-        N_max_1=N_1,
-        N_max_2=N_2,
-        alignment_epoch=epoch,
         m_tm=1.928,
-        time=time,
+        time=np.arange(channels["o_1"].size) / fs,
         channels=channels,
-        units={},
-        attributes={},
+        **named,
+        **{**stated, **fields},
     )
 
 

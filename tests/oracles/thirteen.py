@@ -7,7 +7,6 @@ parameters apart; every run is drawn from its own seed and can be made, or made 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from datetime import datetime, timedelta
-from pathlib import Path
 
 import numpy as np
 
@@ -154,29 +153,19 @@ def telemetry(how: Made, *, fs: float = 1.0, hidden: Hidden | None = None) -> Te
         how.plant, how.noise, how.drive, how.duration, how.seed, fs=fs, hidden=hidden
     )
     kind = "noise" if how.drive == Drive() else "sysid"
-    time = np.arange(channels["o_1"].size) / fs
-    for values in (time, *channels.values()):
-        values.flags.writeable = False
-    F_1, F_2, N_1, N_2 = how.plan.authority
-    run = f"{how.plan.name}-{kind}"
-    return Telemetry(
-        path=Path(f"{run}.h5"),
-        run=run,
-        experiment=how.plan.name,
-        kind=kind,
+    run = synthetic.recorded(
+        AUTHORITIES[how.plan.name[0]],
+        how.plan.name,
+        kind,
+        channels,
         fs=fs,
         t0=f"{how.start.isoformat()}Z",
-        F_max_1=F_1,
-        F_max_2=F_2,
-        N_max_1=N_1,
-        N_max_2=N_2,
         alignment_epoch=how.plan.epoch,
-        m_tm=MASS,
-        time=time,
-        channels=channels,
         units=dict(UNITS),
-        attributes={},
     )
+    for values in (run.time, *channels.values()):
+        values.flags.writeable = False
+    return run
 
 
 def campaign(

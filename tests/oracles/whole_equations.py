@@ -7,11 +7,10 @@ from scipy.integrate import solve_ivp
 from scipy.signal import bilinear, lfilter
 
 from lpfcosim.spacecraft import ETA_PER_X, PHI_PER_X
+from tests.oracles.lisa_equations import ROTATION_LAW, SOFT_LAW, SUSPENSION_LAW, X_LAW, H, Laws
 
-H = 0.1
 M_TM, M_SC, I_TM, D, ARM = 1.928, 422.7, 6.80e-4, 0.376, 0.011
 I_SC = np.array([202.5, 209.7, 191.7])
-FREE = dict.fromkeys([f"omega2_{k}" for k in ("y", "z", "theta", "eta", "phi")], 0.0)
 SKEW = {
     "delta_phi": -2e-3, "delta_eta": 1e-3,
     "b_1": 1.2e-2, "b_2": -0.9e-2, "b_3": 2.2e-2, "b_4": -1.8e-2, "b_5": 1e-3, "b_6": -2e-3,
@@ -67,29 +66,17 @@ def by_integration(run, driven):
     truth = run.truth
     laws_of_motion = equations(run)
 
-    def tustin(fu, fz, fi, fp, fr):
-        wu, wz, wi, wp, wr = 2 * np.pi * np.array([fu, fz, fi, fp, fr])
-        num, den = np.polymul([1, wz], [1, wi]), np.polymul([1, 0], np.polymul([1 / wp, 1], [1 / wr, 1]))
-        gain = wu**2 / abs(np.polyval(num, 1j * wu) / np.polyval(den, 1j * wu))
-        return bilinear(gain * num, den, fs=1 / H)
-
     def lead(fu, fz, fp):
         wu, wz, wp = 2 * np.pi * np.array([fu, fz, fp])
         num, den = [1, wz], np.polymul([1 / wp, 1], np.polymul([1 / wp, 1], [1 / wp, 1]))
         gain = wu**2 / abs(np.polyval(num, 1j * wu) / np.polyval(den, 1j * wu))
         return bilinear(gain * np.array(num), den, fs=1 / H)
 
-    laws = {
-        "x": tustin(0.08, 30e-3, 6e-3, 0.8, 2.0),
-        "x12": tustin(1e-3, 0.3e-3, 0.06e-3, 6e-3, 30e-3),
-        "rot": tustin(30e-3, 9e-3, 1.8e-3, 0.24, 0.6),
-        "tilt": tustin(2e-3, 0.6e-3, 0.12e-3, 12e-3, 60e-3),
-        "att": lead(0.07e-3, 0.021e-3, 0.42e-3),
-    }
+    laws, b_a = Laws(), lead(0.07e-3, 0.021e-3, 0.42e-3)
     memory = {}
 
-    def K(law, key, error):
-        value, memory[key] = lfilter(*laws[law], [error], zi=memory.get(key, np.zeros(3)))
+    def attitude(key, error):
+        value, memory[key] = lfilter(*b_a, [error], zi=memory.get(key, np.zeros(3)))
         return value[0]
 
     delays = {"f1": truth["C_1"] / truth["lambda_1"] - H / 2, "f2": truth["C_2"] / truth["lambda_2"] - H / 2}
@@ -126,24 +113,28 @@ def by_integration(run, driven):
         e = [ast[i] - now[f"attitude_{k}"] for i, k in enumerate(("theta", "eta", "phi"))]
 
         thrust = np.array([
-            M_SC * K("x", "x", o_1 - now["guidance_o_1"]),
-            M_SC * K("rot", "y", (grs["y_1"] + grs["y_2"]) / 2),
-            M_SC * K("rot", "z", (grs["z_1"] + grs["z_2"]) / 2),
-            I_SC[0] * K("rot", "theta", grs["theta_1"]),
-            I_SC[1] * K("rot", "eta", (grs["z_1"] - grs["z_2"]) / D),
-            I_SC[2] * K("rot", "phi", (grs["y_2"] - grs["y_1"]) / D),
+            M_SC * laws(X_LAW, "x", o_1 - now["guidance_o_1"]),
+            M_SC * laws(ROTATION_LAW, "y", (grs["y_1"] + grs["y_2"]) / 2),
+            M_SC * laws(ROTATION_LAW, "z", (grs["z_1"] + grs["z_2"]) / 2),
+            I_SC[0] * laws(ROTATION_LAW, "theta", grs["theta_1"]),
+            I_SC[1] * laws(ROTATION_LAW, "eta", (grs["z_1"] - grs["z_2"]) / D),
+            I_SC[2] * laws(ROTATION_LAW, "phi", (grs["y_2"] - grs["y_1"]) / D),
         ])  # fmt: skip
-        f_2 = -run.dc / truth["lambda_2"] - K("x12", "x12", o_12 - now["guidance_o_12"]) + now["F_x_2"] / M_TM
-        L = [K("att", f"att{i}", e[i]) for i in range(3)]
+        f_2 = (
+            -run.dc / truth["lambda_2"]
+            - laws(SOFT_LAW, "x12", o_12 - now["guidance_o_12"])
+            + now["F_x_2"] / M_TM
+        )
+        L = [attitude(i, e[i]) for i in range(3)]
         F = np.array(
             [[0, M_TM * D / 2 * L[2], -M_TM * D / 2 * L[1]], [0, -M_TM * D / 2 * L[2], M_TM * D / 2 * L[1]]]
         )
         N = -I_TM * np.array([
-            [L[0], K("tilt", "e1", o["eta_1"]), K("tilt", "p1", o["phi_1"])],
+            [L[0], laws(SUSPENSION_LAW, "e1", o["eta_1"]), laws(SUSPENSION_LAW, "p1", o["phi_1"])],
             [
-                K("tilt", "t2", grs["theta_2"]),
-                K("tilt", "e2", o["eta_1"] + o["eta_12"]),
-                K("tilt", "p2", o["phi_1"] + o["phi_12"]),
+                laws(SUSPENSION_LAW, "t2", grs["theta_2"]),
+                laws(SUSPENSION_LAW, "e2", o["eta_1"] + o["eta_12"]),
+                laws(SUSPENSION_LAW, "p2", o["phi_1"] + o["phi_12"]),
             ],
         ])  # fmt: skip
         a = run.authority

@@ -20,7 +20,6 @@ from lpfcosim.planned_experiments import planned_experiments
 from lpfcosim.spacecraft import Authority, HalfCosine, Sine
 from tests import ROOT
 from tests.fit.recorded import recorded
-from tests.oracles import reference_plant
 from tests.oracles.synthetic import World, of_run, pair, telemetry
 from tests.reference_run import simulate_reference
 
@@ -203,17 +202,6 @@ def test_response_is_what_a_simulation_without_noise_gives(make_run, spacecraft)
     for name in ("o_1", "o_12", "f_x_1", "f_x_2"):
         difference = (driven[name] - rest[name])[::10]
         assert expected[name] == pytest.approx(difference, abs=1e-6 * np.abs(difference).max())
-
-
-F = np.geomspace(1e-4, 0.2, 9)
-
-
-def test_noise_along_x_against_the_loop_gain(make_run):
-    run = make_run(noise={"oms": 35e-15})
-    closed = np.linalg.inv(np.eye(2) + reference_plant.open_loop(run)(F))
-    assert response.cross_spectra(run, ("o_1", "o_12"), F) == pytest.approx(
-        35e-15**2 * closed.conj() @ closed.transpose(0, 2, 1), rel=1e-9
-    )
 
 
 def test_turning_against_the_simulation(make_run):

@@ -6,6 +6,7 @@ from functools import partial
 import numpy as np
 import pytest
 
+import lpfcosim
 from lpfcosim.linear.closed_loop import ClosedLoop
 from lpfcosim.models import stimuli
 from lpfcosim.spacecraft import Authority, Sine
@@ -32,7 +33,7 @@ CRAFTS = [{"spacecraft": "lpf-x"}, {"spacecraft": "lpf", "truth": WHOLE}]
 def driven(make_run):
     into = (("guidance_o_1", 1e-8), ("guidance_o_12", 5e-9), ("F_x_1", 1e-12), ("F_x_2", 5e-10))
     injections = tuple(Sine(name, size, 0.01 * k, 2, 5.0) for k, (name, size) in enumerate(into, 1))
-    return partial(make_run, n_samples=3000, noise=NOISE, dc=1e-10, injections=injections)
+    return partial(make_run, n_samples=1500, noise=NOISE, dc=1e-10, injections=injections)
 
 
 def deviations(computed, expected):
@@ -92,6 +93,16 @@ def test_frequency_response_leaves_delays_out_of_the_solution(driven, spacecraft
     result = system.frequency_response(frequency)
     np.testing.assert_allclose(result, expected, rtol=1e-7)
     assert len(system._memory) > len(system.A) // 3
+
+
+def test_loop_of_a_run_has_names_units_and_sample_time(quickstart):
+    campaign = lpfcosim.load_campaign(quickstart)
+    system = lpfcosim.closed_loop(campaign, campaign.runs[1].name).linearize()
+    assert system.dt == 0.1
+    assert system.B.shape == (len(system.A), len(system.inputs))
+    assert system.C.shape == (len(system.outputs), len(system.A))
+    assert (system.units["guidance_o_12"], system.units["f_x_2"]) == ("m", "m/s2")
+    assert np.abs(system.poles()).max() < 1
 
 
 def test_gain_of_noise_takes_the_command_it_multiplies(driven):

@@ -1,17 +1,14 @@
 """The linear closed loop in the frequency domain, against the stepped one and the noise as it is drawn."""
 
 from dataclasses import replace
-from itertools import pairwise
 
 import numpy as np
 import pytest
-from scipy import signal
 
 from lpfcosim.campaign import loading
 from lpfcosim.linear import ClosedLoop, response
 from lpfcosim.models import stimuli
 from lpfcosim.spacecraft import Sine
-from tests.lpfcosim.linear import drives
 from tests.oracles import reference_plant
 
 CHANNELS = ("o_1", "o_12", "f_x_1", "f_x_2")
@@ -52,27 +49,7 @@ def test_steady_state_of_a_sine(still, name):
         assert abs(a + 1j * b - expected) <= 1e-4 * abs(expected), channel
 
 
-def test_the_drives_have_the_spectra_they_are_drawn_with(still):
-    """Means over bands of 10 draws; 5 sigma in 36 numbers: a false positive once in 48,000; seeds fixed."""
-    levels = {"oms": 35e-15, "thruster": 1.5e-7, "plateau": 5e-15, "tail": 1.5, "f_x_1_jitter": 1e-14}
-    segment = 16_384  # 1638 s
-    power: dict[str, list] = {name: [] for name in DRIVES}
-    for seed in range(10):
-        drawn = stimuli.noise(replace(still, noise=levels, seed=seed, n_samples=8 * segment))
-        for name in DRIVES:
-            f, S = signal.welch(drawn[name], fs=still.fs, nperseg=segment, detrend="linear")
-            power[name].append(S)
-    expected = drives.psd(replace(still, noise=levels), f[1:])
-    edges = (0.005, 0.02, 0.1, 0.5, 1.0, 2.0, 4.9)
-    for name in DRIVES:
-        ratio = np.mean(power[name], axis=0)[1:] / expected[name]
-        for low, high in pairwise(edges):
-            band = (f[1:] >= low) & (f[1:] < high)
-            averages = 10 * 8 * band.sum() / 1.5  # Hann: neighbours are not independent
-            assert ratio[band].mean() == pytest.approx(1, abs=5 / np.sqrt(averages) + 0.005), (name, low)
-
-
-@pytest.mark.parametrize(("stretch", "block"), [(7, 49), (30, 900), (60, 3600), (1000, 1000)])
+@pytest.mark.parametrize(("stretch", "block"), [(7, 49), (60, 3600), (1000, 1000)])
 def test_response_is_that_of_one_step_after_the_other(quickstart, monkeypatch, stretch, block):
     monkeypatch.setattr(response, "CHUNK", stretch)
     monkeypatch.setattr(response, "BLOCK", block)
@@ -95,7 +72,7 @@ def test_response_is_that_of_one_step_after_the_other(quickstart, monkeypatch, s
 
 def test_peaks_are_those_of_the_simulated_loop(quickstart):
     run = next(run for run in loading.load(quickstart).runs if run.injections)
-    run = replace(run, noise={}, n_samples=60_000)
+    run = replace(run, noise={}, n_samples=36_000)
     simulated = ClosedLoop(run).simulate()
     for name, peak in response.peaks(run).items():
         assert peak == pytest.approx(np.abs(simulated[name]).max(), rel=0.01, abs=1e-30), name

@@ -54,23 +54,24 @@ def test_same_noise_same_telemetry_of_the_whole_spacecraft(quickstart):
 
 #: A strong tone that begins at once has power at all frequencies, which would alias at 1 Hz.
 TONE = (Sine("F_x_1", 20e-12, 0.04, 60, 900.0),)
-GLITCHES = Events(glitches_per_day=20.0)
+GLITCHES = Events(glitches_per_day=20.0, gaps_per_day=20.0, gap_duration=20.0)
 
 
 @pytest.mark.parametrize(
     ("injections", "glitches", "F_max_1", "error"), [((), GLITCHES, 0.0, 1e-6), (TONE, None, 5e-10, 1e-7)]
 )
-def test_glitches_and_abrupt_tones_are_low_passed_as_archives_are(
-    sysid, injections, glitches, F_max_1, error
-):
+def test_glitches_gaps_and_abrupt_tones_are_those_of_archives(sysid, injections, glitches, F_max_1, error):
     run = replace(sysid, noise={}, injections=(*sysid.injections, *injections), dc=8e-12)
     run = replace(run, authority=replace(sysid.authority, F_max_1=F_max_1), events=glitches)
     assert bool(events.glitches(run)) == bool(glitches)
     drawn = spectral_simulation.Simulation(run, CHANNELS).record(np.random.default_rng(1))
     expected = simulate_reference(run)
+    lost = events.missing(run, np.arange(7200.0))
+    assert lost.any() == bool(glitches)
     for name in CHANNELS:
         x = decimated(expected[name])
-        assert np.abs(drawn[name] - x)[EDGE].max() <= error * np.ptp(x[EDGE]), name
+        np.testing.assert_array_equal(np.isnan(drawn[name]), lost)
+        assert np.nanmax(np.abs(drawn[name] - x)[EDGE]) <= error * np.ptp(x[EDGE]), name
 
 
 def test_a_glitch_does_not_start_the_turn_of_the_spacecraft_anew(quickstart):
@@ -135,18 +136,14 @@ def test_a_command_follows_its_read_out_as_the_controller_makes_it(sysid):
     assert abs(ratio - 1).max() < 0.05
 
 
-def test_the_noise_of_a_run_beside_it_is_taken_over_only_where_it_is_the_same(sysid):
+def test_what_similar_runs_share_does_not_change_what_is_drawn(sysid):
     noise = replace(sysid, name="noise", kind="noise", injections=(), n_samples=90_000)
     other = replace(noise, truth={**noise.truth, "lambda_2": 1.01})
-    anew, same, not_same = (
-        spectral_simulation.Simulation(sysid, CHANNELS, beside)
-        for beside in (
-            None,
-            spectral_simulation.Simulation(noise, CHANNELS),
-            spectral_simulation.Simulation(other, CHANNELS),
-        )
-    )
-    drawn = [simulation.record(np.random.default_rng(3)) for simulation in (anew, same, not_same)]
+    similar = [None, *(spectral_simulation.Simulation(run, CHANNELS) for run in (noise, other))]
+    drawn = [
+        spectral_simulation.Simulation(sysid, CHANNELS, each).record(np.random.default_rng(3))
+        for each in similar
+    ]
     for name in CHANNELS:
         assert np.array_equal(drawn[0][name], drawn[1][name])
         assert np.array_equal(drawn[0][name], drawn[2][name])

@@ -85,7 +85,7 @@ def test_everything_at_once_against_a_general_integrator(lisa_run, key):
              "x_per_y_2": -0.1, "x_per_phi_1": 30.0, "x_per_phi_2": -20.0, "grs_y_per_x_1": 0.15,
              "grs_y_per_x_2": -0.25}  # fmt: skip
     limits = {"F_max_yz": 1e-9, "N_max_eta": 5e-13}
-    run = lisa_run(key, n_samples=60, truth={**SKEW, **errors, **gains, **limits})
+    run = lisa_run(key, n_samples=40, truth={**SKEW, **errors, **gains, **limits})
     driven = shaken(run, 1e-3)
     models = model_of(run)
     p = {name: value for m in models.models for name, (value, _) in numpy_models.load(m).PARAMETERS.items()}

@@ -7,19 +7,12 @@ from scipy.signal import csd, welch
 from lpfcosim.linear import ClosedLoop, response
 from lpfcosim.spacecraft import EIGHT_NOZZLES
 
-SIGNALS = [f"{kind}_noise_{k}_sc" for kind in "FN" for k in "xyz"]
-THRUST = [f"{kind}_{k}_sc" for kind in "FN" for k in "xyz"]
 LEVEL = 0.15e-6
 
 
 @pytest.fixture(scope="module")
 def run(make_run):
-    return make_run(spacecraft="lpf", noise={"nozzles": LEVEL}, n_samples=40_000)
-
-
-@pytest.fixture(scope="module")
-def flown(run):
-    return ClosedLoop(run).simulate()
+    return make_run(spacecraft="lpf", noise={"nozzles": LEVEL}, n_samples=20_000)
 
 
 def by_hand(thrusts):
@@ -41,14 +34,6 @@ def test_what_nozzles_give_together():
     np.testing.assert_allclose(EIGHT_NOZZLES.matrix @ thrusts, by_hand(thrusts), rtol=1e-12)
 
 
-def test_flight_never_asks_a_nozzle_to_pull(flown):
-    """The least thrusts that give the commands of the loops, under 20 uN of sunlight."""
-    commands = np.array([flown[name] for name in THRUST])
-    sunlight = np.array([0, 0, 20e-6, 0, 0, 0])
-    thrusts = np.linalg.pinv(EIGHT_NOZZLES.matrix) @ (commands + sunlight[:, None])
-    assert thrusts.min() > 0
-
-
 def test_along_x_they_are_as_loud_as_without_a_layout(run):
     s = ClosedLoop(run).linearize()
     shares, psd = response.noise_streams(run, s, np.array([1e-3, 0.05]))
@@ -57,8 +42,9 @@ def test_along_x_they_are_as_loud_as_without_a_layout(run):
 
 
 @pytest.mark.stat
-def test_jitter_goes_together_as_the_spectra_say(run, flown):
-    """o_1 with o_eta_1, 20 to 100 mHz, in 31 segments that overlap: 5 sigma of a coherence (p = 6e-7)."""
+def test_jitter_goes_together_as_the_spectra_say(run):
+    """o_1 with o_eta_1, 20 to 100 mHz, in 15 segments that overlap: 5 sigma of a coherence (p = 6e-7)."""
+    flown = ClosedLoop(run).simulate()
     names = ("o_1", "o_eta_1")
     f, cross = csd(*(flown[name] for name in names), fs=10, nperseg=2500)
     powers = [welch(flown[name], fs=10, nperseg=2500)[1] for name in names]
@@ -67,4 +53,4 @@ def test_jitter_goes_together_as_the_spectra_say(run, flown):
     expected = S[:, 0, 1] / np.sqrt(S[:, 0, 0].real * S[:, 1, 1].real)
     result = (cross / np.sqrt(powers[0] * powers[1]))[band]
     assert np.abs(expected).mean() > 0.5
-    assert abs(np.mean(result / expected) - 1) < 5 / np.sqrt(16 * band.sum())
+    assert abs(np.mean(result / expected) - 1) < 5 / np.sqrt(8 * band.sum())

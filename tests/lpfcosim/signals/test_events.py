@@ -7,11 +7,9 @@ import numpy as np
 import pytest
 import scipy
 
-from lpfcosim.linear import spectral_simulation
 from lpfcosim.models import one_axis, stimuli
-from lpfcosim.signals import decimation, events
+from lpfcosim.signals import events
 from lpfcosim.spacecraft import Authority, Events, Run
-from tests.reference_run import simulate_reference
 
 EVENTS = Events(glitches_per_day=60.0, gaps_per_day=20.0, gap_duration=20.0)
 DAY = 86400
@@ -97,19 +95,3 @@ def test_gaps_are_no_more_than_telemetry_may_lack():
         for rate in (1.0, 10.0):
             lost = events.missing(run, np.arange(int(43_200 * rate)) / rate)
             assert 0 < lost.mean() <= 0.01
-
-
-def test_a_run_from_spectra_has_the_same_glitches_and_gaps():
-    run = replace(RUN, n_samples=72_000, noise={}, events=EVENTS)
-    assert events.glitches(run)
-    drawn = spectral_simulation.Simulation(run, ["o_1", "o_12", "f_x_1", "f_x_2"]).record(
-        np.random.default_rng(1)
-    )
-    exact = simulate_reference(run)
-    lost = events.missing(run, np.arange(7200.0))
-    assert lost.any()
-    for name, values in drawn.items():
-        np.testing.assert_array_equal(np.isnan(values), lost)
-        size = np.abs(exact[name]).max()
-        low_passed = np.convolve(exact[name], decimation.taps(10), mode="same")[::10]
-        assert np.nanmax(np.abs(values - low_passed)[30:-30]) <= 1e-6 * size
