@@ -14,15 +14,14 @@ from lpfcosim.cosim.engine import CompiledLoop
 from lpfcosim.cosim.fmu_instance import EARLY, ENDS, NOT_FINITE, FmuInstance, FmuLibraryCache
 from lpfcosim.cosim.interface import Interface
 from lpfcosim.errors import RunError
-from lpfcosim.models import model_of, stimuli
+from lpfcosim.models import check_measurement_range, model_of, stimuli
 from lpfcosim.network import Component
-from lpfcosim.spacecraft import READ_OUT_RANGE, Run
+from lpfcosim.spacecraft import Run
 
 Array = npt.NDArray[np.float64]
 
 BLOCK = 40_000  # samples that are in memory at a time
 LOADING, _IDLE = -1, -2
-_LARGEST = float(np.finfo(float).max)
 _STATUS_DESCRIPTIONS = {
     2: "reports 'discard'",
     3: "reports 'error'",
@@ -274,24 +273,3 @@ class RunCoSimulation(CoSimulation):
             self.advance(signals.T, recorded.T, start)
             check_measurement_range(self._run, list(self._channels), recorded, start)
             yield dict(zip(self._channels, recorded, strict=True))
-
-
-def check_measurement_range(run: Run, channels: Sequence[str], recorded: Array, start: int) -> None:
-    """Refuse channels, shape (channels, n), from sample ``start`` on that are not finite, or out of range.
-
-    Raises
-    ------
-    RunError
-        Gives channel and time.
-    """
-    read_outs = model_of(run).read_outs
-    limits = [READ_OUT_RANGE if name in read_outs else _LARGEST for name in channels]
-    low, high = recorded.min(axis=1), recorded.max(axis=1)  # both NaN where one sample is
-    if not np.all((-low <= limits) & (high <= limits)):
-        is_beyond = ~(np.abs(recorded) <= np.array(limits)[:, None])
-        i = int(is_beyond.any(axis=0).argmax())
-        j = int(is_beyond[:, i].argmax())
-        finite = np.isfinite(recorded[j, i])
-        violation = f"leaves its range of {READ_OUT_RANGE:g} m" if finite else "is not finite"
-        time = (start + i) * run.h
-        raise RunError(f"run '{run.name}' diverges: {channels[j]} {violation} at {time:.1f} s")

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from lpfcosim.cosim import Interface, SimulationProgress, co_simulation
 from lpfcosim.errors import RunError
-from lpfcosim.models import model_of
+from lpfcosim.models import check_measurement_range, model_of
 from lpfcosim.network import Component
 from lpfcosim.spacecraft import Run
 
@@ -105,7 +105,7 @@ class SimulationSession:
                     self._co_simulation.initialize(feeds[:, 0])
                 part = np.empty((len(self._record), stop - start))
                 self._co_simulation.advance(feeds.T, part.T, start)
-                co_simulation.check_measurement_range(self._run, list(self._record), part, start)
+                check_measurement_range(self._run, list(self._record), part, start)
                 recorded[:, start:stop] = part
         self._progress.set_idle()
         return dict(zip(self._record, recorded, strict=True))

@@ -16,12 +16,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lpfcosim.errors import RunError
 from lpfcosim.linear.sampled_model import OperatingPoint, SampledModel
 from lpfcosim.linear.state_space import StateSpace
-from lpfcosim.models import model_of, stimuli
+from lpfcosim.models import check_measurement_range, model_of, stimuli
 from lpfcosim.network import Component, endpoint
-from lpfcosim.spacecraft import READ_OUT_RANGE, Run
+from lpfcosim.spacecraft import Run
 
 Array = NDArray[np.float64]
 Values = Sequence[float]
@@ -186,16 +185,15 @@ class ClosedLoop:
         driven = [by_name.get(name, zero) for name in self.inputs]
         advance, names = self._network([float(signal[0]) for signal in driven])
         recorded = np.empty((run.n_samples, len(names)))
-        checked = [(i, name) for i, name in enumerate(names) if name in self._spacecraft.read_outs]
         for begin in range(0, run.n_samples, BLOCK):
             block = recorded[begin : begin + BLOCK]
             block[:] = np.nan
-            with np.errstate(over="ignore", invalid="ignore"), suppress(OverflowError):  # see _check_range
+            with np.errstate(over="ignore", invalid="ignore"), suppress(OverflowError):  # refused below
                 for i, values in enumerate(
                     zip(*(s[begin : begin + BLOCK].tolist() for s in driven), strict=True)
                 ):
                     block[i] = advance(values)
-            _check_range(run, checked, block, begin)
+            check_measurement_range(run, names, block.T, begin)
         channels = dict(zip(names, recorded.T.copy(), strict=True))
         return channels | {n: by_name.get(n, zero) for n in self._spacecraft.record if n not in channels}
 
@@ -248,14 +246,3 @@ def _loop_name(model: str, law: str) -> str:
     """Return the name of a control loop: ``drag_free_x`` of law x of WholeDragFreeControl."""
     words = re.findall("[A-Z][a-z]+", model.removesuffix("Control"))
     return "_".join([*(word.lower() for word in words if word != "Whole"), law])
-
-
-def _check_range(run: Run, checked: Sequence[tuple[int, str]], block: Array, begin: int) -> None:
-    """Refuse interferometer read-outs beyond their range in a block that begins with sample ``begin``."""
-    outside = ~(np.abs(block[:, [i for i, _ in checked]]) <= READ_OUT_RANGE)  # true for NaN too
-    if outside.any():
-        sample = int(outside.any(axis=1).argmax())
-        channel = checked[int(outside[sample].argmax())][1]
-        time = (begin + sample) / run.fs
-        cause = f"the loop diverged, {channel} left +-{READ_OUT_RANGE:g} m at t = {time:g} s"
-        raise RunError(f"{run.name}: {cause}")

@@ -15,15 +15,6 @@ def poles(run: Run) -> NDArray[np.complex128]:
     return ClosedLoop(run).linearize().observable().poles()
 
 
-def is_stable(run: Run) -> bool:
-    """Return whether the loop of a run is asymptotically stable."""
-    try:
-        check(run)
-    except InputError:
-        return False
-    return True
-
-
 def check(*runs: Run) -> None:
     """Refuse runs whose loop is not asymptotically stable.
 

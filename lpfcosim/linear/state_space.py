@@ -47,16 +47,9 @@ class StateSpace:
         """Return the system between some of its inputs and outputs."""
         columns = [self.inputs.index(name) for name in inputs]
         rows = [self.outputs.index(name) for name in outputs]
-        return StateSpace(
-            self.A,
-            self.B[:, columns],
-            self.C[rows],
-            self.D[np.ix_(rows, columns)],
-            tuple(inputs),
-            tuple(outputs),
-            self.dt,
-            {name: self.units[name] for name in (*inputs, *outputs) if name in self.units},
-        )
+        B, C, D = self.B[:, columns], self.C[rows], self.D[np.ix_(rows, columns)]
+        units = {name: self.units[name] for name in (*inputs, *outputs) if name in self.units}
+        return replace(self, B=B, C=C, D=D, inputs=tuple(inputs), outputs=tuple(outputs), units=units)
 
     def observable(self) -> StateSpace:
         """Return the system without states that neither an output nor another state follows from."""

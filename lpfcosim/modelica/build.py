@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import io
 import os
 import platform
 import shutil
@@ -16,6 +17,7 @@ from pathlib import Path
 from platformdirs import user_cache_path
 
 from fit import units
+from fit.files import atomic
 from lpfcosim.errors import InputError
 from lpfcosim.modelica.compiler import compile_library, compiler
 from lpfcosim.modelica.frontend import flatten
@@ -91,13 +93,13 @@ def digest_of_files(files: Mapping[str, Path]) -> hashlib._Hash:
     return sha256
 
 
-def tool_version(distribution: str, problem: str = "FMUs cannot be built") -> str:
-    """Return the version of a tool; InputError with the `problem` if it is not installed."""
+def tool_version(distribution: str) -> str:
+    """Return the version of a tool; InputError if it is not installed."""
     try:
         return metadata.version(distribution)
     except metadata.PackageNotFoundError:
         raise InputError(
-            f"{problem}: '{distribution}' is not installed; "
+            f"the Modelica models cannot be translated: '{distribution}' is not installed; "
             "install the build extra (pip install 'lpfcosim[build]')"
         ) from None
 
@@ -128,7 +130,7 @@ def build(
     """
     archives = locations(models, package)
     for count, (model, archive) in enumerate(archives.items(), start=1):
-        if not _is_whole(archive):
+        if not archive.is_file():
             build_one(package_of(model, package), class_name(model, package), archive, name=model)
         on_progress(count)
     return archives
@@ -139,14 +141,6 @@ def class_name(model: str, package: Path = PACKAGE) -> str:
     folder = package_of(model, package)
     name = MODELS.get(model, model) if folder == package else model.removeprefix(folder.name)
     return f"{folder.stem}.{name}"
-
-
-def _is_whole(archive: Path) -> bool:
-    try:
-        with zipfile.ZipFile(archive) as stored:
-            return stored.testzip() is None
-    except (OSError, zipfile.BadZipFile):
-        return False
 
 
 def locations(models: Collection[str] = MODELS, package: Path = PACKAGE) -> dict[str, Path]:
@@ -164,7 +158,7 @@ def engine_library() -> Path:
     library = cache_directory() / f"engine-{name}{fmpy.sharedLibraryExtension}"
     if not library.is_file():
         library.parent.mkdir(parents=True, exist_ok=True)
-        partial = library.with_suffix(f".{os.getpid()}.part")
+        partial = atomic.temporary(library)
         compile_library(ENGINE, partial)
         partial.replace(library)
     return library
@@ -191,7 +185,7 @@ def build_one(package: Path, model: str, archive: Path, *, name: str | None = No
     sorted_model = translate(flat, name)
     layout = c_printer.make_layout(sorted_model)
     header = c_printer.print_header(sorted_model, layout, STEP)
-    body = c_printer.print_source(sorted_model, layout, guid="@guid@")
+    body = c_printer.print_source(sorted_model, layout)
     headers = Path(fmpy.__file__).parent / "c-code"
     runtime = [*sorted(RUNTIME.iterdir()), *(headers / file for file in _HEADERS)]
     content = "".join([header, body, *(file.read_text(encoding="utf-8") for file in runtime)])
@@ -199,12 +193,10 @@ def build_one(package: Path, model: str, archive: Path, *, name: str | None = No
     # One translation unit: the compiler then sees the equations from inside the step.
     unit = "".join(f'#include "{file}"\n' for file in ("model.c", "core.c", "instance.c", "fmi2.c"))
     tool = f"lpfcosim {tool_version('lpfcosim')} with rumoca {tool_version('rumoca')}"
-    description = print_description(
-        flat, sorted_model, layout, guid=guid, step=STEP, tool=tool, sources=["all.c"]
-    )
+    description = print_description(flat, sorted_model, layout, guid=guid, step=STEP, tool=tool)
     texts = {
         "sources/model.h": header,
-        "sources/model.c": body.replace("@guid@", guid),
+        "sources/model.c": body.replace(c_printer.GUID, guid),
         "sources/all.c": unit,
         "modelDescription.xml": description,
         "documentation/licenses/license.txt": _licence(),
@@ -236,11 +228,11 @@ def _licence() -> str:
 
 def write_archive(root: Path, archive: Path) -> None:
     """Zip the folder ``root`` to ``archive``; the same files give the same bytes."""
-    partial = archive.with_suffix(f".{os.getpid()}.part")
-    with zipfile.ZipFile(partial, "w", zipfile.ZIP_DEFLATED) as target:
+    content = io.BytesIO()
+    with zipfile.ZipFile(content, "w", zipfile.ZIP_DEFLATED) as target:
         for file in sorted(p for p in root.rglob("*") if p.is_file()):
             info = zipfile.ZipInfo(file.relative_to(root).as_posix(), (1980, 1, 1, 0, 0, 0))
             info.compress_type = zipfile.ZIP_DEFLATED
             info.external_attr = 0o644 << 16
             target.writestr(info, file.read_bytes())
-    partial.replace(archive)
+    atomic.write(archive, content.getvalue())

@@ -29,6 +29,7 @@ static double modelica_limit(double x, double size) { return modelica_max(-size,
 static double modelica_floor(double x) { return floor(x); }
 static double modelica_ceil(double x) { return ceil(x); }
 """
+GUID = "@guid@"
 _V, _D = "const double *v", "const double *d"  # arguments: values by reference, values of delays
 
 
@@ -70,11 +71,7 @@ class _Printer(C99CodePrinter):  # type: ignore[misc]
         return repr(float(expr))
 
 
-def print_header(
-    model: SortedModel,
-    layout: Layout,
-    step: float,
-) -> str:
+def print_header(model: SortedModel, layout: Layout, step: float) -> str:
     """Text of ``model.h``; ``step`` is the internal step in s."""
     affine = model.affine
     n_remainder = sum(q != 0 for q in affine.remainder) if affine else 0
@@ -93,17 +90,12 @@ def print_header(
         "NZ": len(model.derivatives) + n_held + 2 * len(model.delays) + 1,
     }
     lines = [f"#define {name} {value}" for name, value in sizes.items()]
-    return "\n".join(
-        [f"/* {model.name}: sizes. Generated. */", *lines, f"#define INTERNAL_STEP {step!r}", ""]
-    )
+    title = f"/* {model.name}: sizes. Generated. */"
+    return "\n".join([title, *lines, f"#define INTERNAL_STEP {step!r}", ""])
 
 
-def print_source(
-    model: SortedModel,
-    layout: Layout,
-    guid: str,
-) -> str:
-    """Text of ``model.c`` with the ``guid``."""
+def print_source(model: SortedModel, layout: Layout) -> str:
+    """Text of ``model.c``, with `GUID` in the place of what identifies the binary."""
     event_symbols = set().union(*(e.value.free_symbols for e in model.events))
     previous = {
         symbol: layout.reference[s.symbol]
@@ -114,13 +106,14 @@ def print_source(
     names |= {d.symbol: f"d[{j}]" for j, d in enumerate(model.delays)}
     names |= {symbol: f"pre_{i}" for symbol, i in previous.items()}
     c = _Printer(names)
+    description = model.description.replace("*/", "* /")
     stages = _stages(model)
     stage_of = {symbol: k for k, stage in enumerate(stages, start=1) for symbol, _ in stage}
     stage = ",".join(["1", *(str(stage_of.get(s.symbol, 1)) for s in layout.order)])
     settable = ",".join(["0", *(str(settable_until(s)) for s in layout.order)])
     inputs = [layout.first_reference("input") + i for i in range(layout.count("input"))]
     return "\n".join([
-        f"/* {model.name}: {_comment(model.description)}. Generated from Modelica; edit that. */",
+        f"/* {model.name}: {description}. Generated from Modelica; edit that. */",
         '#include "core.h"',
         "#include <math.h>",
         "",
@@ -128,7 +121,7 @@ def print_source(
         f"static const unsigned char model_settable[NV] = {{{settable}}};",
         f"static const uint32_t model_inputs[] = {{{','.join(map(str, inputs or [0]))}}};",
         f"static const unsigned char model_stage[NV] = {{{stage}}};",
-        f'static const char *const model_guid = "{guid}";',
+        f'static const char *const model_guid = "{GUID}";',
         "",
         *_assignments(model, layout, c, inputs, stages),
         _events(model, previous, c),
@@ -247,10 +240,6 @@ def _assertions(model: SortedModel, c: _Printer) -> str:
         lines.append(f'if (!({condition})) return "{message}";')
     body = "".join(f"    {line}\n" for line in lines)
     return f"static const char *model_assert({_V}, {_D}) {{\n    (void)v;(void)d;\n{body}    return 0;\n}}\n"
-
-
-def _comment(text: str) -> str:
-    return text.replace("*/", "* /")
 
 
 def _assigned(c: _Printer, symbol: sp.Symbol, value: sp.Expr) -> str:

@@ -30,13 +30,8 @@ def flatten(package: Path, model: str) -> FlatModel:
     UnsupportedError
         If the model uses a construct that is not translated.
     """
-    try:
-        import rumoca
-    except ImportError as error:
-        raise InputError(
-            "Modelica models cannot be translated: the front end 'rumoca' is not installed; "
-            "install the build extra (pip install 'lpfcosim[build]')"
-        ) from error
+    import rumoca
+
     package = package.resolve()
     root = package / "package.mo" if package.is_dir() else package
     if not root.is_file():

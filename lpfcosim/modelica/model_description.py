@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from xml.etree import ElementTree as ET
 
 import sympy as sp
@@ -18,14 +18,7 @@ _VARIABILITIES = {"parameter": "fixed", "calculated": "fixed", "discrete": "disc
 
 
 def print_description(
-    flat: FlatModel,
-    model: SortedModel,
-    layout: Layout,
-    *,
-    guid: str,
-    step: float,
-    tool: str,
-    sources: Sequence[str],
+    flat: FlatModel, model: SortedModel, layout: Layout, *, guid: str, step: float, tool: str
 ) -> str:
     """Return the XML text of a model for co-simulation.
 
@@ -39,8 +32,6 @@ def print_description(
         Internal step [s].
     tool : str
         Name of the generator.
-    sources : sequence of str
-        C files to be compiled.
 
     Raises
     ------
@@ -65,9 +56,7 @@ def print_description(
         canHandleVariableCommunicationStepSize="false",
         canGetAndSetFMUstate="true",
     )
-    files = ET.SubElement(simulation, "SourceFiles")
-    for name in sources:
-        ET.SubElement(files, "File", name=name)
+    ET.SubElement(ET.SubElement(simulation, "SourceFiles"), "File", name="all.c")
     _units(root, flat, model)
     categories = ET.SubElement(root, "LogCategories")
     ET.SubElement(categories, "Category", name="logStatusError", description="Why a call failed")

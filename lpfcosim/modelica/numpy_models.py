@@ -4,17 +4,16 @@ from __future__ import annotations
 
 import functools
 import hashlib
-import os
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from types import CodeType, SimpleNamespace
 from typing import Any
 
+from fit.files import atomic
 from lpfcosim.modelica import build, numerics
 
 SHIPPED = Path(__file__).parent / "generated"
 _TOOLS = ("rumoca", "sympy")
-_PROBLEM = "the Modelica models cannot be translated"
 
 
 def load(model: str) -> SimpleNamespace:
@@ -68,9 +67,7 @@ def write(model: str, path: Path) -> None:
 
     text = python_source(translate(flatten(build.package_of(model), build.class_name(model)), model))
     path.parent.mkdir(parents=True, exist_ok=True)
-    partial = path.with_suffix(f".{os.getpid()}.part")
-    partial.write_text(text, encoding="utf-8")
-    partial.replace(path)
+    atomic.write(path, text)
 
 
 def _location(model: str) -> Path:
@@ -78,7 +75,7 @@ def _location(model: str) -> Path:
     shipped = SHIPPED / digest(package)[:16] / f"{model}.py"
     if shipped.is_file():
         return shipped
-    versions = (f"{name} {build.tool_version(name, _PROBLEM)}" for name in _TOOLS)
+    versions = (f"{name} {build.tool_version(name)}" for name in _TOOLS)
     key = hashlib.sha256("\n".join([*versions, digest(package)]).encode()).hexdigest()
     path = build.cache_directory() / f"models-{key[:16]}" / f"{model}.py"
     if not path.is_file():

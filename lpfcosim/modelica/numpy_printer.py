@@ -15,7 +15,7 @@ from sympy.printing.pycode import PythonCodePrinter
 
 from lpfcosim.modelica.event_functions import EVENT_FUNCTIONS
 from lpfcosim.modelica.flat_model import UnsupportedError
-from lpfcosim.modelica.sorted_model import Assignment, SortedModel
+from lpfcosim.modelica.sorted_model import Assignment, SortedModel, resolved
 
 LIMIT = EVENT_FUNCTIONS["limit"]
 
@@ -54,7 +54,7 @@ class _Module:
         }
         self._outputs = [s for s in model.scalars if s.variable.causality == "output"]
         self._events = {event.target: event.value for event in model.events}
-        self._errors = _errors(dict(_resolved(model.solved)), self._events)
+        self._errors = _errors(resolved(model.solved), self._events)
         self._groups = {
             "x": [s.symbol for s in self._scalars["state"]],
             "q": [sp.Symbol(f"pre({s.name})", real=True) for s in self._events],
@@ -67,7 +67,7 @@ class _Module:
         calculated = {symbol: sp.Symbol(f"c_{i}") for i, (symbol, _) in enumerate(model.calculated)}
         self._constants = parameters | calculated
         self._limits = _limits(self._events, {s.symbol for s in self._outputs}, set(self._constants))
-        algebraic = dict(_resolved(model.algebraic))
+        algebraic = resolved(model.algebraic)
         self._output_values = {s.symbol: algebraic.get(s.symbol, s.symbol) for s in self._outputs}
         known = {*self._groups["x"], *self._constants}
         self._state_outputs = {s: v for s, v in self._output_values.items() if v.free_symbols <= known}
@@ -118,7 +118,7 @@ class _Module:
         disturbed = dict(self._events)
         for disturbance, target in zip(self._groups["e"], self._errors.values(), strict=True):
             disturbed[target] += disturbance
-        needed = dict(_resolved(affine.algebraic)) if affine else {}
+        needed = resolved(affine.algebraic) if affine else {}
         remainder = [q.xreplace(needed) for q in affine.remainder if q != 0] if affine else []
         common, remaining = sp.cse(remainder, sp.numbered_symbols("common", sp.Dummy))
         return {
@@ -167,14 +167,6 @@ def _printed(
         arguments, list(values), modules=["math"], printer=printer, cse=lambda _: (assignments, list(values))
     )
     return inspect.getsource(function).replace("_lambdifygenerated", name).rstrip()
-
-
-def _resolved(assignments: Iterable[Assignment]) -> list[Assignment]:
-    """Return assignments, each in terms of symbols that are not assigned."""
-    resolved: dict[sp.Symbol, sp.Expr] = {}
-    for symbol, value in assignments:
-        resolved[symbol] = value.xreplace(resolved)
-    return list(resolved.items())
 
 
 def _errors(

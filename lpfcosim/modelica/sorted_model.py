@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import sympy as sp
@@ -10,6 +11,14 @@ from lpfcosim.modelica.flat_model import Variable
 from lpfcosim.modelica.sources import Node
 
 Assignment = tuple[sp.Symbol, sp.Expr]
+
+
+def resolved(assignments: Iterable[Assignment]) -> dict[sp.Symbol, sp.Expr]:
+    """Return what is assigned to each symbol, in terms of symbols that are not assigned."""
+    values: dict[sp.Symbol, sp.Expr] = {}
+    for symbol, value in assignments:
+        values[symbol] = value.xreplace(values)
+    return values
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,7 @@ from collections.abc import Sequence
 
 import sympy as sp
 
-from lpfcosim.modelica import affine, classify, equations, sampling
+from lpfcosim.modelica import affine, classify, equations, sampling, sorted_model
 from lpfcosim.modelica.evaluator import TIME, Evaluator
 from lpfcosim.modelica.event_functions import switches
 from lpfcosim.modelica.flat_model import FlatModel
@@ -39,9 +39,7 @@ def translate(model: FlatModel, name: str | None = None) -> SortedModel:
 
     states, rates = symbols("state"), symbols("rate")
     solved = equations.solve(evaluate, residuals, [*rates, *symbols("algebraic")])
-    resolved: dict[sp.Symbol, sp.Expr] = {}
-    for symbol, value in solved:
-        resolved[symbol] = value.xreplace(resolved)
+    resolved = sorted_model.resolved(solved)
     derivatives = tuple((x, resolved[rate]) for x, rate in zip(states, rates, strict=True))
     _refuse_events_inside_steps(evaluate, derivatives, residuals)
     events = sampling.events(evaluate, resolved)

@@ -6,6 +6,7 @@ and register it below.
 """
 
 from lpfcosim.models import lisa, one_axis, six_dof
+from lpfcosim.models.measurement_range import check_measurement_range
 from lpfcosim.models.one_axis import ELECTRODES, SCATTERED, STIFFNESS
 from lpfcosim.models.spacecraft_model import (
     DELTA_G,
@@ -24,6 +25,7 @@ __all__ = [
     "SCATTERED",
     "STIFFNESS",
     "SpacecraftModel",
+    "check_measurement_range",
     "fmu_names",
     "model_of",
     "register",

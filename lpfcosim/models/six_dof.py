@@ -68,10 +68,10 @@ def _thrust(run: Run) -> list[Source]:
     ]
     if not nozzles:
         return axes
-    level = nozzles / math.hypot(*EIGHT_NOZZLES.matrix[0])
+    level = nozzles / math.hypot(*EIGHT_NOZZLES[0])
     return axes + [
         white(f"thruster_{i}", level, into=tuple(zip((*forces, *torques), column, strict=True)))
-        for i, column in enumerate(EIGHT_NOZZLES.matrix.T.tolist(), 1)
+        for i, column in enumerate(EIGHT_NOZZLES.T.tolist(), 1)
     ]
 
 

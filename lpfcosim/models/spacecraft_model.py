@@ -311,12 +311,6 @@ class SpacecraftModel:
         """Output variable to ``Model.output``."""
         return {name: f"{model}.{name}" for model in self.models for name in numpy_models.load(model).OUTPUTS}
 
-    @cached_property
-    def _signals(self) -> tuple[str, ...]:
-        """Inputs that no model feeds."""
-        inputs = dict.fromkeys(name for model in self.models for name in numpy_models.load(model).INPUTS)
-        return tuple(name for name in inputs if name not in self._outputs)
-
     def stimuli(self, run: Run) -> tuple[str, ...]:
         """Return the signals from outside that drive a run, injections first."""
         noise = (into for source in self.sources(run) for into, _ in source.shares)

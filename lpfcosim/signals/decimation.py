@@ -7,7 +7,7 @@ taken into account by the time axis; half its length is lost at both ends of a r
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,7 +19,6 @@ Array = NDArray[np.float64]
 
 PASSBAND, STOPBAND = 0.2, 0.5  # of the new sample rate
 STOPBAND_DB = 126  # of each stage, so that two of them keep what is stated above
-BATCH = 10_000  # samples of each channel that are handed on, and written, at a time
 
 
 @dataclass(frozen=True)
@@ -92,12 +91,9 @@ def decimate(run: Run, blocks: Iterable[Mapping[str, Array]]) -> Iterator[Mappin
         The channels on `grid`, to the same bits for any division into blocks.
     """
     factor = round(run.fs / run.sample_rate)
-    if factor == 1:
-        yield from blocks
-        return
     for divisor, low_pass in stages(factor):
         blocks = _decimate_blocks(divisor, low_pass, blocks)
-    yield from _rebatch(blocks)
+    yield from blocks
 
 
 def _decimate_blocks(
@@ -116,21 +112,3 @@ def _decimate_blocks(
         if n:
             y = upfirdn(padded, x, 1, factor, axis=1)
             yield dict(zip(block, y[:, delay : delay + n], strict=True))
-
-
-def _rebatch(blocks: Iterable[Mapping[str, Array]]) -> Iterator[dict[str, Array]]:
-    """Join blocks until they have `BATCH` samples."""
-    batch: list[Mapping[str, Array]] = []
-    n = 0
-    for block in blocks:
-        batch.append(block)
-        n += next(iter(block.values())).size
-        if n >= BATCH:
-            yield _join(batch)
-            batch, n = [], 0
-    if batch:
-        yield _join(batch)
-
-
-def _join(blocks: Sequence[Mapping[str, Array]]) -> dict[str, Array]:
-    return {name: np.concatenate([block[name] for block in blocks]) for name in blocks[0]}

@@ -1,8 +1,6 @@
 """The layout of the thrusters: the force and torque of each nozzle."""
 
 import math
-from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,29 +8,10 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 
-@dataclass(frozen=True)
-class Layout:
-    """Where nozzles sit and which way they push, seen from the centre of mass.
+def _eight_nozzles() -> Array:
+    """Return force [1] and torque [m] on the spacecraft per thrust of each of n nozzles, shape (6, n).
 
-    Attributes
-    ----------
-    places : tuple of tuple of float
-        Of each nozzle [m].
-    directions : tuple of tuple of float
-        Unit vectors of their thrust.
-    """
-
-    places: tuple[tuple[float, float, float], ...]
-    directions: tuple[tuple[float, float, float], ...]
-
-    @cached_property
-    def matrix(self) -> Array:
-        """Give force [1] and torque [m] on the spacecraft per thrust of each of n nozzles, shape (6, n)."""
-        return np.vstack([np.transpose(self.directions), np.cross(self.places, self.directions).T])
-
-
-def _eight_nozzles() -> Layout:
-    """Make four pairs on two opposite sides, below the solar panel; geometry is a choice.
+    They are four pairs on two opposite sides, below the solar panel; geometry is a choice.
 
     The pairs stand 1 m from the axis through the centre of mass, 0.25 m above it towards the Sun, 30, 85, 210
     and 265 degrees from x. The nozzles of a pair push inwards, 25 degrees to either side, and 20 degrees
@@ -47,7 +26,8 @@ def _eight_nozzles() -> Layout:
             inwards = azimuth + math.pi + side
             level = math.cos(up)
             directions.append((level * math.cos(inwards), level * math.sin(inwards), math.sin(up)))
-    return Layout(tuple(places), tuple(directions))
+    return np.vstack([np.transpose(directions), np.cross(places, directions).T])
 
 
+#: Shape (6, 8), see `_eight_nozzles`.
 EIGHT_NOZZLES = _eight_nozzles()

@@ -31,7 +31,7 @@ def by_hand(thrusts):
 
 def test_what_nozzles_give_together():
     thrusts = np.arange(1.0, 9.0)
-    np.testing.assert_allclose(EIGHT_NOZZLES.matrix @ thrusts, by_hand(thrusts), rtol=1e-12)
+    np.testing.assert_allclose(EIGHT_NOZZLES @ thrusts, by_hand(thrusts), rtol=1e-12)
 
 
 def test_along_x_they_are_as_loud_as_without_a_layout(run):
