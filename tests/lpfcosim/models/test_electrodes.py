@@ -66,7 +66,7 @@ def test_expected_noise_follows_the_authority(make_run, authority, expected):
     """At 0.1 mHz 2e-6 has risen to 6.3e-6; nothing else is noisy, nothing is commanded."""
     run = make_run(authority=authority, noise={"electrode": 2e-6})
     for power, F in zip(psd(run, 1e-4), expected, strict=True):
-        assert np.sqrt(power) == pytest.approx(2e-6 * np.sqrt(10) * F / M_TM, rel=0.065)
+        assert np.sqrt(power) == pytest.approx(2e-6 * np.sqrt(10) * F / M_TM, rel=0.065, abs=0)
 
 
 def test_common_noise_follows_the_force(make_run):
@@ -76,6 +76,6 @@ def test_common_noise_follows_the_force(make_run):
     steps = [HalfCosine(f"F_x_{j}", 4e-9, 0.0, 1.0) for j in (1, 2)]
     loud = psd(replace(quiet, injections=tuple(steps)), 0.02)
     for power, gain in zip(loud, (1.0748, 1.0776), strict=True):
-        assert np.sqrt(power) == pytest.approx(4e-6 * gain * 4e-9 / M_TM, rel=0.07)
+        assert np.sqrt(power) == pytest.approx(4e-6 * gain * 4e-9 / M_TM, rel=0.07, abs=0)
     steady = psd(replace(quiet, dc=1e-11), 0.02)
-    assert np.sqrt(steady[1]) == pytest.approx(4e-6 * 1e-11, rel=0.07)
+    assert np.sqrt(steady[1]) == pytest.approx(4e-6 * 1e-11, rel=0.07, abs=0)
