@@ -239,28 +239,11 @@ def estimate(
     """
     if any(w.block.window is None for w in fitted_runs):
         return outcome, frozenset()
-    means_of_runs = [
-        {
-            (w.experiment.sysid.telemetry.alignment_epoch, name): noisy_regressor(
-                w, name, outcome.solution.theta
-            )
-            for name in COEFFICIENTS_OF
-            if name in w.experiment.sysid.channels.means
-        }
-        for w in fitted_runs
-    ]
-    candidates = [
-        (w, label, mean)
-        for w, means in zip(fitted_runs, means_of_runs, strict=True)
-        for label, mean in means.items()
-    ]
-    labels = {label for w, label, _ in candidates if _is_shifted(outcome, w, label[1], shifts)}
-    labels -= {label for _, label, mean in candidates if mean is None}
+    of_runs = [(w, _noisy_regressors(w, outcome.solution.theta)) for w in fitted_runs]
+    labels = {label for w, means in of_runs for label in means if _is_shifted(outcome, w, label[1], shifts)}
+    labels -= {label for _, means in of_runs for label, mean in means.items() if mean is None}
     while labels:
-        runs = [
-            _moment_equations(w, outcome, means, sorted(labels))
-            for w, means in zip(fitted_runs, means_of_runs, strict=True)
-        ]
+        runs = [_moment_equations(w, outcome, means, sorted(labels)) for w, means in of_runs]
         rejected = _noise_dominated(outcome, runs)
         if not rejected:
             solution = _solution(outcome, runs)
@@ -278,6 +261,13 @@ def estimate(
             return replace(outcome, solution=solution), names
         labels -= rejected
     return outcome, frozenset()
+
+
+def _noisy_regressors(w: FittedRun, theta: Array) -> dict[tuple[int, str], NoisyRegressor | None]:
+    """Return what the instruments of the means of a run need, by alignment epoch and name."""
+    run = w.experiment.sysid
+    names = [name for name in COEFFICIENTS_OF if name in run.channels.means]
+    return {(run.telemetry.alignment_epoch, name): noisy_regressor(w, name, theta) for name in names}
 
 
 def _is_shifted(outcome: IRLSResult, w: FittedRun, name: str, shifts: Container[str]) -> bool:
