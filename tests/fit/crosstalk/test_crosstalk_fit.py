@@ -74,19 +74,6 @@ def test_every_term_has_its_sign_and_size(name):
     assert in_band(delta_g_SC - expected, 1e-3, 0.1) < 1e-6 * in_band(expected, 1e-3, 0.1)
 
 
-def test_delta_g_is_the_simulated_one():
-    noiseless = replace(LATE, oms=0.0)
-    recorded, truth = run(CLEAN, noiseless, kind="noise", duration=7200.0)
-    parameters = of_run(noiseless, "A")
-    time, delta_g = dynamics.residual(recorded, parameters | TRUTH)
-    _, delta_g_x = dynamics.residual(recorded, parameters)
-    delta_g_SC, _ = dynamics.delta_g_SC(recorded, TRUTH)
-    assert np.allclose(delta_g, delta_g_x + delta_g_SC, rtol=0, atol=1e-20)
-    expected = truth["delta_g"][derivatives.HALF : -derivatives.HALF]
-    assert in_band(delta_g - expected, 1e-3, 0.1) < 1e-3 * in_band(expected, 1e-3, 0.1)
-    assert time.size == delta_g.size
-
-
 def test_each_epoch_has_its_own_coefficients():
     # 12 + 9 pulls beyond 4.5 sigma: false-positive probability 1.5e-4
     second_truth = {name: -1.5 * value for name, value in TRUTH.items()}

@@ -27,7 +27,7 @@ from tests import ROOT
 from tests.fit.fitting.linear_equation import params_of
 from tests.oracles import thirteen
 from tests.oracles.closed_loop import Drive
-from tests.oracles.synthetic import World, of_run, pair, telemetry, without
+from tests.oracles.synthetic import World, of_run, pair, without
 
 NAMES = ["lambda_2", "C_2", "omega2_2", "domega2_12", "delta_ifo"]
 
@@ -127,18 +127,6 @@ def test_psd_error_is_the_change_of_the_scores_with_the_knots():
     assert result.covar == pytest.approx(expected)
     assert result.uvars["b"].std_dev == pytest.approx(np.sqrt(expected[1, 1]))
     assert run_estimate("A", replace(run, noise=None)).root == pytest.approx(estimate.root)
-
-
-def test_recovers_truth_far_from_where_it_starts():
-    world = World(
-        lambda_2=1.05 * 1.0776, C_2=0.7 * 0.186, omega2_2_0=-4.19e-7 * 1.3, alpha_phi_1=-28.2e3 * 0.7
-    )
-    runs = [telemetry(world, noisy=False), telemetry(world, kind="noise")]
-    fit = fit_one(runs)
-    assert list(fit.parameters) == NAMES
-    assert max(abs(p) for p in pulls(fit, of_run(world, "A")).values()) < 1e-3
-    assert fit.converged
-    assert fit.masked_samples == 0
 
 
 def test_own_residual_replaces_a_missing_noise_run():
