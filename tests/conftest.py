@@ -19,7 +19,6 @@ settings.load_profile("deterministic")
 
 def pytest_addoption(parser: pytest.Parser) -> None:
     """Add to the command line how long the long tests are."""
-    parser.addoption("--cases", type=int, default=0, help="mutated inputs; a few hundred by default")
     parser.addoption("--kills", type=int, default=5, help="times that the test of resuming kills a campaign")
 
 
@@ -121,10 +120,3 @@ def lpfcosim_json(lpfcosim):
         return json.loads(lpfcosim(*arguments, "--json", status=status)[1], parse_constant=pytest.fail)
 
     return run
-
-
-@pytest.fixture
-def cases(request) -> Callable[[float, int], int]:
-    """Return how many cases a test of mutated input makes, by its share of ``--cases`` or by default."""
-    total = request.config.getoption("--cases")
-    return lambda share, default: round(total * share) if total else default
