@@ -1,4 +1,4 @@
-"""What is wrong with a document, in one sentence with its place: the errors of pydantic in our words."""
+"""What is wrong with a document, in one sentence with its place and the words of pydantic."""
 
 import difflib
 import re
@@ -9,23 +9,6 @@ from pydantic_core import ErrorDetails, PydanticCustomError
 
 from fit.errors import quote, shown
 
-_WORDING = {  # what pydantic calls at fault, in our words, and how it is written in a document
-    "float_type": ("{given} is not a number", ""),
-    "int_type": ("{given} is not a whole number", ""),
-    "int_from_float": ("{given} is not a whole number", ""),
-    "string_type": ("{given} is not a text", "write it in quotes"),
-    "list_type": ("{given} is not a list", "write [{given}]"),
-    "dict_type": ("{given} is not a table of keys and values", ""),
-    "bool_type": ("{given}, expected true or false", ""),
-    "missing": ("missing, expected it", ""),
-    "greater_than_equal": ("{given} is too small, expected {ge:g} or more", ""),
-    "greater_than": ("{given} is too small, expected more than {gt:g}", ""),
-    "less_than_equal": ("{given} is too large, expected {le:g} or less", ""),
-    "less_than": ("{given} is too large, expected less than {lt:g}", ""),
-    "finite_number": ("{given} is not a finite number", ""),
-    "too_short": ("is of length {actual_length}, expected at least {min_length}", ""),
-    "too_long": ("is of length {actual_length}, expected at most {max_length}", ""),
-}
 _NAME = re.compile(r"[\w-]{1,80}")
 
 
@@ -37,14 +20,10 @@ def problem(text: str, key: str | None = None) -> PydanticCustomError:
 def closest_match(name: str, known: Iterable[str]) -> str:
     """Say which names there are, and which one was probably meant."""
     names = sorted(known)
-    return f"{suggestion(name, names)} (known: {', '.join(names) if names else 'none'})"
-
-
-def suggestion(name: str, known: Iterable[str]) -> str:
-    """Return the question whether the most similar of the known names was meant; empty if none is similar."""
-    folded = {known.casefold(): known for known in sorted(known)}
+    folded = {known.casefold(): known for known in names}
     close = difflib.get_close_matches(name.casefold(), folded, n=1)
-    return f', did you mean "{folded[close[0]]}"?' if close else ""
+    suggestion = f', did you mean "{folded[close[0]]}"?' if close else ""
+    return f"{suggestion} (known: {', '.join(names) if names else 'none'})"
 
 
 def key(name: str) -> str:
@@ -68,7 +47,7 @@ def validation_messages(error: ValidationError, tags: Collection[str] = (), *, w
     tags : collection of str
         Names that distinguish the tables of one list.
     written : bool
-        Whether the input was written as TOML or JSON, so that messages say how to write it.
+        Whether the input was written as TOML or JSON, as which messages show it.
     """
     try:
         loc, text = _described(error.errors()[0], tags, written=written)
@@ -96,15 +75,8 @@ def _described(fault: ErrorDetails, tags: Collection[str], *, written: bool) -> 
         return loc, f"{quote(context['tag'])} is not known{closest_match(context['tag'], tags)}"
     if kind == "literal_error":
         names = re.findall(r"'([^']*)'", context["expected"])
-        expected = (
-            closest_match(str(fault["input"]), names) if written else f", expected one of {', '.join(names)}"
-        )
-        return loc, f"{value} is not known{expected}"
-    if kind not in _WORDING:
-        return loc, f"{value}, expected: {fault['msg'][0].lower()}{fault['msg'][1:]}"
-    text, advice = _WORDING[kind]
-    if kind in ("float_type", "int_type") and isinstance(fault["input"], str):
-        advice = "write it without quotes"
-    text = f"{text}, {advice}" if advice and written else text
-    text = text.format(given=value, **context)
-    return loc, text if written or "expected" in text else f"{text}, expected one"
+        return loc, f"{value} is not known{closest_match(str(fault['input']), names)}"
+    if kind == "missing":
+        return loc, "missing, expected it"
+    expected = fault["msg"].removeprefix("Input should be ")
+    return loc, f"{value}, expected {expected[0].lower()}{expected[1:]}"

@@ -200,7 +200,7 @@ def test_a_channel_of_one_value(archive, channels):
         "{ value = 1.5 }": "channels.f_x_1.unit: value 1.5 without a unit",
         '{ value = 0, column = "f_x_1" }': "channels.f_x_1: expected its column",
         "{ }": "channels.f_x_1: expected its column",
-        "{ value = nan }": "channels.f_x_1.value: NaN is not a finite number",
+        "{ value = nan }": "channels.f_x_1.value: NaN, expected a finite number",
     }.items():
         assert words in archive.refusal(columns={"f_x_1": column})
 
