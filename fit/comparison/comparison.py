@@ -1,10 +1,10 @@
-"""Results side by side, in the frame of the first one: differences in sigma, and chi2 of all parameters."""
+"""Results side by side: differences from the first one in sigma, and chi2 of all parameters."""
 
 import json
 import math
 import os
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -25,7 +25,6 @@ Place = tuple[str, str]  # section and key
 Fits = dict[Place, Fit]
 
 SECTIONS = ("joint", "inertial", "cross_talk", "experiments")
-REVERSED = ("delta_eta", "b_1", "b_4", "b_6")  # change sign between the two frames of telemetry
 _SINGULAR = 1e-12  # least eigenvalue of the correlation matrix of differences, per parameter
 _NONE = "-"
 
@@ -186,30 +185,29 @@ def compare(results: Sequence[PathLike | Results] | Mapping[str, PathLike | Resu
     Returns
     -------
     Comparison
-        In the frame of the first result.
+        Of all with the first result.
 
     Raises
     ------
     InputError
-        If there are fewer than two, one cannot be read or is given twice, or units differ.
+        If there are fewer than two, one cannot be read or is given twice, or units or frames
+        differ.
     """
     named = _labelled(results)
     (reference, first), *others = named.items()
     has_joint = all(result.joint and result.joint.parameters for result in named.values())
+    sections = SECTIONS[:-1] if has_joint else SECTIONS
     fits = {
-        label: {
-            (section, key): _in_frame(fit, section, result.provenance.frame != first.provenance.frame)
-            for section in (SECTIONS[:-1] if has_joint else SECTIONS)
-            for key, fit in _section(result, section).items()
-        }
+        label: {(section, key): fit for section, key, fit in result.fits() if section in sections}
         for label, result in named.items()
     }
     notes, tests = [], {}
     for label, result in others:
-        frame = result.provenance.frame
-        if frame != first.provenance.frame:
-            x_axis = f"+x points {frame} in it and {first.provenance.frame} in {reference}"
-            notes.append(f"{label}: {', '.join(REVERSED)} with the other sign, as {x_axis}")
+        if result.provenance.frame != first.provenance.frame:
+            raise InputError(
+                f"{label}: +x points {result.provenance.frame}, expected {first.provenance.frame} as in "
+                f"{reference}: the signs of delta_eta, b_1, b_4 and b_6 depend on it"
+            )
         if runs := [*_runs(first).items() & _runs(result).items()]:
             names = ", ".join(sorted(name for name, _ in runs))
             notes.append(
@@ -227,8 +225,6 @@ def compare(results: Sequence[PathLike | Results] | Mapping[str, PathLike | Resu
     ]
     if differing := [p.name for p in parameters if len(p.truths) > 1]:
         notes.append(f"the true values differ, and with them the estimates: {', '.join(differing)}")
-    if not any(sum(e is not None for e in p.estimates) > 1 for p in parameters):
-        notes.append("no parameter is estimated by more than one of the results")
     return Comparison(tuple(named), parameters, tests, tuple(notes))
 
 
@@ -238,29 +234,20 @@ def _labelled(
     """Return two results or more by their labels."""
     if isinstance(results, str | os.PathLike) or not isinstance(results, Sequence | Mapping):
         raise InputError(f"compare: {shown(results)}, expected a list of two or more results")
-    values = list(results.values()) if isinstance(results, Mapping) else list(results)
-    labels = list(results) if isinstance(results, Mapping) else [""] * len(values)
-    if len(values) < 2:
-        raise InputError(f"compare: {len(values)} given, expected two or more results")
+    items = list(results.items()) if isinstance(results, Mapping) else [("", result) for result in results]
+    if len(items) < 2:
+        raise InputError(f"compare: {len(items)} given, expected two or more results")
     named: dict[str, Results] = {}
-    for n, (label, result) in enumerate(zip(labels, values, strict=True), 1):
+    for n, (label, result) in enumerate(items, 1):
         if isinstance(result, Results):
             named[label or f"results {n}"] = result
         elif isinstance(result, str | os.PathLike):
             named[label or str(result)] = load(results_file(Path(result)))
         else:
             raise InputError(f"compare: {shown(result)}, expected a path or Results")
-    if len(named) < len(values):
+    if len(named) < len(items):
         raise InputError("compare: one is given twice, expected other results to compare")
     return named
-
-
-def _section(results: Results, section: str) -> Mapping[str, Fit]:
-    """Return the fits of a section by their key, that of the joint fit empty."""
-    if section == "joint":
-        return {"": results.joint} if results.joint else {}
-    fits: Mapping[str, Fit] = getattr(results, section)
-    return fits
 
 
 def _runs(results: Results) -> dict[str, object]:
@@ -269,19 +256,6 @@ def _runs(results: Results) -> dict[str, object]:
     names = [*(p.joint_runs or ()), *(p.noise_runs or {}).values()]
     names += [name for runs in (p.inertial_runs or {}).values() for name in runs]
     return dict.fromkeys(names, p.extra.get("seed"))
-
-
-def _in_frame(fit: Fit, section: str, is_reversed: bool) -> Fit:
-    """Return a fit with the signs that its parameters have in the other frame, where `is_reversed`."""
-    if not is_reversed or section == "joint":
-        return fit
-    signs = {name: -1.0 if name in REVERSED else 1.0 for name in fit}
-    parameters = {
-        name: replace(e, value=s * e.value, truth=e.truth and s * e.truth, pull=e.pull and s * e.pull)
-        for (name, e), s in zip(fit.parameters.items(), signs.values(), strict=True)
-    }
-    covariance = fit.covariance_matrix * np.outer(list(signs.values()), list(signs.values()))
-    return replace(fit, parameters=parameters, covariance_matrix=covariance)
 
 
 def _parameters(fits: Mapping[str, Fits]) -> Iterable[ParameterComparison]:

@@ -30,7 +30,7 @@ from fit.telemetry.maps import (
     attributes_of,
     factor_of,
     load,
-    places_of,
+    place_of,
 )
 from fit.telemetry.time_axis import Stamps
 from fit.telemetry.validation import MAX_SAMPLES, check_markers, check_missing, check_values, replace_markers
@@ -158,22 +158,14 @@ class _Run:
             writer.append(time, channels)
 
     def _find(self, channel: str, column: Channel | Clock) -> tuple[Table, str]:
-        """Return table and name of the column of a channel, which only one table may have."""
-        key = column.column
-        assert key is not None
-        for place in (places := places_of(self._path, self._map, self._i, column)):
-            if place not in self._tables:
-                opened = open_table(place.archive, place.table, self._map.text)
-                self._tables[place] = self._stack.enter_context(opened)
-        tables = [self._tables[place] for place in places]
-        having = [table for table in tables if table.has(key)] if len(tables) > 1 else tables
-        if len(having) != 1:
-            names = ", ".join(table.path.name for table in having or tables)
-            raise InputError(
-                f"{self._place}.file: column {key} (channel {channel}): in {'each' if having else 'none'} of "
-                f'{names}, expected it in one of them, or its file: {{ column = {key!r}, file = "A.csv" }}'
-            )
-        return having[0], having[0].column(key, channel)
+        """Return table and name of the column of a channel."""
+        assert column.column is not None
+        place = place_of(self._path, self._map, self._i, column)
+        if place not in self._tables:
+            opened = open_table(place.archive, place.table, self._map.text)
+            self._tables[place] = self._stack.enter_context(opened)
+        table = self._tables[place]
+        return table, table.column(column.column, channel)
 
     def _columns(self) -> dict[str, tuple[Table, str]]:
         """Return the columns of all channels but those of one value."""

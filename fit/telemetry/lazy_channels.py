@@ -14,9 +14,7 @@ from numpy.typing import NDArray
 from fit.errors import InputError, MissingKeyError, shown
 from fit.files import short_path
 from fit.telemetry.contract import SCHEMA
-from fit.telemetry.validation import LOCKED, is_locked, read_channel
-
-_NO_ARCHIVES = ("", ".h5", ".json", ".toml")  # suffixes
+from fit.telemetry.validation import read_channel
 
 
 class LazyChannels(Mapping[str, NDArray[np.float64]]):
@@ -92,11 +90,9 @@ def open_file(path: Path, schema: str = SCHEMA) -> Iterator[h5py.File]:
     except InputError:
         raise
     except Exception as error:  # a damaged file makes h5py and NumPy raise almost anything
-        if is_locked(error):
-            raise InputError(f"{path}: is {LOCKED}, expected a file that can be read") from error
         is_readable = isinstance(error, PermissionError | MemoryError) or h5py.is_hdf5(path)
         fault = f"cannot be read ({' '.join(str(error).split())})" if is_readable else "not HDF5"
-        advice = "" if is_readable or schema != SCHEMA or path.suffix in _NO_ARCHIVES else _map_advice(path)
+        advice = "" if is_readable or schema != SCHEMA else _map_advice(path)
         raise InputError(f"{path}: {fault}, expected an HDF5 file of schema {schema!r}{advice}") from error
 
 
@@ -115,8 +111,10 @@ def root_attributes(path: Path) -> dict[str, Any] | None:
         return None
     except Exception as error:  # whatever HDF5 and NumPy make of a file that is damaged
         if isinstance(error, OSError) and error.errno:  # of the operating system
-            reason = f"is {LOCKED}" if is_locked(error) else f"cannot be opened ({os.strerror(error.errno)})"
-            raise InputError(f"{path}: {reason}, expected a file that can be read") from error
+            reason = os.strerror(error.errno)
+            raise InputError(
+                f"{path}: cannot be opened ({reason}), expected a file that can be read"
+            ) from error
         return None
 
 

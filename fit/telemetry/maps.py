@@ -20,13 +20,8 @@ SCHEMA = "lpf-map/1"
 #: Time stamps by their names in `astropy.time`; those of ISO 8601 have a T or a blank, whichever it is.
 Format = Literal["iso", "isot", "yday", "gps", "unix", "unix_tai", "tai_seconds", "cxcsec", "mjd", "jd"]
 Scale = Literal["utc", "tai", "tt", "tdb", "tcg", "tcb"]
-SECONDS = (
-    "gps",
-    "unix",
-    "unix_tai",
-    "tai_seconds",
-    "cxcsec",
-)  # formats that count them, in a scale of theirs
+#: Formats that count seconds, in a scale of theirs.
+SECONDS = ("gps", "unix", "unix_tai", "tai_seconds", "cxcsec")
 TIME = "time"  # stands for the time column where a channel is named
 
 
@@ -111,19 +106,14 @@ class Clock(Column):
 class Source(_Table):
     """[[runs]]: where a run is; its attributes are among the extras.
 
-    `file` is relative to the map; a list of files is searched for the columns. In file and table ``{run}``
-    and ``{channel}`` stand for the names of both.
+    `file` is relative to the map. In file and table ``{run}`` and ``{channel}`` stand for the names of both.
     """
 
     model_config = ConfigDict(extra="allow")
     __pydantic_extra__: dict[str, object]
     more_keys = re.compile(r"[\s\S]*")  # attributes
 
-    file: Annotated[
-        _Word | Annotated[list[_Word], Field(min_length=1)],
-        _expected('the name of a file, "A.csv", or a list of them'),
-        Field(examples=['file = "A.csv"']),
-    ]
+    file: Annotated[_Word, Field(examples=['file = "A.csv"'])]
     table: _TableKey | None = None
     run: Annotated[
         str,
@@ -188,9 +178,9 @@ def load(path: Path) -> Map:
         check_root(f"{path}: runs[{i}]", {**stamped, **attributes})
         columns = [channel for channel in mapping.channels.values() if channel.value is None]
         for column in [*columns, *([mapping.time] if mapping.time and mapping.time.file else [])]:
-            for table in places_of(path, mapping, i, column):
-                if not is_file(table.archive):
-                    raise InputError(f"{path}: runs[{i}].file: {table.archive}: no such file")
+            archive = place_of(path, mapping, i, column).archive
+            if not is_file(archive):
+                raise InputError(f"{path}: runs[{i}].file: {archive}: no such file")
     return mapping
 
 
@@ -221,19 +211,17 @@ def attributes_of(path: Path, mapping: Map, i: int) -> dict[str, str | int | flo
     return values
 
 
-def places_of(path: Path, mapping: Map, i: int, column: Column) -> list[Place]:
-    """Return the tables of run `i` that may have a column."""
+def place_of(path: Path, mapping: Map, i: int, column: Column) -> Place:
+    """Return the table of run `i` that has a column."""
     run = mapping.runs[i]
-    files = column.file or run.file
     table = run.table if column.table is None else column.table
     channel = next((name for name, known in mapping.channels.items() if known is column), TIME)
 
     def named(template: str) -> str:
         return template.replace("{run}", run.run).replace("{channel}", channel)
 
-    chosen = named(table) if isinstance(table, str) else table
-    names = dict.fromkeys([files] if isinstance(files, str) else files)
-    return [Place(path.parent / named(name), chosen) for name in names]
+    archive = path.parent / named(column.file or run.file)
+    return Place(archive, named(table) if isinstance(table, str) else table)
 
 
 def factor_of(place: str, unit: str | None, channel: str, attributes: Mapping[str, Any]) -> float:

@@ -3,7 +3,6 @@
 Every function raises `fit.errors.InputError`; its message names the file, the place and what was expected.
 """
 
-import errno
 import math
 from collections.abc import Iterable, Mapping
 from contextlib import suppress
@@ -35,15 +34,6 @@ _DOUBLE = 1e-15  # relative: rounding by a scale that the archive states
 _MARKER_RATIO, _NUMBER_RATIO = 5.0, 100.0  # times the largest other sample: of a usual marker, of any number
 _READ_OUTS = ("o_", "grs_")  # channels with noise in every sample
 _SET_POINTS = "guidance_"  # channels that stay at the numbers that an operator chooses
-
-
-def is_locked(error: Exception) -> bool:
-    """Return whether a file could not be opened for a lock, its content unseen."""
-    return isinstance(error, OSError) and error.errno in (errno.EAGAIN, errno.EWOULDBLOCK, errno.ENOLCK)
-
-
-#: What to say of such a file.
-LOCKED = "locked by another process (or the file system has no locks: HDF5_USE_FILE_LOCKING=FALSE)"
 
 
 def plain(value: object) -> object:

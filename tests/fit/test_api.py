@@ -20,7 +20,7 @@ from fit.results import Fit, Results
 from fit.results.estimates import Estimate
 from fit.results.provenance import Provenance
 from tests import ROOT
-from tests.fit.telemetry.test_archives import as_csv, columns_of, map_of
+from tests.fit.telemetry.mapped import Archive, listed, write
 from tests.oracles.contract_file import write_contract_file
 from tests.oracles.synthetic import World, pair
 from tests.test_docs import Runner, blocks
@@ -71,12 +71,12 @@ def test_load_takes_files_lists_and_folders_of_a_run(folder, runs):
 @pytest.fixture
 def archived(tmp_path, monkeypatch):
     """An archive and its map, flight.toml, in the present folder; returns the runs in it."""
-    archived_runs = pair(World(), "E", duration=2400.0, drive_1=1e-13, experiment="E1")
-    for run in archived_runs:
-        as_csv(tmp_path / f"{run.run}.csv", columns_of(run))
-    (tmp_path / "flight.toml").write_text(map_of(archived_runs, "csv"), encoding="utf-8")
+    run, _ = pair(World(), "E", duration=240.0, drive_1=1e-13, experiment="E1")
+    write(tmp_path / "A.csv", {"t": run.time.tolist(), **listed(run.channels)})
+    Archive(tmp_path).convert()
+    (tmp_path / "map.toml").rename(tmp_path / "flight.toml")
     monkeypatch.chdir(tmp_path)
-    return archived_runs
+    return [run]
 
 
 def test_load_converts_what_a_map_describes(archived, tmp_path):

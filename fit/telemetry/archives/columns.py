@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 from fit.errors import InputError, quote
 from fit.files import closest_match
 from fit.files import key as shown_key
-from fit.telemetry.validation import LOCKED, is_locked
 from fit.units import in_base_units
 
 MOST_COLUMNS = 1000  # of a matrix
@@ -249,8 +248,6 @@ def read_errors(place: str, expected: str) -> Iterator[None]:
     except InputError:
         raise
     except Exception as error:
-        if is_locked(error):
-            raise InputError(f"{place}: is {LOCKED}, expected a file that can be read") from error
         reason = " ".join((str(error) or type(error).__name__).split())
         reason = reason if reason.isprintable() and len(reason) <= 300 else quote(reason)
         raise InputError(f"{place}: cannot be read ({reason}), expected {expected}") from error

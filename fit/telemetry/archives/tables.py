@@ -88,14 +88,14 @@ def open_fits(path: Path, table: str | int | None) -> Iterator[Table]:
         warnings.simplefilter("error")  # a file cut short is only warned about
         warnings.simplefilter("ignore", fits.verify.VerifyWarning)
         with fits.open(source) as hdus:
-            tables = {i: hdu for i, hdu in enumerate(hdus) if hasattr(hdu, "columns")}
+            tables = {i: hdu for i, hdu in enumerate(hdus) if isinstance(hdu, fits.BinTableHDU)}
             name = table.casefold() if isinstance(table, str) else table
             chosen = [hdu for i, hdu in tables.items() if name in (None, i, hdu.name.casefold())]
             if not chosen:
                 available = ", ".join(hdu.name or str(i) for i, hdu in tables.items()) or "none"
                 requested = "table" if table is None else f"table {table!r}"
                 raise InputError(
-                    f"{path}: no {requested}, expected an extension with a table; there are: {available}"
+                    f"{path}: no {requested}, expected a binary table; there are: {available}"
                 )
             columns: dict[str, Column] = {}
             for column in chosen[0].columns:
@@ -105,12 +105,9 @@ def open_fits(path: Path, table: str | int | None) -> Iterator[Table]:
 
 
 def _fits_values(hdu: Any, column: Any) -> NDArray[Any]:
-    """Return a column with NaN for missing numbers; blanks in ASCII tables are 0 to astropy."""
+    """Return a column with NaN for missing numbers."""
     values: NDArray[Any] = np.asarray(hdu.data[column.name])
     stored = np.asarray(hdu.data.view(np.ndarray)[column.name])  # before TSCAL, TZERO and TNULL
-    if column.start is not None and values.dtype.kind in "iuf":
-        cells = np.char.strip(stored)
-        return np.where((cells == b"") | (cells == str(column.null).strip().encode()), np.nan, values)
     if column.null is not None and stored.dtype.kind in "iu":
         return np.where(stored == column.null, np.nan, values)
     return values

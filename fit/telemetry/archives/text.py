@@ -33,7 +33,6 @@ _COMMENTS = ("#", "%")
 _DELIMITERS = ("\t", ";", ",", " ")
 _SAMPLE = 200  # lines that show the layout
 _TAIL = 50  # of these, the last ones show what the columns are
-_LONGEST_LINE = 2**20  # letters
 _FORTRAN = re.compile(r"([+-]?(?:\d+\.?\d*|\.\d+))[dD]([+-]?\d+)")
 _STAMP = re.compile(r"\d{4}[-/:]\d")
 
@@ -75,13 +74,6 @@ def read_text(path: Path, layout: Layout) -> Table:
             return _read_table(path, file, layout)
 
 
-def _numbered(path: Path, file: TextIO) -> Iterator[Line]:
-    for n, line in enumerate(iter(lambda: file.readline(_LONGEST_LINE), ""), 1):
-        if len(line) == _LONGEST_LINE or "\0" in line:
-            raise InputError(f"{path}: line {n}: no text of at most {_LONGEST_LINE} letters, expected cells")
-        yield n, line.rstrip("\r\n")
-
-
 def _split(line: str, delimiter: str) -> list[str]:
     text = line.strip() if delimiter == " " else line
     return [cell.strip() for cell in next(csv.reader([text], delimiter=delimiter, skipinitialspace=True), [])]
@@ -110,17 +102,12 @@ def number(cell: str, decimal: str = ".") -> float | None:
 
 
 def _read_table(path: Path, file: TextIO, layout: Layout) -> Table:
-    lines = _numbered(path, file)
+    lines = enumerate((line.rstrip("\r\n") for line in file), 1)
     sample = list(islice(lines, _SAMPLE + (layout.header or 0)))
-    while sample and not any(map(_begins_number, sample[-_TAIL:])) and (more := list(islice(lines, _SAMPLE))):
-        sample += more  # a long header
     body = [line for _, line in sample if _is_row(line)]
     end = body[-1].strip(" ") if body else ""
     recognised: Iterator[str] = (d for d in _DELIMITERS if d in end and d != layout.decimal)
     delimiter: str = layout.delimiter or next(recognised, " ")
-    if delimiter != " " and all(line.endswith(delimiter) for line in body):  # it ends each row
-        sample = [(n, line.removesuffix(delimiter)) for n, line in sample]
-        lines = ((n, line.removesuffix(delimiter)) for n, line in lines)
     rows = [(n, _split(line, delimiter)) for n, line in sample if _is_row(line)]
     last = [row for _, row in rows[1:][-_TAIL:] or rows]
     width = Counter(map(len, last)).most_common(1)[0][0] if last else 0
@@ -164,6 +151,8 @@ def _data(path: Path, lines: Iterator[Line], width: int) -> Iterator[str]:
     """Yield the rows."""
     blank = 0
     for n, line in lines:
+        if "\0" in line:  # at which NumPy ends the line
+            raise InputError(f"{path}: line {n}: a zero byte, expected text")
         if blank and width == 1 and _is_row(line):
             expected = "expected nan for a missing sample"
             raise InputError(f"{path}: line {blank}: blank in a single column, {expected}")
@@ -187,10 +176,6 @@ def _column(rows: NDArray[Any], faults: dict[int, str], i: int) -> NDArray[Any]:
             f'{shown(faults[i])} is no number; decimal commas: decimal = "," in [text] of the map'
         )
     return np.asarray(rows[str(i)])
-
-
-def _begins_number(line: Line) -> bool:
-    return not _is_comment(line[1]) and bool(re.match(r"[\s\"+-]*[\d.,;]", line[1]))
 
 
 def _is_text(cells: Sequence[str], decimal: str) -> bool:

@@ -33,10 +33,18 @@ class Archive:
     folder: object
 
     def convert(
-        self, *, clock='column = "t"', columns=None, run='file = "A.csv"', t0=T0, top="", attributes=""
+        self,
+        *,
+        clock='column = "t"',
+        columns=None,
+        run='file = "A.csv"',
+        t0=T0,
+        top="",
+        attributes="",
+        names=CHANNELS,
     ):
-        """Convert run A; `columns` are what stands for each channel."""
-        columns = {name: f'{{ column = "{name}" }}' for name in CHANNELS} | (columns or {})
+        """Convert run A; `columns` are what stands for each of the channels `names`."""
+        columns = {name: f'{{ column = "{name}" }}' for name in names} | (columns or {})
         lines = "".join(f"{name} = {column}\n" for name, column in columns.items())
         start = f"t0 = {t0}\n" if t0 else ""
         time = f"[time]\n{clock}\n" if clock else ""

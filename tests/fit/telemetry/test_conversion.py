@@ -10,6 +10,7 @@ import xarray
 from astropy.time import Time, TimeDelta
 
 from fit.errors import InputError
+from fit.telemetry.contract import LISA_REQUIRED
 from fit.telemetry.reader import read, utc
 from fit.telemetry.validation import replace_markers
 from tests.fit.telemetry.mapped import M_TM, T0, N, assert_same, instants, isot, listed, write
@@ -217,3 +218,21 @@ def test_forces_are_divided_by_the_mass(archive, channels):
         message = archive.refusal(columns={"f_x_1": f'{{ column = "f_x_1", unit = "{unit}" }}'})
         assert f"map.toml: channels.f_x_1.unit: unit '{unit}' does not measure what 'm s-2' does" in message
         assert "expected 'm s-2', 'N' or a multiple of it" in message
+
+
+def test_channels_of_lisa(archive):
+    rng = np.random.default_rng(7)
+    channels = {name: rng.normal(0.0, 1e-9, N) for name in LISA_REQUIRED}
+    write(archive.folder / "A.csv", {"t": np.arange(N).tolist(), **listed(channels)})
+    run = archive.convert(names=LISA_REQUIRED, attributes='half_opening = "30 deg"')
+    assert (run.spacecraft, run.attributes["half_opening"]) == ("LISA", pytest.approx(np.pi / 6))
+    assert_same(run, channels)
+
+
+def test_a_fault_is_one_sentence_of_the_command_and_leaves_nothing(lpfcosim, archive, channels):
+    write(archive.folder / "A.csv", {"t": np.arange(N).tolist(), **listed(channels)})
+    archive.refusal(columns={"o_12": '{ column = "o_2" }'})
+    _, out, err = lpfcosim("fit", "map.toml", "--out", "result", status=2)
+    (sentence,) = err.splitlines()
+    assert sentence.startswith("lpfcosim: error: A.csv: column o_2 (channel o_12): missing, did you mean")
+    assert out == "" and {file.name for file in archive.folder.iterdir()} == {"map.toml", "A.csv"}

@@ -42,7 +42,7 @@ decimal = ","
 header = 3
 
 [[runs]]
-file = ["A.csv", "B.csv"]
+file = "A.csv"
 run = "A"
 experiment = "A"
 kind = "sysid"
