@@ -174,12 +174,7 @@ def document(**changes):
 
 FAULTS = {
     "": "expected a JSON object",
-    "[" * 100_000: "expected a JSON object",
     "{}": "schema is None, expected 'lpf-results/1'",
-    json.dumps(document(parameters={"C_2": {"value": "x", "sigma": 0.1, "unit": "s"}})): "C_2.value",
-    json.dumps(
-        document(parameters={"C_2": {"value": 0.2, "sigma": -0.1, "unit": "s"}})
-    ): "C_2.sigma: -0.1, expected more than 0",
     json.dumps(
         document(parameters={"C_2": {"value": 0.2, "sigma": 0.0, "unit": "s"}}, covariance=[[0.0]])
     ): "C_2.sigma: 0, expected more than 0, or 0 with a constraint",
@@ -187,9 +182,6 @@ FAULTS = {
     json.dumps(document(names=["C_1"])): "joint.names: expected each of the parameters once",
     json.dumps(document(covariance=[[0.01, 0.0]])): "joint.covariance: expected 1 rows of 1 numbers",
     json.dumps(document(covariance=[[0.1]])): "joint.covariance: expected the squares of the sigmas",
-    json.dumps(
-        document(warnings=[{"code": "x", "parameters": "C_2", "message": ""}])
-    ): "warnings[0].parameters",
 }
 
 
@@ -231,17 +223,24 @@ def test_truth_and_pull_of_the_joint_fit(tmp_path):
     assert with_truth(of_two, runs).joint.parameters["lambda_2"].truth == 1.0776
 
 
-def test_gains_that_scatter_are_told_in_the_joint_fit_by_what_they_scatter_about(tmp_path):
-    means = {"lambda_2_mean": 1.0776, "C_2_mean": 0.186}
-    own = [{**TRUTH, **means, "lambda_2": gain, "C_2": 0.17 * gain} for gain in (1.07, 1.09)]
-    runs = [telemetry(tmp_path, f"A{i}", truth) for i, truth in enumerate(own)]
-    alone = make_fit(lambda_2=1.07)
-    results = with_truth(
-        make_results(joint=make_fit(lambda_2=2.0776, C_2=0.186), experiments={"A0": alone}), runs
+def test_the_truth_of_gains_that_scatter_is_their_mean_if_stated_and_none_otherwise(tmp_path):
+    gains = {"A0": 1.07, "A1": 1.09}
+    fits = make_results(
+        joint=make_fit(lambda_2=2.0776, C_2=0.186),
+        experiments={name: make_fit(lambda_2=gain) for name, gain in gains.items()},
     )
+    runs = [telemetry(tmp_path, name, {**TRUTH, "lambda_2": gain}) for name, gain in gains.items()]
+    results = with_truth(fits, runs)
+    assert results.joint.parameters["lambda_2"].truth is None
+    assert results.joint.parameters["lambda_2"].pull is None
+    assert results.joint.parameters["C_2"].truth == 0.186
+    means = {"lambda_2_mean": 1.0776, "C_2_mean": 0.186}
+    truths = {name: {**TRUTH, **means, "lambda_2": g, "C_2": 0.17 * g} for name, g in gains.items()}
+    results = with_truth(fits, [telemetry(tmp_path, name, truth) for name, truth in truths.items()])
     assert results.joint.parameters["lambda_2"].pull == pytest.approx(2.0)
     assert results.joint.parameters["C_2"].truth == 0.186
-    assert results.experiments["A0"].parameters["lambda_2"].truth == 1.07
+    for name, gain in gains.items():
+        assert results.experiments[name].parameters["lambda_2"].truth == gain
 
 
 def test_truth_of_an_experiment_follows_its_authority(tmp_path):
@@ -287,22 +286,6 @@ def test_truth_of_lengths_that_hold_the_euler_force_is_that_of_the_sums(tmp_path
     assert sums["b_2"].truth == pytest.approx(-3.38e-5 + 0.376 * 0.066e-3)
     apart = with_truth(make_results(cross_talk={"1": lengths}), [run]).cross_talk["1"].parameters
     assert apart["b_1"].truth == 1.887e-4
-
-
-def test_a_jittered_gain_has_a_truth_per_experiment_but_none_in_the_joint_fit(tmp_path):
-    runs = [
-        telemetry(tmp_path, name, {**TRUTH, "lambda_2": gain}) for name, gain in [("A1", 1.07), ("B1", 1.08)]
-    ]
-    results = make_results(
-        joint=make_fit(lambda_2=1.075, C_2=0.1),
-        experiments={"A1": make_fit(lambda_2=1.0), "B1": make_fit(lambda_2=1.0)},
-    )
-    told = with_truth(results, runs)
-    assert told.joint.parameters["lambda_2"].truth is None
-    assert told.joint.parameters["lambda_2"].pull is None
-    assert told.joint.parameters["C_2"].truth == 0.186
-    assert told.experiments["A1"].parameters["lambda_2"].truth == 1.07
-    assert told.experiments["B1"].parameters["lambda_2"].truth == 1.08
 
 
 UNSOUND = Finding("contradiction", "E2 contradicts the others", parameters=("lambda_2",))

@@ -10,9 +10,7 @@ from fit.settings import read, settings
     ("table", "message"),
     [
         ({"estimator": "best"}, 'estimator: "best"'),
-        ({"speed": 3}, "speed"),
         ({"shared": {"lambda_3": "campaign"}}, "shared.lambda_3: unknown key"),
-        ({"shared": {"lambda_2": "week"}}, 'shared.lambda_2: "week"'),
         ({"shared": "all"}, "expected a table"),
         ({"scatter": ["omega2_1_0"]}, "scatter[0]"),
         (
@@ -20,9 +18,7 @@ from fit.settings import read, settings
             "a value for each experiment already",
         ),
         ({"f_max": 0.001}, "f_max"),
-        ({"f_min": 0.001}, "f_min"),
         ({"f_max": 0.05, "estimator": "flscov"}, "f_max: 0.05 with estimator"),
-        ({"exclude": "A"}, "exclude"),
     ],
 )
 def test_invalid_settings_are_refused(table, message):

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from fit.errors import InputError
-from fit.telemetry.reader import open_run, read
+from fit.telemetry.reader import open_run
 from tests.oracles.contract_file import write_contract_file
 
 N = 200
@@ -14,27 +14,13 @@ N = 200
 @pytest.mark.parametrize(
     "form", [{}, {"dtype": ">f8"}, {"dtype": "f4"}, {"chunks": (64,), "compression": "gzip"}]
 )
-def test_samples_are_the_same_however_they_lie_in_the_file(tmp_path, form):
-    path, x = write_contract_file(tmp_path / "plain.h5", samples=N), np.arange(N) / 8
-    with h5py.File(path) as plain, h5py.File(tmp_path / "other.h5", "w", userblock_size=512) as copy:
-        copy.attrs.update(plain.attrs)
-        for name in plain:
-            plain.copy(name, copy)
-        del copy["o_1"]
-        copy.create_dataset("o_1", data=x, **form).attrs["units"] = "m"
-    telemetry = read(tmp_path / "other.h5")
-    np.testing.assert_array_equal(telemetry.channels["o_1"], x)
-    np.testing.assert_array_equal(telemetry.time, read(path).time)
-
-
-@pytest.mark.parametrize("chunks", [None, (64,)])
 @pytest.mark.parametrize("rewriting", ["replaced", "in place"])
-def test_parts_are_those_of_the_file_unless_it_is_written_again(tmp_path, chunks, rewriting):
+def test_parts_are_those_of_the_file_unless_it_is_written_again(tmp_path, form, rewriting):
     """Half of a run from before and half from now would look like one."""
     path, x = write_contract_file(tmp_path / "A1.h5", samples=N), np.arange(N) / 8
     with h5py.File(path, "a") as file:
         del file["o_1"]
-        file.create_dataset("o_1", data=x, chunks=chunks).attrs["units"] = "m"
+        file.create_dataset("o_1", data=x, **form).attrs["units"] = "m"
     run = open_run(path)
     part = run.part(slice(20, 170)).part(slice(10, None))
     assert np.array_equal(run.channels["o_1"], x)

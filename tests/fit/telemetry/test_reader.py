@@ -93,14 +93,50 @@ def with_value(h5, name, index, value):
     h5[name][index] = value
 
 
+def put(h5, name, **options):
+    """Replace a channel by a dataset of other storage."""
+    del h5[name]
+    h5.create_dataset(name, **options).attrs["units"] = "m"
+
+
+def virtual(h5):
+    layout = h5py.VirtualLayout((N,), "f8")
+    layout[:] = h5py.VirtualSource(h5["o_12"])
+    del h5["o_1"]
+    h5.create_virtual_dataset("o_1", layout).attrs["units"] = "m"
+
+
+def link(h5):
+    del h5["o_1"]
+    h5["o_1"] = h5py.ExternalLink("/etc/passwd", "/o_1")
+
+
+def unwritten(h5):
+    """Declare four chunks and write three."""
+    put(h5, "o_1", shape=(N,), dtype="f8", chunks=(N // 4,))
+    h5["o_1"][N // 4 :] = 1e-9
+
+
 CHANNEL_FAULTS = {
     "missing": (lambda h5: h5.pop("f_x_2"), ["channel f_x_2: missing"]),
     "nm": (lambda h5: h5["o_12"].attrs.update(units="nm"), ["channel o_12", "'nm'", "'m'"]),
-    "short": (lambda h5: replace(h5, "o_1", np.zeros(N - 1)), ["channel o_1: 199", "200"]),
+    "short": (lambda h5: put(h5, "o_1", data=np.zeros(N - 1)), ["channel o_1: 199", "200"]),
+    "beyond all": (lambda h5: with_value(h5, "o_1", 3, 1e308), ["channel o_1: 1e+308 at sample 3"]),
+    "link": (link, ["channel o_1: a link, expected the dataset itself"]),
+    "virtual": (virtual, ["channel o_1: kept in other files"]),
+    "elsewhere": (
+        lambda h5: put(h5, "o_1", shape=(N,), dtype="f8", external=[("/dev/zero", 0, 8 * N)]),
+        ["channel o_1: kept in other files"],
+    ),
+    "a terabyte": (
+        lambda h5: put(h5, "o_1", shape=(10**12,), dtype="f8", chunks=(1000,)),
+        ["channel o_1: 1000000000000 samples, expected the 200 of time"],
+    ),
     "unwritten": (
-        lambda h5: (h5.pop("o_1"), h5.create_dataset("o_1", N, "f8").attrs.update(units="m")),
+        lambda h5: put(h5, "o_1", shape=(N,), dtype="f8"),
         ["channel o_1: declared but never written"],
     ),
+    "a chunk unwritten": (unwritten, [f"channel o_1: declared but only {N - N // 4} values of {N} written"]),
     "too many nan": (
         lambda h5: with_value(h5, "o_12", slice(42, 45), np.nan),
         ["channel o_12: nan from sample 42 (t = 4.2 s)", "1.5 %", "0.3 s", "expected at most 1 % and 600 s"],
@@ -185,38 +221,21 @@ def test_truth(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("name", "attribute", "value"),
-    [("o_12", "scale_factor", 1e-9), ("time", "add_offset", 0.5), ("temperature", "add_offset", 0.5)],
+    ("name", "attribute", "value", "expected"),
+    [
+        ("o_12", "scale_factor", 1e-9, "1e-09, expected the values themselves"),
+        ("time", "add_offset", 0.5, "0.5, expected the values themselves"),
+        (
+            "f_x_2",
+            "_FillValue",
+            -9999.0,
+            "-9999.0 stands for missing samples, such as number 17, expected NaN",
+        ),
+        ("f_x_2", "missing_value", -9999.0, "-9999.0 stands for missing samples, such as number 17"),
+    ],
 )
-def test_packed_values_are_refused(file, name, attribute, value):
-    with h5py.File(file, "a") as h5:
-        if name not in h5:
-            h5[name] = np.arange(N)
-        h5[name].attrs[attribute] = value
-    with pytest.raises(InputError, match=rf"{name}: attribute {attribute}: {value}, expected the values"):
-        read(file)
-
-
-@pytest.mark.parametrize("attribute", ["_FillValue", "missing_value"])
-def test_a_number_for_missing_samples_is_refused(file, attribute):
+def test_packed_values_and_numbers_for_missing_samples_are_refused(file, name, attribute, value, expected):
     with h5py.File(file, "a") as h5:
         h5["f_x_2"][17] = -9999.0
-        h5["f_x_2"].attrs[attribute] = -9999.0
-    with pytest.raises(
-        InputError, match=rf"f_x_2: attribute {attribute}: -9999.0 .* number 17, expected NaN"
-    ):
-        read(file)
-
-
-def test_a_chunk_that_was_never_written_is_no_zeros(tmp_path):
-    path = write_contract_file(tmp_path / "hole.h5")
-    with h5py.File(path, "a") as h5:
-        values = h5["o_1"][...]
-        del h5["o_1"]
-        hole = h5.create_dataset("o_1", shape=(N,), chunks=(N // 4,), dtype="f8")
-        hole[N // 4 :] = values[N // 4 :]
-        hole.attrs["units"] = "m"
-    with pytest.raises(
-        InputError, match=rf"channel o_1: declared but only {N - N // 4} values of {N} written"
-    ):
-        read(path)
+        h5[name].attrs[attribute] = value
+    assert f"{name}: attribute {attribute}: {expected}" in refusal(file)
