@@ -2,7 +2,6 @@
 
 import math
 import re
-from collections.abc import Mapping
 from decimal import Decimal
 from functools import cache
 from typing import TYPE_CHECKING
@@ -45,15 +44,15 @@ def factor(unit: str, si: str) -> float:
     >>> factor("nm", "m"), factor("pm/s2", "m s-2"), factor("m s-2", "m s-2")
     (1e-09, 1e-12, 1.0)
     """
-    (size, kind), (si_size, wanted_kind) = _root(unit), _root(si)
-    # Root units, not dimensions: to pint a radian has none, but 1 rad/s is not 1 Hz.
-    if kind != wanted_kind:
+    (kind, size, offset), (si_kind, si_size, _) = in_base_units(unit), in_base_units(si)
+    # Base units, not dimensions: to pint a radian has none, but 1 rad/s is not 1 Hz.
+    if kind != si_kind or offset:
         raise ValueError(f"unit {unit!r} does not measure what {si or '1'!r} does")
     return float(f"{size / si_size:.15g}")
 
 
 @cache
-def in_base_units(unit: str) -> tuple[dict[str, int], float, float]:
+def in_base_units(unit: str) -> tuple[dict[str, float], float, float]:
     """Return the base units that `unit` is made of, by symbol, with their powers, its factor and its offset.
 
     Raises
@@ -68,9 +67,10 @@ def in_base_units(unit: str) -> tuple[dict[str, int], float, float]:
     """
     try:
         zero, one = (registry().Quantity(x, _pint_spelling(unit)).to_base_units() for x in (0.0, 1.0))
-    except Exception as error:  # as in `_root`
+    except Exception as error:  # pint raises whatever its tokeniser, its parser or its arithmetic raise
         raise UnknownUnitError(f"unit {unit!r} is not known") from error
-    powers = {registry().get_symbol(name): round(float(str(power))) for name, power in one.unit_items()}
+    exponents = {registry().get_symbol(name): float(str(power)) for name, power in one.unit_items()}
+    powers = {symbol: int(power) if power.is_integer() else power for symbol, power in exponents.items()}
     return powers, one.magnitude - zero.magnitude, zero.magnitude
 
 
@@ -133,17 +133,6 @@ def to_si(value: str | float, si: str) -> float:
         raise ValueError("no number with a unit")
     # decimal arithmetic, so that "10.4 pN m" is the float 1.04e-11 and not its neighbour
     return float(Decimal(number_and_unit[0]) * Decimal(repr(factor(number_and_unit[1], si))))
-
-
-@cache
-def _root(unit: str) -> tuple[float, Mapping[str, object]]:
-    """Return a unit as a number of root units, and these with their powers."""
-    text = _pint_spelling(unit)
-    try:
-        root = registry().Quantity(1.0, registry().parse_units(text)).to_root_units()
-        return float(root.magnitude), dict(root.unit_items())
-    except Exception as error:  # pint raises whatever its tokeniser, its parser or its arithmetic raise
-        raise UnknownUnitError(f"unit {unit!r} is not known") from error
 
 
 def _pint_spelling(unit: str) -> str:

@@ -10,7 +10,7 @@ from fit.checks import checked
 from fit.errors import InputError
 from fit.fitting import IRLSResult, fit_joint
 from fit.parallel import one_blas_thread
-from fit.results import Results, results_folder, telemetry_of
+from fit.results import Results, results_file, telemetry_of
 from fit.settings import Settings, settings
 from fit.telemetry import Telemetry, read_all
 from fit.whitening import Experiment, Run
@@ -24,7 +24,9 @@ def load(directory: Path) -> tuple[Results, list[Telemetry]]:
     InputError
         If a file is missing or breaks its contract.
     """
-    path = results_folder(directory) / "results.json"
+    path = results_file(directory)
+    if path == directory:
+        raise InputError(f"{path}: is a file, expected the folder of an earlier run or fit")
     results = fit_results.load(path)
     if results.ttl:  # of Michelson variables, which the results hold
         return results, []

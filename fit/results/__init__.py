@@ -10,7 +10,6 @@ from fit.results.fit_record import Fit, estimates
 from fit.results.folders import (
     results_beside,
     results_file,
-    results_folder,
     telemetry_files,
     telemetry_of,
 )
@@ -38,7 +37,6 @@ __all__ = [
     "load",
     "results_beside",
     "results_file",
-    "results_folder",
     "sound_joint",
     "telemetry_files",
     "telemetry_of",

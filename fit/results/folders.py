@@ -37,20 +37,6 @@ def results_file(path: Path) -> Path:
     return path / RESULTS
 
 
-def results_folder(path: Path) -> Path:
-    """Return a folder of results, for commands that add to it.
-
-    Raises
-    ------
-    InputError
-        If there is none, it is a file, or it has no results.
-    """
-    if not stat.S_ISDIR(mode := _mode(path)):
-        problem = "is a file" if mode else "no such folder"
-        raise InputError(f"{path}: {problem}, expected the folder of an earlier run or fit")
-    return results_file(path).parent
-
-
 def results_beside(path: Path) -> Path | None:
     """Return ``results.json`` of the folder of results that a path of telemetry is or lies in, if any.
 

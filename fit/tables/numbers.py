@@ -128,13 +128,9 @@ def latex_value(value: float, sigma: float, *, sound: bool = True) -> str:
 
 def latex_unit(unit: str) -> str:
     """Return a unit in LaTeX."""
-    factors = []
-    for factor in unit.split() if unit != "1" else []:
-        symbol = factor.rstrip("-0123456789")
-        power = factor.removeprefix(symbol)
-        factors.append(rf"\mathrm{{{symbol}}}" + (f"^{{{power}}}" if power else ""))
-    product = r"\,".join(factors)
-    return f"${product}$" if product else ""
+    symbols = re.sub("[A-Za-z]+", r"\\mathrm{\g<0>}", unit)
+    text = re.sub(r"-?\d+", r"^{\g<0>}", symbols).replace(" ", r"\,")
+    return "" if unit == "1" else f"${text}$"
 
 
 def latex_text(text: str) -> str:

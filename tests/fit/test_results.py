@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from fit.crosstalk.crosstalk_fit import with_euler_warning
@@ -97,6 +97,7 @@ def test_round_trip(tmp_path):
     assert loaded.provenance == results.provenance
 
 
+@settings(max_examples=30)
 @given(value=st.floats(-1e100, 1e100), sigma=st.floats(1e-100, 1e100))
 def test_every_float_survives_to_the_last_bit(tmp_path_factory, value, sigma):
     path = tmp_path_factory.mktemp("results") / "results.json"

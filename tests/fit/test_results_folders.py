@@ -5,8 +5,9 @@ import json
 import h5py
 import pytest
 
+from fit.crosstalk import refit
 from fit.errors import InputError
-from fit.results.folders import results_beside, results_file, results_folder, telemetry_files
+from fit.results.folders import results_beside, results_file, telemetry_files
 from tests.oracles.contract_file import write_contract_file
 
 
@@ -102,9 +103,8 @@ def test_results_by_their_file_or_their_folder(tmp_path):
     file, other = results(tmp_path), results(tmp_path, name="identified.json")
     assert results_file(tmp_path) == results_file(file) == file
     assert results_file(other) == other
-    assert results_folder(tmp_path) == tmp_path
     with pytest.raises(InputError, match="is a file, expected the folder"):
-        results_folder(file)
+        refit.load(file)
 
 
 def test_results_beside_telemetry(tmp_path, monkeypatch):

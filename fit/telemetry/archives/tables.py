@@ -94,9 +94,7 @@ def open_fits(path: Path, table: str | int | None) -> Iterator[Table]:
             if not chosen:
                 available = ", ".join(hdu.name or str(i) for i, hdu in tables.items()) or "none"
                 requested = "table" if table is None else f"table {table!r}"
-                raise InputError(
-                    f"{path}: no {requested}, expected a binary table; there are: {available}"
-                )
+                raise InputError(f"{path}: no {requested}, expected a binary table; there are: {available}")
             columns: dict[str, Column] = {}
             for column in chosen[0].columns:
                 values = _fits_values(chosen[0], column)
