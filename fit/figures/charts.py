@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 Limits = tuple[float, float]
-Shape = Literal["dot", "ring", "square"]
+Shape = Literal["dot", "square"]
 Dash = Literal["-", "--", ":"]
 Columns = dict[str, Sequence[object] | NDArray[np.generic]]
 
@@ -73,8 +73,6 @@ class Curve:
         Of the line [pt], and from 0 to 1.
     dash : str
         ``"-"``, ``"--"`` or ``":"``.
-    dots : bool
-        Whether its points are marked.
     """
 
     name: str
@@ -87,7 +85,6 @@ class Curve:
     width: float = 0.9
     opacity: float = 1.0
     dash: Dash = "-"
-    dots: bool = False
 
     @property
     def names(self) -> Sequence[str]:
@@ -105,7 +102,7 @@ class Points:
     """Marks with error bars from `low` to `high`, and their `names`; otherwise as `Curve`.
 
     Those that would hide each other are drawn at an `offset` from their places, in the unit of x.
-    A `mark` is a dot, a ring, or a square; `caps` end the bars.
+    A `mark` is a dot or a square; `caps` end the bars.
     """
 
     name: str
@@ -190,13 +187,10 @@ class Chart:
     Attributes
     ----------
     panels : tuple of Panel
-        Stacked with a common x axis, unless `n_across` exceeds 1.
-    n_across : int
-        Number of panels side by side; they share both axes.
+        Stacked with a common x axis.
     """
 
     panels: tuple[Panel, ...]
-    n_across: int = 1
 
     @property
     def columns(self) -> Columns:
@@ -242,32 +236,16 @@ def force(j: int) -> Axis:
 
 
 def measured(
-    label: str,
-    x: Array,
-    values: Array,
-    names: Sequence[str],
-    *,
-    mark: Shape = "dot",
-    role: str = "ink",
-    offset: Array | None = None,
+    label: str, x: Array, values: Array, names: Sequence[str], *, mark: Shape = "dot", role: str = "ink"
 ) -> Points:
-    """Return values with their sigmas, shape (N, 2), as marks with error bars, at an `offset` from x."""
-    (y, sigma), position = values.T, x if offset is None else x + offset
-    bars = {"low": y - sigma, "high": y + sigma, "names": names, "mark": mark, "offset": offset}
-    return Points(name=label, label=label, role=role, x=position, y=y, **bars)
+    """Return values with their sigmas, shape (N, 2), as marks with error bars."""
+    y, sigma = values.T
+    bars = {"low": y - sigma, "high": y + sigma, "names": names, "mark": mark}
+    return Points(name=label, label=label, role=role, x=x, y=y, **bars)
 
 
-def aside(x: Array, step: float = 0.0) -> Array:
-    """Return offsets that place marks of equal x side by side.
-
-    Parameters
-    ----------
-    x : ndarray, shape (N,)
-        The places.
-    step : float
-        Between two of them; without it, a share of all they span.
-    """
-    step = step or 0.014 * max(float(np.max(np.abs(x), initial=0.0)), 1.0)
+def aside(x: Array, step: float) -> Array:
+    """Return offsets that place marks of equal x, shape (N,), side by side, a `step` from each other."""
     twins = [np.flatnonzero(x == place) for place in x]
     return step * np.array([np.searchsorted(t, i) - (t.size - 1) / 2 for i, t in enumerate(twins)])
 

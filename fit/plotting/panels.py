@@ -13,25 +13,19 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter, NullLocator
 
 from fit.figures import COLOURS, Chart, Curve, Note, Panel, Points, Span
-from fit.plotting.style import WIDE, WIDTH
+from fit.plotting.style import WIDTH
 
 _MARGIN, _BOTTOM = 0.12, 0.34  # inch: at the sides of a figure, and below its panels
 _DAY = 86400.0  # s
 _LETTER, _ENTRY = 0.05, 0.3  # inch: the width of a letter, and of a line of a legend besides, about
 _MARKS: dict[str, Any] = {
     "dot": {"marker": "o", "markersize": 2.9, "capsize": 1.8},
-    "ring": {"marker": "o", "markersize": 2.9, "capsize": 1.8, "markerfacecolor": COLOURS["paper"]},
     "square": {"marker": "s", "markersize": 5.5, "capsize": 3.5, "markerfacecolor": "none"},
 }
 
 
 def draw(chart: Chart) -> Figure:
-    """Return a chart, drawn: panels one column wide, or a grid of panels."""
-    return _grid(chart) if chart.n_across > 1 else _column(chart)
-
-
-def _column(chart: Chart) -> Figure:
-    """Draw panels above each other, each with its legend in the line of its title."""
+    """Draw panels above each other, one column wide, each with its legend in the line of its title."""
     panels = chart.panels
     heights = [panel.height for panel in panels]
     figure = Figure(figsize=(WIDTH, sum(heights) + _BOTTOM), layout="constrained")
@@ -68,24 +62,6 @@ def draw_on(axes: Sequence[Axes], chart: Chart) -> None:
     axes[-1].set_xlabel(chart.panels[-1].x.title)
 
 
-def _grid(chart: Chart) -> Figure:
-    panels, columns = chart.panels, chart.n_across
-    rows = math.ceil(len(panels) / columns)
-    width = WIDE if columns > 2 else WIDTH
-    figure = Figure(figsize=(width, panels[0].height * rows + 0.3), layout="constrained")
-    places = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False)
-    for ax, panel in zip(places.flat, panels, strict=False):
-        _draw(ax, panel)
-        ax.set_title(panel.title, fontsize=7, parse_math=False)
-        last_tick = math.floor(panel.across[1])
-        ax.set_xticks([-last_tick, 0, last_tick], [f"−{last_tick}", "0", f"{last_tick}"])
-    for ax in places.flat[len(panels) :]:
-        ax.set_visible(False)
-    figure.supxlabel(panels[0].x.title, fontsize=7)
-    figure.supylabel(panels[0].y.title.replace(" − ", " −\n"), fontsize=7, multialignment="center")
-    return figure
-
-
 def _draw(ax: Axes, panel: Panel) -> None:
     """Draw the marks of a panel, and set up its axes."""
     _log_scales(ax, panel)
@@ -120,8 +96,6 @@ def _curve(ax: Axes, curve: Curve, order: float) -> None:
     if curve.low is not None and curve.high is not None:
         ax.fill_between(curve.x, curve.low, curve.high, color=colour, alpha=0.2, linewidth=0)
     style: dict[str, Any] = {"linewidth": curve.width, "linestyle": curve.dash, "alpha": curve.opacity}
-    if curve.dots:
-        style |= {"marker": "o", "markersize": 1.8}
     ax.plot(curve.x, curve.y, color=colour, label=_text(curve.label) or "_", zorder=order, **style)
 
 

@@ -36,10 +36,10 @@ def _chart(chart: Chart, description: str) -> Markup:
     """Return a place for a chart, with its numbers for the script."""
     arrays = _Arrays()
     panels = [_panel(panel, arrays) for panel in chart.panels]
-    document = {"beside": chart.n_across, "panels": panels, "arrays": arrays.encoded}
+    document = {"panels": panels, "arrays": arrays.encoded}
     # in a script, only this could end it
     data = json.dumps(document, ensure_ascii=False, separators=(",", ":")).replace("<", "\\u003c")
-    return element("chart", Markup(data), description, chart.n_across > 1)
+    return element("chart", Markup(data), description)
 
 
 def element(kind: str, *arguments: object) -> Markup:

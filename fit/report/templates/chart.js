@@ -40,15 +40,13 @@ class Chart {
     Object.assign(this, JSON.parse(place.querySelector("script").textContent));
     this.arrays = this.arrays.map(decoded);
     this.key = uPlot.sync(Symbol("panels")).key;
-    const [{ x, y }] = this.panels;
-    if (this.beside > 1) make("p", place, `↑ ${title(y)}   → ${title(x)}`, "axes");
     this.plots = this.panels.map((panel, i) => this.plot(panel, i));
     place.classList.add("drawn");
   }
 
   plot(panel, i) {
     const lines = panel.lines = panel.marks.filter(m => m.kind === "curve" || m.kind === "points");
-    panel.last = this.beside > 1 || i === this.panels.length - 1;
+    panel.last = i === this.panels.length - 1;
     const box = make("div", this.place, "", "panel");
     if (panel.title) make("div", box, panel.title, "name");
     const options = {
@@ -89,15 +87,14 @@ class Chart {
       grid: { ...rule("grid", 1), filter: (u, places) => axis.log ? places.map(x => isDecade(x / axis.factor) ? x : null) : places },
       ticks: { ...rule("muted", 1), size: 5 },
       border: { show: true, ...rule("muted", 1) },
-      size: side ? (u, texts) => 16 + 6.4 * Math.max(this.beside > 1 ? 3 : 5, ...(texts ?? []).map(t => t?.length ?? 0)) : !panel.last ? 12 : axis.dates ? 40 : 28,
+      size: side ? (u, texts) => 16 + 6.4 * Math.max(5, ...(texts ?? []).map(t => t?.length ?? 0)) : !panel.last ? 12 : axis.dates ? 40 : 28,
     };
     if (panel.last || side) Object.assign(options, { label: title(axis), labelFont: FONT, labelSize: 18, labelGap: 2 });
     if (axis.dates) return { ...options, values: (u, places, k, room, step) => panel.last ? days(places, step) : places.map(() => null) };
     const extent = u => (side ? u.bbox.height : u.bbox.width) / sharp;
-    options.splits = (u, k, low, high) => axis.log ? decades(low, high) : rounds(low, high, extent(u) / (side ? 32 : this.beside > 1 ? 35 : 75));
+    options.splits = (u, k, low, high) => axis.log ? decades(low, high) : rounds(low, high, extent(u) / (side ? 32 : 75));
     options.values = (u, places) => panel.last || side ? labels(axis, places, extent(u)) : places.map(() => null);
     options.filter = (u, places) => places;
-    if (this.beside > 1) Object.assign(options, { label: null, labelSize: 0 });
     return options;
   }
 
@@ -108,7 +105,7 @@ class Chart {
     return {
       label, class: line.label ? line.kind : "unnamed", scale: "y", width: line.width * 1.4 || 0,
       stroke: () => colour(line.role) + alpha(line.opacity ?? 1), dash: DASHES[line.dash], pxAlign: 0,
-      points: { show: Boolean(line.dots), size: 4, fill: () => colour(line.role) },
+      points: { show: false },
       paths: line.kind === "points" ? () => null : undefined, value: (u, y, k, index) => this.value(panel, line, y, index),
     };
   }
@@ -134,12 +131,10 @@ class Chart {
 
   /** Give the panels the width of their place and, to fill a row, so much more height than they need. */
   size(extra = 0) {
-    const columns = this.beside > 1 ? Math.max(2, Math.min(this.beside, Math.floor(this.width() / 150))) : 1;
-    this.place.style.setProperty("--beside", columns);
-    const width = this.beside > 1 ? Math.floor((this.width() - 8 * (columns - 1)) / columns) : this.width();
+    const width = this.width();
     this.plots.forEach((plot, i) => {
       const { height, last } = this.panels[i], scale = Math.min(180, Math.max(130, width / 3.375));
-      const panelHeight = this.beside > 1 ? Math.max(110, width * .8) : height * scale + (last ? 24 : 0) + extra / this.plots.length;
+      const panelHeight = height * scale + (last ? 24 : 0) + extra / this.plots.length;
       if (plot.width !== width || plot.height !== Math.round(panelHeight)) plot.setSize({ width, height: Math.round(panelHeight) });
     });
   }
@@ -198,7 +193,7 @@ class Chart {
       const shape = new Path2D();
       if (line.mark === "square") shape.rect(a - size, b - size, 2 * size, 2 * size);
       else shape.arc(a, b, size, 0, 2 * Math.PI);
-      ctx.fillStyle = colour(line.mark === "ring" ? "paper" : line.role);
+      ctx.fillStyle = colour(line.role);
       if (line.mark !== "square") ctx.fill(shape);
       ctx.stroke(shape);
     });
@@ -327,7 +322,7 @@ function level(places) {
   }
   for (const row of [...rows.values()].flatMap(row => [...row.values()])) {
     const heights = row.map(place => place.offsetHeight), tallest = Math.max(...heights);
-    row.forEach((place, i) => charts.get(place).beside > 1 || charts.get(place).size(tallest - heights[i]));
+    row.forEach((place, i) => charts.get(place).size(tallest - heights[i]));
   }
 }
 function recoloured() {

@@ -74,7 +74,7 @@ def test_nothing_ends_the_script_or_becomes_markup():
     panel = Panel(
         TIME, TIME, (line(F, F, name=EVIL, label=EVIL), Note(text=EVIL, x=0.1)), (0, 1), (0, 1), 1.0, EVIL
     )
-    element = shown(Chart((panel, panel), n_across=2))
+    element = shown(Chart((panel,)))
     assert "<script>" not in element
     assert element.count("</script>") == 1
     assert document(element)["panels"][0]["title"] == EVIL

@@ -77,7 +77,7 @@ def report(tmp_path_factory):
 #: Charts side by side that are not of one height.
 UNEVEN = """(() => {
   const rows = {};
-  for (const chart of document.querySelectorAll(".pair > figure > .chart:not(.grid-of)")) {
+  for (const chart of document.querySelectorAll(".pair > figure > .chart")) {
     const { top, height } = chart.getBoundingClientRect();
     if (height) (rows[Math.round(top)] ??= []).push(height);
   }
