@@ -44,7 +44,7 @@ def averaged(x: Array, length: float, stride: int) -> Array:
     w = scipy.signal.windows.hann(max(3, round(length) | 1) + 2)[1:-1]
     known = np.isfinite(x)
     weight, total = (_filtered(y, w, stride) for y in (known.astype(float), np.where(known, x, 0.0)))
-    return np.where(weight > 0.9999 * w.sum(), total / w.sum(), np.nan)
+    return np.where(weight > (1 - 1e-9) * w.sum(), total / w.sum(), np.nan)
 
 
 def _filtered(x: Array, w: Array, stride: int) -> Array:
