@@ -1,6 +1,5 @@
 """A page in headless Chromium, driven through the DevTools protocol over two pipes."""
 
-import base64
 import contextlib
 import json
 import os
@@ -29,8 +28,6 @@ class Page:
         Of the HTML file.
     width : int
         Of the window [CSS pixels].
-    dark, scripts : bool
-        Whether the reader prefers dark, and allows scripts (`evaluate` works all the same).
 
     Attributes
     ----------
@@ -40,9 +37,9 @@ class Page:
         Addresses asked for so far, the file itself first.
     """
 
-    def __init__(self, path: Path, width: int = 1280, *, dark: bool = False, scripts: bool = True):
+    def __init__(self, path: Path, width: int = 1280):
         self.console, self.requests, self._events = [], [], []
-        self._path, self._width, self._dark, self._scripts = Path(path).resolve(), width, dark, scripts
+        self._path, self._width = Path(path).resolve(), width
         self._number, self._session, self._buffer = 0, None, b""
 
     def __enter__(self):
@@ -85,10 +82,7 @@ class Page:
         self._session = self.send("Target.attachToTarget", targetId=target, flatten=True)["sessionId"]
         for domain in ("Page", "Runtime", "Network", "Log"):
             self.send(f"{domain}.enable")
-        scheme = {"name": "prefers-color-scheme", "value": "dark" if self._dark else "light"}
-        self.send("Emulation.setEmulatedMedia", features=[scheme])
         self.resize(self._width)
-        self.send("Emulation.setScriptExecutionDisabled", value=not self._scripts)
         self.send("Page.navigate", url=self._path.as_uri())
         self._wait(lambda m: m.get("method") == "Page.loadEventFired")
 
@@ -106,19 +100,6 @@ class Page:
     def mouse(self, kind: str, x: float, y: float, **more):
         """Dispatch ``mousePressed``, ``mouseReleased``, ``mouseMoved`` or ``mouseWheel`` at a place."""
         self.send("Input.dispatchMouseEvent", type=kind, x=x, y=y, **{"button": "none", **more})
-
-    def key(self, name: str):
-        """Press and release a key, say ``ArrowLeft``."""
-        codes = {"ArrowLeft": 37, "ArrowUp": 38, "ArrowRight": 39, "ArrowDown": 40, "Tab": 9, "Escape": 27}
-        for kind in ("keyDown", "keyUp"):
-            code = codes.get(name, ord(name[0]))
-            text = {"text": name} if len(name) == 1 and kind == "keyDown" else {}
-            self.send("Input.dispatchKeyEvent", type=kind, key=name, windowsVirtualKeyCode=code, **text)
-
-    def pdf(self, path: Path):
-        """Write what a printer would get."""
-        told = self.send("Page.printToPDF", printBackground=False)
-        Path(path).write_bytes(base64.b64decode(told["data"]))
 
     def send(self, method: str, **parameters):
         """Call a method of the protocol and return its result."""

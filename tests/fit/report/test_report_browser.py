@@ -2,32 +2,22 @@
 
 import time
 
+import numpy as np
 import pytest
 
 from fit.forecasting.coverage import with_truth
 from fit.pipeline import calibrate, calibrate_inertial
-from fit.report.page import write_report
+from fit.report.page import figure_specs, write_report
 from fit.settings import settings
 from fit.telemetry.reader import read_all
 from tests.browser import Page, needs_browser
 from tests.oracles import rotation_synthetic, synthetic
 from tests.oracles.contract_file import write_contract_file
 
-pytestmark = [needs_browser, pytest.mark.slow]
-
 WIDTHS = (1280, 390)
 EVIL = ("<script>alert(1)</script>", '"><img src=x onerror=alert(2)>')
-#: Every figure: its size, that of an image in it, and the widths of what was drawn or written in it.
-WIDER = "document.documentElement.scrollWidth > innerWidth"
-FIGURES = """[...document.querySelectorAll("figure")].map(figure => {
-  const box = figure.getBoundingClientRect(), picture = figure.querySelector("img");
-  const parts = [...figure.querySelectorAll("canvas, .matrix, .numbers")].filter(e => e.checkVisibility());
-  return {
-    what: figure.querySelector("figcaption").innerText, image: picture?.naturalWidth || 0,
-    width: box.width, height: box.height, parts: parts.map(e => e.getBoundingClientRect().width),
-  };
-})"""
-DRAWN = "[...document.querySelectorAll('.chart')].every(e => e.classList.contains('drawn'))"
+READY = """[...document.querySelectorAll('.chart')].every(e => e.classList.contains('drawn'))
+  && document.documentElement.scrollWidth <= innerWidth"""
 #: What reaches beyond the window or out of its own box, other than what can be scrolled.
 OVERFLOW = """[...document.querySelectorAll("main, main *:not(.uplot *)")].filter(e => {
   const box = e.getBoundingClientRect();
@@ -36,7 +26,17 @@ OVERFLOW = """[...document.querySelectorAll("main, main *:not(.uplot *)")].filte
   return box.right > innerWidth + 1 || box.left < -1
     || (!scrolls && getComputedStyle(e).display !== "inline" && e.scrollWidth > e.clientWidth + 1);
 }).map(e => `${e.tagName} ${e.className}: ${e.textContent.slice(0, 40)}`)"""
-#: Text whose contrast with what is behind it is below WCAG AA.
+#: Width and height of every figure, and of the narrowest and widest canvas in it.
+FIGURES = """[...document.querySelectorAll("figure")].map(figure => {
+  const { width, height } = figure.getBoundingClientRect();
+  const widths = [...figure.querySelectorAll("canvas")].map(e => e.getBoundingClientRect().width);
+  return [width, height, Math.min(...widths), Math.max(...widths)];
+})"""
+#: What is read off the first plot: frequency, and each curve by its name.
+READINGS = """[...document.querySelectorAll('.uplot')[0].querySelectorAll('.u-series')]
+  .map(row => [row.querySelector('th').innerText.trim(), row.querySelector('td').innerText])"""
+PLACE = """(box => [box.x + box.width / 2, box.y + box.height / 2])(
+  document.querySelector('.u-over').getBoundingClientRect())"""
 
 
 def written(folder, telemetry, authority):
@@ -56,10 +56,8 @@ def written(folder, telemetry, authority):
     )
 
 
-@pytest.fixture(scope="module")
-def report(tmp_path_factory):
-    """A report with all there can be: two experiments, rotation."""
-    folder = tmp_path_factory.mktemp("report")
+def calibration(folder):
+    """A calibration with all there can be: two experiments, rotation."""
     files = [
         written(folder, run, authority)
         for authority, name in zip("AC", EVIL, strict=True)
@@ -71,50 +69,41 @@ def report(tmp_path_factory):
     results = with_truth(calibrate(telemetries, settings()), telemetries)
     if not results.inertial:
         results = calibrate_inertial([telemetries[-1]], results)
-    return write_report(folder, results, telemetries)
+    return results, telemetries
 
 
-#: Charts side by side that are not of one height.
-UNEVEN = """(() => {
-  const rows = {};
-  for (const chart of document.querySelectorAll(".pair > figure > .chart")) {
-    const { top, height } = chart.getBoundingClientRect();
-    if (height) (rows[Math.round(top)] ??= []).push(height);
-  }
-  return Object.values(rows).filter(heights => Math.max(...heights) - Math.min(...heights) > 2);
-})()"""
+def number(text):
+    """A number as the page prints it, without its unit: 0.0123, or 1.23·10⁻¹⁴."""
+    text = text.split()[0].translate(str.maketrans("⁻⁰¹²³⁴⁵⁶⁷⁸⁹", "-0123456789"))
+    mantissa, power, digits = text.rpartition("10-")
+    return float(mantissa.rstrip("·") or 1) * 10.0 ** -int(digits) if power else float(digits)
 
 
-def in_order(page, figures):
-    """No figure missing and nothing cut off, whatever the window is wide; what the browser has to say."""
-    page.evaluate("document.querySelectorAll('details').forEach(d => d.open = true)")
-    for width in WIDTHS:
-        page.resize(width, 40_000)  # charts are drawn when they come into sight
-        deadline = time.monotonic() + 60
-        while not page.evaluate(DRAWN):
-            assert time.monotonic() < deadline
-            time.sleep(0.2)
-        while page.evaluate(WIDER):  # charts follow the window a moment later
-            assert time.monotonic() < deadline
-            time.sleep(0.2)
-        assert page.evaluate(OVERFLOW) == []
-        assert page.evaluate(UNEVEN) == []
-        rendered = page.evaluate(FIGURES)
-        assert len(rendered) == figures
-        for figure in rendered:
-            assert figure["width"] > 250, figure["what"]
-            assert figure["height"] > 90, figure["what"]
-            assert figure["image"] > 0 or figure["parts"], figure["what"]
-            assert max(figure["parts"], default=0) <= figure["width"] + 1, figure["what"]
-    assert page.console == []
-    assert [address for address in page.requests[1:] if not address.startswith("data:image/svg")] == []
-
-
-def test_everything_is_drawn_and_nothing_asked_for(report):
-    figures = report.read_text(encoding="utf-8").count("<figure>")
-    assert figures > 12
-    with Page(report) as page:
-        in_order(page, figures)
-        page.evaluate("document.querySelectorAll('details').forEach(d => d.open = false)")
-        page.evaluate("location.hash = '#e2'")
-        assert page.evaluate("document.getElementById('e2').open")
+@needs_browser
+@pytest.mark.slow
+def test_figures_are_drawn_nothing_is_cut_off_or_asked_for_and_the_pointer_reads_what_is_drawn(tmp_path):
+    results, telemetries = calibration(tmp_path)
+    drawn = {line.name: line for line in figure_specs(results, telemetries)[0].draw().panels[0].lines}
+    with Page(write_report(tmp_path, results, telemetries)) as page:
+        page.evaluate("document.querySelectorAll('details').forEach(d => d.open = true)")
+        for width in WIDTHS:
+            page.resize(width, 40_000)  # charts are drawn when they come into sight
+            deadline = time.monotonic() + 60
+            while not page.evaluate(READY):
+                assert time.monotonic() < deadline
+                time.sleep(0.2)
+            assert page.evaluate(OVERFLOW) == []
+            figures = page.evaluate(FIGURES)
+            assert len(figures) > 12
+            for of_figure, height, narrowest, widest in figures:
+                assert of_figure > 250 and height > 90
+                assert 150 < narrowest <= widest <= of_figure + 1
+        page.mouse("mouseMoved", *page.evaluate(PLACE))
+        page.evaluate("new Promise(done => requestAnimationFrame(() => requestAnimationFrame(done)))")
+        readings = {name: number(text) for name, text in page.evaluate(READINGS)}
+        frequency = readings.pop("frequency")
+        assert readings.keys() == drawn.keys() and 1e-4 < frequency < 0.1
+        for name, curve in drawn.items():
+            assert readings[name] == pytest.approx(np.interp(frequency, curve.x, curve.y), rel=2e-3)
+        assert page.console == []
+        assert page.requests[1:] == []
