@@ -35,7 +35,6 @@ Array = NDArray[np.float64]
 AnalysedPair = tuple[Analysis, Analysis | None]
 _SUBSCRIPTS = str.maketrans("x12", "ₓ₁₂")
 _UNITS = ("m", "m s⁻²")
-_TITLES = {"o_1": "drag-free loop", "o_12": "suspension loop", "f_x_1": "force on test mass 1"}
 LOWEST = 1e-4  # Hz, shown at most
 _SIGNAL = Axis("acceleration", "pm s⁻²", "value - mean")
 _RATIO = Axis("residual / noise", "", "ratio")
@@ -71,7 +70,7 @@ def responses(run: Telemetry) -> Chart:
         y = Axis(label, f"{prefix}{_UNITS[channel in forces]}", "value")
         curves = _response(channel, y.label, envelopes, scale)
         across = (0.0, run.duration / 3600)
-        panels.append(Panel(TIME, y, curves, across, limits(y, curves), 1.05, _TITLES.get(channel, "")))
+        panels.append(Panel(TIME, y, curves, across, limits(y, curves), 1.05))
     return Chart(tuple(panels))
 
 

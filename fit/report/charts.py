@@ -75,7 +75,7 @@ def _panel(panel: Panel, arrays: _Arrays) -> dict[str, Any]:
     """Return a panel as the script reads it."""
     factor = _factor(panel.y, panel.up)
     return {
-        "title": panel.title,
+        "title": html(panel.title),
         "height": panel.height,
         "x": _axis(panel.x, panel.across, 1.0),
         "y": _axis(panel.y, panel.up, factor),

@@ -22,7 +22,6 @@ from fit.tables import Table, highlight, symbol
 from fit.telemetry import Telemetry
 
 RESIDUAL_LEVEL = 1e-6  # scatter of chi2, below which it was measured on the residual itself
-_BOTH = Markup("{}<sub>max,1</sub> and {}<sub>max,2</sub>")
 _FLIGHT = " Flight: stiffness at the authority of this run, with σ from uncorrelated parameters."
 
 _PEAK = "a peak at an injected frequency is an effect missing from the model."
@@ -170,8 +169,8 @@ def _section(i: int, name: str, fit: Fit, experiment: AnalysedExperiment | None)
         facts = {
             "Start": f"{start_text(run)} UTC, {run.duration / 3600:.3g} h",
             "Noise run": f"{noise.run}, {noise.duration / 3600:.3g} h" if noise else "none",
-            _BOTH.format("F", "F"): f"{1e12 * run.F_max_1:.4g} and {1e12 * run.F_max_2:.4g} pN",
-            _BOTH.format("N", "N"): f"{1e12 * run.N_max_1:.4g} and {1e12 * run.N_max_2:.4g} pN m",
+            **_authority("F", "pN", run.F_max_1, run.F_max_2),
+            **_authority("N", "pN m", run.N_max_1, run.N_max_2),
             "Alignment epoch": str(run.alignment_epoch),
         }
         known = spacecraft_of(run).parameters(run, (*fit.parameters, *fit.undetermined))
@@ -184,6 +183,13 @@ def _section(i: int, name: str, fit: Fit, experiment: AnalysedExperiment | None)
     table = parameter_table(fit, known)
     description = "Fit of this experiment only." + _FLIGHT * table.has_flight
     return Section(f"e{i}", f"Experiment {name}", description, facts, table, figures=specs)
+
+
+def _authority(letter: str, unit: str, *largest: float) -> dict[str, str]:
+    """Return the largest forces [N] or torques [N m] on test masses 1 and 2, nothing where none is stated."""
+    name = Markup("{0}<sub>max,1</sub> and {0}<sub>max,2</sub>").format(letter)
+    text = " and ".join(f"{1e12 * x:.4g}" for x in largest)
+    return {name: f"{text} {unit}"} if any(largest) else {}
 
 
 def parameters(results: Results, run: Telemetry) -> dict[str, float]:

@@ -53,7 +53,7 @@ def _section(joint: Fit, results: Results) -> Section:
     rows = []
     estimates = results.joint.parameters if results.joint else {}
     for name, e in joint.parameters.items():
-        exponent = power_of_ten(e.value)
+        exponent = power_of_ten(e.value, e.sigma)
         truth = None if e.truth is None else value_text(e.truth, e.sigma, exponent)
         pull = None if e.pull is None or joint.unsound else pull_text(e.pull, 2)
         shift = None

@@ -1,6 +1,5 @@
 """The parts of the report on the experiments together, in the order of the results of the flight."""
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
@@ -14,26 +13,20 @@ from fit.parameters import (
     GAIN_CHI2_RED,
     GAIN_MEAN,
     GAIN_SCATTER,
-    Parameter,
-    joint_names,
-    joint_parameter,
-    misalignments,
 )
 from fit.report import stiffness as report_stiffness
 from fit.report.section import FigureSpec, Section, single_fits, start_time
 from fit.results import Fit, Results
-from fit.spacecraft import spacecraft_of_results
-from fit.tables import FIXED, Cell, Table, highlight, measurement, parameter_head, pull_text
+from fit.tables import Cell, Table, highlight, measurement
 from fit.telemetry import Telemetry
 
-_FLIGHT_HEAD = ("Parameter", "This calibration", "Flight", "σ / σ flight", "Difference / combined σ")
 DOUBTFUL = 1e-3  # p-value below which chance is no explanation
 
 
 def sections(results: Results, telemetries: Sequence[Telemetry]) -> list[Section]:
     """Return the sections that the results give matter for."""
     sound = _sound(results)
-    parts = (_gain, report_stiffness.model, _side_by_side)
+    parts = (_gain, report_stiffness.model)
     candidates = [*(part(sound, telemetries) for part in parts), _agreement(results)]
     return [section for section in candidates if section]
 
@@ -52,49 +45,10 @@ def _sound(results: Results) -> Results:
     )
 
 
-def _side_by_side(results: Results, telemetries: Sequence[Telemetry]) -> Section | None:
-    tables, text = [], Markup()
-    flown = spacecraft_of_results(results, telemetries).flown
-    if flown and results.joint is not None and results.joint.parameters.keys() & FLIGHT.keys():
-        epochs = [t.alignment_epoch for t in telemetries if t.kind == "sysid"]
-        names = joint_names(epochs) if epochs else tuple(FLIGHT)
-        known = [p for p in map(joint_parameter, names) if p.flown]
-        rows, n_finer = _flight_rows([(p, "", results.joint) for p in known])
-        tables.append(Table(_FLIGHT_HEAD, rows, "Joint fit: this calibration and the flight."))
-        text = Markup("{} of {} parameters have a σ at or below the flight's. ").format(n_finer, len(rows))
-    fits = ((p, period, fit) for period, fit in results.inertial.items() for p in misalignments(period))
-    rows, _ = _flight_rows([(p, f" (period {period})", fit) for p, period, fit in fits if p.flown])
-    if rows:
-        tables.append(Table(_FLIGHT_HEAD, rows, "Misalignments: this calibration and the flight."))
-    if not tables:
-        return None
-    return Section("paper", "Comparison with the flight", text, tables=tuple(tables))
-
-
-def _flight_rows(
-    parameters: Sequence[tuple[Parameter, str, Fit]],
-) -> tuple[tuple[tuple[Cell, ...], ...], int]:
-    """Return a row for every parameter, and how many have no larger sigma than the flight."""
-    rows: list[tuple[Cell, ...]] = []
-    n_finer = 0
-    for parameter, suffix, fit in parameters:
-        head, exponent = parameter_head(parameter, suffix)
-        flight = measurement(parameter.value, parameter.sigma, exponent)
-        estimate = fit.parameters.get(parameter.name)
-        if estimate is None or estimate.is_exact:
-            rows.append((head, None, flight, FIXED if estimate else "not determined", ""))
-            continue
-        ratio = estimate.sigma / parameter.sigma
-        pull = (estimate.value - parameter.value) / math.hypot(estimate.sigma, parameter.sigma)
-        n_finer += ratio <= 1
-        rows.append((head, estimate.printed(exponent), flight, f"{ratio:.2f}", pull_text(pull, 2)))
-    return tuple(rows), n_finer
-
-
 def _agreement(results: Results) -> Section | None:
     """Return the tests of the consistency of the experiments, where the results state them."""
     agreement = results.provenance.extra.get("agreement")
-    if not isinstance(agreement, Mapping):
+    if not isinstance(agreement, Mapping) or len(results.experiments) < 2:
         return None
     rows = tuple(
         (escape(name) if name else "all", f"{test['chi2']:.4g}", f"{test['dof']}", f"{test['p']:.2g}")
@@ -103,7 +57,7 @@ def _agreement(results: Results) -> Section | None:
     )
     caption = "χ² of each experiment with the others, and of all, with its p-value."
     table = Table(("Experiment", "χ²", "Degrees of freedom", "p"), rows, caption)
-    return Section("agreement", "Consistency of the experiments", tables=(table,), summary=caption)
+    return Section("agreement", "Consistency of the experiments", tables=(table,)) if rows else None
 
 
 def _gain(results: Results, telemetries: Sequence[Telemetry]) -> Section | None:

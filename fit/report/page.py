@@ -37,18 +37,14 @@ from fit.results import Fit, Results
 from fit.spacecraft import spacecraft_of_results
 from fit.tables import LIMIT, prose, signed
 from fit.telemetry import Telemetry
+from fit.tilt_to_length import michelson
 
 #: In the order in which the page runs them.
 SCRIPTS = ("templates/ticks.js", "uplot/uPlot.iife.min.js", "templates/chart.js", "templates/page.js")
 _DIGITS = 12  # of a digest, in short
-_NESTED = ("settings", "versions")  # tables with a line for each entry
-_SHOWN = (
-    "agreement",
-    "estimators",
-    "subtraction_X2",
-    "subtraction_Y2",
-    "subtraction_Z2",
-)  # in the section on tests of the data
+#: What other sections show.
+_SHOWN = {"agreement", "estimators", "versions", "settings"}
+_SHOWN |= {f"subtraction_{variable}" for variable in michelson.VARIABLES}
 
 
 @one_blas_thread
@@ -75,8 +71,9 @@ def write_report(directory: Path, results: Results, telemetries: Sequence[Teleme
         If a telemetry file can no longer be read, or the output of another command breaks its schema.
     """
     joint, spacecraft = results.joint, spacecraft_of_results(results, telemetries)
-    digest = _entry("campaign_digest", results, telemetries)
-    joint_table = joint and _joint_table(joint, _forecast(directory, digest), spacecraft.flown)
+    origin = {**_common_attributes(telemetries), **results.provenance.entries()}
+    expected = _forecast(directory, origin.get("campaign_digest"))
+    joint_table = joint and _joint_table(joint, expected, spacecraft.flown)
     progress_stage(0.3 if results.inertial else 0.8)
     ratio, single_sections, sections = _sections(results, telemetries)
     single_sections = _rendered(single_sections)
@@ -85,9 +82,9 @@ def write_report(directory: Path, results: Results, telemetries: Sequence[Teleme
     sections += (ttl_sections := tilt_to_length.sections(results))
     tables = [s.parameters for s in (*single_sections, *ttl_sections) if s.parameters]
     page = _template().render(
-        title=_text(_entry("campaign", results, telemetries)) or directory.resolve().name,
+        title=_text(origin.get("campaign")) or directory.resolve().name,
         extent=_extent(results, telemetries),
-        facts=_facts(results, telemetries),
+        facts=_facts(origin),
         version=(results.provenance.versions or {}).get("lpfcosim"),
         heading=tilt_to_length.HEADING
         if ttl_sections
@@ -103,7 +100,7 @@ def write_report(directory: Path, results: Results, telemetries: Sequence[Teleme
         experiments=single_sections,
         sections=_rendered(sections),
         runs=telemetries,
-        provenance=_provenance(results, telemetries),
+        provenance=_provenance(origin),
         colours=COLOURS,
         **_scripts(),
     )
@@ -186,38 +183,30 @@ def _forecast(directory: Path, campaign_digest: object) -> dict[str, float]:
     return {name: p.sigma for name, p in (expected.parameters or {}).items() if p.sigma}
 
 
-def _facts(results: Results, telemetries: Sequence[Telemetry]) -> dict[str, str]:
-    """Return date, software and settings in a few words each, as far as they are known."""
-    facts = {
-        "Report made": f"{datetime.now(UTC):%Y-%m-%d %H:%M} UTC",
-        "Software": ", ".join(map(" ".join, (results.provenance.versions or {}).items())),
-        "Campaign digest": _text(_entry("campaign_digest", results, telemetries))[:_DIGITS],
-        "Seed": _text(_entry("seed", results, telemetries)),
-    }
-    return {name: text for name, text in facts.items() if text}
-
-
-def _provenance(results: Results, telemetries: Sequence[Telemetry]) -> dict[str, str]:
-    """Return all that is recorded of the origin, every fact once."""
-    entries: dict[str, str] = {}
-    for name, value in results.provenance.entries().items():
-        if name in _SHOWN:
-            continue
-        items = value if isinstance(value, dict) and name in _NESTED else {"": value}
-        entries |= {f"{name}.{key}" if key else name: _text(item) or "–" for key, item in items.items()}
-    common = {name: value for name, value in _common(telemetries).items() if entries.get(name) != value}
-    return entries | {f"telemetry: {name}": value for name, value in common.items()}
-
-
-def _entry(name: str, results: Results, telemetries: Sequence[Telemetry]) -> object:
-    return results.provenance.entries().get(name, _common(telemetries).get(name))
-
-
-def _common(telemetries: Sequence[Telemetry]) -> dict[str, str]:
+def _common_attributes(telemetries: Sequence[Telemetry]) -> dict[str, str]:
     """Return the attributes beyond the contract's that all runs share: versions, digests, seed."""
     texts = [{name: str(value) for name, value in t.attributes.items()} for t in telemetries]
     reference = texts[0] if texts else {}
     return {name: value for name, value in reference.items() if all(t.get(name) == value for t in texts)}
+
+
+def _facts(origin: Mapping[str, object]) -> dict[str, str]:
+    """Return date, software and settings in a few words each, as far as they are known."""
+    facts = {
+        "Report made": f"{datetime.now(UTC):%Y-%m-%d %H:%M} UTC",
+        "Software": _text(origin.get("versions")).replace(":", ""),
+        "Campaign digest": _text(origin.get("campaign_digest"))[:_DIGITS],
+        "Seed": _text(origin.get("seed")),
+    }
+    return {name: text for name, text in facts.items() if text}
+
+
+def _provenance(origin: Mapping[str, object]) -> dict[str, str]:
+    """Return all that is recorded of the origin and has no place of its own, settings one by one."""
+    settings = origin.get("settings")
+    entries = {f"settings.{key}": x for key, x in settings.items()} if isinstance(settings, dict) else {}
+    entries |= {name: value for name, value in origin.items() if name not in _SHOWN}
+    return {name: text for name, value in entries.items() if (text := _text(value))}
 
 
 def _text(value: object) -> str:

@@ -86,7 +86,7 @@ def _unlisted(name: str, estimate: Estimate) -> Parameter:
 
 def _row(p: Parameter, fit: Fit, has_truth: bool, forecast: float | None) -> ParameterRow:
     e = fit.parameters.get(p.name)
-    exponent = power_of_ten(p.value if p.flown or e is None else e.value)
+    exponent = power_of_ten(p.value, p.sigma) if p.flown or e is None else power_of_ten(e.value, e.sigma)
     pull = None
     if e and e.sound:
         is_of_flight = not has_truth and p.flown and not e.is_exact

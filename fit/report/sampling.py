@@ -71,7 +71,7 @@ def sections(results: Results, directory: Path) -> list[Section]:
 def _chain(chain: _Chain, results: Results, folder: Path) -> Section:
     rows = []
     for name, p in chain.parameters.items():
-        exponent = power_of_ten(p.mean)
+        exponent = power_of_ten(p.mean, p.sigma)
         head = name_head(symbol(name), name, unit_text(p.unit, exponent))
         shift, ratio = (p.shift_in_sigma, p.shift_error), (p.sigma_ratio, p.sigma_ratio_error)
         numbers = measurement(p.mean, p.sigma, exponent), measurement(*shift), measurement(*ratio)

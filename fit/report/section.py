@@ -61,8 +61,6 @@ class Section:
         Other tables.
     figures : tuple of FigureSpec or RenderedFigure
         Figures below the tables.
-    summary : str
-        Of a section that is folded, the line that unfolds it.
     """
 
     anchor: str
@@ -72,7 +70,6 @@ class Section:
     parameters: ParameterTable | None = None
     tables: tuple[Table, ...] = ()
     figures: tuple[FigureSpec | RenderedFigure, ...] = ()
-    summary: str = ""
 
 
 def single_fits(

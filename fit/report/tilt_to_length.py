@@ -9,7 +9,7 @@ from fit.figures import tilt_to_length as figures
 from fit.report.parameter_table import parameter_table
 from fit.report.section import FigureSpec, Section
 from fit.results import Results
-from fit.tables import Table
+from fit.tables import Table, sigma_text, value_text
 from fit.tilt_to_length import COEFFICIENTS, michelson
 
 _ESTIMATORS = ("least_squares", "bias", "instruments")
@@ -40,17 +40,22 @@ def sections(results: Results) -> list[Section]:
 def _estimators(extra: Mapping[str, object]) -> Table:
     """Return the standard deviations of both estimators."""
     columns = extra.get("estimators")
-    by_estimator = [columns.get(key, {}) for key in _ESTIMATORS] if isinstance(columns, Mapping) else []
+    sigmas, biases, instruments = (
+        (columns.get(key, {}) for key in _ESTIMATORS) if isinstance(columns, Mapping) else ({}, {}, {})
+    )
     rows = [
         (
             Markup(p.html),
-            *(f"{1e6 * column[p.name]:.3g}" if p.name in column else None for column in by_estimator),
+            sigma_text(sigma := sigmas[p.name], -6),
+            value_text(biases[p.name], sigma, -6) if p.name in biases else None,
+            sigma_text(instruments[p.name], -6) if p.name in instruments else None,
         )
         for p in COEFFICIENTS
+        if p.name in sigmas
     ]
-    caption = "Bias by noise of wavefront sensing, which is subtracted, and standard deviations [μm/rad]."
-    head = ("Coefficient", "Least squares, σ", "bias", "Instrumental variables, σ")
-    return Table(head, tuple(row for row in rows if any(row[1:])), caption)
+    caption = "Standard deviations, and the bias by noise of wavefront sensing, which is subtracted [µm/rad]."
+    head = ("Coefficient", "Least squares, σ", "Least squares, bias", "Instrumental variables, σ")
+    return Table(head, tuple(rows), caption)
 
 
 def _figure(variable: str, spectra: Mapping[str, object]) -> FigureSpec:

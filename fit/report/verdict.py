@@ -1,10 +1,9 @@
 """What to think of a calibration: its warnings, each once, and one line on whether it can be trusted."""
 
-import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
-from markupsafe import Markup, escape
+from markupsafe import Markup
 
 from fit.findings import KINDS, Finding, Severity
 from fit.report.parameter_table import ParameterTable
@@ -61,19 +60,20 @@ def biased(fit: Fit) -> set[str]:
 
 def warning_groups(results: Results) -> list[WarningGroup]:
     """Return the warnings by code, in the order in which the fits raise them."""
-    scopes: dict[str, dict[tuple[str, Markup | None], list[str]]] = {}
+    scopes: dict[str, dict[tuple[Markup, Markup | None], list[str]]] = {}
     advice: dict[str, str] = {}
     for scope, fit in fits(results):
         for w in fit_warnings(fit):
             advice[w.code] = w.kind.advice
             several = w.combination is not None and len(w.combination) > 1
             combination = combination_text(w.combination) if w.combination and several else None
-            scopes.setdefault(w.code, {}).setdefault((w.message, combination), []).append(scope)
+            message = prose(_sentence(w.message), w.parameters)
+            scopes.setdefault(w.code, {}).setdefault((message, combination), []).append(scope)
     return [
         WarningGroup(
             code,
             tuple(
-                WarningItem(prose(_sentence(message)), combination, tuple(places))
+                WarningItem(message, combination, tuple(places))
                 for (message, combination), places in scopes_of.items()
             ),
             _with_code(advice[code]),
@@ -89,8 +89,11 @@ def _sentence(message: str) -> str:
 
 
 def _with_code(text: str) -> Markup:
-    """Return a text whose words between backquotes are code."""
-    return Markup(re.sub(r"`([^`]*)`", r"<code>\1</code>", str(escape(text))))
+    """Return a text with symbols, whose words between backquotes are code."""
+    parts = text.split("`")
+    return Markup().join(
+        Markup("<code>{}</code>").format(part) if i % 2 else prose(part) for i, part in enumerate(parts)
+    )
 
 
 @dataclass(frozen=True)

@@ -125,7 +125,7 @@ PATHFINDER = Pathfinder(
     flown=True,
     overview=("lambda_2", "omega2_2"),
     template="equations.html.jinja",
-    meaning="Common gains, delays and stiffness model, one δ_ifo per alignment epoch. Flight: values of LISA "
-    "Pathfinder.",
+    meaning="Common gains, delays and stiffness model, one delta_ifo per alignment epoch. Flight: values of "
+    "LISA Pathfinder.",
     shortest=21600.0,  # shorter runs hardly see the stiffness
 )

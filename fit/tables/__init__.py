@@ -26,7 +26,6 @@ from fit.tables.table import (
     highlight,
     html_list,
     name_head,
-    parameter_head,
     pull_text,
 )
 
@@ -45,7 +44,6 @@ __all__ = [
     "latex_value",
     "measurement",
     "name_head",
-    "parameter_head",
     "power_of_ten",
     "prose",
     "pull_text",

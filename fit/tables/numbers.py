@@ -2,7 +2,7 @@
 
 import math
 import re
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from contextlib import suppress
 
 from markupsafe import Markup, escape
@@ -13,6 +13,8 @@ from fit.units import concise_value, significant_digits
 
 FIXED = "fixed"  # shown of an exact value
 WITHHELD = "?"  # shown for a sigma that is not valid
+_QUANTITIES = "bdfgoxyzFN"  # what has an index in names of channels and attributes
+_GREEK = {"phi": "φ", "eta": "η", "theta": "θ"}
 _SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
@@ -49,9 +51,10 @@ def rounded(value: float, sigma: float) -> str:
     return re.sub(r"\(.*?\)", "", concise_value(value, sigma)) if sigma else f"{value:.9g}"
 
 
-def power_of_ten(value: float) -> int:
-    """Return the exponent a row shares: 0 from 0.01 to 9999, multiples of 3 above."""
-    exponent = math.floor(math.log10(abs(value))) if value else 0
+def power_of_ten(value: float, sigma: float = 0.0) -> int:
+    """Return the exponent a row shares, of the larger number: 0 from 0.01 to 9999, multiples of 3 above."""
+    largest = max(abs(value), sigma)
+    exponent = math.floor(math.log10(largest)) if largest else 0
     if -2 <= exponent <= 3:
         return 0
     return exponent if exponent < 0 else 3 * (exponent // 3)
@@ -71,9 +74,14 @@ def unit_text(unit: str, exponent: int = 0) -> str:
 
 
 def symbol(name: str) -> Markup:
-    """Return the symbol of a parameter; of all texts only the parameters' own are trusted as HTML."""
-    parameter = described_parameter(name)
-    return Markup(parameter.html) if parameter else escape(name)
+    """Return the symbol of a parameter or channel; of all texts only those of parameters are HTML."""
+    if parameter := described_parameter(name):
+        return Markup(parameter.html)
+    letter, _, index = name.partition("_")
+    if letter not in _QUANTITIES or not index:
+        return escape(name)
+    indices = (_GREEK.get(word, word) for word in index.split("_"))
+    return Markup("{}<sub>{}</sub>").format(letter, ",".join(indices))
 
 
 def described_parameter(name: str) -> Parameter | None:
@@ -85,8 +93,11 @@ def described_parameter(name: str) -> Parameter | None:
     return None
 
 
-def prose(message: str) -> Markup:
-    """Return a message for the page: symbols of parameters, value(uncertainty), typeset powers and units."""
+def prose(message: str, parameters: Collection[str] = ()) -> Markup:
+    """Return a message for the page: symbols, value(uncertainty), typeset powers and units.
+
+    `parameters` are those of the message, of which a name without index, ``opening``, could be any word.
+    """
     text = re.sub(r"(?<![\w.])(-?[\d.]+(?:\([\d.]+\))?)e([-+]\d+)", _power, message)
     text = re.sub(
         r"\b(kg|m|s|rad|Hz|N)\^?(-?\d+(?:/2)?)\b(?! of|\.\d)",
@@ -94,8 +105,10 @@ def prose(message: str) -> Markup:
         text,
     )
     text = re.sub(r"(?<![\w.])-(?=\d)", "−", text)
-    words = re.split(r"\b([A-Za-z]\w*_\w+)\b", text)
-    return Markup().join(symbol(word) if i % 2 else escape(word) for i, word in enumerate(words))
+    text = text.replace("Delta g", "Δg")
+    words = re.split(r"\b([A-Za-z]\w*)\b", text)
+    symbols = {word: symbol(word) for word in words[1::2] if "_" in word or word in parameters}
+    return Markup().join(symbols.get(word, escape(word)) for word in words)
 
 
 def _power(match: re.Match[str]) -> str:

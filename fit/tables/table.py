@@ -5,8 +5,7 @@ from dataclasses import dataclass
 
 from markupsafe import Markup
 
-from fit.parameters import Parameter
-from fit.tables.numbers import power_of_ten, signed, unit_text
+from fit.tables.numbers import signed
 
 LIMIT = 4.0  # sigma, beyond which page and tables flag a difference
 
@@ -67,13 +66,6 @@ def highlight(text: str, condition: bool) -> str:
 def pull_text(pull: float, decimals: int = 1) -> str:
     """Return a difference in units of its sigma, highlighted beyond the `LIMIT`."""
     return highlight(signed(pull, decimals), abs(pull) > LIMIT)
-
-
-def parameter_head(parameter: Parameter, suffix: str = "") -> tuple[Markup, int]:
-    """Return the head of a row on a parameter, and the power of ten its numbers share."""
-    exponent = power_of_ten(parameter.value)
-    unit = unit_text(parameter.unit, exponent)
-    return name_head(Markup("{}{}").format(Markup(parameter.html), suffix), parameter.name, unit), exponent
 
 
 def name_head(symbol: Markup, name: str, unit: str = "") -> Markup:

@@ -32,7 +32,7 @@ def coefficient(assembly: str, angle: str, path: str) -> Parameter:
         0,
         f"c<sub>{html},{index}</sub>",
         rf"c_{{{latex},\mathrm{{{index}}}}}",
-        f"path length of the beam that assembly {assembly} {PATHS[path]} by its angle {angle}",
+        f"path length of the beam that assembly {assembly} {PATHS[path]} by its angle {html}",
         flown=False,
     )
 

@@ -48,7 +48,7 @@ class Chart {
     const lines = panel.lines = panel.marks.filter(m => m.kind === "curve" || m.kind === "points");
     panel.last = i === this.panels.length - 1;
     const box = make("div", this.place, "", "panel");
-    if (panel.title) make("div", box, panel.title, "name");
+    if (panel.title) make("div", box, "", "name").innerHTML = panel.title;  // escaped where it was made
     const options = {
       width: 300, height: 200, pxAlign: 0, legend: { markers: { show: false } }, padding: [8, this.aside, 0, 0],
       series: [{ label: panel.x.label, value: (u, x) => x == null ? "" : this.where(panel, x) },
