@@ -14,11 +14,9 @@ from pathlib import Path
 
 from jinja2 import Template
 from markupsafe import Markup
-from pydantic import BaseModel
 
 from fit.figures import COLOURS
-from fit.files import atomic, documents
-from fit.forecasting import expected_fit
+from fit.files import atomic
 from fit.parallel import one_blas_thread, parallel_map, progress_stage
 from fit.parameters import joint_parameter
 from fit.report import (
@@ -72,8 +70,7 @@ def write_report(directory: Path, results: Results, telemetries: Sequence[Teleme
     """
     joint, spacecraft = results.joint, spacecraft_of_results(results, telemetries)
     origin = {**_common_attributes(telemetries), **results.provenance.entries()}
-    expected = _forecast(directory, origin.get("campaign_digest"))
-    joint_table = joint and _joint_table(joint, expected, spacecraft.flown)
+    joint_table = joint and _joint_table(joint, spacecraft.flown)
     progress_stage(0.3 if results.inertial else 0.8)
     ratio, single_sections, sections = _sections(results, telemetries)
     single_sections = _rendered(single_sections)
@@ -108,14 +105,14 @@ def write_report(directory: Path, results: Results, telemetries: Sequence[Teleme
     return path
 
 
-def _joint_table(joint: Fit, expected: Mapping[str, float], flown: bool) -> ParameterTable:
-    """Return the table of the joint fit, with expected sigmas and, if `flown`, flight values."""
+def _joint_table(joint: Fit, flown: bool) -> ParameterTable:
+    """Return the table of the joint fit, with flight values if `flown`."""
     known = []
     for name in (*joint.parameters, *joint.undetermined):
         with suppress(KeyError):  # of another version
             parameter = joint_parameter(name)
             known.append(replace(parameter, flown=parameter.flown and flown))
-    return parameter_table(joint, known, expected)
+    return parameter_table(joint, known)
 
 
 def _sections(
@@ -162,25 +159,6 @@ def _scripts() -> dict[str, object]:
     digests = [base64.b64encode(hashlib.sha256(text.encode()).digest()).decode() for text in texts]
     style = (files / "uplot" / "uPlot.min.css").read_text(encoding="utf-8")
     return {"scripts": [Markup(text) for text in texts], "digests": digests, "chart_style": Markup(style)}
-
-
-class _Expected(BaseModel):
-    sigma: float | None
-
-
-class _Forecast(BaseModel):
-    campaign_digest: str = ""
-    parameters: dict[str, _Expected] | None
-
-
-def _forecast(directory: Path, campaign_digest: object) -> dict[str, float]:
-    """Return the sigmas that ``forecast.json`` in the folder expects of a campaign, none of another one."""
-    if not (path := directory / "forecast.json").exists():
-        return {}
-    expected = documents.from_json(path, "a forecast", expected_fit.SCHEMA, _Forecast)
-    if expected.campaign_digest != campaign_digest:
-        return {}
-    return {name: p.sigma for name, p in (expected.parameters or {}).items() if p.sigma}
 
 
 def _common_attributes(telemetries: Sequence[Telemetry]) -> dict[str, str]:

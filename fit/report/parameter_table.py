@@ -1,8 +1,7 @@
-"""The tables of estimates in the report: with truth or flight value, pull, forecast and meaning."""
+"""The tables of estimates in the report: with truth or flight value, pull and meaning."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from types import MappingProxyType
 
 from markupsafe import Markup, escape
 
@@ -27,7 +26,6 @@ class ParameterRow:
     sigma: str
     pull: float | None
     flight: str
-    forecast: str
     constraint: str
 
 
@@ -57,26 +55,18 @@ class ParameterTable:
         """Whether there is truth, but not of every estimate."""
         return self.has_truth and any(row.estimate and not row.truth for row in self.rows)
 
-    @property
-    def has_forecast(self) -> bool:
-        """Whether any sigma was forecast."""
-        return any(row.forecast for row in self.rows)
 
-
-def parameter_table(
-    fit: Fit, parameters: Sequence[Parameter] = (), forecast: Mapping[str, float] = MappingProxyType({})
-) -> ParameterTable:
+def parameter_table(fit: Fit, parameters: Sequence[Parameter] = ()) -> ParameterTable:
     """Return the rows of a fit: `parameters`, undetermined ones too, then its other estimates.
 
     A parameter that was neither estimated nor found indeterminable, a gain never driven say, has no row.
-    `forecast` has the expected sigmas by parameter.
     """
     has_truth = any(e.truth is not None for e in fit.parameters.values())
     undetermined = fit.undetermined
     rows = [p for p in parameters if p.name in fit.parameters or p.name in undetermined]
     names = {p.name for p in rows}
     rows += [_unlisted(name, e) for name, e in fit.parameters.items() if name not in names]
-    return ParameterTable(tuple(_row(p, fit, has_truth, forecast.get(p.name)) for p in rows), has_truth)
+    return ParameterTable(tuple(_row(p, fit, has_truth) for p in rows), has_truth)
 
 
 def _unlisted(name: str, estimate: Estimate) -> Parameter:
@@ -84,7 +74,7 @@ def _unlisted(name: str, estimate: Estimate) -> Parameter:
     return Parameter(name, estimate.value, 0.0, estimate.unit, 0.0, 0, escape(name), "", "", flown=False)
 
 
-def _row(p: Parameter, fit: Fit, has_truth: bool, forecast: float | None) -> ParameterRow:
+def _row(p: Parameter, fit: Fit, has_truth: bool) -> ParameterRow:
     e = fit.parameters.get(p.name)
     exponent = power_of_ten(p.value, p.sigma) if p.flown or e is None else power_of_ten(e.value, e.sigma)
     pull = None
@@ -101,7 +91,6 @@ def _row(p: Parameter, fit: Fit, has_truth: bool, forecast: float | None) -> Par
         sigma=sigma_text(e.sigma, exponent, sound=e.sound) if e else "",
         pull=pull,
         flight=measurement(p.value, p.sigma, exponent) if p.flown else "",
-        forecast=sigma_text(forecast, exponent) if forecast else "",
         constraint=e.constraint if e else "",
     )
 

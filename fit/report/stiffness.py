@@ -5,55 +5,32 @@ from collections.abc import Mapping, Sequence
 from functools import partial
 
 import numpy as np
-from markupsafe import Markup, escape
 
 from fit.figures import stiffness as figures
 from fit.report.section import FigureSpec, Section, single_fits
 from fit.results import Estimate, Fit, Results
-from fit.tables import Table, measurement, pull_text
 from fit.telemetry import Telemetry
 
 
 def model(results: Results, telemetries: Sequence[Telemetry]) -> Section | None:
     """Return the section on the stiffness model, if two experiments or more determine a stiffness alone."""
-    tables, specs, words = [], [], []
+    specs, words = [], []
     for j in (2, 1):
         points = stiffness_points(results, telemetries, j)
         if len(points) < 2:
             continue
-        pulls = {name: figures.stiffness_pull(point, results.joint) for name, point in points.items()}
-        known = [pull for pull in pulls.values() if pull is not None]
+        pulls = (figures.stiffness_pull(point, results.joint) for point in points.values())
+        known = [pull for pull in pulls if pull is not None]
         if known:
             rms, largest = math.sqrt(np.mean(np.square(known))), max(map(abs, known))
             words.append(
                 f"Test mass {j}: root mean square of the {len(known)} differences {rms:.2f} σ, "
                 f"largest {largest:.1f} σ."
             )
-        tables.append(_table(j, points, pulls, results.joint))
         specs.append(_figure_spec(j, points, results.joint))
-    if not tables:
+    if not specs:
         return None
-    return Section(
-        "stiffness", "Stiffness model", " ".join(words), tables=tuple(tables), figures=tuple(specs)
-    )
-
-
-def _table(
-    j: int, points: Mapping[str, figures.StiffnessPoint], pulls: Mapping[str, float | None], joint: Fit | None
-) -> Table:
-    caption = (
-        f"Stiffness of test mass {j} in 10⁻⁷ s⁻² from each experiment alone and from the joint fit, at the "
-        "experiment's authority in pN and pN m."
-    )
-    head = ("Experiment", Markup("F, N<sub>max,{}</sub>").format(j), "Alone", "Joint fit", "Δ / σ")
-    rows = []
-    for name, point in points.items():
-        model, pull = figures.reconstruction(joint, point.j, point.F_max, point.N_max), pulls[name]
-        authority = f"{1e12 * point.F_max:.4g}, {1e12 * point.N_max:.3g}"
-        of_joint = measurement(*model, -7) if model else None
-        pull_cell = None if pull is None else pull_text(pull)
-        rows.append((escape(name), authority, point.omega2.printed(-7), of_joint, pull_cell))
-    return Table(head, tuple(rows), caption)
+    return Section("stiffness", "Stiffness model", " ".join(words), figures=tuple(specs))
 
 
 def _figure_spec(j: int, points: Mapping[str, figures.StiffnessPoint], joint: Fit | None) -> FigureSpec:

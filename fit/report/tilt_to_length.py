@@ -9,7 +9,7 @@ from fit.figures import tilt_to_length as figures
 from fit.report.parameter_table import parameter_table
 from fit.report.section import FigureSpec, Section
 from fit.results import Results
-from fit.tables import Table, sigma_text, value_text
+from fit.tables import Table, sigma_text, signed
 from fit.tilt_to_length import COEFFICIENTS, michelson
 
 _ESTIMATORS = ("least_squares", "bias", "instruments")
@@ -46,8 +46,8 @@ def _estimators(extra: Mapping[str, object]) -> Table:
     rows = [
         (
             Markup(p.html),
-            sigma_text(sigma := sigmas[p.name], -6),
-            value_text(biases[p.name], sigma, -6) if p.name in biases else None,
+            sigma_text(sigmas[p.name], -6),
+            signed(1e6 * biases[p.name], 3) if p.name in biases else None,
             sigma_text(instruments[p.name], -6) if p.name in instruments else None,
         )
         for p in COEFFICIENTS
