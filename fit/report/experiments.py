@@ -96,18 +96,19 @@ def sections(results: Results, experiments: Mapping[str, AnalysedExperiment]) ->
     return [_section(i, name, fit, experiments.get(name)) for i, (name, fit) in fits]
 
 
-def residual_over_noise(experiments: Mapping[str, AnalysedExperiment]) -> FigureSpec | None:
-    """Return the figure of the residuals of all experiments over their noise, None without noise runs."""
+def residual_over_noise(results: Results, experiments: Mapping[str, AnalysedExperiment]) -> FigureSpec | None:
+    """Return the figure of residuals over noise of the joint fit's experiments, None without noise runs."""
+    joint_runs = results.provenance.joint_runs
     known = {
         name if len(experiment.pairs) == 1 else f"{name}, {run.equation.name}": (run.asd, noise.asd)
         for name, experiment in experiments.items()
         for run, noise in experiment.pairs
-        if noise and run.asd and noise.asd
+        if noise and run.asd and noise.asd and (not joint_runs or experiment.run.run in joint_runs)
     }
     if not known:
         return None
     description = "Amplitude spectral densities of residuals and noise runs, and their ratio"
-    caption = f"Residuals and noise runs, mean of all, and their ratio; 1 is expected; {_PEAK}"
+    caption = f"Mean residual and noise of the fitted experiments, and their ratio; 1 is expected; {_PEAK}"
     return FigureSpec(
         "residual-over-noise", description, caption, partial(figures.residual_over_noise, known)
     )
@@ -148,6 +149,8 @@ def _p_value(fit: Fit) -> str | None:
     if d is None or d.chi2_red_sigma < RESIDUAL_LEVEL:
         return None
     p = math.erfc(abs(d.chi2_red - 1) / d.chi2_red_sigma / math.sqrt(2))
+    if p < 1e-6:
+        return "< 10⁻⁶"
     return f"{p:.2f}" if p >= 0.01 else f"{p:.1g}"
 
 

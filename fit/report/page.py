@@ -121,7 +121,11 @@ def _sections(
     """Return the figure of all residuals, the sections on each experiment, and those on all of them."""
     analysed = experiments.analysed(results, telemetries)
     together = [*motion.sections(results, telemetries), *mission.sections(results, telemetries)]
-    return experiments.residual_over_noise(analysed), experiments.sections(results, analysed), together
+    return (
+        experiments.residual_over_noise(results, analysed),
+        experiments.sections(results, analysed),
+        together,
+    )
 
 
 def figure_specs(results: Results, telemetries: Sequence[Telemetry]) -> list[FigureSpec]:
