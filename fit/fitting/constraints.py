@@ -33,6 +33,12 @@ MAX_START_SHIFT = 30.0  # widths of the weak prior, from the flight value within
 FUNCTIONS = ("pi", "sqrt", "exp", "log")  # that expressions may use
 _MODEL = re.compile(r"(?<![\w.])([A-Za-z_]\w*)\.[A-Za-z_]\w*")  # of a parameter of an FMU
 _WORD = re.compile(r"(?<![\w.])[A-Za-z_]\w*(?:\.\w+)*")  # a parameter or a function in an expression
+#: What lmfit evaluates; it keeps the value of a parameter, in silence, whose expression is of anything else.
+_NODES = (
+    *(ast.Expression, ast.BinOp, ast.UnaryOp, ast.operator, ast.unaryop),
+    *(ast.Constant, ast.Name, ast.Call, ast.Load),
+)
+_NUMBERS = (int, float, complex)
 
 
 def check(
@@ -98,17 +104,20 @@ def symbols(expr: str, context: str, names: Collection[str] = ()) -> set[str]:
     Raises
     ------
     InputError
-        If it is none.
+        If it is anything but sums, products, powers and functions of numbers and parameters.
     """
     by_symbol = {lmfit_symbol(name): name for name in names}
     plain = _WORD.sub(lambda word: lmfit_symbol(word[0]) if word[0] in names else word[0], expr)
     try:
         nodes = list(ast.walk(ast.parse(plain.strip(), mode="eval")))
-    except (SyntaxError, ValueError, RecursionError, MemoryError) as error:
+    except (SyntaxError, ValueError, RecursionError, MemoryError):
+        nodes = []
+    are_known = (isinstance(n, _NODES) and type(getattr(n, "value", 0)) in _NUMBERS for n in nodes)
+    if not nodes or not all(are_known):
         raise InputError(
             f"{context}: {expr!r}, expected an expression of numbers and parameters such as 'alpha_phi_2' or "
             f"'0.5 * C_2' (functions: {', '.join(FUNCTIONS[1:])})"
-        ) from error
+        )
     return {by_symbol.get(node.id, node.id) for node in nodes if isinstance(node, ast.Name)}
 
 

@@ -184,7 +184,10 @@ def test_the_end_of_the_band(runs, free):
         ({"C_1": {"expr": "C_3"}}, "C_1.expr: C_3: no parameter of this fit"),
         ({"C_1": {"expr": "open(C_2)"}}, "C_1.expr: open: no parameter of this fit"),
         ({"C_1": {"expr": "C_2 + 1j"}}, "no number where the fit starts"),
-        ({"C_1": {"expr": "C_2 +"}}, "expected an expression of numbers and parameters"),
+        *(
+            ({"C_1": {"expr": expr}}, "expected an expression of numbers and parameters")
+            for expr in ("C_2 +", "C_2 if C_2 < 1 else 1", "C_2 and 1", "C_2.value", "'C_2'", "None", "[C_2]")
+        ),
         ({"C_1": {"expr": "C_2"}, "C_2": {"expr": "C_1"}}, "a circle of ties"),
         ({"C_1": {"expr": "1 / 0"}}, "no number where the fit starts"),
         ({"C_1": {"expr": "log(delta_ifo_1)"}}, "leads to nan where the fit starts"),
