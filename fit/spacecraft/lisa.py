@@ -83,7 +83,6 @@ GEOMETRY = (*(f"{name}_{j}" for name in ("o_per_y", "grs_y_per_x") for j in (1, 
 PARAMETERS = (*DYNAMICS, *GEOMETRY)
 #: Of the rotation, taken as exact unless they are named.
 ROTATION = ("d_x", "d_y", "dws_gain")
-_ALONG = np.array([1.0, 0.0])
 _INNER = slice(derivatives.HALF, -derivatives.HALF)  # of what stencils are applied to
 _STEP = 1e-30  # imaginary, of a derivative: too small to matter in the real part
 
@@ -181,9 +180,8 @@ class Component(Equation):
 
     def gradient(self, theta: Array, tau: Delays, /) -> Array:
         """Return the derivatives of `coefficients` by theta, shape (K, P), to the last digit."""
-        steps = theta + 1j * _STEP * np.eye(theta.size)
-        slopes = [self._relative(step, tau).imag[self.varying] / _STEP for step in steps]
-        return np.concatenate([np.zeros((1, theta.size)), np.transpose(slopes)])
+        slopes = self._slopes(theta, tau)[self.varying]
+        return np.concatenate([np.zeros((1, theta.size)), slopes])
 
     def terms(self, columns: Columns, theta: Array, /) -> dict[str, Array]:
         """Return the terms that add up to the component, those of `TERMS`, each of shape (N,)."""
@@ -212,9 +210,7 @@ class Component(Equation):
     @cached_property
     def varying(self) -> NDArray[np.intp]:
         """Which of `COLUMNS` have a coefficient that depends on a parameter."""
-        theta = self._nominal + 1e-3
-        steps = theta + 1j * _STEP * np.eye(theta.size)
-        return np.flatnonzero(np.any([self._relative(step, (0.0, 0.0)).imag for step in steps], axis=0))
+        return np.flatnonzero(np.any(self._slopes(self._nominal + 1e-3, (0.0, 0.0)), axis=1))
 
     @cached_property
     def _nominal(self) -> Array:
@@ -232,6 +228,11 @@ class Component(Equation):
         """The coefficients of `COLUMNS` at the nominal parameters, shape (19,)."""
         return self._weights(self._nominal, (0.0, 0.0))
 
+    def _slopes(self, theta: Array, tau: Delays) -> Array:
+        """Return the derivatives of `_relative` by theta, shape (19, P)."""
+        steps = theta[:, None] + 1j * _STEP * np.eye(theta.size)
+        return np.asarray(self._relative(steps, tau).imag / _STEP)
+
     def _relative(self, theta: NDArray[Any], tau: Delays) -> NDArray[Any]:
         """Return `_weights` times what makes one of them nominal: all columns free fit themselves to 0."""
         weights, i = self._weights(theta, tau), int(np.flatnonzero(self._known)[0])
@@ -240,45 +241,63 @@ class Component(Equation):
         return relative
 
     def _weights(self, theta: NDArray[Any], tau: Delays) -> NDArray[Any]:
-        """Return the coefficients of `COLUMNS`, shape (19,): real, or complex to differentiate by theta."""
+        """Return the coefficients of `COLUMNS`, shape (19, ...), for theta, shape (P, ...).
+
+        They are real, or complex to differentiate by theta.
+        """
         value = dict(zip(self.parameters, theta, strict=True))
-        weights: NDArray[Any] = np.zeros(len(COLUMNS), dtype=theta.dtype)
+        weights: NDArray[Any] = np.zeros((len(COLUMNS), *theta.shape[1:]), dtype=theta.dtype)
         for j, sign, turn in ((1, 1, value.get("opening", 0.0)), (2, -1, 0.0)):
             angle = self.directions[j - 1] + turn
             # the row of R_j that belongs to the component, with the sign of the test mass
-            turned = sign * np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
-            row = {"D_x": turned[0], "D_y": turned[1], f"I_{j}": _ALONG}.get(self.name, 0 * _ALONG)
+            row = {
+                "D_x": (sign * np.cos(angle), -sign * np.sin(angle)),
+                "D_y": (sign * np.sin(angle), sign * np.cos(angle)),
+                f"I_{j}": (1.0, 0.0),
+            }.get(self.name, (0.0, 0.0))
             of_mass = {name[:-2]: x for name, x in value.items() if name.endswith(f"_{j}")}
             gain = defaultdict(float, {"grs_gain_y": 1.0} | of_mass)
-            read_out = np.array([[1, gain["o_per_y"]], [gain["grs_y_per_x"], gain["grs_gain_y"]]])
-            stiffness = np.array(
-                [[gain["omega2_x"], gain["omega2_xy"]], [gain["omega2_xy"], gain["omega2_y"]]]
+            o_per_y, y_per_x, y_per_y = gain["o_per_y"], gain["grs_y_per_x"], gain["grs_gain_y"]
+            determinant = y_per_y - o_per_y * y_per_x
+            # s_j of q_j: the inverse of ((1, o_per_y), (y_per_x, y_per_y))
+            motion = (
+                (y_per_y / determinant, -o_per_y / determinant),
+                (-y_per_x / determinant, 1 / determinant),
             )
-            motion = np.linalg.inv(read_out)  # s_j of q_j
+            stiffness = (gain["omega2_x"], gain["omega2_xy"]), (gain["omega2_xy"], gain["omega2_y"])
             i = COLUMNS.index(f"ddo_{j}")
-            weights[i : i + 2] = row @ (motion - np.eye(2) if self.name[0] == "I" else motion)
-            weights[COLUMNS.index(f"ddX_{j}")] = float(self.name == f"I_{j}")
+            weights[i], weights[i + 1] = _product(row, motion)
+            if self.name == f"I_{j}":  # which has X_j in place of o_j
+                weights[i] -= 1
+                weights[COLUMNS.index(f"ddX_{j}")] = 1
             i = COLUMNS.index(f"o_{j}")
-            weights[i : i + 2] = row @ stiffness @ motion
+            weights[i], weights[i + 1] = _product(_product(row, stiffness), motion)
             i = COLUMNS.index(f"F_y_{j}")
-            along_y = row @ np.array([gain["x_per_y"], gain["lambda_y"]])
+            along_y = row[0] * gain["x_per_y"] + row[1] * gain["lambda_y"]
             late_y = _delay(gain["C_y"], gain["lambda_y"]) - tau[j - 1]
-            along_x = row[0] * np.array([gain["lambda_x"], gain["lambda_x"] * tau[j - 1] - gain["C_x"]])
-            weights[i : i + 4] = -along_y, along_y * late_y, *(-along_x)
+            late_x = gain["C_x"] - gain["lambda_x"] * tau[j - 1]
+            weights[i], weights[i + 1] = -along_y, along_y * late_y
+            weights[i + 2], weights[i + 3] = -row[0] * gain["lambda_x"], row[0] * late_x
         d_x, d_y = (value.get(name, known) for name, known in zip(("d_x", "d_y"), self.baseline, strict=True))
         lever = {"D_x": -d_y, "D_y": d_x}.get(self.name, 0.0)
         weights[COLUMNS.index("ddphi")] = lever / value.get("dws_gain", 1.0)
         return weights
 
 
-def _delay(C: float, gain: float) -> float:
-    return C / gain if gain else C
+def _product(row: tuple[Any, Any], matrix: tuple[tuple[Any, Any], tuple[Any, Any]]) -> tuple[Any, Any]:
+    """Return a row times a matrix, whose elements are numbers or arrays of one shape."""
+    first, second = (row[0] * a + row[1] * b for a, b in zip(*matrix, strict=True))
+    return first, second
+
+
+def _delay(C: NDArray[Any], gain: NDArray[Any]) -> NDArray[Any]:
+    return np.divide(C, gain, out=np.array(C), where=np.not_equal(gain, 0))
 
 
 def delays(parameters: Sequence[str], theta: Array) -> Delays:
     """Return the delays ``C_y_j / lambda_y_j`` [s] of test masses 1 and 2 for theta, shape (P,)."""
     value = dict(zip(parameters, theta.tolist(), strict=True))
-    tau_1, tau_2 = (_delay(value[f"C_y_{j}"], value[f"lambda_y_{j}"]) for j in (1, 2))
+    tau_1, tau_2 = (float(_delay(value[f"C_y_{j}"], value[f"lambda_y_{j}"])) for j in (1, 2))
     return tau_1, tau_2
 
 

@@ -15,7 +15,7 @@ import numpy as np
 from fit.telemetry.reader import Telemetry
 
 FS = 1.0  # Hz
-MARGIN = 16384  # samples before and after a run, in which the loop settles
+TOTAL = 54368  # samples of a run and of what is before and after it, in which the loop settles
 HOLD, THRUSTER_DELAY, THRUSTER_LAG = 0.1, 0.25, 0.1  # s
 M_TM, M_SC, I_ZZ = 1.928, 1500.0, 1200.0  # kg, kg m^2
 HALF_OPENING, BASELINE, ARM = np.pi / 6, 0.5, 0.10  # rad; m
@@ -63,6 +63,15 @@ class World:
             return np.array([ARM, -BASELINE / 2])
         d_x, d_y = self.geometry.get("d_x", 0.0), self.geometry.get("d_y", BASELINE)
         return np.array([ARM + d_x, d_y - BASELINE / 2])
+
+
+WORLD = World()
+
+
+def pulls(joint, world=WORLD):
+    """Sizes of the pulls of the estimates of a fit that are not exact."""
+    estimates = joint.parameters.items()
+    return np.array([abs(e.difference(world.truth[name])) for name, e in estimates if not e.is_exact])
 
 
 def compensator(s, unity, zero, integral, poles):
@@ -238,19 +247,19 @@ def sequence(amplitude, *, start=900.0, into=(("r_o_1", "r_o_2"), ("r_y_1", "r_y
 
 
 @lru_cache(maxsize=8)
-def responses(world, n_total):
-    f = np.fft.rfftfreq(n_total, 1 / FS)[1:]
+def responses(world):
+    f = np.fft.rfftfreq(TOTAL, 1 / FS)[1:]
     return f, closed_loop(world, f)[0]
 
 
-def series(spectrum, n_total):
+def series(spectrum):
     """Time series of one-sided transforms without the mean, shape (n, ...)."""
-    return np.fft.irfft(np.concatenate([np.zeros((1, *spectrum.shape[1:])), spectrum]), n_total, axis=0)
+    return np.fft.irfft(np.concatenate([np.zeros((1, *spectrum.shape[1:])), spectrum]), TOTAL, axis=0)
 
 
-def injected(tones, n_total):
-    """Transforms of the set points by source."""
-    time, signals = np.arange(n_total) / FS - MARGIN, {}
+def injected(tones, begin):
+    """Transforms of the set points by source, for a run that begins at a sample."""
+    time, signals = (np.arange(TOTAL) - begin) / FS, {}
     for tone in tones:
         phase = tone.frequency * (time - tone.start)
         wave = tone.amplitude * np.sin(2 * np.pi * phase) * ((phase >= 0) & (phase < tone.cycles))
@@ -261,16 +270,16 @@ def injected(tones, n_total):
 def run(world, tones=(), *, duration=21600, seed=None, name="A", kind="sysid"):
     """Telemetry of a run; without noise if there is no seed."""
     n = int(duration * FS)
-    n_total = n + 2 * MARGIN
-    f, outputs = responses(world, n_total)
-    drive = injected(tones, n_total)
+    begin = (TOTAL - n) // 2
+    f, outputs = responses(world)
+    drive = injected(tones, begin)
     if seed is not None:
         rng = np.random.default_rng([seed, *kind.encode()])
         for source, asd in levels(world, f).items():
-            white = rng.normal(size=(f.size, 2)) @ [1, 1j] * np.sqrt(n_total * FS / 4)
+            white = rng.normal(size=(f.size, 2)) @ [1, 1j] * np.sqrt(TOTAL * FS / 4)
             drive[source] = drive.get(source, 0.0) + asd * white
     spectrum = sum(outputs[:, :, SOURCES.index(source)] * x[:, None] for source, x in drive.items())
-    values = series(spectrum, n_total)[MARGIN : MARGIN + n]
+    values = series(spectrum)[begin : begin + n]
     channels = dict(zip(OUTPUTS, values.T.copy(), strict=True))
     phi = channels.pop("dws_phi")
     for j in {1, 2} - {*world.arms}:

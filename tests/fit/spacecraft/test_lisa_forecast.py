@@ -5,15 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-import fit
 from fit.forecasting import PlannedExperiment
 from fit.forecasting.expected_fit import expected_fit
 from fit.settings import settings
 from fit.spacecraft.lisa import DYNAMICS, GEOMETRY, PARAMETERS
 from fit.whitening import Experiment, Run
 from tests.oracles import lisa_loop
+from tests.oracles.lisa_loop import WORLD
 
-WORLD = lisa_loop.World()
 KNOWN = {name: {"value": 0.0, "vary": False} for name in GEOMETRY}
 FALL_BACK = replace(WORLD, fall_back=True)
 
@@ -35,10 +34,8 @@ def tones(amplitude, *frequencies, source="r_o_1", duration=19200.0):
     return tuple(lisa_loop.Tone(source, f, amplitude, duration * f, 1200.0) for f in frequencies)
 
 
-def test_forecast_equals_the_sigmas_of_a_fit():
-    sequence = lisa_loop.sequence(1e-6)
-    expected = forecast(sequence)
-    joint = fit.calibrate(lisa_loop.campaign(WORLD, sequence, seed=0)).joint
+def test_forecast_equals_the_sigmas_of_a_fit(calibrated):
+    expected, joint = forecast(lisa_loop.sequence(1e-6)), calibrated.joint
     assert tuple(expected.parameters) == PARAMETERS
     for name in PARAMETERS:
         assert expected[name].sigma == pytest.approx(joint[name].sigma, rel=0.1)
