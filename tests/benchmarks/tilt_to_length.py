@@ -8,7 +8,7 @@ lpfcosim[lisa].
 
 The log has a line for each calibration, and the same command continues it; a calibration depends on its
 number alone. ``--docs`` writes the table of a log into docs/ttl-pulls.csv and its summary into
-docs/lisa-ttl.md. ``--hour`` times the same chain for an hour of motion, stage by stage.
+docs/lisa-ttl.md.
 """
 
 from __future__ import annotations
@@ -21,7 +21,6 @@ import sys
 import tempfile
 import time
 from collections.abc import Sequence
-from dataclasses import replace
 from hashlib import sha256
 from pathlib import Path
 from textwrap import fill
@@ -93,27 +92,6 @@ def run(n: int, log: Path) -> list[Line]:
     return [lines[number] for number in sorted(lines)]
 
 
-def time_hour(folder: Path) -> None:
-    """Print what the chain takes for an hour of motion with manoeuvre, stage by stage."""
-    plan = loading.load(CAMPAIGN)
-    hour = tuple(replace(e, duration=3600.0, noise_duration=0.0) for e in plan.experiments)
-    measured, start = folder / "measured.h5", _seconds()
-    begin = start
-    stages = {
-        "three spacecraft": lambda: lpfcosim.simulate(replace(plan, experiments=hour), folder),
-        "lisainstrument": lambda: lpfcosim.simulate_measurements(
-            join(sorted((folder / "telemetry").glob("*.h5"))), measured
-        ),
-        "pytdi and fit": lambda: fit.calibrate_ttl(measured),
-    }
-    for name, stage in stages.items():
-        stage()
-        end = _seconds()
-        print(f"{name}: {end[0] - start[0]:.1f} s, {end[1] - start[1]:.1f} s of CPU", flush=True)
-        start = end
-    print(f"in all: {start[0] - begin[0]:.1f} s, {start[1] - begin[1]:.1f} s of CPU")
-
-
 def _seconds() -> tuple[float, float]:
     """Return wall clock and CPU time, that of processes that ended included [s]."""
     return time.perf_counter(), sum(os.times()[:4])
@@ -172,12 +150,7 @@ def main() -> None:
         "--log", type=Path, default=Path("tilt_to_length.jsonl"), help="continued where it ends"
     )
     parser.add_argument("--docs", action="store_true", help="write the table of the log, simulate nothing")
-    parser.add_argument("--hour", action="store_true", help="time an hour of motion, write nothing")
     arguments = parser.parse_args()
-    if arguments.hour:
-        with tempfile.TemporaryDirectory() as folder:
-            time_hour(Path(folder))
-        return
     if arguments.docs:
         write([json.loads(line) for line in arguments.log.read_text(encoding="utf-8").splitlines()[1:]])
         return

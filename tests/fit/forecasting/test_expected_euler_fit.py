@@ -10,9 +10,8 @@ from fit.errors import InputError
 from fit.forecasting.expected_euler_fit import expected_periods
 from fit.settings import settings
 from lpfcosim.campaign import loading
-from lpfcosim.linear import ClosedLoop, spectral_simulation
+from lpfcosim.linear import spectral_simulation
 from lpfcosim.planned_experiments import planned_noise_runs, telemetry_of
-from lpfcosim.signals import decimation
 from lpfcosim.workflows.montecarlo_trial import SpectralSimulator
 from tests import ROOT
 from tests.oracles.rotation_synthetic import calibration
@@ -49,18 +48,6 @@ def test_sigmas_are_those_of_the_campaign_through_fmus(plan):
         truth = {name: drawn[name] for name in ("delta_phi", "delta_eta")}
         for name, estimate in fit.parameters.items():
             assert abs(estimate.value - truth[name]) < 0.2 * estimate.sigma
-
-
-@pytest.mark.long
-def test_agrees_with_a_fit_of_the_reference_plant(plan):
-    run = next(run for run in plan.runs if run.experiment == "P3a")
-    run = replace(run, n_samples=run.n_samples // 3 * 2)
-    channels = ClosedLoop(run).simulate()
-    low_pass = decimation.taps(10)
-    filtered = {name: np.convolve(channels[name], low_pass, "valid")[::10] for name in CHANNELS}
-    fit = fit_period([telemetry_of(run, filtered)], calibration().joint)
-    # the spacecraft turns by noise of few bins, and by how much happens
-    assert sigmas(expected_fits(run)["3"]) == pytest.approx(sigmas(fit), rel=0.2)
 
 
 @pytest.mark.slow
@@ -110,23 +97,3 @@ def test_drowned_in_torque_noise_as_the_fit_is(plan):
     run = next(run for run in plan.runs if run.experiment == "P1")
     (fit,) = expected_fits(replace(run, noise={**run.noise, "torque": 5e-10})).values()
     assert "torque_noise" in {w.code for w in fit.warnings}
-
-
-@pytest.fixture
-def short(tmp_path):
-    """Head, experiment A and half a day of noise of the shipped campaign."""
-    head, first_experiment, *experiments = INERTIAL.read_text(encoding="utf-8").split("[[experiments]]")
-    turning = next(text for text in experiments if 'name = "P1"' in text).replace('"3 d"', '"12 h"')
-    path = tmp_path / "short.toml"
-    path.write_text("[[experiments]]".join([head, first_experiment, turning]), encoding="utf-8")
-    return path
-
-
-def test_without_noise_nothing_is_forecast(lpfcosim, short):
-    text = short.read_text(encoding="utf-8")
-    begin, end = text.index("[noise]"), text.index("# The standard six-hour")
-    short.write_text((text[:begin] + text[end:]).split("noise = {")[0], encoding="utf-8")
-    status, _, err = lpfcosim("forecast", short, "--quiet")
-    assert status == 2
-    assert err.startswith(f"lpfcosim: error: {short}: run A: without noise there are no sigmas to forecast")
-    assert len(err.splitlines()) == 1

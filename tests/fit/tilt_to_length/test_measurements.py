@@ -31,39 +31,27 @@ def test_a_file_holds_all_of_the_measurements(run, path):
         np.testing.assert_array_equal((again.michelson | again.rates)[name], values)
 
 
-def _unit(file):
-    file["dws_phi_12"].attrs["units"] = "rad"
-
-
-def _schema(file):
-    file.attrs["schema"] = "lisa-measurements/2"
-
-
 def _delay(file):
     file["d_12"][:] = 8.3e9
 
 
-def _motion(file):
+def _move(file):
     file["dws_eta_21"][:] += 1e-6 * np.sin(np.arange(file["time"].size) / 10)
-
-
-def _step(file):
-    file.attrs["dt"] = 0.5
-
-
-def _noise(file):
-    file.attrs["dws_asd"] = -1.0
 
 
 @pytest.mark.parametrize(
     ("damage", "sentence"),
     [
-        (_unit, r"channel dws_phi_12: units 'rad', expected 'rad s-1'"),
-        (_schema, r"attribute schema: 'lisa-measurements/2', expected 'lisa-measurements/1'"),
-        (_delay, r"d_12: 8.3e\+09 s, expected a light travel time of 1 to 60 s"),
-        (_motion, r"eta_21: moves by .* rad, .*repeat the manoeuvre with a smaller amplitude"),
-        (_step, r"time: "),
-        (_noise, r"attribute dws_asd: -1.0, expected a number that is not negative"),
+        (
+            lambda file: file["dws_phi_12"].attrs.update(units="rad"),
+            "dws_phi_12: units 'rad', expected 'rad s-1'",
+        ),
+        (
+            lambda file: file["d_12"].write_direct(np.full(file["time"].size, 8.3e9)),
+            "expected a light travel",
+        ),
+        (_move, r"eta_21: moves by .* rad, .*repeat the manoeuvre with a smaller amplitude"),
+        (lambda file: file.attrs.update(dws_asd=-1.0), "dws_asd: -1.0, expected a number that is not neg"),
     ],
 )
 def test_what_is_wrong_is_named(path, damage, sentence):
@@ -100,11 +88,3 @@ def test_nothing_without_a_variable(path):
         _empty(file, "X2", "dws_eta_23")
     with pytest.raises(InputError, match=r"without data: X2, dws_eta_23; expected one of X2, Y2, Z2"):
         read_measurements(path)
-
-
-def test_no_file_and_no_hdf5(tmp_path):
-    with pytest.raises(InputError, match="no such file, expected a file of schema 'lisa-measurements/1'"):
-        read_measurements(tmp_path / "none.h5")
-    (tmp_path / "text.h5").write_text("X2")
-    with pytest.raises(InputError, match="not HDF5"):
-        read_measurements(tmp_path / "text.h5")

@@ -55,13 +55,6 @@ def test_another_opening_projects_the_attitude_otherwise(files):
     assert not series["mosa_eta_23"].any()
 
 
-def test_an_opening_that_is_no_angle_is_refused(files):
-    with h5py.File(files[0], "r+") as file:
-        file.attrs["half_opening"] = 30.0  # degrees
-    with pytest.raises(InputError, match=r"sc1.h5: attribute half_opening: 30.0, expected an angle in rad"):
-        join(files)
-
-
 def test_a_file_comes_back_and_documents_itself(files, tmp_path):
     jitter = join(files)
     write_jitter(jitter, tmp_path / "j.h5", {"campaign": "lisa"})
@@ -79,24 +72,16 @@ def test_a_file_comes_back_and_documents_itself(files, tmp_path):
 def test_runs_that_do_not_belong_together_are_refused(files, tmp_path):
     with pytest.raises(InputError, match=r"2 runs, expected three, of spacecraft 1, 2 and 3"):
         join(files[:2])
-    write_run(tmp_path / "long.h5", 70.0, {})
-    with pytest.raises(
-        InputError, match=r"long.h5: 700 samples at 10 Hz .*, expected 600 samples at 10 Hz .* as in .*sc1"
-    ):
-        join([*files[:2], tmp_path / "long.h5"])
     write_run(tmp_path / "slow.h5", 120.0, {}, fs=5.0)
-    with pytest.raises(
-        InputError, match=r"600 samples at 5 Hz .*, expected 600 samples at 10 Hz .* same duration and rate"
-    ):
+    with pytest.raises(InputError, match=r"600 samples at 5 Hz .*, expected 600 samples at 10 Hz"):
         join([files[0], tmp_path / "slow.h5", files[2]])
-
-
-def test_runs_that_begin_at_other_times_are_refused(files):
     with h5py.File(files[2], "r+") as file:
         file["time"][:] += 100.0
-    with pytest.raises(
-        InputError, match=r"sc3.h5: .* from 100 s on, expected .* from 0 s on .* cut them alike"
-    ):
+    with pytest.raises(InputError, match=r"sc3.h5: .* from 100 s on, expected .* from 0 s on"):
+        join(files)
+    with h5py.File(files[0], "r+") as file:
+        file.attrs["half_opening"] = 30.0  # degrees
+    with pytest.raises(InputError, match=r"sc1.h5: attribute half_opening: 30.0, expected an angle in rad"):
         join(files)
 
 
@@ -110,14 +95,3 @@ def test_the_command_takes_files_and_folders(lpfcosim, tmp_path):
     assert read_jitter(tmp_path / "j.h5").runs == ("sc1.h5", "sc2.h5", "sc3.h5")
     lpfcosim("jitter", "lisa", "--noise", "--out", "n.h5", status=0)
     assert read_jitter(tmp_path / "n.h5").duration == 90.0
-    named = [folder / f"sc{i}-noise.h5" for i in (1, 2, 3)]
-    lpfcosim("jitter", *named, "--out", "again.h5", status=0)
-    message = lpfcosim("jitter", named[0], "--out", "one.h5", status=2)[2]
-    assert "sc1-noise.h5: 1 runs, expected three" in message
-
-
-def test_telemetry_of_another_spacecraft_is_refused(lpfcosim, tmp_path, files):
-    with h5py.File(files[1], "r+") as file:
-        del file["mosa_1"]
-    message = lpfcosim("jitter", *files, "--out", "j.h5", status=2)[2]
-    assert "sc2.h5: channel mosa_1: missing, expected it in rad" in message

@@ -21,16 +21,34 @@ def run(make_run):
     return make_run(n_samples=N, injections=(Sine("guidance_o_12", 1e-8, 0.01, 2, 10),), dc=4e-12)
 
 
-def test_a_trial_leaves_nothing_behind(run, fmus):
-    result = read_interfaces(run, fmus)
-    feeds = {**stimuli.injections(run), "g_2": np.full(N, run.dc)}
+@pytest.fixture
+def feeds(run):
+    return {**stimuli.injections(run), "g_2": np.full(N, run.dc)}
+
+
+@pytest.fixture
+def load(run, fmus):
+    """Load the loop of the run, to record some channels, or its controller alone."""
+    interfaces, progress = read_interfaces(run, fmus), SimulationProgress()
     with contextlib.ExitStack() as stack:
-        loop = simulation_session.load_loop(stack, run, result, ("o_1", "o_12"), SimulationProgress())
-        first = loop.simulate(N, feeds, {})
-        other = loop.simulate(N, feeds, {"Plant": {"omega2_2_0": -5e-7}})
-        again = loop.simulate(N, feeds, {})
-        short = loop.simulate(100, feeds, {})
-        expected = ClosedLoop(run).simulate()
+        yield (
+            lambda *record: (
+                simulation_session.load_loop(stack, run, interfaces, record, progress)
+                if record
+                else simulation_session.load_controller(stack, run, interfaces)
+            )
+        )
+
+
+def test_a_trial_leaves_nothing_behind(run, feeds, load):
+    loop = load("o_1", "o_12")
+    first = loop.simulate(N, feeds, {})
+    other = loop.simulate(N, feeds, {"Plant": {"omega2_2_0": -5e-7}})
+    for unstable, words in (({"omega2_2_0": -1.0}, "diverges"), ({"tau_2": -0.05}, "a delay is negative")):
+        with pytest.raises(RunError, match=words):
+            loop.simulate(N, feeds, {"Plant": unstable})
+    again, short = (loop.simulate(n, feeds, {}) for n in (N, 100))
+    expected = ClosedLoop(run).simulate()
     for name, values in first.items():
         assert np.array_equal(again[name], values)
         assert np.array_equal(short[name], values[:100])
@@ -38,26 +56,8 @@ def test_a_trial_leaves_nothing_behind(run, fmus):
     assert np.abs(other["o_12"] - first["o_12"]).max() > 1e-13
 
 
-def test_a_loop_goes_on_after_a_trial_that_is_not_stable(run, fmus):
-    result = read_interfaces(run, fmus)
-    feeds = {**stimuli.injections(run), "g_2": np.full(N, run.dc)}
-    with contextlib.ExitStack() as stack:
-        loop = simulation_session.load_loop(stack, run, result, ("o_1", "o_12"), SimulationProgress())
-        first = loop.simulate(N, feeds, {})
-        with pytest.raises(RunError, match="diverges"):
-            loop.simulate(N, feeds, {"Plant": {"omega2_2_0": -1.0}})
-        with pytest.raises(RunError, match="a delay is negative"):
-            loop.simulate(N, feeds, {"Plant": {"tau_2": -0.05}})
-        assert np.array_equal(loop.simulate(N, feeds, {})["o_12"], first["o_12"])
-
-
-def test_the_controller_alone_makes_the_commands_that_it_made_in_the_loop(run, fmus):
-    result = read_interfaces(run, fmus)
-    feeds = {**stimuli.injections(run), "g_2": np.full(N, run.dc)}
-    with contextlib.ExitStack() as stack:
-        loop = simulation_session.load_loop(stack, run, result, ("o_12", "f_x_2"), SimulationProgress())
-        alone = simulation_session.load_controller(stack, run, result)
-        whole = loop.simulate(N, feeds, {})
-        given = {"o_12": whole["o_12"], "guidance_o_12": feeds["guidance_o_12"]}
-        asked = alone.simulate(N, given, {})["f_control_2"]
+def test_the_controller_alone_makes_the_commands_that_it_made_in_the_loop(feeds, load):
+    whole = load("o_12", "f_x_2").simulate(N, feeds, {})
+    given = {"o_12": whole["o_12"], "guidance_o_12": feeds["guidance_o_12"]}
+    asked = load().simulate(N, given, {})["f_control_2"]
     assert np.abs(asked - whole["f_x_2"]).max() <= 1e-12 * np.abs(asked).max()
