@@ -1,8 +1,10 @@
 """Tests of what the measurements are labelled as: channels of wavefront sensing, and light travel times.
 
 The coefficients absorb a wrong sign of a channel and an exchange of two, and no residual shows it. But both
-assemblies of a spacecraft share its motion, and their angles correlate, more than any others do. Light travel
-times decide the phase of the response: their common error is one more column of the fit.
+assemblies of a spacecraft share its motion, and their angles correlate, more than any others do. That of eta
+is assumed to be positive: 30 degrees to the left and to the right of x, theta of a spacecraft enters with
+opposite signs, and prevails where it moves more than 1.7 times as much as eta. Light travel times decide the
+phase of the response: their common error is one more column of the fit.
 """
 
 import numpy as np
@@ -51,6 +53,8 @@ def channel_findings(spectra: ResponseSpectra) -> list[Finding]:
         value = f"{correlation[i, j]:.2f} +- {sigma:.2f}"
         if z[i, j] < -LIMIT:
             cause = f"negatively ({value}), though one spacecraft moves both; the sign of one is wrong"
+            if SERIES[i].startswith("eta"):
+                cause += ", unless theta of the spacecraft moves more than 1.7 times as much as eta"
         elif z[i, j] < ABSENT and strangers.max() > LIMIT:
             more = f"{here} and {other} ({sigma * strangers[a, b]:.2f})"
             cause = f"less ({value}) than {more}; channels are exchanged"

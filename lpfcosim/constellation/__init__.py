@@ -14,7 +14,12 @@ from lpfcosim.constellation.jitter import (
     spacecraft_motion,
     write_jitter,
 )
-from lpfcosim.constellation.lisainstrument_adapter import LEAD, TAIL, simulate_measurements
+from lpfcosim.constellation.lisainstrument_adapter import (
+    LEAD,
+    TAIL,
+    import_lisainstrument,
+    simulate_measurements,
+)
 
 __all__ = [
     "ASSEMBLIES",
@@ -23,6 +28,7 @@ __all__ = [
     "TAIL",
     "Jitter",
     "assembly_angles",
+    "import_lisainstrument",
     "join",
     "read_jitter",
     "simulate_measurements",

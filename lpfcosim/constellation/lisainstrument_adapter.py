@@ -89,7 +89,7 @@ def simulate_measurements(
         )
     if motion.fs < LOWEST_RATE:
         raise InputError(f"{source}: sampled at {motion.fs:g} Hz, expected {LOWEST_RATE:g} Hz or more")
-    package = _import_lisainstrument()
+    package = import_lisainstrument()
     names = (name for name in motion.series if not (quiet and name in NOISES))
     rates = {_stream(name): rate(motion.series[name], motion.fs) for name in names}
     options: dict[str, Any] = {} if coefficients is None else {"ttl_coeffs": _by_kind(coefficients)}
@@ -114,7 +114,14 @@ def _stream(name: str) -> str:
     return f"{STREAMS[kind]}_{index}"
 
 
-def _import_lisainstrument() -> Any:
+def import_lisainstrument() -> Any:
+    """Return the package.
+
+    Raises
+    ------
+    InputError
+        If it is not installed, or another version of it.
+    """
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # of its dependencies

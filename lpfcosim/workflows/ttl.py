@@ -1,7 +1,7 @@
 """The chain of a tilt-to-length calibration: a campaign simulated, measured by lisainstrument, and fitted."""
 
 from fit.parallel import one_blas_thread
-from lpfcosim.constellation import join, simulate_measurements, write_jitter
+from lpfcosim.constellation import import_lisainstrument, join, simulate_measurements, write_jitter
 from lpfcosim.errors import InputError, prefix_errors
 from lpfcosim.workflows.calibration import Calibration, calibrate_ttl_into, runs_of_kind
 from lpfcosim.workflows.campaigns import CampaignLike, PathLike, as_path, resolve
@@ -32,6 +32,7 @@ def run_ttl(campaign: CampaignLike, folder: PathLike, *, progress: Progress = LO
     InputError, RunError, FitError
         If the campaign moves no three spacecraft, lisainstrument is missing, or a stage fails.
     """
+    import_lisainstrument()  # which is missed before the campaign is simulated, not minutes later
     plan, source = resolve(campaign)
     directory = as_path(folder, "the path of a folder")
     with prefix_errors(source):

@@ -13,6 +13,8 @@ from fit.tilt_to_length.response import response_spectra
 from lpfcosim.constellation import Jitter, simulate_measurements
 from lpfcosim.constellation.jitter import SERIES, join
 from lpfcosim.constellation.lisainstrument_adapter import LEAD, rate
+from lpfcosim.workflows.ttl import run_ttl
+from tests import ROOT
 from tests.lpfcosim.constellation.spacecraft import manoeuvre, write_constellation
 
 FILTER_DELAY = 4.5  # s, of the anti-aliasing filter of lisainstrument
@@ -131,7 +133,7 @@ def test_motion_that_is_too_short_or_too_slow_is_refused(tmp_path):
 
 
 @pytest.mark.skipif(find_spec("lisainstrument") is not None, reason="it is installed")
-def test_without_the_extra_one_sentence_says_so(tmp_path):
-    jitter = Jitter(10.0, {name: np.zeros(5000) for name in SERIES})
+def test_without_the_extra_nothing_is_simulated(tmp_path):
     with pytest.raises(InputError, match="need lisainstrument, of the extra"):
-        simulate_measurements(jitter, tmp_path / "m.h5")
+        run_ttl(ROOT / "campaigns" / "lisa-ttl.toml", tmp_path / "out")
+    assert not (tmp_path / "out").exists()
