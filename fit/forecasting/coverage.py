@@ -238,14 +238,14 @@ def verdict(pulls: Mapping[str, Pulls], n: int, failed: int) -> Verdict:
                 f"standard deviation of pulls {concise_value(p.pull_std, p.pull_std_error)} instead of 1",
             ),
             (
-                _two_sided(round(p.coverage_1sigma * p.n), p.n, COVERAGE),
+                float(scipy.stats.binomtest(round(p.coverage_1sigma * p.n), p.n, COVERAGE).pvalue),
                 f"{concise_value(100 * p.coverage_1sigma, 100 * p.coverage_1sigma_error)} % within 1 sigma "
                 f"instead of {100 * COVERAGE:.0f} %",
             ),
         ]
         if reported := [text for probability, text in departures if probability < level]:
             reasons.append(f"{name}: {', '.join(reported)}")
-    if failed and scipy.special.bdtrc(failed - 1, n + failed, FAILURES) < level:
+    if scipy.stats.binomtest(failed, n + failed, FAILURES, "greater").pvalue < level:
         reasons.append(f"{failed} of {n + failed} failed, of sound ones {100 * FAILURES:g} % may")
     return Verdict(not reasons, tuple(reasons))
 
@@ -262,13 +262,6 @@ def _of_std(p: Pulls) -> float:
     squares = (p.n - 1) * p.pull_std**2
     tails = scipy.special.chdtr(p.n - 1, squares), scipy.special.chdtrc(p.n - 1, squares)
     return float(2 * min(tails))
-
-
-def _two_sided(k: int, n: int, probability: float) -> float:
-    """Return the probability of a number of successes as far from the expected one, or farther."""
-    lower_tail = scipy.special.bdtr(k, n, probability)
-    upper_tail = scipy.special.bdtrc(k - 1, n, probability) if k else 1.0
-    return float(2 * min(lower_tail, upper_tail))
 
 
 def write(

@@ -42,6 +42,11 @@ MAX_SIGMA = 1.0  # rad, from which an angle is indeterminable
 RULE = Convergence(
     max_iterations=50, tolerance=1e-3, max_move=1e-3, warm_up=-1, moving="expected angles still move"
 )
+UNDETERMINED = Finding(
+    "indeterminable",
+    "the spacecraft hardly turns: its noise runs do not determine both delta_phi and delta_eta",
+    parameters=euler_fit.NAMES,
+)
 _FITTED = slice(1, 1 + len(euler_fit.PARAMETERS))  # columns, behind that of Delta g
 _DIFFERENCE = slice(_FITTED.stop, _FITTED.stop + len(rotation.AXES))
 _CALIBRATION_ERROR = slice(_DIFFERENCE.stop, None)
@@ -121,14 +126,9 @@ def _expected(runs: Sequence["_ExpectedWeighing"], params: "lmfit.Parameters") -
         warnings=(
             *lacking.values(),
             *([euler_fit.TORQUE_NOISE] if is_noise else []),
-            *([_undetermined_angles()] if len(determined) < size else []),
+            *([UNDETERMINED] if len(determined) < size else []),
         ),
     )
-
-
-def _undetermined_angles() -> Finding:
-    message = "the spacecraft hardly turns: its noise runs do not determine both delta_phi and delta_eta"
-    return Finding("indeterminable", message, parameters=euler_fit.NAMES)
 
 
 @dataclass(frozen=True)
@@ -237,7 +237,8 @@ def _rows(
     sources = rotation.sources(run)
     assert sources is not None
     d, omega = separation(run.x_axis), 2 * np.pi * f
-    of_axes = (f"{kind}_{j}" for axis in rotation.AXES for kind, j in _channels_of(axis))
+    kinds = ("N_{}_1", "N_{}_2", "o_{}_1", "o_{}_12")
+    of_axes = (kind.format(axis) for axis in rotation.AXES for kind in kinds)
     names = (*dynamics.CHANNELS, *of_axes)
     channel = {name: row.astype(np.complex128) for name, row in zip(names, np.eye(len(names)), strict=True)}
     tau = dynamics.delays(theta)
@@ -268,7 +269,3 @@ def _rows(
     calibration_error = np.einsum("kp,bkc->bpc", dynamics.gradient(theta, tau) @ share, terms)
     columns = (delta_g[:, None], euler, np.stack(lengths, axis=1), disagreed, calibration_error)
     return names, np.concatenate(columns, axis=1)
-
-
-def _channels_of(axis: str) -> tuple[tuple[str, int], ...]:
-    return ((f"N_{axis}", 1), (f"N_{axis}", 2), (f"o_{axis}", 1), (f"o_{axis}", 12))

@@ -230,6 +230,8 @@ class ExpectedWeighing:
         What it is made of.
     experiment : Experiment
         The experiment, without its samples.
+    theta : ndarray, shape (K,)
+        The parameters of the run, at which its sums are.
     parameter_map : ndarray, shape (K, P)
         See `WhitenedRun`; to be set once the parameters of the joint fit are known.
     """
@@ -252,25 +254,20 @@ class ExpectedWeighing:
         self.experiment = Experiment(
             experiment.sysid.without_samples(), experiment.noise and experiment.noise.without_samples()
         )
-        self._theta = self.parameter_map @ [plan.truth.get(p.name, p.value) for p in parameters]
+        self.theta = self.parameter_map @ [plan.truth.get(p.name, p.value) for p in parameters]
         self._will_move = any(p.name not in plan.truth for p in parameters)
         self._spectra: Spectra | None = None
         if divide([experiment], settings.model_copy(update={"exclude": []}))[0]:  # it is long enough
-            self._sums = self._compress_run(experiment.sysid, self._theta)
+            self._sums = self._compress_run(experiment.sysid, self.theta)
 
     def block(self, theta: Array, _: Array, __: int) -> WhitenedRun:
         """As that of `weighings.Weighing`."""
         of_run, sums = self.parameter_map @ theta, self._sums
-        c, previous = (self._sums.coefficients(x) for x in (of_run, self._theta))
+        c, previous = (self._sums.coefficients(x) for x in (of_run, self.theta))
         if np.linalg.norm(sums.R @ (c - previous)) > MAX_RESIDUAL:
-            self._theta = of_run
+            self.theta = of_run
             self._sums = self._recompress(of_run)
         return self.sums
-
-    @property
-    def theta(self) -> Array:
-        """The parameters of the run, shape (K,), at which its sums are."""
-        return self._theta
 
     @property
     def sums(self) -> WhitenedRun:

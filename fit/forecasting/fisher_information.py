@@ -30,8 +30,6 @@ from fit.whitening import Run
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
-GRID = 40  # frequencies per decade between which the noise is interpolated
-
 
 @dataclass(frozen=True)
 class ExperimentInformation:

@@ -23,7 +23,7 @@ from fit.parallel import one_blas_thread, parallel_map
 from fit.results import Fit, Provenance, Results
 from fit.settings import Settings
 from fit.statistics import consistency_test
-from fit.whitening import Experiment, Likelihood
+from fit.whitening import Experiment
 
 Array = NDArray[np.float64]
 
@@ -69,17 +69,28 @@ def identify(
     FitError
         If the loop cannot be simulated, or no valid estimate results.
     """
-    likelihood = _likelihood(settings)
+    if settings.estimator == "flscov":
+        raise InputError(
+            'fit.estimator: "flscov" is not available with a simulated loop, expected another estimator'
+        )
     check_constraints(experiments, free, calibrated, settings)
     parameters = joint(experiments, free, settings, calibrated)
     steps = _Steps(
         [
-            SimulatedExperiment(e, loop, parameters, k, "marginalised" if e.marginalised else likelihood)
+            SimulatedExperiment(
+                e, loop, parameters, k, "marginalised" if e.marginalised else settings.estimator
+            )
             for k, e in enumerate(experiments)
         ]
     )
     steps.begin(parameters.start, is_stated=any(p.start is not None for p in free))
-    outcome = steps.outcome(parameters)
+    outcome = irls.iterate(
+        steps.weighings,
+        parameters.parameters,
+        random_effects=parameters.random_effects,
+        limit_step=steps.limited,
+        params=constraints.params(parameters.parameters, parameters.settings),
+    )
     if outcome.random_effects:
         widened = width_posterior.marginalise_widths(outcome)
         outcome = replace(widened, data_driven=settings.scatter == ["auto"])
@@ -95,14 +106,6 @@ def identify(
         warnings += _differences(fit, calibrated.joint, fixed_values, {*test.active}, loop)
     provenance = _provenance(experiments, calibrated.provenance, outcome, settings)
     return Results(replace(fit, warnings=tuple(warnings)), {}, {}, {}, provenance)
-
-
-def _likelihood(settings: Settings) -> Likelihood:
-    if settings.estimator == "flscov":
-        raise InputError(
-            'fit.estimator: "flscov" is not available with a simulated loop, expected another estimator'
-        )
-    return settings.estimator
 
 
 @dataclass
@@ -122,16 +125,6 @@ class _Steps:
 
     def _simulate(self, theta: Array) -> None:
         parallel_map(lambda weighing: weighing.simulate(theta), self.weighings)
-
-    def outcome(self, parameters: JointParameters) -> irls.IRLSResult:
-        """Iterate."""
-        return irls.iterate(
-            self.weighings,
-            parameters.parameters,
-            random_effects=parameters.random_effects,
-            limit_step=self.limited,
-            params=constraints.params(parameters.parameters, parameters.settings),
-        )
 
     def limited(self, theta: Array, target: Array) -> Array:
         """Return the next estimate, shape (P,), with loops that can be simulated."""

@@ -20,13 +20,8 @@ BAND = (derivatives.F_MAX, 2 * derivatives.F_MAX)  # Hz: the end of that band
 PASSBAND, STOPBAND, RIPPLE = 0.2, 0.8, 120.0  # of the rate of an archive, that is filled up; dB
 TAPER = 100.0  # s, over which what is imposed comes in and goes out
 GAP_MEMORY = 200.0  # s after a gap, when a controller but for its integrator is what it is without
-TRANSIENT_TIMES = (
-    0.1,
-    1.0,
-    5.0,
-    20.0,
-    60.0,
-)  # s after a response, at which the remaining transient is that of the state
+#: s after a response, at which the remaining transient is that of the state.
+TRANSIENT_TIMES = (0.1, 1.0, 5.0, 20.0, 60.0)
 SINGULAR_MODE = 1e-4  # relative strength below which there is none
 IMPULSE_DURATION = 4096.0  # s, after which the loop has forgotten a push
 

@@ -291,7 +291,7 @@ def _product(row: tuple[Any, Any], matrix: tuple[tuple[Any, Any], tuple[Any, Any
 
 
 def _delay(C: NDArray[Any], gain: NDArray[Any]) -> NDArray[Any]:
-    return np.divide(C, gain, out=np.array(C), where=np.not_equal(gain, 0))
+    return np.asarray(np.divide(C, gain, out=np.array(C), where=np.not_equal(gain, 0)))
 
 
 def delays(parameters: Sequence[str], theta: Array) -> Delays:

@@ -6,7 +6,7 @@ combines these lengths; `michelson` states how, with all signs.
 
 from fit.tilt_to_length import michelson
 from fit.tilt_to_length.coefficients import COEFFICIENTS, NAMES
-from fit.tilt_to_length.expected_sigmas import expected_covariance
+from fit.tilt_to_length.expected_sigmas import expected_sigmas
 from fit.tilt_to_length.measurements import Measurements, read_measurements, write_measurements
 from fit.tilt_to_length.subtraction import subtraction_spectra
 from fit.tilt_to_length.ttl_fit import make_params
@@ -15,7 +15,7 @@ __all__ = [
     "COEFFICIENTS",
     "NAMES",
     "Measurements",
-    "expected_covariance",
+    "expected_sigmas",
     "make_params",
     "michelson",
     "read_measurements",

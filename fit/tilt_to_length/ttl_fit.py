@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -114,16 +114,18 @@ def calibrate_ttl(
         is_better = bool(np.all(instruments.sigma <= estimate.sigma))
         estimate = instruments if is_better else estimate
         warnings += _unstated_noise_warnings(bias, is_better)
-    solved, reported, blind = _solve(measurements, estimate, params)
+    solved, undetermined, blind = _solve(measurements, estimate, params)
     c = parameter_values(solved.result.params)
+    chi2 = float(2 * np.sum(weights * np.abs(spectra.residual(c)) ** 2))
+    dof = 2 * weights.size - len(NAMES)
     warnings += [
         *channel_findings(reference),
         *light_time_findings(measurements, spectra, weights, c, dws_asd),
+        *blind,
+        *_misfit_warnings(chi2 / dof, math.sqrt(2 * spectra.variance_factor / dof)),
     ]
-    residual = spectra.residual(c)
-    chi2, dof = float(2 * np.sum(weights * np.abs(residual) ** 2)), 2 * weights.size - len(NAMES)
-    warnings += [*blind, *_misfit_warnings(chi2 / dof, math.sqrt(2 * spectra.variance_factor / dof))]
-    return _fit(params, solved, reported, measurements.truth, chi2, dof, warnings), compared
+    estimates, covariance = _estimates(solved, undetermined, _stated(params), measurements.truth)
+    return Fit(estimates, covariance, chi2, dof, True, tuple(warnings), solved=solved), compared
 
 
 def _by_estimator(estimate: LinearEstimate, instruments: LinearEstimate) -> dict[str, dict[str, float]]:
@@ -216,8 +218,8 @@ def _leverage(spectra: ResponseSpectra, weights: Array) -> Array:
 
 def _solve(
     measurements: Measurements, estimate: LinearEstimate, params: lmfit.Parameters | None
-) -> tuple[SolvedModel, list[int], list[Finding]]:
-    """Return lmfit's model of an estimate, the coefficients that are determined, and a warning of others."""
+) -> tuple[SolvedModel, NDArray[np.bool_], list[Finding]]:
+    """Return lmfit's model of an estimate, which coefficients are not determined, and findings."""
     values, vectors = np.linalg.eigh(estimate.information * WIDTH**2)
     informed = values > max(null_space.FLOOR, 1e-13 * float(values[-1]))
     if not (np.isfinite(values).all() and informed.any()):
@@ -232,8 +234,6 @@ def _solve(
     free = unsolved.refit(initial)
     result = unsolved.refit(params) if params else free
     undetermined, directions = null_space.null_space(estimate.information, np.full(len(NAMES), WIDTH))
-    is_free = [p.vary and not p.expr for p in result.params.values()]
-    reported = [i for i in range(len(NAMES)) if not (is_free[i] and undetermined[i])]
     sigma = np.sqrt(np.diag(free.covar))
     test = constraint_test.compare(
         _stated(params),
@@ -243,7 +243,7 @@ def _solve(
         result.chisqr - free.chisqr,
     )
     warnings = [*test.warnings, *blind_warnings(undetermined, directions, tuple(measurements.michelson))]
-    return SolvedModel(model, result, weak), reported, warnings
+    return SolvedModel(model, result, weak), undetermined, warnings
 
 
 def _stated(params: lmfit.Parameters | None) -> dict[str, str]:
@@ -251,24 +251,21 @@ def _stated(params: lmfit.Parameters | None) -> dict[str, str]:
     return {name: text for name, p in (params or {}).items() if (text := constraints.text(p))}
 
 
-def _fit(
-    stated: lmfit.Parameters | None,
-    solved: SolvedModel,
-    reported: list[int],
-    truth: dict[str, float],
-    chi2: float,
-    dof: int,
-    warnings: list[Finding],
-) -> Fit:
-    """Return the result of a fit, with truth and pull where there is a truth."""
+def _estimates(
+    solved: SolvedModel, undetermined: NDArray[np.bool_], stated: dict[str, str], truth: dict[str, float]
+) -> tuple[dict[str, Estimate], Array]:
+    """Return the coefficients that are determined or constrained, and their covariance."""
+    is_free = [p.vary and not p.expr for p in solved.result.params.values()]
+    reported = np.flatnonzero(~(undetermined & is_free))
     covariance = solved.model.covariance(solved.result.params)[np.ix_(reported, reported)]
     theta, sigma = parameter_values(solved.result.params)[reported], np.sqrt(np.diag(covariance))
-    estimates, texts = {}, _stated(stated)
+    estimates = {}
     for i, value, error in zip(reported, theta.tolist(), sigma.tolist(), strict=True):
-        name, unit = NAMES[i], COEFFICIENTS[i].unit
-        pull = (value - truth[name]) / error if name in truth and error > 0 else None
-        estimates[name] = Estimate(value, error, unit, truth.get(name), pull, texts.get(name, ""))
-    return Fit(estimates, covariance, chi2, dof, True, tuple(warnings), solved=solved)
+        p = COEFFICIENTS[i]
+        estimate = Estimate(value, error, p.unit, truth.get(p.name), constraint=stated.get(p.name, ""))
+        pull = estimate.difference(truth[p.name]) if p.name in truth else None
+        estimates[p.name] = replace(estimate, pull=pull)
+    return estimates, covariance
 
 
 def make_params() -> lmfit.Parameters:

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from fit.tilt_to_length import NAMES, Measurements, expected_covariance, michelson
+from fit.tilt_to_length import Measurements, expected_sigmas, michelson
 from lpfcosim.campaign import Campaign
 from lpfcosim.constellation import ASSEMBLIES, LEAD, TAIL, assembly_angles, spacecraft_motion
 from lpfcosim.linear import response
@@ -20,12 +20,12 @@ def expected_ttl_sigmas(campaign: Campaign) -> dict[str, float]:
     """Return the sigmas to expect of the 24 coefficients [m/rad].
 
     They follow from the motion that the injections cause and the noise of `fit.tilt_to_length.LINK_ASD`, see
-    `fit.tilt_to_length.expected_covariance`. The runs with injections are those of spacecraft 1, 2 and 3.
+    `fit.tilt_to_length.expected_sigmas`. The runs with injections are those of spacecraft 1, 2 and 3.
 
     Returns
     -------
     dict of str to float
-        Infinite if a combination is not determined; empty for a campaign that moves no three spacecraft.
+        Infinite where a coefficient is not determined; empty for a campaign that moves no three spacecraft.
 
     Raises
     ------
@@ -48,4 +48,4 @@ def expected_ttl_sigmas(campaign: Campaign) -> dict[str, float]:
     delays = {link: LINK_DELAY for pair in ASSEMBLIES.values() for link in pair}
     michelson_variables = dict.fromkeys(michelson.VARIABLES, np.zeros_like(next(iter(rates.values()))))
     measurements = Measurements(Path(campaign.name), RATE, michelson_variables, rates, delays)
-    return dict(zip(NAMES, np.sqrt(np.diag(expected_covariance(measurements))).tolist(), strict=True))
+    return expected_sigmas(measurements)
