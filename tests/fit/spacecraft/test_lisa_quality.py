@@ -58,6 +58,7 @@ def test_a_glitch_is_masked(campaign):
     assert pulls(joint).max() < 3.5
 
 
+@pytest.mark.slow
 def test_least_squares_that_leave_the_noise_in_the_columns_are_not_sound(campaign):
     joint = fit.calibrate(campaign, estimator="flscov").joint
     assert "constraint_contradicted" in {w.code for w in joint.unsound}
