@@ -16,39 +16,21 @@ class CompressedRun(whitened_run.WhitenedRun):
 
     Attributes
     ----------
-    sums : tuple of ndarray, each of shape (K, K)
-        R, H and M of `WhitenedRun`.
+    R, H, M : ndarray, each of shape (K, K)
+        The sums, see `WhitenedRun`.
     bins : int
         Number of its bins.
     """
 
-    sums: tuple[Array, Array, Array] = field(kw_only=True)
+    R: Array = field(kw_only=True)
+    H: Array = field(kw_only=True)
+    M: Array = field(kw_only=True)
     bins: int = field(kw_only=True)
 
     @property
     def size(self) -> int:
         """As that of `WhitenedRun`."""
         return 2 * (self.bins - 1)
-
-    @property
-    def R(self) -> Array:
-        """As that of `WhitenedRun`."""
-        return self.sums[0]
-
-    @property
-    def root_level(self) -> Array:
-        """As that of `WhitenedRun`."""
-        return self.sums[0]
-
-    @property
-    def H(self) -> Array:
-        """As that of `WhitenedRun`."""
-        return self.sums[1]
-
-    @property
-    def M(self) -> Array:
-        """As that of `WhitenedRun`."""
-        return self.sums[2]
 
 
 def compress(block: whitened_run.WhitenedRun, jitter: Array | None = None) -> CompressedRun:
@@ -73,4 +55,4 @@ def compress(block: whitened_run.WhitenedRun, jitter: Array | None = None) -> Co
         H, M = H + jitter * curvature, M + jitter * score * w.size * np.sum(w**4) / np.sum(w**2) ** 2
     columns, even = np.zeros((0, len(R)), np.complex128), weights("gaussian", np.zeros(0), np.zeros(0))
     share, equation, bins = block.parameter_map, block.equation, len(block.columns)
-    return CompressedRun(block.tau, columns, even, None, share, equation=equation, sums=(R, H, M), bins=bins)
+    return CompressedRun(block.tau, columns, even, None, share, equation=equation, R=R, H=H, M=M, bins=bins)

@@ -78,27 +78,22 @@ def test_long_arms_calibrate_whatever_the_alignment_of_the_read_outs(width):
 TAIJI = (0.00489, 0.00454)  # cjss2026-0037, after 20,000 s; amplitude and frequencies are not stated
 
 
-@pytest.mark.parametrize(
-    ("frequencies", "shares", "is_better"),
-    [((2e-3, 2.5e-3), (0.0031, 0.0055), False), ((2.5e-3, 2e-3), (0.0046, 0.0038), True)],
-    ids=["study", "exchanged"],
-)
-def test_two_tones_beside_the_stiffness_of_taiji(frequencies, shares, is_better):
-    # 20,000 s of 1 um, all but the two stiffnesses known; the study has 0.35 and 0.64 %
+def test_two_tones_beside_the_stiffness_of_taiji():
+    # 20,000 s of 1 um, all but the two stiffnesses known
     stiffness = ("omega2_x_1", "omega2_x_2")
     known = {
         name: {"value": WORLD.truth[name], "vary": False} for name in PARAMETERS if name not in stiffness
     }
-    two = (*tones(1e-6, frequencies[0]), *tones(1e-6, frequencies[1], source="r_o_2"))
+    two = (*tones(1e-6, 2.5e-3), *tones(1e-6, 2e-3, source="r_o_2"))
     expected = expected_fit([planned(two)], settings({"parameters": known}))
     ratios = [expected[name].sigma / abs(WORLD.truth[name]) for name in stiffness]
-    np.testing.assert_allclose(ratios, shares, rtol=0.05)
-    assert all(np.less(ratios, TAIJI)) == is_better
+    np.testing.assert_allclose(ratios, (0.0046, 0.0038), rtol=0.05)
+    assert all(np.less(ratios, TAIJI))
 
 
 @pytest.mark.parametrize(
     ("amplitude", "arms", "sigma"),
-    [(1e-7, (), 3.3e-4), (1e-6, (), 3.8e-5), (1e-6, (1,), 3.8e-5), (1e-7, (2,), 8e-6), (1e-6, (2,), 9.5e-7)],
+    [(1e-7, (), 3.3e-4), (1e-6, (1,), 3.8e-5), (1e-6, (2,), 9.5e-7)],
 )
 def test_fall_back_is_calibrated_by_one_spacecraft(amplitude, arms, sigma):
     # 2.5 h of tones into the suspension along x_2, what the science mode has calibrated as priors: the study

@@ -18,29 +18,17 @@ WORLD = lisa_loop.World(
 GEOMETRY = {"half_opening": np.radians(29), "d_x": 0.02, "d_y": 0.4}
 
 
-@pytest.fixture
-def taiji(monkeypatch):
-    monkeypatch.setitem(spacecraft.SPACECRAFT, "Taiji", replace(LISA, name="Taiji"))
-
-
-def campaign(**attributes):
+def campaign():
     runs = lisa_loop.campaign(WORLD, lisa_loop.sequence(5e-6))
-    stated = {"spacecraft": "Taiji", **GEOMETRY, **attributes}
-    return [replace(run, attributes={**run.attributes, **stated}) for run in runs]
+    return [replace(run, attributes={"spacecraft": "Taiji", **GEOMETRY}) for run in runs]
 
 
-@pytest.mark.usefixtures("taiji")
-def test_it_is_calibrated():
+def test_it_is_calibrated(monkeypatch):
+    monkeypatch.setitem(spacecraft.SPACECRAFT, "Taiji", replace(LISA, name="Taiji"))
     joint = fit.calibrate(campaign()).joint
     assert tuple(joint.parameters) == PARAMETERS
     assert not joint.unsound
-    assert max(abs(e.value - WORLD.truth[name]) / e.sigma for name, e in joint.parameters.items()) < 3.5
-
-
-@pytest.mark.usefixtures("taiji")
-def test_the_geometry_of_lisa_is_not_its_own():
-    joint = fit.calibrate(campaign(half_opening=np.pi / 6)).joint
-    assert "constraint_contradicted" in {w.code for w in joint.unsound}
+    assert lisa_loop.pulls(joint, WORLD).max() < 3.5
 
 
 def test_a_spacecraft_that_is_not_known_is_refused():
