@@ -28,7 +28,6 @@ SCHEMA = "lisa-measurements/1"
 CENTRAL_FREQUENCY = 2.816e14  # Hz, of lisainstrument
 LINEAR_RANGE = 1e-6  # rad, beyond which coupling is no longer linear in the angle (a choice)
 LIGHT_TIME = (1.0, 60.0)  # s
-EXTRA = "of the extra lpfcosim[lisa]"
 VERSIONS = ("2.0", "2.1", "2.2", "2.3")  # of lisainstrument
 ORDER = 45  # of the interpolation of pytdi
 _UNITS = {
@@ -204,7 +203,9 @@ def _read_lisainstrument(path: Path) -> Measurements:
             warnings.simplefilter("ignore")  # of its dependencies
             interface, combinations = import_module("pytdi.interface"), import_module("pytdi.michelson")
     except ImportError:
-        raise InputError(f"{path}: is a file of lisainstrument, which needs pytdi, {EXTRA}") from None
+        raise InputError(
+            f"{path}: is a file of lisainstrument, which needs pytdi, of the extra lpfcosim[lisa]"
+        ) from None
     attributes = root_attributes(path) or {}
     version = str(attributes.get("version"))
     if version.rpartition(".")[0] not in VERSIONS:
@@ -249,5 +250,4 @@ def _read_lisainstrument(path: Path) -> Measurements:
         for (angle, way), key in _TRUTHS.items()
         for assembly in coefficients[key]
     }
-    measurements = Measurements(path, fs, michelson, rates, delays, central_frequency, dws_asd, silent=silent)
-    return replace(measurements, truth=truth)
+    return Measurements(path, fs, michelson, rates, delays, central_frequency, dws_asd, truth, silent)
