@@ -294,13 +294,6 @@ def _delay(C: NDArray[Any], gain: NDArray[Any]) -> NDArray[Any]:
     return np.asarray(np.divide(C, gain, out=np.array(C), where=np.not_equal(gain, 0)))
 
 
-def delays(parameters: Sequence[str], theta: Array) -> Delays:
-    """Return the delays ``C_y_j / lambda_y_j`` [s] of test masses 1 and 2 for theta, shape (P,)."""
-    value = dict(zip(parameters, theta.tolist(), strict=True))
-    tau_1, tau_2 = (float(_delay(value[f"C_y_{j}"], value[f"lambda_y_{j}"])) for j in (1, 2))
-    return tau_1, tau_2
-
-
 class Lisa(Spacecraft):
     """The record of a LISA spacecraft."""
 
@@ -357,8 +350,10 @@ class Lisa(Spacecraft):
         return tuple(Component(name, run.parameters, run.directions, run.baseline) for name in names)
 
     def delays_of(self, theta: Array, names: Sequence[str]) -> Delays:
-        """See `Spacecraft`."""
-        return delays(names, theta)
+        """See `Spacecraft`; they are ``C_y_j / lambda_y_j``."""
+        value = dict(zip(names, theta.tolist(), strict=True))
+        tau_1, tau_2 = (float(_delay(value[f"C_y_{j}"], value[f"lambda_y_{j}"])) for j in (1, 2))
+        return tau_1, tau_2
 
     def level(self, f: Array) -> Array:
         """See `Spacecraft`; read-outs of y, twice differentiated."""
