@@ -23,7 +23,7 @@ from fit.parallel import one_blas_thread, parallel_map
 from fit.results import Fit, Provenance, Results
 from fit.settings import Settings
 from fit.statistics import consistency_test
-from fit.whitening import Experiment
+from fit.whitening import Experiment, Likelihood
 
 Array = NDArray[np.float64]
 
@@ -69,17 +69,12 @@ def identify(
     FitError
         If the loop cannot be simulated, or no valid estimate results.
     """
-    if settings.estimator == "flscov":
-        raise InputError(
-            'fit.estimator: "flscov" is not available with a simulated loop, expected another estimator'
-        )
+    likelihood = _likelihood(settings)
     check_constraints(experiments, free, calibrated, settings)
     parameters = joint(experiments, free, settings, calibrated)
     steps = _Steps(
         [
-            SimulatedExperiment(
-                e, loop, parameters, k, "marginalised" if e.marginalised else settings.estimator
-            )
+            SimulatedExperiment(e, loop, parameters, k, "marginalised" if e.marginalised else likelihood)
             for k, e in enumerate(experiments)
         ]
     )
@@ -106,6 +101,14 @@ def identify(
         warnings += _differences(fit, calibrated.joint, fixed_values, {*test.active}, loop)
     provenance = _provenance(experiments, calibrated.provenance, outcome, settings)
     return Results(replace(fit, warnings=tuple(warnings)), {}, {}, {}, provenance)
+
+
+def _likelihood(settings: Settings) -> Likelihood:
+    if settings.estimator == "flscov":
+        raise InputError(
+            'fit.estimator: "flscov" is not available with a simulated loop, expected another estimator'
+        )
+    return settings.estimator
 
 
 @dataclass
