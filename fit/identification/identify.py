@@ -79,13 +79,7 @@ def identify(
         ]
     )
     steps.begin(parameters.start, is_stated=any(p.start is not None for p in free))
-    outcome = irls.iterate(
-        steps.weighings,
-        parameters.parameters,
-        random_effects=parameters.random_effects,
-        limit_step=steps.limited,
-        params=constraints.params(parameters.parameters, parameters.settings),
-    )
+    outcome = steps.outcome(parameters)
     if outcome.random_effects:
         widened = width_posterior.marginalise_widths(outcome)
         outcome = replace(widened, data_driven=settings.scatter == ["auto"])
@@ -128,6 +122,16 @@ class _Steps:
 
     def _simulate(self, theta: Array) -> None:
         parallel_map(lambda weighing: weighing.simulate(theta), self.weighings)
+
+    def outcome(self, parameters: JointParameters) -> irls.IRLSResult:
+        """Iterate."""
+        return irls.iterate(
+            self.weighings,
+            parameters.parameters,
+            random_effects=parameters.random_effects,
+            limit_step=self.limited,
+            params=constraints.params(parameters.parameters, parameters.settings),
+        )
 
     def limited(self, theta: Array, target: Array) -> Array:
         """Return the next estimate, shape (P,), with loops that can be simulated."""
