@@ -149,7 +149,7 @@ def test_estimates_and_covariance_as_data_frames(results):
     assert len(frame) == expected
     covariance = results.joint.covariance(as_frame=True)
     assert list(covariance.columns) == list(covariance.index) == list(results.joint)
-    assert covariance.loc["C_2", "C_2"] == pytest.approx(results.joint["C_2"].sigma ** 2)
+    assert covariance.loc["C_2", "C_2"] == pytest.approx(results.joint["C_2"].sigma ** 2, rel=1e-6, abs=0)
     np.testing.assert_array_equal(results.joint.covariance(), covariance)
 
 

@@ -252,8 +252,8 @@ def test_truth_of_an_experiment_follows_its_authority(tmp_path):
     fit = make_fit(lambda_2=1.0, C_2=0.0, omega2_2=0.0, domega2_12=0.0, delta_ifo=0.0)
     parameters = with_truth(make_results(experiments={"D2": fit}), [run]).experiments["D2"].parameters
     # By hand: -4.19e-7 - 317*50e-12 - 27.4e3*1e-12 and -3.99e-7 - 28.2e3*1.5e-12.
-    assert parameters["omega2_2"].truth == pytest.approx(-4.6225e-7, rel=1e-12)
-    assert parameters["domega2_12"].truth == pytest.approx(-4.6225e-7 + 4.413e-7, rel=1e-9)
+    assert parameters["omega2_2"].truth == pytest.approx(-4.6225e-7, rel=1e-12, abs=0)
+    assert parameters["domega2_12"].truth == pytest.approx(-4.6225e-7 + 4.413e-7, rel=1e-9, abs=0)
     assert parameters["C_2"].truth == pytest.approx(0.186, rel=1e-12)
     assert parameters["delta_ifo"].truth == -1.4e-5
 

@@ -53,7 +53,7 @@ def test_the_script_gets_what_the_figure_holds():
     assert len(content["arrays"]) == 5
     for key, values in (("x", F), ("y", y * factor), ("low", 0.5 * y * factor), ("high", 2 * y * factor)):
         np.testing.assert_allclose(content["arrays"][banded[key]], values, rtol=1e-7)
-    assert np.array(drawn_panel["y"]["limits"]) / factor == pytest.approx([1e-16, 1e-10])
+    assert np.array(drawn_panel["y"]["limits"]) / factor == pytest.approx([1e-16, 1e-10], rel=1e-6, abs=0)
     assert (banded["label"], banded["dash"], second["label"]) == ("Δg<sub>x</sub>", "--", "")
 
 

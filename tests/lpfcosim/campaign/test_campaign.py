@@ -41,7 +41,7 @@ def test_runs_follow_one_another_noise_first(file):
     assert [len(r.injections) for r in runs] == [0, 1, 2]
     assert runs[2].dc == -8e-12
     parameters = one_axis.MODEL.parameters(runs[2])
-    assert parameters["Actuation"]["f_x_2_start"] == pytest.approx(8e-12 / 1.0776)
+    assert parameters["Actuation"]["f_x_2_start"] == pytest.approx(8e-12 / 1.0776, rel=1e-6, abs=0)
     assert parameters["OpticalMetrology"]["delta_ifo"] == -2.09e-5
     assert runs[0].time[-1] == 1799.9
     assert truth(runs[0])["omega2_1"] == pytest.approx(-3.99e-7 - 345 * 2.2e-9 - 28.2e3 * 10.4e-12)  # Eq. (8)

@@ -29,12 +29,12 @@ def test_plateau_falls_with_the_date(events_of):
     runs = loading.load(events_of(HISTORY)).runs
     # A has no plateau of its own, B to D have
     falling = [5.57e-15, 5.57e-15 * (1.74 / 5.57) ** 0.25]
-    assert [run.noise["plateau"] for run in runs[:2]] == pytest.approx(falling)
+    assert [run.noise["plateau"] for run in runs[:2]] == pytest.approx(falling, rel=1e-6, abs=0)
     assert [run.noise["plateau"] for run in runs[2::2]] == [5e-15, 4e-15, 3e-15]
     path = events_of(HISTORY)
     text = path.read_text(encoding="utf-8")
     path.write_text(text.replace("[events]", 't0 = "2017-04-16T08:00:00Z"\n[events]'), encoding="utf-8")
-    assert loading.load(path).runs[0].noise["plateau"] == pytest.approx(1.74e-15)
+    assert loading.load(path).runs[0].noise["plateau"] == pytest.approx(1.74e-15, rel=1e-6, abs=0)
 
 
 def test_tail_scatters_from_experiment_to_experiment(events_of):
@@ -57,7 +57,7 @@ def test_telemetry_has_gaps_and_the_truth_of_its_glitches(tmp_path):
     assert 0 < lost.mean() < 0.01
     for values in telemetry.channels.values():
         np.testing.assert_array_equal(np.isnan(values), lost)
-    assert read_truth(telemetry.path)["plateau"] == pytest.approx(5.6e-15)
+    assert read_truth(telemetry.path)["plateau"] == pytest.approx(5.6e-15, rel=1e-6, abs=0)
     with h5py.File(telemetry.path) as opened:
         drawn = events.glitches(run)
         np.testing.assert_array_equal(opened["truth/glitch_begin"], [glitch.begin for glitch in drawn])

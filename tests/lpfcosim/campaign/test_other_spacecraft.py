@@ -111,7 +111,7 @@ def test_a_spacecraft_has_authorities_of_its_own(campaign):
     text = (ROOT / "campaigns" / "lisa.toml").read_text(encoding="utf-8")
     plan = campaign(text.replace("[authority.A]", '[authority.A]\nN_max_eta = "5 pN m"', 1))
     parameters = plan.model.parameters(plan.runs[0])["LISAActuation"]
-    assert (parameters["F_max_yz"], parameters["N_max_eta"]) == pytest.approx((5e-9, 5e-12))
+    assert (parameters["F_max_yz"], parameters["N_max_eta"]) == pytest.approx((5e-9, 5e-12), rel=1e-6, abs=0)
 
 
 def test_a_constant_acceleration_that_nothing_holds_is_refused(campaign):

@@ -93,7 +93,7 @@ def assert_same(campaign, expected):
             names = {"into": sought.into, "shape": sought.shape}
             assert vars(injection) | names == vars(injection)
             assert vars(injection) | dict.fromkeys(names, 0) == pytest.approx(
-                vars(sought) | dict.fromkeys(names, 0), rel=1e-5
+                vars(sought) | dict.fromkeys(names, 0), rel=1e-5, abs=0
             )
 
 
