@@ -128,6 +128,13 @@ def test_noisy_read_outs_attenuate_least_squares(noisy):
             assert coefficients[name] - shift[f"{name}_{epoch}"] == pytest.approx(TRUTH[name], rel=0.04)
 
 
+def test_the_noise_of_means_is_measured(noisy):
+    # of the mean of two read-outs alike, and of an angle plus half of a difference; 900 bins
+    floor, motion = readout_noise.noise_psd(noisy[0][0].sysid), Motion()
+    expected = dict.fromkeys("yz", motion.grs**2 / 2) | dict.fromkeys(("phi", "eta"), 1.25 * motion.dws**2)
+    assert floor == pytest.approx(expected, rel=0.2, abs=0)
+
+
 def test_two_sensors_of_the_same_motion_free_the_couplings(noisy):
     # 12 pulls beyond 4.5 sigma: false-positive probability 1e-4
     _, outcome, fits = noisy

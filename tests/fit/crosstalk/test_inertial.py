@@ -66,6 +66,26 @@ def test_the_torque_alone_overshoots_and_the_angle_cures_it(three_days):
     assert abs(gain(dOmega, torque, 0.8e-3, 1.2e-3)) == pytest.approx(1.32, abs=0.06)  # as known for 2 mHz
 
 
+def test_test_masses_that_turn_differently_measure_the_same_rotation(quiet_day):
+    telemetry, omega2 = quiet_day[0], -1.5e-6
+    phases = [2 * np.pi * f * telemetry.time for f in (1e-3, 1.7e-3, 2.3e-3)]
+    dOmega, *angles = [a * np.sin(phase) for a, phase in zip((1e-9, 3e-6, 5e-6), phases, strict=True)]
+    channels = {"o_phi_1": angles[0], "o_phi_12": angles[1] - angles[0]}
+    for j, f in ((1, 1.7e-3), (2, 2.3e-3)):
+        stiffness = omega2 - (2 * np.pi * f) ** 2
+        channels[f"N_phi_{j}"] = 1.928 * 0.046**2 / 6 * (dOmega + stiffness * angles[j - 1])
+    telemetry = replace(telemetry, channels=telemetry.channels | channels)
+    sources = rotation.sources(telemetry)
+    assert np.abs(rotation.motion(telemetry, sources).dOmega[:, 0] - dOmega[10:-10]).max() < 1e-15
+    assert np.abs(rotation.half_difference(telemetry, sources)[:, 0]).max() < 1e-15
+
+
+def test_the_integral_is_neither_early_nor_late():
+    phase, integral = 2 * np.pi * 1e-3 * np.arange(3000), angular_rate.Integral(1.0)
+    parts = [integral(np.cos(part)[:, None]) for part in np.split(phase, [1000])]
+    assert np.abs(np.concatenate(parts)[:, 0] * phase[1] - np.sin(phase)).max() < 1e-5
+
+
 def test_rate_is_neither_star_tracker_noise_nor_drift(three_days):
     telemetry, truth = three_days
     motion = rotation.motion(telemetry, rotation.sources(telemetry))

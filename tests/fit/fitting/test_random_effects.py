@@ -30,6 +30,10 @@ def test_equal_errors_give_the_variance_of_the_sample():
     result = heterogeneity(*fitted_mean(values, np.full(5, 0.5)), 0)
     assert result.width == pytest.approx(1e-6 * np.sqrt(np.var(values, ddof=1) - 0.25), rel=1e-3)
     assert result.variance / result.width**2 == pytest.approx(1 / 5)
+    # in closed form; a width is positive, which halves the probability of a chi^2
+    ratio = np.var(values, ddof=1) / 0.25
+    log_likelihood = 2 * (ratio - 1 - np.log(ratio))
+    assert result.p == pytest.approx(stats.norm.sf(np.sqrt(2 * log_likelihood)), rel=1e-3, abs=0)
 
 
 def test_the_width_beyond_noise_is_that_drawn():

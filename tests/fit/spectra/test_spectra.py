@@ -30,6 +30,15 @@ def test_second_derivative_lets_no_offset_or_drift_through():
     assert abs(weights @ k) < 1e-13
 
 
+def test_a_command_that_is_held_acts_as_weakly_as_its_mean_over_the_hold():
+    f, delay, hold, t = 0.1, 0.35, 0.1, np.arange(100.0)
+    tone = np.exp(2j * np.pi * f * t)
+    part = derivatives.held_command(tone.real, 1.0, delay, hold)
+    held = tone * np.sinc(f * hold) * np.exp(-2j * np.pi * f * delay)
+    inner = slice(derivatives.HALF, -derivatives.HALF)
+    assert np.abs(part[:, 0] - held.real[inner]).max() < 1e-6
+
+
 @pytest.mark.parametrize(("fs", "factor"), [(10.0, 10), (5.0, 5), (2.5, 2), (2.0, 2), (1.0, 1), (0.5, 1)])
 def test_low_pass_keeps_the_band_and_removes_what_would_alias(fs, factor):
     taps, found = derivatives.low_pass(fs)
@@ -66,12 +75,26 @@ def test_window_is_flat_tapered_and_notched():
     assert np.abs(np.diff(notched)).max() < 0.03  # smooth, so that nothing leaks far
 
 
+def test_sums_over_bins_under_a_hann_window_scatter_as_theory_has_it():
+    # mean of w^4 over the square of that of w^2
+    assert windowing.variance_factor(np.hanning(10001)) == pytest.approx(35 / 18, rel=1e-3)
+
+
+@pytest.mark.stat
+def test_the_spectrum_of_white_noise_is_its_one_sided_psd():
+    # 1000 bins; false-positive probability below 1e-5
+    fs, x = 2.0, np.random.default_rng(5).standard_normal((20000, 1))
+    spectra = windowing.transform(x, np.ones(len(x), dtype=bool), fs)
+    assert np.mean(np.abs(spectra.columns) ** 2) == pytest.approx(2 / fs, rel=0.15)
+
+
 def test_a_sum_of_columns_is_whitened_as_its_columns_are():
     run = windowing.transform(np.random.default_rng(3).standard_normal((1000, 4)), np.ones(1000, bool), 1.0)
     S, c = 1 + run.f, np.array([1.0, -2.0, 3.0])
     (total, left), (each, of_all) = whitened_run.whiten(run.summed(c), S), whitened_run.whiten(run, S)
     assert np.allclose(total[:, 0], each[:, :3] @ c, rtol=1e-12, atol=1e-12)
     assert np.array_equal(left, of_all)
+    assert np.sum(1 - left) == pytest.approx(2 / 2)  # constant and ramp, of two numbers in every bin
 
 
 def shape(f):
