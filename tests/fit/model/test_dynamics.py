@@ -106,6 +106,16 @@ def test_closed_loop_of_the_reference_plant_obeys_the_equation(make_run):
     assert left < (2e-6) ** 2 * power
 
 
+def test_cross_talk_is_that_of_the_mean_motion_of_both_test_masses():
+    run, omega = telemetry(World(), duration=4000.0), 2 * np.pi * np.array([0.01, 0.02])
+    one, two = (np.sin(w * run.time) for w in omega)  # rad and m
+    channels = {"o_phi_1": one, "o_phi_12": two - one, "grs_y_1": one, "grs_y_2": two}
+    run = replace(run, channels=run.channels | channels)
+    found, _ = dynamics.delta_g_SC(run, {"b_1": 2e-5, "b_5": 1e-7})
+    means = 2e-5 * (-(omega[0] ** 2) * one - omega[1] ** 2 * two) / 2 + 1e-7 * (one + two) / 2
+    assert np.abs(found - means[10:-10]).max() < 1e-6 * np.abs(means).max()
+
+
 def test_torques_count_only_beside_angles_that_tell():
     t = np.arange(4000.0)
     rows = {

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from fit.tilt_to_length import NAMES, michelson, response
-from tests.fit.tilt_to_length.records import measurements
+from fit.tilt_to_length import NAMES, michelson, response, subtraction_spectra
+from tests.fit.tilt_to_length.records import coefficients, measurements
 from tests.oracles import constellation
 
 
@@ -16,6 +16,14 @@ def test_every_column_is_what_one_coefficient_makes_of_the_motion():
         spectra = response.response_spectra(run)
         scale = np.abs(spectra.data).max()
         assert np.abs(spectra.data - 1e-3 * spectra.columns[..., k]).max() < 1e-6 * scale
+
+
+def test_the_subtraction_leaves_nothing_of_the_coupling():
+    rng = np.random.default_rng(2)
+    c = coefficients(rng)
+    run = measurements(rng, 600.0, c, oms=1e-20, dws=0.0)
+    spectra = subtraction_spectra(run, np.array([c[name] for name in NAMES]))
+    assert np.max(np.divide(spectra["after"], spectra["before"])) < 1e-4
 
 
 def test_a_coefficient_outside_a_variable_does_not_enter_it():

@@ -3,8 +3,10 @@
 from types import SimpleNamespace
 
 import numpy as np
+import pytest
 
-from fit.whitening import fit_residual_noise
+from fit.whitening import Experiment, Run, fit_residual_noise, noise_model
+from tests.oracles.synthetic import World, of_run, telemetry
 
 F, SLOW = np.arange(1, 2161) / 21600, np.arange(1, 9) / 216000
 
@@ -46,3 +48,14 @@ def test_slower_noise_that_is_heard_a_second_time_stays():
     for _ in range(6):
         models.append(model := fit_residual_noise(QUICK, model, run(SLOW, of_slow)))
     assert [bool(model.n_below) for model in models] == [False, True, True, True, True, True]
+
+
+def test_a_run_is_weighed_by_the_psd_of_its_noise_run():
+    # some 600 bins
+    world, louder, f = World(), World(plateau=12e-15), np.geomspace(3e-3, 30e-3, 50)
+    runs = telemetry(louder, kind="sysid"), telemetry(world, kind="noise")
+    experiment = Experiment(*map(Run, runs))
+    theta = np.array([of_run(world, "A")[name] for name in experiment.parameters])
+    S = noise_model(experiment, theta, np.zeros((theta.size, theta.size)), None)(f)
+    true = world.plateau**2 + (world.tail * 1e-4 / f) ** 2 + (world.oms * (2 * np.pi * f) ** 2) ** 2
+    assert np.mean(S / true) == pytest.approx(1, abs=0.2)
