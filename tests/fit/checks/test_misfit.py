@@ -64,6 +64,7 @@ def test_of_two_runs_the_one_with_an_unrecorded_force_is_left_out():
 def test_a_force_that_the_only_run_does_not_record_is_named():
     (cause,) = causes(pushed_at(1.667e-3, amplitude=2e-14, names=("B4",)), ("B4",))
     assert (cause.code, cause.run) == ("unrecorded force", "B4")
+    assert float(cause.message.split()[3]) == pytest.approx(2e-14, rel=0.1, abs=0)
 
 
 @pytest.mark.parametrize("pulse", [(7000, 1e-9, 20, 60), (8000, 1e-10, 900, 7200)])

@@ -62,6 +62,20 @@ def test_the_level_scatters_as_its_sigma_states():
 
 
 @pytest.mark.stat
+def test_power_scatters_less_by_the_psd_that_follows_it():
+    # 200 runs: five standard errors of a variance are 50 %; that of 16 independent bins is 16
+    rng, f, power, stated = np.random.default_rng(3), np.arange(1, 541) / 5400, [], []
+    sets = np.array([(f > low) & (f <= high) for low, high in ((0.0, 3e-3), (3e-3, 1e-2), (1e-2, 0.1))])
+    for _ in range(200):
+        drawn = rng.exponential(size=f.size)
+        psd = fit_noise(f, drawn, np.ones(f.size))
+        residual = WhitenedResidual(f, np.sqrt(2 * drawn / psd(f)), np.ones(8), psd, independent=False)
+        power.append(sets @ residual.power)
+        stated.append(np.diag(residual.power_covariance(sets)))
+    assert np.var(power, axis=0) / np.mean(stated, axis=0) == pytest.approx(np.ones(3), abs=0.5)
+
+
+@pytest.mark.stat
 def test_noise_that_is_louder_than_that_of_the_noise_run_is_seen():
     louder = several(1, seed=4, level=1.2)[0]
     assert louder.chi2_red == pytest.approx(1.44, abs=5 * louder.chi2_red_sigma)

@@ -59,4 +59,7 @@ def test_a_tone_clear_of_the_window_is_worth_its_time(plan):
     power = np.zeros(20000)
     power[4000:12000] = 1.0
     assert experiment.equivalent_duration(power) == pytest.approx(0.4 * experiment.duration, rel=1e-3)
+    falling = power * np.linspace(1, 0, power.size)  # as much as its energy
+    expected = np.mean(falling) * experiment.duration
+    assert experiment.equivalent_duration(falling) == pytest.approx(expected, rel=1e-3)
     assert experiment.equivalent_duration(np.ones(20000)) < 0.96 * experiment.duration

@@ -129,6 +129,14 @@ def leverages_of_first(test, left_out=()):
     return {x.run: x.contradicting(limit) for x in leverages if x.index == 0 and x.is_high}
 
 
+@pytest.mark.stat
+def test_pulls_of_others_are_in_units_of_their_noise():
+    # some 1300 pulls of 300 campaigns; the other sign of a variance makes it 0.6
+    tests = [consistency(seed, 3) for seed in range(300)]
+    found = [x for test in tests for x in find_leverages(test, np.zeros(P, dtype=bool)) if not x.is_high]
+    assert np.mean([x.pulls[""] ** 2 for x in found]) == pytest.approx(1, abs=0.2)
+
+
 def test_what_one_run_determines_rests_on_it():
     test = only_in(consistency(6, 5), (0,))
     assert leverages_of_first(test) == {"run 0": {}}
