@@ -9,10 +9,11 @@ import pytest
 from fit.errors import InputError
 from fit.forecasting.expected_fit import PlannedExperiment
 from fit.forecasting.expected_fit import expected_fit as forecast
+from fit.forecasting.expected_run import compress
 from fit.parameters import joint_names
 from fit.pipeline import calibrate
 from fit.settings import settings
-from fit.whitening import Experiment, likelihoods
+from fit.whitening import Experiment, likelihoods, whitened_run
 from fit.whitening.run import Run
 from lpfcosim.campaign import loading
 from lpfcosim.linear import ClosedLoop, response
@@ -291,3 +292,13 @@ def test_gains_that_will_scatter_widen_the_forecast():
     assert plain["lambda_2"].sigma < 1e-4
     insisted = forecast(expected(World(), sets), settings({"scatter": ["lambda_2"]}))
     assert insisted["lambda_2"].sigma == pytest.approx(0.005 * share, rel=0.02)
+
+
+def test_scores_of_noise_in_the_columns_scatter_by_all_of_the_window():
+    # under a Hann window by 35/18, the mean of w^4 over the square of that of w^2
+    weights = likelihoods.expected_weights("gaussian", np.arange(1, 11) / 1000)
+    columns = np.random.default_rng(8).standard_normal((10, 3)) + 0j
+    run = whitened_run.LinearRun((0.0, 0.0), columns, weights, np.hanning(1000), np.eye(2))
+    jitter = np.diag([1.0, 2.0, 3.0])
+    scatter = compress(run, jitter).M - compress(run).M
+    assert scatter == pytest.approx(jitter * 35 / 18, rel=0.01, abs=1e-6)
