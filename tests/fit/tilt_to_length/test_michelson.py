@@ -1,5 +1,7 @@
 """The response of Michelson variables against the oracle's photons, in time and in frequency."""
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 
@@ -45,6 +47,20 @@ def test_time_and_frequency_domain_agree_with_unequal_arms(f):
             gain = michelson.transfer(np.array([f]), terms)[0]
             expected = (gain * np.exp(2j * np.pi * f * t[lead:-50])).real
             assert np.abs(series - expected).max() < 1e-9
+
+
+@pytest.mark.parametrize("variable", michelson.VARIABLES)
+def test_photons_pass_unequal_arms_in_the_order_of_their_paths(variable):
+    delays = dict(zip(constellation.LINKS, (8.1, 8.37, 8.2, 8.21, 8.36, 8.11), strict=True))
+    expected, f = dict.fromkeys(constellation.LINKS, 0.0), 0.05
+    for sign, path in zip((1, -1), constellation.PATHS[variable], strict=True):
+        seconds = 0.0
+        for i, j in pairwise(path):
+            expected[i + j] += sign * np.exp(-2j * np.pi * f * seconds)
+            seconds += delays[i + j]
+    terms = michelson.link_terms(variable, delays)
+    for link, gain in expected.items():
+        assert abs(michelson.transfer(np.array([f]), terms.get(link, ()))[0] - gain) < 1e-12
 
 
 def test_constant_length_is_invisible():

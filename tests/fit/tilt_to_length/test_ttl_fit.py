@@ -96,6 +96,7 @@ def test_instruments_take_the_place_of_least_squares_only_where_they_say_more():
     results, stated = fit.calibrate_ttl(unstated, noise), calibrated(run, noise)
     sigmas = results.provenance.extra["estimators"]
     assert all(sigmas["instruments"][name] > sigmas["least_squares"][name] for name in NAMES)
+    assert sum(sigmas["bias"][name] * run.truth[name] for name in NAMES) < 0  # noise attenuates
     assert results.ttl.values == pytest.approx(stated.values, abs=1 * MICRO)
     assert not results.ttl.warnings
 
