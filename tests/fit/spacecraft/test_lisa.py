@@ -24,9 +24,9 @@ def delays(world):
     return tuple(world.truth[f"C_y_{j}"] / world.truth[f"lambda_y_{j}"] for j in (1, 2))
 
 
-def columns_of(outputs, f, world):
-    """`COLUMNS` of read-outs and commands at f, as they act, shape (n, 19)."""
-    s, tau = 2j * np.pi * f, dict(zip((1, 2), delays(world), strict=True))
+def columns_of(outputs, f, world, early=0.0):
+    """`COLUMNS` of read-outs and commands at f, some time [s] before they act, shape (n, 19)."""
+    s, tau = 2j * np.pi * f, dict(zip((1, 2), np.subtract(delays(world), early), strict=True))
     channel = dict(zip(lisa_loop.OUTPUTS, outputs.T, strict=True))
     columns = np.zeros((f.size, len(COLUMNS)), complex)
     for name in ("o_1", "o_2", "grs_y_1", "grs_y_2"):
@@ -58,6 +58,22 @@ def test_the_true_parameters_leave_nothing_of_an_injection(component, source, ge
     # the oracle gets X_j as a difference of accelerations that are larger than what is left of them
     largest = np.abs(columns if component[0] == "I" else terms).max()
     assert np.all(np.abs(terms.sum(axis=1)) < 1e-12 * largest)
+
+
+@pytest.mark.parametrize("component", ["D_x", "D_y", "I_2"])
+def test_what_is_left_of_a_delay_is_linear(component):
+    world, f, early = World(fall_back=True), np.geomspace(1e-4, 0.1, 50), 1e-3
+    world.truth["C_x_2"] = world.truth["lambda_x_2"] * delays(world)[1]
+    outputs, _ = lisa_loop.closed_loop(world, f)
+    equation = Component(component, ALL)
+    theta = equation.parameters_of({"dws_gain": 1.0, "d_y": 0.5, **world.truth})
+    tau = tuple(np.subtract(delays(world), early))
+    for source in INJECTED:
+        columns = columns_of(outputs[:, :, lisa_loop.SOURCES.index(source)], f, world, early)
+        terms = columns @ equation.basis * equation.coefficients(theta, tau)
+        forces = [COLUMNS.index(name) for name in ("F_y_1", "F_y_2", "F_x_2")]
+        largest = np.abs(columns[:, forces]).max()
+        assert np.abs(terms.sum(axis=1)).max() < 1e-6 * largest  # (omega early)^2 / 2 is 2e-7
 
 
 @pytest.mark.parametrize("component", ["D_x", "D_y", "I_1", "I_2"])
@@ -102,9 +118,9 @@ def test_noise_of_both_components_at_a_millihertz():
 
 def test_assemblies_that_turn_are_taken_off_the_attitude():
     still = lisa_loop.run(World(), lisa_loop.sequence(1e-6), duration=3600)
-    turning = 1e-6 * np.sin(0.01 * still.time)
-    channels = {"dws_phi_2": still.channels["dws_phi_2"] + turning, "mosa_2": turning}
-    channels["mosa_1"] = np.zeros(still.size)
+    turning = {j: 1e-6 * np.sin(0.01 * j * still.time) for j in (1, 2)}
+    channels = {f"mosa_{j}": angle for j, angle in turning.items()}
+    channels |= {f"dws_phi_{j}": still.channels[f"dws_phi_{j}"] + angle for j, angle in turning.items()}
     run = replace(still, channels={**still.channels, **channels})
     phi = lisa.LISA.channels(still).series["phi"]
     np.testing.assert_allclose(lisa.LISA.channels(run).series["phi"], phi, atol=1e-18)
