@@ -239,14 +239,12 @@ def _labelled(
         raise InputError(f"compare: {len(items)} given, expected two or more results")
     named: dict[str, Results] = {}
     for n, (label, result) in enumerate(items, 1):
-        if isinstance(result, Results):
-            named[label or f"results {n}"] = result
-        elif isinstance(result, str | os.PathLike):
-            named[label or str(result)] = load(results_file(Path(result)))
-        else:
+        if not isinstance(result, Results | str | os.PathLike):
             raise InputError(f"compare: {shown(result)}, expected a path or Results")
-    if len(named) < len(items):
-        raise InputError("compare: one is given twice, expected other results to compare")
+        name = label or (f"results {n}" if isinstance(result, Results) else str(result))
+        if name in named:
+            raise InputError(f"compare: {name} is given twice, expected different results")
+        named[name] = result if isinstance(result, Results) else load(results_file(Path(result)))
     return named
 
 
