@@ -9,6 +9,7 @@ from pydantic_core import ErrorDetails, PydanticCustomError
 
 from fit.errors import quote, shown
 
+MOST_NAMES, MOST_SIMILAR = 20, 6  # that are listed: of all names, and of more of them the most similar
 _NAME = re.compile(r"[\w-]{1,80}")
 
 
@@ -18,12 +19,15 @@ def problem(text: str, key: str | None = None) -> PydanticCustomError:
 
 
 def closest_match(name: str, known: Iterable[str]) -> str:
-    """Say which names there are, and which one was probably meant."""
-    names = sorted(known)
+    """Say which names there are, the most similar ones of many, and which one was probably meant."""
+    names, listed = sorted(known), "known"
     folded = {known.casefold(): known for known in names}
     close = difflib.get_close_matches(name.casefold(), folded, n=1)
     suggestion = f', did you mean "{folded[close[0]]}"?' if close else ""
-    return f"{suggestion} (known: {', '.join(names) if names else 'none'})"
+    if len(names) > MOST_NAMES:
+        listed = f"the most similar of {len(names)}"
+        names = difflib.get_close_matches(name, names, n=MOST_SIMILAR, cutoff=0)
+    return f"{suggestion} ({listed}: {', '.join(names) if names else 'none'})"
 
 
 def key(name: str) -> str:
