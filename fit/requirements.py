@@ -8,3 +8,4 @@ GAP_TAPER = 60.0  # s, flank beside a masked stretch
 STEEP_GAP_TAPER = 300.0
 # of a run; if saturation would take more, nothing is masked and the run cannot be trusted
 MOST_SATURATED = 0.3
+GAINS = (0.7, 1.5)  # true over commanded force, of any actuator of LISA Pathfinder

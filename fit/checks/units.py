@@ -17,6 +17,7 @@ from fit.campaign import Campaign
 from fit.findings import Finding
 from fit.model import dynamics
 from fit.parameters import FLIGHT
+from fit.requirements import GAINS
 from fit.statistics import ScoreTest, initial_fit
 from fit.whitening import Experiment, Run, whitened_run
 
@@ -27,7 +28,7 @@ SEGMENT = 1024.0  # s
 LOUD = 200.0  # times the level of the flight, from which a read-out is in another unit: these differ by 1000
 #: Gains that are possible, by the relative sigma up to which a run determines them. Without injections the
 #: closed loop makes least-squares gains of 0.9 to 1.9 with a sigma of 0.02 to 0.1.
-PLAUSIBLE_GAINS: Mapping[float, tuple[float, float]] = {0.01: (0.7, 1.5), 0.1: (0.3, 3.0)}
+PLAUSIBLE_GAINS: Mapping[float, tuple[float, float]] = {0.01: GAINS, 0.1: (0.3, 3.0)}
 PLAUSIBLE_STIFFNESS = 3e-6  # s^-2; a single tone does not separate it from the gain
 PLAUSIBLE_LEAKAGE = 1e-3  # delta_ifo; in flight 2e-5
 LEVEL_RATIO = 300.0  # between the test masses; prefixes of units differ by 1000

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from fit.requirements import GAINS
 from lpfcosim.errors import InputError
 from lpfcosim.models.spacecraft_model import (
     DELTA_G,
@@ -80,7 +81,7 @@ def model_parameters(run: Run) -> dict[str, Parameters]:
 
 
 def check(run: Run) -> None:
-    """Refuse a force without authority, a delay that no command has, an alignment epoch without delta_ifo.
+    """Refuse a gain or a delay that a fit refuses, a force without authority, an epoch without delta_ifo.
 
     Raises
     ------
@@ -88,6 +89,9 @@ def check(run: Run) -> None:
         If there is one.
     """
     values = model_of(run).values(run)
+    for name in ("lambda_1", "lambda_2"):
+        if not GAINS[0] < values[name] < GAINS[1]:
+            raise InputError(f"truth.{name}: {values[name]:g}, expected {GAINS[0]:g} to {GAINS[1]:g}")
     for j, delay in enumerate(effective_delays(values), 1):
         if not run.h / 2 <= delay <= LONGEST_DELAY:
             raise InputError(

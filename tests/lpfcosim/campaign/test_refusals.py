@@ -27,6 +27,7 @@ OUT_OF_RANGE = [  # what to replace, by what, and the place of the refusal
     ("epoch = 3", "epoch = 5", "second: alignment_epoch"),
     ('"7200 s"', '"7200.05 s"', "experiments[1].duration"),
     ('"35 fm Hz', '"-35 fm Hz', "noise.oms"),
+    ("lambda_1 = 1.07", "lambda_1 = 2.0", "truth.lambda_1: 2, expected 0.7 to 1.5"),
     ("lambda_1 = 1.07", 'C_1 = "0.04 s"', "truth.C_1"),
     ("lambda_1 = 1.07", 'omega2_1_0 = "4e-7 s^-2"', "truth.omega2_1_0"),
     ("[noise]", "[events]\ngaps_per_day = 20.0\n[noise]", "events.gaps_per_day"),
