@@ -72,6 +72,7 @@ def test_every_number_has_noise_of_its_own_and_truths_that_stay_near_and_valid(s
     assert len({drawn.seed for drawn in numbered}) == 50
     assert numbered[7] == montecarlo.numbered(plan, 7, redraw=False)
     assert numbered[7].truth == plan.truth
+    plan = replace(plan, truth={**plan.truth, "C_1": 0.06})  # a delay near the shortest, half the hold
     truths = [montecarlo.numbered(plan, k, redraw=True).truth for k in range(200)]
     for name, reach in (("lambda_1", 0.05), ("omega2_1_0", 0.3), ("alpha_x_2", 0.3), ("C_2", 0.3)):
         ratio = np.array([t[name] / plan.truth[name] for t in truths])

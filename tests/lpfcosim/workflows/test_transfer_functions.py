@@ -106,16 +106,15 @@ def test_a_sine_that_telemetry_cuts_has_no_point(plan, runs, measured):
         np.testing.assert_allclose(loop.measured, measured[whole].measured, rtol=1e-12)
 
 
-@pytest.mark.parametrize(("rate", "frequencies"), [(10, [0.05, 0.3, 0.6]), (1, [0.05, 0.3])])
-def test_fast_sines_are_those_of_the_model(tmp_path, rate, frequencies):
-    """At 10 Hz, and filtered to 1 Hz, where a sine near the Nyquist frequency has no point."""
+def test_fast_sines_are_those_of_the_model(tmp_path):
+    """In telemetry filtered to 1 Hz, where a sine near the Nyquist frequency has no point."""
     sines = [
         ("guidance_o_1", f"{f} Hz", "100 nm", round(1000 * f), f"{1000 + 1500 * i} s")
-        for i, f in enumerate([0.05, 0.3, 0.6 if rate == 10 else 0.45])
+        for i, f in enumerate([0.05, 0.3, 0.45])
     ]
-    plan, runs = simulated(tmp_path, f'sample_rate = "{rate} Hz"\n{TIMES}', *sines)
+    plan, runs = simulated(tmp_path, f'sample_rate = "1 Hz"\n{TIMES}', *sines)
     (loop,) = lpfcosim.transfer_functions(plan, runs).values()
-    assert loop.tones == pytest.approx(frequencies)
+    assert loop.tones == pytest.approx([0.05, 0.3])
     assert np.abs(loop.differences).max() < 4
     assert (loop.sigma < 0.02 * np.abs(loop.measured)).all()
 
