@@ -104,7 +104,7 @@ def transfer_functions(campaign: CampaignLike, runs: Sequence[Telemetry]) -> dic
     the sine. The residual is the read-out minus the linear response to all injections, so that neither
     transients nor other injections bias the ratio. The uncertainty is that of the noise run of the
     experiment. Sines are skipped without a noise run of at least 2.5 times their length, if telemetry does
-    not contain all of them, and at frequencies above 0.7 Hz or 0.35 of the sample rate.
+    not contain all of them, and at frequencies above 0.7 Hz or 0.35 of either sample rate.
 
     Parameters
     ----------
@@ -164,7 +164,7 @@ def _measurable_sines(run: Run, telemetry: Telemetry, noise: Telemetry) -> Itera
         if (
             isinstance(sine, Sine)
             and {read_out, sine.into} <= {*telemetry.channels}
-            and sine.frequency <= HIGHEST_TONE * _rate(telemetry)
+            and sine.frequency <= HIGHEST_TONE * min(_rate(telemetry), noise.fs)
             and begin - cut <= sine.start <= sine.end <= end + cut
             and noise.duration >= SHORTEST_NOISE * duration
         ):
