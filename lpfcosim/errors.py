@@ -8,8 +8,6 @@ from contextlib import contextmanager
 
 from fit.errors import FitError, InputError
 
-__all__ = ["InputError", "RunError", "UnavailableError", "as_run_error", "prefix_errors"]
-
 
 class UnavailableError(InputError):
     """A quantity that cannot be computed for this input, which is otherwise valid (exit status 2).

@@ -128,15 +128,3 @@ def as_fit(outcome: IRLSResult, experiments: Sequence[Experiment]) -> Fit:
     fit = report(outcome, experiments, names, apply("fit", outcome, experiments, names))
     stiffness = stiffnesses(outcome, [e.sysid.telemetry for e in experiments])
     return replace(fit, stiffness=stiffness, solved=outcome.solved)
-
-
-__all__ = [
-    "apply",
-    "as_fit",
-    "checked",
-    "determined",
-    "explain_findings",
-    "glitches",
-    "levels",
-    "residual",
-]

@@ -1,5 +1,3 @@
 """Compare results: the estimates of each parameter, and how far they differ from the first."""
 
 from fit.comparison.comparison import Comparison, compare
-
-__all__ = ["Comparison", "compare"]

@@ -5,21 +5,3 @@ Nothing here draws. `fit.plotting` does so for print, `fit.report` for the page.
 
 from fit.figures.charts import Axis, Chart, Curve, Note, Panel, Points, Span
 from fit.figures.colours import COLOURS
-
-__all__ = [
-    "COLOURS",
-    "Axis",
-    "Chart",
-    "Curve",
-    "Note",
-    "Panel",
-    "Points",
-    "Span",
-    "analysis",
-    "gain",
-    "motion",
-    "runs",
-    "series",
-    "stiffness",
-    "tilt_to_length",
-]

@@ -7,16 +7,3 @@ file, the error is one sentence that names it and the place in it.
 from fit.files.atomic import refuse_links
 from fit.files.documents import Table, is_file, short_path
 from fit.files.faults import closest_match, key, problem, validation_messages
-
-__all__ = [
-    "Table",
-    "atomic",
-    "closest_match",
-    "documents",
-    "is_file",
-    "key",
-    "problem",
-    "refuse_links",
-    "short_path",
-    "validation_messages",
-]

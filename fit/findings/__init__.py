@@ -16,16 +16,3 @@ from fit.findings.finding import (
     undetermined,
 )
 from fit.findings.kinds import KINDS, Severity
-
-__all__ = [
-    "KINDS",
-    "UNDETERMINED",
-    "Amount",
-    "Finding",
-    "Severity",
-    "distinct_messages",
-    "either",
-    "joint_message",
-    "masked_spans",
-    "undetermined",
-]

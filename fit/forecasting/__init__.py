@@ -3,13 +3,3 @@
 from fit.forecasting.coverage import Pulls
 from fit.forecasting.expected_euler_fit import PlannedNoiseRun
 from fit.forecasting.expected_fit import PlannedExperiment
-
-__all__ = [
-    "PlannedExperiment",
-    "PlannedNoiseRun",
-    "Pulls",
-    "coverage",
-    "expected_euler_fit",
-    "expected_fit",
-    "fisher_information",
-]

@@ -6,5 +6,3 @@ causes it and weighted as a residual of the fit. The simulation is an implementa
 
 from fit.identification.identify import identify
 from fit.identification.loop import FreeParameter
-
-__all__ = ["FreeParameter", "identify"]

@@ -9,23 +9,3 @@ from fit.model.equation import Delays, Equation, Range, Spacecraft
 from fit.model.inertial_forces import BASELINE, separation
 from fit.model.run_channels import RunChannels, reduce_channels
 from fit.model.sharing import Sharing, run_values
-
-__all__ = [
-    "BASELINE",
-    "Columns",
-    "Delays",
-    "Dynamics",
-    "Equation",
-    "Range",
-    "RunChannels",
-    "Sharing",
-    "Spacecraft",
-    "angular_rate",
-    "dynamics",
-    "dynamics_of",
-    "inertial_forces",
-    "reduce_channels",
-    "rotation",
-    "run_values",
-    "separation",
-]

@@ -4,5 +4,3 @@ The only user of matplotlib, imported when a figure is requested.
 """
 
 from fit.plotting.files import Plot, PlotAxes, draw, write
-
-__all__ = ["Plot", "PlotAxes", "draw", "studies", "write"]

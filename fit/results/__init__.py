@@ -22,23 +22,3 @@ from fit.results.results import (
     sound_joint,
     write,
 )
-
-__all__ = [
-    "Diagnostics",
-    "Estimate",
-    "Fit",
-    "Provenance",
-    "Results",
-    "Stiffness",
-    "check_frame",
-    "check_results",
-    "correlation_matrix",
-    "estimates",
-    "load",
-    "results_beside",
-    "results_file",
-    "sound_joint",
-    "telemetry_files",
-    "telemetry_of",
-    "write",
-]

@@ -1,5 +1,3 @@
 """The posterior of a joint fit, sampled by emcee."""
 
 from fit.sampling.posterior import MAX_CHANGE, MIN_LENGTH, SCHEMA, Chain, sample
-
-__all__ = ["MAX_CHANGE", "MIN_LENGTH", "SCHEMA", "Chain", "sample"]

@@ -52,16 +52,3 @@ def check_same(telemetries: Sequence[Telemetry]) -> None:
                 f"{run.path}: telemetry of {run.spacecraft}, but {telemetries[0].path} is of "
                 f"{telemetries[0].spacecraft}; expected one of the two in a fit"
             )
-
-
-__all__ = [
-    "DELTA_G",
-    "PATHFINDER",
-    "CalibratedTerms",
-    "Terms",
-    "check_same",
-    "equation_terms",
-    "saturation",
-    "spacecraft_of",
-    "spacecraft_of_results",
-]

@@ -7,18 +7,3 @@ from fit.spectra.averaged_spectra import Binned, Estimator, LogSpectrum, asd, lo
 from fit.spectra.excess import Excess
 from fit.spectra.noise_psd import NoiseModel, fit_noise
 from fit.spectra.windowing import Spectra, Spectrum
-
-__all__ = [
-    "Binned",
-    "Estimator",
-    "Excess",
-    "LogSpectrum",
-    "NoiseModel",
-    "Spectra",
-    "Spectrum",
-    "asd",
-    "derivatives",
-    "fit_noise",
-    "log_psds",
-    "windowing",
-]

@@ -9,26 +9,3 @@ from fit.statistics.run_misfit import RunMisfit, run_misfit
 from fit.statistics.run_scores import RunScore, run_score
 from fit.statistics.scatter import P_SCATTER, estimate_scatter, scattering_parameters
 from fit.statistics.score_test import ScoreTest
-
-__all__ = [
-    "MODEL_TEMPLATES",
-    "P_SCATTER",
-    "ConsistencyTest",
-    "RunMisfit",
-    "RunScore",
-    "ScoreTest",
-    "Template",
-    "consistency_test",
-    "estimate_scatter",
-    "find_outlier_runs",
-    "initial_fit",
-    "initial_noise_psd",
-    "injections",
-    "is_contradicted",
-    "lstsq_coefficients",
-    "prior_rows",
-    "run_misfit",
-    "run_score",
-    "scattering_parameters",
-    "variance",
-]

@@ -21,32 +21,3 @@ from fit.telemetry.reader import (
 from fit.telemetry.series_files import SeriesFile, read_series
 from fit.telemetry.validation import MAX_MISSING
 from fit.telemetry.writer import Writer
-
-__all__ = [
-    "CHANNELS",
-    "GUIDANCE",
-    "MAX_MISSING",
-    "PIECE",
-    "SCHEMA",
-    "TOWARDS_1",
-    "TOWARDS_2",
-    "SeriesFile",
-    "Telemetry",
-    "Writer",
-    "XAxis",
-    "check_channels",
-    "check_runs",
-    "common_x_axis",
-    "conversion",
-    "inertial_period",
-    "is_telemetry",
-    "maps",
-    "open_run",
-    "pieces",
-    "read_all",
-    "read_series",
-    "read_truth",
-    "root_attributes",
-    "short_paths",
-    "utc",
-]

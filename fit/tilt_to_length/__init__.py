@@ -10,16 +10,3 @@ from fit.tilt_to_length.expected_sigmas import expected_sigmas
 from fit.tilt_to_length.measurements import Measurements, read_measurements, write_measurements
 from fit.tilt_to_length.subtraction import subtraction_spectra
 from fit.tilt_to_length.ttl_fit import make_params
-
-__all__ = [
-    "COEFFICIENTS",
-    "NAMES",
-    "Measurements",
-    "expected_sigmas",
-    "make_params",
-    "michelson",
-    "read_measurements",
-    "subtraction_spectra",
-    "ttl_fit",
-    "write_measurements",
-]

@@ -10,22 +10,3 @@ from fit.whitening.residual_psd import ResidualSpectrum, fit_residual_noise, noi
 from fit.whitening.run import MAX_DELAY_SHIFT, Run, check_coverage
 from fit.whitening.system_run import system_run
 from fit.whitening.whitened_run import WhitenedRun
-
-__all__ = [
-    "MAX_DELAY_SHIFT",
-    "Experiment",
-    "Likelihood",
-    "ResidualSpectrum",
-    "Run",
-    "Weights",
-    "WhitenedRun",
-    "check_coverage",
-    "divide",
-    "expected_weights",
-    "fit_residual_noise",
-    "noise_model",
-    "pair",
-    "system_run",
-    "weights",
-    "whitened_run",
-]

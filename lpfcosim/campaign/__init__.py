@@ -6,5 +6,3 @@ Everything in the file is checked here, so that a mistake is reported before any
 from lpfcosim.campaign.campaign import Campaign
 from lpfcosim.campaign.design_table import DesignTable
 from lpfcosim.campaign.identify_table import IdentifyTable
-
-__all__ = ["Campaign", "DesignTable", "IdentifyTable", "loading", "montecarlo"]

@@ -20,18 +20,3 @@ from lpfcosim.constellation.lisainstrument_adapter import (
     import_lisainstrument,
     simulate_measurements,
 )
-
-__all__ = [
-    "ASSEMBLIES",
-    "LEAD",
-    "SERIES",
-    "TAIL",
-    "Jitter",
-    "assembly_angles",
-    "import_lisainstrument",
-    "join",
-    "read_jitter",
-    "simulate_measurements",
-    "spacecraft_motion",
-    "write_jitter",
-]

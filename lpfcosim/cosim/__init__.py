@@ -13,16 +13,3 @@ from lpfcosim.cosim.interface import (
     warnings,
 )
 from lpfcosim.cosim.values import REALS, Value
-
-__all__ = [
-    "REALS",
-    "FmuLibraryCache",
-    "Interface",
-    "SimulationProgress",
-    "Value",
-    "co_simulation",
-    "ignored_names",
-    "read_interfaces",
-    "read_interfaces_of_runs",
-    "warnings",
-]

@@ -4,15 +4,3 @@ Finished files are kept and checked by their digest, so that a campaign that was
 """
 
 from lpfcosim.execution.pool import Tasks, Workers, dask_executor
-
-__all__ = [
-    "Tasks",
-    "Workers",
-    "checksums",
-    "dask_executor",
-    "fmus",
-    "results_folder",
-    "runner",
-    "telemetry_file",
-    "validation",
-]

@@ -8,14 +8,3 @@ from lpfcosim.experiment_design.campaign_writer import campaign_text, is_design
 from lpfcosim.experiment_design.design_problem import design_problem, with_tones
 from lpfcosim.experiment_design.fit_model import FitModel
 from lpfcosim.experiment_design.search import Design, search
-
-__all__ = [
-    "Design",
-    "FitModel",
-    "campaign_text",
-    "design_problem",
-    "is_design",
-    "limits",
-    "search",
-    "with_tones",
-]

@@ -1,3 +1,1 @@
 """Export: the closed loop for other tools, as SSP 1.0."""
-
-__all__ = ["ssp"]

@@ -5,5 +5,3 @@ Nothing is estimated here: `fit.identification` calls the response, and knows no
 
 from lpfcosim.identification.closed_loop_response import ClosedLoopResponse, run_of
 from lpfcosim.identification.parameters import Target, targets
-
-__all__ = ["ClosedLoopResponse", "Target", "run_of", "targets"]

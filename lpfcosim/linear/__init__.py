@@ -5,13 +5,3 @@ Nothing here steps an FMU.
 
 from lpfcosim.linear.closed_loop import ClosedLoop
 from lpfcosim.linear.state_space import StateSpace
-
-__all__ = [
-    "ClosedLoop",
-    "StateSpace",
-    "margins",
-    "response",
-    "saturation",
-    "spectral_simulation",
-    "stability",
-]

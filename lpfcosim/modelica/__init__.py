@@ -5,5 +5,3 @@ A construct that cannot be translated faithfully is refused with file, line and 
 """
 
 from lpfcosim.modelica.build import engine_library
-
-__all__ = ["build", "engine_library", "numerics", "numpy_models"]

@@ -18,17 +18,3 @@ from lpfcosim.models.spacecraft_model import (
 )
 
 register(one_axis.MODEL, six_dof.MODEL, lisa.MODEL, lisa.FALL_BACK)
-
-__all__ = [
-    "DELTA_G",
-    "ELECTRODES",
-    "SCATTERED",
-    "STIFFNESS",
-    "SpacecraftModel",
-    "check_measurement_range",
-    "fmu_names",
-    "model_of",
-    "register",
-    "registered",
-    "stimuli",
-]

@@ -8,5 +8,3 @@ sample of delay, comparable to the delays that are to be measured.
 """
 
 from lpfcosim.network.wiring import Component, check_feedthrough, endpoint, in_order
-
-__all__ = ["Component", "check_feedthrough", "endpoint", "in_order"]

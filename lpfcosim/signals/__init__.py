@@ -6,17 +6,3 @@ Which noise there is depends on the spacecraft model of the run, so `lpfcosim.mo
 from lpfcosim.signals.injections import commanded, injected
 from lpfcosim.signals.noise import Noise, Source, Weights, flicker, red, white
 from lpfcosim.signals.seeding import generator
-
-__all__ = [
-    "Noise",
-    "Source",
-    "Weights",
-    "commanded",
-    "decimation",
-    "events",
-    "flicker",
-    "generator",
-    "injected",
-    "red",
-    "white",
-]

@@ -9,25 +9,3 @@ from lpfcosim.spacecraft.events import DAY, LONGEST_GAP, MAX_GAP_FRACTION, Event
 from lpfcosim.spacecraft.injections import SHAPES, HalfCosine, Injection, Sine
 from lpfcosim.spacecraft.run import Authority, Kind, Replacement, Run
 from lpfcosim.spacecraft.thrusters import EIGHT_NOZZLES
-
-__all__ = [
-    "DAY",
-    "EIGHT_NOZZLES",
-    "ETA_PER_X",
-    "FS",
-    "LONGEST_DELAY",
-    "LONGEST_GAP",
-    "MAX_GAP_FRACTION",
-    "PHI_PER_X",
-    "READ_OUT_RANGE",
-    "SHAPES",
-    "Authority",
-    "Events",
-    "H",
-    "HalfCosine",
-    "Injection",
-    "Kind",
-    "Replacement",
-    "Run",
-    "Sine",
-]
