@@ -216,9 +216,9 @@ def _transform(sine: Sine, time: Array, x: Array) -> complex:
 
 
 def _filled(x: Array) -> Array:
-    """Return a channel with its missing samples interpolated."""
+    """Return a channel with its missing samples interpolated, zeros if it has no others."""
     known = np.flatnonzero(np.isfinite(x))
-    return np.interp(np.arange(x.size), known, x[known])
+    return np.interp(np.arange(x.size), known, x[known]) if known.size else np.zeros(x.size)
 
 
 def _loop(read_out: str, modelled: Complex, tones: Sequence[_Tone]) -> LoopResponse:

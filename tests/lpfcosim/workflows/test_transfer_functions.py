@@ -125,7 +125,10 @@ def test_fast_sines_are_those_of_the_model(tmp_path):
     assert (loop.sigma < 0.02 * np.abs(loop.measured)).all()
 
 
-def test_a_sine_that_was_not_injected_has_no_point(plan, runs):
-    silent = [replace(run, channels={**run.channels, "guidance_o_1": 0 * run.time}) for run in runs]
+@pytest.mark.parametrize("value", [0.0, np.nan])
+def test_a_sine_that_was_not_injected_or_recorded_has_no_point(plan, runs, value):
+    silent = [
+        replace(run, channels={**run.channels, "guidance_o_1": np.full(run.time.size, value)}) for run in runs
+    ]
     measured = lpfcosim.transfer_functions(plan, silent)
     assert list(measured) == ["o_12"]
