@@ -42,8 +42,10 @@ class Effect(NamedTuple):
 
     def cause(self, amount: float, sigma: float, run: str) -> Finding:
         """Return the cause of an amount."""
-        if self.code == "scale":  # a gain is too small by as much as the command is too large
-            amount, sigma = 1 / (1 + amount), sigma / (1 + amount) ** 2
+        if self.code == "scale":
+            amount += 1
+        if self.code == "scale" and self.channel != "o_12":  # a gain falls as the command is too large
+            amount, sigma = 1 / amount, sigma / amount**2
         message = f"{self.channel} {self.words.format(concise_value(amount, sigma))}"
         return Finding(self.code, message, run, self.channel, amount=Amount(amount, sigma, self.unit))
 
@@ -55,7 +57,10 @@ def effects(theta: Mapping[str, float]) -> Iterator[Effect]:
         changes = {f"lambda_{j}": gain, f"C_{j}": theta[f"C_{j}"]}
         yield Effect("scale", f"f_x_{j}", "1", "is {} times its correct value", changes)
         yield Effect("lag", f"f_x_{j}", "s", "is late by {} s", {f"C_{j}": -gain})
-    yield Effect("lag", "o_12", "s", "is late by {} s", {f"C_{j}": gain for j, gain in gains.items()})
+    if gains:
+        yield Effect("lag", "o_12", "s", "is late by {} s", {f"C_{j}": gain for j, gain in gains.items()})
+        read_out = {name: value for name, value in theta.items() if name != "omega2_2"}  # multiplies o_12
+        yield Effect("scale", "o_12", "1", "is {} times its correct value", read_out)
     stiffness = "differs by {} s-2 from that of the authority in the file"
     yield Effect("stiffness", "omega2_1", "s-2", stiffness, {"domega2_12": -1.0})
     yield Effect("stiffness", "omega2_2", "s-2", stiffness, {"omega2_2": 1.0, "domega2_12": 1.0})

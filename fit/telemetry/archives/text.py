@@ -31,7 +31,7 @@ SUFFIXES = tuple(
 )
 _COMMENTS = ("#", "%")
 _DELIMITERS = ("\t", ";", ",", " ")
-_SAMPLE = 200  # lines that show the layout
+_SAMPLE = 2000  # lines that show the layout
 _TAIL = 50  # of these, the last ones show what the columns are
 _FORTRAN = re.compile(r"([+-]?(?:\d+\.?\d*|\.\d+))[dD]([+-]?\d+)")
 _STAMP = re.compile(r"\d{4}[-/:]\d")
@@ -128,6 +128,11 @@ def _read_table(path: Path, file: TextIO, layout: Layout) -> Table:
     faults: dict[int, str] = {}
     rows_of_numbers = np.empty(0, dtype=[(str(i), float) for i in range(width)])
     if (row := next(content, None)) is not None:
+        if width == 0:
+            raise InputError(
+                f"{path}: no data in its first {_SAMPLE} lines, expected header = the number of lines above "
+                "the data in [text] of the map"
+            )
         rows_of_numbers = np.loadtxt(
             chain([row], content),
             dtype=[(str(i), object if text else float) for i, text in enumerate(is_text)],

@@ -34,7 +34,7 @@ def campaign():
 
 
 def causes(labels=None, **channels):
-    """Return codes and words where channels of another experiment are functions of all of them."""
+    """Return words where channels of another experiment are functions of all of them."""
     experiments, joint, (sysid, noise) = campaign()
     old = sysid.channels
     new = {name: np.asarray(function(old), dtype=float) for name, function in channels.items()}
@@ -46,7 +46,7 @@ def causes(labels=None, **channels):
     block = replace(fit_experiment(e).whitened_runs[0], parameter_map=share)
     score = run_score(e.name, block, run_estimate(e.name, block), joint.solution.theta)
     test = consistency_test(experiments, joint)
-    return {c.code: c.message for c in likely_causes(replace(test, runs=(*test.runs, score)))}
+    return [c.message for c in likely_causes(replace(test, runs=(*test.runs, score)))]
 
 
 def late(x, samples):
@@ -55,20 +55,21 @@ def late(x, samples):
 
 
 def test_run_that_agrees_has_no_cause():
-    assert causes() == {}
+    assert causes() == []
 
 
 @pytest.mark.parametrize(
-    ("code", "faults", "words"),
+    ("faults", "words"),
     [
-        ("scale", {"f_x_2": lambda c: 1.02 * c["f_x_2"]}, "f_x_2 is 1.0[12]"),
-        ("scale", {"f_x_1": lambda c: -c["f_x_1"]}, "f_x_1 is -(1.0|0.99)"),
-        ("lag", {"f_x_2": lambda c: late(c["f_x_2"], 1)}, "f_x_2 is late by [01]"),
-        ("label", {"labels": {"alignment_epoch": 2}}, "delta_ifo differs by -"),
-        ("stiffness", {"labels": {"F_max_2": 2.2e-9}}, "omega2_2 differs by 3.5"),
+        ({"f_x_2": lambda c: 1.02 * c["f_x_2"]}, "f_x_2 is 1.0[12]"),
+        ({"f_x_1": lambda c: -c["f_x_1"]}, "f_x_1 is -(1.0|0.99)"),
+        ({"o_12": lambda c: 1.02 * c["o_12"]}, "o_12 is 1.0[12]"),
+        ({"f_x_2": lambda c: late(c["f_x_2"], 1)}, "f_x_2 is late by [01]"),
+        ({"labels": {"alignment_epoch": 2}}, "delta_ifo differs by -"),
+        ({"labels": {"F_max_2": 2.2e-9}}, "omega2_2 differs by 3.5"),
     ],
 )
-def test_fault_of_the_whole_run_is_named(code, faults, words):
+def test_fault_of_the_whole_run_is_named(faults, words):
     named = causes(**faults)
-    assert re.match(words, named[code]), named
-    assert len(named) <= 2
+    assert any(re.match(words, message) for message in named), named
+    assert len(named) <= 3
