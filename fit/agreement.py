@@ -252,8 +252,8 @@ def single_fit_test(
     test = ConsistencyTest(runs, width, rows, rows @ (theta - means))
     for _ in range(2):  # coefficients are nearly linear in the parameters
         joint_theta = test.runs[0].theta + test.step()
-        moved = tuple(replace(run, theta=joint_theta) for run in test.runs)
-        test = replace(test, runs=moved, prior_residual=rows @ (joint_theta - means))
+        joint_runs = tuple(replace(run, theta=joint_theta) for run in test.runs)
+        test = replace(test, runs=joint_runs, prior_residual=rows @ (joint_theta - means))
     return test
 
 

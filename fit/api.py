@@ -228,8 +228,8 @@ def calibrate_ttl(
     FitError
         If the measurements determine no coefficient.
     """
-    given = [measurements] if noise is None else [measurements, noise]
-    runs = [run if isinstance(run, Measurements) else read_measurements(*_paths([run])) for run in given]
+    sources = [measurements] if noise is None else [measurements, noise]
+    runs = [run if isinstance(run, Measurements) else read_measurements(*_paths([run])) for run in sources]
     ttl, compared = ttl_fit.calibrate_ttl(runs[0], runs[1] if runs[1:] else None, params)
     c = parameter_values(ttl.lmfit.params)
     extra: dict[str, object] = {

@@ -68,14 +68,14 @@ class Campaign:
     def of_joint(self) -> list[Finding]:
         """The findings of all and of the experiments in the joint fit, and who is left out of it, and why."""
         owners, names = self._owners, {"", *(e.name for e in self.in_joint_fit)}
-        found = [f for f in self.findings if owners.get(f.run, f.run) in names]
-        found += [f for f in self.findings if f.kind.excludes and not f.kind.unsound]
+        findings = [f for f in self.findings if owners.get(f.run, f.run) in names]
+        findings += [f for f in self.findings if f.kind.excludes and not f.kind.unsound]
         faulty = self.faulty.difference(self.settings.exclude)
         left_out = [name for name in dict.fromkeys(f.run for f in self.findings) if name in faulty]
         for name in left_out:
             causes = tuple(f for f in self.findings if f.run == name and f.kind.excludes and f.kind.unsound)
             message = f"left out of the joint fit: {joint_message(causes[:MAX_NAMED])}"
-            found.append(Finding("rejected", message, name, causes=causes))
+            findings.append(Finding("rejected", message, name, causes=causes))
         total = len(left_out) + len(self.in_joint_fit)
         if len(left_out) > max(1, MAX_LEFT_OUT * total):
             message = (
@@ -83,8 +83,8 @@ class Campaign:
                 f"({', '.join(left_out)}): the others may agree by chance or have a fault in common; the "
                 "uncertainties are not valid"
             )
-            found.append(Finding("too_many_exclusions", message))
-        return found
+            findings.append(Finding("too_many_exclusions", message))
+        return findings
 
     @property
     def _owners(self) -> dict[str, str]:

@@ -25,11 +25,11 @@ _Finite = Annotated[float, Field(allow_inf_nan=False)]
 _UNBOUNDED = (-math.inf, math.inf)
 
 
-def _pair(given: object) -> object:
+def _pair(value: object) -> object:
     """Return a list of two as a tuple."""
-    if isinstance(given, list) and len(given) != 2:
-        raise problem(f"{quote(given)}, expected [MEAN, SIGMA]")
-    return tuple(given) if isinstance(given, list) else given
+    if isinstance(value, list) and len(value) != 2:
+        raise problem(f"{quote(value)}, expected [MEAN, SIGMA]")
+    return tuple(value) if isinstance(value, list) else value
 
 
 _PAIR = BeforeValidator(_pair)
@@ -137,8 +137,8 @@ class Settings(Table):
         """The constraints in words."""
         stated = {name: p for name, p in self.parameters.items() if p.is_constraint}
         values = {name: p.value for name, p in stated.items() if not p.vary and p.value is not None}
-        at = {name: f" at {value:.9g}" for name, value in values.items()}
-        return tuple(f"{name} {p}{at.get(name, '')}" for name, p in stated.items())
+        suffixes = {name: f" at {value:.9g}" for name, value in values.items()}
+        return tuple(f"{name} {p}{suffixes.get(name, '')}" for name, p in stated.items())
 
     @property
     def fmu_parameters(self) -> list[str]:
@@ -189,8 +189,8 @@ def with_other_constraints(
     """Return recorded settings with the constraints of the parameters `names` replaced by `parameters`."""
     recorded = dict(recorded or {})
     stated = {name: p.record() for name, p in parameters.items() if name in names}
-    other = {name: p for name, p in recorded.get("parameters", {}).items() if name not in names}
-    return {**recorded, "parameters": {**other, **stated}}
+    other_constraints = {name: p for name, p in recorded.get("parameters", {}).items() if name not in names}
+    return {**recorded, "parameters": {**other_constraints, **stated}}
 
 
 def settings(table: Mapping[str, object] | None = None, context: str = "[fit]") -> Settings:

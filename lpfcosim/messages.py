@@ -45,7 +45,7 @@ def _sentence(causes: dict[str, str], noun: str) -> str:
     bare = _bare(name, cause, noun)
     if not other_causes:
         return cause if bare != cause else f"{noun} {name}: {cause}"
-    differ = len({_bare(each, said, noun) for each, said in causes.items()}) > 1
+    differ = len({_bare(subject, text, noun) for subject, text in causes.items()}) > 1
     example = f" ({name}; the others with other numbers)" if differ else ""
     return f"{noun}s {names(list(causes))}: {bare}{example}"
 

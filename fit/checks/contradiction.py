@@ -57,8 +57,8 @@ def _outliers(test: ConsistencyTest, experiments: Sequence[Experiment], n_consis
     )
     findings = []
     for i, name in zip(outliers, names, strict=True):
-        without_others = test.without([k for k in outliers if k != i])
-        largest = largest_pull(without_others, n_consistent, experiments[i])
+        single_outlier_test = test.without([k for k in outliers if k != i])
+        largest = largest_pull(single_outlier_test, n_consistent, experiments[i])
         findings.append(Finding("contradiction", f"{observation}; {name} {largest}", name))
     return findings
 

@@ -188,8 +188,8 @@ def find(campaign: Campaign) -> list[Finding]:
     drifts = parallel_map(of_run, experiments, Experiment.samples)
     return [
         Finding(DRIFT, f"{e.sysid.telemetry.path}: {drift.words}", e.name, drift.column)
-        for e, found in zip(experiments, drifts, strict=True)
-        for drift in found
+        for e, run_drifts in zip(experiments, drifts, strict=True)
+        for drift in run_drifts
     ]
 
 
@@ -199,7 +199,7 @@ def find_joint(agreed: Agreement) -> list[Finding]:
     blocks = _blocks(fit)
     names = dict.fromkeys(block.equation.name for block in blocks)
     periods, limit = wave_periods(blocks), p_limit(len(names))
-    found = []
+    findings = []
     for name in names:
         members = [block for block in blocks if block.equation.name == name]
         runs = [waves(block, fit.solution.theta, periods) for block in members]
@@ -207,15 +207,15 @@ def find_joint(agreed: Agreement) -> list[Finding]:
             if NOISY & {*block.equation.columns}:  # the read-out holds that noise too, as the residual does
                 of_run.pop(block.equation.columns[0], None)
         # what one run alone shows, such as the rest of a glitch, is none of the equation
-        others = [[*runs[:i], *runs[i + 1 :]] for i in range(len(runs))] if len(runs) > 1 else []
+        subsets = [[*runs[:i], *runs[i + 1 :]] for i in range(len(runs))] if len(runs) > 1 else []
         for drift in find_drift(runs, periods, limit):
-            if all(find_drift(rest, periods, REMAINING) for rest in others):
+            if all(find_drift(rest, periods, REMAINING) for rest in subsets):
                 message = (
                     f"in {len(fit.whitened_runs)} runs together {drift.words}; the equation has constant "
                     "coefficients, and the uncertainties are not valid"
                 )
-                found.append(Finding(DRIFT, message, channel=drift.column))
-    return found
+                findings.append(Finding(DRIFT, message, channel=drift.column))
+    return findings
 
 
 def _blocks(fit: IRLSResult) -> list[WhitenedRun]:

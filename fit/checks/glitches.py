@@ -84,8 +84,8 @@ def find(campaign: Campaign) -> list[Finding]:
             return Finding("invalid_data", str(error), e.name)
 
     results = parallel_map(search, experiments, Experiment.samples)
-    found = {e: x for e, x in zip(experiments, results, strict=True) if isinstance(x, GlitchResult)}
-    counts = {e.name: x.coincidences for e, x in found.items()}
+    searches = {e: x for e, x in zip(experiments, results, strict=True) if isinstance(x, GlitchResult)}
+    counts = {e.name: x.coincidences for e, x in searches.items()}
     misfits = {
         name: injections.chance_probability([count])
         for name, count in counts.items()
@@ -96,7 +96,7 @@ def find(campaign: Campaign) -> list[Finding]:
         p_value = injections.chance_probability([*rest.values()])
         misfits |= {name: p_value for name, count in rest.items() if count.both}
     findings = [result for result in results if isinstance(result, Finding)]
-    for e, result in found.items():
+    for e, result in searches.items():
         if e.name in misfits:
             findings.append(_misfit(e, result, misfits[e.name]))
         is_masked = {e.sysid.telemetry.run: e.name not in misfits}
@@ -104,9 +104,9 @@ def find(campaign: Campaign) -> list[Finding]:
     return findings
 
 
-def _misfit(e: Experiment, found: GlitchResult, p_value: float) -> Finding:
+def _misfit(e: Experiment, result: GlitchResult, p_value: float) -> Finding:
     """Return that the equation lacks a signal at the injections."""
-    count, run = found.coincidences, e.sysid.telemetry.run
+    count, run = result.coincidences, e.sysid.telemetry.run
     message = (
         f"{run}: the equation of motion lacks a signal at the injections: of "
         f"{count.glitches} stretches with an excess {count.both} are injected, {count.expected:.2g} expected "
@@ -251,8 +251,8 @@ class GlitchSearch:
         columns = self.run.columns(self._tau)
         cycle = np.linspace(0, np.pi, len(columns.values))[:, None]
         waves = [np.cos(n * cycle) for n in range(1, N_WAVES + 1)]
-        parts = [self.run.transformed(columns.values * wave, columns) for wave in waves]
-        spectra = [self._equation.spectra(part).columns[:, 1:] for part in parts]
+        products = [self.run.transformed(columns.values * wave, columns) for wave in waves]
+        spectra = [self._equation.spectra(part).columns[:, 1:] for part in products]
         return replace(terms, columns=np.concatenate(spectra, axis=1))
 
     def finding(self) -> Finding:

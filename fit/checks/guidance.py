@@ -73,7 +73,7 @@ def find(campaign: Campaign) -> list[Finding]:
         for e, response in zip(experiments, runs, strict=True)
         if response and response.is_measured(n_sigma)
     }
-    found = {
+    findings = {
         e.name: _scale_finding(e.sysid.telemetry, responses[e.name])
         for e in experiments
         if e.name in responses and responses[e.name].is_scaled(n_sigma)
@@ -81,7 +81,7 @@ def find(campaign: Campaign) -> list[Finding]:
     for epoch in sorted({e.sysid.telemetry.alignment_epoch for e in experiments}):
         members = {e.name: e for e in experiments if e.sysid.telemetry.alignment_epoch == epoch}
         measured = members.keys() & responses.keys()
-        if len(measured) < MIN_RUNS or not measured <= found.keys():
+        if len(measured) < MIN_RUNS or not measured <= findings.keys():
             continue
         words = (
             f"nothing distinguishes its o_1 from that of {', '.join(sorted(measured))}, of the same "
@@ -89,8 +89,8 @@ def find(campaign: Campaign) -> list[Finding]:
         )
         for name in members.keys() - measured:
             run = members[name].sysid.telemetry
-            found[name] = Finding("guidance_scale", f"{run.path}: {words}", run.run, "o_1")
-    return list(found.values())
+            findings[name] = Finding("guidance_scale", f"{run.path}: {words}", run.run, "o_1")
+    return list(findings.values())
 
 
 def _scale_finding(run: Telemetry, response: SlowResponse) -> Finding:

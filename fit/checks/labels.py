@@ -40,8 +40,8 @@ SETTINGS = ("F_max_1", "F_max_2", "N_max_1", "N_max_2", "alignment_epoch")  # eq
 
 def find(campaign: Campaign) -> list[Finding]:
     """Return which runs are copies of others, or noise runs that are none, or of other settings."""
-    found = [*_duplicates(campaign.candidates), *campaign.find_each(_settings_mismatches)]
-    return [*found, *campaign.find_each(_noise_runs_with_injections)]
+    findings = [*_duplicates(campaign.candidates), *campaign.find_each(_settings_mismatches)]
+    return [*findings, *campaign.find_each(_noise_runs_with_injections)]
 
 
 def _settings_mismatches(e: Experiment) -> Iterator[Finding]:

@@ -8,7 +8,7 @@ from fit.results import Results, check_results, sound_joint
 if TYPE_CHECKING:
     import pandas
 
-LEAST = 1e-6  # of sigma: the standard deviation of a shift below which it is rounding
+MIN_SHIFT_STDERR = 1e-6  # of sigma: the standard deviation of a shift below which it is rounding
 
 
 def leave_one_out(results: Results) -> "pandas.DataFrame":
@@ -52,6 +52,6 @@ def leave_one_out(results: Results) -> "pandas.DataFrame":
             p, is_weak = reduced.params[name], estimates[name].user_data is None
             if p.stderr and not (is_weak and p.user_data):
                 shift = p.value - estimates[name].value
-                rows[run, name] = (p.value, p.stderr, shift / max(sigmas[name], LEAST * p.stderr))
+                rows[run, name] = (p.value, p.stderr, shift / max(sigmas[name], MIN_SHIFT_STDERR * p.stderr))
     index = pd.MultiIndex.from_tuples([*rows], names=["without", "parameter"]) if rows else None
     return pd.DataFrame([*rows.values()], index=index, columns=["value", "sigma", "shift"])

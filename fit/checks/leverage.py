@@ -80,18 +80,18 @@ def find(agreed: Agreement) -> list[Finding]:
         name = joint.parameters[leverage.index].name
         if leverage.is_high:
             names_by_run.setdefault(leverage.run, []).append(name)
-        for other, pull in leverage.contradicting(limit).items():
-            contradictions.setdefault((leverage.run, other), []).append(f"{name} by {pull:.1f} sigma")
+        for excluded_run, pull in leverage.contradicting(limit).items():
+            contradictions.setdefault((leverage.run, excluded_run), []).append(f"{name} by {pull:.1f} sigma")
     warnings = []
     for run, names in names_by_run.items():
         subject = f"{', '.join(names)} {'is' if len(names) == 1 else 'are'}"
         check = f"no cross-check: without {run}, sigma grows by a factor of more than {LEVERAGE:g}"
         message = f"{subject} determined almost entirely by {run}; {check}"
         warnings.append(Finding("high_leverage", message, parameters=tuple(names)))
-    for (run, other), pulls in contradictions.items():
-        others = f"{other}, which is left out," if other else "the other experiments"
+    for (run, excluded_run), pulls in contradictions.items():
+        peer = f"{excluded_run}, which is left out," if excluded_run else "the other experiments"
         message = (
-            f"{run} and {others} contradict each other: they differ in {' and '.join(pulls)}, for which the "
+            f"{run} and {peer} contradict each other: they differ in {' and '.join(pulls)}, for which the "
             f"joint fit relies on {run}; the data do not show which of them is wrong; the uncertainties are "
             "not valid"
         )
@@ -118,12 +118,12 @@ def find_leverages(
     shares = [run.equation.parameter_map for run in test.runs]
     is_common = np.all([share.any(axis=0) for share in shares], axis=0)
     for i, (run, share) in enumerate(zip(test.runs, shares, strict=True)):
-        others = test.without((i,))
-        of_others = np.diag(others.covariance())
-        growth = np.sqrt(of_others / variance)
-        differences = np.abs(others.step() / test.width - step)
+        remaining_test = test.without((i,))
+        remaining_variance = np.diag(remaining_test.covariance())
+        growth = np.sqrt(remaining_variance / variance)
+        differences = np.abs(remaining_test.step() / test.width - step)
         for k in np.flatnonzero((growth > HALF) & ~undetermined).tolist():
-            pulls = {"": float(differences[k] / np.sqrt(of_others[k] - variance[k]))}
+            pulls = {"": float(differences[k] / np.sqrt(remaining_variance[k] - variance[k]))}
             if growth[k] > LEVERAGE:
                 pulls |= {score.name: _pull(score, test, k) for score in left_out}
             of_label = bool(~is_common[k] & _equal_to(share, k).any())

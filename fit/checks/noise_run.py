@@ -6,7 +6,7 @@ from fit.findings import Finding
 from fit.fitting import IRLSResult
 from fit.whitening import Experiment
 
-WITHOUT = (
+CONSEQUENCE = (
     "without a noise run the weights come from the run's own residual; chi2 per degree of freedom is 1 by "
     "construction, and effects missing from the model count as noise"
 )
@@ -15,7 +15,7 @@ WITHOUT = (
 def find(_: IRLSResult, experiments: Sequence[Experiment], *__: object) -> list[Finding]:
     """Return what experiments lack of a noise run."""
     names = [e.name for e in experiments if e.noise is None]
-    warnings = [Finding("no_noise_run", f"{name}: {WITHOUT}", name) for name in names]
+    warnings = [Finding("no_noise_run", f"{name}: {CONSEQUENCE}", name) for name in names]
     for experiment in experiments:
         noise = experiment.noise or experiment.sysid
         lacking = ", ".join(sorted({*experiment.sysid.channels.means} - {*noise.channels.means}))

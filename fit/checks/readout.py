@@ -62,7 +62,7 @@ def readout_excess(experiment: Experiment) -> tuple[float, float]:
         return 1.0, np.inf
     z = run.columns[:, column] * np.sqrt(2 / noise.expected(run.f))
     residual = variance.WhitenedResidual(run.f, z, run.window, noise)
-    quiet = readout_excess_noise.without_injections(residual.power)
-    (log_ratio,), (sigma,) = residual.log_ratios(quiet[None])
+    noise_only = readout_excess_noise.without_injections(residual.power)
+    (log_ratio,), (sigma,) = residual.log_ratios(noise_only[None])
     ratio = math.exp(log_ratio)
     return ratio, ratio * float(sigma)

@@ -54,9 +54,9 @@ def _of_experiment(e: Experiment) -> Iterator[Finding]:
 
 def coarse_step(x: Array) -> float:
     """Return the step of a channel that is rounded so that its differences show it, 0 without one."""
-    first, second = (np.abs(np.diff(x, order)) for order in (1, 2))
+    increments, second_differences = (np.abs(np.diff(x, order)) for order in (1, 2))
     rounding = 4 * float(np.spacing(np.nanmax(np.abs(x), initial=0.0)))
-    if not np.any(first > rounding) or not np.any(second > rounding):
+    if not np.any(increments > rounding) or not np.any(second_differences > rounding):
         return 0.0
-    step = float(np.min(second[second > rounding]))
-    return step if step > COARSE * float(np.median(first[first > rounding])) else 0.0
+    step = float(np.min(second_differences[second_differences > rounding]))
+    return step if step > COARSE * float(np.median(increments[increments > rounding])) else 0.0

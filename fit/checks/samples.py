@@ -21,7 +21,7 @@ Array = NDArray[np.float64]
 MIN_FLAT = 8  # second differences in a row that are zero: a stretch
 NEARBY = 2000  # samples about a stretch that show how often noise and rounding make a difference zero
 MAX_SHARE = 0.01  # of differences that are zero, beyond those that rounding makes
-QUIET = 5.0  # times that share of a run, in its quiet parts
+CHANCE_FACTOR = 5.0  # times that share of a run, in its quiet parts
 COARSE = 0.1  # share of differences that rounding makes zero, from which nothing is said
 MIN_NOISE = 0.5  # of fifth over fourth differences: noise has 1.5, a sine 2 pi f / fs
 MAX_ROUNDING = 16  # times that of a second difference in a fifth one, with margin
@@ -81,7 +81,7 @@ def _flat_faults(x: Array, fs: float, n_channels: int) -> Iterator[tuple[str, st
         words = f"is constant or a straight line for {seconds:g} s at {begin / fs:.7g} s"
         yield "invalid_data", words
     share = float(np.mean(flat))
-    if not stretches and share > MAX_SHARE + QUIET * chance:
+    if not stretches and share > MAX_SHARE + CHANCE_FACTOR * chance:
         words = (
             f"is interpolated: {100 * share:.0f} % of its samples lie on the line between their neighbours"
         )
@@ -102,8 +102,8 @@ def _stretches(flat: NDArray[np.bool_], limit: float) -> list[tuple[int, int]]:
     counts = np.concatenate([[0], np.cumsum(flat)])
     for begin, end in derivatives.true_runs(flat).tolist():
         reach = max(NEARBY, 4 * (end - begin)) // 2
-        first, last = max(begin - reach, 0), min(end + reach, flat.size)
-        share = float(counts[last] - counts[first]) / (last - first)
+        start, stop = max(begin - reach, 0), min(end + reach, flat.size)
+        share = float(counts[stop] - counts[start]) / (stop - start)
         if end - begin >= MIN_FLAT and (end - begin) * np.log(share) < np.log(limit):
             stretches.append((begin, end + 2))
     return stretches

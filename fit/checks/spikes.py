@@ -75,13 +75,13 @@ def outliers(x: Array) -> tuple[list[tuple[int, int]], list[tuple[int, float]]]:
     nearest = np.minimum(np.arange(size.size) // WINDOW, medians.size - 1)
     candidates = np.flatnonzero(size > np.maximum(LIMIT / 2 * medians, floor)[nearest])
     centres = np.clip(candidates - WINDOW // 2, 0, size.size - WINDOW)
-    apart = np.zeros(size.size, dtype=bool)
-    apart[candidates] = size[candidates] > LIMIT * np.median(
+    is_outlier = np.zeros(size.size, dtype=bool)
+    is_outlier[candidates] = size[candidates] > LIMIT * np.median(
         sliding_window_view(known, WINDOW)[centres], axis=1
     )
     spikes: list[tuple[int, int]] = []
     jumps: list[tuple[int, float]] = []
-    closed = scipy.ndimage.binary_closing(apart, np.ones(5, dtype=bool)) | apart
+    closed = scipy.ndimage.binary_closing(is_outlier, np.ones(5, dtype=bool)) | is_outlier
     for begin, end in derivatives.true_runs(closed).tolist():
         part = np.nan_to_num(curvature[max(begin - 2, 0) : end + 2])
         if begin < 2 or end > size.size - 2:  # of a sample at either end

@@ -25,7 +25,7 @@ Array = NDArray[np.float64]
 
 BAND = (0.01, 0.06)  # Hz, of the levels of the read-outs
 SEGMENT = 1024.0  # s
-LOUD = 200.0  # times the level of the flight, from which a read-out is in another unit: these differ by 1000
+RATIO = 200.0  # times the level of the flight, from which a read-out is in another unit: these differ by 1000
 #: Gains that are possible, by the relative sigma up to which a run determines them. Without injections the
 #: closed loop makes least-squares gains of 0.9 to 1.9 with a sigma of 0.02 to 0.1.
 PLAUSIBLE_GAINS: Mapping[float, tuple[float, float]] = {0.01: GAINS, 0.1: (0.3, 3.0)}
@@ -110,7 +110,7 @@ def unit_faults(e: Experiment) -> Iterator[Finding]:
         return
     fit = free_fit(e.sysid)
     ratio = level_ratio(e.sysid, "o_1")
-    if ratio > LOUD or (ratio < 1 / LOUD and fit.leaks):
+    if ratio > RATIO or (ratio < 1 / RATIO and fit.leaks):
         yield _level_fault(e.sysid, "o_1", ratio)
     wrong = fit.implausible_gains
     if wrong:
@@ -124,7 +124,7 @@ def unit_faults(e: Experiment) -> Iterator[Finding]:
     if e.noise:
         for channel in levels:
             ratio = level_ratio(e.noise, channel)
-            if ratio > LOUD:
+            if ratio > RATIO:
                 yield _level_fault(e.noise, channel, ratio)
 
 
@@ -175,8 +175,8 @@ def authority_faults(e: Experiment) -> Iterator[Finding]:
     limits = e.sysid.spacecraft.limits(run)
     sizes = {name: float(np.nanmax(np.abs(run.channels[name]), initial=0.0)) for name in limits}
     for name, limit in limits.items():
-        others = [size for other, size in sizes.items() if other != name]
-        if limit <= 0 and sizes[name] > min(LEAK, LEAK_RATIO * max(others, default=0.0)):
+        other_sizes = [size for axis, size in sizes.items() if axis != name]
+        if limit <= 0 and sizes[name] > min(LEAK, LEAK_RATIO * max(other_sizes, default=0.0)):
             words = f"{name} is up to {sizes[name]:.2g}, but its authority F_max_{name[-1]} is zero"
             yield Finding("invalid_data", f"{run.path}: {words}", run.run, name)
     for j in (1, 2):

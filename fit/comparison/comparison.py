@@ -194,7 +194,7 @@ def compare(results: Sequence[PathLike | Results] | Mapping[str, PathLike | Resu
         differ.
     """
     named = _labelled(results)
-    (reference, first), *others = named.items()
+    (reference, baseline), *compared = named.items()
     has_joint = all(result.joint and result.joint.parameters for result in named.values())
     sections = SECTIONS[:-1] if has_joint else SECTIONS
     fits = {
@@ -202,14 +202,14 @@ def compare(results: Sequence[PathLike | Results] | Mapping[str, PathLike | Resu
         for label, result in named.items()
     }
     notes, tests = [], {}
-    for label, result in others:
-        has_signs = any(one.cross_talk or one.inertial for one in (first, result))
-        if has_signs and result.provenance.frame != first.provenance.frame:
+    for label, result in compared:
+        has_signs = any(one.cross_talk or one.inertial for one in (baseline, result))
+        if has_signs and result.provenance.frame != baseline.provenance.frame:
             raise InputError(
-                f"{label}: +x points {result.provenance.frame}, expected {first.provenance.frame} as in "
+                f"{label}: +x points {result.provenance.frame}, expected {baseline.provenance.frame} as in "
                 f"{reference}: the signs of delta_eta, b_1, b_4 and b_6 depend on it"
             )
-        if runs := [*_runs(first).items() & _runs(result).items()]:
+        if runs := [*_runs(baseline).items() & _runs(result).items()]:
             names = ", ".join(sorted(name for name, _ in runs))
             notes.append(
                 f"{label} and {reference} both use {names}: difference/sigma does not follow a standard "
@@ -264,14 +264,14 @@ def _parameters(fits: Mapping[str, Fits]) -> Iterable[ParameterComparison]:
         for name in dict.fromkeys(name for fit in of_place.values() if fit for name in fit):
             estimates = [fit.parameters.get(name) if fit else None for fit in of_place.values()]
             units = {label: e.unit for label, e in zip(of_place, estimates, strict=True) if e}
-            (first, unit), *_ = units.items()
+            (baseline, unit), *_ = units.items()
             for label, other in units.items():
                 if not same_unit(other, unit):
-                    where = f"{label}: {_name(place)}.parameters.{name}"
-                    raise InputError(f"{where}: unit {shown(other)}, expected {shown(unit)} as in {first}")
-            a, *others = estimates
+                    path = f"{label}: {_name(place)}.parameters.{name}"
+                    raise InputError(f"{path}: unit {shown(other)}, expected {shown(unit)} as in {baseline}")
+            a, *compared = estimates
             differences = [
-                e.difference(a.value, a.sigma) if a and e and a.sound and e.sound else None for e in others
+                e.difference(a.value, a.sigma) if a and e and a.sound and e.sound else None for e in compared
             ]
             yield ParameterComparison(*place, name, unit, tuple(estimates), (None, *differences))
 

@@ -364,17 +364,17 @@ def _change_within_bounds(outcome: IRLSResult, A: Array, score: Array, free: Arr
     places, A, score = varying(outcome.result.params), free.T @ A @ free, free.T @ score
     fixed_changes = dict[int, float]()
     while True:
-        others = np.array([k for k in range(len(A)) if k not in fixed_changes])
+        interior = np.array([k for k in range(len(A)) if k not in fixed_changes])
         change = np.zeros(len(A))
         change[[*fixed_changes]] = [*fixed_changes.values()]
-        change[others] = -whitened_run.scaled_inverse(A[np.ix_(others, others)]) @ (
-            score[others] + A[others] @ change
+        change[interior] = -whitened_run.scaled_inverse(A[np.ix_(interior, interior)]) @ (
+            score[interior] + A[interior] @ change
         )
-        beyond = {
+        violations = {
             k: float(np.clip(theta[i] + change[k], params[i].min, params[i].max) - theta[i])
             for k, i in enumerate(places)
             if k not in fixed_changes and not params[i].min <= theta[i] + change[k] <= params[i].max
         }
-        if not beyond:
+        if not violations:
             return np.asarray(free @ change)
-        fixed_changes |= beyond
+        fixed_changes |= violations

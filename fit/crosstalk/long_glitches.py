@@ -27,10 +27,10 @@ MAX_PER_DAY = 6.0  # shapes; beyond, it is no matter of glitches
 BURIED = 1e12  # power that stands for bins below the band, without information
 
 
-def columns(found: Sequence[glitches.Glitch], time: Array, fs: float, f_max: float) -> Array:
+def columns(long_glitches: Sequence[glitches.Glitch], time: Array, fs: float, f_max: float) -> Array:
     """Return glitches at instants [s] of rate `fs`, shape (N, G), without what is far above `f_max` [Hz]."""
-    values = np.empty((time.size, len(found)))
-    for column, (shape, tau, instant) in zip(values.T, found, strict=True):
+    values = np.empty((time.size, len(long_glitches)))
+    for column, (shape, tau, instant) in zip(values.T, long_glitches, strict=True):
         n = scipy.fft.next_fast_len(time.size + int(TAIL * tau * fs), real=True)  # it must not come in again
         f = scipy.fft.rfftfreq(n, 1 / fs)
         smooth = np.exp(-((f / (2 * f_max)) ** 4) + 2j * np.pi * f * (float(time[0]) - instant))
@@ -66,11 +66,11 @@ def find_glitches(
     means = series[: n * factor].reshape(n, factor, -1).mean(axis=1)
     whole = np.asarray(np.all(valid[: n * factor].reshape(n, factor), axis=1))
     instants, fs = time[: n * factor].reshape(n, factor).mean(axis=1), fs / factor
-    found: list[glitches.Glitch] = []
+    long_glitches: list[glitches.Glitch] = []
     model: NoiseModel | None = None
-    while len(found) <= max(1.0, MAX_PER_DAY * n / fs / 86400):
-        shapes = columns(found, instants, fs, band[1])
-        terms = windowing.transform(means, whole, fs, nuisance=[shapes] if found else ())
+    while len(long_glitches) <= max(1.0, MAX_PER_DAY * n / fs / 86400):
+        shapes = columns(long_glitches, instants, fs, band[1])
+        terms = windowing.transform(means, whole, fs, nuisance=[shapes] if long_glitches else ())
         model = _model(terms.band(*band), model)
         terms = terms.band(terms.f[0], band[1])
         S = model.expected(np.maximum(terms.f, band[0])) if model else 1 + (1e-3 / terms.f) ** 2
@@ -78,8 +78,8 @@ def find_glitches(
         U = whitened_run.whiten(terms, S)[0]
         peaks = glitches.strongest_peaks(terms, U @ lstsq_coefficients(U), S, fs)
         if not peaks:
-            return tuple(found)
-        found.append(peaks[0]._replace(time=float(instants[0]) + peaks[0].time))
+            return tuple(long_glitches)
+        long_glitches.append(peaks[0]._replace(time=float(instants[0]) + peaks[0].time))
     return None
 
 

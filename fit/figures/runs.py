@@ -140,7 +140,7 @@ def residual_over_noise(pairs: Mapping[str, tuple[Binned, Binned]]) -> Chart:
         By experiment, ASD of residual and of noise run.
     """
     f = max((residual.f for residual, _ in pairs.values()), key=len)
-    residuals, noises = ([_at(f, pair[i]) for pair in pairs.values()] for i in (0, 1))
+    residuals, noises = ([_resampled(f, pair[i]) for pair in pairs.values()] for i in (0, 1))
     across = (LOWEST, derivatives.F_MAX)
     spectra = [
         _curve("noise runs", "noise runs", "grey", 1.4, _mean(f, noises)),
@@ -159,7 +159,7 @@ def residual_over_noise(pairs: Mapping[str, tuple[Binned, Binned]]) -> Chart:
     return Chart((of_spectra, Panel(FREQUENCY, _RATIO, (*curves, mean, level), across, up, 1.1)))
 
 
-def _at(f: Array, binned: Binned) -> Binned:
+def _resampled(f: Array, binned: Binned) -> Binned:
     """Return a spectrum at other frequencies, shape (B,), NaN outside its own."""
     x, outside = (np.log(f), np.log(binned.f)), {"left": np.nan, "right": np.nan}
     values = (np.exp(np.interp(*x, np.log(y), **outside)) for y in (binned.asd, binned.low, binned.high))

@@ -158,7 +158,7 @@ def compare(
             f"the data contradict the constraints: {'; '.join(words[name] for name in active)}; without "
             f"them chi2 is less by {test.delta_chi2:.4g} for {dof} degree{'s' if dof > 1 else ''} of freedom"
         )
-        moved = ", ".join(f"{name} by {shift:+.2g} sigma" for name, shift in shifts.items())
-        message += f", and these estimates move: {moved}" if moved else ""
+        shifted = ", ".join(f"{name} by {shift:+.2g} sigma" for name, shift in shifts.items())
+        message += f", and these estimates move: {shifted}" if shifted else ""
         warnings.append(Finding("constraint_contradicted", message, parameters=(*active, *shifts)))
     return replace(test, warnings=tuple(warnings))

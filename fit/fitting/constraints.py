@@ -239,8 +239,8 @@ def at_bound(params: lmfit.Parameters, sigma: Array) -> dict[int, float]:
 
 def params_at(params: lmfit.Parameters, theta: Array) -> lmfit.Parameters:
     """Return the parameters at theta, shape (P,), as far as fixed values, ties and bounds let them."""
-    moved = params.copy()
-    for p, value in zip(moved.values(), theta.tolist(), strict=True):
+    shifted_params = params.copy()
+    for p, value in zip(shifted_params.values(), theta.tolist(), strict=True):
         if p.vary and not p.expr:
             p.value = value
-    return moved
+    return shifted_params

@@ -137,20 +137,20 @@ class JointModel:
         The active-set method ends when all steps are small compared with the largest parameter. It starts
         from here, since ``leastsq`` scales every parameter by itself.
         """
-        trial = unbounded.copy()
-        while any(p.vary for p in trial.values()):
-            values = self.minimizer(trial).leastsq().params.valuesdict()
-            beyond = {
+        bounded = unbounded.copy()
+        while any(p.vary for p in bounded.values()):
+            values = self.minimizer(bounded).leastsq().params.valuesdict()
+            violations = {
                 name: min(max(values[name], low), high)
                 for name, (low, high) in limits.items()
-                if trial[name].vary and not low <= values[name] <= high
+                if bounded[name].vary and not low <= values[name] <= high
             }
-            if not beyond:
+            if not violations:
                 break
-            for name, value in beyond.items():
-                trial[name].set(value=value, vary=False)
+            for name, value in violations.items():
+                bounded[name].set(value=value, vary=False)
         else:
-            values = trial.valuesdict()
+            values = bounded.valuesdict()
         return {name: values[name] for name in limits}
 
     def _set_covariance(self, result: MinimizerResult) -> None:

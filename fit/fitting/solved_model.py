@@ -100,12 +100,12 @@ class SolvedModel:
         *runs : str
             Names of experiments.
         """
-        params, others = self.result.params, self.model.exclude(*runs)
+        params, submodel = self.result.params, self.model.exclude(*runs)
         left_out = JointModel([run for run in self.model.runs if run.name in runs])
-        C, without = self.model.inverse_information(params), others.inverse_information(reduced.params)
-        J = others.gradient(reduced.params)
-        shift_of_others = C - without
-        covariance = shift_of_others @ (J.T @ J + others.psd_scores(params)) @ shift_of_others
+        C, C_reduced = self.model.inverse_information(params), submodel.inverse_information(reduced.params)
+        J = submodel.gradient(reduced.params)
+        shift_of_others = C - C_reduced
+        covariance = shift_of_others @ (J.T @ J + submodel.psd_scores(params)) @ shift_of_others
         covariance += C @ (left_out.information(params) + left_out.psd_scores(params)) @ C
         return np.asarray(np.sqrt(np.diag(covariance)))
 

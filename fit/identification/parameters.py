@@ -101,9 +101,9 @@ def joint(
     maps, measured_names = [], []
     for n, e in enumerate(experiments):
         cross_talk = [p for p in coupled if p.name in e.parameters]
-        own = [[float(p.parameter(runs[n]).name == name) for name in names] for p in (*free, *cross_talk)]
+        rows = [[float(p.parameter(runs[n]).name == name) for name in names] for p in (*free, *cross_talk)]
         of_experiment = [p.name for p in free], [p.name for p in cross_talk]
-        extended, extra = _with_departures(np.array(own), *of_experiment, departing, n, len(experiments))
+        extended, extra = _with_departures(np.array(rows), *of_experiment, departing, n, len(experiments))
         maps.append(extended)
         measured_names.append(extra)
     return JointParameters(

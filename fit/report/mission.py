@@ -26,8 +26,8 @@ DOUBTFUL = 1e-3  # p-value below which chance is no explanation
 def sections(results: Results, telemetries: Sequence[Telemetry]) -> list[Section]:
     """Return the sections that the results give matter for."""
     sound = _sound(results)
-    parts = (_gain, report_stiffness.model)
-    candidates = [*(part(sound, telemetries) for part in parts), _agreement(results)]
+    section_builders = (_gain, report_stiffness.model)
+    candidates = [*(part(sound, telemetries) for part in section_builders), _agreement(results)]
     return [section for section in candidates if section]
 
 

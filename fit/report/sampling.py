@@ -59,13 +59,13 @@ def sections(results: Results, directory: Path) -> list[Section]:
     InputError
         If one of them does not have the schema of its command.
     """
-    found, figures = [], directory / "figures"
+    reports, figures = [], directory / "figures"
     if (path := directory / "mcmc.json").exists():
         chain = documents.from_json(path, "what mcmc leaves", SCHEMA, _Chain)
-        found.append(_chain(chain, results, figures))
+        reports.append(_chain(chain, results, figures))
     if (path := directory / "montecarlo.json").exists():
-        found.append(_study(documents.from_json(path, "a study", coverage.SCHEMA, _Study), figures))
-    return found
+        reports.append(_study(documents.from_json(path, "a study", coverage.SCHEMA, _Study), figures))
+    return reports
 
 
 def _chain(chain: _Chain, results: Results, folder: Path) -> Section:

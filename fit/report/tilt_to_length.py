@@ -59,10 +59,10 @@ def _estimators(extra: Mapping[str, object]) -> Table:
 
 
 def _figure(variable: str, spectra: Mapping[str, object]) -> FigureSpec:
-    f, before, after = (np.asarray(spectra[name], dtype=np.float64) for name in _NAMES)
+    f, measured, residual = (np.asarray(spectra[name], dtype=np.float64) for name in _NAMES)
     return FigureSpec(
         "ttl-subtraction",
         f"Amplitude spectral densities of {variable} before and after the subtraction of its coupling",
         f"{variable} as measured, and after subtraction of the coupling by the estimated coefficients.",
-        lambda: figures.subtraction(variable, f, before, after),
+        lambda: figures.subtraction(variable, f, measured, residual),
     )

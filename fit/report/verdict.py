@@ -90,9 +90,9 @@ def _sentence(message: str) -> str:
 
 def _with_code(text: str) -> Markup:
     """Return a text with symbols, whose words between backquotes are code."""
-    parts = text.split("`")
+    fragments = text.split("`")
     return Markup().join(
-        Markup("<code>{}</code>").format(part) if i % 2 else prose(part) for i, part in enumerate(parts)
+        Markup("<code>{}</code>").format(part) if i % 2 else prose(part) for i, part in enumerate(fragments)
     )
 
 
@@ -166,8 +166,8 @@ def _agreement(shown: Sequence[ParameterTable], has_truth: bool, kind: str) -> t
     outliers = [name for name, pull in pulls if abs(pull) > LIMIT]
     head = f"All {len(pulls)} {subject} lie within {LIMIT:g} σ of the {reference} values"
     if outliers:
-        where = f"further than {LIMIT:g} σ from the {reference} values"
-        head = f"{len(outliers)} of {len(pulls)} {subject} lie {where}: "
+        distance = f"further than {LIMIT:g} σ from the {reference} values"
+        head = f"{len(outliers)} of {len(pulls)} {subject} lie {distance}: "
     worst, largest = max(pulls, key=lambda item: abs(item[1]))
     measure = "pull" if has_truth else "difference / σ"
     names = Markup(", ").join(outliers)

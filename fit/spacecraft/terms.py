@@ -96,9 +96,9 @@ class CalibratedTerms:
     def __init__(self, spacecraft: Spacecraft, head: Telemetry, results: Results) -> None:
         joint = sound_joint(results)
         taps, factor = derivatives.low_pass(head.fs)
-        least = taps.size - 1 + 2 * derivatives.HALF * factor
-        if head.size <= least:
-            raise InputError(f"{head.path}: {head.size} samples, expected more than {least}")
+        min_samples = taps.size - 1 + 2 * derivatives.HALF * factor
+        if head.size <= min_samples:
+            raise InputError(f"{head.path}: {head.size} samples, expected more than {min_samples}")
         names = (*joint.parameters, *joint.undetermined)
         nominal = {p.name: p.value for p in spacecraft.parameters(head, names)}
         of_run = equation_terms(spacecraft, head, run_values(head, {**nominal, **joint.values}))

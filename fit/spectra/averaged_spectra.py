@@ -125,8 +125,8 @@ class Estimator:
 
     def _degrees_of_freedom(self, count: NDArray[np.intp]) -> Array:
         """Return those of the mean of `count` neighbouring ordinates, which the window makes one noise."""
-        apart = np.arange(1, self._correlation.size)
-        pairs = np.maximum(count[:, None] - apart, 0) @ self._correlation[1:]
+        lags = np.arange(1, self._correlation.size)
+        pairs = np.maximum(count[:, None] - lags, 0) @ self._correlation[1:]
         return np.asarray(2 * count**2 / (count + 2 * pairs), dtype=np.float64)
 
 
@@ -138,13 +138,13 @@ def _starts(f: Array, power: Array) -> NDArray[np.intp]:
     # noise has exponentially distributed ordinates, whose median knows nothing of a few large ones
     limits = np.maximum.reduceat(power, starts) * math.log(2) / np.log(n / P_SPLIT)
     small = np.add.reduceat(power < np.repeat(limits, n), starts, dtype=np.intp)
-    more: list[int] = []
+    peak_bins: list[int] = []
     for i in np.flatnonzero((n > 4 * PEAK_REACH) & (2 * small >= n)):
         ordinates = power[starts[i] : ends[i]]
         if np.median(ordinates) < limits[i]:
             peak = starts[i] + int(np.argmax(ordinates))
-            more += range(max(starts[i], peak - PEAK_REACH), min(ends[i], peak + PEAK_REACH + 2))
-    return np.union1d(starts, np.array([s for s in more if s < f.size], dtype=starts.dtype))
+            peak_bins += range(max(starts[i], peak - PEAK_REACH), min(ends[i], peak + PEAK_REACH + 2))
+    return np.union1d(starts, np.array([s for s in peak_bins if s < f.size], dtype=starts.dtype))
 
 
 @dataclass(frozen=True)
@@ -208,9 +208,9 @@ def asd(x: ArrayLike, fs: float) -> Asd:
         raise InputError("asd: x: expected one series of finite real numbers, NaN where samples are missing")
     if not (math.isfinite(rate) and rate > 0):
         raise InputError(f"asd: fs: {shown(fs)}, expected a positive sample rate in Hz")
-    least = math.ceil(PERIODS / SHARE * 2 * (1 + 2 / PERIODS))
-    if np.count_nonzero(np.isfinite(series)) < least:
-        raise InputError(f"asd: x: fewer than {least} samples")
+    min_samples = math.ceil(PERIODS / SHARE * 2 * (1 + 2 / PERIODS))
+    if np.count_nonzero(np.isfinite(series)) < min_samples:
+        raise InputError(f"asd: x: fewer than {min_samples} samples")
     spectrum = log_psd([series], rate)
     if not spectrum.f.size:
         raise InputError("asd: x: no stretch without missing samples is long enough")
@@ -239,18 +239,18 @@ def log_psds(quantities: Sequence[Sequence[Array]], fs: float) -> list[LogSpectr
     lowest, highest = PERIODS * fs / (SHARE * longest), fs / 2 / (1 + 2 / PERIODS)
     steps = np.arange(max(0.0, np.floor(PER_DECADE * np.log10(highest / lowest)) + 1))
 
-    def at(f: float) -> list[tuple[float, float, float]]:
+    def psd(f: float) -> list[tuple[float, float, float]]:
         L = min(round(PERIODS * fs / f), longest)
         kernel, overlap = _kernel(f / fs, L)
-        found = []
+        rows = []
         for series in quantities:
             power = np.concatenate([_power(x, kernel, L) for x in series])
             power = power[np.isfinite(power)]
             n = power.size
-            found.append((f, power.mean() * 2 / fs, n / (1 + 2 * overlap * (1 - 1 / n))) if n else _NOTHING)
-        return found
+            rows.append((f, power.mean() * 2 / fs, n / (1 + 2 * overlap * (1 - 1 / n))) if n else _NOTHING)
+        return rows
 
-    every = np.array(parallel_map(at, lowest * 10 ** (steps / PER_DECADE))).reshape(-1, len(quantities), 3)
+    every = np.array(parallel_map(psd, lowest * 10 ** (steps / PER_DECADE))).reshape(-1, len(quantities), 3)
     return [_with_bounds(*points[points[:, 2] > 0].T) for points in every.swapaxes(0, 1)]
 
 

@@ -186,8 +186,8 @@ def preprocess(
         True where samples are missing; one False for all if none is.
     """
     chunks = []
-    for at in _chunks(x, taps, factor):
-        chunk = x[at]
+    for span in _chunks(x, taps, factor):
+        chunk = x[span]
         if np.isnan(chunk).any():
             return _preprocess_gaps(x[:], fs, taps, factor)
         chunks.append(decimate(chunk, taps, factor))

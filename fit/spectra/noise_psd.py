@@ -147,8 +147,8 @@ def _basis(knot_bytes: bytes, f_bytes: bytes) -> Basis:
     spline = scipy.interpolate.CubicSpline(knots, np.eye(knots.size), bc_type="natural")
     coefficients = np.zeros((4, knots.size + 1, knots.size))
     coefficients[:, 1:-1] = spline.c[::-1]
-    for end, at in ((0, knots[0]), (-1, knots[-1])):
-        coefficients[:2, end] = spline(at), spline(at, 1)
+    for end, knot in ((0, knots[0]), (-1, knots[-1])):
+        coefficients[:2, end] = spline(knot), spline(knot, 1)
     cubic = np.searchsorted(knots, u, side="right")
     starts = np.flatnonzero(np.diff(cubic, prepend=-1))
     counts, t = np.diff(starts, append=u.size), u - knots[np.maximum(cubic - 1, 0)]

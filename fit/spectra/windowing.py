@@ -130,9 +130,9 @@ def _constant_and_ramp(w: Array, fs: float, bins: slice) -> Spectrum:
 
 
 @lru_cache(maxsize=8)
-def _unmasked_constant_and_ramp(n: int, fs: float, first: int, end: int) -> Spectrum:
-    """Return the same for a run without masks, at the bins from `first` on."""
-    return _constant_and_ramp(_tukey(n, TAPER), fs, slice(first, end))
+def _unmasked_constant_and_ramp(n: int, fs: float, start: int, end: int) -> Spectrum:
+    """Return the same for a run without masks, at the bins from `start` on."""
+    return _constant_and_ramp(_tukey(n, TAPER), fs, slice(start, end))
 
 
 def windowed_spectra(
@@ -168,17 +168,17 @@ def resample_window(w: Array, fs: float, rate: float) -> tuple[Array, float]:
     return np.interp(np.arange(m) * (w.size / m), np.arange(w.size), w), fs * m / w.size
 
 
-def inverse_transform(columns: Spectrum, first: int, n: int) -> Array:
-    """Return the inverse transforms, shape (n, P), of columns that begin at the bin `first`."""
+def inverse_transform(columns: Spectrum, start: int, n: int) -> Array:
+    """Return the inverse transforms, shape (n, P), of columns that begin at the bin `start`."""
     series = np.empty((n, columns.shape[1]), order="F")
     for some in pieces(columns.shape[1], length=2):
         padded = np.zeros((columns[:, some].shape[1], n // 2 + 1), dtype=np.complex128)
-        padded[:, first : first + len(columns)] = columns[:, some].T
+        padded[:, start : start + len(columns)] = columns[:, some].T
         series[:, some] = scipy.fft.irfft(padded, n).T
     return series
 
 
-def product_series(columns: Spectrum, first: int, window: Array) -> tuple[Array, Array]:
+def product_series(columns: Spectrum, start: int, window: Array) -> tuple[Array, Array]:
     """Return series whose products, summed with weights, are those of windowed white noise over a run.
 
     Columns of the fitted band change slowly: their products need fewer instants than the run has, and of the
@@ -187,8 +187,8 @@ def product_series(columns: Spectrum, first: int, window: Array) -> tuple[Array,
     Parameters
     ----------
     columns : ndarray of complex, shape (B, P)
-        Whitened; they begin at the bin `first`.
-    first : int
+        Whitened; they begin at the bin `start`.
+    start : int
         See `Spectra`.
     window : ndarray, shape (n,)
         Of the run.
@@ -200,10 +200,10 @@ def product_series(columns: Spectrum, first: int, window: Array) -> tuple[Array,
     weights : ndarray, shape (m,)
         Of their products.
     """
-    n, stop = window.size, first + len(columns)
+    n, stop = window.size, start + len(columns)
     m = min(scipy.fft.next_fast_len(4 * stop - 2, real=True), n)  # up to twice the last bin
     weights = _unmasked_weights(n, m, TAPER) if window is _tukey(n, TAPER) else _product_weights(window, m)
-    return inverse_transform(columns, first, m), weights
+    return inverse_transform(columns, start, m), weights
 
 
 def _product_weights(window: Array, m: int) -> Array:
@@ -227,10 +227,10 @@ def _unmasked_weights(n: int, m: int, taper: float) -> Array:
 
 def _bins(n: int, fs: float, band: tuple[float, float] | None = None) -> slice:
     """Return the bins of the fitted band, or of part of it [Hz], in the transform of `n` samples."""
-    last = math.floor(min(F_MAX, fs / 10) * n / fs)
+    n_bins = math.floor(min(F_MAX, fs / 10) * n / fs)
     if band is None:
-        return slice(1, last + 1)
-    f = np.arange(1, last + 1) * fs / n
+        return slice(1, n_bins + 1)
+    f = np.arange(1, n_bins + 1) * fs / n
     return slice(1 + int(np.searchsorted(f, band[0])), 1 + int(np.searchsorted(f, band[1], side="right")))
 
 

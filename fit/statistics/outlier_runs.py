@@ -137,10 +137,10 @@ def _answers(bad: Flags, log_p: Array) -> tuple[list[Flags], bool]:
     if len(bad) == 1:  # of two runs
         return list(np.eye(bad.shape[1], dtype=bool)), True
     sizes = np.count_nonzero(bad, axis=1)
-    best = 1 + int(np.argmax(log_p[1:]))
-    probable = log_p >= log_p[best] - PRIOR.margin * math.sqrt(sizes[best])
+    most_probable = 1 + int(np.argmax(log_p[1:]))
+    probable = log_p >= log_p[most_probable] - PRIOR.margin * math.sqrt(sizes[most_probable])
     answers: list[Flags] = []
-    candidates = np.flatnonzero(probable & (sizes > 0) & (sizes <= sizes[best])).tolist()
+    candidates = np.flatnonzero(probable & (sizes > 0) & (sizes <= sizes[most_probable])).tolist()
     for i in sorted(candidates, key=lambda i: (sizes[i], -log_p[i])):
         if not any(np.all(bad[i] >= answer) for answer in answers):
             answers.append(bad[i])

@@ -126,7 +126,7 @@ def trusted_rows(block: whitened_run.WhitenedRun, W: Array, H: Array) -> Array:
     """
     root = W @ H
     if tuple(block.names) == block.equation.parameters[: len(block.names)]:
-        doubtful = np.hstack([_doubtful_directions(*part, root, H) for part in _parts(block)])
+        doubtful = np.hstack([_doubtful_directions(*part, root, H) for part in _system_parts(block)])
     else:  # a simulated loop, linear in the parameters of the run: those of read-outs come last
         doubtful = root[:, len(block.names) :]
     basis = column_space(of_unit_length(doubtful))
@@ -136,7 +136,7 @@ def trusted_rows(block: whitened_run.WhitenedRun, W: Array, H: Array) -> Array:
     return np.asarray(u[:, s > 0.5].T @ W)
 
 
-def _parts(block: whitened_run.WhitenedRun) -> list[tuple[whitened_run.WhitenedRun, NDArray[np.intp]]]:
+def _system_parts(block: whitened_run.WhitenedRun) -> list[tuple[whitened_run.WhitenedRun, NDArray[np.intp]]]:
     """Return the equations of a run, and the places of their coefficients among those of the run."""
     return [(part, places[1:] - 1) for part, places in zip(block.blocks, block.places, strict=True)]
 
@@ -179,7 +179,7 @@ def noise_level(block: whitened_run.WhitenedRun) -> float:
 def _knots(block: whitened_run.WhitenedRun, W: Array) -> tuple[Array, Array]:
     """Return the derivatives of the covariance of whitened scores by the knots, and that of the knots."""
     effects, covariances = [np.zeros((0, len(W), len(W)))], []
-    for part, places in _parts(block):
+    for part, places in _system_parts(block):
         if part.noise is None or part.f is None:
             continue
         basis = part.noise.basis(part.f)

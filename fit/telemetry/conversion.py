@@ -174,10 +174,10 @@ class _Run:
             raise InputError(f"{self._path}: channels: no column, expected one of each read-out")
         users: dict[tuple[int, str], str] = {}
         for channel, (table, name) in columns.items():
-            other = users.setdefault((id(table), name), channel)
-            if other != channel:
+            owner = users.setdefault((id(table), name), channel)
+            if owner != channel:
                 place = table.place(name, channel)
-                raise InputError(f"{place}: also that of channel {other}, expected a column for each")
+                raise InputError(f"{place}: also that of channel {owner}, expected a column for each")
         return columns
 
     def _read(self, name: str, table: Table, column: str) -> Array:
@@ -211,9 +211,9 @@ class _Run:
             return None
         having = {id(t): (t, t.column(clock.column)) for t, _ in columns.values() if t.has(clock.column)}
         is_elsewhere = clock.file or clock.table is not None or not having
-        found = [self._find(TIME, clock)] if is_elsewhere else list(having.values())
-        first, *others = [(table.place(name), self._read_stamps(clock, table, name)) for table, name in found]
-        for place, stamps in others:
+        times = [self._find(TIME, clock)] if is_elsewhere else list(having.values())
+        first, *copies = [(table.place(name), self._read_stamps(clock, table, name)) for table, name in times]
+        for place, stamps in copies:
             time_axis.check_agreement(place, stamps, *first)
         return first
 

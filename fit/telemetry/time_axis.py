@@ -147,16 +147,16 @@ def check_agreement(place: str, stamps: Stamps, other_place: str, reference: Sta
     digit = min(max(stamps.resolution, reference.resolution, JITTER * step), 0.5 * step)
     n, mean = int(np.argmax(np.abs(late) > digit)), float(late.mean())  # in the mean, rounding averages out
     if abs(late[n]) > digit or abs(mean) > max(AGREEMENT, JITTER * step):
-        off, which = (float(late[n]), f"sample {n}") if abs(late[n]) > digit else (mean, "on average")
-        raise InputError(f"{place}: {which} {abs(off):.3g} s {_order(off)} {other_place}, {expected}")
+        off, position = (float(late[n]), f"sample {n}") if abs(late[n]) > digit else (mean, "on average")
+        raise InputError(f"{place}: {position} {abs(off):.3g} s {_order(off)} {other_place}, {expected}")
 
 
-def check_start(place: str, stated: str, first: str, fs: float) -> None:
+def check_start(place: str, stated: str, time_stamp: str, fs: float) -> None:
     """Refuse a stated start that is more than a sample off the first time stamp; `place` is that of t0."""
-    off = (utc(stated) - utc(first)).total_seconds()
+    off = (utc(stated) - utc(time_stamp)).total_seconds()
     if abs(off) > 1 / fs:
         raise InputError(
-            f"{place}: {stated!r} is {abs(off):.10g} s {_order(off)} the first time stamp, {first!r}, "
+            f"{place}: {stated!r} is {abs(off):.10g} s {_order(off)} the first time stamp, {time_stamp!r}, "
             "expected the same, or none: it follows from the time stamps"
         )
 

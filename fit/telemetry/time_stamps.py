@@ -77,7 +77,7 @@ def read_stamps(
     digit = resolution(values)
     with _astropy():
         if format_ and format_ not in SECONDS:
-            seconds, first = _elapsed(place, values, format_, scale)
+            seconds, start_time = _elapsed(place, values, format_, scale)
             digit *= _DAY
         else:
             seconds, digit, start = (values - values[0]) * factor, digit * factor, float(values[0] * factor)
@@ -85,8 +85,8 @@ def read_stamps(
                 epoch = _POSIX_EPOCH  # astropy stretches its days over leap seconds
             if format_ is None and not epoch:
                 return Stamps(seconds, digit, start=start)
-            first = _after_epoch(place, epoch, start) if epoch else _time(start, format_)
-        return Stamps(seconds, digit, _spelt(place, first, digit, format_))
+            start_time = _after_epoch(place, epoch, start) if epoch else _time(start, format_)
+        return Stamps(seconds, digit, _spelt(place, start_time, digit, format_))
 
 
 def _read_texts(place: str, cells: Sequence[str], scale: Scale | None) -> Stamps:
@@ -103,8 +103,8 @@ def _read_texts(place: str, cells: Sequence[str], scale: Scale | None) -> Stamps
     mark, separator, format_ = (":", ":", "yday") if is_day_of_year else ("-", "T", "isot")
     spelt = [f"{re.sub('[-/:]', mark, m['day'])}{separator}{m['clock'].replace(',', '.')}" for m in stamps]
     with _astropy():
-        seconds, first = _elapsed(place, spelt, format_, scale)
-        return Stamps(seconds, digit, _spelt(place, first, digit, format_))
+        seconds, start_time = _elapsed(place, spelt, format_, scale)
+        return Stamps(seconds, digit, _spelt(place, start_time, digit, format_))
 
 
 def _elapsed(place: str, values: object, format_: str, scale: Scale | None) -> tuple[Array, "Time"]:
@@ -152,10 +152,10 @@ def _spelt(place: str, time: "Time", digit: float, format_: str | None) -> str:
     whole, _, fraction = str(start.value).partition(".")
     if whole.endswith(":60"):
         raise InputError(f"{place}: begins within a leap second, at {whole}, expected a run that does not")
-    first, last = _YEARS
-    if not first <= int(whole[:-15]) < last:
+    begin, end = _YEARS
+    if not begin <= int(whole[:-15]) < end:
         raise InputError(
-            f"{place}: begins at {whole}, expected times of format {format_ or 'iso'!r}, {first} to {last}"
+            f"{place}: begins at {whole}, expected times of format {format_ or 'iso'!r}, {begin} to {end}"
         )
     fraction = fraction.rstrip("0")
     return f"{whole}.{fraction}Z" if fraction else f"{whole}Z"

@@ -115,9 +115,9 @@ def channel_units(file: h5py.File, path: Path, size: int) -> dict[str, str]:
         dataset = file[name]
         return isinstance(dataset, h5py.Dataset) and (name in CHANNELS or _is_channel(dataset))
 
-    others = [name for name in file if isinstance(name, str) and name not in {"time", *needed}]  # or bytes
+    extras = [name for name in file if isinstance(name, str) and name not in {"time", *needed}]  # or bytes
     units: dict[str, str] = {}
-    for name in (*needed, *filter(is_channel, others)):
+    for name in (*needed, *filter(is_channel, extras)):
         expected = CHANNELS[name].unit or None if name in CHANNELS else None
         dataset = checked_dataset(file, path, name, expected, size)
         units[name] = str(readable_attributes(dataset.attrs).get("units", ""))

@@ -45,20 +45,20 @@ def channel_findings(spectra: ResponseSpectra) -> list[Finding]:
     pairs = [(i, j) for i, j in pairs if present[i] and present[j]]
     findings = []
     for i, j in pairs:
-        others = [z[k, m] for k, m in pairs if k != i and SERIES[k][:3] == SERIES[i][:3]]
+        peers = [z[k, m] for k, m in pairs if k != i and SERIES[k][:3] == SERIES[i][:3]]
         strangers = np.abs(z[[i, j]])
         strangers[:, [i, j]] = 0.0
         a, b = np.unravel_index(np.argmax(strangers), strangers.shape)
-        here, other = SERIES[(i, j)[a]], SERIES[b]
+        signal, twin = SERIES[(i, j)[a]], SERIES[b]
         value = f"{correlation[i, j]:.2f} +- {sigma:.2f}"
         if z[i, j] < -LIMIT:
             cause = f"negatively ({value}), though one spacecraft moves both; the sign of one is wrong"
             if SERIES[i].startswith("eta"):
                 cause += ", unless theta of the spacecraft moves more than 1.7 times as much as eta"
         elif z[i, j] < ABSENT and strangers.max() > LIMIT:
-            more = f"{here} and {other} ({sigma * strangers[a, b]:.2f})"
-            cause = f"less ({value}) than {more}; channels are exchanged"
-        elif z[i, j] < ABSENT and len(others) > 1 and min(others) > CERTAIN:
+            signals = f"{signal} and {twin} ({sigma * strangers[a, b]:.2f})"
+            cause = f"less ({value}) than {signals}; channels are exchanged"
+        elif z[i, j] < ABSENT and len(peers) > 1 and min(peers) > CERTAIN:
             cause = f"less ({value}) than those of other spacecraft; one of them is another signal"
         else:
             continue
@@ -90,9 +90,9 @@ def light_time_findings(
     by_series = ((longer - shorter) / (2 * STEP) * c).reshape(*spectra.data.shape, -1, N_PATHS).sum(axis=-1)
     column = np.einsum("vbs,sb->vb", by_series, spectra.angles)[..., None]
     noise = dws_asd**2 * noise_product(spectra, weights)
-    own = [slice(N_PATHS * i, N_PATHS * (i + 1)) for i in range(len(SERIES))]
+    paths = [slice(N_PATHS * i, N_PATHS * (i + 1)) for i in range(len(SERIES))]
     added = dws_asd**2 * sum(
-        product(by_series[..., [i]], weights, spectra.transfer[..., own[i]] @ c[own[i], None])
+        product(by_series[..., [i]], weights, spectra.transfer[..., paths[i]] @ c[paths[i], None])
         for i in range(len(SERIES))
     )
     residual = spectra.residual(c)[..., None]

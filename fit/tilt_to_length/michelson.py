@@ -61,13 +61,13 @@ def link_terms(variable: str, delays: Mapping[str, float]) -> dict[str, Terms]:
     """
     out_1, back_1, out_2, back_2 = LINKS[variable]
     a, b = delays[out_1] + delays[back_1], delays[out_2] + delays[back_2]
-    first = ((-1, 0.0), (1, b), (1, a + b), (-1, a + 2 * b))
+    round_trip = ((-1, 0.0), (1, b), (1, a + b), (-1, a + 2 * b))
     second = ((1, 0.0), (-1, a), (-1, a + b), (1, 2 * a + b))
-    extra = {out_1: (first, 0.0), back_1: (first, delays[out_1])}
+    extra = {out_1: (round_trip, 0.0), back_1: (round_trip, delays[out_1])}
     extra |= {out_2: (second, 0.0), back_2: (second, delays[out_2])}
     return {
-        link: tuple(Delay(sign, seconds + more) for sign, seconds in terms)
-        for link, (terms, more) in extra.items()
+        link: tuple(Delay(sign, seconds + delay) for sign, seconds in terms)
+        for link, (terms, delay) in extra.items()
     }
 
 

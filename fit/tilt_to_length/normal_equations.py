@@ -105,10 +105,10 @@ def least_squares(spectra: ResponseSpectra, weights: Array, dws_asd: float) -> L
     noise = dws_asd**2 * noise_product(spectra, weights)
     motion, turn = np.linalg.eigh(np.eye(root.size) - basis.T @ noise @ basis)
     basis = basis @ turn  # basis.T @ normal @ basis = 1, of which `motion` is that of the motion
-    moved = motion > LEAST_EXCESS * dws_asd**2 * _noise_scatter(spectra, weights, basis)
-    c = basis[:, moved] @ (score @ basis[:, moved] / motion[moved])
-    uncorrected = basis[:, moved] @ (score @ basis[:, moved])
-    rows = motion[moved, None] * (normal @ basis[:, moved]).T
+    is_excited = motion > LEAST_EXCESS * dws_asd**2 * _noise_scatter(spectra, weights, basis)
+    c = basis[:, is_excited] @ (score @ basis[:, is_excited] / motion[is_excited])
+    uncorrected = basis[:, is_excited] @ (score @ basis[:, is_excited])
+    rows = motion[is_excited, None] * (normal @ basis[:, is_excited]).T
     return LinearEstimate(c, rows.T @ rows / spectra.variance_factor, uncorrected - c)
 
 

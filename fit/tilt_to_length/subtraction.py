@@ -28,7 +28,7 @@ def subtraction_spectra(measurements: Measurements, c: Array) -> dict[str, list[
             lengths += c[k] * michelson.delayed_sum(rate, fs, terms, lead, tail)
     coupling = -measurements.central_frequency / michelson.C * lengths
     valid = spans_without_gaps(complete, lead + tail + 1)
-    before, after = (asd(np.where(valid, x, np.nan), fs) for x in (measured, measured - coupling))
-    inside = (before.f > BAND[0] / 4) & (before.f < 2 * BAND[1])
-    columns = {"f": before.f, "before": before.asd, "after": after.asd}
+    raw, residual = (asd(np.where(valid, x, np.nan), fs) for x in (measured, measured - coupling))
+    inside = (raw.f > BAND[0] / 4) & (raw.f < 2 * BAND[1])
+    columns = {"f": raw.f, "before": raw.asd, "after": residual.asd}
     return {name: x[inside].tolist() for name, x in columns.items()}

@@ -112,14 +112,14 @@ class SystemRun(WhitenedRun):
 
 def system_run(parts: Sequence[WhitenedRun]) -> WhitenedRun:
     """Return the blocks of a run as one run, a single one as it is."""
-    first = parts[0]
+    single_run = parts[0]
     if len(parts) == 1:
-        return first
+        return single_run
     n_columns = 1 + sum(part.columns.shape[1] - 1 for part in parts)
     weights = [part.weights for part in parts]
     even = [np.ones(len(w.fit)) if w.level is None else w.level for w in weights]
     run = SystemRun(
-        first.tau,
+        single_run.tau,
         np.zeros((0, n_columns), np.complex128),
         Weights(
             np.concatenate([w.fit for w in weights]),
@@ -128,10 +128,10 @@ def system_run(parts: Sequence[WhitenedRun]) -> WhitenedRun:
             None if all(w.level is None for w in weights) else np.concatenate(even),
             likelihood=weights[0].likelihood,
         ),
-        first.window,
-        first.parameter_map,
-        names=first.equation.parameters,
-        equation=first.equation,
+        single_run.window,
+        single_run.parameter_map,
+        names=single_run.equation.parameters,
+        equation=single_run.equation,
         parts=tuple(parts),
     )
     columns = np.zeros((sum(len(part.columns) for part in parts), n_columns), np.complex128)

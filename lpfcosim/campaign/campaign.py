@@ -53,9 +53,9 @@ def _declared(raw: object, spacecraft: SpacecraftModel, table: str) -> dict[str,
     """Return the values of a table of `spacecraft`; say of a key which other spacecraft has it."""
     known = getattr(spacecraft, table)
     for key in _plain_table(raw):
-        others = [other.key for other in registered().values() if key in getattr(other, table)]
-        if key not in known and others:
-            raise problem(f'unknown key of this spacecraft; spacecraft = "{others[0]}" has it', key)
+        owners = [owner.key for owner in registered().values() if key in getattr(owner, table)]
+        if key not in known and owners:
+            raise problem(f'unknown key of this spacecraft; spacecraft = "{owners[0]}" has it', key)
     return declared_values(_plain_table(raw), known)
 
 

@@ -179,11 +179,11 @@ def _swept(tables: dict[str, Any]) -> dict[str, Any]:
         )
     if not isinstance(tables.get("experiments"), list) or not tables["experiments"]:
         raise InputError("experiments: missing, expected one to repeat in the sweep")
-    first = {
+    template = {
         **_table(tables.get("defaults", {}), "defaults"),
         **_table(tables["experiments"][0], "experiments[0]"),
     }
-    base = _table(tables.get("authority", {}), "authority").get(str(first.get("authority")), {})
+    base = _table(tables.get("authority", {}), "authority").get(str(template.get("authority")), {})
     varying = [key for key, values in lists.items() if len(set(map(str, values))) > 1]
     experiments, authority = [], {}
     for n, values in enumerate(zip(*lists.values(), strict=True)):
@@ -191,8 +191,8 @@ def _swept(tables: dict[str, Any]) -> dict[str, Any]:
         name = "_".join(f"{key}-{limits[key]}".replace(" ", "") for key in varying)
         name = name if 0 < len(name) <= 57 else f"sweep-{n + 1}"  # leaves room for the name of the noise run
         authority[name] = {**base, **limits}
-        own = first if n == 0 else {key: value for key, value in first.items() if key != "t0"}
-        experiments.append({**own, "name": name, "authority": name})
+        experiment = template if n == 0 else {key: value for key, value in template.items() if key != "t0"}
+        experiments.append({**experiment, "name": name, "authority": name})
     return {key: value for key, value in tables.items() if key != "sweep"} | {
         "experiments": experiments,
         "authority": authority,

@@ -24,7 +24,7 @@ def read_constraints(
     """
     table: dict[str, dict[str, object]] = {}
     arguments = {"--fix": fix, "--tie": tie, "--prior": prior, "--bound": bound}
-    for option, argument in ((option, each) for option, some in arguments.items() for each in some or ()):
+    for option, argument in ((option, value) for option, some in arguments.items() for value in some or ()):
         form, read = _FORMS[option]
         name, equals, text = (part.strip() for part in argument.partition("="))
         fixed: dict[str, object] = {"vary": False} if option == "--fix" else {}

@@ -69,9 +69,9 @@ def json_schema() -> dict[str, Any]:
     for shape in ("Sine", "HalfCosine"):  # its unit depends on the target
         shapes[shape]["properties"]["amplitude"]["type"] = "string"
         shapes[shape]["required"].append("shape")
-    for record, own in (("Authority", "name"), ("Replacement", "model")):  # the name of their table
-        del shapes[record]["properties"][own]
-        shapes[record]["required"].remove(own)
+    for record, key in (("Authority", "name"), ("Replacement", "model")):  # the name of their table
+        del shapes[record]["properties"][key]
+        shapes[record]["required"].remove(key)
     del shapes["Authority"]["properties"]["others"]
     names = {"type": "array", "items": {"type": "string"}}
     injections = shapes["Experiment"]["properties"]["injections"]

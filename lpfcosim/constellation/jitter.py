@@ -106,8 +106,8 @@ def spacecraft_motion(
         eta = _eta(channels["jitter_theta"], channels["jitter_eta"], side * half_opening)
         eta = eta - _eta(channels["jitter_theta"], channels["jitter_eta"], side * HALF_OPENING)
         # the test mass is at rest: as it moves in its housing, the assembly moves the other way
-        moved = {"phi": channels[f"mosa_{j}"], "eta": eta, "x": -channels[f"jitter_x_{j}"]}
-        series |= {f"mosa_{name}_{assembly}": x for name, x in moved.items()}
+        readings = {"phi": channels[f"mosa_{j}"], "eta": eta, "x": -channels[f"jitter_x_{j}"]}
+        series |= {f"mosa_{name}_{assembly}": x for name, x in readings.items()}
     return series
 
 

@@ -129,9 +129,9 @@ def check_equation(plan: Campaign, quantity: str, *equations: str) -> None:
     """
     spacecraft = model_of(plan.runs[0])
     if spacecraft.equation not in equations if equations else not spacecraft.equation:
-        others = "check and fit take them" if spacecraft.equation else "simulate writes their telemetry"
+        remedy = "check and fit take them" if spacecraft.equation else "simulate writes their telemetry"
         raise UnavailableError(
-            f'spacecraft = "{spacecraft.key}": {quantity} not available for runs {spacecraft.name}; {others}'
+            f'spacecraft = "{spacecraft.key}": {quantity} not available for runs {spacecraft.name}; {remedy}'
         )
 
 

@@ -121,12 +121,12 @@ def optimize_power(problem: DesignProblem, on_bound: Callable[[float, float], No
         if on_bound:
             on_bound(value, bound)
         strong = [x > MIN_POWER * x.max() for x in solution.powers]
-        best = [
+        largest_tones = [
             (one.frequency[k], np.sqrt(2 * x[k])[:, None] * np.abs(one.amplitudes[k]))
             for one, x, k in zip(tones, solution.powers, strong, strict=True)
         ]
-        tones = [one[k] + more for one, k, more in zip(tones, strong, added, strict=True)]
-    frequencies, amplitudes = zip(*best, strict=True)
+        tones = [one[k] + extra for one, k, extra in zip(tones, strong, added, strict=True)]
+    frequencies, amplitudes = zip(*largest_tones, strict=True)
     return Optimum(value, bound, sigma_bounds, frequencies, amplitudes)
 
 
@@ -223,10 +223,10 @@ class _CertificateGrid:
             np.repeat(self.frequency[::step], units.shape[1]), amplitudes.reshape(-1, units.shape[1])
         )
 
-    def valuable_tones(self, best: Complex, gain: Array) -> _Tones:
+    def valuable_tones(self, amplitudes: Complex, gain: Array) -> _Tones:
         """Return the best tones at those frequencies at which they add most information."""
         inner = (gain[1:-1] >= gain[:-2]) & (gain[1:-1] >= gain[2:]) & (gain[1:-1] > 1 + TOLERANCE)
-        return _Tones(self.frequency, best * self._units)[1 + np.flatnonzero(inner)]
+        return _Tones(self.frequency, amplitudes * self._units)[1 + np.flatnonzero(inner)]
 
     def max_information(self, dual: Array, multipliers: Array) -> tuple[float, Array, Complex]:
         """Return the largest information of any tones, and by frequency the best tone and its gain.
@@ -240,8 +240,8 @@ class _CertificateGrid:
         bounds = []
         for offset in PRICE_OFFSETS:
             mu = multipliers + offset * multipliers.max()
-            gain, best = self._dearest(dual, mu)
-            bounds.append((float(gain.max() * mu.sum()), gain, best))
+            gain, amplitudes = self._dearest(dual, mu)
+            bounds.append((float(gain.max() * mu.sum()), gain, amplitudes))
         return min(bounds, key=lambda one: one[0])
 
     def _dearest(self, dual: Array, multipliers: Array) -> tuple[Array, Complex]:
@@ -251,9 +251,9 @@ class _CertificateGrid:
         A = np.einsum("nyi,y,nyj->nij", cost.conj(), multipliers, cost, optimize=True)
         root = np.linalg.inv(np.linalg.cholesky(A))
         values, vectors = np.linalg.eigh(root @ K @ root.conj().transpose(0, 2, 1))
-        best = (root.conj().transpose(0, 2, 1) @ vectors[:, :, -1:])[..., 0]
-        best /= np.linalg.norm(best, axis=1, keepdims=True)
-        return values[:, -1] * 2 * self.experiment.model.duration, best
+        amplitudes = (root.conj().transpose(0, 2, 1) @ vectors[:, :, -1:])[..., 0]
+        amplitudes /= np.linalg.norm(amplitudes, axis=1, keepdims=True)
+        return values[:, -1] * 2 * self.experiment.model.duration, amplitudes
 
 
 def _certify(
@@ -269,9 +269,9 @@ def _certify(
         """Return the largest ``<Z, I>`` of any design."""
         total, added = float(np.sum(Z * problem.base_information)), []
         for grid, mu in zip(fine, solution.multipliers, strict=True):
-            tones, gain, best = grid.max_information(Z, mu)
+            tones, gain, amplitudes = grid.max_information(Z, mu)
             total += tones
-            added.append(grid.valuable_tones(best, gain))
+            added.append(grid.valuable_tones(amplitudes, gain))
         return total, added
 
     total, added = max_trace(solution.duals.sum(axis=0))

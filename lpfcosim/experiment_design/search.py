@@ -65,8 +65,8 @@ class Design:
     @property
     def value(self) -> float:
         """The objective by the forecast of the new campaign."""
-        before, after = self.problem.sigmas_before, self.sigmas_after
-        ratios = [after.get(name, np.inf) / before[name] for name in self.problem.parameters]
+        initial, final = self.problem.sigmas_before, self.sigmas_after
+        ratios = [final.get(name, np.inf) / initial[name] for name in self.problem.parameters]
         return float(np.exp(self.problem.objective.weights @ np.log(ratios)))
 
     @property
@@ -166,7 +166,7 @@ def _initial_tones(
 
 
 def _candidates(
-    problem: DesignProblem, experiment: DesignedExperiment, window: ToneWindow, best: Array
+    problem: DesignProblem, experiment: DesignedExperiment, window: ToneWindow, peaks: Array
 ) -> Array:
     """Return frequencies of tones [Hz], multiples of the inverse of a window, apart and allowed."""
     spec = problem.plan.design
@@ -176,12 +176,12 @@ def _candidates(
         candidates = np.arange(step, int(HIGHEST * window.length) + 1, step)
     else:
         spread = experiment.frequencies(SPREAD, spec.forbidden)
-        candidates = np.round(np.concatenate([best, spread]) * window.length).astype(int)
+        candidates = np.round(np.concatenate([peaks, spread]) * window.length).astype(int)
     candidates = candidates[experiment.allowed(candidates / window.length, spec.forbidden)]
-    apart = int(np.ceil(spec.spacing * window.length))
+    spacing = int(np.ceil(spec.spacing * window.length))
     numbers: list[int] = []
     for k in candidates.tolist():
-        if all(abs(k - neighbour) >= apart for neighbour in numbers):
+        if all(abs(k - neighbour) >= spacing for neighbour in numbers):
             numbers.append(k)
     return np.array(numbers) / window.length
 

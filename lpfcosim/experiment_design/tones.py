@@ -80,8 +80,8 @@ def describe_tones(multisine: Multisine, information: Array, problem: DesignProb
     for k in _significant(multisine):
         rest = multisine.amplitudes.copy()
         rest[k] = 0
-        without = information - whole + multisine.information(rest)[0]
-        ratio = np.sqrt(np.diag(np.linalg.inv(without)) / variances)
+        remainder = information - whole + multisine.information(rest)[0]
+        ratio = np.sqrt(np.diag(np.linalg.inv(remainder)) / variances)
         order = sorted(problem.objective.indices, key=lambda i: -ratio[i])[:3]
         growth = {problem.names[i]: float(ratio[i]) for i in order if ratio[i] > MIN_GROWTH}
         tones.append(Tone(_injection(multisine, k), growth))

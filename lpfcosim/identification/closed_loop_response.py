@@ -128,8 +128,8 @@ class ClosedLoopResponse:
         try:
             return part.simulate(n, feeds, settings(self.targets, theta, self._gains))
         except (RunError, InputError) as error:
-            trial = ", ".join(f"{name} = {value:.6g}" for name, value in theta.items())
-            raise fit.errors.FitError(f"{error}; simulated with {trial}") from None
+            values = ", ".join(f"{name} = {value:.6g}" for name, value in theta.items())
+            raise fit.errors.FitError(f"{error}; simulated with {values}") from None
 
 
 def run_of(plan: Campaign, telemetry: Telemetry) -> Run:

@@ -53,18 +53,18 @@ def margins(run: Run) -> list[Margin]:
 def _margin(name: str, i: int, one_cut: Callable[[ArrayLike], Complex], grid: Array, L: Complex) -> Margin:
     """Find where gain i, on the grid of log frequency ``L``, is one and where its phase is -180 deg."""
 
-    def at(log_frequency: float) -> complex:
+    def gain_at(log_frequency: float) -> complex:
         return complex(one_cut([log_frequency])[0, i])
 
-    above = np.abs(L) > 1
-    falls = np.flatnonzero(above[:-1] & ~above[1:])
+    exceeds_unity = np.abs(L) > 1
+    falls = np.flatnonzero(exceeds_unity[:-1] & ~exceeds_unity[1:])
     if not len(falls):
         return Margin(name, math.nan, math.inf, math.inf)
     root = scipy.optimize.brentq
     k = int(falls[-1])
-    unity = float(root(lambda u: math.log(abs(at(u))), grid[k], grid[k + 1]))
+    unity = float(root(lambda u: math.log(abs(gain_at(u))), grid[k], grid[k + 1]))
     turns = np.flatnonzero((np.diff(np.sign(L.imag)) != 0) & (L.real[:-1] < 0))
-    crossings = [root(lambda u: at(u).imag, grid[j], grid[j + 1]) for j in turns if j >= k]
-    rise = [-20 * math.log10(abs(at(u))) for u in crossings if u > unity]
-    phase = math.degrees(cmath.phase(-at(unity)))
+    crossings = [root(lambda u: gain_at(u).imag, grid[j], grid[j + 1]) for j in turns if j >= k]
+    rise = [-20 * math.log10(abs(gain_at(u))) for u in crossings if u > unity]
+    phase = math.degrees(cmath.phase(-gain_at(unity)))
     return Margin(name, math.exp(unity), phase, min(rise, default=math.inf))

@@ -102,17 +102,17 @@ def _blocks(
     for begin in range(0, n, BLOCK):
         end = min(begin + BLOCK, n)
         start, stop = begin * stride - half, end * stride + half
-        first, last = max(start, 0), min(stop, n * stride)
-        padding = first - start, stop - last
-        signals = commanded(run.injections, run.fs, first, last)
+        lower, upper = max(start, 0), min(stop, n * stride)
+        padding = lower - start, stop - upper
+        signals = commanded(run.injections, run.fs, lower, upper)
         if noise:
-            held = next(iter(drawn.values())).size if drawn else 0
-            new = noise.take(last - first - held)
+            n_drawn = next(iter(drawn.values())).size if drawn else 0
+            new = noise.take(upper - lower - n_drawn)
             if run.dc:
                 new["g_2"] -= run.dc  # the equilibrium holds it
             drawn = {name: np.concatenate([drawn.get(name, x[:0]), x]) for name, x in new.items()}
             signals |= drawn
-            drawn = {name: x[max(end * stride - half, 0) - first :] for name, x in drawn.items()}
+            drawn = {name: x[max(end * stride - half, 0) - lower :] for name, x in drawn.items()}
         signals = {name: x for name, x in signals.items() if x.any()}
         if half:
             signals = {
@@ -215,7 +215,7 @@ def noise_streams(run: Run, system: StateSpace, frequency: Array) -> tuple[Array
 
 def expected_rms(run: Run) -> dict[str, float]:
     """Return the rms over a run of the commands that injections and dc call for, by channel, SI."""
-    quiet = run.without_noise(*ELECTRODES)
-    loop = ClosedLoop(quiet)
-    response, level = linear_response(quiet, channels=list(loop.commands)), loop.equilibrium()
+    undriven = run.without_noise(*ELECTRODES)
+    loop = ClosedLoop(undriven)
+    response, level = linear_response(undriven, channels=list(loop.commands)), loop.equilibrium()
     return {name: float(np.sqrt(np.mean((response[name] + level[name]) ** 2))) for name in loop.commands}

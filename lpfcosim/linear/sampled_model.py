@@ -219,8 +219,8 @@ class SampledModel:
         delayed = derived("delay_values", rows | {"z": rows["q"]}, u=u, z=z)
         rows["d"] = self._delayed_rows(delayed, rows, self._age)
         undisturbed = [0.0] * len(disturbance)
-        before = rows | {"z": np.zeros((len(z), width)), "e": disturbance}
-        values = derived("event_values", before, x=x, q=q, u=u, d=d, z=z, e=undisturbed)
+        tangents = rows | {"z": np.zeros((len(z), width)), "e": disturbance}
+        values = derived("event_values", tangents, x=x, q=q, u=u, d=d, z=z, e=undisturbed)
         # each sampled variable follows from those before it as well
         coupling = numerics.jacobian(lambda z: functions.event_values(x, q, u, d, z, undisturbed), z)
         rows["z"] = scipy.linalg.solve_triangular(np.eye(len(z)) - coupling, values, lower=True)

@@ -85,10 +85,10 @@ def demands(run: Run, commands: Collection[str] | None = None) -> list[Demand]:
     bound = dict(zip(limits, _TRANSIENT * driven * np.ones(len(limits)), strict=True))
     if all(abs(start[x]) + bound[x] + _SIGMAS * rms[x] < limit for x, limit in limits.items()):
         return []
-    moved = response.linear_response(run, channels=list(limits))
+    responses = response.linear_response(run, channels=list(limits))
     exceeded = []
     for name, limit in limits.items():
-        size = np.abs(moved[name] + start[name])
+        size = np.abs(responses[name] + start[name])
         share = _share_beyond(size, limit, rms[name])
         if share * run.n_samples >= 1:
             peak, is_read_out = int(np.argmax(size)), name in spacecraft.read_outs

@@ -131,13 +131,13 @@ class UniformInterpolator:
 
     def __call__(self, x: Array) -> Complex:
         """Return the values at `x`, ascending, shape (S, N)."""
-        at = np.clip(((x - self._first) / self._step).astype(np.intp), 0, self._slopes.shape[1] - 1)
-        beyond = (x - (self._first + self._step * at)).astype(np.complex128)  # once, not for every product
-        found = np.empty((len(self._values), x.size), dtype=np.complex128)
-        for of, values, slopes in zip(found, self._values, self._slopes, strict=True):
-            np.multiply(slopes.take(at), beyond, out=of)
-            of += values.take(at)
-        return found
+        cell = np.clip(((x - self._first) / self._step).astype(np.intp), 0, self._slopes.shape[1] - 1)
+        offset = (x - (self._first + self._step * cell)).astype(np.complex128)  # once, not for every product
+        sums = np.empty((len(self._values), x.size), dtype=np.complex128)
+        for row, values, slopes in zip(sums, self._values, self._slopes, strict=True):
+            np.multiply(slopes.take(cell), offset, out=row)
+            row += values.take(cell)
+        return sums
 
 
 @dataclass(frozen=True)
@@ -166,10 +166,10 @@ def _lower(C: int, independent: int) -> list[tuple[int, int]]:
 
 def _noise_of(run: Run) -> Run:
     """Return what the noise of a run depends on."""
-    alone = replace(run, name="", experiment="", kind="noise", t0="", seed=0, events=None)
+    noise_run = replace(run, name="", experiment="", kind="noise", t0="", seed=0, events=None)
     if any(map(run.level, ELECTRODES)):
-        return alone  # it is as loud as the commands
-    return replace(alone, injections=(), n_samples=1)
+        return noise_run  # it is as loud as the commands
+    return replace(noise_run, injections=(), n_samples=1)
 
 
 def _bins(n: int) -> tuple[int, Array, Complex]:
@@ -202,8 +202,8 @@ def _factor(run: Run, channels: Sequence[str], decade: int) -> SpectralFactor:
     # What depends on the channels before it, as a command on its error, adds no direction but that of
     # rounding, another one at every frequency. What came after it could not be interpolated.
     L = cholesky_factor(G)
-    own, whole = np.abs(np.diagonal(L, axis1=1, axis2=2)), np.linalg.norm(G, axis=2)
-    depends = np.all(own <= RANK_TOLERANCE * whole, axis=0)
+    pivots, whole = np.abs(np.diagonal(L, axis1=1, axis2=2)), np.linalg.norm(G, axis=2)
+    depends = np.all(pivots <= RANK_TOLERANCE * whole, axis=0)
     order = tuple(int(i) for i in np.argsort(depends, kind="stable"))
     if order != tuple(sorted(order)):
         L = cholesky_factor(G[:, order])  # of one kind at all frequencies

@@ -26,8 +26,8 @@ def check(*runs: Run) -> None:
     # what a loop is has nothing to do with when it runs, what drives it and with which noise
     checked: set[str] = set()
     for run in runs:
-        alone = replace(run, name="", experiment="", kind="sysid", t0="", n_samples=1, seed=0)
-        loop = repr(replace(alone, dc=0.0, noise={}, injections=(), events=None))
+        anonymous_run = replace(run, name="", experiment="", kind="sysid", t0="", n_samples=1, seed=0)
+        loop = repr(replace(anonymous_run, dc=0.0, noise={}, injections=(), events=None))
         if loop not in checked:
             checked.add(loop)
             _check(run)

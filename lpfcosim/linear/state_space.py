@@ -56,10 +56,10 @@ class StateSpace:
         states = np.arange(len(self.A))
         while True:
             A, C = self.A[np.ix_(states, states)], self.C[:, states]
-            seen = A.any(axis=0) | C.any(axis=0)
-            if seen.all():
+            is_observable = A.any(axis=0) | C.any(axis=0)
+            if is_observable.all():
                 return replace(self, A=A, B=self.B[states], C=C)
-            states = states[seen]
+            states = states[is_observable]
 
     def frequency_response(self, frequency: ArrayLike) -> Complex:
         """Return the response of the outputs to the inputs, shape (n, Y, U), at n frequencies [Hz]."""

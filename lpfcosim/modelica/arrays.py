@@ -62,7 +62,7 @@ ARRAY_FUNCTIONS: dict[str, Callable[..., Any]] = {
     "Skew": _skew,
     "Scalar": lambda a: a.reshape(()),
     "Vector": np.ravel,
-    "Cat": lambda axis, *parts: np.concatenate(parts, axis=int(axis) - 1),
+    "Cat": lambda axis, *operands: np.concatenate(operands, axis=int(axis) - 1),
     "Size": lambda a, *axis: a.shape[int(axis[0]) - 1] if axis else a.shape,
     "Sum": lambda a: sp.Add(*np.ravel(a)),
     "Product": lambda a: sp.Mul(*np.ravel(a)),

@@ -49,14 +49,14 @@ _HEADERS = ("fmi2Functions.h", "fmi2FunctionTypes.h", "fmi2TypesPlatform.h")
 
 def packages(package: Path = PACKAGE) -> list[Path]:
     """Return the folder of a Modelica package, and those of the packages beside it."""
-    others = (root.parent for root in sorted(package.parent.glob("*/package.mo")))
-    return [package, *(folder for folder in others if folder != package)]
+    siblings = (root.parent for root in sorted(package.parent.glob("*/package.mo")))
+    return [package, *(folder for folder in siblings if folder != package)]
 
 
 def package_of(model: str, package: Path = PACKAGE) -> Path:
     """Return the folder of the package that an FMU is made from: `package`, or the one it is named after."""
-    others = packages(package)[1:]
-    return next((folder for folder in others if model.startswith(folder.name)), package)
+    siblings = packages(package)[1:]
+    return next((folder for folder in siblings if model.startswith(folder.name)), package)
 
 
 def cache_directory() -> Path:

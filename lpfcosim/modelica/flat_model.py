@@ -196,14 +196,14 @@ def _equations(tree: Node) -> list[Equation]:
             continue
         names = [b["display_name"] for b in loop["domain"]["binders"]]
         ranges = [range(b["lower"], b["upper"] + 1, b["step"]) for b in loop["domain"]["binders"]]
-        first = loop["first_equation_index"]
-        span = tree["equations"][first]["span"]
+        start = loop["first_equation_index"]
+        span = tree["equations"][start]["span"]
         expanded = [
             Equation(body, span, dict(zip(names, point, strict=True)))
             for point in itertools.product(*ranges)
             for body in loop["template"]["body"]
         ]
-        equations[first : first + len(expanded)] = expanded
+        equations[start : start + len(expanded)] = expanded
     return equations
 
 
@@ -228,12 +228,12 @@ def _whens(tree: Node, model: str, sources: SourceMap) -> list[When]:
 
         if chain["else_when"]:
             raise refuse("elsewhen", chain["else_when"][0].get("span"))
-        first = chain["first"]
-        call = first["condition"].get("BuiltinCall")
+        branch = chain["first"]
+        call = branch["condition"].get("BuiltinCall")
         if call is None or call["function"] != "Sample" or len(call["args"]) != 2:
-            raise refuse("when with a condition other than sample", first.get("span"))
+            raise refuse("when with a condition other than sample", branch.get("span"))
         assignments = []
-        for statement in first["equations"]:
+        for statement in branch["equations"]:
             kind, body = next(iter(statement.items()))
             if kind != "Assign":
                 raise refuse(f"{kind.lower()} inside when", body.get("span"))

@@ -334,9 +334,9 @@ class SpacecraftModel:
         for model in self.models:
             module = numpy_models.load(model)
             outputs = tuple(name for name in module.OUTPUTS if f"{model}.{name}" in used)
-            taken = {name: s for name, s in inputs[model].items() if name not in ignored.get(model, ())}
+            used_inputs = {name: s for name, s in inputs[model].items() if name not in ignored.get(model, ())}
             moves = bool(module.STATES) and set(outputs) <= set(module.STATE_OUTPUTS)
-            components.append(Component(model, taken, outputs, moves))
+            components.append(Component(model, used_inputs, outputs, moves))
         return in_order(components)
 
     def parameters(self, run: Run) -> dict[str, dict[str, float]]:

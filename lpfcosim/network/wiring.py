@@ -47,15 +47,15 @@ def in_order(components: Iterable[Component]) -> tuple[Component, ...]:
         If they wait for each other; names the loop.
     """
     by_name = {c.model: c for c in components}
-    before: dict[str, list[str]] = {model: [] for model in by_name}
+    predecessors: dict[str, list[str]] = {model: [] for model in by_name}
     for component in by_name.values():
         for source in component.inputs.values():
             model, _ = endpoint(source)
             if model and by_name[model].moves:
-                before[model].append(component.model)
+                predecessors[model].append(component.model)
             elif model:
-                before[component.model].append(model)
-    return tuple(by_name[model] for model in _sorted(before))
+                predecessors[component.model].append(model)
+    return tuple(by_name[model] for model in _sorted(predecessors))
 
 
 def check_feedthrough(
@@ -75,17 +75,17 @@ def check_feedthrough(
     InputError
         Names the loop.
     """
-    before = {
+    predecessors = {
         f"{c.model}.{output}": [c.inputs[v] for v in direct[c.model][output] if endpoint(c.inputs[v])[0]]
         for c in components
         for output in c.outputs
     }
-    _sorted(before)
+    _sorted(predecessors)
 
 
-def _sorted(before: Mapping[str, Iterable[str]]) -> tuple[str, ...]:
+def _sorted(predecessors: Mapping[str, Iterable[str]]) -> tuple[str, ...]:
     try:
-        return tuple(TopologicalSorter(before).static_order())
+        return tuple(TopologicalSorter(predecessors).static_order())
     except CycleError as error:
         loop = " -> ".join(error.args[1])
         raise InputError(

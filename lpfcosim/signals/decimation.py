@@ -41,8 +41,8 @@ def stages(factor: int) -> list[tuple[int, Array]]:
     """
     if factor == 1:
         return []
-    first, *last = (factor // 2, 2) if factor % 2 == 0 and factor > 2 else (factor,)
-    return [(first, _low_pass(first, factor)), *((2, _low_pass(2, 2)) for _ in last)]
+    ratio, *halvings = (factor // 2, 2) if factor % 2 == 0 and factor > 2 else (factor,)
+    return [(ratio, _low_pass(ratio, factor)), *((2, _low_pass(2, 2)) for _ in halvings)]
 
 
 def _low_pass(divisor: int, factor: int) -> Array:

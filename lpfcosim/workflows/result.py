@@ -84,8 +84,8 @@ class Result(ABC, Generic[T]):
         return frame.set_index(frame.columns[0]) if len(frame) else frame
 
     def __repr__(self) -> str:
-        parts = ("\n".join(table.aligned()) for table in self.tables())
-        return "\n\n".join((*parts, *(["\n".join(self.notes)] if self.notes else ())))
+        tables = ("\n".join(table.aligned()) for table in self.tables())
+        return "\n\n".join((*tables, *(["\n".join(self.notes)] if self.notes else ())))
 
     def _repr_html_(self) -> str:
         """Return what Jupyter shows."""

@@ -191,8 +191,8 @@ def _with_missing(results: Results, missing: Sequence[str], causes: str) -> Resu
     """Add a warning of missing experiments, for the report and the readers of the file."""
     if not missing:
         return results
-    which = "experiments {} are" if len(missing) > 1 else "experiment {} is"
-    warning = Finding("missing_run", f"{which.format(names(missing))} missing: {causes}")
+    subject = "experiments {} are" if len(missing) > 1 else "experiment {} is"
+    warning = Finding("missing_run", f"{subject.format(names(missing))} missing: {causes}")
 
     def with_warning(fit: Fit) -> Fit:
         return replace(fit, warnings=(warning, *fit.warnings))

@@ -33,10 +33,10 @@ def expected_ttl_sigmas(campaign: Campaign) -> dict[str, float]:
         If the runs are too short for a fit.
     """
     runs = [run for run in campaign.runs if run.kind == "sysid"]
-    moved = [any(injection.into in MANOEUVRES for injection in run.injections) for run in runs]
+    is_excited = [any(injection.into in MANOEUVRES for injection in run.injections) for run in runs]
     same_length = len({run.n_samples for run in runs}) == 1
     has_telescopes = all("half_opening" in model_of(run).attributes(run) for run in runs)
-    if not (has_telescopes and same_length and len(runs) == len(ASSEMBLIES) and all(moved)):
+    if not (has_telescopes and same_length and len(runs) == len(ASSEMBLIES) and all(is_excited)):
         return {}
     series: dict[str, NDArray[np.float64]] = {}
     for run, spacecraft in zip(runs, ASSEMBLIES, strict=True):

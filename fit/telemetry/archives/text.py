@@ -109,22 +109,22 @@ def _read_table(path: Path, file: TextIO, layout: Layout) -> Table:
     recognised: Iterator[str] = (d for d in _DELIMITERS if d in end and d != layout.decimal)
     delimiter: str = layout.delimiter or next(recognised, " ")
     rows = [(n, _split(line, delimiter)) for n, line in sample if _is_row(line)]
-    last = [row for _, row in rows[1:][-_TAIL:] or rows]
-    width = Counter(map(len, last)).most_common(1)[0][0] if last else 0
-    last = [row for row in last if len(row) >= width]
-    is_text = [_is_text([row[i] for row in last], layout.decimal) for i in range(width)]
-    first = _first_row(path, rows, is_text, layout)
-    if not rows or rows[-1][0] < first:  # names alone
+    tail = [row for _, row in rows[1:][-_TAIL:] or rows]
+    width = Counter(map(len, tail)).most_common(1)[0][0] if tail else 0
+    tail = [row for row in tail if len(row) >= width]
+    is_text = [_is_text([row[i] for row in tail], layout.decimal) for i in range(width)]
+    start = _first_row(path, rows, is_text, layout)
+    if not rows or rows[-1][0] < start:  # names alone
         is_text = [False] * width
-    names, units = _names(sample, first, delimiter, is_text)
+    names, units = _names(sample, start, delimiter, is_text)
     if layout.delimiter is None and delimiter == "," and width == 2 and names == ["1", "2"]:
         raise InputError(
-            f"{path}: line {first}: the comma may be a decimal mark or separate two columns, expected names "
+            f"{path}: line {start}: the comma may be a decimal mark or separate two columns, expected names "
             'above the columns, or delimiter = "," in [text] of the map'
         )
     if width == 1 and layout.header is None:  # a blank line above the first number may be a sample
-        first = max((n for n, line in sample if n < first and line.strip(" ")), default=0) + 1
-    content = _data(path, chain((line for line in sample if line[0] >= first), lines), width)
+        start = max((n for n, line in sample if n < start and line.strip(" ")), default=0) + 1
+    content = _data(path, chain((line for line in sample if line[0] >= start), lines), width)
     faults: dict[int, str] = {}
     rows_of_numbers = np.empty(0, dtype=[(str(i), float) for i in range(width)])
     if (row := next(content, None)) is not None:
@@ -214,12 +214,12 @@ def _first_row(
 
 
 def _names(
-    sample: Sequence[Line], first: int, delimiter: str, is_text: Sequence[bool]
+    sample: Sequence[Line], start: int, delimiter: str, is_text: Sequence[bool]
 ) -> tuple[list[str], list[str | None]]:
     """Return names and units of columns, which stand above the data or in the comments there."""
-    above = [line for n, line in sample if n < first and line.strip(" ")]
-    comments = [line.lstrip("#% \t") for line in above if _is_comment(line)]
-    titles = [line for line in above if not _is_comment(line)]
+    header = [line for n, line in sample if n < start and line.strip(" ")]
+    comments = [line.lstrip("#% \t") for line in header if _is_comment(line)]
+    titles = [line for line in header if not _is_comment(line)]
     width, candidates = len(is_text), list[list[str]]()
     for lines, separator in ((titles, delimiter), (comments, delimiter), (comments, " ")):
         split = [[line.strip(' "')] if width == 1 else _split(line, separator) for line in lines]
