@@ -28,7 +28,7 @@ DOCS = ROOT / "docs"
 PAGES = [ROOT / "README.md", *sorted(DOCS.glob("*.md"))]
 ELSEWHERE = DOCS / "python.md"  # its blocks are run by tests/fit/test_api.py
 SEVERAL = ("README", "first-hour", "flight-telemetry")  # one leads to the next
-MARKS = dict.fromkeys(("injection", "own-plant", "validation", "calibration"), pytest.mark.slow)
+MARKS = dict.fromkeys(("actuation", "injection", "own-plant", "validation", "calibration"), pytest.mark.slow)
 MARKS["lisa-ttl"] = (
     pytest.mark.lisa,
     pytest.mark.skipif(find_spec("lisainstrument") is None, reason="needs the extra lisa"),
