@@ -44,8 +44,8 @@ class Effect(NamedTuple):
         """Return the cause of an amount."""
         if self.code == "scale":
             amount += 1
-        if self.code == "scale" and self.channel != "o_12":  # a gain falls as the command is too large
-            amount, sigma = 1 / amount, sigma / amount**2
+            if self.channel != "o_12":  # a gain falls as the command is too large
+                amount, sigma = 1 / amount, sigma / amount**2
         message = f"{self.channel} {self.words.format(concise_value(amount, sigma))}"
         return Finding(self.code, message, run, self.channel, amount=Amount(amount, sigma, self.unit))
 

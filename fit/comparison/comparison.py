@@ -203,8 +203,8 @@ def compare(results: Sequence[PathLike | Results] | Mapping[str, PathLike | Resu
     }
     notes, tests = [], {}
     for label, result in compared:
-        has_signs = any(one.cross_talk or one.inertial for one in (baseline, result))
-        if has_signs and result.provenance.frame != baseline.provenance.frame:
+        depends_on_frame = baseline.depends_on_frame or result.depends_on_frame
+        if depends_on_frame and result.provenance.frame != baseline.provenance.frame:
             raise InputError(
                 f"{label}: +x points {result.provenance.frame}, expected {baseline.provenance.frame} as in "
                 f"{reference}: the signs of delta_eta, b_1, b_4 and b_6 depend on it"

@@ -72,6 +72,11 @@ class Results:
         fits |= {"ttl": self.ttl} if self.ttl else {}
         return [(place, warning) for place, fit in fits.items() for warning in fit.unsound]
 
+    @property
+    def depends_on_frame(self) -> bool:
+        """Whether there are cross-talk or misalignments, whose signs depend on the direction of x."""
+        return bool(self.cross_talk or self.inertial)
+
     def fits(self) -> Iterator[tuple[str, str, Fit]]:
         """Yield all fits with their section and their key in it, which is empty for a section of one fit."""
         for section in SINGLE_FITS:
@@ -188,7 +193,7 @@ def check_frame(results: Results, run: Telemetry) -> None:
         If the signs of its cross-talk or misalignments would be others there.
     """
     frame = results.provenance.frame
-    if (results.cross_talk or results.inertial) and run.x_axis != frame:
+    if results.depends_on_frame and run.x_axis != frame:
         raise InputError(
             f"{run.path}: attribute x_axis: {run.x_axis!r}, expected {frame!r} as in the calibration, whose "
             "cross-talk and misalignments would have other signs"
